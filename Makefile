@@ -1,0 +1,60 @@
+# Everything runs in .venv, made on first use. `make help` lists what there is.
+SHELL := /bin/bash
+PYTHON ?= python3.11
+BIN := .venv/bin
+SOURCES := sdk api services workers migrations deploy tests examples benchmarks
+MINUTES ?= 5
+
+.DEFAULT_GOAL := help
+.PHONY: help setup chromium demo test lint format bench claims soak lock clean
+
+help: ## this list
+	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+.venv/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+setup: .venv/installed ## the virtual environment, with everything in it
+
+chromium: ## Debian's browser, for the browser tests
+	@command -v chromium >/dev/null || (apt-get update -qq && apt-get install -y -qq chromium >/dev/null) \
+		|| (echo "The browser tests need chromium: install it with your package manager." && false)
+
+demo: setup ## a short campaign of each method, analysed, replayed, priced
+	$(BIN)/python examples/demo.py
+
+test: setup chromium lint ## every check and every test, with coverage
+	$(BIN)/coverage erase
+	$(BIN)/coverage run -m pytest -q tests/test_full_loop.py
+	$(BIN)/coverage run -m pytest tests
+	@$(BIN)/coverage combine --quiet
+	@$(BIN)/coverage report
+
+lint: setup ## style, types, and who may import whom
+	$(BIN)/ruff check $(SOURCES)
+	$(BIN)/ruff format --check $(SOURCES)
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: setup ## put the sources into the house's style
+	$(BIN)/ruff check --fix $(SOURCES)
+	$(BIN)/ruff format $(SOURCES)
+
+bench: setup ## measure, and write benchmarks/latest.json
+	$(BIN)/python benchmarks/run.py
+
+claims: setup ## find the figures that the documents state, and write docs/claims.json
+	$(BIN)/python benchmarks/claims.py
+
+soak: setup ## kill parts of a running service for MINUTES=5, then check that nothing was lost
+	$(BIN)/python tests/soak/soak.py --minutes $(MINUTES)
+
+lock: setup ## constraints.txt anew, from what is installed
+	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu//' > constraints.txt
+	@touch .venv/installed
+
+clean: ## remove everything that was made
+	rm -rf .venv .out .coverage* htmlcov dist build eigenfail-data \
+		.mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
