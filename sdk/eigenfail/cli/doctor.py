@@ -1,0 +1,135 @@
+"""`eigenfail doctor`: what is installed, what answers and what is missing."""
+
+import sys
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
+from typing import Annotated
+
+import msgspec
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from eigenfail import plugins
+from eigenfail.cli.checkups import Verdict, check_table, check_up
+from eigenfail.cli.data_folder import DataFolder
+from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL, AsJson, Data, Url
+from eigenfail.cli.output import show
+from eigenfail.cli.surroundings import client_at
+from eigenfail.cli.tables import table
+from eigenfail.errors import InvalidValue
+
+PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")
+GROUPS = (plugins.SCENARIOS, plugins.PLANNERS, plugins.SIMULATORS, plugins.METHODS)
+TROUBLE = 3
+BROKEN = 1
+PLACE = "NAME|module:Class"
+
+app = typer.Typer(add_completion=False)
+
+
+PlannerPlugin = Annotated[
+    str | None, typer.Option("--planner", metavar=PLACE, help="Check this planner.")
+]
+ScenarioPlugin = Annotated[
+    str | None, typer.Option("--scenario", metavar=PLACE, help="Check this scenario.")
+]
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One thing looked at; only what is `wrong` must be put right."""
+
+    what: str
+    found: str
+    wrong: bool = False
+    remedy: str = ""
+
+
+@app.command()
+def doctor(
+    context: typer.Context,
+    url: Url = DEFAULT_URL,
+    data: Data = DEFAULT_DATA,
+    planner: PlannerPlugin = None,
+    scenario: ScenarioPlugin = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say what is installed, what answers and what is missing.
+
+    Exits with 3 if something is wrong. With --planner or --scenario: check that plug-in alone;
+    exits with 1 if it breaks its contract.
+    """
+    if planner or scenario:
+        examine(planner, scenario, as_json)
+        return
+    findings = [
+        *versions(),
+        *plugin_findings(),
+        folder_finding(data),
+        service_finding(context, url),
+    ]
+    show(findings, as_json, lambda: finding_table(findings))
+    if any(finding.wrong for finding in findings):
+        raise typer.Exit(TROUBLE)
+
+
+def examine(planner: str | None, scenario: str | None, as_json: bool) -> None:
+    """Hold plug-ins against their contracts."""
+    checks = check_up(planner, scenario)
+    show(checks, as_json, lambda: check_table(checks))
+    if any(check.verdict is Verdict.BROKEN for check in checks):
+        raise typer.Exit(BROKEN)
+
+
+def versions() -> Iterator[Finding]:
+    """What is installed, and where."""
+    yield Finding("eigenfail", version("eigenfail"))
+    yield Finding("python", f"{sys.version.split()[0]} at {sys.executable}")
+    for package in PACKAGES:
+        try:
+            yield Finding(package, version(package))
+        except PackageNotFoundError:
+            remedy = "needed to run the service here: pip install 'eigenfail[server,worker]'"
+            yield Finding(package, "not installed", remedy=remedy)
+
+
+def plugin_findings() -> Iterator[Finding]:
+    """Which plug-ins there are, by group, and whether each can be loaded."""
+    for group in GROUPS:
+        yield Finding(group, ", ".join(plugins.names(group)) or "none")
+        yield from broken(group)
+
+
+def broken(group: str) -> Iterator[Finding]:
+    """Plug-ins that are registered and cannot be loaded."""
+    for name in plugins.names(group):
+        try:
+            plugins.load(group, name)
+        except InvalidValue as error:
+            yield Finding(f"{group}: {name}", error.problem, wrong=True)
+
+
+def folder_finding(data: Data) -> Finding:
+    """Whether the data folder can be written, and who runs on it."""
+    folder = DataFolder(data)
+    if not folder.is_writable():
+        return Finding("data folder", f"{folder.path} cannot be written", True, "--data elsewhere")
+    return Finding("data folder", f"{folder.path}{folder.where()}")
+
+
+def service_finding(context: typer.Context, url: str) -> Finding:
+    """Whether a service answers; none has to."""
+    with client_at(context, url) as client:
+        healthy = client.health()
+    found = "answers" if healthy else "no answer"
+    return Finding(f"service {url}", found, remedy="" if healthy else "start one: eigenfail up")
+
+
+def finding_table(findings: list[Finding]) -> Table:
+    """What was found, what is wrong marked as such."""
+    grid = table("", "what", "found", "remedy")
+    for finding in findings:
+        mark = "wrong" if finding.wrong else ("-" if finding.remedy else "ok")
+        cells = (mark, finding.what, finding.found, finding.remedy)
+        grid.add_row(*(escape(cell) for cell in cells))
+    return grid

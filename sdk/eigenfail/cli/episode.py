@@ -1,0 +1,120 @@
+"""`eigenfail episode`: look at episodes, and run them again."""
+
+from itertools import islice
+from math import inf
+from typing import Annotated
+
+import typer
+
+from eigenfail.cli.explanations import Window, drawn, explanation_of
+from eigenfail.cli.options import (
+    DEFAULT_URL,
+    AsJson,
+    CampaignId,
+    EpisodeId,
+    Limit,
+    Url,
+    episode_id,
+)
+from eigenfail.cli.output import show
+from eigenfail.cli.replays import Replayed, explain_episode, replay_episode
+from eigenfail.cli.surroundings import client_at
+from eigenfail.cli.tables import episode_facts, episode_table, facts
+from eigenfail.values import Outcome
+
+DIFFERENT = 1
+
+app = typer.Typer(
+    add_completion=False, no_args_is_help=True, help="Look at episodes, and run them again."
+)
+
+Every = Annotated[int, typer.Option(min=1, help="Show every n-th step only.")]
+From = Annotated[float, typer.Option("--from", help="Show steps from this time on. [s]")]
+To = Annotated[
+    float, typer.Option("--to", show_default="the end", help="Show steps up to this time. [s]")
+]
+OnlyOutcome = Annotated[Outcome | None, typer.Option(help="Only episodes that ended like this.")]
+
+
+@app.command("list")
+def list_episodes(
+    context: typer.Context,
+    campaign: CampaignId,
+    url: Url = DEFAULT_URL,
+    outcome: OnlyOutcome = None,
+    limit: Limit = 20,
+    as_json: AsJson = False,
+) -> None:
+    """List the episodes of a campaign, in index order."""
+    with client_at(context, url) as client:
+        found = list(islice(client.episodes.list(campaign, outcome), limit))
+    show(found, as_json, lambda: episode_table(found))
+
+
+@app.command("show")
+def show_episode(
+    context: typer.Context,
+    episode: EpisodeId,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Show one episode; with --json its noise and scene, too."""
+    campaign, index = episode_id(episode)
+    with client_at(context, url) as client:
+        found = client.episodes.get(campaign, index)
+    show(found, as_json, lambda: episode_facts(campaign, found))
+
+
+@app.command()
+def replay(
+    context: typer.Context,
+    episode: EpisodeId,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Run a stored episode again, here, and compare; exit with 1 if it differs."""
+    campaign, index = episode_id(episode)
+    with client_at(context, url) as client:
+        stored = client.episodes.get(campaign, index)
+        spec = client.campaigns.get(campaign).spec
+    replayed = replay_episode(spec, stored)
+    show(replayed, as_json, lambda: facts(rows(episode, replayed)))
+    if not replayed.same:
+        raise typer.Exit(DIFFERENT)
+
+
+@app.command()
+def explain(
+    context: typer.Context,
+    episode: EpisodeId,
+    url: Url = DEFAULT_URL,
+    every: Every = 1,
+    since_s: From = 0.0,
+    until_s: To = inf,
+    as_json: AsJson = False,
+) -> None:
+    """Run a stored episode again, and let the planner say why it did what it did.
+
+    Exits with 1 if the run differs from the stored one.
+    """
+    campaign, index = episode_id(episode)
+    with client_at(context, url) as client:
+        stored = client.episodes.get(campaign, index)
+        spec = client.campaigns.get(campaign).spec
+    replayed, explained = explain_episode(spec, stored)
+    window = Window(since_s, until_s, every)
+    explanation = explanation_of(episode, spec.planner, replayed, explained, window)
+    show(explanation, as_json, lambda: drawn(explanation))
+    if not replayed.same:
+        raise typer.Exit(DIFFERENT)
+
+
+def rows(episode: str, replayed: Replayed) -> list[tuple[str, str]]:
+    """What the comparison says."""
+    verdict = "the same, bit for bit" if replayed.same else "DIFFERENT"
+    return [
+        ("episode", episode),
+        ("stored", f"{replayed.stored_outcome} {replayed.stored_digest}"),
+        ("replayed", f"{replayed.outcome} {replayed.digest}"),
+        ("result", verdict),
+    ]

@@ -1,0 +1,66 @@
+"""`eigenfail`: every command, and the one place where errors become exit codes.
+
+0 done, 1 failures found (with --gate), 2 wrong usage, 3 service trouble, 130 interrupted.
+"""
+
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from eigenfail import __version__
+from eigenfail.cli.lazy import DeferredCommand
+from eigenfail.errors import EigenfailError
+
+COMMANDS = {
+    "up": "Start the service on this machine, on an embedded database.",
+    "run": "Run the campaign that a TOML file describes, and print its results.",
+    "campaign": "Create, follow and steer campaigns.",
+    "episode": "Look at episodes, and run them again.",
+    "analyze": "Group the failures of a campaign into failure modes.",
+    "worker": "Run one worker for a service that runs elsewhere.",
+    "db": "Create, upgrade and check a database.",
+    "doctor": "Say what is installed, what answers and what is missing.",
+}
+
+
+class Commands(TyperGroup):
+    """The commands; an error raised on purpose is one sentence and an exit code."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        for name, text in COMMANDS.items():
+            self.add_command(DeferredCommand(name, text, f"eigenfail.cli.{name}"))
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that was asked for."""
+        try:
+            return super().invoke(ctx)
+        except EigenfailError as error:
+            typer.echo(f"eigenfail: {error}", err=True)
+            raise typer.Exit(error.exit_code) from error
+
+
+app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False)
+
+
+def show_version(wanted: bool) -> None:
+    """Print the version, if it was asked for, and end."""
+    if wanted:
+        typer.echo(f"eigenfail {__version__}")
+        raise typer.Exit
+
+
+Version = Annotated[
+    bool, typer.Option("--version", callback=show_version, is_eager=True, help="Print the version.")
+]
+
+
+@app.callback()
+def eigenfail(version: Version = False) -> None:
+    """Find the rare failures of a driving stack, group them into modes, prove and price them."""
+
+
+def main() -> None:
+    """The command line."""
+    app()

@@ -1,0 +1,61 @@
+"""Failure modes in figures: what their eigenfailures do, and whether they are more than noise."""
+
+import numpy as np
+from rich.table import Table
+
+from eigenfail.cli.figures import UNKNOWN, number, rate
+from eigenfail.cli.tables import table
+from eigenfail.values import AXES, AnalysisResult, FailureMode, Floats, Summary
+
+TELLING_SHARE = 50.0
+"""Share of the variance below which eigenfailures are far from the failures they stand for [%]."""
+
+TOO_FEW = "Eigenfailures of so few may not fail again: take more with --components."
+
+
+def mode_table(campaign: int, result: AnalysisResult) -> Table:
+    """The failure modes of a campaign, one a row; disturbances in sigma."""
+    figures = ("mode", "failures", "share", *(f"mean {axis}" for axis in AXES))
+    peaks = tuple(f"peak {axis}" for axis in AXES)
+    grid = table(*figures, *peaks, "medoid", right=figures)
+    for position, mode in enumerate(result.modes):
+        share = f"{100.0 * mode.failures / len(result.episodes):.0f} %"
+        medoid = f"{campaign}/{mode.medoid}"
+        grid.add_row(str(position), str(mode.failures), share, *disturbances(mode), medoid)
+    return grid
+
+
+def disturbances(mode: FailureMode) -> tuple[str, ...]:
+    """What the eigenfailure of a mode injects: the mean along each axis, then the peaks."""
+    axes = mode.eigenfailure.T
+    return (*(f"{float(noise.mean()):+.2f}" for noise in axes), *(peak(noise) for noise in axes))
+
+
+def peak(noise: Floats) -> str:
+    """The largest disturbance along one axis, and when."""
+    step = int(np.argmax(np.abs(noise)))
+    return f"{float(noise[step]):+.2f} at step {step}"
+
+
+def component_words(result: AnalysisResult) -> str:
+    """How much the components explain."""
+    share = 100.0 * float(np.sum(result.explained))
+    count, failures = len(result.explained), len(result.episodes)
+    words = f"{failures} failures; {count} components explain {share:.0f} % of their variance."
+    return words if share >= TELLING_SHARE else f"{words} {TOO_FEW}"
+
+
+def distinctness_words(result: AnalysisResult) -> str:
+    """Whether the modes are more than what clustering finds in pure noise."""
+    if result.silhouette is None or result.noise_silhouette is None:
+        return "A single mode: nothing to tell apart."
+    found, noise = number(result.silhouette), number(result.noise_silhouette)
+    verdict = "are distinct" if result.distinct else "are not told apart from noise"
+    return f"The modes {verdict}: silhouette {found}, on structureless data {noise}."
+
+
+def replay_words(summary: Summary) -> str:
+    """How many eigenfailures ended in a collision again, of those tried."""
+    counts = summary.counts
+    share = rate(summary.failure_rate) if summary.failure_rate else UNKNOWN
+    return f"{counts.failures} of {counts.completed} eigenfailures reproduced a failure: {share}."

@@ -1,0 +1,49 @@
+"""Options and arguments that several commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eigenfail.errors import InvalidValue
+
+HOST = "127.0.0.1"
+PORT = 8440
+DEFAULT_URL = f"http://{HOST}:{PORT}"
+DEFAULT_DATA = Path("eigenfail-data")
+
+Url = Annotated[str, typer.Option("--url", envvar="EIGENFAIL_URL", help="Address of the service.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+Data = Annotated[
+    Path,
+    typer.Option("--data", envvar="EIGENFAIL_DATA", help="Folder of the database and the logs."),
+]
+CampaignId = Annotated[int, typer.Argument(metavar="CAMPAIGN", min=1, help="Id of a campaign.")]
+EpisodeId = Annotated[
+    str, typer.Argument(metavar="CAMPAIGN/INDEX", help="An episode, such as 3/17.")
+]
+SpecFile = Annotated[
+    Path,
+    typer.Argument(metavar="FILE.toml", help="The campaign: fields of a CampaignSpec, as TOML."),
+]
+Episodes = Annotated[
+    int | None, typer.Option("--episodes", help="Budget, instead of the file's. [episodes]")
+]
+Seed = Annotated[int | None, typer.Option("--seed", help="Seed, instead of the file's.")]
+Gate = Annotated[
+    bool, typer.Option("--gate", help="Exit with 1 if failures were found, for pipelines.")
+]
+Limit = Annotated[int, typer.Option(min=1, help="How many to list at most.")]
+Workers = Annotated[int, typer.Option(min=0, help="How many workers to start; 0: one per core.")]
+
+
+def episode_id(text: str) -> tuple[int, int]:
+    """Campaign and index of an episode written as CAMPAIGN/INDEX.
+
+    Raises:
+        InvalidValue: it is not written like that.
+    """
+    campaign, slash, index = text.partition("/")
+    if not (slash and campaign.isdecimal() and index.isdecimal()):
+        raise InvalidValue("episode", f"'{text}' is not of the form CAMPAIGN/INDEX, such as 3/17.")
+    return int(campaign), int(index)

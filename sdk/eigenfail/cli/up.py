@@ -1,0 +1,65 @@
+"""`eigenfail up`: the whole service on this machine, until Ctrl-C."""
+
+import time
+from contextlib import suppress
+from typing import Annotated
+
+import typer
+
+from eigenfail.cli.local_service import Launcher, LocalService, Plan, local_service
+from eigenfail.cli.options import DEFAULT_DATA, PORT, AsJson, Data, Workers
+from eigenfail.cli.output import to_json
+from eigenfail.cli.signals import interruptible
+
+LOOK_EVERY_S = 0.2
+
+app = typer.Typer(add_completion=False)
+
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Of the dashboard and API; 0: any.")]
+HubPort = Annotated[int, typer.Option(min=0, max=65535, help="For workers; 0: any free one.")]
+Verbose = Annotated[bool, typer.Option("--verbose", help="Print what the processes log, too.")]
+Launch = Annotated[Launcher, typer.Option(help="Who starts the workers.")]
+
+
+@app.command()
+def up(
+    data: Data = DEFAULT_DATA,
+    port: Port = PORT,
+    workers: Workers = 0,
+    launcher: Launch = Launcher.RAY,
+    hub_port: HubPort = 0,
+    verbose: Verbose = False,
+    as_json: AsJson = False,
+) -> None:
+    """Start the service on this machine, on an embedded database.
+
+    Prints its address when it is ready, and stays until Ctrl-C or SIGTERM; then everything that it
+    started is ended. Logs are files in the data folder.
+    """
+    plan = Plan(data, port, workers, launcher, hub_port)
+    with interruptible(), suppress(KeyboardInterrupt), local_service(plan) as service:
+        typer.echo(to_json(service.address, indent=0) if as_json else welcome(service, plan))
+        watch(service, verbose)
+
+
+def welcome(service: LocalService, plan: Plan) -> str:
+    """Where it is, and what to do with it."""
+    return (
+        f"eigenfail is up at {service.address.url} (data in {plan.data}; Ctrl-C stops it).\n"
+        f"More workers: eigenfail worker --connect {service.address.hub}"
+    )
+
+
+def watch(service: LocalService, verbose: bool) -> None:
+    """Stay until interrupted; raises ServiceError if a process ends by itself."""
+    seen = dict.fromkeys(service.parts, 0)
+    while True:
+        service.check()
+        if verbose:
+            for part in service.parts:
+                lines = part.said()
+                typer.echo(
+                    "".join(f"{part.name}: {line}\n" for line in lines[seen[part] :]), nl=False
+                )
+                seen[part] = len(lines)
+        time.sleep(LOOK_EVERY_S)

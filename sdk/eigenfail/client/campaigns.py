@@ -1,0 +1,122 @@
+"""Campaigns, as a client sees them."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from eigenfail.client.link import Link
+from eigenfail.client.waiting import wait_until
+from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, CampaignState, Page, Summary
+from eigenfail.wire.http import Digest, read_fields
+
+AT_REST = FINAL_STATES | {CampaignState.PAUSED}
+
+
+class Campaigns:
+    """Create, follow and steer campaigns.
+
+    Every method raises ServiceUnreachable if no service answers.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+
+    def create(self, spec: CampaignSpec | None = None, **fields: Any) -> Campaign:
+        """A new campaign, queued.
+
+        Args:
+            spec: all of it; or give its fields by name.
+            fields: of a CampaignSpec, as structs or plain data.
+
+        Raises:
+            UnknownName: a field, plug-in, setting or parameter that does not exist.
+            InvalidValue: a value outside its bounds.
+        """
+        wanted = spec or read_fields(fields, CampaignSpec)
+        return self._link.post_once_only("/campaigns", Campaign, wanted)
+
+    def get(self, campaign: int) -> Campaign:
+        """The campaign as it stands.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        return self._link.get(f"/campaigns/{campaign}", Campaign)
+
+    def list(self, state: CampaignState | str | None = None) -> Iterator[Campaign]:
+        """All campaigns, or those in a state; newest first."""
+        return self._link.pages("/campaigns", Page[Campaign], "before", {"state": state})
+
+    def pause(self, campaign: int) -> Campaign:
+        """Let it rest once the rounds at work are in.
+
+        Raises:
+            NotFound: no such campaign.
+            IllegalTransition: it has ended.
+        """
+        return self._link.post(f"/campaigns/{campaign}/pause", Campaign)
+
+    def resume(self, campaign: int) -> Campaign:
+        """Let it go on.
+
+        Raises:
+            NotFound: no such campaign.
+            IllegalTransition: it is not paused.
+        """
+        return self._link.post(f"/campaigns/{campaign}/resume", Campaign)
+
+    def cancel(self, campaign: int) -> Campaign:
+        """End it; finished episodes are kept.
+
+        Raises:
+            NotFound: no such campaign.
+            IllegalTransition: it has ended otherwise.
+        """
+        return self._link.post(f"/campaigns/{campaign}/cancel", Campaign)
+
+    def wait(
+        self,
+        campaign: int,
+        on_progress: Callable[[Campaign], None] | None = None,
+        poll_s: float = 0.3,
+        timeout_s: float | None = None,
+    ) -> Campaign:
+        """The campaign once it has ended or is paused.
+
+        Args:
+            campaign: its id.
+            on_progress: told of the campaign at every look, the last one included.
+            poll_s: time between two looks.
+            timeout_s: give up after this time; None waits for ever.
+
+        Raises:
+            NotFound: no such campaign.
+            ServiceError: it did not end in time; it goes on all the same.
+        """
+
+        def look() -> Campaign:
+            seen = self.get(campaign)
+            if on_progress is not None:
+                on_progress(seen)
+            return seen
+
+        return wait_until(look, lambda seen: seen.state in AT_REST, poll_s, timeout_s)
+
+    def summary(self, campaign: int) -> Summary:
+        """Failures, rate, likelihood and cost so far.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        return self._link.get(f"/campaigns/{campaign}/summary", Summary)
+
+    def summaries(self) -> Iterator[Summary]:
+        """The summaries of all campaigns, newest first."""
+        return self._link.pages("/campaigns/summaries", Page[Summary], "before")
+
+    def digest(self, campaign: int) -> str:
+        """SHA-256 over the results that are in: equal for equal campaigns.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        return self._link.get(f"/campaigns/{campaign}/digest", Digest).digest

@@ -1,0 +1,77 @@
+"""The client: one object for one service."""
+
+from types import TracebackType
+from typing import Self
+
+import httpx2
+
+from eigenfail.client.analyses import Analyses
+from eigenfail.client.campaigns import Campaigns
+from eigenfail.client.episodes import Episodes
+from eigenfail.client.events import Events
+from eigenfail.client.link import Link
+from eigenfail.values import Page
+from eigenfail.wire.http import PluginInfo
+
+DEFAULT_URL = "http://127.0.0.1:8440"
+
+
+class Client:
+    """An eigenfail service, over HTTP.
+
+    Errors are those of `eigenfail.errors`, with the service's remedy. Requests that may safely
+    come twice are sent again while the service is busy or away for a moment.
+
+    Args:
+        base_url: address of the service.
+        transport: instead of sockets, for tests and for services in this process.
+    """
+
+    def __init__(
+        self, base_url: str = DEFAULT_URL, transport: httpx2.BaseTransport | None = None
+    ) -> None:
+        self._link = Link(base_url, transport)
+        self.campaigns = Campaigns(self._link)
+        self.episodes = Episodes(self._link)
+        self.analyses = Analyses(self._link)
+        self.events = Events(self._link)
+
+    def methods(self) -> tuple[PluginInfo, ...]:
+        """The methods that campaigns can use, with the JSON schema of their settings."""
+        return self._plugins("methods")
+
+    def planners(self) -> tuple[PluginInfo, ...]:
+        """The planners that can be tested, with the JSON schema of their settings."""
+        return self._plugins("planners")
+
+    def scenarios(self) -> tuple[PluginInfo, ...]:
+        """The scenarios, with the JSON schema of their parameters."""
+        return self._plugins("scenarios")
+
+    def simulators(self) -> tuple[PluginInfo, ...]:
+        """The simulators."""
+        return self._plugins("simulators")
+
+    def health(self) -> bool:
+        """Whether the service answers and reaches its database."""
+        return self._link.answers("/readyz")
+
+    def close(self) -> None:
+        """Let go of all connections."""
+        self._link.close()
+
+    def __enter__(self) -> Self:
+        """The client itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close it."""
+        self.close()
+
+    def _plugins(self, kind: str) -> tuple[PluginInfo, ...]:
+        return self._link.get(f"/{kind}", Page[PluginInfo]).items

@@ -1,0 +1,173 @@
+"""Requests, tried again where that is safe; answers, raising what the service raised."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from ipaddress import ip_address
+from typing import Any, TypeVar
+from uuid import uuid4
+
+import httpx2
+import msgspec
+import stamina
+
+from eigenfail import __version__
+from eigenfail.errors import EigenfailError, ServiceUnreachable
+from eigenfail.values import Page
+from eigenfail.wire import http
+from eigenfail.wire.problems import UNTYPED, Problem, error_of
+
+TIMEOUT = httpx2.Timeout(60.0, connect=3.0)
+STREAM_TIMEOUT = httpx2.Timeout(60.0, connect=3.0, read=45.0)
+"""The service breaks the silence of a stream every 15 s."""
+
+BUSY = frozenset({429, 502, 503, 504})
+LONGEST_PAUSE_S = 30.0
+PAGE = 200
+
+Kind = TypeVar("Kind")
+Params = Mapping[str, int | str | None]
+
+send_again = stamina.RetryingCaller(
+    attempts=4, timeout=LONGEST_PAUSE_S, wait_initial=0.1, wait_max=2.0, wait_jitter=0.1
+)
+
+
+class Link:
+    """The way to one service.
+
+    Args:
+        base_url: of the service, without /api/v1.
+        transport: instead of sockets.
+    """
+
+    def __init__(self, base_url: str, transport: httpx2.BaseTransport | None = None) -> None:
+        self.base_url = base_url
+        self._http = httpx2.Client(
+            base_url=base_url,
+            transport=transport,
+            timeout=TIMEOUT,
+            trust_env=not is_loopback(base_url),
+            headers={"User-Agent": f"eigenfail/{__version__}"},
+        )
+
+    def get(self, path: str, kind: type[Kind], params: Params | None = None) -> Kind:
+        """What is at a path; asked again while the service is busy or away for a moment."""
+        return http.decode(self._repeatedly("GET", path, params=given(params)), kind)
+
+    def post(self, path: str, kind: type[Kind], body: object = None) -> Kind:
+        """Have something done: asked once."""
+        with self._understood():
+            return http.decode(self._once("POST", path, content=content(body)), kind)
+
+    def post_once_only(self, path: str, kind: type[Kind], body: object = None) -> Kind:
+        """Have something done that the service does once, however often it is asked."""
+        key = {http.IDEMPOTENCY_KEY: str(uuid4())}
+        return http.decode(self._repeatedly("POST", path, content=content(body), headers=key), kind)
+
+    def pages(
+        self, path: str, kind: type[Page[Kind]], cursor: str, params: Params | None = None
+    ) -> Iterator[Kind]:
+        """All items of a list, page by page as they are wanted.
+
+        Args:
+            path: of the list.
+            kind: of its pages.
+            cursor: the parameter that asks for the next page.
+            params: further ones.
+        """
+        asked: dict[str, int | str | None] = {"limit": PAGE, **(params or {})}
+        while True:
+            page = self.get(path, kind, asked)
+            yield from page.items
+            if page.next is None:
+                return
+            asked[cursor] = page.next
+
+    @contextmanager
+    def stream(
+        self, path: str, params: Params, headers: Mapping[str, str]
+    ) -> Iterator[Iterator[httpx2.ServerSentEvent]]:
+        """Server-sent events, until the connection ends; its end is a httpx2.TransportError."""
+        asked = given(params)
+        with self._http.sse(
+            http.PREFIX + path, params=asked, headers=dict(headers), timeout=STREAM_TIMEOUT
+        ) as source:
+            if source.response.is_error:
+                source.response.read()
+                raise refusal(source.response)
+            yield iter(source)
+
+    def answers(self, path: str) -> bool:
+        """Whether a path outside the API is well, as far as one request can tell."""
+        try:
+            return self._http.get(path, timeout=3.0).is_success
+        except httpx2.TransportError:
+            return False
+
+    def close(self) -> None:
+        """Let go of all connections."""
+        self._http.close()
+
+    def unreachable(self, error: httpx2.TransportError) -> ServiceUnreachable:
+        """What to raise when nothing came back."""
+        return ServiceUnreachable(
+            f"No eigenfail service answers at {self.base_url} ({type(error).__name__}).",
+            "Start one with `eigenfail up`, or give the address of one that runs.",
+        )
+
+    def _repeatedly(self, method: str, path: str, **request: Any) -> bytes:
+        with self._understood():
+            return send_again(worth_another_try, lambda: self._once(method, path, **request))
+
+    def _once(self, method: str, path: str, **request: Any) -> bytes:
+        return self._http.request(method, http.PREFIX + path, **request).raise_for_status().content
+
+    @contextmanager
+    def _understood(self) -> Iterator[None]:
+        """Turn what the transport raises into what users are promised."""
+        try:
+            yield
+        except httpx2.HTTPStatusError as error:
+            raise refusal(error.response) from None
+        except httpx2.TransportError as error:
+            raise self.unreachable(error) from error
+
+
+def worth_another_try(error: Exception) -> bool | float:
+    """Whether to ask again, and how many seconds from now if the service said so."""
+    if isinstance(error, httpx2.HTTPStatusError):
+        pause = error.response.headers.get("Retry-After", "")
+        busy = error.response.status_code in BUSY
+        return min(float(pause), LONGEST_PAUSE_S) if busy and pause.isdecimal() else busy
+    return isinstance(error, httpx2.TransportError)
+
+
+def refusal(response: httpx2.Response) -> EigenfailError:
+    """The error that a response tells of."""
+    try:
+        return error_of(msgspec.json.decode(response.content, type=Problem))
+    except msgspec.DecodeError:
+        status = response.status_code
+        detail = f"{response.url} answered with status {status} and no reason."
+        remedy = "Make sure that an eigenfail service of this version listens there."
+        untold = Problem(type=UNTYPED, title="", status=status, detail=detail, remedy=remedy)
+        return error_of(untold)
+
+
+def content(body: object) -> bytes:
+    """The bytes of a request's body."""
+    return b"" if body is None else http.encode(body)
+
+
+def given(params: Params | None) -> dict[str, int | str]:
+    """The parameters that were given."""
+    return {name: value for name, value in (params or {}).items() if value is not None}
+
+
+def is_loopback(base_url: str) -> bool:
+    """Whether an address is of this machine, so that no proxy lies on the way."""
+    host = httpx2.URL(base_url).host
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

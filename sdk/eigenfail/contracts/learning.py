@@ -1,0 +1,45 @@
+"""What chooses disturbances: learners and the methods that make them."""
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Protocol
+
+import msgspec
+
+from eigenfail.values import EpisodeResult, LearnerContext, Proposal
+
+
+class Learner(Protocol):
+    """The running state of a method. Pure: no socket, no database, no clock.
+
+    Attributes:
+        lookahead: how many rounds may be open besides the oldest one; with 0, each round is
+            proposed after all before it were observed; with 1, a policy is trained on rounds up to
+            k-1 while round k runs.
+    """
+
+    lookahead: int
+
+    def propose(self, n: int) -> Proposal:
+        """The next round: at least one and at most n episodes; or none, to end the campaign."""
+
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
+        """Learn from a whole round, in index order; failed episodes are among the results."""
+
+    def state(self) -> bytes:
+        """Everything needed to go on bit for bit, without pickle."""
+
+    def restore(self, state: bytes) -> None:
+        """Go on from such a state.
+
+        Raises:
+            ProtocolError: the bytes are not a state of this method.
+        """
+
+
+class Method(Protocol):
+    """Makes learners; its `Settings` carry defaults and bounds."""
+
+    Settings: ClassVar[type[msgspec.Struct]]
+
+    def __call__(self, context: LearnerContext, settings: Any) -> Learner:
+        """A new learner."""

@@ -1,0 +1,192 @@
+"""What remembers: ids and frozen values in and out, each verb one transaction."""
+
+from collections.abc import Iterable, Sequence
+from typing import Protocol
+
+from eigenfail.values import (
+    Analysis,
+    AnalysisResult,
+    AnalysisSettings,
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    EpisodeResult,
+    Event,
+    Outcome,
+    Page,
+)
+from eigenfail.values.records import (
+    Delivery,
+    EpisodeRow,
+    Failures,
+    Job,
+    JobKind,
+    Totals,
+    Verdict,
+)
+
+
+class CampaignStore(Protocol):
+    """Campaigns and their life."""
+
+    def create(self, spec: CampaignSpec, idempotency_key: str | None = None) -> Campaign:
+        """A new campaign, queued with a job for it; the same one again for the same key.
+
+        Raises:
+            IdempotencyMismatch: the key was used for another spec.
+        """
+
+    def get(self, campaign: int) -> Campaign:
+        """The campaign as it stands.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+
+    def page(
+        self, limit: int, before: int | None = None, state: CampaignState | None = None
+    ) -> Page[Campaign]:
+        """Campaigns, newest first, with ids below `before`."""
+
+    def move(self, campaign: int, to: CampaignState, because: str = "") -> Campaign:
+        """Change the state, and log the event.
+
+        A move to `queued` queues a job; a move to a final state counts what is still open as
+        cancelled and, for `done`, stores the digest.
+
+        Raises:
+            NotFound: no such campaign.
+            IllegalTransition: its state does not allow it.
+        """
+
+    def add_active(self, campaign: int, seconds: float) -> None:
+        """Add to the time during which the campaign was running."""
+
+
+class EpisodeStore(Protocol):
+    """Results of episodes: at most one for each, for good."""
+
+    def commit(self, campaign: int, deliveries: Sequence[Delivery]) -> list[Verdict]:
+        """Keep results, update the counts, and log alarms; one verdict for each delivery."""
+
+    def get(self, campaign: int, index: int) -> EpisodeResult:
+        """One result with everything that is kept of it.
+
+        Raises:
+            NotFound: no such campaign, or the episode has no result.
+        """
+
+    def page(
+        self,
+        campaign: int,
+        limit: int,
+        after: int | None = None,
+        outcome: Outcome | None = None,
+    ) -> Page[EpisodeRow]:
+        """Episodes in index order, with indices above `after`."""
+
+    def finished(self, campaign: int, indices: Iterable[int]) -> list[EpisodeResult]:
+        """Those of the episodes that have a result, in index order, without their scenes."""
+
+    def failures(self, campaign: int) -> Failures:
+        """The noise of all collisions."""
+
+    def totals(self, campaign: int) -> Totals:
+        """Sums over all collisions."""
+
+    def digest(self, campaign: int) -> str:
+        """SHA-256 over the digests of all results in index order, one line "index digest" each."""
+
+
+class CheckpointStore(Protocol):
+    """The learner's last state of each campaign."""
+
+    def save(self, campaign: int, checkpoint: bytes) -> None:
+        """Replace the checkpoint."""
+
+    def load(self, campaign: int) -> bytes | None:
+        """The checkpoint, if there is one."""
+
+
+class AnalysisStore(Protocol):
+    """Analyses and what they found."""
+
+    def create(self, campaign: int, settings: AnalysisSettings) -> Analysis:
+        """A new analysis, queued with a job for it.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+
+    def get(self, analysis: int) -> Analysis:
+        """The analysis as it stands.
+
+        Raises:
+            NotFound: no such analysis.
+        """
+
+    def page(
+        self, limit: int, before: int | None = None, campaign: int | None = None
+    ) -> Page[Analysis]:
+        """Analyses, newest first, with ids below `before`, without their results."""
+
+    def start(self, analysis: int) -> None:
+        """It is running now."""
+
+    def finish(self, analysis: int, result: AnalysisResult) -> None:
+        """It is done."""
+
+    def fail(self, analysis: int, problem: str) -> None:
+        """It cannot be done."""
+
+    def link_replay(self, analysis: int, campaign: int) -> None:
+        """Remember the campaign that replays its eigenfailures."""
+
+
+class EventLog(Protocol):
+    """What happened, in order, for whoever follows."""
+
+    def append(self, kind: str, message: str, campaign: int | None = None) -> Event:
+        """Log an event."""
+
+    def after(self, event: int, limit: int, campaign: int | None = None) -> list[Event]:
+        """Events with ids above `event`, oldest first."""
+
+    def last(self) -> int:
+        """The id of the newest event, 0 if there is none."""
+
+
+class JobQueue(Protocol):
+    """Work for supervisors: claimed under a lease, back in the queue when the lease runs out."""
+
+    def claim(self, owner: str, lease_s: float, kind: JobKind | None = None) -> Job | None:
+        """The oldest job (of a kind) that nobody works on, now leased to the owner.
+
+        A job that was claimed too often is buried with its reason instead, and its subject fails.
+        """
+
+    def renew(self, job: Job, lease_s: float) -> bool:
+        """Hold the job longer; False if it is no longer ours."""
+
+    def finish(self, job: Job) -> bool:
+        """The job is done; False if it was no longer ours."""
+
+    def waiting(self, kind: JobKind) -> int:
+        """How many jobs of a kind wait to be claimed."""
+
+
+class Store(Protocol):
+    """All of it."""
+
+    campaigns: CampaignStore
+    episodes: EpisodeStore
+    checkpoints: CheckpointStore
+    analyses: AnalysisStore
+    events: EventLog
+    jobs: JobQueue
+
+    def ping(self) -> None:
+        """Raises StoreUnavailable, within seconds, if the database does not answer."""
+
+    def close(self) -> None:
+        """Let go of all connections."""

@@ -1,0 +1,148 @@
+"""Every error that eigenfail raises on purpose.
+
+EigenfailError
+├── InputError               what was asked for cannot be done as asked
+│   ├── UnknownName          no plug-in, setting or parameter of that name
+│   └── InvalidValue         a value outside its type or bounds
+├── NotFound                 no campaign, episode or analysis of that id
+├── Conflict                 the thing exists, but its state forbids the request
+│   ├── IllegalTransition    a campaign cannot go from its state to the one asked for
+│   └── IdempotencyMismatch  one Idempotency-Key, two different requests
+├── EpisodeError             one episode cannot be completed; its campaign goes on
+│   ├── SimulatorError
+│   ├── PlannerError
+│   └── SolverError
+├── ProtocolError            a message that does not follow the wire contract
+└── ServiceError             a part of the service is missing or in trouble
+    ├── StoreUnavailable
+    ├── SchemaMismatch
+    ├── PortTaken
+    ├── ClusterUnavailable
+    ├── LearnerFailed
+    └── ServiceUnreachable
+
+Each class carries its HTTP status and its command-line exit code: this file is the one map of both.
+"""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import ClassVar
+
+
+class EigenfailError(Exception):
+    """The root: one sentence on what was wrong and where, one on what to do next."""
+
+    http_status: ClassVar[int] = 500
+    exit_code: ClassVar[int] = 3
+
+    def __init__(self, problem: str, remedy: str = "") -> None:
+        super().__init__(f"{problem} {remedy}".strip())
+        self.problem = problem
+        self.remedy = remedy
+
+
+class InputError(EigenfailError):
+    """What was asked for cannot be done as asked."""
+
+    http_status = 422
+    exit_code = 2
+
+    def __init__(self, field: str, problem: str, remedy: str = "") -> None:
+        super().__init__(f"{field}: {problem}" if field else problem, remedy)
+        self.field = field
+
+
+class UnknownName(InputError):
+    """No plug-in, setting or parameter has that name; the known ones are listed."""
+
+    def __init__(self, field: str, name: str, known: Iterable[str]) -> None:
+        names = sorted(known)
+        close = get_close_matches(name, names, n=1)
+        hint = f"Did you mean '{close[0]}'? " if close else ""
+        super().__init__(field, f"'{name}' is not known.", f"{hint}Known: {', '.join(names)}.")
+        self.name = name
+        self.known = names
+
+
+class InvalidValue(InputError):
+    """A value outside its type or bounds."""
+
+
+class NotFound(EigenfailError):
+    """No campaign, episode or analysis has that id."""
+
+    http_status = 404
+    exit_code = 2
+
+
+class Conflict(EigenfailError):
+    """The thing exists, but its state forbids the request."""
+
+    http_status = 409
+    exit_code = 2
+
+
+class IllegalTransition(Conflict):
+    """A campaign cannot go from its state to the one asked for."""
+
+
+class IdempotencyMismatch(Conflict):
+    """One Idempotency-Key was used for two different requests."""
+
+
+class EpisodeError(EigenfailError):
+    """One episode cannot be completed: it is recorded as failed, and its campaign goes on."""
+
+    kind: ClassVar[str] = "simulator"
+
+
+class SimulatorError(EpisodeError):
+    """The simulator raised, or returned what is not a scene."""
+
+
+class PlannerError(EpisodeError):
+    """The planner raised, or returned what is not a control."""
+
+    kind = "planner"
+
+
+class SolverError(EpisodeError):
+    """A solver inside the planner gave no usable answer and there was no fallback."""
+
+    kind = "solver"
+
+
+class ProtocolError(EigenfailError):
+    """A message does not follow the wire contract."""
+
+    http_status = 400
+
+
+class ServiceError(EigenfailError):
+    """A part of the service is missing or in trouble."""
+
+    http_status = 503
+
+
+class StoreUnavailable(ServiceError):
+    """The database cannot be reached or written."""
+
+
+class SchemaMismatch(ServiceError):
+    """The database's schema is not the one this program was made for."""
+
+
+class PortTaken(ServiceError):
+    """Another process listens on the address asked for."""
+
+
+class ClusterUnavailable(ServiceError):
+    """Ray is missing or cannot be started."""
+
+
+class LearnerFailed(ServiceError):
+    """The learner process of a campaign ended before its campaign did."""
+
+
+class ServiceUnreachable(ServiceError):
+    """No eigenfail service answers at the address."""

@@ -1,0 +1,53 @@
+"""Settings of plug-ins: typed, bounded, and refused by name where they are wrong."""
+
+import re
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import msgspec
+
+from eigenfail.errors import InvalidValue, UnknownName
+
+Kind = TypeVar("Kind", bound=msgspec.Struct)
+
+PATH = re.compile(r" - at `\$\.?(?P<path>[^`]*)`")
+
+
+def read_settings(kind: type[Kind], given: Mapping[str, Any], field: str) -> Kind:
+    """The settings of a plug-in from what a user gave, its defaults filling the rest.
+
+    Args:
+        kind: a frozen struct whose annotations carry the bounds.
+        given: names and values as the user wrote them.
+        field: where they stood, for the error.
+
+    Raises:
+        UnknownName: a setting that the plug-in does not have.
+        InvalidValue: a value of the wrong type or outside its bounds.
+    """
+    known = kind.__struct_fields__
+    for name in given:
+        if name not in known:
+            raise UnknownName(field, str(name), known)
+    return convert(dict(given), kind, field)
+
+
+def convert(value: Any, kind: type[Kind], field: str = "") -> Kind:
+    """A struct from plain data.
+
+    Raises:
+        InvalidValue: with the path of the offending value below `field`.
+    """
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        raise invalid_value(error, field) from None
+
+
+def invalid_value(error: msgspec.ValidationError, field: str = "") -> InvalidValue:
+    """msgspec's complaint in our shape: the field's path, then what was wrong."""
+    text = str(error)
+    match = PATH.search(text)
+    path = match["path"] if match else ""
+    where = ".".join(part for part in (field, path) if part)
+    return InvalidValue(where, f"{PATH.sub('', text)}.")

@@ -1,0 +1,1 @@
+"""Conformance suites: one for each contract, for whoever implements it."""

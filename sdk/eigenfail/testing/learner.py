@@ -1,0 +1,171 @@
+"""The conformance suite of learners: run it over every method.
+
+Subclass `LearnerSuite` in a test module under a name that begins with `Test`, and set `method`,
+`settings` and `budget`; pytest does the rest.
+"""
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.contracts import EpisodeEngine, Learner, Method
+from eigenfail.errors import ProtocolError
+from eigenfail.settings import read_settings
+from eigenfail.testing.expectations import expect, expect_error
+from eigenfail.testing.toy import Corridor, ToyEngine
+from eigenfail.values import (
+    EpisodeResult,
+    EpisodeTask,
+    LearnerContext,
+    Proposal,
+    TrajectorySource,
+    episode_seed,
+    learner_seed,
+)
+from eigenfail.values.arrays import encode_array
+
+GARBAGE = (b"", b"\xc1", b"no state", msgspec.msgpack.encode({"kind": "another"}))
+
+CORRIDOR = Corridor(wall=0.5)
+
+
+def encoded(proposal: Proposal) -> bytes:
+    """A proposal bit for bit, weights and trajectories included."""
+    return msgspec.msgpack.encode(proposal, enc_hook=encode_array)
+
+
+class LearnerSuite:
+    """What every learner must keep to."""
+
+    method: ClassVar[Method]
+    settings: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+    budget: ClassVar[int] = 40
+    rounds: ClassVar[int] = 3
+
+    def learner(self, seed: int = 0) -> Learner:
+        """A new learner, for a corridor in which failures are rather frequent."""
+        random = np.random.default_rng(seed)
+        context = LearnerContext(
+            seed=learner_seed(seed),
+            episodes=self.budget,
+            horizon=CORRIDOR.steps,
+            trajectories=random.standard_normal((self.budget, CORRIDOR.steps, 2), np.float32),
+        )
+        return self.method(context, read_settings(self.method.Settings, self.settings, "settings"))
+
+    def play(self, learner: Learner, first: int, engine: EpisodeEngine | None = None) -> Proposal:
+        """One round from episode `first`: propose, run, observe."""
+        engine = engine or ToyEngine(CORRIDOR)
+        proposal = learner.propose(self.budget - first)
+        learner.observe(results(proposal, first, engine))
+        return proposal
+
+    def begun(self, seed: int = 0) -> tuple[Learner, int]:
+        """A learner that has observed some rounds, and the number of its next episode."""
+        learner, first = self.learner(seed), 0
+        for _ in range(self.rounds):
+            first += len(self.play(learner, first).sources)
+        expect(first < self.budget, "set a budget that outlasts `rounds` rounds")
+        return learner, first
+
+    def test_looks_ahead_by_a_whole_number_of_rounds(self) -> None:
+        """`lookahead` is 0 or more."""
+        expect(self.learner().lookahead >= 0, "lookahead is negative")
+
+    def test_proposes_from_one_to_n_episodes(self) -> None:
+        """However small n is."""
+        for n in (1, 2, 7, self.budget):
+            count = len(self.learner().propose(n).sources)
+            expect(1 <= count <= n, f"{count} episodes proposed where 1 to {n} were asked for")
+
+    def test_uses_its_budget_and_no_more(self) -> None:
+        """Asked again and again, it ends with the budget or with an empty proposal."""
+        learner, first = self.learner(), 0
+        while first < self.budget:
+            count = len(self.play(learner, first).sources)
+            expect(first + count <= self.budget, "proposed beyond the budget")
+            if count == 0:
+                break
+            first += count
+        expect(first > 0, "proposed nothing at all")
+
+    def test_trajectories_fit_the_horizon_and_are_finite(self) -> None:
+        """What is injected is float32 of shape (up to horizon, 2)."""
+        learner, first = self.begun()
+        for source in learner.propose(self.budget - first).sources:
+            if isinstance(source, TrajectorySource):
+                steps, axes = source.z.shape
+                expect(steps <= CORRIDOR.steps and axes == 2, f"shape {source.z.shape}")
+                expect(source.z.dtype == np.float32, f"dtype {source.z.dtype}")
+                expect(bool(np.isfinite(source.z).all()), "a value is not finite")
+
+    def test_same_seed_and_results_give_the_same_proposals(self) -> None:
+        """Bit for bit, over several rounds."""
+        expect(self.course(self.learner()) == self.course(self.learner()), "proposals differ")
+
+    def test_leaves_the_global_generators_alone(self) -> None:
+        """A learner shares its process with whoever runs it."""
+        before = global_numbers()
+        self.begun()
+        expect(np.array_equal(before, global_numbers()), "numpy's global generator was used")
+
+    def test_restored_learner_goes_on_bit_for_bit(self) -> None:
+        """The state carries everything, whatever the learner that reads it did before."""
+        learner, first = self.begun()
+        state = learner.state()
+        expected = self.course(learner, first)
+        for other in (self.learner(), self.begun()[0]):
+            other.restore(state)
+            expect(other.state() == state, "the state of a restored learner is another one")
+            expect(self.course(other, first) == expected, "proposals differ after a restore")
+
+    def test_refuses_garbage_as_a_state_and_stays_as_it_was(self) -> None:
+        """With a ProtocolError and nothing else."""
+        learner, _ = self.begun()
+        state = learner.state()
+        damaged = bytearray(state)
+        damaged[len(state) // 2] ^= 0xFF
+        for garbage in (*GARBAGE, state[:-1], bytes(damaged)):
+            with expect_error(ProtocolError, f"{garbage[:20]!r}… was accepted as a state."):
+                learner.restore(garbage)
+            expect(learner.state() == state, "a refused state has changed the learner")
+
+    def test_tolerates_failed_episodes(self) -> None:
+        """Some, then a whole round of them; the campaign goes on."""
+        learner, first = self.learner(), 0
+        for faulty in (range(0, self.budget, 3), range(self.budget), ()):
+            first += len(self.play(learner, first, ToyEngine(CORRIDOR, tuple(faulty))).sources)
+        expect(first < self.budget, "set a budget that outlasts three rounds")
+        expect(len(learner.propose(self.budget - first).sources) > 0, "gave up")
+
+    def course(self, learner: Learner, first: int = 0) -> list[bytes]:
+        """The proposals of the next rounds."""
+        said = []
+        for _ in range(self.rounds):
+            if first >= self.budget:
+                break
+            proposal = self.play(learner, first)
+            first += len(proposal.sources)
+            said.append(encoded(proposal))
+        return said
+
+
+def results(proposal: Proposal, first: int, engine: EpisodeEngine) -> Sequence[EpisodeResult]:
+    """Run a proposal whose first episode has the index `first`."""
+    if proposal.policy is not None:
+        engine.learn(proposal.policy)
+    tasks = [
+        EpisodeTask(index, episode_seed(0, index), source)
+        for index, source in enumerate(proposal.sources, first)
+    ]
+    return list(engine.run(tasks))
+
+
+def global_numbers() -> NDArray[np.uint32]:
+    """The state of numpy's global generator."""
+    state = np.random.get_state(legacy=False)  # noqa: NPY002 - this generator is the subject
+    return np.array(state["state"]["key"], np.uint32)

@@ -1,0 +1,131 @@
+"""The conformance suite of `Planner`.
+
+@pytest.mark.parametrize("check", PLANNER_CHECKS)
+def test_my_planner(check):
+    check(lambda: MyPlanner(MyPlanner.Settings()))
+"""
+
+from collections.abc import Callable, Sequence
+from math import cos, hypot, isfinite
+from time import perf_counter
+
+import msgspec
+
+from eigenfail.contracts import Planner
+from eigenfail.testing.expectations import expect
+from eigenfail.values import Control, Mission, Perception, VehicleState
+
+MakePlanner = Callable[[], Planner]
+
+MISSION = Mission(
+    dt_s=0.1,
+    lanes=2,
+    lane_width_m=3.5,
+    speed_limit_mps=25.0,
+    desired_speed_mps=24.0,
+    goal_x_m=1000.0,
+)
+STEPS = 80
+DECISION_S = MISSION.dt_s
+"""How long a decision may take on average: as long as the step that it is for."""
+
+
+def cut_in_drive(shake_m: float = 1.0) -> list[Perception]:
+    """What a truck at constant speed sees of a car that changes into its lane.
+
+    Args:
+        shake_m: how far the perceived position swings about the true one.
+    """
+    return [_frame(step, shake_m) for step in range(STEPS)]
+
+
+def _frame(step: int, shake_m: float) -> Perception:
+    time_s = step * MISSION.dt_s
+    ego = VehicleState(24.0 * time_s, 0.0, 0.0, 24.0, 16.0, 2.5)
+    swing = shake_m * cos(7.0 * step)
+    drift_mps = -0.7 if 1.0 <= time_s < 6.0 else 0.0
+    y = 3.5 - 0.7 * min(max(time_s - 1.0, 0.0), 5.0)
+    actor = VehicleState(
+        90.0 + 13.0 * time_s + swing, y + 0.2 * swing, drift_mps / 13.0, 13.0, 5.0, 2.0
+    )
+    return Perception(time_s, ego, (actor,))
+
+
+def drive(planner: Planner, perceptions: Sequence[Perception]) -> list[Control]:
+    """The planner's answers over one episode."""
+    planner.reset(MISSION)
+    return [planner.act(perception) for perception in perceptions]
+
+
+def _alike(one: Sequence[Control], other: Sequence[Control]) -> bool:
+    """Whether two drives are the same, bit for bit; as text, so that a NaN is like a NaN."""
+    return repr(one) == repr(other)
+
+
+def returns_finite_controls(make: MakePlanner) -> None:
+    """Every answer is a Control of two finite numbers."""
+    for control in drive(make(), cut_in_drive()):
+        expect(isinstance(control, Control), f"The planner returned {control!r}, not a Control.")
+        size = hypot(control.acceleration_mps2, control.steering_rad)
+        expect(isfinite(size), f"The planner returned {control}.")
+
+
+def is_deterministic(make: MakePlanner) -> None:
+    """Two planners that see the same answer the same, bit for bit."""
+    same = _alike(drive(make(), cut_in_drive()), drive(make(), cut_in_drive()))
+    expect(same, "Two planners answered the same perceptions differently.")
+
+
+def forgets_at_reset(make: MakePlanner) -> None:
+    """After a reset, also in the middle of an episode, a planner is as good as new."""
+    used = make()
+    for perceptions in (cut_in_drive(4.0), cut_in_drive(2.0)[: STEPS // 2]):
+        drive(used, perceptions)
+    same = _alike(drive(used, cut_in_drive()), drive(make(), cut_in_drive()))
+    expect(same, "After a reset the planner answers otherwise than a new one: it kept something.")
+
+
+def leaves_its_input_alone(make: MakePlanner) -> None:
+    """What a planner is shown is as it was afterwards."""
+    perceptions = cut_in_drive()
+    before = msgspec.msgpack.encode(perceptions)
+    drive(make(), perceptions)
+    unchanged = msgspec.msgpack.encode(perceptions) == before
+    expect(unchanged, "The planner changed a perception that it was shown.")
+
+
+def decides_in_time(make: MakePlanner) -> None:
+    """On average a decision takes no longer than the step that it is for: 0.1 s."""
+    planner, perceptions = make(), cut_in_drive()
+    began = perf_counter()
+    drive(planner, perceptions)
+    took_s = (perf_counter() - began) / STEPS
+    late = f"A decision took {took_s:.3g} s on average; the budget is {DECISION_S} s."
+    expect(took_s <= DECISION_S, late)
+
+
+def explains_without_a_trace(make: MakePlanner) -> None:
+    """If it explains itself, then in plain words and numbers, and drives on as if not asked."""
+    asked = make()
+    explain = getattr(asked, "explain", dict)
+    asked.reset(MISSION)
+    answers = []
+    for perception in cut_in_drive():
+        answers.append(asked.act(perception))
+        for name, value in explain().items():
+            plain = isinstance(name, str) and isinstance(value, (str, int, float))
+            expect(plain, f"Its account holds {name!r}: {value!r}, not a name and a plain value.")
+    same = _alike(answers, drive(make(), cut_in_drive()))
+    expect(
+        same, "A planner that was asked to explain itself drives otherwise than one that was not."
+    )
+
+
+PLANNER_CHECKS: tuple[Callable[[MakePlanner], None], ...] = (
+    returns_finite_controls,
+    is_deterministic,
+    forgets_at_reset,
+    leaves_its_input_alone,
+    decides_in_time,
+    explains_without_a_trace,
+)

@@ -1,0 +1,133 @@
+"""The conformance suite of `Scenario`.
+
+@pytest.mark.parametrize("check", SCENARIO_CHECKS)
+def test_my_scenario(check):
+    check(MyScenario())
+"""
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from math import cos, hypot, isfinite, sin
+
+import msgspec
+
+from eigenfail.contracts import Scenario, Situation
+from eigenfail.settings import read_settings
+from eigenfail.testing.expectations import expect
+from eigenfail.values import VehicleState
+
+SEEDS = (0, 1, 2**62)
+TOLERANCE_M = 0.05
+"""By how much an actor's way in one step may differ from its reported speed × dt."""
+
+
+def has_valid_defaults(scenario: Scenario) -> None:
+    """Every parameter has a default, within its own bounds, and survives plain data."""
+    parameters = read_settings(scenario.Parameters, {}, "scenario_parameters")
+    plain = msgspec.to_builtins(parameters)
+    again = read_settings(scenario.Parameters, plain, "scenario_parameters")
+    expect(again == parameters, "The default parameters change on their way through plain data.")
+
+
+def is_plausible(scenario: Scenario) -> None:
+    """There is time, a road, a planner's task and at least one actor."""
+    for situation in _situations(scenario):
+        mission = situation.mission
+        expect(mission.dt_s > 0.0 and situation.steps >= 1, "The episode has no duration.")
+        expect(mission.lanes >= 1 and mission.lane_width_m > 0.0, "The road has no lane.")
+        expect(len(situation.actors) >= 1, "There is no vehicle beside the ego.")
+        for vehicle in (situation.ego, *situation.actors):
+            expect(_is_finite(vehicle), f"{vehicle} is not made of finite numbers.")
+            expect(min(vehicle.length_m, vehicle.width_m) > 0.0, f"{vehicle} has no footprint.")
+
+
+def starts_without_overlap(scenario: Scenario) -> None:
+    """The ego touches nobody at the start."""
+    for situation in _situations(scenario):
+        for actor in situation.actors:
+            apart = _separated(situation.ego, actor) or _separated(actor, situation.ego)
+            expect(apart, f"At the start the ego overlaps {actor}.")
+
+
+def repeats_itself(scenario: Scenario) -> None:
+    """The same parameters and seed give the same situation and the same script."""
+    for one, other in zip(_situations(scenario), _situations(scenario), strict=True):
+        same = (one.mission, one.steps, one.ego, one.actors) == (
+            other.mission,
+            other.steps,
+            other.ego,
+            other.actors,
+        )
+        expect(same, "The same seed gave two situations.")
+        expect(_script(one) == _script(other), "The same seed gave two scripts.")
+
+
+def has_a_steady_horizon(scenario: Scenario) -> None:
+    """Time step and horizon depend on the parameters alone, never on the seed."""
+    times = {(one.mission.dt_s, one.steps) for one in _situations(scenario)}
+    expect(len(times) == 1, f"Time step and horizon vary with the seed: {sorted(times)}.")
+
+
+def moves_actors_as_they_say(scenario: Scenario) -> None:
+    """A script begins where the actor starts, and its positions follow from its speeds."""
+    for situation in _situations(scenario):
+        dt_s = situation.mission.dt_s
+        for poses, start in zip(_script(situation), situation.actors, strict=True):
+            expect(poses[0] == start, f"The script begins at {poses[0]}, the actor at {start}.")
+            for before, after in pairwise(poses):
+                way = hypot(after.x_m - before.x_m, after.y_m - before.y_m)
+                told = 0.5 * (before.speed_mps + after.speed_mps) * dt_s
+                same = (before.length_m, before.width_m) == (after.length_m, after.width_m)
+                expect(abs(way - told) <= TOLERANCE_M, f"{before} jumps to {after}.")
+                expect(same, f"{before} changes its size to {after}.")
+
+
+def _situations(scenario: Scenario) -> Iterator[Situation]:
+    parameters = read_settings(scenario.Parameters, {}, "scenario_parameters")
+    for seed in SEEDS:
+        yield scenario(parameters, seed)
+
+
+def _script(situation: Situation) -> list[list[VehicleState]]:
+    """The poses of every actor at every step, for an ego that keeps its speed and heading."""
+    egos = [_kept(situation.ego, step * situation.mission.dt_s) for step in range(situation.steps)]
+    return [
+        [situation.move_actor(actor, step, ego) for step, ego in enumerate(egos)]
+        for actor in range(len(situation.actors))
+    ]
+
+
+def _kept(ego: VehicleState, time_s: float) -> VehicleState:
+    way = ego.speed_mps * time_s
+    x_m, y_m = ego.x_m + way * cos(ego.heading_rad), ego.y_m + way * sin(ego.heading_rad)
+    return msgspec.structs.replace(ego, x_m=x_m, y_m=y_m)
+
+
+def _separated(one: VehicleState, other: VehicleState) -> bool:
+    """Whether a side of the first rectangle has the whole second one beyond it."""
+    along, across = _in_frame(one, other)
+    turn = other.heading_rad - one.heading_rad
+    c, s = abs(cos(turn)), abs(sin(turn))
+    reach_along = 0.5 * (one.length_m + other.length_m * c + other.width_m * s)
+    reach_across = 0.5 * (one.width_m + other.length_m * s + other.width_m * c)
+    return abs(along) > reach_along or abs(across) > reach_across
+
+
+def _in_frame(one: VehicleState, other: VehicleState) -> tuple[float, float]:
+    dx, dy = other.x_m - one.x_m, other.y_m - one.y_m
+    c, s = cos(one.heading_rad), sin(one.heading_rad)
+    return c * dx + s * dy, c * dy - s * dx
+
+
+def _is_finite(vehicle: VehicleState) -> bool:
+    return isfinite(sum(msgspec.structs.astuple(vehicle)))
+
+
+SCENARIO_CHECKS: tuple[Callable[[Scenario], None], ...] = (
+    has_valid_defaults,
+    is_plausible,
+    starts_without_overlap,
+    repeats_itself,
+    has_a_steady_horizon,
+    moves_actors_as_they_say,
+)

@@ -1,0 +1,23 @@
+"""The conformance suite of `Store`.
+
+@pytest.mark.parametrize("check", STORE_CHECKS)
+def test_my_store(check, empty_store):
+    check(empty_store)
+
+Each check wants a store of its own, empty.
+"""
+
+from collections.abc import Callable
+
+from eigenfail.contracts import Store
+from eigenfail.testing.store import campaigns, crowds, episode_lists, episodes, jobs, records
+
+STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
+    *campaigns.CHECKS,
+    *episodes.CHECKS,
+    *episode_lists.CHECKS,
+    *jobs.CHECKS,
+    *records.CHECKS,
+    *crowds.CHECKS,
+)
+"""One behaviour each; raise AssertionError where it is broken."""

@@ -1,0 +1,69 @@
+"""numpy arrays inside frozen values: one dtype in memory, on the wire and on disk."""
+
+from math import prod
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.errors import ProtocolError
+
+Floats = NDArray[np.float32]
+
+MAX_ELEMENTS = 50_000_000
+MAX_DIMENSIONS = 4
+LITTLE_ENDIAN_FLOAT = np.dtype("<f4")
+
+
+class PackedArray(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A float32 array in its binary form: row-major, little-endian."""
+
+    shape: tuple[int, ...]
+    data: bytes
+
+
+def pack(array: Floats) -> PackedArray:
+    """The binary form of an array.
+
+    Raises:
+        ProtocolError: the array is not float32.
+    """
+    if array.dtype != np.float32:
+        raise ProtocolError(f"Arrays travel as float32, not {array.dtype}.", "Convert it first.")
+    return PackedArray(array.shape, np.ascontiguousarray(array, LITTLE_ENDIAN_FLOAT).tobytes())
+
+
+def unpack(packed: PackedArray) -> Floats:
+    """The array of a binary form, checked before anything is allocated.
+
+    Raises:
+        ProtocolError: the shape is absurd, or does not fit the number of bytes.
+    """
+    shape = packed.shape
+    if len(shape) > MAX_DIMENSIONS or any(not 0 <= n <= MAX_ELEMENTS for n in shape):
+        raise ProtocolError(f"An array of shape {shape} is outside what may travel.")
+    if prod(shape) * LITTLE_ENDIAN_FLOAT.itemsize != len(packed.data):
+        raise ProtocolError(f"Shape {shape} does not fit {len(packed.data)} bytes of float32.")
+    return np.frombuffer(packed.data, LITTLE_ENDIAN_FLOAT).reshape(shape)
+
+
+def encode_array(value: Any) -> PackedArray:
+    """The hook that teaches msgspec's MessagePack encoder about arrays."""
+    if isinstance(value, np.ndarray):
+        return pack(value)
+    raise TypeError(f"{type(value).__name__} does not travel")
+
+
+def decode_array(_kind: Any, value: Any) -> Floats:
+    """The hook that teaches msgspec's decoders about arrays: packed, or JSON's nested lists."""
+    if isinstance(value, list):
+        return np.asarray(value, np.float32)
+    return unpack(msgspec.convert(value, PackedArray))
+
+
+def encode_array_as_lists(value: Any) -> Any:
+    """The hook that teaches msgspec's JSON encoder about arrays."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} does not travel")

@@ -1,0 +1,166 @@
+"""A campaign: a budgeted search for failures of one planner, with one method, from one seed."""
+
+from enum import StrEnum
+from typing import Annotated, Any
+
+import msgspec
+
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeSetup
+from eigenfail.values.randomness import MAX_SEED
+
+MAX_EPISODES = 10_000_000
+
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
+Settings = dict[str, Any]
+
+
+class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a user asks for.
+
+    Attributes:
+        episodes: the budget; every simulated episode counts.
+        price_usd_per_hour: of one instance.
+        instances: how many instances the campaign occupies while it runs.
+        scene_every: besides all collisions, keep the scene of every n-th episode.
+    """
+
+    name: Name
+    method: Name
+    episodes: Annotated[int, msgspec.Meta(ge=1, le=MAX_EPISODES)]
+    seed: Annotated[int, msgspec.Meta(ge=0, le=MAX_SEED)] = 0
+    settings: Settings = {}
+    scenario: Name = "cut_in"
+    scenario_parameters: Settings = {}
+    planner: Name = "rulebook"
+    planner_settings: Settings = {}
+    simulator: Name = "highway"
+    disturbance: DisturbanceModel = DisturbanceModel()
+    price_usd_per_hour: Annotated[float, msgspec.Meta(ge=0.0, le=100_000.0)] = 1.20
+    instances: Annotated[int, msgspec.Meta(ge=1, le=100_000)] = 1
+    scene_every: Annotated[int, msgspec.Meta(ge=1, le=MAX_EPISODES)] = 50
+
+    def setup(self) -> EpisodeSetup:
+        """What all of its episodes share."""
+        return EpisodeSetup(
+            simulator=self.simulator,
+            scenario=self.scenario,
+            scenario_parameters=self.scenario_parameters,
+            planner=self.planner,
+            planner_settings=self.planner_settings,
+            disturbance=self.disturbance,
+            scene_every=self.scene_every,
+        )
+
+
+class CampaignState(StrEnum):
+    """Where a campaign is in its life; the transitions are in `campaigns.lifecycle`."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    PAUSING = "pausing"
+    PAUSED = "paused"
+    CANCELLING = "cancelling"
+    CANCELLED = "cancelled"
+    DONE = "done"
+    DEAD = "dead"
+
+
+FINAL_STATES = frozenset({CampaignState.CANCELLED, CampaignState.DONE, CampaignState.DEAD})
+
+
+class Counts(msgspec.Struct, frozen=True):
+    """planned = completed + failed + cancelled + open, at every commit.
+
+    `failures` counts the collisions among the completed episodes; `failed` counts the episodes
+    that could not be run; `duplicates` counts results that came a second time.
+    """
+
+    planned: int
+    completed: int = 0
+    failures: int = 0
+    failed: int = 0
+    cancelled: int = 0
+    duplicates: int = 0
+
+    @property
+    def open(self) -> int:
+        """Episodes still to come."""
+        return self.planned - self.completed - self.failed - self.cancelled
+
+
+class Campaign(msgspec.Struct, frozen=True, kw_only=True):
+    """A campaign as it stands.
+
+    Attributes:
+        stopped_because: why it is in its final state, in words; empty before.
+        active_s: time during which it was running; pauses do not count.
+        digest: over all results in index order, once the campaign is done.
+    """
+
+    id: int
+    spec: CampaignSpec
+    state: CampaignState
+    counts: Counts
+    created_ms: int
+    started_ms: int | None = None
+    ended_ms: int | None = None
+    active_s: float = 0.0
+    stopped_because: str = ""
+    digest: str | None = None
+
+
+class Interval(msgspec.Struct, frozen=True):
+    """A 95 % confidence interval."""
+
+    low: float
+    high: float
+
+
+class Rate(msgspec.Struct, frozen=True):
+    """k of n, with its interval."""
+
+    value: float
+    k: int
+    n: int
+    interval: Interval
+
+
+class Cost(msgspec.Struct, frozen=True):
+    """What a campaign cost.
+
+    Attributes:
+        total_usd: price per instance-hour × instance-hours.
+        per_failure_usd: total ÷ failures; None while there is none.
+        interval_usd: of the cost per failure, from the interval of the failure rate;
+            None while there is no failure.
+        at_least_usd: lower bound of the cost per failure (95 %), which holds without failures too.
+    """
+
+    total_usd: float
+    instance_hours: float
+    per_failure_usd: float | None
+    interval_usd: Interval | None
+    at_least_usd: float | None
+
+
+class Summary(msgspec.Struct, frozen=True):
+    """The row of a campaign in a result table.
+
+    Attributes:
+        failure_rate: collisions ÷ completed episodes; None before the first one.
+        mean_log_probability: of the failures, summed over their steps.
+        log_probability_per_step: of the failures: sum of log p over all their steps ÷ steps.
+        mean_severity: of the failures [m²/s²].
+    """
+
+    campaign: int
+    name: str
+    method: str
+    counts: Counts
+    failure_rate: Rate | None
+    mean_log_probability: float | None
+    log_probability_per_step: float | None
+    mean_severity: float | None
+    episodes_per_s: float | None
+    cost: Cost

@@ -1,0 +1,160 @@
+"""What is asked of an episode, and what comes of it."""
+
+import hashlib
+import struct
+from enum import StrEnum
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from eigenfail.values.arrays import Floats
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.scene import Scene
+
+
+class PriorSource(msgspec.Struct, frozen=True, tag="prior"):
+    """Draw every z_t from the disturbance model itself."""
+
+
+class TrajectorySource(msgspec.Struct, frozen=True, eq=False, tag="trajectory"):
+    """Inject this z, shape (steps, 2); after its end no noise is injected."""
+
+    z: Floats
+
+
+class PolicySource(msgspec.Struct, frozen=True, tag="policy"):
+    """Let this version of the adversary's policy choose z_t from what it sees."""
+
+    version: int
+
+
+Source = PriorSource | TrajectorySource | PolicySource
+
+
+class EpisodeTask(msgspec.Struct, frozen=True, eq=False):
+    """One episode to be run.
+
+    Attributes:
+        index: its number within the campaign, from 0.
+        seed: of everything random in it; see `randomness.episode_seed`.
+        source: where its disturbances come from.
+    """
+
+    index: int
+    seed: int
+    source: Source
+
+    @property
+    def source_kind(self) -> str:
+        """Kind of its disturbance source: prior, trajectory or policy."""
+        return str(self.source.__struct_config__.tag)
+
+
+class EpisodeSetup(msgspec.Struct, frozen=True):
+    """What all episodes of a campaign share, by plug-in names and their settings."""
+
+    simulator: str
+    scenario: str
+    scenario_parameters: dict[str, Any]
+    planner: str
+    planner_settings: dict[str, Any]
+    disturbance: DisturbanceModel
+    scene_every: int = 50
+
+
+class Outcome(StrEnum):
+    """How an episode ended; `failed` means that it could not be run, not that the ego crashed."""
+
+    COLLISION = "collision"
+    SAFE = "safe"
+    FAILED = "failed"
+
+
+class EpisodeFault(msgspec.Struct, frozen=True):
+    """Why an episode could not be run.
+
+    `kind` is infrastructure, simulator, planner, solver or input.
+    """
+
+    kind: str
+    message: str
+
+
+class Measures(msgspec.Struct, frozen=True):
+    """What was measured over one episode.
+
+    Attributes:
+        robustness_m: smallest distance between the footprints of the ego and any other vehicle;
+            0 on a collision.
+        severity: ||v_ego - v_actor||² at the collision [m²/s²]; None without one.
+        min_ttc_s: smallest time to collision; None if the ego never closed in.
+        max_drac_mps2: largest deceleration required to avoid the crash; None if it never closed in.
+    """
+
+    robustness_m: float
+    severity: float | None = None
+    min_ttc_s: float | None = None
+    max_drac_mps2: float | None = None
+
+
+class EpisodeResult(msgspec.Struct, frozen=True, eq=False):
+    """What came of one episode.
+
+    Attributes:
+        measures: None if the episode failed.
+        noise: the disturbances injected; empty if the episode failed before its first step.
+        states: what the adversary saw, shape (steps, len(policy.STATE)), for policy sources.
+        scene: the full trajectories, for collisions and a sample of the others.
+        wall_s: time the worker spent on the episode; not part of the digest.
+        source: kind of its disturbance source: prior, trajectory or policy.
+    """
+
+    index: int
+    seed: int
+    outcome: Outcome
+    steps: int
+    noise: NoiseTrajectory
+    source: str
+    measures: Measures | None = None
+    states: Floats | None = None
+    scene: Scene | None = None
+    fault: EpisodeFault | None = None
+    wall_s: float = 0.0
+
+    @property
+    def is_failure(self) -> bool:
+        """Whether the ego collided."""
+        return self.outcome is Outcome.COLLISION
+
+    def digest(self) -> str:
+        """SHA-256 of what happened: the same for an episode and for its replay, bit for bit.
+
+        It covers the outcome, steps, noise and measures; not the index, the source or the time.
+        """
+        measures = self.measures or Measures(float("nan"))
+        numbers = (
+            measures.robustness_m,
+            measures.severity,
+            measures.min_ttc_s,
+            measures.max_drac_mps2,
+        )
+        packed = struct.pack("<4d", *(float("nan") if n is None else n for n in numbers))
+        parts = (self.outcome.encode(), struct.pack("<q", self.steps), packed)
+        arrays = (self.noise.z.tobytes(), self.noise.sigma.tobytes())
+        fault = self.fault.kind.encode() if self.fault else b""
+        return hashlib.sha256(b"\x00".join((*parts, *arrays, fault))).hexdigest()
+
+
+def unrunnable(task: EpisodeTask, fault: EpisodeFault) -> EpisodeResult:
+    """The result of an episode that did not get as far as its first step."""
+    nothing = np.zeros((0, 2), np.float32)
+    return EpisodeResult(
+        index=task.index,
+        seed=task.seed,
+        outcome=Outcome.FAILED,
+        steps=0,
+        noise=NoiseTrajectory(nothing, nothing),
+        source=task.source_kind,
+        fault=fault,
+    )

@@ -1,0 +1,88 @@
+"""What the simulator shows: vehicles at one moment, and the whole course of an episode."""
+
+import msgspec
+
+from eigenfail.values.arrays import Floats
+
+
+class VehicleState(msgspec.Struct, frozen=True, gc=False):
+    """One vehicle in the road's plane: position of its centre, heading, speed, footprint."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_mps: float
+    length_m: float
+    width_m: float
+
+
+class Control(msgspec.Struct, frozen=True, gc=False):
+    """What a planner returns."""
+
+    acceleration_mps2: float
+    steering_rad: float
+
+
+class Mission(msgspec.Struct, frozen=True):
+    """What a planner is told before it drives: the map and the task, nothing of the test.
+
+    Lanes are parallel to x; lane 0 has its centre at y = 0, the next at y = lane_width_m.
+    """
+
+    dt_s: float
+    lanes: int
+    lane_width_m: float
+    speed_limit_mps: float
+    desired_speed_mps: float
+    goal_x_m: float
+
+
+class Perception(msgspec.Struct, frozen=True):
+    """What a planner sees: itself, and the others with the nearest one's position disturbed.
+
+    Heading, speed and size of the others are what the simulator reports; position is the noisy one.
+    """
+
+    time_s: float
+    ego: VehicleState
+    others: tuple[VehicleState, ...]
+
+
+class Observation(msgspec.Struct, frozen=True):
+    """The truth after a step, as the tester sees it.
+
+    Attributes:
+        step: number of steps taken so far.
+        others: every other vehicle; never empty.
+        collided: whether the simulator's own test saw the ego touch another vehicle.
+        ended: whether the episode is over, by a collision or at its horizon.
+        perceived: position at which the ego saw the actor in the step just taken [m].
+        control: what the planner asked for in the step just taken.
+    """
+
+    step: int
+    ego: VehicleState
+    others: tuple[VehicleState, ...]
+    collided: bool = False
+    ended: bool = False
+    perceived: tuple[float, float] | None = None
+    control: Control | None = None
+
+
+class Scene(msgspec.Struct, frozen=True, eq=False):
+    """The course of one episode.
+
+    Attributes:
+        dt_s: time between two steps.
+        vehicles: x [m], y [m], heading [rad], speed [m/s], shape (steps + 1, vehicles, 4);
+            vehicle 0 is the ego.
+        sizes: length and width [m], shape (vehicles, 2).
+        perceived: position at which the ego saw the actor [m], shape (steps, 2).
+        controls: acceleration [m/s²] and steering [rad], shape (steps, 2).
+    """
+
+    dt_s: float
+    vehicles: Floats
+    sizes: Floats
+    perceived: Floats
+    controls: Floats

@@ -1,0 +1,1 @@
+"""What hub, workers and learners say to each other."""

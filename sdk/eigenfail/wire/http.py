@@ -1,0 +1,162 @@
+"""What client and API say to each other beside the values themselves: bodies and problems.
+
+JSON through msgspec, arrays as nested lists; both sides read and write with the functions here.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from typing import Any, TypeVar
+
+import msgspec
+
+from eigenfail.errors import InvalidValue, ProtocolError, UnknownName
+from eigenfail.settings import invalid_value
+from eigenfail.values.arrays import decode_array, encode_array_as_lists
+from eigenfail.values.campaign import Name, Settings
+
+PREFIX = "/api/v1"
+IDEMPOTENCY_KEY = "Idempotency-Key"
+PROBLEM_JSON = "application/problem+json"
+
+MISSING = re.compile(r"missing required field `(?P<name>[^`]+)`")
+
+Body = TypeVar("Body", bound=msgspec.Struct)
+Kind = TypeVar("Kind")
+
+
+class ReplayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How the replay of an analysis's eigenfailures differs from the campaign it came from.
+
+    Attributes:
+        name: of the new campaign; made from the old one's if None.
+        scenario_parameters: put over the old ones: a variation of the scenario.
+    """
+
+    name: Name | None = None
+    scenario_parameters: Settings = {}
+
+
+class Digest(msgspec.Struct, frozen=True):
+    """SHA-256 over the digests of all results in index order, as far as they are in.
+
+    Attributes:
+        episodes: how many results it covers.
+        final: whether the campaign is done, so that it will not change any more.
+    """
+
+    campaign: int
+    digest: str
+    episodes: int
+    final: bool
+
+
+class PluginInfo(msgspec.Struct, frozen=True):
+    """A plug-in that campaigns can name.
+
+    Attributes:
+        summary: what it is, in one line.
+        settings: JSON schema of its settings (of a scenario: its parameters).
+        problem: why it cannot be used here; empty if it can.
+    """
+
+    name: str
+    summary: str = ""
+    settings: dict[str, Any] = {}
+    problem: str = ""
+
+
+class Health(msgspec.Struct, frozen=True):
+    """The service is as well as was asked."""
+
+    status: str = "ok"
+
+
+_encoder = msgspec.json.Encoder(enc_hook=encode_array_as_lists)
+
+
+def encode(value: object) -> bytes:
+    """The JSON of a value."""
+    return _encoder.encode(value)
+
+
+def decode(data: bytes, kind: type[Kind]) -> Kind:
+    """The value that an answer holds.
+
+    Raises:
+        ProtocolError: the answer is something else.
+    """
+    try:
+        return msgspec.json.decode(data, type=kind, dec_hook=decode_array)
+    except (msgspec.DecodeError, RecursionError, ValueError) as error:
+        raise ProtocolError(
+            f"The answer is not what was asked for: {error}.",
+            "Use one version of eigenfail on both sides.",
+        ) from error
+
+
+def read_body(data: bytes, kind: type[Body]) -> Body:
+    """The body of a request; nothing at all stands for an object without fields.
+
+    Raises:
+        ProtocolError: it is not JSON.
+        UnknownName: it has a field that is not known.
+        InvalidValue: a value of the wrong type, outside its bounds, or missing.
+    """
+    try:
+        return msgspec.json.decode(data or b"{}", type=kind)
+    except msgspec.ValidationError as error:
+        with suppress(msgspec.DecodeError, RecursionError):
+            refuse_unknown_fields(msgspec.json.decode(data or b"{}"), kind)
+        raise complaint(error) from None
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise ProtocolError(f"The body is not JSON: {error}.", "Send a JSON object.") from None
+
+
+def read_fields(given: Mapping[str, Any], kind: type[Body]) -> Body:
+    """A body from keyword arguments; values may be structs or plain data.
+
+    Raises:
+        UnknownName: a field that is not known.
+        InvalidValue: a value of the wrong type, outside its bounds, or missing.
+    """
+    try:
+        plain = msgspec.to_builtins(dict(given))
+        refuse_unknown_fields(plain, kind)
+        return msgspec.convert(plain, kind)
+    except msgspec.ValidationError as error:
+        raise complaint(error) from None
+    except TypeError as error:
+        raise InvalidValue("", f"{error}.", "Give plain numbers, text, lists and dicts.") from None
+
+
+def refuse_unknown_fields(given: Any, kind: type[msgspec.Struct], field: str = "") -> None:
+    """Names that a struct, or a struct inside it, does not have.
+
+    Raises:
+        UnknownName: the first of them, with the known ones.
+    """
+    if not isinstance(given, dict):
+        return
+    for name in given:
+        if name not in kind.__struct_fields__:
+            raise UnknownName(field, name, kind.__struct_fields__)
+    for name, inner in inner_structs(kind):
+        refuse_unknown_fields(given.get(name), inner, f"{field}.{name}" if field else name)
+
+
+def inner_structs(kind: type[msgspec.Struct]) -> Iterator[tuple[str, type[msgspec.Struct]]]:
+    """The fields of a struct that are structs themselves."""
+    for field in msgspec.structs.fields(kind):
+        if isinstance(field.type, type) and issubclass(field.type, msgspec.Struct):
+            yield field.name, field.type
+
+
+def complaint(error: msgspec.ValidationError) -> InvalidValue:
+    """msgspec's complaint with the path of the field, also where that field is missing."""
+    plain = invalid_value(error)
+    missing = MISSING.search(str(error))
+    if missing is None:
+        return plain
+    path = f"{plain.field}.{missing['name']}" if plain.field else missing["name"]
+    return InvalidValue(path, "is required.")

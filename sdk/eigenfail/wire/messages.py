@@ -1,0 +1,176 @@
+"""What hub, workers and learners say to each other.
+
+MessagePack through tagged structs; arrays as shape and little-endian float32 bytes. A message that
+does not decode is a ProtocolError and nothing else: nothing in it can run code.
+"""
+
+from typing import Any
+
+import msgspec
+
+from eigenfail.errors import ProtocolError
+from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, LearnerContext, Policy, Round
+from eigenfail.values.arrays import decode_array, encode_array
+
+PROTOCOL = 1
+"""Counts up with every change that an older peer would not understand."""
+
+MAX_MESSAGE_BYTES = 256 * 1024 * 1024
+
+
+class Message(msgspec.Struct, frozen=True, eq=False, tag=True, forbid_unknown_fields=True):
+    """Anything that is said."""
+
+
+class Hello(Message, frozen=True):
+    """Worker: I am here and can hold `credit` episodes at a time."""
+
+    protocol: int
+    worker: str
+    credit: int
+    host: str = ""
+    pid: int = 0
+
+
+class Welcome(Message, frozen=True):
+    """Hub: you are in; be heard every `heartbeat_s`."""
+
+    heartbeat_s: float
+
+
+class Refusal(Message, frozen=True):
+    """Hub: you are not in, and why."""
+
+    reason: str
+
+
+class Heartbeat(Message, frozen=True):
+    """Worker: I live. `running` is the episode being run, if any."""
+
+    campaign: int | None = None
+    running: int | None = None
+
+
+class Setup(Message, frozen=True):
+    """Hub: what the episodes of a campaign share; sent before its first lease."""
+
+    campaign: int
+    setup: EpisodeSetup
+
+
+class PolicyUpdate(Message, frozen=True):
+    """Hub: a policy version of a campaign; sent before the first lease that needs it."""
+
+    campaign: int
+    policy: Policy
+
+
+class Lease(Message, frozen=True):
+    """Hub: run these."""
+
+    campaign: int
+    tasks: tuple[EpisodeTask, ...]
+
+
+class Results(Message, frozen=True):
+    """Worker: they are done. Kept until acknowledged."""
+
+    campaign: int
+    results: tuple[EpisodeResult, ...]
+
+
+class Ack(Message, frozen=True):
+    """Hub: the results with these indices are committed (or not wanted); forget them."""
+
+    campaign: int
+    indices: tuple[int, ...]
+
+
+class Drop(Message, frozen=True):
+    """Hub: forget what this campaign has not begun."""
+
+    campaign: int
+
+
+class Goodbye(Message, frozen=True):
+    """Either: I leave; what I hold and have not finished is yours again."""
+
+    reason: str = ""
+
+
+WorkerMessage = Hello | Heartbeat | Results | Goodbye
+HubMessage = Welcome | Refusal | Setup | PolicyUpdate | Lease | Ack | Drop | Goodbye
+
+
+class Start(Message, frozen=True):
+    """Hub to a learner process: be this method, from this checkpoint if there is one."""
+
+    method: str
+    settings: dict[str, Any]
+    context: LearnerContext
+    campaign_seed: int
+    checkpoint: bytes | None
+
+
+class Observed(Message, frozen=True):
+    """Hub to a learner process: the whole oldest open round, in index order."""
+
+    results: tuple[EpisodeResult, ...]
+
+
+class Stop(Message, frozen=True):
+    """Hub to a learner process: end."""
+
+
+class Proposed(Message, frozen=True):
+    """Learner process: the rounds that are open now, and a checkpoint that restores just that.
+
+    An empty `rounds` means that the campaign is over.
+    """
+
+    rounds: tuple[Round, ...]
+    checkpoint: bytes
+
+
+class Trouble(Message, frozen=True):
+    """Learner process: I cannot go on, and why."""
+
+    problem: str
+
+
+LearnerCommand = Start | Observed | Stop
+LearnerMessage = Proposed | Trouble
+
+_encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
+
+
+def encode(message: Message) -> bytes:
+    """The bytes of a message."""
+    return _encoder.encode(message)
+
+
+class Reader:
+    """Reads the messages of one direction."""
+
+    def __init__(self, kinds: object) -> None:
+        self._decoder = msgspec.msgpack.Decoder(kinds, dec_hook=decode_array)
+
+    def __call__(self, data: bytes | memoryview) -> Message:
+        """The message.
+
+        Raises:
+            ProtocolError: the bytes are not one.
+        """
+        if len(data) > MAX_MESSAGE_BYTES:
+            raise ProtocolError(f"A message of {len(data)} bytes exceeds {MAX_MESSAGE_BYTES}.")
+        try:
+            message: Message = self._decoder.decode(data)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise ProtocolError(f"Not a message of this protocol: {error}.") from error
+        return message
+
+
+read_worker_message = Reader(WorkerMessage)
+read_hub_message = Reader(HubMessage)
+read_learner_command = Reader(LearnerCommand)
+read_learner_message = Reader(LearnerMessage)

@@ -1,0 +1,156 @@
+"""Two services that cost nothing: stand-ins for its processes, and its API without a socket."""
+
+import json
+import sys
+
+import httpx2
+import pytest
+from starlette.testclient import TestClient
+from typer.testing import CliRunner
+
+from eigenfail import plugins
+from eigenfail.cli import local_service
+from eigenfail.cli.main import app
+from eigenfail.cli.surroundings import Surroundings
+from eigenfail.client import Client
+from eigenfail.errors import EigenfailError
+from eigenfail.values import EpisodeTask, PriorSource, TrajectorySource, episode_seed
+from eigenfail.values.records import Delivery
+from eigenfail_api.app import create_app
+from eigenfail_api.settings import ApiSettings
+from eigenfail_services.analysis.job import analyse
+from eigenfail_services.store import open_store
+
+CONTROLLER = """
+import http.server, sys
+
+class Answers(http.server.BaseHTTPRequestHandler):
+    def do_GET(self):
+        self.send_response(200 if self.path == "/readyz" else 404)
+        self.end_headers()
+
+    def log_message(self, *_):
+        pass
+
+http.server.HTTPServer(("127.0.0.1", int(sys.argv[1])), Answers).serve_forever()
+"""
+
+SERVICES = """
+import json, subprocess, sys, time
+
+print("starting", flush=True)
+subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], start_new_session=True)
+print(json.dumps({"ready": True, "hub": f"tcp://127.0.0.1:{sys.argv[1]}"}), flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.fixture
+def stand_ins(monkeypatch):
+    """The scripts that run instead of controller and services; a test may replace them."""
+    scripts = {"controller": CONTROLLER, "services": SERVICES}
+
+    def commands(plan, database, port, hub_port):
+        ports = {"controller": port, "services": hub_port}
+        return {
+            name: [sys.executable, "-c", script, str(ports[name])]
+            for name, script in scripts.items()
+        }
+
+    monkeypatch.setattr(local_service, "commands", commands)
+    return scripts
+
+
+class WorkingService(httpx2.BaseTransport):
+    """The real API over a real store, with no socket; at every request some work gets done."""
+
+    episodes_at_once = 8
+
+    def __init__(self, store):
+        self.store = store
+        self.api = TestClient(create_app(store, ApiSettings()))._transport
+
+    def handle_request(self, request):
+        for campaign in self.store.campaigns.page(100).items:
+            self.work_on(campaign)
+        for analysis in self.store.analyses.page(100).items:
+            self.analyse(analysis)
+        return self.api.handle_request(request)
+
+    def work_on(self, campaign):
+        moves = {"queued": "running", "pausing": "paused", "cancelling": "cancelled"}
+        if campaign.state in moves:
+            self.store.campaigns.move(campaign.id, moves[campaign.state])
+        elif campaign.state == "running":
+            self.run_some(campaign)
+
+    def run_some(self, campaign):
+        first = campaign.counts.planned - campaign.counts.open
+        last = min(first + self.episodes_at_once, campaign.spec.episodes)
+        engine = plugins.load(plugins.ENGINES, "default")(campaign.spec.setup())
+        tasks = [self.task(campaign.spec, index) for index in range(first, last)]
+        results = [Delivery(result, "by hand") for result in engine.run(tasks)]
+        self.store.episodes.commit(campaign.id, results)
+        self.store.campaigns.add_active(campaign.id, 0.5)
+        if last == campaign.spec.episodes:
+            self.store.campaigns.move(campaign.id, "done")
+
+    def task(self, spec, index):
+        source = PriorSource()
+        if spec.method == "replay":
+            modes = self.store.analyses.get(spec.settings["analysis"]).result.modes
+            source = TrajectorySource(modes[index].eigenfailure)
+        return EpisodeTask(index, episode_seed(spec.seed, index), source)
+
+    def analyse(self, analysis):
+        if analysis.state != "queued":
+            return
+        self.store.analyses.start(analysis.id)
+        try:
+            failures = self.store.episodes.failures(analysis.campaign)
+            self.store.analyses.finish(analysis.id, analyse(failures, 100, analysis.settings))
+        except EigenfailError as error:
+            self.store.analyses.fail(analysis.id, str(error))
+
+
+@pytest.fixture
+def store():
+    store = open_store("memory://")
+    yield store
+    store.close()
+
+
+@pytest.fixture
+def service(store, monkeypatch):
+    monkeypatch.setattr("eigenfail.client.waiting.sleep", lambda seconds: None)
+    return WorkingService(store)
+
+
+@pytest.fixture
+def eigenfail(service):
+    """Runs a command against the service; its result has exit_code, stdout and stderr."""
+    surroundings = Surroundings(connect=lambda url: Client(url, service))
+
+    def run(*words):
+        return CliRunner().invoke(app, [str(word) for word in words], obj=surroundings)
+
+    return run
+
+
+@pytest.fixture
+def spec_file(tmp_path):
+    """A campaign that takes no time and finds failures."""
+    file = tmp_path / "quick.toml"
+    file.write_text(
+        'method = "monte_carlo"\nplanner = "idm"\nsimulator = "point_mass"\n'
+        "episodes = 24\nseed = 1\nscene_every = 5\n"
+    )
+    return file
+
+
+@pytest.fixture
+def done(eigenfail, spec_file):
+    """The id of a campaign that is done."""
+    run = eigenfail("run", spec_file, "--json")
+    assert run.exit_code == 0, run.output
+    return json.loads(run.stdout)["campaign"]

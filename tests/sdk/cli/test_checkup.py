@@ -1,0 +1,208 @@
+"""`eigenfail doctor --planner`: each way to break the contract is found, and named in words."""
+
+import json
+import time
+from itertools import count
+
+import msgspec
+import pytest
+
+from eigenfail.cli import checkups
+from eigenfail.testing import planner as suite
+from eigenfail.testing.planner import PLANNER_CHECKS
+from eigenfail.testing.scenario import SCENARIO_CHECKS
+from eigenfail.values import Control
+
+
+class Good:
+    """Keeps its contract."""
+
+    class Settings(msgspec.Struct, frozen=True):
+        brake_mps2: float = 0.5
+
+    def __init__(self, settings):
+        self.brake_mps2 = settings.brake_mps2
+
+    def reset(self, mission):
+        self.steps = 0
+
+    def act(self, perception):
+        self.steps += 1
+        return Control(-self.brake_mps2, 0.001 * self.steps)
+
+
+class Unsettled(Good):
+    Settings = None
+
+
+class Demanding(Good):
+    class Settings(msgspec.Struct, frozen=True):
+        brake_mps2: float
+
+
+class Mute(Good):
+    def act(self, perception):
+        return None
+
+
+class Infinite(Good):
+    def act(self, perception):
+        return Control(float("inf"), 0.0)
+
+
+class Moody(Good):
+    numbers = count()
+
+    def act(self, perception):
+        return Control(-1.0, 1e-9 * next(self.numbers))
+
+
+class Nostalgic(Good):
+    steps = 0
+
+    def reset(self, mission):
+        """Keeps counting."""
+
+
+class Meddler(Good):
+    def act(self, perception):
+        msgspec.structs.force_setattr(perception, "time_s", 0.0)
+        return super().act(perception)
+
+
+class Thinker(Good):
+    def act(self, perception):
+        time.sleep(2e-4)
+        return super().act(perception)
+
+
+class Endless(Good):
+    def act(self, perception):
+        time.sleep(0.5)
+        return super().act(perception)
+
+
+class Confused(Good):
+    def explain(self):
+        self.steps += 1
+        return {"mode": "highway"}
+
+
+class Cryptic(Good):
+    def explain(self):
+        return {"seen": object()}
+
+
+class Clumsy(Good):
+    def act(self, perception):
+        raise KeyError("lead")
+
+
+@pytest.fixture
+def examine(eigenfail, monkeypatch):
+    """Examines a class of this file; the exit code, and the checks by name."""
+
+    def run(planner, *words):
+        monkeypatch.setattr(checkups.plugins, "load_class", lambda place: planner)
+        told = eigenfail("doctor", "--planner", f"here:{planner.__name__}", "--json", *words)
+        return told.exit_code, {check["check"]: check for check in json.loads(told.stdout)}
+
+    return run
+
+
+def said(checks, verdict="broken"):
+    return {name: check["said"] for name, check in checks.items() if check["verdict"] == verdict}
+
+
+def test_a_planner_that_keeps_its_contract_passes(examine):
+    code, checks = examine(Good)
+    assert code == 0
+    assert len(said(checks, "passed")) == len(PLANNER_CHECKS) + 1
+    assert all(check["plugin"] == "here:Good" and check["said"] for check in checks.values())
+
+
+@pytest.mark.parametrize(
+    ("planner", "check", "words"),
+    [
+        (Mute, "returns finite controls", "returned None, not a Control"),
+        (Infinite, "returns finite controls", "acceleration_mps2=inf"),
+        (Moody, "is deterministic", "answered the same perceptions differently"),
+        (Nostalgic, "forgets at reset", "it kept something"),
+        (Meddler, "leaves its input alone", "changed a perception"),
+        (Confused, "explains without a trace", "drives otherwise"),
+        (Cryptic, "explains without a trace", "'seen'"),
+        (Clumsy, "returns finite controls", "It raised KeyError: 'lead'."),
+    ],
+)
+def test_what_breaks_the_contract_is_said_in_words(examine, planner, check, words):
+    code, checks = examine(planner)
+    assert code == 1
+    assert words in said(checks)[check]
+
+
+@pytest.mark.parametrize("planner", [Mute, Infinite, Nostalgic, Meddler, Confused, Cryptic])
+def test_only_what_is_broken_is_blamed(examine, planner):
+    assert len(said(examine(planner)[1])) == 1
+
+
+def test_a_slow_planner_is_told_its_budget(examine, monkeypatch):
+    monkeypatch.setattr(suite, "DECISION_S", 1e-4)
+    code, checks = examine(Thinker)
+    assert code == 1
+    (slow,) = said(checks).items()
+    assert slow[0] == "decides in time"
+    assert "the budget is 0.0001 s" in slow[1]
+
+
+def test_what_never_ends_is_not_waited_for(examine, monkeypatch):
+    monkeypatch.setattr(checkups, "PATIENCE_S", 0.1)
+    code, checks = examine(Endless)
+    assert code == 1
+    assert said(checks) == {"returns finite controls": "It did not come to an end within 0.1 s."}
+    assert len(said(checks, "skipped")) == len(PLANNER_CHECKS) - 1
+
+
+@pytest.mark.parametrize(("planner", "words"), [(Unsettled, "Settings"), (Demanding, "brake_mps2")])
+def test_without_settings_nothing_else_is_checked(examine, planner, words):
+    code, checks = examine(planner)
+    assert code == 1
+    assert words in said(checks)["has Settings"]
+    assert len(said(checks, "skipped")) == len(PLANNER_CHECKS)
+
+
+def test_people_get_a_table(eigenfail):
+    told = eigenfail("doctor", "--planner", "test_returns_nan")
+    assert told.exit_code == 1
+    row = next(line for line in told.stdout.splitlines() if "returns finite controls" in line)
+    assert row.split()[0] == "broken"
+    assert "acceleration_mps2=nan" in row
+    assert "is deterministic" in told.stdout
+    assert told.stdout.count("broken ") == 1
+
+
+def test_a_scenario_is_checked_alike_and_both_at_once(eigenfail):
+    told = eigenfail("doctor", "--scenario", "cut_in", "--planner", "idm", "--json")
+    assert told.exit_code == 0, told.output
+    verdicts = [check["verdict"] for check in json.loads(told.stdout)]
+    assert verdicts == ["passed"] * (len(PLANNER_CHECKS) + len(SCENARIO_CHECKS) + 2)
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ("rulebok", "Did you mean 'rulebook'?"),
+        ("no_such_module:Planner", "No module named 'no_such_module'"),
+        ("os:NoSuchPlanner", "has no attribute 'NoSuchPlanner'"),
+        ("bad planner:X", "not of the form module:Class"),
+        ("wrong_syntax:X", "SyntaxError"),
+        ("wrong_start:X", "ZeroDivisionError"),
+    ],
+)
+def test_what_cannot_be_loaded_exits_with_2(eigenfail, place, words, tmp_path, monkeypatch):
+    (tmp_path / "wrong_syntax.py").write_text("def (")
+    (tmp_path / "wrong_start.py").write_text("1 / 0")
+    monkeypatch.chdir(tmp_path)
+    told = eigenfail("doctor", "--planner", place)
+    assert told.exit_code == 2
+    assert words in told.stderr
+    assert told.stdout == ""

@@ -1,0 +1,325 @@
+"""The commands against the real API: what they print, for people and for programs."""
+
+import json
+import os
+import signal
+from types import SimpleNamespace
+
+import httpx2
+import pytest
+
+from eigenfail.cli import replays
+from eigenfail.cli import run as run_module
+from eigenfail.cli.interruption import INTERRUPTED
+from eigenfail.cli.local_service import Plan
+from eigenfail.cli.options import DEFAULT_URL
+from eigenfail.errors import InvalidValue
+
+
+def test_run_prints_the_result_table(eigenfail, spec_file):
+    done = eigenfail("run", spec_file)
+    assert done.exit_code == 0, done.output
+    header, row = [line for line in done.stdout.splitlines() if line.strip() and "─" not in line]
+    assert header.split()[:4] == ["id", "method", "episodes", "failures"]
+    assert row.split()[:3] == ["1", "monte_carlo", "24"]
+    assert "% [" in row
+    assert "campaign 1 (monte_carlo) done: 24/24 episodes" in done.stderr
+
+
+def test_run_as_json_prints_the_summary_and_nothing_else(eigenfail, spec_file):
+    done = eigenfail("run", spec_file, "--json", "--episodes", 9)
+    summary = json.loads(done.stdout)
+    assert (summary["campaign"], summary["counts"]["completed"]) == (1, 9)
+    assert summary["cost"]["at_least_usd"] > 0
+
+
+def test_the_gate_closes_when_failures_were_found(eigenfail, spec_file, done, store):
+    assert store.campaigns.get(done).counts.failures > 0
+    assert eigenfail("run", spec_file).exit_code == 0
+    assert eigenfail("run", spec_file, "--gate").exit_code == 1
+    assert eigenfail("campaign", "watch", done, "--gate").exit_code == 1
+    assert eigenfail("campaign", "watch", done).exit_code == 0
+
+
+def test_the_gate_opens_when_there_was_none(eigenfail, spec_file, store):
+    calm = (
+        spec_file.read_text() + "[disturbance]\nlateral_base_m = 1e-9\nlongitudinal_base_m = 1e-9"
+    )
+    spec_file.write_text(calm + "\nlateral_slope = 0.0\nlongitudinal_slope = 0.0\n")
+    run = eigenfail("run", spec_file, "--gate", "--json")
+    assert json.loads(run.stdout)["counts"]["failures"] == 0
+    assert run.exit_code == 0
+
+
+def test_a_gate_does_not_open_on_episodes_that_could_not_be_run(eigenfail, spec_file):
+    spec_file.write_text(spec_file.read_text().replace('"idm"', '"test_raises"'))
+    run = eigenfail("run", spec_file, "--gate")
+    assert run.exit_code == 3
+    assert "completed no episode" in run.stderr
+    assert "eigenfail episode list 1 --outcome failed" in run.stderr
+    listed = eigenfail("episode", "list", 1, "--outcome", "failed", "--json")
+    assert "a stranger's bug" in json.loads(listed.stdout)[0]["problem"]
+
+
+def test_a_gate_does_not_open_on_a_campaign_that_was_cut_short(eigenfail, spec_file, store):
+    eigenfail("campaign", "create", spec_file, "--episodes", 1000)
+    eigenfail("campaign", "cancel", 1)
+    watched = eigenfail("campaign", "watch", 1, "--gate")
+    assert store.campaigns.get(1).state == "cancelled"
+    assert watched.exit_code == 3
+    assert "proves nothing" in watched.stderr
+
+
+def test_a_dead_campaign_says_why(eigenfail, spec_file, store):
+    eigenfail("campaign", "create", spec_file)
+    store.campaigns.move(1, "dead", "Its learner could not go on.")
+    watched = eigenfail("campaign", "watch", 1)
+    assert watched.exit_code == 3
+    assert "Campaign 1 is dead: Its learner could not go on." in watched.stderr
+
+
+def test_the_life_of_a_campaign(eigenfail, spec_file):
+    created = eigenfail("campaign", "create", spec_file, "--episodes", 1000, "--json")
+    assert json.loads(created.stdout)["id"] == 1
+    states = {}
+    for verb in ("show", "pause", "show", "resume", "cancel", "show"):
+        step = eigenfail("campaign", verb, 1, "--json")
+        assert step.exit_code == 0, step.output
+        states[verb] = json.loads(step.stdout)["state"]
+    assert states == {
+        "pause": "pausing",
+        "resume": "queued",
+        "cancel": "cancelling",
+        "show": "cancelled",
+    }
+    again = eigenfail("campaign", "resume", 1)
+    assert again.exit_code == 2
+    assert "Campaign 1 is cancelled" in again.stderr
+
+
+def test_campaigns_are_listed_newest_first(eigenfail, spec_file, done):
+    eigenfail("campaign", "create", spec_file, "--seed", 5)
+    listed = json.loads(eigenfail("campaign", "list", "--json").stdout)
+    assert [campaign["id"] for campaign in listed] == [2, 1]
+    assert len(json.loads(eigenfail("campaign", "list", "--limit", 1, "--json").stdout)) == 1
+    ended = json.loads(eigenfail("campaign", "list", "--state", "done", "--json").stdout)
+    assert [campaign["id"] for campaign in ended] == [done]
+    plain = eigenfail("campaign", "list").stdout
+    assert "quick" in plain
+    assert "24/24" in plain
+
+
+def test_a_name_with_markup_is_printed_as_it_is(eigenfail, spec_file):
+    spec_file.write_text('name = "[bold red]x[/] <b>"\n' + spec_file.read_text())
+    eigenfail("campaign", "create", spec_file)
+    assert "[bold red]x[/] <b>" in eigenfail("campaign", "list").stdout
+    assert "[bold red]x[/] <b>" in eigenfail("campaign", "show", 1).stdout
+
+
+def test_equal_campaigns_have_equal_digests(eigenfail, spec_file, done):
+    eigenfail("run", spec_file)
+    eigenfail("run", spec_file, "--seed", 2)
+    digests = [eigenfail("campaign", "digest", number).stdout.strip() for number in (1, 2, 3)]
+    assert digests[0] == digests[1] != digests[2]
+    assert len(digests[0]) == 64
+    assert json.loads(eigenfail("campaign", "digest", 1, "--json").stdout)["digest"] == digests[0]
+
+
+def test_episodes_are_listed_and_shown(eigenfail, done):
+    rows = json.loads(eigenfail("episode", "list", done, "--limit", 100, "--json").stdout)
+    assert [row["index"] for row in rows] == list(range(24))
+    crashes = json.loads(
+        eigenfail("episode", "list", done, "--outcome", "collision", "--json").stdout
+    )
+    assert {row["outcome"] for row in crashes} == {"collision"}
+    plain = eigenfail("episode", "list", done).stdout
+    assert f"{done}/0" in plain
+    first = crashes[0]["index"]
+    shown = json.loads(eigenfail("episode", "show", f"{done}/{first}", "--json").stdout)
+    assert len(shown["noise"]["z"]) == shown["steps"]
+    words = eigenfail("episode", "show", f"{done}/{first}").stdout
+    assert "robustness [m]" in words
+    assert crashes[0]["digest"] in words
+
+
+def test_a_stored_episode_replays_to_the_same_digest(eigenfail, done):
+    replayed = eigenfail("episode", "replay", f"{done}/3", "--json")
+    assert replayed.exit_code == 0, replayed.output
+    comparison = json.loads(replayed.stdout)
+    assert comparison["same"]
+    assert comparison["digest"] == comparison["stored_digest"]
+    assert "bit for bit" in eigenfail("episode", "replay", f"{done}/3").stdout
+
+
+def test_a_replay_that_differs_exits_with_1(eigenfail, done, monkeypatch):
+    load = replays.load_engine
+    monkeypatch.setattr(replays, "load_engine", lambda: lambda setup: Shifted(load()(setup)))
+    replayed = eigenfail("episode", "replay", f"{done}/3")
+    assert replayed.exit_code == 1
+    assert "DIFFERENT" in replayed.stdout
+
+
+class Shifted:
+    """An engine that is not the one of old: it runs the task with another seed's noise."""
+
+    def __init__(self, engine):
+        self.engine = engine
+
+    def run(self, tasks):
+        return self.engine.run(
+            [type(t)(t.index, t.seed, t.source.__class__(-t.source.z)) for t in tasks]
+        )
+
+    def close(self):
+        self.engine.close()
+
+
+def test_a_replay_without_the_world_says_what_to_install(eigenfail, done, monkeypatch):
+    def missing(group, name):
+        raise InvalidValue("engine", "'default' cannot be loaded: No module named 'osqp'.")
+
+    monkeypatch.setattr(replays.plugins, "load", missing)
+    replayed = eigenfail("episode", "replay", f"{done}/3")
+    assert replayed.exit_code == 3
+    assert "pip install 'eigenfail[worker]'" in replayed.stderr
+
+
+@pytest.mark.parametrize("wrong", ["3", "a/b", "1/", "/1", "1/-1", "1/2/3", "../etc"])
+def test_an_episode_is_written_with_a_slash(eigenfail, wrong):
+    shown = eigenfail("episode", "show", "--", wrong)
+    assert shown.exit_code == 2
+    assert "CAMPAIGN/INDEX" in shown.stderr
+
+
+def test_failures_are_grouped_replayed_and_counted(eigenfail, done, store):
+    told = eigenfail("analyze", done, "--clusters", 2, "--replay")
+    assert told.exit_code == 0, told.output
+    assert "components explain" in told.stdout
+    assert "2 eigenfailures reproduced a failure: " in told.stdout
+    replay = store.analyses.get(1).replay_campaign
+    assert store.campaigns.get(replay).counts.completed == 2
+    found = json.loads(eigenfail("analyze", done, "--clusters", 2, "--json").stdout)
+    assert len(found["analysis"]["result"]["modes"]) == 2
+    assert found["replay"] is None
+
+
+def test_without_failures_there_is_nothing_to_analyse(eigenfail, spec_file, store):
+    eigenfail("campaign", "create", spec_file)
+    store.campaigns.move(1, "cancelled")
+    refused = eigenfail("analyze", 1)
+    assert refused.exit_code == 2
+    assert "cannot be analysed" in refused.stderr
+    assert "none to analyse" in refused.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("campaign", "show", 99),
+        ("campaign", "pause", 99),
+        ("campaign", "digest", 99),
+        ("campaign", "watch", 99),
+        ("episode", "list", 99),
+        ("episode", "show", "99/0"),
+        ("episode", "replay", "99/0"),
+        ("analyze", 99),
+    ],
+)
+def test_what_does_not_exist_exits_with_2(eigenfail, words):
+    refused = eigenfail(*words)
+    assert refused.exit_code == 2
+    assert refused.stderr.startswith("eigenfail: ")
+    assert "99" in refused.stderr
+    assert refused.stdout == ""
+
+
+@pytest.mark.parametrize("verb", [("run",), ("campaign", "create")])
+def test_a_wrong_file_is_refused_before_anything_is_asked(eigenfail, spec_file, store, verb):
+    spec_file.write_text("epsiodes = 3")
+    refused = eigenfail(*verb, spec_file)
+    assert refused.exit_code == 2
+    assert "Did you mean 'episodes'?" in refused.stderr
+    assert store.campaigns.page(10).items == ()
+
+
+def test_an_unknown_method_is_refused_by_the_service(eigenfail, spec_file, store):
+    spec_file.write_text(spec_file.read_text().replace("monte_carlo", "monte_calro"))
+    refused = eigenfail("run", spec_file)
+    assert refused.exit_code == 2
+    assert "Did you mean 'monte_carlo'?" in refused.stderr
+    assert store.campaigns.page(10).items == ()
+
+
+def test_ctrl_c_pauses_the_campaign_and_says_how_to_go_on(eigenfail, spec_file, service, store):
+    class Interrupting(type(service)):
+        def run_some(self, campaign):
+            super().run_some(campaign)
+            if campaign.counts.completed == 0:
+                os.kill(os.getpid(), signal.SIGINT)
+
+    service.__class__ = Interrupting
+    stopped = eigenfail("run", spec_file)
+    assert stopped.exit_code == INTERRUPTED
+    assert store.campaigns.get(1).state == "paused"
+    assert "is paused after" in stopped.stderr
+    assert "eigenfail campaign resume 1" in stopped.stderr
+    assert eigenfail("campaign", "resume", 1).exit_code == 0
+    assert eigenfail("campaign", "watch", 1).exit_code == 0
+    assert store.campaigns.get(1).counts.completed == 24
+
+
+def test_nobody_there_exits_with_3_and_the_remedy(eigenfail, service, monkeypatch):
+    def refuse(request):
+        raise httpx2.ConnectError("refused")
+
+    monkeypatch.setattr(service, "handle_request", refuse)
+    refused = eigenfail("campaign", "list", "--url", "http://127.0.0.1:1")
+    assert refused.exit_code == 3
+    assert "eigenfail up" in refused.stderr
+    assert refused.stdout == ""
+
+
+def test_run_on_an_address_where_nobody_is_starts_nothing(eigenfail, spec_file, service, tmp_path):
+    service.handle_request = lambda request: httpx2.Response(503)
+    data = tmp_path / "data"
+    refused = eigenfail("run", spec_file, "--url", "http://127.0.0.1:1", "--data", data)
+    assert refused.exit_code == 3
+    assert "No eigenfail service answers at http://127.0.0.1:1" in refused.stderr
+    assert not data.exists()
+
+
+def test_what_is_no_address_is_refused(eigenfail):
+    refused = eigenfail("campaign", "list", "--url", "http://[::")
+    assert refused.exit_code == 2
+    assert "is not an address" in refused.stderr
+
+
+def test_the_doctor_finds_what_is_there(eigenfail, tmp_path):
+    told = eigenfail("doctor", "--json", "--data", tmp_path)
+    assert told.exit_code == 0, told.output
+    found = {finding["what"]: finding["found"] for finding in json.loads(told.stdout)}
+    assert "monte_carlo" in found["eigenfail.methods"]
+    assert "rulebook" in found["eigenfail.planners"]
+    assert found["service http://127.0.0.1:8440"] == "answers"
+    assert str(tmp_path) in found["data folder"]
+    assert "eigenfail.planners" in eigenfail("doctor", "--data", tmp_path).stdout
+
+
+def test_the_doctor_says_what_is_wrong(eigenfail, tmp_path):
+    (tmp_path / "file").write_text("")
+    told = eigenfail("doctor", "--json", "--data", tmp_path / "file" / "data")
+    assert told.exit_code == 3
+    (wrong,) = [finding for finding in json.loads(told.stdout) if finding["wrong"]]
+    assert wrong["what"] == "data folder"
+
+
+@pytest.mark.parametrize(
+    ("source", "places"),
+    [("DEFAULT", [DEFAULT_URL]), ("COMMANDLINE", []), ("ENVIRONMENT", [])],
+)
+def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
+    tmp_path, source, places
+):
+    found = SimpleNamespace(name=source)
+    context = SimpleNamespace(get_parameter_source=lambda _: found)
+    assert list(run_module.nearby(context, Plan(tmp_path, 0))) == places

@@ -1,0 +1,115 @@
+"""The commands as a user types them, with real processes: a service of their own, and its end."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from eigenfail.cli.processes import marked
+
+pytestmark = pytest.mark.service
+
+EIGENFAIL = Path(sys.executable).parent / "eigenfail"
+SET_BY_USERS = ("EIGENFAIL_URL", "EIGENFAIL_DATA")
+
+
+@pytest.fixture
+def data(tmp_path):
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Starts a command; whatever a test leaves of it is ended."""
+    started = []
+
+    def command(*words):
+        environment = {name: text for name, text in os.environ.items() if name not in SET_BY_USERS}
+        process = subprocess.Popen(
+            [EIGENFAIL, *map(str, words)],
+            cwd=tmp_path,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        started.append(process)
+        return process
+
+    yield command
+    for process in started:
+        if process.poll() is None:
+            process.terminate()
+        process.communicate(timeout=30)
+
+
+@pytest.fixture
+def up(start, data):
+    """A service without workers; its addresses come with the process."""
+
+    def begin():
+        words = ("--port", 0, "--launcher", "none", "--data", data, "--json")
+        process = start("up", *words)
+        line = process.stdout.readline()
+        assert line, process.stderr.read()
+        return process, json.loads(line)
+
+    return begin
+
+
+def owner(data):
+    return str(data.resolve())
+
+
+def test_run_starts_what_is_missing_and_leaves_nothing(start, spec_file, data):
+    process = start("run", spec_file, "--data", data, "--json", "--workers", 1)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    assert json.loads(out)["counts"]["completed"] == 24
+    assert marked(owner(data)) == []
+
+
+def test_run_uses_the_service_of_the_folder_and_ctrl_c_pauses(start, up, spec_file, data):
+    service, address = up()
+    worker = start("worker", "--connect", address["hub"], "--json")
+    run = start("run", spec_file, "--data", data, "--episodes", 100_000)
+    seen = ""
+    while "running" not in seen:
+        seen = run.stderr.readline()
+        assert seen
+    time.sleep(0.5)
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert "Campaign 1 is paused after" in err
+    assert "eigenfail campaign resume 1" in err
+
+    replayed = start("episode", "replay", "1/0", "--url", address["url"])
+    assert replayed.wait(timeout=60) == 0
+
+    worker.send_signal(signal.SIGTERM)
+    assert worker.wait(timeout=30) == 0
+    service.send_signal(signal.SIGTERM)
+    assert service.wait(timeout=30) == 0
+    assert marked(owner(data)) == []
+
+
+def test_up_notices_that_a_part_was_killed(up, data):
+    service, _ = up()
+    (services,) = [
+        process
+        for process in psutil.Process(service.pid).children()
+        if "eigenfail_services" in process.cmdline()
+    ]
+    services.kill()
+    _, err = service.communicate(timeout=30)
+    assert service.returncode == 3
+    assert "The services process ended by itself (exit code -9)" in err
+    assert "Traceback" not in err
+    assert marked(owner(data)) == []

@@ -1,0 +1,96 @@
+"""Where `eigenfail run` runs: at the address asked for, on the folder's service, or on its own."""
+
+from contextlib import contextmanager
+
+import pytest
+import typer
+
+from eigenfail.cli import run
+from eigenfail.cli.data_folder import Address, DataFolder
+from eigenfail.cli.local_service import Plan
+from eigenfail.cli.options import DEFAULT_URL
+from eigenfail.cli.specs import read_spec
+from eigenfail.errors import ServiceError, ServiceUnreachable, UnknownName
+
+OWN = Address("http://127.0.0.1:1", "tcp://127.0.0.1:2")
+
+
+class Stub:
+    """A service of our own that may find out that it is in trouble."""
+
+    address = OWN
+    trouble = None
+
+    def check(self):
+        if self.trouble:
+            raise self.trouble
+
+
+@pytest.fixture
+def own(monkeypatch):
+    stub = Stub()
+
+    @contextmanager
+    def started(plan):
+        yield stub
+
+    monkeypatch.setattr(run, "local_service", started)
+    return stub
+
+
+@pytest.fixture
+def somewhere(monkeypatch, spec_file, tmp_path):
+    """Enters the place for a spec; only the `healthy` addresses answer."""
+    context = typer.Context(typer.main.get_command(run.app))
+
+    def enter(url=None, healthy=(), spec=None):
+        monkeypatch.setattr(run, "is_healthy", lambda context, address: address in healthy)
+        plan = Plan(tmp_path / "data", 0)
+        return run.somewhere(context, spec or read_spec(spec_file), url, plan)
+
+    return enter
+
+
+def test_the_address_asked_for_comes_first(somewhere, own):
+    with somewhere("http://there:1", {"http://there:1", DEFAULT_URL}) as place:
+        assert place == run.Place("http://there:1")
+
+
+def test_nothing_is_started_if_nobody_is_where_it_was_asked_for(somewhere, own):
+    with pytest.raises(ServiceUnreachable, match="http://there:1"):
+        somewhere("http://there:1", {DEFAULT_URL}).__enter__()
+
+
+def test_the_service_of_the_folder_comes_before_the_default_one(somewhere, own, tmp_path):
+    folder = DataFolder(tmp_path / "data")
+    theirs = Address("http://127.0.0.1:3", "tcp://127.0.0.1:4")
+    with folder.claimed():
+        folder.publish(theirs)
+        with somewhere(healthy={theirs.url, DEFAULT_URL}) as place:
+            assert place.url == theirs.url
+    with somewhere(healthy={theirs.url, DEFAULT_URL}) as place:
+        assert place.url == DEFAULT_URL
+
+
+def test_otherwise_one_is_started_that_can_be_started_again(somewhere, own, tmp_path):
+    with somewhere() as place:
+        assert place.url == OWN.url
+        assert place.again == f"eigenfail up --data {tmp_path / 'data'}"
+
+
+def test_what_the_plug_ins_refuse_is_refused_before_one_is_started(somewhere, own, spec_file):
+    spec_file.write_text(spec_file.read_text().replace("monte_carlo", "monte_calro"))
+    with pytest.raises(UnknownName, match="Did you mean 'monte_carlo'"):
+        somewhere(spec=read_spec(spec_file)).__enter__()
+
+
+def test_an_own_service_that_falls_silent_says_why(somewhere, own):
+    def fall_silent(trouble):
+        own.trouble = trouble
+        with somewhere():
+            raise ServiceUnreachable("Nobody answers.")
+
+    with pytest.raises(ServiceError, match="The controller process ended"):
+        fall_silent(ServiceError("The controller process ended."))
+    with pytest.raises(ServiceUnreachable, match=r"Nobody answers\."):
+        fall_silent(None)

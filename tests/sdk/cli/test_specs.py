@@ -1,0 +1,113 @@
+"""TOML files: what is wrong in them is said by file, field and known names."""
+
+import pytest
+
+from eigenfail.cli.specs import check_plugins, read_spec
+from eigenfail.errors import InvalidValue, UnknownName
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write_file(text):
+        file = tmp_path / "wanted.toml"
+        file.write_text(text)
+        return file
+
+    return write_file
+
+
+def test_a_file_becomes_a_spec_named_after_it(write):
+    spec = read_spec(write('method = "ast"\nepisodes = 7\n[disturbance]\nlateral_base_m = 0.5'))
+    assert (spec.name, spec.method, spec.episodes) == ("wanted", "ast", 7)
+    assert spec.disturbance.lateral_base_m == 0.5
+    assert spec.disturbance.longitudinal_base_m == 1.0
+
+
+def test_options_take_the_place_of_the_file(write):
+    file = write('name = "mine"\nmethod = "ast"\nepisodes = 7\nseed = 3')
+    spec = read_spec(file, episodes=9, seed=None)
+    assert (spec.name, spec.episodes, spec.seed) == ("mine", 9, 3)
+
+
+def test_an_unknown_field_is_refused_with_the_known_names(write):
+    with pytest.raises(UnknownName) as caught:
+        read_spec(write('method = "ast"\nepsiodes = 7'))
+    assert "wanted.toml: 'epsiodes' is not known. Did you mean 'episodes'?" in str(caught.value)
+    assert "planner_settings" in str(caught.value)
+
+
+def test_an_unknown_field_of_the_disturbance_model_is_refused_with_the_known_names(write):
+    with pytest.raises(UnknownName, match=r"disturbance: 'sigma' is not known.*lateral_base_m"):
+        read_spec(write('method = "ast"\nepisodes = 7\n[disturbance]\nsigma = 1.0'))
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        ("episodes = 7", "method"),
+        ('method = "ast"', "episodes"),
+        ('method = "ast"\nepisodes = 0', "episodes"),
+        ('method = "ast"\nepisodes = -1', "episodes"),
+        ('method = "ast"\nepisodes = 1000000000000', "episodes"),
+        ('method = "ast"\nepisodes = nan', "episodes"),
+        ('method = "ast"\nepisodes = "many"', "episodes"),
+        ('method = "ast"\nepisodes = 1\nprice_usd_per_hour = -1.0', "price_usd_per_hour"),
+        ('method = "ast"\nepisodes = 1\n[disturbance]\nlateral_base_m = 0.0', "lateral_base_m"),
+        ('method = "ast"\nepisodes = 1\ndisturbance = 3', "disturbance"),
+    ],
+)
+def test_a_value_outside_its_bounds_is_refused_by_field(write, text, field):
+    with pytest.raises(InvalidValue) as caught:
+        read_spec(write(text))
+    assert field in str(caught.value)
+    assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize("text", ["episodes =", "[[", "\x00"])
+def test_what_is_not_toml_is_refused_by_file(write, text):
+    with pytest.raises(InvalidValue, match=r"wanted\.toml: is not TOML"):
+        read_spec(write(text))
+
+
+def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path):
+    with pytest.raises(InvalidValue, match="cannot be read: No such file"):
+        read_spec(tmp_path / "none.toml")
+    with pytest.raises(InvalidValue, match="cannot be read: Is a directory"):
+        read_spec(tmp_path)
+    (tmp_path / "image.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(InvalidValue, match="is not TOML"):
+        read_spec(tmp_path / "image.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('method = "asd"\nepisodes = 1', "method: 'asd' is not known. Did you mean 'ast'?"),
+        (
+            'method = "ast"\nepisodes = 1\nplanner = "rules"',
+            "planner: 'rules' is not known. Did you mean 'rulebook'?",
+        ),
+        (
+            'method = "ast"\nepisodes = 1\nscenario = "cut_out"',
+            "scenario: 'cut_out' is not known. Did you mean 'cut_in'?",
+        ),
+        (
+            'method = "ast"\nepisodes = 1\n[settings]\nalfa = 1.0',
+            "settings: 'alfa' is not known. Did you mean 'alpha'?",
+        ),
+        (
+            'method = "ast"\nepisodes = 1\n[scenario_parameters]\ndistance = 60.0',
+            "scenario_parameters: 'distance' is not known. Did you mean 'distance_m'?",
+        ),
+    ],
+)
+def test_plug_ins_and_their_settings_are_checked_before_anything_starts(write, text, message):
+    with pytest.raises(UnknownName) as caught:
+        check_plugins(read_spec(write(text)))
+    assert message in str(caught.value)
+
+
+def test_a_setting_outside_its_bounds_is_refused_before_anything_starts(write):
+    spec = read_spec(write('method = "ast"\nepisodes = 1\n[scenario_parameters]\ndistance_m = 1.0'))
+    with pytest.raises(InvalidValue, match=r"scenario_parameters\.distance_m"):
+        check_plugins(spec)

@@ -1,0 +1,243 @@
+"""What users do with the client, against the whole API."""
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from eigenfail.errors import (
+    Conflict,
+    IllegalTransition,
+    InvalidValue,
+    NotFound,
+    ServiceError,
+    UnknownName,
+)
+from eigenfail.values import (
+    AnalysisResult,
+    AnalysisSettings,
+    CampaignSpec,
+    CampaignState,
+    DisturbanceModel,
+    EpisodeFault,
+    EpisodeResult,
+    FailureMode,
+    Measures,
+    NoiseTrajectory,
+    Outcome,
+    Scene,
+)
+from eigenfail.values.records import Delivery
+
+
+def collision(index):
+    z = np.random.default_rng(index).normal(size=(4, 2)).astype(np.float32)
+    return EpisodeResult(
+        index=index,
+        seed=index,
+        outcome=Outcome.COLLISION,
+        steps=4,
+        noise=NoiseTrajectory(z, np.ones_like(z)),
+        source="prior",
+        measures=Measures(0.0, severity=9.0),
+        scene=Scene(0.1, np.ones((5, 2, 4), np.float32), np.ones((2, 2), np.float32), z, z),
+    )
+
+
+def unrunnable(index):
+    nothing = np.zeros((0, 2), np.float32)
+    fault = EpisodeFault("planner", "It raised.")
+    noise = NoiseTrajectory(nothing, nothing)
+    return EpisodeResult(index, index, Outcome.FAILED, 0, noise, "prior", fault=fault)
+
+
+@pytest.fixture
+def campaign(client, fields):
+    return client.campaigns.create(**fields)
+
+
+@pytest.fixture
+def deliver(store, campaign):
+    def commit(*results):
+        store.campaigns.move(campaign.id, CampaignState.RUNNING)
+        store.episodes.commit(campaign.id, [Delivery(result, "w") for result in results])
+
+    return commit
+
+
+@pytest.fixture
+def analysis(client, store, campaign):
+    """The id of an analysis that is done."""
+    made = client.analyses.create(campaign.id)
+    z, one = np.ones((4, 2), np.float32), np.ones(1, np.float32)
+    store.analyses.start(made.id)
+    modes = (FailureMode(3, 0, one, z), FailureMode(1, 3, one, -z))
+    found = AnalysisResult((0,), one, z[None], one[None], (0,), modes, z, None, None)
+    store.analyses.finish(made.id, found)
+    return made.id
+
+
+def test_a_campaign_is_created_from_a_spec_or_from_fields(client, fields, store):
+    by_spec = client.campaigns.create(CampaignSpec(**fields))
+    by_fields = client.campaigns.create(**fields, disturbance=DisturbanceModel())
+    assert by_spec.id != by_fields.id
+    assert by_spec.spec == by_fields.spec == CampaignSpec(**fields)
+    assert store.campaigns.get(by_spec.id) == by_spec == client.campaigns.get(by_spec.id)
+
+
+def test_what_is_wrong_with_a_campaign_is_told_with_the_known_names(client, fields):
+    with pytest.raises(UnknownName) as refusal:
+        client.campaigns.create(**fields | {"planner": "rulebok"})
+    assert (refusal.value.field, refusal.value.name) == ("planner", "rulebok")
+    assert "rulebook" in refusal.value.known
+    assert "Did you mean 'rulebook'?" in str(refusal.value)
+    with pytest.raises(UnknownName, match="Did you mean 'episodes'"):
+        client.campaigns.create(**fields, episode=3)
+    with pytest.raises(UnknownName, match="lateral_slope"):
+        client.campaigns.create(**fields, disturbance={"slope": 1.0})
+    with pytest.raises(InvalidValue, match=r"settings\.round_size"):
+        client.campaigns.create(**fields, settings={"round_size": 0})
+    with pytest.raises(InvalidValue, match="price_usd_per_hour"):
+        client.campaigns.create(**fields, price_usd_per_hour=float("nan"))
+    with pytest.raises(InvalidValue, match="name: is required"):
+        client.campaigns.create(method="monte_carlo", episodes=3)
+    with pytest.raises(InvalidValue, match="object"):
+        client.campaigns.create(**fields, settings={"round_size": object()})
+
+
+def test_lists_go_over_pages(client, fields, monkeypatch):
+    monkeypatch.setattr("eigenfail.client.link.PAGE", 2)
+    ids = [client.campaigns.create(**fields).id for _ in range(5)]
+    assert [campaign.id for campaign in client.campaigns.list()] == ids[::-1]
+    client.campaigns.pause(ids[0])
+    assert [campaign.id for campaign in client.campaigns.list("paused")] == ids[:1]
+    assert [summary.campaign for summary in client.campaigns.summaries()] == ids[::-1]
+
+
+def test_wishes(client, campaign):
+    assert client.campaigns.pause(campaign.id).state == "paused"
+    assert client.campaigns.resume(campaign.id).state == "queued"
+    assert client.campaigns.cancel(campaign.id).state == "cancelled"
+    with pytest.raises(IllegalTransition, match="cannot be resumed"):
+        client.campaigns.resume(campaign.id)
+
+
+def test_waiting_ends_with_the_campaign_and_tells_of_progress(client, campaign, store):
+    path = iter([CampaignState.RUNNING, CampaignState.DONE])
+    seen = []
+
+    def watch(now):
+        seen.append(now.state)
+        store.campaigns.move(now.id, next(path)) if now.state != "done" else None
+
+    ended = client.campaigns.wait(campaign.id, on_progress=watch, poll_s=0.0)
+    assert ended.state == "done"
+    assert ended.digest == client.campaigns.digest(campaign.id)
+    assert seen == ["queued", "running", "done"]
+
+
+def test_waiting_ends_at_a_pause_and_after_the_time_that_was_given(client, campaign):
+    with pytest.raises(ServiceError, match="not over after 0 s"):
+        client.campaigns.wait(campaign.id, poll_s=0.0, timeout_s=0.0)
+    client.campaigns.pause(campaign.id)
+    assert client.campaigns.wait(campaign.id).state == "paused"
+
+
+def test_summary_and_digest(client, campaign, deliver):
+    before = client.campaigns.digest(campaign.id)
+    deliver(collision(0))
+    assert client.campaigns.summary(campaign.id).failure_rate.k == 1
+    assert client.campaigns.digest(campaign.id) != before
+
+
+def test_an_episode_comes_back_to_the_last_bit(client, campaign, deliver):
+    deliver(collision(0), unrunnable(1))
+    told = client.episodes.get(campaign.id, 0)
+    assert told.digest() == collision(0).digest()
+    assert told.noise.log_probability == collision(0).noise.log_probability
+    assert told.scene.vehicles.dtype == np.float32
+    assert told.scene.vehicles.shape == (5, 2, 4)
+
+
+def test_an_episode_without_a_step_keeps_its_shape(client, campaign, deliver):
+    deliver(unrunnable(1))
+    told = client.episodes.get(campaign.id, 1)
+    assert told.noise.z.shape == (0, 2)
+    assert told.noise.log_probability == 0.0
+    assert told.digest() == unrunnable(1).digest()
+
+
+def test_episodes_are_listed_by_outcome(client, campaign, deliver, monkeypatch):
+    monkeypatch.setattr("eigenfail.client.link.PAGE", 1)
+    deliver(collision(0), unrunnable(1), collision(2))
+    assert [row.index for row in client.episodes.list(campaign.id)] == [0, 1, 2]
+    assert [row.index for row in client.episodes.list(campaign.id, Outcome.COLLISION)] == [0, 2]
+
+
+def test_analyses_are_made_waited_for_and_listed(client, campaign, analysis):
+    waiting = client.analyses.create(campaign.id, AnalysisSettings(clusters=3))
+    assert waiting.settings.clusters == 3
+    assert client.analyses.wait(analysis).result.modes[1].medoid == 3
+    assert client.analyses.get(analysis).result.components.shape == (1, 4, 2)
+    assert [each.id for each in client.analyses.list(campaign.id)] == [waiting.id, analysis]
+    with pytest.raises(ServiceError):
+        client.analyses.wait(waiting.id, poll_s=0.0, timeout_s=0.0)
+
+
+def test_eigenfailures_are_replayed(client, campaign, analysis):
+    first, second = client.analyses.eigenfailures(analysis)
+    assert np.array_equal(second.eigenfailure, -first.eigenfailure)
+    replay = client.analyses.replay(analysis, {"distance_m": 63.0}, name="further")
+    assert replay.spec.name == "further"
+    assert replay.spec.episodes == 2
+    assert replay.spec.scenario_parameters == {"distance_m": 63.0}
+    assert client.analyses.get(analysis).replay_campaign == replay.id
+    unfinished = client.analyses.create(campaign.id)
+    with pytest.raises(Conflict, match="queued"):
+        client.analyses.replay(unfinished.id)
+
+
+def test_events_are_followed(client, campaign, store):
+    with closing(client.events.follow()) as follower:
+        first = next(follower)
+        assert first.campaign == campaign.id
+        client.campaigns.pause(campaign.id)
+        second = next(follower)
+        assert second.id > first.id
+    with closing(client.events.follow(after=first.id, campaign=campaign.id)) as follower:
+        assert next(follower) == second
+    with pytest.raises(NotFound):
+        next(client.events.follow(campaign=99))
+
+
+def test_plugins_are_listed(client):
+    assert "monte_carlo" in {plugin.name for plugin in client.methods()}
+    assert "idm" in {plugin.name for plugin in client.planners()}
+    assert "cut_in" in {plugin.name for plugin in client.scenarios()}
+    assert "point_mass" in {plugin.name for plugin in client.simulators()}
+
+
+def test_health(client, store, monkeypatch):
+    assert client.health()
+    monkeypatch.setattr(store, "ping", lambda: 1 / 0)
+    assert not client.health()
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda client: client.campaigns.get(9),
+        lambda client: client.campaigns.pause(9),
+        lambda client: client.campaigns.summary(9),
+        lambda client: client.campaigns.digest(9),
+        lambda client: list(client.episodes.list(9)),
+        lambda client: client.episodes.get(9, 0),
+        lambda client: client.analyses.create(9),
+        lambda client: client.analyses.get(9),
+        lambda client: list(client.analyses.list(9)),
+        lambda client: client.analyses.replay(9),
+    ],
+)
+def test_what_is_not_there_is_not_found(client, ask):
+    with pytest.raises(NotFound):
+        ask(client)
