@@ -1,0 +1,36 @@
+"""Every planner, scenario and simulator that is installed keeps its contract."""
+
+import pytest
+
+from eigenfail import plugins
+from eigenfail.testing.planner import PLANNER_CHECKS
+from eigenfail.testing.scenario import SCENARIO_CHECKS
+from eigenfail.testing.simulation import SIMULATION_CHECKS
+
+PLANNERS = [name for name in plugins.names(plugins.PLANNERS) if not name.startswith("test_")]
+
+
+def named(check) -> str:
+    return check.__name__
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("check", PLANNER_CHECKS, ids=named)
+def test_planners(check, name: str) -> None:
+    planner = plugins.load(plugins.PLANNERS, name)
+    check(lambda: planner(planner.Settings()))
+
+
+@pytest.mark.parametrize("name", plugins.names(plugins.SCENARIOS))
+@pytest.mark.parametrize("check", SCENARIO_CHECKS, ids=named)
+def test_scenarios(check, name: str) -> None:
+    check(plugins.load(plugins.SCENARIOS, name)())
+
+
+@pytest.mark.parametrize("scenario", plugins.names(plugins.SCENARIOS))
+@pytest.mark.parametrize("simulator", plugins.names(plugins.SIMULATORS))
+@pytest.mark.parametrize("check", SIMULATION_CHECKS, ids=named)
+def test_simulations(check, simulator: str, scenario: str) -> None:
+    opener = plugins.load(plugins.SIMULATORS, simulator)()
+    staged = plugins.load(plugins.SCENARIOS, scenario)
+    check(lambda planner: opener.open(staged(), staged.Parameters(), planner))

@@ -1,0 +1,94 @@
+"""TTC and DRAC, worked out by hand."""
+
+from math import pi
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eigenfail.values import VehicleState
+from eigenfail_workers.measures.conflict import Conflict, conflict, shares_path
+from eigenfail_workers.measures.geometry import separation
+
+TRUCK = VehicleState(0.0, 0.0, 0.0, 24.0, 16.0, 2.5)
+LEFT, RIGHT = pi / 2, -pi / 2
+
+
+def square(x: float, y: float, heading: float, speed: float) -> VehicleState:
+    """2 m × 2 m: its extents are the same at every right angle."""
+    return VehicleState(x, y, heading, speed, 2.0, 2.0)
+
+
+def of(ego: VehicleState, other: VehicleState) -> Conflict | None:
+    return conflict(ego, other, separation(ego, other))
+
+
+def test_behind_a_slower_vehicle_in_the_lane() -> None:
+    # gap 60.5 - 8 - 2.5 = 50 m, closing at 12 m/s
+    found = of(TRUCK, VehicleState(60.5, 0.0, 0.0, 12.0, 5.0, 2.0))
+    assert found == pytest.approx((50.0 / 12.0, 144.0 / 100.0))
+
+
+def test_before_a_faster_vehicle_in_the_lane() -> None:
+    # gap 30 - 8 - 1 = 21 m, closing at 6 m/s
+    assert of(TRUCK, square(-30.0, 0.0, 0.0, 30.0)) == pytest.approx((3.5, 36.0 / 42.0))
+
+
+def test_beside_a_vehicle_that_comes_over() -> None:
+    # gap 3.5 - 1.25 - 1 = 1.25 m across, closing at 1.25 m/s: it is there in just 1 s
+    found = of(TRUCK, square(0.0, 3.5, RIGHT, 1.25))
+    assert found == pytest.approx((1.0, 1.25**2 / 2.5))
+
+
+def test_from_corner_to_corner() -> None:
+    # gaps 4 m along and 3 m across: 5 m; (24, 3) on (0.8, 0.6) closes at 21 m/s
+    found = of(TRUCK, square(8.0 + 1.0 + 4.0, 1.25 + 1.0 + 3.0, RIGHT, 3.0))
+    assert found == pytest.approx((5.0 / 21.0, 21.0**2 / 10.0))
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        square(40.0, 0.0, 0.0, 24.0),
+        square(40.0, 0.0, 0.0, 30.0),
+        square(-40.0, 0.0, 0.0, 10.0),
+        square(40.0, 3.5, 0.0, 0.0),
+        square(40.0, 3.5, LEFT, 2.0),
+        square(40.0, 3.5, RIGHT, 1.24),
+        square(40.0, -3.5, LEFT, 1.24),
+    ],
+    ids=[
+        "as fast",
+        "faster ahead",
+        "slower behind",
+        "stays in the next lane",
+        "leaves",
+        "comes over too slowly",
+        "comes over too slowly from the right",
+    ],
+)
+def test_no_conflict(other: VehicleState) -> None:
+    assert of(TRUCK, other) is None
+
+
+def test_there_is_none_at_contact() -> None:
+    assert of(TRUCK, square(8.5, 0.0, 0.0, 0.0)) is None
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_ego_may_be_the_one_who_comes_over(side: float) -> None:
+    merging = VehicleState(0.0, 0.0, side * 0.1, 24.0, 16.0, 2.5)
+    assert shares_path(merging, square(40.0, side * 3.5, 0.0, 10.0))
+    assert not shares_path(merging, square(40.0, -side * 5.5, 0.0, 10.0))
+
+
+@settings(deadline=None, derandomize=True, max_examples=100)
+@given(st.floats(0.1, 100.0), st.floats(0.1, 20.0))
+def test_braking_by_drac_stops_just_before_contact(gap_m: float, closing_mps: float) -> None:
+    other = square(9.0 + gap_m, 0.0, 0.0, 24.0 - closing_mps)
+    found = of(TRUCK, other)
+    assert found is not None
+    time_s = closing_mps / found.drac_mps2
+    way_m = closing_mps * time_s - 0.5 * found.drac_mps2 * time_s**2
+    assert way_m == pytest.approx(gap_m, rel=1e-6)
+    assert found.ttc_s * closing_mps == pytest.approx(gap_m, rel=1e-6)

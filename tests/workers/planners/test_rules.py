@@ -1,0 +1,129 @@
+"""The hierarchy: strictly lexicographic, and it knows which rule decided."""
+
+import pytest
+
+from eigenfail_workers.planners.rulebook.candidates import (
+    KNOTS,
+    CandidateSettings,
+    Profile,
+    Start,
+    profiles,
+    roll_out,
+)
+from eigenfail_workers.planners.rulebook.driving_modes import Task
+from eigenfail_workers.planners.rulebook.rules import (
+    HIERARCHY,
+    UNOPPOSED,
+    Question,
+    Rule,
+    RuleSettings,
+    choose,
+)
+from eigenfail_workers.planners.rulebook.surroundings import (
+    Neighbour,
+    Surroundings,
+    required_deceleration,
+)
+from eigenfail_workers.planners.rulebook.truck import TruckLimits
+
+LIMITS = TruckLimits()
+TASK = Task(24.0, 0.5)
+
+
+def candidates(around, speed_mps=24.0):
+    start = Start(speed_mps, 0.0, TASK)
+    return profiles(start, around, CandidateSettings(), LIMITS)
+
+
+def verdict(around, speed_mps=24.0):
+    question = Question(around, speed_mps, 25.0, RuleSettings())
+    return choose(candidates(around, speed_mps), question)
+
+
+def table(costs, tolerances=(0.0, 0.0, 0.0)):
+    """Choose among made-up profiles whose costs by rule are given."""
+    made = [Profile(name, 0.0, [], [], []) for name in costs]
+    rules = [
+        Rule(f"rule {k}", lambda profile, _question, k=k: costs[profile.name][k], tolerance)
+        for k, tolerance in enumerate(tolerances)
+    ]
+    found = choose(made, Question(Surroundings(), 24.0, 25.0, RuleSettings()), rules)
+    return found.profile.name, found.rule
+
+
+def test_a_higher_rule_outweighs_any_amount_below():
+    assert table({"a": (0, 1e9, 1e9), "b": (1, 0, 0)}) == ("a", "rule 0")
+    assert table({"a": (1, 1, 1e9), "b": (1, 2, 0)}) == ("a", "rule 1")
+
+
+def test_the_deciding_rule_is_the_one_that_turned_the_last_rival_down():
+    assert table({"a": (0, 1, 0), "b": (0, 0, 3), "c": (5, 0, 0)}) == ("b", "rule 1")
+    assert table({"a": (0, 0, 0), "b": (0, 0, 0), "c": (5, 0, 0)}) == ("a", "rule 0")
+
+
+def test_differences_within_the_tolerance_go_on_to_the_next_rule():
+    costs = {"a": (0.0, 5, 0), "b": (0.4, 1, 0)}
+    assert table(costs, (0.5, 0, 0)) == ("b", "rule 1")
+    assert table(costs, (0.3, 0, 0)) == ("a", "rule 0")
+
+
+def test_alone_or_equal_is_unopposed():
+    assert table({"a": (3, 2, 1)}) == ("a", UNOPPOSED)
+    assert table({"a": (0, 0, 0), "b": (0, 0, 0)}) == ("a", UNOPPOSED)
+
+
+def test_the_order_of_the_paper_s_hierarchy():
+    assert [rule.name for rule in HIERARCHY] == [
+        "no_collision",
+        "right_of_way",
+        "clearance",
+        "speed_limit",
+        "comfort",
+        "progress",
+    ]
+
+
+def test_an_empty_road_is_for_progress():
+    assert verdict(Surroundings(), 20.0).profile.name == "keep"
+    assert verdict(Surroundings(), 20.0).rule == "progress"
+
+
+def test_a_lead_that_would_be_hit_is_followed_because_of_that():
+    around = Surroundings(lead=Neighbour(25.0, 0.5, 12.0))
+    assert (verdict(around, 20.0).profile.name, verdict(around, 20.0).rule) == (
+        "follow",
+        "no_collision",
+    )
+
+
+def test_a_slower_neighbour_is_given_room_once_it_needs_it():
+    far = Surroundings(neighbour=Neighbour(120.0, 3.5, 12.0))
+    near = Surroundings(neighbour=Neighbour(60.0, 3.5, 12.0))
+    assert verdict(far).profile.name == "keep"
+    assert (verdict(near).profile.name, verdict(near).rule) == ("slow", "clearance")
+
+
+def test_candidates_are_offered_only_where_they_make_sense():
+    names = {profile.name for profile in candidates(Surroundings())}
+    assert names == {"keep", "hold"}
+    lead = Neighbour(30.0, 0.0, 12.0)
+    assert {p.name for p in candidates(Surroundings(lead, lead))} == names | {"follow", "slow"}
+
+
+def test_profiles_respect_jerk_task_and_standstill():
+    limits = LIMITS
+    up = roll_out("up", Start(23.9, 0.0, TASK), 0.5, limits)
+    assert max(up.speeds) <= 24.0
+    down = roll_out("down", Start(3.0, 0.0, TASK), -4.0, limits)
+    assert down.speeds[-1] == 0.0
+    assert down.ways[-1] == down.ways[-2]
+    assert down.accelerations[0] == pytest.approx(-limits.comfort_jerk_mps3 * 0.5)
+    assert len(down.ways) == KNOTS
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "closing_mps", "expected"),
+    [(55.0, 10.0, 1.0), (55.0, -10.0, 0.0), (5.0, 1.0, 100.0), (4.0, 0.0, 0.0)],
+)
+def test_required_deceleration_by_hand(gap_m, closing_mps, expected):
+    assert required_deceleration(gap_m, closing_mps, 5.0) == expected

@@ -1,0 +1,214 @@
+"""A worker's two processes against a hub that this test plays, over a real socket."""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from threading import Thread
+from types import SimpleNamespace
+
+import psutil
+import pytest
+import zmq
+
+from eigenfail.values import CampaignSpec, EpisodeTask, Outcome, PriorSource, episode_seed
+from eigenfail.wire.messages import (
+    PROTOCOL,
+    Ack,
+    Drop,
+    Goodbye,
+    Heartbeat,
+    Hello,
+    Lease,
+    Refusal,
+    Results,
+    Setup,
+    Welcome,
+    encode,
+    read_worker_message,
+)
+from eigenfail_workers.worker import child_process
+from eigenfail_workers.worker.parent import Parent
+
+pytestmark = pytest.mark.service
+
+
+class PlayedHub:
+    """Says what the test wants said, and keeps what the worker says."""
+
+    def __init__(self) -> None:
+        self.socket = zmq.Context.instance().socket(zmq.ROUTER)
+        port = self.socket.bind_to_random_port("tcp://127.0.0.1")
+        self.address = f"tcp://127.0.0.1:{port}"
+        self.worker = b""
+
+    def hear(self, kind: type, within_s: float = 20.0):
+        """The next message of that kind; others are passed over."""
+        deadline = time.monotonic() + within_s
+        while (left := deadline - time.monotonic()) > 0:
+            if self.socket.poll(int(left * 1000)):
+                self.worker, data = self.socket.recv_multipart()
+                message = read_worker_message(data)
+                if isinstance(message, kind):
+                    return message
+        raise AssertionError(f"no {kind.__name__} within {within_s} s")
+
+    def say(self, *messages) -> None:
+        for message in messages:
+            data = message if isinstance(message, bytes) else encode(message)
+            self.socket.send_multipart([self.worker, data])
+
+
+@pytest.fixture
+def hub() -> Iterator[PlayedHub]:
+    played = PlayedHub()
+    yield played
+    played.socket.close(linger=0)
+
+
+@pytest.fixture
+def parent(hub: PlayedHub) -> Iterator[Parent]:
+    worker = Parent(hub.address, "w", episode_limit_s=1.5)
+    thread = Thread(target=worker.serve)
+    thread.start()
+    hello = hub.hear(Hello)
+    assert (hello.protocol, hello.worker) == (PROTOCOL, "w")
+    hub.say(Welcome(heartbeat_s=0.2))
+    yield worker
+    worker.leave()
+    thread.join(timeout=10)
+    assert not thread.is_alive()
+    assert not [p for p in psutil.Process().children() if "worker.child" in " ".join(p.cmdline())]
+
+
+def setup(planner: str) -> Setup:
+    spec = CampaignSpec(name="t", method="monte_carlo", episodes=9, planner=planner)
+    return Setup(1, spec.setup())
+
+
+def lease(*indices: int) -> Lease:
+    return Lease(1, tuple(EpisodeTask(i, episode_seed(0, i), PriorSource()) for i in indices))
+
+
+def child() -> psutil.Process:
+    for process in psutil.Process().children():
+        if "worker.child" in " ".join(process.cmdline()):
+            return process
+    raise AssertionError("the worker has no child")
+
+
+def test_leased_episodes_come_back_in_order(hub: PlayedHub, parent: Parent) -> None:
+    hub.say(setup("idm"), lease(0, 1, 2))
+    results = [hub.hear(Results).results[0] for _ in range(3)]
+    assert [result.index for result in results] == [0, 1, 2]
+    assert all(result.outcome is not Outcome.FAILED for result in results)
+
+
+def test_what_is_not_acknowledged_is_said_again_to_the_next_hub(hub, parent) -> None:
+    hub.say(setup("idm"), lease(0, 1))
+    first = [hub.hear(Results).results[0] for _ in range(2)]
+    hub.say(Ack(1, (0,)), Refusal("who are you?"))
+    hub.hear(Hello)
+    hub.say(Welcome(0.2))
+    again = hub.hear(Results).results[0]
+    assert (again.index, again.digest()) == (1, first[1].digest())
+
+
+def test_a_killed_child_costs_no_episode(hub, parent) -> None:
+    hub.say(setup("idm"), lease(*range(40)))
+    hub.hear(Results)
+    child().send_signal(signal.SIGKILL)
+    indices = [hub.hear(Results).results[0].index for _ in range(39)]
+    assert sorted(indices) == list(range(1, 40))
+
+
+def test_an_episode_that_never_ends_is_given_up(hub, parent) -> None:
+    hub.say(setup("test_hangs"), lease(0))
+    result = hub.hear(Results).results[0]
+    assert result.outcome is Outcome.FAILED
+    assert "longer than 1.5 s" in result.fault.message
+
+
+def test_an_episode_that_kills_its_process_is_given_up_after_three_tries(hub, parent) -> None:
+    hub.say(setup("test_dies"), lease(0))
+    result = hub.hear(Results, within_s=60).results[0]
+    assert result.fault.kind == "infrastructure"
+    assert "exit status" in result.fault.message
+
+
+@pytest.mark.parametrize("planner", ["test_raises", "test_returns_none", "test_returns_nan"])
+def test_a_bad_planner_fails_its_episodes_and_nothing_else(hub, parent, planner) -> None:
+    pid = os.getpid()
+    hub.say(setup(planner), lease(0, 1))
+    faults = [hub.hear(Results).results[0].fault for _ in range(2)]
+    assert {fault.kind for fault in faults} == {"planner"}
+    assert os.getpid() == pid
+
+
+def test_an_unknown_planner_fails_its_episodes_with_the_known_names(hub, parent) -> None:
+    hub.say(setup("rulebok"), lease(0))
+    fault = hub.hear(Results).results[0].fault
+    assert fault.kind == "input"
+    assert "rulebook" in fault.message
+
+
+def test_nonsense_is_passed_over(hub, parent) -> None:
+    hub.say(b"", b"\x80\x04K\x01.", b"GET / HTTP/1.1\r\n\r\n", b"\xc1" * 1000)
+    assert hub.hear(Heartbeat)
+
+
+def test_a_dropped_campaign_is_not_run_on(hub, parent) -> None:
+    hub.say(setup("idm"), lease(*range(100)))
+    hub.hear(Results)
+    hub.say(Drop(1), setup("idm"), lease(500))
+    indices = []
+    while not indices or indices[-1] != 500:
+        indices.append(hub.hear(Results).results[0].index)
+    assert len(indices) < 60
+
+
+def test_goodbye_is_obeyed_and_answered(hub, parent) -> None:
+    hub.say(Goodbye())
+    assert hub.hear(Goodbye)
+
+
+def test_a_campaign_dropped_while_its_episode_hangs_is_nobodys_trouble(hub, parent) -> None:
+    hub.say(setup("test_hangs"), lease(0, 1))
+    while hub.hear(Heartbeat).running != 0:
+        pass
+    hub.say(Drop(1))
+    time.sleep(2.0)
+    hub.say(setup("idm"), lease(7))
+    assert [r.index for r in hub.hear(Results).results] == [7]
+
+
+def test_a_result_that_is_asked_for_again_is_sent_again(hub, parent) -> None:
+    hub.say(setup("idm"), lease(0))
+    first = hub.hear(Results).results[0]
+    hub.say(lease(0))
+    assert hub.hear(Results).results[0].digest() == first.digest()
+
+
+def test_only_the_first_of_many_welcomes_brings_the_outbox(hub, parent) -> None:
+    hub.say(setup("idm"), lease(0))
+    hub.hear(Results)
+    hub.say(*[Welcome(heartbeat_s=0.2)] * 3, lease(1))
+    assert [r.index for r in hub.hear(Results).results] == [1]
+
+
+def test_a_standstill_of_the_whole_worker_is_not_the_episodes_time(monkeypatch) -> None:
+    now_s = [1000.0]
+    monkeypatch.setattr(child_process, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    process = child_process.ChildProcess()
+    try:
+        (task,) = lease(0).tasks
+        process.run(child_process.Held(1, task))
+        process.began = True
+        now_s[0] += 3600.0
+        assert not process.overdue(limit_s=5.0)
+        for _ in range(6):
+            now_s[0] += 1.0
+            overdue = process.overdue(limit_s=5.0)
+        assert overdue
+    finally:
+        process.end()

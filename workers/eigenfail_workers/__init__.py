@@ -1,0 +1,1 @@
+"""Runs episodes: simulators, scenarios, planners and the worker around them."""

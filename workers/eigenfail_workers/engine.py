@@ -1,0 +1,132 @@
+"""Runs the episodes of a campaign in this process."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from time import perf_counter
+
+from msgspec import structs
+
+from eigenfail import plugins
+from eigenfail.contracts import Planner, Simulation
+from eigenfail.errors import EpisodeError, InputError, PlannerError, SimulatorError
+from eigenfail.settings import read_settings
+from eigenfail.values import (
+    EpisodeFault,
+    EpisodeResult,
+    EpisodeSetup,
+    EpisodeTask,
+    Outcome,
+    Policy,
+    unrunnable,
+)
+from eigenfail_workers.episode import run_episode
+from eigenfail_workers.faults import blamed_on, fault
+from eigenfail_workers.measures.recorder import Recorder
+from eigenfail_workers.noise import sources
+from eigenfail_workers.noise.policy import settled
+
+KEPT_POLICIES = 16
+"""Far more versions than a learner keeps in flight, far fewer than it makes."""
+
+
+def unwatched(planner: Planner) -> Planner:
+    """Nobody looks on."""
+    return planner
+
+
+class Engine:
+    """Implements `EpisodeEngine`: one simulation, reset for each episode, reopened after a fault.
+
+    Args:
+        setup: what all episodes share.
+        watch: stands in for each planner that is made, to look on while it drives.
+
+    Raises:
+        UnknownName: a plug-in, setting or parameter that does not exist.
+        InvalidValue: a setting or parameter outside its bounds.
+    """
+
+    def __init__(
+        self, setup: EpisodeSetup, watch: Callable[[Planner], Planner] = unwatched
+    ) -> None:
+        self._setup = setup
+        self._watch = watch
+        self._simulator = plugins.load(plugins.SIMULATORS, setup.simulator)()
+        scenario = plugins.load(plugins.SCENARIOS, setup.scenario)
+        self._parameters = read_settings(
+            scenario.Parameters, setup.scenario_parameters, "scenario_parameters"
+        )
+        self._scenario = scenario()
+        self._planner_class = plugins.load(plugins.PLANNERS, setup.planner)
+        self._planner_settings = read_settings(
+            self._planner_class.Settings, setup.planner_settings, "planner_settings"
+        )
+        self._policies: dict[int, Policy] = {}
+        self._simulation: Simulation | None = None
+
+    def learn(self, policy: Policy) -> None:
+        """Keep a policy version, as it is now; the oldest make room."""
+        self._policies.pop(policy.version, None)
+        self._policies[policy.version] = settled(policy)
+        while len(self._policies) > KEPT_POLICIES:
+            del self._policies[next(iter(self._policies))]
+
+    def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:
+        """The results, in the order of the tasks."""
+        return map(self._run, tasks)
+
+    def _run(self, task: EpisodeTask) -> EpisodeResult:
+        began = perf_counter()
+        recorder = Recorder()
+        try:
+            result = self._complete(task, recorder)
+        except (EpisodeError, InputError) as error:
+            self._start_clean()
+            result = _failed(task, recorder, fault(error))
+        return structs.replace(result, wall_s=perf_counter() - began)
+
+    def _complete(self, task: EpisodeTask, recorder: Recorder) -> EpisodeResult:
+        with blamed_on(SimulatorError, "The episode", "Look into simulator and scenario."):
+            simulation = self._opened()
+            given = sources.Circumstances(task.seed, simulation.steps, self._policies)
+            noise = sources.begin(task.source, given)
+            run_episode(simulation, task.seed, self._setup.disturbance, noise, recorder)
+            keep_scene = recorder.collided or task.index % self._setup.scene_every == 0
+            return EpisodeResult(
+                index=task.index,
+                seed=task.seed,
+                outcome=Outcome.COLLISION if recorder.collided else Outcome.SAFE,
+                steps=recorder.steps,
+                noise=recorder.noise(),
+                source=task.source_kind,
+                measures=recorder.measures(),
+                states=noise.states(),
+                scene=recorder.scene(simulation.dt_s) if keep_scene else None,
+            )
+
+    def _opened(self) -> Simulation:
+        """The simulation, opened with a fresh planner if there is none."""
+        if self._simulation is None:
+            planner = self._new_planner()
+            self._simulation = self._simulator.open(self._scenario, self._parameters, planner)
+        return self._simulation
+
+    def _new_planner(self) -> Planner:
+        with blamed_on(PlannerError, "Making the planner", "Look into the planner."):
+            return self._watch(self._planner_class(self._planner_settings))
+
+    def _start_clean(self) -> None:
+        """After a fault; what broke may break once more as it is closed, and that is no news."""
+        with suppress(Exception):
+            self.close()
+
+    def close(self) -> None:
+        """Let go of the simulation and its planner."""
+        simulation, self._simulation = self._simulation, None
+        if simulation is not None:
+            simulation.close()
+
+
+def _failed(task: EpisodeTask, recorder: Recorder, why: EpisodeFault) -> EpisodeResult:
+    """What is left of an episode that could not be completed."""
+    return structs.replace(unrunnable(task, why), steps=recorder.steps, noise=recorder.noise())

@@ -1,0 +1,1 @@
+"""What is measured on the way: distances, surrogate safety measures, the record of an episode."""

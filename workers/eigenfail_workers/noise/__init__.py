@@ -1,0 +1,1 @@
+"""Disturbances: their model, and where they come from."""

@@ -1,0 +1,127 @@
+"""The adversary's policy in numpy: a squashed Gaussian on what the adversary sees.
+
+One product for each state, never a batch of them: the last bits of a BLAS product depend on the
+size of the batch, and an episode must not depend on its neighbours.
+"""
+
+from math import isfinite
+
+import msgspec
+import numpy as np
+
+from eigenfail.errors import InvalidValue
+from eigenfail.values import STATE, Floats, Layer, Observation, Policy, VehicleState
+
+Pair = tuple[float, float]
+
+ACTIONS = 2
+LOG_STD_MIN, LOG_STD_MAX = np.float32(-20.0), np.float32(2.0)
+
+
+def state_vector(observation: Observation, actor: VehicleState, horizon: int) -> Floats:
+    """What the adversary sees, shape (len(STATE),), in the order and the units of STATE."""
+    ego = observation.ego
+    return np.array(
+        (
+            (actor.x_m - ego.x_m) / 100.0,
+            (actor.y_m - ego.y_m) / 4.0,
+            ego.speed_mps / 30.0,
+            actor.speed_mps / 30.0,
+            actor.heading_rad,
+            observation.step / horizon,
+        ),
+        np.float32,
+    )
+
+
+def act(policy: Policy, state: Floats, eps: Floats) -> Floats:
+    """z = amplitude · tanh(mean + exp(log_std) · eps), all in float32, shape (2,). [sigma]"""
+    hidden = state
+    for layer in policy.hidden:
+        hidden = np.maximum(_affine(layer, hidden), np.float32(0.0))
+    log_std = np.clip(_affine(policy.log_std, hidden), LOG_STD_MIN, LOG_STD_MAX)
+    squashed = np.tanh(_affine(policy.mean, hidden) + np.exp(log_std) * eps)
+    z: Floats = np.float32(policy.amplitude) * squashed
+    return z
+
+
+def _affine(layer: Layer, x: Floats) -> Floats:
+    return layer.weight @ x + layer.bias
+
+
+def settled(policy: Policy) -> Policy:
+    """A copy in one fixed memory layout, on which the last bits of a product depend too."""
+    return msgspec.structs.replace(
+        policy,
+        hidden=tuple(map(_settled_layer, policy.hidden)),
+        mean=_settled_layer(policy.mean),
+        log_std=_settled_layer(policy.log_std),
+    )
+
+
+def _settled_layer(layer: Layer) -> Layer:
+    return Layer(*(np.array(part, np.float32, order="C") for part in (layer.weight, layer.bias)))
+
+
+def check(policy: Policy) -> None:
+    """Make sure that a policy can act.
+
+    Raises:
+        InvalidValue: its layers do not fit each other, hold what is not a number, or it cannot
+            hold an action.
+    """
+    width = len(STATE)
+    for layer in policy.hidden:
+        _check_layer(layer, (layer.bias.size, width))
+        width = layer.bias.size
+    _check_layer(policy.mean, (ACTIONS, width))
+    _check_layer(policy.log_std, (ACTIONS, width))
+    if policy.hold < 1 or not 0.0 < policy.amplitude < np.inf:
+        raise InvalidValue("policy", "hold must be at least 1 and the amplitude positive.")
+
+
+def _check_layer(layer: Layer, shape: tuple[int, int]) -> None:
+    fits = layer.weight.shape == shape and layer.bias.shape == shape[:1]
+    if not fits or not (np.isfinite(layer.weight).all() and np.isfinite(layer.bias).all()):
+        raise InvalidValue(
+            "policy",
+            f"a layer of weight {layer.weight.shape} and bias {layer.bias.shape} is not of shape "
+            f"{shape} with finite numbers.",
+            f"The input is the state ({', '.join(STATE)}), the output z of {ACTIONS} axes.",
+        )
+
+
+def _pair(z: Floats) -> Pair:
+    longitudinal, lateral = z.tolist()
+    if not isfinite(longitudinal + lateral):
+        raise InvalidValue("policy", f"it asks for z = ({longitudinal}, {lateral}).")
+    return longitudinal, lateral
+
+
+class PolicyNoise:
+    """Lets a policy choose z from what it sees; each choice is held for `policy.hold` steps."""
+
+    def __init__(self, policy: Policy, generator: np.random.Generator, horizon: int) -> None:
+        check(policy)
+        self._policy = policy
+        self._generator = generator
+        self._horizon = horizon
+        self._held: Pair = (0.0, 0.0)
+        self._seen: list[Floats] = []
+
+    def draw(self, observation: Observation, actor: VehicleState, /) -> Pair:
+        """The choice for this step.
+
+        Raises:
+            InvalidValue: float32 cannot hold what the policy asks for.
+        """
+        state = state_vector(observation, actor, self._horizon)
+        if len(self._seen) % self._policy.hold == 0:
+            eps = self._generator.standard_normal(ACTIONS, dtype=np.float32)
+            self._held = _pair(act(self._policy, state, eps))
+        self._seen.append(state)
+        return self._held
+
+    def states(self) -> Floats:
+        """What was seen at each step, shape (steps, len(STATE))."""
+        return np.array(self._seen, np.float32).reshape(-1, len(STATE))

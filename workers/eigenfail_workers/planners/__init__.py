@@ -1,0 +1,1 @@
+"""Planners: systems under test. They see their perception and nothing else."""

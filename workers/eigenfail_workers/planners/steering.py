@@ -1,0 +1,31 @@
+"""Lane keeping by pure pursuit."""
+
+from math import atan, atan2, sin
+
+from eigenfail.values import Mission, VehicleState
+
+LOOK_AHEAD_S = 1.5
+SHORTEST_LOOK_AHEAD_M = 12.0
+MAX_STEERING_RAD = 0.3
+
+
+class LaneKeeping:
+    """Steers to a point ahead on the centre of the lane in which the episode began."""
+
+    def __init__(self, mission: Mission) -> None:
+        self._lane_width_m = mission.lane_width_m
+        self._lanes = mission.lanes
+        self._centre_m: float | None = None
+
+    def __call__(self, ego: VehicleState) -> float:
+        """The steering angle for an ego there [rad]."""
+        if self._centre_m is None:
+            self._centre_m = self._nearest_centre_m(ego.y_m)
+        look_ahead_m = max(ego.speed_mps * LOOK_AHEAD_S, SHORTEST_LOOK_AHEAD_M)
+        bearing = atan2(self._centre_m - ego.y_m, look_ahead_m) - ego.heading_rad
+        angle = atan(2.0 * ego.length_m * sin(bearing) / look_ahead_m)
+        return min(max(angle, -MAX_STEERING_RAD), MAX_STEERING_RAD)
+
+    def _nearest_centre_m(self, y_m: float) -> float:
+        lane = min(max(round(y_m / self._lane_width_m), 0), self._lanes - 1)
+        return lane * self._lane_width_m

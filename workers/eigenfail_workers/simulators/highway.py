@@ -1,0 +1,121 @@
+"""highway-env's road, vehicles and collision test, without its gym environments."""
+
+from typing import Any
+
+import numpy as np
+from highway_env.road.lane import StraightLane
+from highway_env.road.road import Road, RoadNetwork
+from highway_env.vehicle.kinematics import Vehicle
+from numpy.typing import NDArray
+
+from eigenfail.contracts import Planner, Scenario, Simulation, Situation
+from eigenfail.values import Control, Mission, VehicleState
+from eigenfail_workers.closed_loop import DrivenSimulation, Truth
+
+ROAD_BEHIND_M = 1_000.0
+ROAD_AHEAD_M = 10_000.0
+
+
+class Mover(Vehicle):  # type: ignore[misc]  # highway-env has no types
+    """A vehicle of highway-env with the footprint of a vehicle of ours."""
+
+    position: NDArray[np.float64]
+    heading: float
+    speed: float
+
+    def __init__(self, road: Road, state: VehicleState) -> None:
+        self.LENGTH, self.WIDTH = state.length_m, state.width_m
+        super().__init__(road, (state.x_m, state.y_m), state.heading_rad, state.speed_mps)
+
+    def on_state_update(self) -> None:
+        """Look for no lane: nobody here follows highway-env's lanes, and the search costs most."""
+
+    def state(self) -> VehicleState:
+        """Where it is now."""
+        x, y = self.position.tolist()
+        return VehicleState(x, y, float(self.heading), float(self.speed), self.LENGTH, self.WIDTH)
+
+
+class Truck(Mover):
+    """The ego: highway-env's kinematic bicycle, driven by the planner's controls."""
+
+    def drive(self, control: Control, dt_s: float) -> None:
+        """Move by one step; braking ends at rest."""
+        self.act({"acceleration": control.acceleration_mps2, "steering": control.steering_rad})
+        self.step(dt_s)
+        self.speed = max(self.speed, 0.0)
+
+
+class Puppet(Mover):
+    """An actor: goes where its script says."""
+
+    def place(self, state: VehicleState) -> None:
+        """Be there, so fast."""
+        self.position = np.array((state.x_m, state.y_m))
+        self.heading, self.speed = state.heading_rad, state.speed_mps
+
+
+class HighwayWorld:
+    """A straight road of highway-env with the ego and the actors on it. Implements `World`.
+
+    A collision is highway-env's: two rectangles that overlap at the end of a step. Its look ahead
+    (dt > 0) is not used: it moves vehicles that are about to touch by an impact, and calls them
+    crashed only a step later, so that the collision would not be where the physics put it.
+    """
+
+    _situation: Situation
+    _ego: Truck
+    _actors: tuple[Puppet, ...]
+    _step: int
+
+    def reset(self, situation: Situation) -> Truth:
+        """Stage the situation on a fresh road."""
+        road = Road(straight_lanes(situation.mission))
+        self._situation = situation
+        self._step = 0
+        self._ego = Truck(road, situation.ego)
+        self._actors = tuple(Puppet(road, state) for state in situation.actors)
+        road.vehicles.extend((self._ego, *self._actors))
+        return self._truth(self._ego.state(), situation.actors)
+
+    def advance(self, control: Control) -> Truth:
+        """Drive the ego, then place the actors, then test for collisions."""
+        self._step += 1
+        self._ego.drive(control, self._situation.mission.dt_s)
+        ego = self._ego.state()
+        move = self._situation.move_actor
+        states = tuple(move(i, self._step, ego) for i in range(len(self._actors)))
+        for actor, state in zip(self._actors, states, strict=True):
+            actor.place(state)
+        return self._truth(ego, states)
+
+    def _truth(self, ego: VehicleState, others: tuple[VehicleState, ...]) -> Truth:
+        for actor in self._actors:
+            self._ego.handle_collisions(actor, dt=0)
+        return Truth(ego, others, self._ego.crashed)
+
+
+def straight_lanes(mission: Mission) -> RoadNetwork:
+    """The mission's lanes; lane 0 has its centre at y = 0."""
+    network = RoadNetwork()
+    for number in range(mission.lanes):
+        y = number * mission.lane_width_m
+        network.add_lane(
+            "start",
+            "end",
+            StraightLane(
+                [-ROAD_BEHIND_M, y],
+                [ROAD_AHEAD_M, y],
+                width=mission.lane_width_m,
+                speed_limit=mission.speed_limit_mps,
+            ),
+        )
+    return network
+
+
+class HighwaySimulator:
+    """Opens simulations on highway-env."""
+
+    def open(self, scenario: Scenario, parameters: Any, planner: Planner) -> Simulation:
+        """A simulation of the planner in the scenario."""
+        return DrivenSimulation(HighwayWorld(), scenario, parameters, planner)

@@ -1,0 +1,153 @@
+"""The parent's handle on its child: start, feed, listen, and kill at the deadline."""
+
+import contextlib
+import os
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Iterator
+from queue import SimpleQueue
+from threading import Thread
+from typing import BinaryIO
+
+import msgspec
+
+from eigenfail.processes import ONE_THREAD
+from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
+from eigenfail.wire.messages import (
+    Drop,
+    Heartbeat,
+    Lease,
+    Message,
+    PolicyUpdate,
+    Results,
+    Setup,
+    read_worker_message,
+)
+from eigenfail_workers.worker.pipe import FrameBuffer, write_message
+
+START_LIMIT_S = 120.0
+"""Wall time for loading the simulator and the planner, before the first episode begins."""
+
+STANDSTILL_S = 2.0
+"""No parent is away from its loop for so long, unless it was stopped or its machine was."""
+
+DEPTH = 2
+"""Episodes in the child at a time: one runs, one waits, so that the child never does."""
+
+
+class Held(msgspec.Struct, frozen=True, eq=False):
+    """An episode of a campaign, held by this worker."""
+
+    campaign: int
+    task: EpisodeTask
+
+
+def write_all(pipe: BinaryIO, messages: "SimpleQueue[Message | None]") -> None:
+    """Write messages until there is a None or nobody reads any more."""
+    with contextlib.suppress(BrokenPipeError):
+        while message := messages.get():
+            write_message(pipe, message)
+    with contextlib.suppress(BrokenPipeError):
+        pipe.close()
+
+
+class ChildProcess:
+    """One life of the inner process.
+
+    Attributes:
+        running: the episodes it holds; the first is the one being run.
+        began: whether it said that it began on that first one.
+    """
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "eigenfail_workers.worker.child"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=os.environ | ONE_THREAD,
+        )
+        if self._process.stdin is None or self._process.stdout is None:
+            raise RuntimeError("pipes were asked for")
+        self._stdout = self._process.stdout
+        # A thread writes: parent and child never wait for each other over two full pipes.
+        self._messages: SimpleQueue[Message | None] = SimpleQueue()
+        self._writer = Thread(target=write_all, args=(self._process.stdin, self._messages))
+        self._writer.start()
+        self._buffer = FrameBuffer()
+        self.running: deque[Held] = deque()
+        self.began = False
+        self._since_s = self._looked_s = time.monotonic()
+        self._set_up: set[int] = set()
+        self._learnt: set[tuple[int, int]] = set()
+
+    @property
+    def descriptor(self) -> int:
+        """What to poll for results."""
+        return self._stdout.fileno()
+
+    @property
+    def has_room(self) -> bool:
+        """Whether it may be given another episode."""
+        return len(self.running) < DEPTH
+
+    def set_up(self, campaign: int, setup: EpisodeSetup) -> None:
+        """Tell it, once, what the episodes of a campaign share."""
+        if campaign not in self._set_up:
+            self._set_up.add(campaign)
+            self._messages.put(Setup(campaign, setup))
+
+    def learn(self, campaign: int, policy: Policy) -> None:
+        """Tell it, once, a policy version of a campaign."""
+        if (campaign, policy.version) not in self._learnt:
+            self._learnt.add((campaign, policy.version))
+            self._messages.put(PolicyUpdate(campaign, policy))
+
+    def drop(self, campaign: int) -> None:
+        """Let it forget a campaign, once it has run what it holds."""
+        self._set_up.discard(campaign)
+        self._learnt = {key for key in self._learnt if key[0] != campaign}
+        self._messages.put(Drop(campaign))
+
+    def run(self, held: Held) -> None:
+        """Give it an episode; that the child has died is found out when it is listened to."""
+        if not self.running:
+            self._since_s = time.monotonic()
+        self.running.append(held)
+        self._messages.put(Lease(held.campaign, (held.task,)))
+
+    def listen(self) -> tuple[bool, list[tuple[int, EpisodeResult]]]:
+        """Whether it lives, and the results that have come, with their campaigns."""
+        alive = self._buffer.read(self.descriptor)
+        return alive, list(self._results())
+
+    def _results(self) -> Iterator[tuple[int, EpisodeResult]]:
+        for frame in self._buffer.frames():
+            message = read_worker_message(frame)
+            self._since_s = time.monotonic()
+            self.began = isinstance(message, Heartbeat)
+            if isinstance(message, Results):
+                for result in message.results:
+                    self.running.popleft()
+                    yield message.campaign, result
+
+    def overdue(self, limit_s: float) -> bool:
+        """Whether the running episode, or loading what it needs, has taken longer than it may.
+
+        To be asked all the time: while nobody asked, the whole worker may have stood still.
+        """
+        now_s, before_s = time.monotonic(), self._looked_s
+        self._looked_s = now_s
+        if now_s - before_s > STANDSTILL_S:
+            self._since_s += now_s - before_s
+        limit_s = limit_s if self.began else START_LIMIT_S
+        return bool(self.running) and now_s - self._since_s > limit_s
+
+    def end(self) -> int:
+        """Kill it if it still lives; its exit status, negative for a signal."""
+        self._process.kill()
+        self._messages.put(None)
+        self._writer.join()
+        self._stdout.close()
+        return self._process.wait()
