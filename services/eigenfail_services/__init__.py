@@ -1,0 +1,1 @@
+"""Campaigns, methods, the learner hub, analysis and the store."""

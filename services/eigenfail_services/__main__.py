@@ -1,0 +1,164 @@
+"""The services process: hub, supervisor and learners. `python -m eigenfail_services --help`."""
+
+import argparse
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from threading import Event
+
+import structlog
+
+from eigenfail.errors import EigenfailError, InvalidValue, StoreUnavailable
+from eigenfail.processes import die_with_parent
+from eigenfail_services.campaigns.analysis_jobs import (
+    DATABASE_VARIABLE,
+    AnalysisJobs,
+    run_analysis,
+)
+from eigenfail_services.campaigns.launcher import Launcher, NoLauncher, RayLauncher
+from eigenfail_services.campaigns.supervisor import Supervisor
+from eigenfail_services.hub.server import Hub
+from eigenfail_services.store import migrate, open_store
+
+TURN_S = 0.1
+RETRY_S = 1.0
+TRUST_VARIABLE = "EIGENFAIL_TRUST_NETWORK"
+LOOPBACK = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:", "ipc://")
+
+LAUNCHERS: dict[str, Callable[[argparse.Namespace], Launcher]] = {
+    "ray": lambda arguments: RayLauncher(arguments.workers, arguments.ray_address),
+    "none": lambda _arguments: NoLauncher(),
+}
+
+log = structlog.get_logger()
+
+
+def parse(words: list[str] | None = None) -> argparse.Namespace:
+    """What the command line says."""
+    parser = argparse.ArgumentParser(prog="eigenfail_services", description=__doc__)
+    parser.add_argument("--database", default=os.environ.get(DATABASE_VARIABLE), help="URL")
+    parser.set_defaults(command=serve)
+    parser.add_argument("--workers", type=int, default=max(1, os.cpu_count() or 1))
+    parser.add_argument("--hub", default="tcp://127.0.0.1:*", help="address to listen on")
+    parser.add_argument("--launcher", choices=LAUNCHERS, default="ray")
+    parser.add_argument("--ray-address", default=None, help="of a running cluster")
+    commands = parser.add_subparsers(title="commands")
+    analyse = commands.add_parser("analyse", help="work on one analysis, then end")
+    analyse.add_argument("analysis", type=int)
+    analyse.set_defaults(command=analyse_one)
+    database = commands.add_parser("db", help="the database's schema")
+    database.add_argument("action", choices=SCHEMA_TOOLS)
+    database.add_argument("--database", default=argparse.SUPPRESS, help="URL")
+    database.set_defaults(command=tend_schema)
+    return parser.parse_args(words)
+
+
+def current(database: str) -> str:
+    """The revision of the schema, in words."""
+    return migrate.current(database) or "empty"
+
+
+def check(database: str) -> str:
+    """The same, if it is this program's.
+
+    Raises:
+        SchemaMismatch: it is another's.
+    """
+    open_store(database, migrate=False).close()
+    return current(database)
+
+
+def upgrade(database: str) -> str:
+    """Make the schema, or bring it up to this program's; its revision."""
+    migrate.upgrade(database)
+    return current(database)
+
+
+SCHEMA_TOOLS: dict[str, Callable[[str], str]] = {
+    "upgrade": upgrade,
+    "current": current,
+    "check": check,
+}
+
+
+def tend_schema(arguments: argparse.Namespace) -> None:
+    """Look at the database's schema, or upgrade it."""
+    sys.stdout.write(SCHEMA_TOOLS[arguments.action](arguments.database) + "\n")
+
+
+def analyse_one(arguments: argparse.Namespace) -> None:
+    """Work on one analysis, for as long as the supervisor that asked for it lives."""
+    die_with_parent()
+    store = open_store(arguments.database)
+    run_analysis(store, arguments.analysis)
+    store.close()
+
+
+def check_exposure(address: str) -> None:
+    """Refuse to listen beyond this machine.
+
+    Raises:
+        InvalidValue: the address is not a loopback one, and nobody vouches for the network.
+    """
+    if not address.startswith(LOOPBACK) and os.environ.get(TRUST_VARIABLE) != "1":
+        raise InvalidValue(
+            "hub",
+            f"'{address}' can be reached from other machines, and workers need no key yet.",
+            f"Listen on tcp://127.0.0.1:PORT, or set {TRUST_VARIABLE}=1 on a private network.",
+        )
+
+
+def serve(arguments: argparse.Namespace) -> None:
+    """Run hub, supervisor and workers until SIGTERM or Ctrl-C."""
+    check_exposure(arguments.hub)
+    stopping = Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopping.set())
+    store = open_store(arguments.database)
+    hub = Hub(store, arguments.hub)
+    analyses = AnalysisJobs(store, arguments.database)
+    supervisor = Supervisor(store, hub, analyses)
+    launcher = LAUNCHERS[arguments.launcher](arguments)
+    with ExitStack() as endings:  # the last one first, and each of them whatever the others meet
+        for ending in (store.close, launcher.stop, analyses.stop, supervisor.release, hub.stop):
+            endings.callback(ending)
+        hub.start()
+        launcher.start(hub.address)
+        sys.stdout.write(json.dumps({"ready": True, "hub": hub.address}) + "\n")
+        sys.stdout.flush()
+        supervise(supervisor, hub, stopping)
+
+
+def supervise(supervisor: Supervisor, hub: Hub, stopping: Event) -> None:
+    """Turn after turn, until told to stop or until the hub is no more."""
+    while not stopping.wait(TURN_S):
+        try:
+            supervisor.turn()
+        except StoreUnavailable as error:
+            log.warning("store unavailable", problem=str(error))
+            time.sleep(RETRY_S)
+        if not hub.alive():
+            raise EigenfailError("The hub's thread has died.", "Its log says why; start again.")
+
+
+def main() -> None:
+    """Do what the command line says; one sentence and an exit code for every trouble."""
+    structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+    arguments = parse()
+    try:
+        arguments.command(arguments)
+    except EigenfailError as error:
+        sys.exit(_complain(error))
+
+
+def _complain(error: EigenfailError) -> int:
+    sys.stderr.write(f"{error}\n")
+    return error.exit_code
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Campaigns: queue, life cycle, supervisor, summaries."""

@@ -1,0 +1,94 @@
+"""Analyses run in processes of their own: a heavy one slows nobody, a dying one dies alone."""
+
+import os
+import subprocess
+import sys
+import time
+
+import msgspec
+
+from eigenfail.contracts import Store
+from eigenfail.errors import InputError
+from eigenfail.processes import ONE_THREAD
+from eigenfail.values.records import Job
+from eigenfail_services.campaigns.checks import horizon
+
+LEASE_S = 30.0
+DATABASE_VARIABLE = "EIGENFAIL_DATABASE"
+
+
+class RunningAnalysis(msgspec.Struct):
+    """A process, the job that it works on, and when that job's lease is to be renewed."""
+
+    job: Job
+    process: "subprocess.Popen[bytes]"
+    renew_s: float
+
+
+class AnalysisJobs:
+    """Starts a process for each claimed analysis, and sees how it ends.
+
+    Args:
+        database: URL of the store; handed on in the environment, where no list of processes
+            shows its password.
+    """
+
+    def __init__(self, store: Store, database: str) -> None:
+        self._store = store
+        self._environment = os.environ | ONE_THREAD | {DATABASE_VARIABLE: database}
+        self._running: list[RunningAnalysis] = []
+
+    def __len__(self) -> int:
+        """How many are running."""
+        return len(self._running)
+
+    def open(self, job: Job) -> None:
+        """Start on an analysis, unless it is our own lease on it that ran out."""
+        for running in self._running:
+            if running.job.subject == job.subject:
+                running.job = job
+                return
+        command = [sys.executable, "-m", "eigenfail_services", "analyse", str(job.subject)]
+        process = subprocess.Popen(command, env=self._environment)
+        self._running.append(RunningAnalysis(job, process, 0.0))
+
+    def tend(self) -> None:
+        """Renew the leases of those that run, conclude those that have ended."""
+        self._running = [running for running in self._running if not self._ended(running)]
+
+    def _ended(self, running: RunningAnalysis) -> bool:
+        status = running.process.poll()
+        if status is None:
+            self._renew(running)
+            return False
+        if status != 0:
+            problem = f"The analysis process ended with status {status}. Launch it again."
+            self._store.analyses.fail(running.job.subject, problem)
+        self._store.jobs.finish(running.job)
+        return True
+
+    def _renew(self, running: RunningAnalysis) -> None:
+        if time.monotonic() >= running.renew_s:
+            running.renew_s = time.monotonic() + LEASE_S / 3
+            self._store.jobs.renew(running.job, LEASE_S)
+
+    def stop(self) -> None:
+        """End all of them; the next supervisor starts them anew."""
+        for running in self._running:
+            running.process.kill()
+            running.process.wait()
+            self._store.jobs.renew(running.job, 0.0)
+
+
+def run_analysis(store: Store, analysis_id: int) -> None:
+    """Analyse the failures of a campaign and keep what was found, or why nothing could be."""
+    from eigenfail_services.analysis.job import analyse  # scikit-learn takes a second to load
+
+    analysis = store.analyses.get(analysis_id)
+    store.analyses.start(analysis_id)
+    try:
+        failures = store.episodes.failures(analysis.campaign)
+        steps = horizon(store.campaigns.get(analysis.campaign).spec)
+        store.analyses.finish(analysis_id, analyse(failures, steps, analysis.settings))
+    except InputError as error:
+        store.analyses.fail(analysis_id, str(error))

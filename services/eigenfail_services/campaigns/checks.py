@@ -1,0 +1,121 @@
+"""What a campaign must be before it is taken on: names known, values within bounds."""
+
+from collections.abc import Iterator
+from math import isfinite
+from typing import Any
+from unicodedata import category
+
+import msgspec
+
+from eigenfail import plugins
+from eigenfail.contracts import Situation, Store
+from eigenfail.errors import InvalidValue, NotFound, UnknownName
+from eigenfail.settings import convert, read_settings
+from eigenfail.values import CampaignSpec
+
+MAX_DEPTH = 20
+LARGEST = 2**63 - 1
+
+
+def check_spec(spec: CampaignSpec) -> CampaignSpec:
+    """The spec itself, once everything in it is known to make sense.
+
+    Nothing heavy is loaded for it: neither the simulator nor what methods train with.
+
+    Raises:
+        UnknownName: a plug-in, setting or parameter that does not exist; the known ones are listed.
+        InvalidValue: a value of the wrong type, outside its bounds, or not a finite number.
+    """
+    refuse_what_no_store_keeps(spec)
+    convert(msgspec.to_builtins(spec), CampaignSpec)
+    if spec.simulator not in plugins.names(plugins.SIMULATORS):
+        raise UnknownName("simulator", spec.simulator, plugins.names(plugins.SIMULATORS))
+    method = plugins.load(plugins.METHODS, spec.method)
+    read_settings(method.Settings, spec.settings, "settings")
+    planner = plugins.load(plugins.PLANNERS, spec.planner)
+    read_settings(planner.Settings, spec.planner_settings, "planner_settings")
+    situation(spec)
+    return spec
+
+
+def check_references(spec: CampaignSpec, store: Store) -> CampaignSpec:
+    """The spec itself, once the analysis or campaign that it replays is known to be there.
+
+    Raises:
+        InvalidValue: there is no such analysis or campaign.
+    """
+    finders = {"analysis": store.analyses.get, "campaign": store.campaigns.get}
+    for name in finders.keys() & spec.settings.keys():
+        wanted = spec.settings[name]
+        try:
+            if wanted is not None:
+                finders[name](wanted)
+        except NotFound as error:
+            raise InvalidValue(f"settings.{name}", error.problem, error.remedy) from error
+    return spec
+
+
+def horizon(spec: CampaignSpec) -> int:
+    """The number of steps of a full episode.
+
+    Raises:
+        UnknownName: no such scenario, or it has no such parameter.
+        InvalidValue: a parameter outside its bounds.
+    """
+    return situation(spec).steps
+
+
+def situation(spec: CampaignSpec) -> Situation:
+    """The scenario with the campaign's parameters filled in.
+
+    Raises:
+        UnknownName: no such scenario, or it has no such parameter.
+        InvalidValue: a parameter outside its bounds.
+    """
+    scenario = plugins.load(plugins.SCENARIOS, spec.scenario)
+    parameters = read_settings(scenario.Parameters, spec.scenario_parameters, "scenario_parameters")
+    filled_in: Situation = scenario()(parameters, spec.seed)
+    return filled_in
+
+
+def refuse_what_no_store_keeps(spec: CampaignSpec) -> None:
+    """Numbers that are not finite or too large, and text that terminals and databases choke on.
+
+    Raises:
+        InvalidValue: there is such a value; its path is named.
+    """
+    for path, value in leaves(spec):
+        if isinstance(value, float) and not isfinite(value):
+            raise InvalidValue(path, f"{value} is not a finite number.")
+        if isinstance(value, int) and abs(value) > LARGEST:
+            raise InvalidValue(path, f"{value} is larger than 64 bits hold.")
+        if isinstance(value, str) and any(category(letter) in {"Cc", "Cs"} for letter in value):
+            raise InvalidValue(path, "contains a control character.", "Take it out.")
+
+
+def leaves(value: Any) -> Iterator[tuple[str, Any]]:
+    """Every plain value inside a value, with its path; as deep as it goes, without recursion.
+
+    Raises:
+        InvalidValue: it goes deeper than encoders follow.
+    """
+    waiting: list[tuple[tuple[str, ...], Any]] = [((), value)]
+    while waiting:
+        path, value = waiting.pop()
+        if len(path) > MAX_DEPTH:
+            raise InvalidValue(path[0], f"is nested more than {MAX_DEPTH} levels deep.")
+        parts = list(children(value))
+        waiting.extend(((*path, name), part) for name, part in parts)
+        if not parts:
+            yield ".".join(path), value
+
+
+def children(value: Any) -> Iterator[tuple[str, Any]]:
+    """What a struct, a mapping or a sequence is made of, and the keys of mappings themselves."""
+    if isinstance(value, msgspec.Struct):
+        yield from msgspec.structs.asdict(value).items()
+    if isinstance(value, dict):
+        yield from ((str(name), part) for name, part in value.items())
+        yield from (("(name)", str(name)) for name in value)
+    if isinstance(value, (list, tuple)):
+        yield from ((str(place), part) for place, part in enumerate(value))

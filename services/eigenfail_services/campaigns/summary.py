@@ -1,0 +1,49 @@
+"""The row of a campaign in a result table."""
+
+from eigenfail.values import Campaign, Cost, Rate, Summary
+from eigenfail.values.records import Totals
+from eigenfail_services.analysis.cost import cost
+from eigenfail_services.statistics.intervals import rate
+
+
+def summarise(campaign: Campaign, totals: Totals) -> Summary:
+    """What a campaign found, how quickly, and at what price, so far.
+
+    Rate and cost rest on the campaign's counts, means on the totals: while a campaign runs the two
+    may have been read a few results apart.
+    """
+    completed = campaign.counts.completed
+    return Summary(
+        campaign=campaign.id,
+        name=campaign.spec.name,
+        method=campaign.spec.method,
+        counts=campaign.counts,
+        failure_rate=failure_rate(campaign),
+        mean_log_probability=ratio(totals.log_probability, totals.failures),
+        log_probability_per_step=ratio(totals.log_probability, totals.steps),
+        mean_severity=ratio(totals.severity, totals.failures),
+        episodes_per_s=ratio(completed, campaign.active_s),
+        cost=campaign_cost(campaign),
+    )
+
+
+def failure_rate(campaign: Campaign) -> Rate | None:
+    """Collisions ÷ completed episodes; None before the first one."""
+    counts = campaign.counts
+    return rate(counts.failures, counts.completed) if counts.completed else None
+
+
+def campaign_cost(campaign: Campaign) -> Cost:
+    """What its instances cost while it was running."""
+    return cost(
+        active_s=campaign.active_s,
+        instances=campaign.spec.instances,
+        price_usd_per_hour=campaign.spec.price_usd_per_hour,
+        failures=campaign.counts.failures,
+        completed=campaign.counts.completed,
+    )
+
+
+def ratio(amount: float, per: float) -> float | None:
+    """The quotient, or None of nothing."""
+    return amount / per if per else None

@@ -1,0 +1,195 @@
+"""Claims jobs and sees them through: campaigns on the hub, analyses in processes of their own."""
+
+import contextlib
+import os
+import platform
+import time
+from collections import deque
+from collections.abc import Callable
+from queue import Empty
+
+import structlog
+
+from eigenfail.contracts import Store
+from eigenfail.errors import IllegalTransition, InputError, NotFound
+from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Counts
+from eigenfail.values.records import Job, JobKind
+from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
+from eigenfail_services.campaigns.materials import learner_context
+from eigenfail_services.hub.runs import Order
+from eigenfail_services.hub.server import Ended, Hub
+
+LEASE_S = 10.0
+RENEW_S = 2.0
+ROOM = {JobKind.CAMPAIGN: 4, JobKind.ANALYSIS: 2}
+"""How many at a time; analyses never wait for campaigns."""
+
+AT_REST = FINAL_STATES | {CampaignState.PAUSED}
+
+log = structlog.get_logger()
+
+
+class Watch:
+    """A campaign that runs on our hub, the job that says it is ours, and the time it is billed."""
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+        self.billed_s = time.monotonic()
+        self.told: Counts | None = None
+        self.halting = False
+        self.lost = False
+
+    def bill(self, store: Store) -> None:
+        """Add the time since the last bill; it stays open while the store is away."""
+        now_s = time.monotonic()
+        store.campaigns.add_active(self.job.subject, now_s - self.billed_s)
+        self.billed_s = now_s
+
+
+class Supervisor:
+    """One turn after the other: claim, tend, conclude."""
+
+    def __init__(self, store: Store, hub: Hub, analyses: AnalysisJobs) -> None:
+        self._store = store
+        self._hub = hub
+        self._analyses = analyses
+        self._owner = f"{platform.node()}:{os.getpid()}"
+        self._watched: dict[int, Watch] = {}
+        self._to_close: deque[Ended] = deque()
+        self._next_renewal_s = 0.0
+        self._openers: dict[JobKind, Callable[[Job], None]] = {
+            JobKind.CAMPAIGN: self._open_campaign,
+            JobKind.ANALYSIS: analyses.open,
+        }
+        # What a user asked for while the campaign ran, and where it stands when that is done.
+        self._wishes = {
+            CampaignState.PAUSING: CampaignState.PAUSED,
+            CampaignState.CANCELLING: CampaignState.CANCELLED,
+        }
+
+    def turn(self) -> None:
+        """Do what is to be done now; never waits.
+
+        Raises:
+            StoreUnavailable: the database does not answer; the next turn tries again.
+        """
+        self._renew()
+        self._claim()
+        self._heed_wishes()
+        self._conclude()
+        self._analyses.tend()
+
+    def release(self) -> None:
+        """Give back what is running, for the next supervisor to go on with."""
+        for watch in self._watched.values():
+            watch.bill(self._store)
+            self._store.jobs.renew(watch.job, 0.0)
+        self._watched.clear()
+
+    def _claim(self) -> None:
+        for kind, opener in self._openers.items():
+            while self._has_room(kind) and self._store.jobs.waiting(kind):
+                if (job := self._store.jobs.claim(self._owner, LEASE_S, kind)) is not None:
+                    opener(job)
+
+    def _has_room(self, kind: JobKind) -> bool:
+        """Whether there is time for one more; looked at before the queue is locked for a claim."""
+        running = {JobKind.CAMPAIGN: len(self._watched), JobKind.ANALYSIS: len(self._analyses)}
+        return running[kind] < ROOM[kind]
+
+    def _open_campaign(self, job: Job) -> None:
+        if watch := self._watched.get(job.subject):
+            watch.job = job  # we were held up for so long that our own lease ran out
+            return
+        campaign = self._store.campaigns.get(job.subject)
+        if campaign.state in AT_REST:
+            self._store.jobs.finish(job)
+            return
+        if campaign.state is not CampaignState.QUEUED:
+            self._launch(campaign, job)
+            return
+        try:
+            moved = self._store.campaigns.move(campaign.id, CampaignState.RUNNING)
+        except IllegalTransition:  # somebody paused or cancelled it since we looked
+            self._store.jobs.finish(job)
+            return
+        self._launch(moved, job)
+
+    def _launch(self, campaign: Campaign, job: Job) -> None:
+        spec = campaign.spec
+        try:
+            context = learner_context(campaign, self._store)
+        except (InputError, NotFound) as error:
+            self._store.campaigns.move(campaign.id, CampaignState.DEAD, str(error))
+            self._store.jobs.finish(job)
+            return
+        self._watched[campaign.id] = Watch(job)
+        order = Order(campaign.id, spec.setup(), spec.method, spec.settings, spec.seed, context)
+        self._hub.launch(order)
+        log.info("campaign started", campaign=campaign.id, method=spec.method)
+
+    def _heed_wishes(self) -> None:
+        for campaign, watch in self._watched.items():
+            wished = self._store.campaigns.get(campaign).state in self._wishes
+            if wished and not watch.halting:
+                watch.halting = True
+                self._hub.halt(campaign)
+
+    def _renew(self) -> None:
+        if time.monotonic() < self._next_renewal_s:
+            return
+        self._next_renewal_s = time.monotonic() + RENEW_S
+        for campaign, watch in self._watched.items():
+            watch.bill(self._store)
+            if not self._store.jobs.renew(watch.job, LEASE_S):
+                watch.lost = True
+                self._hub.halt(campaign)
+            self._tell_progress(campaign, watch)
+
+    def _tell_progress(self, campaign: int, watch: Watch) -> None:
+        """Wake those who follow, if there is anything new to see."""
+        counts = self._store.campaigns.get(campaign).counts
+        if counts != watch.told:
+            watch.told = counts
+            finished = counts.completed + counts.failed
+            progress = f"{finished} of {counts.planned} episodes, {counts.failures} failures."
+            self._store.events.append("campaign.progress", progress, campaign)
+
+    def _conclude(self) -> None:
+        """Close what the hub has ended; what the store refuses now is closed in a later turn."""
+        with contextlib.suppress(Empty):
+            while True:
+                self._to_close.append(self._hub.ended.get_nowait())
+        while self._to_close:
+            try:
+                self._close_campaign(self._to_close[0])
+            except IllegalTransition:  # a user asked for something else since we looked
+                return
+            self._to_close.popleft()
+
+    def _close_campaign(self, ended: Ended) -> None:
+        watch = self._watched[ended.campaign]
+        if watch.lost or not self._store.jobs.renew(watch.job, LEASE_S):
+            log.warning("campaign lost to another supervisor", campaign=ended.campaign)
+        else:
+            self._settle(ended, watch)
+            self._store.jobs.finish(watch.job)
+        del self._watched[ended.campaign]
+
+    def _settle(self, ended: Ended, watch: Watch) -> None:
+        watch.bill(self._store)
+        state = self._store.campaigns.get(ended.campaign).state
+        if state in AT_REST:
+            return
+        to, because = self._verdict(state, watch, ended)
+        self._store.campaigns.move(ended.campaign, to, because)
+        log.info("campaign ended", campaign=ended.campaign, state=to, because=because)
+
+    def _verdict(
+        self, state: CampaignState, watch: Watch, ended: Ended
+    ) -> tuple[CampaignState, str]:
+        if ended.problem:
+            return CampaignState.DEAD, ended.problem
+        if watch.halting:
+            return self._wishes[state], "A user asked for it."
+        return CampaignState.DONE, ""

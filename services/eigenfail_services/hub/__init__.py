@@ -1,0 +1,1 @@
+"""Hub: where learners and workers meet over ZeroMQ."""

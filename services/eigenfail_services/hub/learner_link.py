@@ -1,0 +1,65 @@
+"""The hub's handle on a learner process."""
+
+import contextlib
+import os
+import subprocess
+import sys
+from collections import deque
+
+import zmq
+
+from eigenfail.errors import ProtocolError
+from eigenfail.processes import ONE_THREAD
+from eigenfail.wire.messages import Message, Stop, Trouble, encode, read_learner_message
+
+STOP_GRACE_S = 2.0
+
+
+class LearnerLink:
+    """One life of a learner process, and the socket to it."""
+
+    def __init__(self) -> None:
+        self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PAIR)
+        self._unsent: deque[bytes] = deque()
+        port: int = self.socket.bind_to_random_port("tcp://127.0.0.1")
+        command = [sys.executable, "-m", "eigenfail_services.hub.learner_process"]
+        self._process = subprocess.Popen(
+            [*command, f"tcp://127.0.0.1:{port}"], env=os.environ | ONE_THREAD
+        )
+
+    def say(self, message: Message) -> None:
+        """Send a command, now or as soon as the learner is there to take it."""
+        self._unsent.append(encode(message))
+        self._send()
+
+    def _send(self) -> None:
+        """Never waits: a PAIR without a peer would block the hub, for ever if the peer has died."""
+        with contextlib.suppress(zmq.Again):
+            while self._unsent:
+                self.socket.send(self._unsent[0], zmq.NOBLOCK)
+                self._unsent.popleft()
+
+    def hear(self) -> Message | None:
+        """What the learner said, if it said anything; what is no message is trouble too."""
+        self._send()
+        try:
+            return read_learner_message(self.socket.recv(zmq.NOBLOCK))
+        except zmq.Again:
+            return None
+        except ProtocolError as error:
+            return Trouble(f"The learner cannot be understood: {error}")
+
+    def exit_status(self) -> int | None:
+        """None while it lives."""
+        return self._process.poll()
+
+    def stop(self) -> None:
+        """End it: kindly if it listens, by force if it is busy learning what nobody needs."""
+        if self._process.poll() is None:
+            self.say(Stop())
+        self.socket.close(linger=100)
+        try:
+            self._process.wait(0.1)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait(STOP_GRACE_S)

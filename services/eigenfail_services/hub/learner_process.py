@@ -1,0 +1,90 @@
+"""The process of one learner: `python -m eigenfail_services.hub.learner_process ADDRESS`.
+
+It speaks with the hub over one PAIR socket and keeps nothing that its checkpoint does not hold.
+"""
+
+import signal
+import sys
+
+import zmq
+
+from eigenfail import plugins
+from eigenfail.errors import EigenfailError
+from eigenfail.processes import die_with_parent
+from eigenfail.settings import read_settings
+from eigenfail.wire.messages import (
+    Message,
+    Observed,
+    Proposed,
+    Start,
+    Trouble,
+    encode,
+    read_learner_command,
+)
+from eigenfail_services.campaigns.rounds import Rounds
+
+
+def begin(start: Start) -> Rounds:
+    """The rounds of a new learner, or of the one that a checkpoint describes."""
+    method = plugins.load(plugins.METHODS, start.method)
+    learner = method(start.context, read_settings(method.Settings, start.settings, "settings"))
+    rounds = Rounds(learner, start.campaign_seed, start.context.episodes)
+    if start.checkpoint is not None:
+        rounds.restore(start.checkpoint)
+    return rounds
+
+
+def proposed(rounds: Rounds) -> Proposed:
+    """What is open now, and how to come back to it."""
+    opened = rounds.open()
+    return Proposed(opened, rounds.checkpoint())
+
+
+class LearnerProcess:
+    """Answers each command with the rounds that are open after it."""
+
+    def __init__(self, address: str) -> None:
+        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PAIR)
+        self._socket.connect(address)
+
+    def serve(self) -> None:
+        """Start as told, then observe round after round until told to stop."""
+        start = self._hear()
+        if not isinstance(start, Start):
+            return
+        rounds = begin(start)
+        self._say(proposed(rounds))
+        while isinstance(command := self._hear(), Observed):
+            rounds.complete(command.results)
+            self._say(proposed(rounds))
+
+    def complain(self, problem: str) -> None:
+        """Say why the learner cannot go on."""
+        self._say(Trouble(problem))
+
+    def close(self) -> None:
+        """Send what is left and disconnect."""
+        self._socket.close(linger=1_000)
+
+    def _hear(self) -> Message:
+        return read_learner_command(self._socket.recv())
+
+    def _say(self, message: Message) -> None:
+        self._socket.send(encode(message))
+
+
+def main() -> None:
+    """Serve the hub at the address in the command line."""
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    process = LearnerProcess(sys.argv[1])
+    try:
+        process.serve()
+    except EigenfailError as error:
+        process.complain(str(error))
+    finally:
+        process.close()
+
+
+if __name__ == "__main__":
+    main()

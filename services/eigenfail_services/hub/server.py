@@ -1,0 +1,173 @@
+"""The hub: one ROUTER for all workers, in a thread of its own. Decisions are made elsewhere."""
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from queue import Empty, SimpleQueue
+from threading import Event, Thread
+
+import msgspec
+import structlog
+import zmq
+
+from eigenfail.contracts import Store
+from eigenfail.errors import PortTaken, StoreUnavailable
+from eigenfail.wire.messages import MAX_MESSAGE_BYTES, Message, encode
+from eigenfail_services.hub.commits import Commits
+from eigenfail_services.hub.desk import Desk
+from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.runs import Order, Run
+
+TICK_MS = 20
+MESSAGES_PER_TURN = 1_000
+
+log = structlog.get_logger()
+
+
+class Ended(msgspec.Struct, frozen=True):
+    """A campaign that the hub has finished with; `problem` is empty if it ran to its end."""
+
+    campaign: int
+    problem: str
+
+
+def bind(address: str) -> "zmq.Socket[bytes]":
+    """A ROUTER at the address.
+
+    Raises:
+        PortTaken: it cannot be bound.
+    """
+    router: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.ROUTER)
+    router.setsockopt(zmq.MAXMSGSIZE, MAX_MESSAGE_BYTES)
+    router.setsockopt(zmq.LINGER, 1_000)
+    try:
+        router.bind(address)
+    except zmq.ZMQError as error:
+        router.close()
+        raise PortTaken(f"{address} cannot be bound: {error}.", "Choose another port.") from error
+    return router
+
+
+class Hub:
+    """Runs campaigns on whatever workers there are.
+
+    Commands come in and endings go out through queues; everything else happens in its thread.
+
+    Raises:
+        PortTaken: another process listens on the address.
+    """
+
+    def __init__(self, store: Store, address: str) -> None:
+        self._router = bind(address)
+        self.address: str = self._router.getsockopt_string(zmq.LAST_ENDPOINT)
+        self.ended: SimpleQueue[Ended] = SimpleQueue()
+        self._store = store
+        self._leases = Leases()
+        self._commits = Commits(store.episodes)
+        self._desk = Desk(self._send, self._leases, self._commits)
+        self._runs: dict[int, Run] = {}
+        self._commands: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._stopping = Event()
+        self._thread = Thread(target=self._serve, name="hub")
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self._thread.start()
+
+    def launch(self, order: Order) -> None:
+        """Run a campaign; `ended` says when it is over."""
+        self._commands.put(lambda: self._launch(order))
+
+    def halt(self, campaign: int) -> None:
+        """Stop running a campaign; `ended` says when that is done."""
+        self._commands.put(lambda: self._halt(campaign, ""))
+
+    def workers(self) -> list[str]:
+        """Names of the workers that are connected."""
+        return [seat.name for seat in list(self._leases.seats.values())]
+
+    def alive(self) -> bool:
+        """Whether its thread runs."""
+        return self._thread.is_alive()
+
+    def stop(self) -> None:
+        """Send the workers home, end the learners, commit what came, and close."""
+        self._stopping.set()
+        self._thread.join()
+
+    def _serve(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                self._wait()
+                self._obey()
+                self._hear_workers()
+                with self._patience():
+                    self._tend_runs()
+                    self._commit()
+                self._desk.bury_silent()
+                self._desk.assign(self._runs)
+        finally:
+            self._close()
+
+    def _wait(self) -> None:
+        poller = zmq.Poller()
+        poller.register(self._router, zmq.POLLIN)
+        for run in self._runs.values():
+            poller.register(run.socket, zmq.POLLIN)
+        poller.poll(TICK_MS)
+
+    def _obey(self) -> None:
+        with contextlib.suppress(Empty):
+            while True:
+                self._commands.get_nowait()()
+
+    def _launch(self, order: Order) -> None:
+        self._runs[order.campaign] = Run(order, self._store, self._leases)
+
+    def _halt(self, campaign: int, problem: str) -> None:
+        if run := self._runs.pop(campaign, None):
+            run.stop()
+            self._desk.drop(campaign)
+            self.ended.put(Ended(campaign, problem))
+
+    def _hear_workers(self) -> None:
+        for _ in range(MESSAGES_PER_TURN):
+            try:
+                parts = self._router.recv_multipart(zmq.NOBLOCK)
+            except zmq.Again:
+                return
+            self._desk.hear(parts[0], parts[-1])
+
+    def _tend_runs(self) -> None:
+        for run in list(self._runs.values()):
+            run.tend()
+            if run.ended is not None:
+                self._halt(run.order.campaign, run.ended)
+
+    def _commit(self, *, now: bool = False) -> None:
+        for committed in self._commits.flush(now=now):
+            self._desk.acknowledge(committed)
+            if run := self._runs.get(committed.campaign):
+                run.land(committed.result, committed.verdict)
+
+    def _send(self, worker: bytes, message: Message) -> None:
+        with contextlib.suppress(zmq.Again):
+            self._router.send_multipart([worker, encode(message)], zmq.NOBLOCK)
+
+    @contextlib.contextmanager
+    def _patience(self) -> Iterator[None]:
+        """While the store is away nothing is lost: results wait, and so do their workers."""
+        try:
+            yield
+        except StoreUnavailable as error:
+            log.warning("store unavailable", problem=str(error))
+            time.sleep(TICK_MS / 1_000)
+
+    def _close(self) -> None:
+        self._hear_workers()
+        with self._patience():
+            self._commit(now=True)
+        for run in self._runs.values():
+            run.stop()
+        self._desk.dismiss()
+        self._router.close()

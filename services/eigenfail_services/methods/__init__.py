@@ -1,0 +1,1 @@
+"""The methods: learners that choose disturbances, pure and testable with no service around them."""

@@ -1,0 +1,120 @@
+"""The state of a learner as bytes: raw arrays and a few facts, a header, a hash; no pickle."""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from math import prod
+from typing import Any, Literal, TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.errors import ProtocolError
+
+Array = NDArray[Any]
+Arrays = Mapping[str, Array]
+Facts = TypeVar("Facts", bound=msgspec.Struct)
+
+VERSION = 1
+
+
+class RawArray(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An array in its binary form: row-major, little-endian."""
+
+    dtype: Literal["<f4", "<f8", "<i8"]
+    shape: tuple[int, ...]
+    data: bytes
+
+
+class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is kept."""
+
+    facts: msgspec.Raw
+    arrays: dict[str, RawArray]
+
+
+class Archive(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The header, and the body with its SHA-256."""
+
+    kind: str
+    version: int
+    sha256: bytes
+    body: bytes
+
+
+_archives = msgspec.msgpack.Decoder(Archive)
+_bodies = msgspec.msgpack.Decoder(Body)
+
+
+def write(kind: str, facts: msgspec.Struct, arrays: Arrays) -> bytes:
+    """The bytes of a state.
+
+    Args:
+        kind: whose state it is, such as a method's name.
+        facts: counters and the like.
+        arrays: float32, float64 or int64, by name.
+    """
+    raw = {name: _raw(array) for name, array in arrays.items()}
+    body = msgspec.msgpack.encode(Body(msgspec.Raw(msgspec.msgpack.encode(facts)), raw))
+    return msgspec.msgpack.encode(Archive(kind, VERSION, hashlib.sha256(body).digest(), body))
+
+
+def read(kind: str, data: bytes, facts: type[Facts]) -> tuple[Facts, dict[str, Array]]:
+    """The facts and arrays of a state; the arrays can be written to.
+
+    Raises:
+        ProtocolError: the bytes are not a state of that kind, or are damaged.
+    """
+    with refusing(kind):
+        archive = _archives.decode(data)
+        if (archive.kind, archive.version) != (kind, VERSION):
+            raise ValueError(f"they are {archive.kind} version {archive.version}")
+        if hashlib.sha256(archive.body).digest() != archive.sha256:
+            raise ValueError("their SHA-256 does not match")
+        body = _bodies.decode(archive.body)
+        kept = msgspec.msgpack.decode(body.facts, type=facts)
+        return kept, {name: _array(raw) for name, raw in body.arrays.items()}
+
+
+@contextmanager
+def refusing(kind: str) -> Iterator[None]:
+    """Turn whatever goes wrong while a state is read into a ProtocolError.
+
+    Raises:
+        ProtocolError: something went wrong.
+    """
+    try:
+        yield
+    except (ValueError, KeyError, TypeError, RuntimeError) as error:
+        raise ProtocolError(
+            f"These bytes are not a state of {kind} version {VERSION}: {error}.",
+            "Restore with the method and settings that made them, or start the campaign anew.",
+        ) from error
+
+
+def take(arrays: Arrays, name: str, shape: tuple[int, ...]) -> Array:
+    """One array of a state.
+
+    Raises:
+        ValueError: it is missing or has another shape.
+    """
+    array = arrays.get(name)
+    if array is None or array.shape != shape:
+        found = "nothing" if array is None else f"shape {array.shape}"
+        raise ValueError(f"'{name}' should have shape {shape}, there is {found}")
+    return array
+
+
+def _raw(array: Array) -> RawArray:
+    little = array.astype(array.dtype.newbyteorder("<"), copy=False)
+    return msgspec.convert(
+        {"dtype": little.dtype.str, "shape": array.shape, "data": little.tobytes()}, RawArray
+    )
+
+
+def _array(raw: RawArray) -> Array:
+    dtype = np.dtype(raw.dtype)
+    if any(n < 0 for n in raw.shape) or prod(raw.shape) * dtype.itemsize != len(raw.data):
+        raise ValueError(f"shape {raw.shape} does not fit {len(raw.data)} bytes of {raw.dtype}")
+    return np.frombuffer(raw.data, dtype).reshape(raw.shape).astype(dtype.newbyteorder("="))

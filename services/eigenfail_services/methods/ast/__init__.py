@@ -1,0 +1,1 @@
+"""Adaptive stress testing: reinforcement learning against the planner."""

@@ -1,0 +1,91 @@
+"""Replay: inject given noise trajectories, to prove that what they did can be done again."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import msgspec
+
+from eigenfail.errors import InvalidValue
+from eigenfail.values import EpisodeResult, LearnerContext, Proposal, TrajectorySource
+from eigenfail_services.methods import archive
+
+Id = Annotated[int, msgspec.Meta(ge=1)]
+
+
+class Replay:
+    """Injects the trajectories of its context in order, one episode each, then ends.
+
+    Args:
+        context: its trajectories are what is replayed.
+        settings: say where the trajectories came from, and how often to go through them.
+
+    Raises:
+        InvalidValue: there is no trajectory.
+    """
+
+    class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+        """Settings of `replay`: name an analysis (its eigenfailures) or a campaign (its noise)."""
+
+        analysis: Annotated[
+            Id | None, msgspec.Meta(description="replay the eigenfailures of this analysis")
+        ] = None
+        campaign: Annotated[
+            Id | None, msgspec.Meta(description="replay the noise of this campaign's episodes")
+        ] = None
+        episodes: Annotated[
+            tuple[Annotated[int, msgspec.Meta(ge=0)], ...],
+            msgspec.Meta(description="of that campaign; none given: all of its failures"),
+        ] = ()
+        repeats: Annotated[
+            int, msgspec.Meta(ge=1, le=100_000, description="passes through the trajectories")
+        ] = 1
+        round_size: Annotated[
+            int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
+        ] = 100
+
+    class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """How many episodes have been proposed."""
+
+        proposed: Annotated[int, msgspec.Meta(ge=0)]
+
+    lookahead = 3
+
+    def __init__(self, context: LearnerContext, settings: Settings) -> None:
+        if not len(context.trajectories):
+            raise InvalidValue(
+                "settings",
+                "there is no noise trajectory to replay.",
+                "Name an analysis with failure modes, or a campaign with failures.",
+            )
+        self._trajectories = context.trajectories
+        self._round_size = settings.round_size
+        self._total = len(context.trajectories) * settings.repeats
+        self._proposed = 0
+
+    def propose(self, n: int) -> Proposal:
+        """The next trajectories; none after the last pass."""
+        first = self._proposed
+        self._proposed = min(first + min(n, self._round_size), self._total)
+        count = len(self._trajectories)
+        return Proposal(
+            tuple(
+                TrajectorySource(self._trajectories[i % count])
+                for i in range(first, self._proposed)
+            )
+        )
+
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
+        """Nothing is learnt from results."""
+
+    def state(self) -> bytes:
+        """How far it has come."""
+        return archive.write("replay", self._Facts(self._proposed), {})
+
+    def restore(self, state: bytes) -> None:
+        """Go on from there.
+
+        Raises:
+            ProtocolError: the bytes are not a state of this method.
+        """
+        facts, _ = archive.read("replay", state, self._Facts)
+        self._proposed = facts.proposed

@@ -1,0 +1,90 @@
+"""torch's modules, optimizers and randomness as plain arrays and seeds.
+
+Only the methods that train import it, and only once a learner is made.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import chain
+
+import numpy as np
+import torch
+
+from eigenfail_services.methods.archive import Array, Arrays, take
+
+
+@contextmanager
+def own_randomness(seed: int, draw: int) -> Iterator[np.random.Generator]:
+    """Draws that depend on (seed, draw) alone, in torch's global generator and in numpy's own.
+
+    So a state needs no generator in it, only the number of the next draw. The global generator is
+    given back as it was.
+    """
+    generator = np.random.default_rng([seed, draw])
+    with torch.random.fork_rng(devices=[]):
+        torch.default_generator.manual_seed(int(generator.integers(2**63)))
+        yield generator
+
+
+def module_arrays(prefix: str, module: torch.nn.Module) -> dict[str, Array]:
+    """The weights of a module by name."""
+    return {f"{prefix}.{name}": _array(tensor) for name, tensor in module.state_dict().items()}
+
+
+def load_module(prefix: str, module: torch.nn.Module, arrays: Arrays) -> None:
+    """Set a module's weights.
+
+    Raises:
+        ValueError: one is missing or has another shape.
+    """
+    for name, tensor in module.state_dict().items():
+        copy_into(tensor, arrays, f"{prefix}.{name}")
+
+
+def adam_arrays(prefix: str, optimizer: torch.optim.Adam) -> dict[str, Array]:
+    """The moments and step counts of Adam by name; nothing before the first step."""
+    return {
+        f"{prefix}.{i}.{key}": _array(value)
+        for i, parameter in enumerate(_parameters(optimizer))
+        for key, value in optimizer.state.get(parameter, {}).items()
+    }
+
+
+def load_adam(prefix: str, optimizer: torch.optim.Adam, arrays: Arrays) -> None:
+    """Set Adam's moments and step counts.
+
+    Raises:
+        ValueError: one is missing or has another shape.
+    """
+    optimizer.state.clear()
+    for i, parameter in enumerate(_parameters(optimizer)):
+        if f"{prefix}.{i}.step" not in arrays:
+            continue
+        moments = {key: torch.zeros_like(parameter) for key in ("exp_avg", "exp_avg_sq")}
+        optimizer.state[parameter] = {"step": torch.zeros(()), **moments}
+        for key, value in optimizer.state[parameter].items():
+            copy_into(value, arrays, f"{prefix}.{i}.{key}")
+
+
+def copy_into(tensor: torch.Tensor, arrays: Arrays, name: str) -> None:
+    """Set a tensor's values.
+
+    Raises:
+        ValueError: the array is missing or has another shape.
+    """
+    with torch.no_grad():
+        tensor.copy_(torch.from_numpy(take(arrays, name, tuple(tensor.shape))))
+
+
+def all_finite(tensors: Iterator[torch.Tensor]) -> bool:
+    """Whether no value is NaN or infinite."""
+    return all(bool(torch.isfinite(tensor).all()) for tensor in tensors)
+
+
+def _parameters(optimizer: torch.optim.Adam) -> list[torch.Tensor]:
+    return list(chain.from_iterable(group["params"] for group in optimizer.param_groups))
+
+
+def _array(tensor: torch.Tensor) -> Array:
+    array: Array = tensor.detach().cpu().numpy()
+    return array

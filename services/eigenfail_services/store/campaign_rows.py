@@ -1,0 +1,72 @@
+"""The rows of campaigns: read, locked, written."""
+
+from typing import Any
+
+from sqlalchemy import Connection, Select, insert, select, update
+
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import COUNTS, to_campaign, to_json
+from eigenfail_services.store.refusals import no_campaign
+from eigenfail_services.store.schema import campaigns
+
+ALL = select(campaigns)
+
+
+def one(connection: Connection, campaign: int, rows: Select[*tuple[Any, ...]] = ALL) -> Campaign:
+    """The campaign of an id.
+
+    Raises:
+        NotFound: no such campaign.
+    """
+    found = connection.execute(rows.where(campaigns.c.id == campaign)).mappings().one_or_none()
+    if found is None:
+        raise no_campaign(campaign)
+    return to_campaign(found)
+
+
+def locked(connection: Connection, campaign: int) -> Campaign:
+    """The campaign as it stands, and as it will stand until this transaction changes it.
+
+    Raises:
+        NotFound: no such campaign.
+    """
+    return one(connection, campaign, ALL.with_for_update(key_share=True))
+
+
+def add(connection: Connection, spec: CampaignSpec) -> Campaign:
+    """A new campaign, queued."""
+    statement = (
+        insert(campaigns)
+        .values(
+            state=CampaignState.QUEUED,
+            spec=to_json(spec),
+            created_ms=now_ms(),
+            active_s=0.0,
+            stopped_because="",
+            **counted(Counts(spec.episodes)),
+        )
+        .returning(campaigns)
+    )
+    return to_campaign(connection.execute(statement).mappings().one())
+
+
+def write(connection: Connection, campaign: Campaign) -> None:
+    """Bring a locked campaign's row up to date."""
+    connection.execute(
+        update(campaigns)
+        .where(campaigns.c.id == campaign.id)
+        .values(
+            state=campaign.state,
+            started_ms=campaign.started_ms,
+            ended_ms=campaign.ended_ms,
+            stopped_because=campaign.stopped_because,
+            digest=campaign.digest,
+            **counted(campaign.counts),
+        )
+    )
+
+
+def counted(counts: Counts) -> dict[str, int]:
+    """Counts as columns."""
+    return {name: getattr(counts, name) for name in COUNTS}

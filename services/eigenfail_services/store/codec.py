@@ -1,0 +1,125 @@
+"""Frozen values as bytes and text, and back."""
+
+import hashlib
+from typing import Any
+
+import msgspec
+import numpy as np
+from sqlalchemy import RowMapping
+
+from eigenfail.values import (
+    STATE,
+    AnalysisResult,
+    AnalysisSettings,
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    Counts,
+    EpisodeFault,
+    EpisodeResult,
+    Floats,
+    Measures,
+    NoiseTrajectory,
+    Outcome,
+    Scene,
+)
+from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_array
+from eigenfail.values.records import EpisodeRow
+
+_packer = msgspec.msgpack.Encoder(enc_hook=encode_array)
+_specs = msgspec.json.Decoder(CampaignSpec)
+_settings = msgspec.json.Decoder(AnalysisSettings)
+_scenes = msgspec.msgpack.Decoder(Scene, dec_hook=decode_array)
+_analyses = msgspec.msgpack.Decoder(AnalysisResult, dec_hook=decode_array)
+
+COUNTS = Counts.__struct_fields__
+
+
+def to_json(value: CampaignSpec | AnalysisSettings) -> str:
+    """The one JSON text of a value: equal values give equal texts."""
+    return msgspec.json.encode(value, order="deterministic").decode()
+
+
+def spec_hash(spec: CampaignSpec) -> str:
+    """SHA-256 of a spec, to recognise it by."""
+    return hashlib.sha256(to_json(spec).encode()).hexdigest()
+
+
+def to_settings(text: str) -> AnalysisSettings:
+    """What `to_json` made."""
+    return _settings.decode(text)
+
+
+def to_blob(array: Floats) -> bytes:
+    """Row-major little-endian float32."""
+    return np.ascontiguousarray(array, LITTLE_ENDIAN_FLOAT).tobytes()
+
+
+def to_floats(blob: bytes, columns: int) -> Floats:
+    """What `to_blob` made, shape (rows, columns)."""
+    return np.frombuffer(blob, LITTLE_ENDIAN_FLOAT).reshape(-1, columns)
+
+
+def pack(value: Scene | AnalysisResult) -> bytes:
+    """MessagePack."""
+    return _packer.encode(value)
+
+
+def to_scene(blob: bytes) -> Scene:
+    """What `pack` made of a scene."""
+    return _scenes.decode(blob)
+
+
+def to_analysis_result(blob: bytes) -> AnalysisResult:
+    """What `pack` made of an analysis."""
+    return _analyses.decode(blob)
+
+
+def to_campaign(found: RowMapping) -> Campaign:
+    """A campaign from its row."""
+    values: dict[str, Any] = dict(found)
+    return Campaign(
+        spec=_specs.decode(values.pop("spec")),
+        state=CampaignState(values.pop("state")),
+        counts=Counts(**{name: values.pop(name) for name in COUNTS}),
+        **values,
+    )
+
+
+def to_row(found: RowMapping) -> EpisodeRow:
+    """A line of a list from an episode's row."""
+    values: dict[str, Any] = dict(found)
+    fault = _fault(values.pop("fault_kind"), values.pop("fault_message"))
+    return EpisodeRow(
+        outcome=Outcome(values.pop("outcome")),
+        problem=f"{fault.kind}: {fault.message}" if fault else "",
+        **values,
+    )
+
+
+def to_result(found: RowMapping, scene: bytes | None = None) -> EpisodeResult:
+    """A result from an episode's row and its blobs."""
+    states = found["states"]
+    return EpisodeResult(
+        index=found["index"],
+        seed=found["seed"],
+        outcome=Outcome(found["outcome"]),
+        steps=found["steps"],
+        noise=NoiseTrajectory(to_floats(found["z"], 2), to_floats(found["sigma"], 2)),
+        source=found["source"],
+        measures=_measures(found),
+        states=None if states is None else to_floats(states, len(STATE)),
+        scene=None if scene is None else to_scene(scene),
+        fault=_fault(found["fault_kind"], found["fault_message"]),
+        wall_s=found["wall_s"],
+    )
+
+
+def _measures(found: RowMapping) -> Measures | None:
+    if found["robustness_m"] is None:
+        return None
+    return Measures(**{name: found[name] for name in Measures.__struct_fields__})
+
+
+def _fault(kind: str | None, message: str | None) -> EpisodeFault | None:
+    return None if kind is None else EpisodeFault(kind, message or "")

@@ -1,0 +1,200 @@
+"""Results of episodes in SQL: at most one for each, for good."""
+
+import hashlib
+from collections.abc import Iterable, Iterator, Sequence
+
+import msgspec
+from sqlalchemy import Connection, func, insert, select
+
+from eigenfail.values import EpisodeResult, Outcome, Page
+from eigenfail.values.records import Delivery, EpisodeRow, Failures, Totals, Verdict
+from eigenfail_services.store import sentences
+from eigenfail_services.store.campaign_rows import locked, one, write
+from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import pack, to_blob, to_floats, to_result, to_row
+from eigenfail_services.store.engine import Database
+from eigenfail_services.store.events import append
+from eigenfail_services.store.judging import Kept, judge, row_of
+from eigenfail_services.store.refusals import no_episode
+from eigenfail_services.store.schema import episodes, scenes, trajectories
+
+number = episodes.c["index"]
+CHUNK = 500
+"""How many indices one statement names, and how many rows are fetched at a time."""
+
+EPISODE = (*episodes.c, trajectories.c.z, trajectories.c.sigma, trajectories.c.states)
+SAME_TRAJECTORY = (trajectories.c.campaign == episodes.c.campaign) & (
+    trajectories.c["index"] == number
+)
+SAME_SCENE = (scenes.c.campaign == episodes.c.campaign) & (scenes.c["index"] == number)
+
+
+class SqlEpisodes:
+    """Results, read and written."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def commit(self, campaign: int, deliveries: Sequence[Delivery]) -> list[Verdict]:
+        """Keep results, update the counts, and log alarms; one verdict for each delivery."""
+        with self._database.writing() as connection:
+            before = locked(connection, campaign)
+            known = _digests(connection, campaign, {d.result.index for d in deliveries})
+            judgement = judge(before, known, deliveries)
+            _insert(connection, campaign, judgement.kept)
+            if judgement.counts != before.counts:
+                write(connection, msgspec.structs.replace(before, counts=judgement.counts))
+            for alarm in judgement.alarms:
+                message = sentences.episode_alarm(campaign, alarm.result.index, alarm.worker)
+                append(connection, "episode.alarm", message, campaign)
+        return judgement.verdicts
+
+    def get(self, campaign: int, index: int) -> EpisodeResult:
+        """One result with everything that is kept of it."""
+        query = (
+            select(*EPISODE, scenes.c.scene)
+            .join(trajectories, SAME_TRAJECTORY)
+            .outerjoin(scenes, SAME_SCENE)
+            .where(episodes.c.campaign == campaign, number == index)
+        )
+        with self._database.reading() as connection:
+            one(connection, campaign)
+            found = connection.execute(query).mappings().one_or_none()
+        if found is None:
+            raise no_episode(campaign, index)
+        return to_result(found, found["scene"])
+
+    def page(
+        self,
+        campaign: int,
+        limit: int,
+        after: int | None = None,
+        outcome: Outcome | None = None,
+    ) -> Page[EpisodeRow]:
+        """Episodes in index order, with indices above `after`."""
+        query = select(episodes).where(episodes.c.campaign == campaign)
+        if after is not None:
+            query = query.where(number > after)
+        if outcome is not None:
+            query = query.where(episodes.c.outcome == outcome)
+        with self._database.reading() as connection:
+            rows = connection.execute(query.order_by(number).limit(limit + 1)).mappings()
+            found = [to_row(row) for row in rows]
+        items = tuple(found[:limit])
+        return Page(items, items[-1].index if len(found) > limit else None)
+
+    def finished(self, campaign: int, indices: Iterable[int]) -> list[EpisodeResult]:
+        """Those of the episodes that have a result, in index order, without their scenes."""
+        query = (
+            select(*EPISODE)
+            .join(trajectories, SAME_TRAJECTORY)
+            .where(episodes.c.campaign == campaign)
+            .order_by(number)
+        )
+        with self._database.reading() as connection:
+            return [
+                to_result(found)
+                for chunk in _chunks(set(indices))
+                for found in connection.execute(query.where(number.in_(chunk))).mappings()
+            ]
+
+    def failures(self, campaign: int) -> Failures:
+        """The noise of all collisions."""
+        query = (
+            select(number, trajectories.c.z)
+            .join(trajectories, SAME_TRAJECTORY)
+            .where(episodes.c.campaign == campaign, episodes.c.outcome == Outcome.COLLISION)
+            .order_by(number)
+        )
+        with self._database.reading() as connection:
+            found = connection.execute(query).all()
+        return Failures(
+            tuple(index for index, _ in found), tuple(to_floats(z, 2) for _, z in found)
+        )
+
+    def totals(self, campaign: int) -> Totals:
+        """Sums over all collisions."""
+        # In index order: sums of floats depend on theirs, and reports must not change with it.
+        collisions = (
+            select(episodes)
+            .where(episodes.c.campaign == campaign, episodes.c.outcome == Outcome.COLLISION)
+            .order_by(number)
+            .subquery()
+            .c
+        )
+        query = select(
+            func.count(),
+            func.coalesce(func.sum(collisions.log_probability), 0.0),
+            func.coalesce(func.sum(collisions.steps), 0),
+            func.coalesce(func.sum(collisions.severity), 0.0),
+        )
+        with self._database.reading() as connection:
+            return Totals(*connection.execute(query).one())
+
+    def digest(self, campaign: int) -> str:
+        """SHA-256 over the digests of all results in index order."""
+        with self._database.reading() as connection:
+            return digest(connection, campaign)
+
+
+def digest(connection: Connection, campaign: int) -> str:
+    """SHA-256 over one line "index digest" for each result, in index order."""
+    query = (
+        select(number, episodes.c.digest)
+        .where(episodes.c.campaign == campaign)
+        .order_by(number)
+        .execution_options(yield_per=CHUNK)
+    )
+    lines = hashlib.sha256()
+    for index, known in connection.execute(query):
+        lines.update(f"{index} {known}\n".encode())
+    return lines.hexdigest()
+
+
+def _chunks(indices: set[int]) -> Iterator[list[int]]:
+    ordered = sorted(indices)
+    for start in range(0, len(ordered), CHUNK):
+        yield ordered[start : start + CHUNK]
+
+
+def _digests(connection: Connection, campaign: int, indices: set[int]) -> dict[int, str]:
+    query = select(number, episodes.c.digest).where(episodes.c.campaign == campaign)
+    return {
+        index: known
+        for chunk in _chunks(indices)
+        for index, known in connection.execute(query.where(number.in_(chunk)))
+    }
+
+
+def _insert(connection: Connection, campaign: int, kept: list[Kept]) -> None:
+    if not kept:
+        return
+    at_ms = now_ms()
+    keys = [{"campaign": campaign, "index": one.result.index} for one in kept]
+    blobs = [key | _blobs(one.result) for key, one in zip(keys, kept, strict=True)]
+    sights = [
+        key | {"scene": pack(one.result.scene)}
+        for key, one in zip(keys, kept, strict=True)
+        if one.result.scene is not None
+    ]
+    connection.execute(insert(episodes), [_columns(campaign, one, at_ms) for one in kept])
+    connection.execute(insert(trajectories), blobs)
+    if sights:
+        connection.execute(insert(scenes), sights)
+
+
+def _columns(campaign: int, kept: Kept, at_ms: int) -> dict[str, object]:
+    columns = msgspec.structs.asdict(row_of(campaign, kept, at_ms))
+    del columns["problem"]
+    fault = kept.result.fault
+    columns["fault_kind"] = fault.kind if fault else None
+    columns["fault_message"] = fault.message if fault else None
+    return columns
+
+
+def _blobs(result: EpisodeResult) -> dict[str, bytes | None]:
+    return {
+        "z": to_blob(result.noise.z),
+        "sigma": to_blob(result.noise.sigma),
+        "states": None if result.states is None else to_blob(result.states),
+    }

@@ -1,0 +1,142 @@
+"""The job queue in SQL: a row for each piece of work, leased to whoever claims it."""
+
+from collections.abc import Callable, Mapping
+from uuid import uuid4
+
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Table,
+    case,
+    delete,
+    func,
+    insert,
+    select,
+    true,
+    update,
+)
+
+from eigenfail.values.records import Job, JobKind
+from eigenfail_services.store.clock import now_ms, until_ms
+from eigenfail_services.store.engine import Database
+from eigenfail_services.store.limits import BURIED, MAX_ATTEMPTS
+from eigenfail_services.store.schema import analyses, campaigns, jobs
+
+SUBJECTS: Mapping[JobKind, Table] = {JobKind.CAMPAIGN: campaigns, JobKind.ANALYSIS: analyses}
+
+Undertaker = Callable[[Connection, int, str], object]
+
+
+def enqueue(connection: Connection, kind: JobKind, subject: int) -> None:
+    """A job at the end of the queue; one that was left over is taken from whoever holds it."""
+    withdraw(connection, kind, subject)
+    connection.execute(
+        insert(jobs).values(
+            kind=kind,
+            subject=subject,
+            queued_ms=now_ms(),
+            lease_until_ms=0,
+            attempts=0,
+            progress=0,
+        )
+    )
+
+
+def withdraw(connection: Connection, kind: JobKind, subject: int) -> None:
+    """Take the job for a subject out of the queue, whoever holds it."""
+    connection.execute(delete(jobs).where(jobs.c.kind == kind, jobs.c.subject == subject))
+
+
+class SqlJobQueue:
+    """Claims, leases and burials.
+
+    Attempts count the claims since the work last got further: a campaign that keeps results is
+    never buried, however often its supervisor is lost.
+
+    Args:
+        database: where the queue is.
+        undertakers: what makes a subject of each kind fail, given its id and the reason.
+    """
+
+    def __init__(self, database: Database, undertakers: Mapping[JobKind, Undertaker]) -> None:
+        self._database = database
+        self._undertakers = undertakers
+
+    def claim(self, owner: str, lease_s: float, kind: JobKind | None = None) -> Job | None:
+        """The oldest job (of a kind) that nobody works on, now leased to the owner."""
+        while (job := self._take(owner, lease_s, kind)) and job.attempts > MAX_ATTEMPTS:
+            self._bury(job)
+        return job
+
+    def _take(self, owner: str, lease_s: float, kind: JobKind | None) -> Job | None:
+        oldest = (
+            select(jobs.c.id)
+            .where(free(kind))
+            .order_by(jobs.c.id)
+            .limit(1)
+            .with_for_update(skip_locked=True)
+        )
+        progress = finished()
+        statement = (
+            update(jobs)
+            .where(jobs.c.id == oldest.scalar_subquery())
+            .values(
+                owner=owner,
+                token=uuid4().hex,
+                lease_until_ms=until_ms(lease_s),
+                attempts=case((progress > jobs.c.progress, 1), else_=jobs.c.attempts + 1),
+                progress=progress,
+            )
+            .returning(jobs.c.id, jobs.c.kind, jobs.c.subject, jobs.c.token, jobs.c.attempts)
+        )
+        with self._database.writing() as connection:
+            found = connection.execute(statement).one_or_none()
+        return None if found is None else Job(found.id, JobKind(found.kind), *found[2:])
+
+    def _bury(self, job: Job) -> None:
+        table = SUBJECTS[job.kind]
+        # Everybody locks the subject first and its job second.
+        lock = select(table.c.id).where(table.c.id == job.subject).with_for_update(key_share=True)
+        grave = update(jobs).where(held(job)).values(token=None, buried_because=BURIED)
+        with self._database.writing() as connection:
+            connection.execute(lock)
+            if connection.execute(grave).rowcount:
+                self._undertakers[job.kind](connection, job.subject, BURIED)
+
+    def renew(self, job: Job, lease_s: float) -> bool:
+        """Hold the job longer, or, with 0, give it back; False if it is no longer ours."""
+        statement = update(jobs).where(held(job)).values(lease_until_ms=until_ms(lease_s))
+        with self._database.writing() as connection:
+            return connection.execute(statement).rowcount == 1
+
+    def finish(self, job: Job) -> bool:
+        """The job is done; False if it was no longer ours."""
+        with self._database.writing() as connection:
+            return connection.execute(delete(jobs).where(held(job))).rowcount == 1
+
+    def waiting(self, kind: JobKind) -> int:
+        """How many jobs of a kind wait to be claimed."""
+        query = select(func.count()).select_from(jobs).where(free(kind))
+        with self._database.reading() as connection:
+            return connection.execute(query).scalar_one()
+
+
+def free(kind: JobKind | None) -> ColumnElement[bool]:
+    """Jobs (of a kind) that nobody holds."""
+    wanted = true() if kind is None else jobs.c.kind == kind
+    return wanted & jobs.c.buried_because.is_(None) & (jobs.c.lease_until_ms <= now_ms())
+
+
+def held(job: Job) -> ColumnElement[bool]:
+    """The job as long as the token is its own."""
+    return (jobs.c.id == job.id) & (jobs.c.token == job.token)
+
+
+def finished() -> ColumnElement[int]:
+    """How many episodes the campaign of a job has behind it; 0 for other jobs."""
+    count = (
+        select(campaigns.c.completed + campaigns.c.failed)
+        .where(campaigns.c.id == jobs.c.subject, jobs.c.kind == JobKind.CAMPAIGN)
+        .scalar_subquery()
+    )
+    return func.coalesce(count, 0)

@@ -1,0 +1,12 @@
+"""How much is kept, and how often something is tried."""
+
+KEPT_EVENTS = 200_000
+"""The event log forgets what is older."""
+
+MAX_ATTEMPTS = 5
+"""Claims of one job in a row without progress, before it is buried."""
+
+BURIED = (
+    f"Whoever worked on it was lost {MAX_ATTEMPTS} times in a row before it got any further. "
+    "The service's log says why; start it anew once that is put right."
+)

@@ -1,0 +1,114 @@
+"""Campaigns and checkpoints in memory."""
+
+from msgspec.structs import replace
+
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Page
+from eigenfail.values.records import JobKind
+from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved
+from eigenfail_services.store import sentences
+from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.memory.episodes import digest
+from eigenfail_services.store.memory.tables import Tables
+from eigenfail_services.store.refusals import key_used
+
+
+class MemoryCampaigns:
+    """Campaigns and their life."""
+
+    def __init__(self, tables: Tables) -> None:
+        self._tables = tables
+
+    def create(self, spec: CampaignSpec, idempotency_key: str | None = None) -> Campaign:
+        """A new campaign, queued with a job for it; the same one again for the same key."""
+        with self._tables.lock:
+            if idempotency_key is not None and idempotency_key in self._tables.keys:
+                return self._earlier(self._tables.keys[idempotency_key], spec)
+            campaign = self._add(spec)
+            if idempotency_key is not None:
+                self._tables.keys[idempotency_key] = campaign.id
+            return campaign
+
+    def _earlier(self, number: int, spec: CampaignSpec) -> Campaign:
+        earlier = self._tables.campaign(number)
+        if earlier.spec != spec:
+            raise key_used(number)
+        return earlier
+
+    def _add(self, spec: CampaignSpec) -> Campaign:
+        campaign = Campaign(
+            id=len(self._tables.campaigns) + 1,
+            spec=spec,
+            state=CampaignState.QUEUED,
+            counts=Counts(spec.episodes),
+            created_ms=now_ms(),
+        )
+        self._tables.campaigns[campaign.id] = campaign
+        self._tables.episodes[campaign.id] = {}
+        self._tables.enqueue(JobKind.CAMPAIGN, campaign.id)
+        self._tables.log("campaign.created", sentences.campaign_created(campaign), campaign.id)
+        return campaign
+
+    def get(self, campaign: int) -> Campaign:
+        """The campaign as it stands."""
+        with self._tables.lock:
+            return self._tables.campaign(campaign)
+
+    def page(
+        self, limit: int, before: int | None = None, state: CampaignState | None = None
+    ) -> Page[Campaign]:
+        """Campaigns, newest first, with ids below `before`."""
+        with self._tables.lock:
+            found = [
+                campaign
+                for number, campaign in reversed(self._tables.campaigns.items())
+                if (before is None or number < before) and state in {None, campaign.state}
+            ]
+        return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
+
+    def move(self, campaign: int, to: CampaignState, because: str = "") -> Campaign:
+        """Change the state, and log the event."""
+        with self._tables.lock:
+            before = self._tables.campaign(campaign)
+            after = moved(before, to, because, now_ms())
+            if after is before:
+                return before
+            if after.state is CampaignState.DONE:
+                after = replace(after, digest=digest(self._tables, campaign))
+            self._tables.campaigns[campaign] = after
+            if after.state is CampaignState.QUEUED:
+                self._tables.enqueue(JobKind.CAMPAIGN, campaign)
+            if before.state is CampaignState.QUEUED and after.state in WITHDRAWN:
+                self._tables.withdraw(JobKind.CAMPAIGN, campaign)
+            self._tables.log("campaign.state", sentences.campaign_moved(after, because), campaign)
+            return after
+
+    def give_up(self, campaign: int, because: str) -> None:
+        """Let a campaign die, unless it has ended or rests."""
+        with self._tables.lock:
+            if CampaignState.DEAD in MOVES[self._tables.campaign(campaign).state]:
+                self.move(campaign, CampaignState.DEAD, because)
+
+    def add_active(self, campaign: int, seconds: float) -> None:
+        """Add to the time during which the campaign was running."""
+        with self._tables.lock:
+            before = self._tables.campaign(campaign)
+            after = replace(before, active_s=before.active_s + seconds)
+            self._tables.campaigns[campaign] = after
+
+
+class MemoryCheckpoints:
+    """One checkpoint for each campaign."""
+
+    def __init__(self, tables: Tables) -> None:
+        self._tables = tables
+
+    def save(self, campaign: int, checkpoint: bytes) -> None:
+        """Replace the checkpoint."""
+        with self._tables.lock:
+            self._tables.campaign(campaign)
+            self._tables.checkpoints[campaign] = checkpoint
+
+    def load(self, campaign: int) -> bytes | None:
+        """The checkpoint, if there is one."""
+        with self._tables.lock:
+            return self._tables.checkpoints.get(campaign)

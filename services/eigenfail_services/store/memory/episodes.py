@@ -1,0 +1,102 @@
+"""Results of episodes in memory."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+
+from msgspec.structs import replace
+
+from eigenfail.values import EpisodeResult, Outcome, Page
+from eigenfail.values.records import Delivery, EpisodeRow, Failures, Totals, Verdict
+from eigenfail_services.store import sentences
+from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.judging import judge, row_of
+from eigenfail_services.store.memory.tables import Tables
+from eigenfail_services.store.refusals import no_episode
+
+
+class MemoryEpisodes:
+    """Results, read and written."""
+
+    def __init__(self, tables: Tables) -> None:
+        self._tables = tables
+
+    def commit(self, campaign: int, deliveries: Sequence[Delivery]) -> list[Verdict]:
+        """Keep results, update the counts, and log alarms; one verdict for each delivery."""
+        with self._tables.lock:
+            before = self._tables.campaign(campaign)
+            episodes = self._tables.episodes[campaign]
+            known = {index: row.digest for index, (row, _) in episodes.items()}
+            judgement = judge(before, known, deliveries)
+            for kept in judgement.kept:
+                row = row_of(campaign, kept, now_ms())
+                episodes[row.index] = (row, kept.result)
+            self._tables.campaigns[campaign] = replace(before, counts=judgement.counts)
+            for alarm in judgement.alarms:
+                message = sentences.episode_alarm(campaign, alarm.result.index, alarm.worker)
+                self._tables.log("episode.alarm", message, campaign)
+        return judgement.verdicts
+
+    def get(self, campaign: int, index: int) -> EpisodeResult:
+        """One result with everything that is kept of it."""
+        with self._tables.lock:
+            self._tables.campaign(campaign)
+            episodes = self._tables.episodes[campaign]
+            if index not in episodes:
+                raise no_episode(campaign, index)
+            return episodes[index][1]
+
+    def page(
+        self,
+        campaign: int,
+        limit: int,
+        after: int | None = None,
+        outcome: Outcome | None = None,
+    ) -> Page[EpisodeRow]:
+        """Episodes in index order, with indices above `after`."""
+        found = [
+            row
+            for row, _ in ordered(self._tables, campaign)
+            if (after is None or row.index > after) and outcome in {None, row.outcome}
+        ]
+        return Page(tuple(found[:limit]), found[limit - 1].index if len(found) > limit else None)
+
+    def finished(self, campaign: int, indices: Iterable[int]) -> list[EpisodeResult]:
+        """Those of the episodes that have a result, in index order, without their scenes."""
+        wanted = set(indices)
+        return [
+            replace(result, scene=None)
+            for row, result in ordered(self._tables, campaign)
+            if row.index in wanted
+        ]
+
+    def failures(self, campaign: int) -> Failures:
+        """The noise of all collisions."""
+        found = [r for _, r in ordered(self._tables, campaign) if r.is_failure]
+        return Failures(tuple(r.index for r in found), tuple(r.noise.z for r in found))
+
+    def totals(self, campaign: int) -> Totals:
+        """Sums over all collisions."""
+        rows = [row for row, result in ordered(self._tables, campaign) if result.is_failure]
+        return Totals(
+            len(rows),
+            sum((row.log_probability for row in rows), 0.0),
+            sum(row.steps for row in rows),
+            sum((row.severity or 0.0 for row in rows), 0.0),
+        )
+
+    def digest(self, campaign: int) -> str:
+        """SHA-256 over the digests of all results in index order."""
+        return digest(self._tables, campaign)
+
+
+def ordered(tables: Tables, campaign: int) -> list[tuple[EpisodeRow, EpisodeResult]]:
+    """The results of a campaign in index order; none of a campaign that does not exist."""
+    with tables.lock:
+        episodes = tables.episodes.get(campaign, {})
+        return [episodes[index] for index in sorted(episodes)]
+
+
+def digest(tables: Tables, campaign: int) -> str:
+    """SHA-256 over one line "index digest" for each result, in index order."""
+    lines = (f"{row.index} {row.digest}\n" for row, _ in ordered(tables, campaign))
+    return hashlib.sha256("".join(lines).encode()).hexdigest()

@@ -1,0 +1,77 @@
+"""The job queue in memory."""
+
+from collections.abc import Callable, Mapping
+from uuid import uuid4
+
+from eigenfail.values.records import Job, JobKind
+from eigenfail_services.store.clock import now_ms, until_ms
+from eigenfail_services.store.limits import BURIED, MAX_ATTEMPTS
+from eigenfail_services.store.memory.tables import QueuedJob, Tables
+
+
+class MemoryJobQueue:
+    """Claims, leases and burials; attempts count the claims since the work last got further."""
+
+    def __init__(
+        self, tables: Tables, undertakers: Mapping[JobKind, Callable[[int, str], object]]
+    ) -> None:
+        self._tables = tables
+        self._undertakers = undertakers
+
+    def claim(self, owner: str, lease_s: float, kind: JobKind | None = None) -> Job | None:
+        """The oldest job (of a kind) that nobody works on, now leased to the owner."""
+        with self._tables.lock:
+            while (job := self._oldest(kind)) is not None:
+                self._lease(job, owner, lease_s)
+                if job.attempts <= MAX_ATTEMPTS:
+                    return Job(job.id, job.kind, job.subject, job.token, job.attempts)
+                del self._tables.jobs[job.id]
+                self._undertakers[job.kind](job.subject, BURIED)
+        return None
+
+    def renew(self, job: Job, lease_s: float) -> bool:
+        """Hold the job longer, or, with 0, give it back; False if it is no longer ours."""
+        with self._tables.lock:
+            if (found := self._held(job)) is None:
+                return False
+            found.lease_until_ms = until_ms(lease_s)
+        return True
+
+    def finish(self, job: Job) -> bool:
+        """The job is done; False if it was no longer ours."""
+        with self._tables.lock:
+            if self._held(job) is None:
+                return False
+            del self._tables.jobs[job.id]
+        return True
+
+    def waiting(self, kind: JobKind) -> int:
+        """How many jobs of a kind wait to be claimed."""
+        with self._tables.lock:
+            return sum(job.kind is kind and free(job) for job in self._tables.jobs.values())
+
+    def _oldest(self, kind: JobKind | None) -> QueuedJob | None:
+        jobs = self._tables.jobs.values()
+        return next((job for job in jobs if kind in (None, job.kind) and free(job)), None)
+
+    def _lease(self, job: QueuedJob, owner: str, lease_s: float) -> None:
+        progress = self._progress(job)
+        job.attempts = 1 if progress > job.progress else job.attempts + 1
+        job.progress = progress
+        job.owner, job.token = owner, uuid4().hex
+        job.lease_until_ms = until_ms(lease_s)
+
+    def _progress(self, job: QueuedJob) -> int:
+        if job.kind is not JobKind.CAMPAIGN:
+            return 0
+        counts = self._tables.campaign(job.subject).counts
+        return counts.completed + counts.failed
+
+    def _held(self, job: Job) -> QueuedJob | None:
+        found = self._tables.jobs.get(job.id)
+        return found if found is not None and found.token == job.token else None
+
+
+def free(job: QueuedJob) -> bool:
+    """Whether nobody holds it."""
+    return job.lease_until_ms <= now_ms()

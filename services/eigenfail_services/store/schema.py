@@ -1,0 +1,209 @@
+"""The tables. Names are those of the glossary; times are milliseconds since 1970."""
+
+from sqlalchemy import (
+    BigInteger,
+    Boolean,
+    CheckConstraint,
+    Column,
+    Dialect,
+    Double,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    Table,
+    Text,
+    TypeDecorator,
+    UniqueConstraint,
+)
+from sqlalchemy.types import TypeEngine
+
+VERSION = "0001"
+"""The newest migration: what this program was made for."""
+
+VERSION_TABLE = "eigenfail_schema"
+
+LONGEST_PROSE = 4_000
+
+metadata = MetaData(
+    naming_convention={
+        "pk": "pk_%(table_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_name)s",
+        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+        "ck": "ck_%(table_name)s_%(constraint_name)s",
+    }
+)
+
+MAX_NUMBER = 2**63 - 1
+
+
+class Number(TypeDecorator[int]):
+    """An id or index from anywhere: one that no column can hold is as good as the largest."""
+
+    impl = BigInteger
+    cache_ok = True
+
+    def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[int]:
+        """SQLite counts up by itself only in columns of type INTEGER, which hold 64 bits."""
+        return Integer() if dialect.name == "sqlite" else BigInteger()
+
+    def process_bind_param(self, value: int | None, _dialect: Dialect) -> int | None:
+        """Within 64 bits."""
+        return None if value is None else max(-MAX_NUMBER, min(value, MAX_NUMBER))
+
+
+class Prose(TypeDecorator[str]):
+    """Text from anywhere: a planner's error may hold what no database takes, at any length."""
+
+    impl = Text
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, _dialect: Dialect) -> str | None:
+        """Half characters and NUL are replaced, and the end is cut off."""
+        if value is None:
+            return None
+        whole = value[:LONGEST_PROSE].encode(errors="replace").decode()
+        return whole.replace("\x00", "�")
+
+
+campaigns = Table(
+    "campaigns",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("state", Text, nullable=False),
+    Column("spec", Text, nullable=False),  # JSON
+    Column("planned", Integer, nullable=False),
+    Column("completed", Integer, nullable=False),
+    Column("failures", Integer, nullable=False),
+    Column("failed", Integer, nullable=False),
+    Column("cancelled", Integer, nullable=False),
+    Column("duplicates", BigInteger, nullable=False),
+    Column("created_ms", BigInteger, nullable=False),
+    Column("started_ms", BigInteger),
+    Column("ended_ms", BigInteger),
+    Column("active_s", Double, nullable=False),
+    Column("stopped_because", Prose, nullable=False),
+    Column("digest", Text),
+    CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
+    Index(None, "state", "id"),
+    sqlite_autoincrement=True,
+)
+
+idempotency_keys = Table(
+    "idempotency_keys",
+    metadata,
+    Column("key", Text, primary_key=True),
+    Column("spec_hash", Text, nullable=False),
+    Column("campaign", Number, ForeignKey("campaigns.id"), nullable=False),
+)
+
+episodes = Table(
+    "episodes",
+    metadata,
+    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True),
+    Column("index", Number, primary_key=True, autoincrement=False),
+    Column("seed", BigInteger, nullable=False),
+    Column("outcome", Text, nullable=False),
+    Column("steps", Integer, nullable=False),
+    Column("source", Prose, nullable=False),
+    Column("worker", Prose, nullable=False),
+    Column("robustness_m", Double),
+    Column("log_probability", Double, nullable=False),
+    Column("severity", Double),
+    Column("min_ttc_s", Double),
+    Column("max_drac_mps2", Double),
+    Column("wall_s", Double, nullable=False),
+    Column("finished_ms", BigInteger, nullable=False),
+    Column("digest", Text, nullable=False),
+    Column("has_scene", Boolean, nullable=False),
+    Column("fault_kind", Prose),
+    Column("fault_message", Prose),
+    Index(None, "campaign", "outcome", "index"),
+)
+
+# Blobs of little-endian float32, row-major: z and sigma with 2 columns, states with len(STATE).
+trajectories = Table(
+    "trajectories",
+    metadata,
+    Column("campaign", Number, primary_key=True),
+    Column("index", Number, primary_key=True, autoincrement=False),
+    Column("z", LargeBinary, nullable=False),
+    Column("sigma", LargeBinary, nullable=False),
+    Column("states", LargeBinary),
+    ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
+)
+
+scenes = Table(
+    "scenes",
+    metadata,
+    Column("campaign", Number, primary_key=True),
+    Column("index", Number, primary_key=True, autoincrement=False),
+    Column("scene", LargeBinary, nullable=False),  # MessagePack
+    ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
+)
+
+checkpoints = Table(
+    "checkpoints",
+    metadata,
+    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True),
+    Column("saved_ms", BigInteger, nullable=False),
+    Column("state", LargeBinary, nullable=False),
+)
+
+analyses = Table(
+    "analyses",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("campaign", Number, ForeignKey("campaigns.id"), nullable=False),
+    Column("settings", Text, nullable=False),  # JSON
+    Column("state", Text, nullable=False),
+    Column("created_ms", BigInteger, nullable=False),
+    Column("problem", Prose, nullable=False),
+    Column("replay_campaign", Number, ForeignKey("campaigns.id")),
+    Column("failures", Integer),
+    Column("modes", Integer),
+    Column("silhouette", Double),
+    Column("noise_silhouette", Double),
+    Column("result", LargeBinary),  # MessagePack
+    Index(None, "campaign", "id"),
+    sqlite_autoincrement=True,
+)
+
+events = Table(
+    "events",
+    metadata,
+    Column("id", Number, primary_key=True, autoincrement=False),
+    Column("at_ms", BigInteger, nullable=False),
+    Column("kind", Prose, nullable=False),
+    Column("message", Prose, nullable=False),
+    Column("campaign", Number),
+    Index(None, "campaign", "id"),
+)
+
+# One row, there from the first migration on.
+event_counter = Table(
+    "event_counter",
+    metadata,
+    Column("id", Integer, primary_key=True, autoincrement=False),
+    Column("last", BigInteger, nullable=False),
+)
+
+jobs = Table(
+    "jobs",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("kind", Text, nullable=False),
+    Column("subject", Number, nullable=False),
+    Column("queued_ms", BigInteger, nullable=False),
+    Column("owner", Prose),
+    Column("token", Text),
+    Column("lease_until_ms", BigInteger, nullable=False),
+    Column("attempts", Integer, nullable=False),
+    Column("progress", BigInteger, nullable=False),
+    Column("buried_because", Prose),
+    UniqueConstraint("kind", "subject"),
+    sqlite_autoincrement=True,
+)

@@ -1,0 +1,43 @@
+"""What the event log says to a person."""
+
+from eigenfail.values import Analysis, AnalysisResult, AnalysisState, Campaign
+from eigenfail_services.campaigns.lifecycle import STORIES
+
+
+def campaign_created(campaign: Campaign) -> str:
+    """A new campaign."""
+    spec = campaign.spec
+    return f"{_named(campaign)} waits in the queue: {spec.episodes} episodes by {spec.method}."
+
+
+def campaign_moved(campaign: Campaign, because: str) -> str:
+    """A campaign in a new state."""
+    return f"{_named(campaign)} {STORIES[campaign.state]}. {because}".strip()
+
+
+def episode_alarm(campaign: int, index: int, worker: str) -> str:
+    """A result that contradicts the one that is kept."""
+    return (
+        f"Worker {worker} brought another result of episode {index} of campaign {campaign} than "
+        "the one that is kept: simulator, planner or machine is not deterministic."
+    )
+
+
+def analysis_moved(analysis: Analysis) -> str:
+    """An analysis in a new state."""
+    stories = {
+        AnalysisState.QUEUED: "waits in the queue",
+        AnalysisState.RUNNING: "is running",
+        AnalysisState.DONE: f"is done{_found(analysis.result)}",
+        AnalysisState.FAILED: "failed",
+    }
+    story = f"Analysis {analysis.id} of campaign {analysis.campaign} {stories[analysis.state]}."
+    return f"{story} {analysis.problem}".strip()
+
+
+def _named(campaign: Campaign) -> str:
+    return f"Campaign {campaign.id} '{campaign.spec.name}'"
+
+
+def _found(result: AnalysisResult | None) -> str:
+    return f": {len(result.modes)} modes in {len(result.episodes)} failures" if result else ""

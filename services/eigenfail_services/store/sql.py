@@ -1,0 +1,55 @@
+"""The store in a SQL database."""
+
+from sqlalchemy import select
+
+from eigenfail.contracts import (
+    AnalysisStore,
+    CampaignStore,
+    CheckpointStore,
+    EpisodeStore,
+    EventLog,
+    JobQueue,
+)
+from eigenfail.values.records import JobKind
+from eigenfail_services.store import analyses, campaigns
+from eigenfail_services.store.analyses import SqlAnalyses
+from eigenfail_services.store.campaigns import SqlCampaigns
+from eigenfail_services.store.checkpoints import SqlCheckpoints
+from eigenfail_services.store.engine import Database
+from eigenfail_services.store.episodes import SqlEpisodes
+from eigenfail_services.store.events import SqlEventLog
+from eigenfail_services.store.jobs import SqlJobQueue
+from eigenfail_services.store.schema import event_counter
+
+
+class SqlStore:
+    """All parts of the store on one database; safe to use from many threads."""
+
+    campaigns: CampaignStore
+    episodes: EpisodeStore
+    checkpoints: CheckpointStore
+    analyses: AnalysisStore
+    events: EventLog
+    jobs: JobQueue
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self.campaigns = SqlCampaigns(database)
+        self.episodes = SqlEpisodes(database)
+        self.checkpoints = SqlCheckpoints(database)
+        self.analyses = SqlAnalyses(database)
+        self.events = SqlEventLog(database)
+        self.jobs = SqlJobQueue(
+            database,
+            {JobKind.CAMPAIGN: campaigns.give_up, JobKind.ANALYSIS: analyses.give_up},
+        )
+
+    def ping(self) -> None:
+        """Raises StoreUnavailable, within seconds, if the database does not answer."""
+        with self._database.reading() as connection:
+            # SQLite answers SELECT 1 without a look at its file.
+            connection.execute(select(event_counter.c.last)).scalar_one()
+
+    def close(self) -> None:
+        """Let go of all connections."""
+        self._database.close()

@@ -1,0 +1,89 @@
+"""SQLite: one file, many readers, one writer at a time."""
+
+import sqlite3
+import time
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, event
+
+from eigenfail.errors import StoreUnavailable
+
+BUSY_S = 30.0
+RETRY_S = 0.02
+MAX_IDLE_WAL_BYTES = 64 * 1024 * 1024
+
+PRAGMAS = (
+    "journal_mode = WAL",
+    "synchronous = FULL",
+    f"journal_size_limit = {MAX_IDLE_WAL_BYTES}",
+)
+KEYS = "foreign_keys = ON"
+
+ARGUMENTS: dict[str, Any] = {"connect_args": {"timeout": BUSY_S}, "hide_parameters": True}
+
+
+class Sqlite:
+    """The database in a file; its folder is made if it is missing."""
+
+    remedy = "Check that its folder exists, can be written and has room."
+    secrets: tuple[str, ...] = ()
+
+    def __init__(self, url: URL) -> None:
+        if url.database in {None, "", ":memory:"}:
+            raise StoreUnavailable(
+                "The database's address names no file.",
+                "Write sqlite:///folder/file.db; memory:// keeps everything in this process.",
+            )
+        # Connections are opened later too, when the current folder may be another.
+        path = Path(str(url.database)).absolute()
+        self._url = url.set(drivername="sqlite+pysqlite", database=str(path))
+        self._folder = path.parent
+        self.label = f"sqlite:///{path}"
+
+    def engine(self) -> Engine:
+        """For everyday work."""
+        return self._tuned(create_engine(self._url, **ARGUMENTS), KEYS)
+
+    def schema_engine(self) -> Engine:
+        """For migrations, which replace tables that others refer to."""
+        engine = create_engine(self._url, poolclass=NullPool, **ARGUMENTS)
+        return self._tuned(engine)
+
+    def prepare(self) -> None:
+        """Make the folder."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+
+    def lock_schema(self, connection: Connection) -> None:
+        """A transaction that writes has the whole file to itself."""
+
+    def _tuned(self, engine: Engine, *pragmas: str) -> Engine:
+        @event.listens_for(engine, "connect")
+        def tune(connection: sqlite3.Connection, _record: Any) -> None:
+            # Python's own BEGIN comes too late and is never IMMEDIATE: ours takes its place.
+            connection.isolation_level = None
+            for pragma in (*PRAGMAS, *pragmas):
+                patiently(connection, f"PRAGMA {pragma}")
+
+        event.listen(engine, "begin", begin)
+        return engine
+
+
+def patiently(connection: sqlite3.Connection, statement: str) -> None:
+    """Run a statement as soon as it can be: two that turn a new file to WAL do not wait by rule."""
+    until_s = time.monotonic() + BUSY_S
+    while True:
+        try:
+            connection.execute(statement)
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode != sqlite3.SQLITE_BUSY or time.monotonic() > until_s:
+                raise
+            time.sleep(RETRY_S)
+        else:
+            return
+
+
+def begin(connection: Connection) -> None:
+    """Writers take the lock at once: one that began as a reader could not wait for it later."""
+    writes = connection.get_execution_options().get("writes", False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

@@ -1,0 +1,250 @@
+"""The schema: made, compared, taken back and brought forward, on both databases."""
+
+import shutil
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Column, Integer, MetaData, Table, inspect, text
+
+import eigenfail_services
+from eigenfail.errors import SchemaMismatch
+from eigenfail.testing.store.examples import collision, deliver, running
+from eigenfail_services.store import migrate, open_store, schema, steps
+from eigenfail_services.store.engine import Database, find
+
+SECOND = '''"""The second schema."""
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0002"
+down_revision = "0001"
+
+
+def upgrade() -> None:
+    with op.batch_alter_table("campaigns") as campaigns:
+        campaigns.add_column(sa.Column("colour", sa.Text(), nullable=False, server_default=""))
+        campaigns.alter_column("digest", type_=sa.String(64))
+    {fault}
+
+
+def downgrade() -> None:
+    with op.batch_alter_table("campaigns") as campaigns:
+        campaigns.alter_column("digest", type_=sa.Text())
+        campaigns.drop_column("colour")
+'''
+
+
+@pytest.fixture(params=["sqlite", "postgres"])
+def url(request, tmp_path) -> str:
+    """The address of an empty database."""
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path / 'a.db'}"
+    return request.getfixturevalue("postgres_url")
+
+
+@pytest.fixture
+def look():
+    """Asks a database, with nothing of the store in between."""
+
+    def look(url, question):
+        with closing(Database(find(url))) as database, database.reading() as connection:
+            return question(connection)
+
+    return look
+
+
+@pytest.fixture
+def tomorrow(tmp_path, monkeypatch):
+    """Makes this program one of a later release, with a second migration."""
+
+    def become(fault="pass") -> None:
+        folder = tmp_path / "migrations"
+        shutil.copytree(migrate.folder(), folder)
+        (folder / "versions" / "0002_second.py").write_text(SECOND.replace("{fault}", fault))
+        monkeypatch.setattr(migrate, "folder", lambda: folder)
+        monkeypatch.setattr(migrate, "VERSION", "0002")
+
+    return become
+
+
+def tables(connection) -> set[str]:
+    return set(inspect(connection).get_table_names())
+
+
+def differences(connection, metadata=schema.metadata):
+    options = {"version_table": schema.VERSION_TABLE}
+    context = MigrationContext.configure(connection, opts=options)
+    return compare_metadata(context, metadata)
+
+
+def contents(connection) -> dict[str, list[tuple]]:
+    """Every row of every table."""
+    found = MetaData()
+    found.reflect(connection)
+    return {
+        table.name: sorted(map(tuple, connection.execute(table.select())), key=str)
+        for table in found.sorted_tables
+    }
+
+
+def test_the_migrations_lead_to_the_tables_of_the_program(url, look) -> None:
+    migrate.upgrade(url)
+    assert look(url, differences) == []
+    assert look(url, tables) == set(schema.metadata.tables) | {schema.VERSION_TABLE}
+    assert look(url, migrate.version) == migrate.current(url) == schema.VERSION
+
+
+def test_a_difference_would_be_seen(url, look) -> None:
+    migrate.upgrade(url)
+    changed = MetaData()
+    for table in schema.metadata.sorted_tables:
+        table.to_metadata(changed)
+    changed.tables["jobs"].append_column(Column("colour", Integer))
+    found = look(url, lambda connection: differences(connection, changed))
+    assert [kind for kind, *_ in found] == ["add_column"]
+
+
+def test_columns_allow_nothing_only_where_the_program_does(url, look) -> None:
+    migrate.upgrade(url)
+    for table in schema.metadata.sorted_tables:
+        columns = look(url, lambda c, name=table.name: inspect(c).get_columns(name))
+        found = {column["name"]: column["nullable"] for column in columns}
+        assert found == {column.name: column.nullable for column in table.columns}
+
+
+def test_more_ended_episodes_than_planned_are_refused_by_the_database_itself(url) -> None:
+    store = open_store(url)
+    campaign = running(store)
+    store.close()
+    change = text("UPDATE campaigns SET completed = planned + 1 WHERE id = :id")
+
+    def spoil(database: Database) -> None:
+        with database.writing() as connection:
+            connection.execute(change, {"id": campaign.id})
+
+    with closing(Database(find(url))) as database, pytest.raises(Exception, match="accounted"):
+        spoil(database)
+
+
+def test_everything_can_be_taken_back(url, look) -> None:
+    open_store(url).close()
+    migrate.downgrade(url, "base")
+    assert look(url, tables) == {schema.VERSION_TABLE}
+    assert migrate.current(url) is None
+    store = open_store(url)
+    assert running(store).id == 1
+    store.close()
+
+
+def test_upgrading_twice_changes_nothing(url, look) -> None:
+    store = open_store(url)
+    deliver(store, running(store), collision(0))
+    store.close()
+    before = look(url, contents)
+    migrate.upgrade(url)
+    assert look(url, contents) == before
+
+
+def test_an_older_database_is_upgraded_with_all_that_is_in_it(url, look, tomorrow) -> None:
+    store = open_store(url)
+    campaign = running(store)
+    deliver(store, campaign, collision(0))
+    store.close()
+    before = look(url, contents)
+    tomorrow()
+    with pytest.raises(SchemaMismatch, match=r"0001, not 0002.*eigenfail db upgrade"):
+        open_store(url, migrate=False)
+    assert look(url, contents) == before
+    open_store(url).close()
+    after = look(url, contents)
+    assert after["episodes"] == before["episodes"]
+    assert after["scenes"] == before["scenes"]
+    assert after["campaigns"] == [(*row, "") for row in before["campaigns"]]
+    migrate.downgrade(url, "0001")
+    assert look(url, contents) == before
+
+
+def test_an_upgrade_that_fails_leaves_everything_as_it_was(url, look, tomorrow) -> None:
+    store = open_store(url)
+    deliver(store, running(store), collision(0))
+    store.close()
+    before = look(url, contents)
+    tomorrow('raise LookupError("half way")')
+    with pytest.raises(LookupError, match="half way"):
+        open_store(url)
+    assert look(url, contents) == before
+
+
+def test_a_newer_database_is_refused_and_left_alone(url, look) -> None:
+    store = open_store(url)
+    running(store)
+    store.close()
+    with closing(Database(find(url))) as database, database.writing() as connection:
+        connection.exec_driver_sql(f"UPDATE {schema.VERSION_TABLE} SET version_num = '0999'")
+    before = look(url, contents)
+    for refused in (
+        lambda: open_store(url),
+        lambda: open_store(url, migrate=False),
+        lambda: migrate.upgrade(url),
+        lambda: migrate.downgrade(url, "base"),
+    ):
+        with pytest.raises(SchemaMismatch, match="0999"):
+            refused()
+    assert look(url, contents) == before
+    assert migrate.current(url) == "0999"
+
+
+def test_somebody_elses_tables_are_left_alone(url, look) -> None:
+    theirs = Table("campaigns", MetaData(), Column("slogan", Integer))
+    with closing(Database(find(url))) as database, database.writing() as connection:
+        theirs.create(connection)
+    with pytest.raises(SchemaMismatch, match="a database of its own"):
+        open_store(url)
+    assert look(url, tables) == {"campaigns"}
+
+
+def test_the_program_knows_its_newest_migration() -> None:
+    script = ScriptDirectory.from_config(steps.configured())
+    assert script.get_heads() == [schema.VERSION]
+    assert all(len(revision.revision) == 4 for revision in script.walk_revisions())
+
+
+def test_migrations_are_found_in_a_checkout_and_in_a_wheel(tmp_path, monkeypatch) -> None:
+    root = Path(eigenfail_services.__file__).parents[2]
+    assert migrate.folder() == root / "migrations"
+    installed = tmp_path / "site-packages" / "eigenfail_services"
+    (installed / "migrations").mkdir(parents=True)
+    monkeypatch.setattr(eigenfail_services, "__file__", str(installed / "__init__.py"))
+    assert migrate.folder() == installed / "migrations"
+
+
+def test_developers_have_alembics_own_command_line(url) -> None:
+    from alembic.config import main
+
+    arguments = ["-c", str(migrate.folder() / "alembic.ini"), "-x", f"database={url}"]
+    main([*arguments, "upgrade", "head"])
+    main([*arguments, "check"])
+    main([*arguments, "downgrade", "base"])
+    with pytest.raises(SystemExit):
+        main([*arguments, "check"])
+
+
+def test_new_migrations_do_not_depend_on_the_program(url, tomorrow, monkeypatch) -> None:
+    tomorrow()
+    open_store(url).close()
+    metadata = MetaData()
+    Table("notes", metadata, Column("note", schema.Prose), Column("id", schema.Number))
+    monkeypatch.setattr(schema, "metadata", metadata)
+    with migrate.changing(find(url)) as connection:
+        config = steps.configured(connection)
+        written = command.revision(config, "notes", rev_id="0003", autogenerate=True)
+    code = Path(written.path).read_text()
+    assert "sa.Column('note', sa.Text()" in code
+    assert "sa.Column('id', sa.BigInteger().with_variant(sa.Integer()" in code
+    assert "eigenfail_services" not in code

@@ -1,0 +1,54 @@
+"""Failures side by side, and back to where they can be injected."""
+
+import numpy as np
+import pytest
+
+from eigenfail.values.records import Failures
+from eigenfail_services.analysis.alignment import align
+
+SHORT = np.array([[1, -1], [2, -2]], np.float32)
+LONG = np.array([[3, -3], [4, -4], [5, -5]], np.float32)
+BOTH = Failures((4, 9), (SHORT, LONG))
+
+
+def test_at_the_start_no_noise_follows_the_collision() -> None:
+    aligned = align(BOTH, 4, "start")
+    assert aligned.noise[0].tolist() == [[1, -1], [2, -2], [0, 0], [0, 0]]
+    assert aligned.noise[1].tolist() == [[3, -3], [4, -4], [5, -5], [0, 0]]
+    assert aligned.data[0].tolist() == [1, -1, 2, -2, 0, 0, 0, 0]
+    assert (aligned.episodes.tolist(), aligned.steps.tolist()) == ([4, 9], [2, 3])
+
+
+def test_at_the_collision_the_last_steps_meet() -> None:
+    aligned = align(BOTH, 4, "collision")
+    assert aligned.noise[0].tolist() == [[0, 0], [0, 0], [1, -1], [2, -2]]
+    assert aligned.noise[1].tolist() == [[0, 0], [3, -3], [4, -4], [5, -5]]
+
+
+@pytest.mark.parametrize("how", ["start", "collision"])
+@pytest.mark.parametrize("row", [0, 1])
+def test_the_way_back_gives_the_episode_as_it_was(how: str, row: int) -> None:
+    aligned = align(BOTH, 4, how)
+    z = aligned.injectable(aligned.data[row], np.array([row]))
+    steps = len(BOTH.noise[row])
+    assert z.shape == (4, 2)
+    assert np.array_equal(z[:steps], BOTH.noise[row])
+    assert not z[steps:].any()
+
+
+def test_of_several_at_the_collision_the_median_length_counts() -> None:
+    lengths = (1, 2, 3, 5)
+    failures = Failures((0, 1, 2, 3), tuple(np.ones((n, 2), np.float32) for n in lengths))
+    aligned = align(failures, 6, "collision")
+    row = np.arange(12.0)
+    z = aligned.injectable(row, np.arange(4))
+    assert z[:3].tolist() == [[6, 7], [8, 9], [10, 11]]
+    assert not z[3:].any()
+
+
+def test_an_episode_without_a_step_is_a_row_without_noise() -> None:
+    failures = Failures((0,), (np.zeros((0, 2), np.float32),))
+    for how in ("start", "collision"):
+        aligned = align(failures, 3, how)
+        assert not aligned.noise.any()
+        assert not aligned.injectable(aligned.data[0], np.array([0])).any()

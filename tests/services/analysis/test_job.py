@@ -1,0 +1,276 @@
+"""The whole analysis: planted modes, an independent computation, and what little data gives."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.metrics import adjusted_rand_score
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from eigenfail.errors import InvalidValue
+from eigenfail.values import AnalysisResult, AnalysisSettings
+from eigenfail.values.records import Failures
+from eigenfail_services.analysis import job
+from eigenfail_services.analysis.digest import result_digest
+from eigenfail_services.analysis.job import analyse
+
+HORIZON = 100
+DEFAULT = AnalysisSettings()
+
+
+@pytest.mark.parametrize("spread", [0.3, 1.0, 1.5])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_planted_modes_are_found(plant: Callable[..., Any], seed: int, spread: float) -> None:
+    planted = plant(seed, spread)
+    result = analyse(planted.failures, HORIZON, DEFAULT)
+    assert result.distinct
+    assert adjusted_rand_score(planted.labels, result.labels) >= 0.97
+    assert [mode.failures for mode in result.modes] == pytest.approx([90, 60, 40], abs=2)
+    for mode, truth in zip(result.modes, planted.modes, strict=True):
+        error = np.sqrt(np.mean((mode.eigenfailure - truth) ** 2))
+        assert error <= 0.05 + 0.2 * spread
+
+
+@pytest.mark.parametrize("spread", [0.3, 1.0])
+def test_influence_peaks_where_the_modes_differ(plant: Callable[..., Any], spread: float) -> None:
+    planted = plant(2, spread)
+    result = analyse(planted.failures, HORIZON, AnalysisSettings(components=2))
+    matters = np.any(planted.modes != 0.0, axis=0)
+    assert result.influence[matters].min() > result.influence[~matters].max()
+
+
+def test_medoids_are_real_failures_of_their_mode(plant: Callable[..., Any]) -> None:
+    planted = plant(3, 1.0)
+    result = analyse(planted.failures, HORIZON, DEFAULT)
+    for label, mode in enumerate(result.modes):
+        assert result.labels[result.episodes.index(mode.medoid)] == label
+
+
+def test_structureless_failures_have_no_distinct_modes(
+    structureless: Callable[[int], Failures],
+) -> None:
+    ways = (AnalysisSettings(align="start"), AnalysisSettings(align="collision"))
+    results = [analyse(structureless(seed), HORIZON, ways[seed % 2]) for seed in range(10)]
+    assert sum(result.distinct for result in results) <= 1
+    assert all(len(result.modes) >= 2 for result in results)
+
+
+def test_it_agrees_with_an_independent_computation(
+    structureless: Callable[[int], Failures],
+) -> None:
+    failures = structureless(11)
+    result = analyse(failures, HORIZON, AnalysisSettings(components=4, clusters=3))
+    data = np.array([np.pad(z, ((0, HORIZON - len(z)), (0, 0))).ravel() for z in failures.noise])
+    mean = data.mean(axis=0, dtype=np.float64)
+    _, singular, axes = np.linalg.svd(data - mean, full_matrices=False)
+    axes = axes[:4] * np.sign(axes[range(4), np.abs(axes[:4]).argmax(axis=1)])[:, None]
+    shares = (singular**2 / np.sum(singular**2))[:4]
+    scores = (data - mean) @ axes.T
+    assert result.episodes == failures.indices
+    assert result.explained == pytest.approx(shares, rel=1e-5)
+    assert result.components == pytest.approx(axes.reshape(4, HORIZON, 2), abs=1e-5)
+    assert result.scores == pytest.approx(scores, abs=1e-4)
+    weights = np.abs(axes) * shares[:, None]
+    assert result.influence == pytest.approx(weights.sum(axis=0).reshape(HORIZON, 2), abs=1e-5)
+    check_modes(result, scores, lambda centre: (centre @ axes + mean).reshape(HORIZON, 2))
+
+
+def check_modes(
+    result: AnalysisResult, scores: np.ndarray, back: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    labels = np.array(result.labels)
+    for label, mode in enumerate(result.modes):
+        members = scores[labels == label]
+        centre = members.mean(axis=0)
+        nearest = np.argmin(np.sum((members - centre) ** 2, axis=1))
+        assert mode.failures == len(members)
+        assert mode.centre == pytest.approx(centre, abs=1e-4)
+        assert mode.medoid == np.array(result.episodes)[labels == label][nearest]
+        assert mode.eigenfailure == pytest.approx(back(centre), abs=1e-4)
+
+
+def test_aligned_at_the_collision_the_eigenfailure_strikes_when_failures_did(
+    failures_of: Callable[..., Failures],
+) -> None:
+    """All failures push in their last ten steps; half of them collide at 60, half at 64."""
+    noise = [np.zeros((steps, 2)) for steps in (60, 64) * 20]
+    for z in noise:
+        z[-10:, 0] = 3.0
+    settings_ = AnalysisSettings(align="collision", clusters=1)
+    (mode,) = analyse(failures_of(noise), HORIZON, settings_).modes
+    expected = np.zeros((HORIZON, 2))
+    expected[54:64, 0] = 3.0
+    assert mode.eigenfailure == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("align", ["start", "collision"])
+def test_it_is_the_same_whenever_it_is_repeated(
+    structureless: Callable[[int], Failures], align: Any
+) -> None:
+    asked = AnalysisSettings(align=align, clusters=4)
+    with threadpool_limits(limits=2):
+        one = analyse(structureless(1), HORIZON, asked)
+    with threadpool_limits(limits=1):
+        other = analyse(structureless(1), HORIZON, asked)
+    assert result_digest(one) == result_digest(other)
+    assert len(result_digest(one)) == 64
+
+
+def test_the_digest_sees_every_part(structureless: Callable[[int], Failures]) -> None:
+    result = analyse(structureless(1), HORIZON, AnalysisSettings(clusters=1))
+    digests = {result_digest(result)}
+    for field in ("explained", "components", "scores", "influence"):
+        changed = getattr(result, field).copy()
+        changed.flat[-1] = np.nextafter(changed.flat[-1], np.float32(9))
+        digests.add(result_digest(replaced(result, field, changed)))
+    digests.add(result_digest(replaced(result, "silhouette", 0.5)))
+    digests.add(result_digest(replaced(result, "labels", (1, *result.labels[1:]))))
+    assert len(digests) == 7
+
+
+def replaced(result: AnalysisResult, field: str, value: Any) -> AnalysisResult:
+    parts = {name: getattr(result, name) for name in result.__struct_fields__}
+    return AnalysisResult(**(parts | {field: value}))
+
+
+def test_it_counts_on_one_thread(
+    monkeypatch: pytest.MonkeyPatch, failures_of: Callable[..., Failures]
+) -> None:
+    threads: set[int] = set()
+
+    def fit(*arguments: Any) -> Any:
+        threads.update(pool["num_threads"] for pool in threadpool_info())
+        return real(*arguments)
+
+    real = job.fit
+    monkeypatch.setattr(job, "fit", fit)
+    with threadpool_limits(limits=2):
+        analyse(failures_of([np.ones((2, 2))]), HORIZON, DEFAULT)
+    assert threads == {1}
+
+
+@pytest.mark.parametrize("align", ["start", "collision"])
+@pytest.mark.parametrize("wanted", [None, 1, 2, 5])
+@pytest.mark.parametrize("count", [1, 2])
+def test_one_or_two_failures_are_one_mode(
+    failures_of: Callable[..., Failures], count: int, wanted: int | None, align: Any
+) -> None:
+    noise = list(np.random.default_rng(0).standard_normal((count, 9, 2)))
+    result = analyse(failures_of(noise), 9, AnalysisSettings(align=align, clusters=wanted))
+    (mode,) = result.modes
+    assert mode.failures == count
+    assert mode.eigenfailure == pytest.approx(np.mean(noise, axis=0), abs=1e-6)
+    assert result.labels == (0,) * count
+    assert len(result.explained) == count - 1
+    assert result.silhouette is result.noise_silhouette is None
+    assert not result.distinct
+
+
+def test_identical_failures_are_one_mode(failures_of: Callable[..., Failures]) -> None:
+    z = np.random.default_rng(0).standard_normal((9, 2)).astype(np.float32)
+    result = analyse(failures_of([z] * 40), 12, AnalysisSettings(clusters=3))
+    (mode,) = result.modes
+    assert (mode.failures, mode.medoid, mode.centre.shape) == (40, 3, (0,))
+    assert mode.eigenfailure[:9] == pytest.approx(z)
+    assert result.components.shape == (0, 12, 2)
+    assert result.scores.shape == (40, 0)
+    assert not result.influence.any()
+
+
+def test_fewer_failures_than_clusters_are_one_mode(failures_of: Callable[..., Failures]) -> None:
+    noise = list(np.random.default_rng(0).standard_normal((4, 9, 2)))
+    result = analyse(failures_of(noise), 9, AnalysisSettings(clusters=5))
+    assert len(result.modes) == 1
+
+
+def test_constant_columns_have_no_influence(failures_of: Callable[..., Failures]) -> None:
+    noise = np.random.default_rng(0).standard_normal((30, 9, 2))
+    noise[:, :, 1] = 0.7
+    result = analyse(failures_of(list(noise)), 9, AnalysisSettings(clusters=2))
+    assert result.influence[:, 1].max() < 1e-9 < result.influence[:, 0].min()
+    for mode in result.modes:
+        assert mode.eigenfailure[:, 1] == pytest.approx(0.7)
+
+
+def test_failures_without_any_noise(failures_of: Callable[..., Failures]) -> None:
+    result = analyse(failures_of([np.zeros((0, 2))] * 3), 5, DEFAULT)
+    assert not result.modes[0].eigenfailure.any()
+
+
+def test_without_a_failure_there_is_nothing_to_analyse() -> None:
+    with pytest.raises(InvalidValue, match=r"none to analyse.* ast, difs") as caught:
+        analyse(Failures((), ()), HORIZON, DEFAULT)
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    "z",
+    [
+        np.zeros((11, 2), np.float32),
+        np.zeros((10, 3), np.float32),
+        np.zeros(10, np.float32),
+        np.array([[0.0, np.nan]], np.float32),
+        np.array([[np.inf, 0.0]], np.float32),
+    ],
+)
+def test_noise_that_does_not_fit_is_refused_by_episode(z: np.ndarray) -> None:
+    good = np.zeros((10, 2), np.float32)
+    with pytest.raises(InvalidValue, match="episode 8"):
+        analyse(Failures((5, 8), (good, z)), 10, DEFAULT)
+
+
+@st.composite
+def some_failures(draw: st.DrawFn) -> list[np.ndarray]:
+    """Few, short and often alike: where ties and degenerate directions live."""
+    lengths = draw(st.lists(st.integers(0, 4), min_size=1, max_size=8))
+    entry = st.integers(-2, 2).map(float) | st.floats(-3, 3, width=32)
+    return [
+        np.array(draw(st.lists(entry, min_size=2 * n, max_size=2 * n)), np.float32).reshape(n, 2)
+        for n in lengths
+    ]
+
+
+@given(some_failures(), st.randoms(use_true_random=False), st.sampled_from([1, 2, 3]))
+@settings(max_examples=25, deadline=None)
+def test_the_order_of_the_failures_does_not_matter(
+    noise: list[np.ndarray], random: Any, wanted: int
+) -> None:
+    asked = AnalysisSettings(clusters=wanted, align="collision")
+    order = random.sample(range(len(noise)), len(noise))
+    episodes = tuple(range(len(noise)))
+    one = analyse(Failures(episodes, tuple(noise)), 4, asked)
+    other = analyse(Failures(tuple(order), tuple(noise[i] for i in order)), 4, asked)
+    assert other.episodes == tuple(order)
+    assert np.array_equal(other.scores, one.scores[order])
+    assert other.labels == tuple(one.labels[i] for i in order)
+    assert np.array_equal(other.components, one.components)
+    assert other.silhouette == one.silhouette
+    for mine, theirs in zip(one.modes, other.modes, strict=True):
+        assert (mine.medoid, mine.failures) == (theirs.medoid, theirs.failures)
+        assert np.array_equal(mine.eigenfailure, theirs.eigenfailure)
+
+
+@given(some_failures(), st.integers(1, 5), st.sampled_from(["start", "collision"]))
+@settings(max_examples=25, deadline=None)
+def test_its_parts_fit_together(noise: list[np.ndarray], components: int, align: Any) -> None:
+    episodes = tuple(range(10, 10 + len(noise)))
+    asked = AnalysisSettings(align=align, components=components, clusters=2)
+    result = analyse(Failures(episodes, tuple(noise)), 4, asked)
+    count = len(result.explained)
+    assert result.explained.sum() <= 1.0 + 1e-6
+    assert (np.diff(result.explained) <= 1e-6).all()
+    assert result.components.shape == (count, 4, 2)
+    assert result.scores.shape == (len(noise), count)
+    assert result.influence.shape == (4, 2)
+    assert sorted(set(result.labels)) == list(range(len(result.modes)))
+    for label, mode in enumerate(result.modes):
+        members = [e for e, own in zip(result.episodes, result.labels, strict=True) if own == label]
+        assert mode.failures == len(members)
+        assert mode.medoid in members
+        assert mode.centre.shape == (count,)
+        assert mode.eigenfailure.shape == (4, 2)
+        assert mode.eigenfailure.dtype == np.float32
+    assert (result.silhouette is None) == (len(result.modes) == 1)

@@ -1,0 +1,57 @@
+"""The row of a campaign in a result table."""
+
+import pytest
+
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail.values.records import Totals
+from eigenfail_services.analysis.cost import cost
+from eigenfail_services.campaigns.summary import summarise
+from eigenfail_services.statistics.intervals import rate
+
+NOTHING = Totals(failures=0, log_probability=0.0, steps=0, severity=0.0)
+
+
+def campaign(counts: Counts, active_s: float = 0.0) -> Campaign:
+    spec = CampaignSpec(
+        name="truck", method="ast", episodes=counts.planned, price_usd_per_hour=1.8, instances=2
+    )
+    return Campaign(
+        id=7,
+        spec=spec,
+        state=CampaignState.RUNNING,
+        counts=counts,
+        created_ms=1,
+        active_s=active_s,
+    )
+
+
+def test_a_campaign_with_failures() -> None:
+    counts = Counts(planned=100, completed=80, failures=4, failed=2)
+    row = summarise(campaign(counts, active_s=40.0), Totals(4, -600.0, 240, 500.0))
+    assert (row.campaign, row.name, row.method, row.counts) == (7, "truck", "ast", counts)
+    assert row.failure_rate == rate(4, 80)
+    assert row.mean_log_probability == -150.0
+    assert row.log_probability_per_step == -2.5
+    assert row.mean_severity == 125.0
+    assert row.episodes_per_s == 2.0
+    assert row.cost == cost(40.0, 2, 1.8, 4, 80)
+    assert row.cost.total_usd == pytest.approx(0.04)
+
+
+def test_a_campaign_without_a_failure_has_no_means_but_a_price() -> None:
+    row = summarise(campaign(Counts(planned=100, completed=80), active_s=40.0), NOTHING)
+    assert row.mean_log_probability is row.log_probability_per_step is row.mean_severity is None
+    assert row.failure_rate == rate(0, 80)
+    assert row.cost.at_least_usd == pytest.approx(0.04 / (80 * row.failure_rate.interval.high))
+
+
+def test_a_campaign_that_has_not_begun_has_neither_rate_nor_speed() -> None:
+    row = summarise(campaign(Counts(planned=100)), NOTHING)
+    assert row.failure_rate is row.episodes_per_s is row.cost.at_least_usd is None
+    assert row.cost.total_usd == 0.0
+
+
+def test_only_completed_episodes_are_its_speed() -> None:
+    row = summarise(campaign(Counts(planned=100, failed=50), active_s=10.0), NOTHING)
+    assert row.episodes_per_s == 0.0
+    assert row.failure_rate is None

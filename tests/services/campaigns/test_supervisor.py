@@ -1,0 +1,257 @@
+"""The supervisor on a real store, with a hub and analyses that the test plays."""
+
+from queue import SimpleQueue
+
+import pytest
+
+from eigenfail.errors import StoreUnavailable
+from eigenfail.values import (
+    AnalysisSettings,
+    CampaignSpec,
+    CampaignState,
+    EpisodeFault,
+    EpisodeTask,
+    PriorSource,
+    unrunnable,
+)
+from eigenfail.values.records import Delivery, JobKind
+from eigenfail_services.campaigns import supervisor as module
+from eigenfail_services.campaigns.supervisor import Supervisor
+from eigenfail_services.hub.server import Ended
+from eigenfail_services.store import MemoryStore
+
+ROOM = module.ROOM[JobKind.CAMPAIGN]
+
+
+class Hub:
+    def __init__(self) -> None:
+        self.ended: SimpleQueue[Ended] = SimpleQueue()
+        self.launched: list[int] = []
+        self.halted: list[int] = []
+
+    def launch(self, order) -> None:
+        self.launched.append(order.campaign)
+
+    def halt(self, campaign: int) -> None:
+        self.halted.append(campaign)
+
+
+class Analyses:
+    def __init__(self) -> None:
+        self.opened = []
+
+    def __len__(self) -> int:
+        return len(self.opened)
+
+    def open(self, job) -> None:
+        self.opened.append(job)
+
+    def tend(self) -> None:
+        pass
+
+
+class House:
+    def __init__(self) -> None:
+        self.store = MemoryStore()
+        self.hub = Hub()
+        self.analyses = Analyses()
+        self.supervisor = self.another_supervisor()
+
+    def another_supervisor(self) -> Supervisor:
+        return Supervisor(self.store, self.hub, self.analyses)  # type: ignore[arg-type]
+
+    def create(self, **fields) -> int:
+        spec = CampaignSpec(**{"name": "t", "method": "monte_carlo", "episodes": 5} | fields)
+        return self.store.campaigns.create(spec).id
+
+    def state(self, campaign: int) -> CampaignState:
+        return self.store.campaigns.get(campaign).state
+
+
+@pytest.fixture
+def house() -> House:
+    return House()
+
+
+def test_a_queued_campaign_is_launched_once(house: House) -> None:
+    campaign = house.create()
+    for _ in range(3):
+        house.supervisor.turn()
+    assert house.hub.launched == [campaign]
+    assert house.state(campaign) is CampaignState.RUNNING
+
+
+def test_what_the_hub_has_ended_is_done_and_its_job_gone(house: House) -> None:
+    campaign = house.create()
+    house.supervisor.turn()
+    house.hub.ended.put(Ended(campaign, ""))
+    house.supervisor.turn()
+    assert house.state(campaign) is CampaignState.DONE
+    assert house.store.jobs.claim("other", 10.0, JobKind.CAMPAIGN) is None
+
+
+def test_trouble_in_the_hub_is_the_reason_that_the_campaign_keeps(house: House) -> None:
+    campaign = house.create()
+    house.supervisor.turn()
+    house.hub.ended.put(Ended(campaign, "The learner diverged."))
+    house.supervisor.turn()
+    ended = house.store.campaigns.get(campaign)
+    assert (ended.state, ended.stopped_because) == (CampaignState.DEAD, "The learner diverged.")
+
+
+@pytest.mark.parametrize(
+    ("wish", "rest"),
+    [
+        (CampaignState.PAUSING, CampaignState.PAUSED),
+        (CampaignState.CANCELLING, CampaignState.CANCELLED),
+    ],
+)
+def test_a_wish_halts_the_hub_once_and_comes_true(house: House, wish, rest) -> None:
+    campaign = house.create()
+    house.supervisor.turn()
+    house.store.campaigns.move(campaign, wish)
+    house.supervisor.turn()
+    house.supervisor.turn()
+    assert house.hub.halted == [campaign]
+    house.hub.ended.put(Ended(campaign, ""))
+    house.supervisor.turn()
+    assert house.state(campaign) is rest
+
+
+def test_a_campaign_that_cannot_be_staged_dies_with_the_reason(house: House) -> None:
+    campaign = house.create(method="replay", settings={"analysis": 999})
+    house.supervisor.turn()
+    ended = house.store.campaigns.get(campaign)
+    assert ended.state is CampaignState.DEAD
+    assert "999" in ended.stopped_because
+
+
+def test_no_more_campaigns_at_a_time_than_there_is_room_for(house: House) -> None:
+    campaigns = [house.create() for _ in range(ROOM + 2)]
+    house.supervisor.turn()
+    assert house.hub.launched == campaigns[:ROOM]
+    house.hub.ended.put(Ended(campaigns[1], ""))
+    house.supervisor.turn()
+    house.supervisor.turn()
+    assert house.hub.launched[-1] == campaigns[ROOM]
+
+
+def test_analyses_do_not_wait_for_campaigns(house: House) -> None:
+    campaigns = [house.create() for _ in range(ROOM + 1)]
+    analysis = house.store.analyses.create(campaigns[0], AnalysisSettings())
+    house.supervisor.turn()
+    assert [job.subject for job in house.analyses.opened] == [analysis.id]
+
+
+def test_what_is_released_is_taken_up_by_the_next_supervisor(house: House) -> None:
+    campaign = house.create()
+    house.supervisor.turn()
+    house.supervisor.release()
+    house.another_supervisor().turn()
+    assert house.hub.launched == [campaign, campaign]
+    assert house.state(campaign) is CampaignState.RUNNING
+
+
+def test_progress_is_told_when_there_is_some(house: House, monkeypatch) -> None:
+    campaign = house.create()
+    monkeypatch.setattr(module, "RENEW_S", 0.0)
+
+    def told() -> list[str]:
+        events = house.store.events.after(0, 100, campaign)
+        return [event.message for event in events if event.kind == "campaign.progress"]
+
+    for _ in range(3):
+        house.supervisor.turn()
+    assert told() == ["0 of 5 episodes, 0 failures."]
+    result = unrunnable(EpisodeTask(0, 0, PriorSource()), EpisodeFault("input", "test"))
+    house.store.episodes.commit(campaign, [Delivery(result, "w")])
+    house.supervisor.turn()
+    assert told()[1:] == ["1 of 5 episodes, 0 failures."]
+
+
+def test_a_lost_job_is_left_to_whoever_has_it(house: House, monkeypatch) -> None:
+    campaign = house.create()
+    house.supervisor.turn()
+    monkeypatch.setattr(house.store.jobs, "renew", lambda job, lease_s: False)
+    monkeypatch.setattr(module.time, "monotonic", lambda: float("inf"))
+    house.supervisor.turn()
+    house.hub.ended.put(Ended(campaign, ""))
+    house.supervisor.turn()
+    assert set(house.hub.halted) == {campaign}
+    assert house.state(campaign) is CampaignState.RUNNING
+
+
+def test_an_ending_that_the_store_refuses_is_kept_for_later(house: House, monkeypatch) -> None:
+    campaign = house.create()
+    house.supervisor.turn()
+    house.hub.ended.put(Ended(campaign, ""))
+    move = house.store.campaigns.move
+
+    def away(*_):
+        raise StoreUnavailable("The disk is full.")
+
+    monkeypatch.setattr(house.store.campaigns, "move", away)
+    with pytest.raises(StoreUnavailable):
+        house.supervisor.turn()
+    monkeypatch.setattr(house.store.campaigns, "move", move)
+    house.supervisor.turn()
+    assert house.state(campaign) is CampaignState.DONE
+
+
+def test_our_own_lease_that_ran_out_launches_nothing_twice(house: House, monkeypatch) -> None:
+    campaign = house.create()
+    claim, claimed = house.store.jobs.claim, []
+    monkeypatch.setattr(
+        house.store.jobs, "claim", lambda *asked: claimed.append(claim(*asked)) or claimed[-1]
+    )
+    house.supervisor.turn()
+    house.store.jobs.renew(claimed[0], -1.0)
+    house.supervisor.turn()
+    assert [job.subject for job in claimed] == [campaign, campaign]
+    assert house.hub.launched == [campaign]
+    house.hub.ended.put(Ended(campaign, ""))
+    house.supervisor.turn()
+    assert house.state(campaign) is CampaignState.DONE
+
+
+def test_who_lost_a_campaign_without_noticing_does_not_close_it(house: House, monkeypatch) -> None:
+    campaign = house.create()
+    house.supervisor.turn()
+    monkeypatch.setattr(house.store.jobs, "renew", lambda job, lease_s: False)
+    house.hub.ended.put(Ended(campaign, "The learner diverged."))
+    house.supervisor.turn()
+    assert house.state(campaign) is CampaignState.RUNNING
+
+
+def test_a_cancellation_in_the_very_moment_of_a_pause_is_heeded(house: House, monkeypatch) -> None:
+    campaign = house.create()
+    house.supervisor.turn()
+    house.store.campaigns.move(campaign, CampaignState.PAUSING)
+    house.supervisor.turn()
+    seen = house.store.campaigns.get(campaign)
+    house.store.campaigns.move(campaign, CampaignState.CANCELLING)
+    house.hub.ended.put(Ended(campaign, ""))
+    with monkeypatch.context() as patch:
+        patch.setattr(house.store.campaigns, "get", lambda _: seen)
+        house.supervisor.turn()
+    house.supervisor.turn()
+    assert house.state(campaign) is CampaignState.CANCELLED
+
+
+def test_time_is_billed_although_the_store_was_away(house: House, monkeypatch) -> None:
+    now_s = [0.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now_s[0])
+    campaign = house.create()
+    house.supervisor.turn()
+
+    def away(*_):
+        raise StoreUnavailable("The disk is full.")
+
+    now_s[0] = 60.0
+    with monkeypatch.context() as patch:
+        patch.setattr(house.store.campaigns, "add_active", away)
+        with pytest.raises(StoreUnavailable):
+            house.supervisor.turn()
+    now_s[0] = 70.0
+    house.supervisor.turn()
+    assert house.store.campaigns.get(campaign).active_s == 70.0

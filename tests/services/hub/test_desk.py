@@ -1,0 +1,193 @@
+"""The talk with workers, message by message, without a socket."""
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eigenfail.values import (
+    CampaignSpec,
+    EpisodeFault,
+    EpisodeTask,
+    Layer,
+    Policy,
+    PolicySource,
+    PriorSource,
+    unrunnable,
+)
+from eigenfail.values.records import Verdict
+from eigenfail.wire.messages import (
+    PROTOCOL,
+    Ack,
+    Drop,
+    Goodbye,
+    Heartbeat,
+    Hello,
+    Lease,
+    PolicyUpdate,
+    Refusal,
+    Results,
+    Setup,
+    Welcome,
+    encode,
+)
+from eigenfail_services.hub import desk
+from eigenfail_services.hub.commits import Commits
+from eigenfail_services.hub.desk import Desk
+from eigenfail_services.hub.leases import Leases
+
+SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=9)
+LAYER = Layer(np.zeros((2, 2), np.float32), np.zeros(2, np.float32))
+
+
+class Order(msgspec.Struct):
+    campaign: int = 1
+    setup: object = SPEC.setup()
+
+
+class FakeRun:
+    order = Order()
+
+    def policy(self, version: int) -> Policy:
+        return Policy(version, (), LAYER, LAYER, 3.0, 1)
+
+
+class Episodes:
+    def commit(self, campaign, deliveries):
+        return [Verdict.KEPT for _ in deliveries]
+
+
+class Room:
+    """A desk, and everything that it sent."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[bytes, object]] = []
+        self.leases = Leases()
+        self.commits = Commits(Episodes())  # type: ignore[arg-type]
+        self.desk = Desk(lambda w, m: self.sent.append((w, m)), self.leases, self.commits)
+
+    def said_to(self, worker: bytes) -> list[type]:
+        kinds = [type(message) for to, message in self.sent if to == worker]
+        self.sent.clear()
+        return kinds
+
+    def join(self, worker: bytes, protocol: int = PROTOCOL) -> None:
+        self.desk.hear(worker, encode(Hello(protocol, worker.decode(), 64)))
+
+
+@pytest.fixture
+def room() -> Room:
+    return Room()
+
+
+def test_a_worker_is_welcomed(room: Room) -> None:
+    room.join(b"a")
+    assert room.said_to(b"a") == [Welcome]
+
+
+def test_another_protocol_is_refused_with_both_versions(room: Room) -> None:
+    room.join(b"a", protocol=99)
+    (_, refusal) = room.sent[0]
+    assert isinstance(refusal, Refusal)
+    assert "99" in refusal.reason
+    assert str(PROTOCOL) in refusal.reason
+    assert room.leases.seats == {}
+
+
+def test_a_stranger_is_asked_to_say_hello(room: Room) -> None:
+    room.desk.hear(b"x", encode(Heartbeat()))
+    assert room.said_to(b"x") == [Refusal]
+
+
+def test_setup_and_policy_come_once_before_the_lease(room: Room) -> None:
+    room.join(b"a")
+    room.said_to(b"a")
+    room.leases.offer(1, (EpisodeTask(0, 0, PolicySource(4)),))
+    room.desk.assign({1: FakeRun()})  # type: ignore[dict-item]
+    assert room.said_to(b"a") == [Setup, PolicyUpdate, Lease]
+    room.leases.offer(1, (EpisodeTask(1, 0, PolicySource(4)), EpisodeTask(2, 0, PriorSource())))
+    room.desk.assign({1: FakeRun()})  # type: ignore[dict-item]
+    assert set(room.said_to(b"a")) == {Lease}
+
+
+def test_after_a_drop_the_setup_comes_again(room: Room) -> None:
+    room.join(b"a")
+    room.leases.offer(1, (EpisodeTask(0, 0, PriorSource()),))
+    room.desk.assign({1: FakeRun()})  # type: ignore[dict-item]
+    room.leases.withdraw(1)
+    room.desk.drop(1)
+    assert room.said_to(b"a")[-1] is Drop
+    room.leases.offer(1, (EpisodeTask(0, 0, PriorSource()),))
+    room.desk.assign({1: FakeRun()})  # type: ignore[dict-item]
+    assert room.said_to(b"a") == [Setup, Lease]
+
+
+def test_results_are_acknowledged_after_their_commit_alone(room: Room) -> None:
+    room.join(b"a")
+    room.said_to(b"a")
+    done = unrunnable(EpisodeTask(0, 0, PriorSource()), EpisodeFault("input", "test"))
+    room.desk.hear(b"a", encode(Results(1, (done,))))
+    assert room.said_to(b"a") == []
+    for committed in room.commits.flush(now=True):
+        room.desk.acknowledge(committed)
+    assert room.said_to(b"a") == [Ack]
+
+
+def test_a_leaving_worker_s_episodes_go_to_another(room: Room) -> None:
+    room.join(b"a")
+    room.leases.offer(1, (EpisodeTask(0, 0, PriorSource()),))
+    room.desk.assign({1: FakeRun()})  # type: ignore[dict-item]
+    room.desk.hear(b"a", encode(Heartbeat(1, 0)))
+    room.desk.hear(b"a", encode(Goodbye()))
+    room.join(b"b")
+    room.desk.assign({1: FakeRun()})  # type: ignore[dict-item]
+    assert room.said_to(b"b") == [Welcome, Setup, Lease]
+
+
+@given(st.binary(max_size=200))
+@settings(max_examples=300, deadline=None)
+def test_whatever_bytes_come_the_desk_answers_or_ignores(data: bytes) -> None:
+    room = Room()
+    room.join(b"a")
+    room.desk.hear(b"a", data)
+    assert b"a" in room.leases.seats
+
+
+@given(st.integers(0, 400), st.integers(0, 255))
+@settings(max_examples=200, deadline=None)
+def test_a_bent_byte_in_a_true_message_harms_nobody(place: int, value: int) -> None:
+    room = Room()
+    room.join(b"a")
+    done = unrunnable(EpisodeTask(0, 0, PriorSource()), EpisodeFault("input", "test"))
+    data = bytearray(encode(Results(1, (done,))))
+    data[place % len(data)] = value
+    room.desk.hear(b"a", bytes(data))
+    room.desk.hear(b"a", encode(Heartbeat()))
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time, in its one place."""
+    now_s = [100.0]
+    monkeypatch.setattr(desk.time, "monotonic", lambda: now_s[0])
+    return now_s
+
+
+def test_a_hub_that_was_held_up_does_not_take_its_own_silence_for_the_workers(clock) -> None:
+    room = Room()
+    room.join(b"a")
+    room.desk.bury_silent()
+    clock[0] += 4 * desk.SILENCE_LIMIT_S
+    room.desk.bury_silent()
+    assert b"a" in room.leases.seats
+
+
+def test_a_worker_that_stays_silent_is_given_up(clock) -> None:
+    room = Room()
+    room.join(b"a")
+    for _ in range(11):
+        room.desk.bury_silent()
+        clock[0] += desk.SILENCE_LIMIT_S / 10
+    room.desk.bury_silent()
+    assert room.leases.seats == {}

@@ -1,0 +1,226 @@
+"""A run between a learner, a store and workers that the test plays: no trouble loses an episode."""
+
+import sys
+from collections import deque
+
+import msgspec
+import numpy as np
+import pytest
+
+from eigenfail.errors import StoreUnavailable
+from eigenfail.values import (
+    CampaignSpec,
+    EpisodeFault,
+    EpisodeTask,
+    LearnerContext,
+    PriorSource,
+    Round,
+    unrunnable,
+)
+from eigenfail.values.records import Delivery, Verdict
+from eigenfail.wire.messages import Observed, Proposed, Start, Trouble
+from eigenfail_services.hub import learner_link, runs
+from eigenfail_services.hub.learner_link import LearnerLink
+from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.runs import Order, Run
+from eigenfail_services.store import MemoryStore
+
+SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=9)
+TASKS = tuple(EpisodeTask(index, index, PriorSource()) for index in range(2))
+
+
+class PlayedLink:
+    """The learner's part is the test's."""
+
+    def __init__(self) -> None:
+        self.said: list = []
+        self.to_say: deque = deque()
+        self.status: int | None = None
+
+    def say(self, message) -> None:
+        self.said.append(message)
+
+    def hear(self):
+        return self.to_say.popleft() if self.to_say else None
+
+    def exit_status(self) -> int | None:
+        return self.status
+
+    def stop(self) -> None:
+        pass
+
+
+class Stage:
+    """A run of one campaign."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._patch = monkeypatch
+        self.links: list[PlayedLink] = []
+        monkeypatch.setattr(runs, "LearnerLink", self._link)
+        self.store = MemoryStore()
+        self.campaign = self.store.campaigns.create(SPEC).id
+        self.leases = Leases()
+        self.leases.join(b"w", "w", 256, 0.0)
+        nothing = np.zeros((0, 5, 2), np.float32)
+        context = LearnerContext(0, SPEC.episodes, 5, nothing)
+        order = Order(self.campaign, SPEC.setup(), SPEC.method, {}, 0, context)
+        self.run = Run(order, self.store, self.leases)
+
+    def _link(self) -> PlayedLink:
+        self.links.append(PlayedLink())
+        return self.links[-1]
+
+    def without(self, part: str, verb: str) -> None:
+        """The next turn fails, and the one after that does not."""
+
+        def away(*_):
+            raise StoreUnavailable("The disk is full.")
+
+        with self._patch.context() as patch:
+            patch.setattr(getattr(self.store, part), verb, away)
+            with pytest.raises(StoreUnavailable):
+                self.run.tend()
+        self.run.tend()
+
+    def leased(self) -> list[int]:
+        return [task.index for a in self.leases.assign() for task in a.tasks]
+
+    def deliver(self, *results) -> list[Verdict]:
+        """Results come, are committed, and land."""
+        verdicts = self.store.episodes.commit(self.campaign, [Delivery(r, "w") for r in results])
+        for result, verdict in zip(results, verdicts, strict=True):
+            self.leases.settle(self.campaign, result.index, 0.1)
+            self.run.land(result, verdict)
+        return verdicts
+
+    def observed(self) -> list[str]:
+        """The kinds of the faults that the learner was shown."""
+        (shown,) = (m for m in self.links[-1].said if isinstance(m, Observed))
+        return [result.fault.kind for result in shown.results]
+
+
+@pytest.fixture
+def stage(monkeypatch: pytest.MonkeyPatch) -> Stage:
+    return Stage(monkeypatch)
+
+
+def result(index: int, kind: str = "input"):
+    return unrunnable(TASKS[index], EpisodeFault(kind, "test"))
+
+
+def propose(stage: Stage) -> None:
+    stage.links[-1].to_say.append(Proposed((Round(0, TASKS),), b"checkpoint"))
+
+
+def test_a_learner_that_begins_while_the_store_is_away_is_briefed_later(stage: Stage) -> None:
+    stage.without("checkpoints", "load")
+    assert [type(message) for message in stage.links[-1].said] == [Start]
+
+
+def test_so_is_one_that_takes_over(stage: Stage) -> None:
+    stage.run.tend()
+    stage.links[-1].status = -9
+    stage.run.tend()
+    stage.without("checkpoints", "load")
+    assert [type(message) for message in stage.links[-1].said] == [Start]
+    assert len(stage.links) == 2
+
+
+@pytest.mark.parametrize(("part", "verb"), [("checkpoints", "save"), ("episodes", "finished")])
+def test_a_round_proposed_while_the_store_is_away_is_run(stage: Stage, part, verb) -> None:
+    stage.run.tend()
+    propose(stage)
+    stage.without(part, verb)
+    assert sorted(stage.leased()) == [0, 1]
+
+
+def test_what_is_learnt_from_is_what_the_store_keeps(stage: Stage) -> None:
+    stage.run.tend()
+    propose(stage)
+    stage.run.tend()
+    stage.leased()
+    assert stage.deliver(result(0), result(0, "solver")) == [Verdict.KEPT, Verdict.ALARM]
+    stage.deliver(result(1))
+    assert stage.observed() == ["input", "input"]
+
+
+def test_a_result_kept_elsewhere_counts_although_ours_differs(stage: Stage) -> None:
+    stage.run.tend()
+    propose(stage)
+    stage.run.tend()
+    stage.leased()
+    stage.store.episodes.commit(stage.campaign, [Delivery(result(0), "another hub's")])
+    stage.deliver(result(0, "solver"), result(1))
+    stage.run.tend()
+    assert stage.observed() == ["input", "input"]
+
+
+def test_a_result_that_the_store_refuses_leaves_its_episode_open(stage: Stage) -> None:
+    stage.run.tend()
+    propose(stage)
+    stage.run.tend()
+    stage.leased()
+    misfit = msgspec.structs.replace(result(0), steps=-1)
+    assert stage.deliver(misfit) == [Verdict.UNWANTED]
+    assert stage.leased() == [0]
+
+
+def test_an_episode_that_the_store_refuses_again_and_again_ends_the_campaign(stage: Stage) -> None:
+    stage.run.tend()
+    propose(stage)
+    stage.run.tend()
+    stage.leased()
+    misfit = msgspec.structs.replace(result(0), steps=-1)
+    for _ in range(runs.MAX_REFUSALS):
+        assert stage.run.ended is None
+        stage.deliver(misfit)
+        stage.leased()
+    assert "episode 0 was refused" in (stage.run.ended or "")
+
+
+def test_the_last_words_of_a_learner_are_heard(stage: Stage) -> None:
+    stage.run.tend()
+    link = stage.links[-1]
+
+    def die() -> int:
+        """Between two looks, and not without a word."""
+        link.to_say.append(Trouble("It diverged."))
+        return 0
+
+    link.exit_status = die  # type: ignore[method-assign]
+    stage.run.tend()
+    assert stage.run.ended == "It diverged."
+
+
+@pytest.fixture
+def mute(monkeypatch: pytest.MonkeyPatch) -> LearnerLink:
+    """A learner that dies before it ever connects."""
+    monkeypatch.setattr(learner_link.sys, "executable", "/bin/false")
+    link = LearnerLink()
+    monkeypatch.undo()
+    return link
+
+
+@pytest.mark.service
+@pytest.mark.timeout(20)
+def test_a_learner_that_never_connects_keeps_nobody_waiting(mute: LearnerLink) -> None:
+    for _ in range(3):
+        mute.say(Observed(()))
+    assert mute.hear() is None
+    mute.stop()
+    assert mute.exit_status() == 1
+    assert sys.executable != "/bin/false"
+
+
+@pytest.mark.service
+def test_words_that_cannot_be_read_are_trouble(mute: LearnerLink) -> None:
+    import zmq
+
+    learner = zmq.Context.instance().socket(zmq.PAIR)
+    learner.connect(mute.socket.getsockopt_string(zmq.LAST_ENDPOINT))
+    learner.send(b"\xc1")
+    assert mute.socket.poll(5_000)
+    trouble = mute.hear()
+    assert isinstance(trouble, Trouble)
+    learner.close(linger=0)
+    mute.stop()

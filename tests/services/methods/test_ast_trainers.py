@@ -1,0 +1,136 @@
+"""The fast trainer is stable-baselines3's soft actor-critic: same weights in, same out."""
+
+import msgspec
+import numpy as np
+import pytest
+import torch
+
+from eigenfail.errors import LearnerFailed
+from eigenfail_services.methods.ast.decisions import Decisions
+from eigenfail_services.methods.ast.fast import FastTrainer
+from eigenfail_services.methods.ast.sb3 import SacTrainer
+from eigenfail_services.methods.ast.trainer import TRAINERS, SacOptions, make_trainer
+
+BATCH = 16
+
+OPTIONS = SacOptions(
+    learning_rate=1e-3,
+    batch_size=BATCH,
+    buffer_size=200,
+    tau=0.01,
+    gamma=0.97,
+    hidden=(24, 16),
+    entropy=50.0,
+    target_entropy=-1.0,
+    amplitude=2.0,
+    hold=5,
+    seed=3,
+)
+
+
+def transitions(count, seed=0):
+    random = np.random.default_rng(seed)
+    return Decisions(
+        states=random.normal(size=(count, 6)).astype(np.float32),
+        actions=random.uniform(-1, 1, (count, 2)).astype(np.float32),
+        rewards=random.uniform(-9000, 0, count).astype(np.float32),
+        next_states=random.normal(size=(count, 6)).astype(np.float32),
+        ends=(random.uniform(size=count) < 0.2).astype(np.float32),
+    )
+
+
+class Rows:
+    """Stands in for the buffer's generator: the rows are known beforehand."""
+
+    def __init__(self, rows):
+        self._rows = iter(rows)
+
+    def integers(self, _high, size):
+        return next(self._rows)
+
+
+def copy_weights(sac, fast):
+    """Set the fast trainer's networks to those of SB3's model."""
+    model = sac._model
+    trunk = [layer for layer in model.actor.latent_pi if isinstance(layer, torch.nn.Linear)]
+    for layer, (weight, bias) in zip(trunk, fast.actor.layers, strict=False):
+        weight[...], bias[...] = layer.weight.detach(), layer.bias.detach()
+    heads = (model.actor.mu, model.actor.log_std)
+    weight, bias = fast.actor.layers[-1]
+    weight[...] = torch.cat([head.weight for head in heads]).detach()
+    bias[...] = torch.cat([head.bias for head in heads]).detach()
+    for theirs, own in ((model.critic, fast.critics), (model.critic_target, fast.targets)):
+        for c, network in enumerate(theirs.q_networks):
+            layers = [layer for layer in network if isinstance(layer, torch.nn.Linear)]
+            for layer, (weight, bias) in zip(layers, own.layers, strict=True):
+                weight[c], bias[c] = layer.weight.detach(), layer.bias.detach()
+
+
+def test_forty_steps_lead_to_the_same_weights(monkeypatch):
+    sac, fast = SacTrainer(OPTIONS), FastTrainer(OPTIONS)
+    copy_weights(sac, fast)
+    sac.add(transitions(150))
+    fast.add(transitions(150))
+    random = np.random.default_rng(1)
+    rows = random.integers(150, size=(40, BATCH))
+    eps = random.standard_normal((40, 2, BATCH, 2), np.float32)
+    draws = iter(torch.from_numpy(eps.reshape(80, BATCH, 2)))
+    monkeypatch.setattr(
+        torch.distributions.normal, "_standard_normal", lambda *_args, **_kwargs: next(draws)
+    )
+    sac._buffer.generator = Rows(rows)
+    sac._model.train(gradient_steps=40, batch_size=BATCH)
+    for i in range(40):
+        fast.step(fast.memory.take(rows[i]), eps[i, 0], eps[i, 1])
+    mirror = FastTrainer(OPTIONS)
+    copy_weights(sac, mirror)
+    started = FastTrainer(OPTIONS)
+    copy_weights(SacTrainer(OPTIONS), started)
+    for name in ("actor", "critics", "targets"):
+        ours, theirs = getattr(fast, name).weights, getattr(mirror, name).weights
+        assert np.abs(theirs - getattr(started, name).weights).max() > 1e-3, "nothing was learnt"
+        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=2e-5)
+    assert fast.entropy[0] == pytest.approx(float(sac._entropy().detach()), abs=1e-6)
+
+
+@pytest.mark.parametrize("name", TRAINERS)
+def test_a_restored_trainer_goes_on_bit_for_bit(name):
+    first, second = make_trainer(name, OPTIONS), make_trainer(name, OPTIONS)
+    first.add(transitions(250))
+    first.train(5, draw=1)
+    second.add(transitions(7, seed=5))
+    second.train(2, draw=9)
+    second.load({key: array.copy() for key, array in first.arrays().items()})
+    for trainer in (first, second):
+        trainer.add(transitions(20, seed=2))
+        trainer.train(5, draw=2)
+    for key, array in first.arrays().items():
+        np.testing.assert_array_equal(array, second.arrays()[key], err_msg=key)
+
+
+@pytest.mark.parametrize("name", TRAINERS)
+def test_the_oldest_transitions_make_room(name):
+    trainer = make_trainer(name, OPTIONS)
+    trainer.add(transitions(150))
+    trainer.add(transitions(150, seed=1))
+    kept = [array for array in trainer.arrays().values() if array.size == 200]
+    rewards = np.concatenate([transitions(150).rewards, transitions(150, seed=1).rewards])[100:]
+    assert any(np.allclose(np.sort(array.reshape(-1)), np.sort(rewards) / 1000) for array in kept)
+
+
+@pytest.mark.parametrize("name", TRAINERS)
+def test_the_first_policy_depends_on_the_seed_alone(name):
+    other = msgspec.structs.replace(OPTIONS, seed=4)
+    weights = [
+        make_trainer(name, options).policy(0).mean.weight for options in (OPTIONS, OPTIONS, other)
+    ]
+    np.testing.assert_array_equal(weights[0], weights[1])
+    assert not np.array_equal(weights[0], weights[2])
+
+
+def test_the_fast_trainer_ends_on_a_nan():
+    trainer = FastTrainer(OPTIONS)
+    trainer.add(transitions(20))
+    trainer.critics.weights[3] = np.nan
+    with pytest.raises(LearnerFailed, match="diverged"):
+        trainer.train(1, draw=1)

@@ -1,0 +1,41 @@
+"""The shipped suite of learners, over all methods."""
+
+from types import MappingProxyType
+
+from eigenfail.testing.learner import LearnerSuite
+from eigenfail_services.methods.ast.method import AdaptiveStressTesting
+from eigenfail_services.methods.difs.method import DiffusionFailureSampling
+from eigenfail_services.methods.monte_carlo import MonteCarlo
+from eigenfail_services.methods.replay import Replay
+
+
+class TestMonteCarlo(LearnerSuite):
+    method = MonteCarlo
+    settings = MappingProxyType({"round_size": 6})
+
+
+class TestReplay(LearnerSuite):
+    method = Replay
+    settings = MappingProxyType({"round_size": 6, "repeats": 2})
+    budget = 60
+
+
+class TestAdaptiveStressTesting(LearnerSuite):
+    method = AdaptiveStressTesting
+    settings = MappingProxyType(
+        {"round_size": 4, "warm_up": 4, "buffer_size": 70, "gradient_steps": 2}
+    )
+
+
+class TestAdaptiveStressTestingByStableBaselines(LearnerSuite):
+    method = AdaptiveStressTesting
+    settings = MappingProxyType(
+        {"round_size": 4, "warm_up": 4, "buffer_size": 70, "trainer": "sb3", "gradient_steps": 1}
+    )
+
+
+class TestDiffusionFailureSampling(LearnerSuite):
+    method = DiffusionFailureSampling
+    settings = MappingProxyType(
+        {"round_size": 5, "first_steps": 20, "steps": 10, "memory": 12, "device": "cpu"}
+    )

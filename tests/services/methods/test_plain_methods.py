@@ -1,0 +1,77 @@
+"""Monte Carlo and replay, and what loading any method costs."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from eigenfail import plugins
+from eigenfail.errors import InvalidValue
+from eigenfail.settings import read_settings
+from eigenfail.testing.toy import Corridor
+from eigenfail.values import LearnerContext, PriorSource
+from eigenfail_services.methods.monte_carlo import MonteCarlo
+from eigenfail_services.methods.replay import Replay
+
+TRAJECTORIES = np.arange(3 * 4 * 2, dtype=np.float32).reshape(3, 4, 2)
+
+
+def replay(trajectories=TRAJECTORIES, **settings):
+    context = LearnerContext(0, 100, 4, trajectories)
+    return Replay(context, read_settings(Replay.Settings, settings, "settings"))
+
+
+def test_monte_carlo_fails_as_often_as_the_prior(campaign, prior_failure_rate):
+    corridor = Corridor(wall=0.5)
+    rate = prior_failure_rate(corridor, batches=2)
+    found = [result.is_failure for result in campaign(MonteCarlo, corridor, 2000)]
+    assert abs(np.mean(found) - rate) < 4 * np.sqrt(rate * (1 - rate) / 2000)
+
+
+def test_monte_carlo_proposes_rounds_of_its_size():
+    learner = MonteCarlo(LearnerContext(0, 250, 4, TRAJECTORIES), MonteCarlo.Settings())
+    assert learner.propose(250).sources == (PriorSource(),) * 100
+    assert learner.lookahead >= 3
+
+
+def test_replay_injects_all_in_order_as_often_as_told_and_ends():
+    learner = replay(repeats=2, round_size=4)
+    proposed = []
+    while sources := learner.propose(100).sources:
+        proposed.extend(source.z for source in sources)
+    np.testing.assert_array_equal(proposed, np.concatenate([TRAJECTORIES, TRAJECTORIES]))
+
+
+def test_replay_of_nothing_is_refused_with_a_remedy():
+    with pytest.raises(InvalidValue, match=r"no noise trajectory.*Name an analysis"):
+        replay(TRAJECTORIES[:0])
+
+
+@pytest.mark.parametrize(
+    ("method", "setting", "value"),
+    [
+        ("ast", "tau", 0.0),
+        ("ast", "tau", float("nan")),
+        ("ast", "hidden", []),
+        ("ast", "amplitude", -1),
+        ("ast", "trainer", "magic"),
+        ("difs", "quantile", 1.0),
+        ("difs", "device", "tpu"),
+        ("monte_carlo", "round_size", 0),
+        ("replay", "analysis", 0),
+    ],
+)
+def test_a_setting_outside_its_bounds_is_refused_by_name(method, setting, value):
+    kind = plugins.load(plugins.METHODS, method).Settings
+    with pytest.raises(InvalidValue, match=f"settings.{setting}"):
+        read_settings(kind, {setting: value}, "settings")
+
+
+def test_methods_load_without_torch():
+    code = (
+        "import sys; from eigenfail import plugins;"
+        "[plugins.load(plugins.METHODS, name) for name in plugins.names(plugins.METHODS)];"
+        "sys.exit('torch' in sys.modules or 'gymnasium' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

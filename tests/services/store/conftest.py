@@ -1,0 +1,66 @@
+"""Stores of every kind, each test's own and empty."""
+
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from eigenfail.contracts import Store
+from eigenfail_services.store import MemoryStore, open_store
+
+
+@pytest.fixture(scope="session")
+def sqlite_template(tmp_path_factory) -> Path:
+    """A database file with the schema and nothing else; copying it is quicker than migrating."""
+    path = tmp_path_factory.mktemp("template") / "empty.db"
+    open_store(f"sqlite:///{path}").close()
+    return path
+
+
+@pytest.fixture(scope="session")
+def postgres_template(postgres) -> Iterator[str]:
+    """The name of a database with the schema and nothing else."""
+    with postgres.database() as url:
+        open_store(url).close()
+        yield re.search(r"/(test_\d+)\?", url)[1]
+
+
+@pytest.fixture
+def sqlite_url(sqlite_template, tmp_path) -> str:
+    """The address of a SQLite database with the schema and nothing else."""
+    shutil.copy(sqlite_template, tmp_path / "eigenfail.db")
+    return f"sqlite:///{tmp_path / 'eigenfail.db'}"
+
+
+@pytest.fixture
+def prepared_postgres_url(postgres, postgres_template) -> Iterator[str]:
+    """The address of a PostgreSQL database with the schema and nothing else."""
+    with postgres.database(postgres_template) as url:
+        yield url
+
+
+@pytest.fixture(params=["sqlite_url", "prepared_postgres_url"])
+def url(request) -> str:
+    """The address of a database with the schema and nothing else."""
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture
+def sql_store(url) -> Iterator[Store]:
+    """An empty store in a database."""
+    store = open_store(url)
+    yield store
+    store.close()
+
+
+@pytest.fixture(params=["memory", "sqlite_url", "prepared_postgres_url"])
+def store(request) -> Iterator[Store]:
+    """An empty store of each kind."""
+    if request.param == "memory":
+        yield MemoryStore()
+        return
+    store = open_store(request.getfixturevalue(request.param))
+    yield store
+    store.close()

@@ -1,0 +1,30 @@
+"""What grows without end is cut."""
+
+from eigenfail.testing.store.examples import failed, running
+from eigenfail.values.records import Delivery
+from eigenfail_services.store import events, limits, open_store
+from eigenfail_services.store.schema import LONGEST_PROSE
+
+
+def test_the_event_log_forgets_its_oldest(store, monkeypatch) -> None:
+    monkeypatch.setattr(limits, "KEPT_EVENTS", 7)
+    monkeypatch.setattr(events, "PRUNED_EVERY", 5)
+    for number in range(1, 31):
+        assert store.events.append("campaign.progress", str(number)).id == number
+    kept = [event.id for event in store.events.after(0, 100)]
+    assert kept == list(range(24, 31))
+    assert store.events.last() == 30
+
+
+def test_long_texts_are_cut(sql_store) -> None:
+    campaign = running(sql_store)
+    sql_store.episodes.commit(campaign.id, [Delivery(failed(0, "x" * 1_000_000), "w" * 1_000_000)])
+    row = sql_store.episodes.page(campaign.id, 1).items[0]
+    assert len(row.worker) == LONGEST_PROSE
+    assert row.problem == "planner: " + "x" * LONGEST_PROSE
+
+
+def test_memory_is_let_go_with_the_store(sqlite_url, tmp_path) -> None:
+    for _ in range(3):
+        open_store(sqlite_url).close()
+    assert [path.name for path in tmp_path.iterdir()] == ["eigenfail.db"]

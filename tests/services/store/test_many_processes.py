@@ -1,0 +1,141 @@
+"""Several processes on one database file: waiting, killed, out of room."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from eigenfail.contracts import Store
+from eigenfail.testing.store.crowds import at_once
+from eigenfail.testing.store.examples import spec
+from eigenfail.values import CampaignState, Counts
+from eigenfail_services.store import open_store
+
+pytestmark = pytest.mark.service
+
+PREAMBLE = """
+import json, sys, time
+from eigenfail.errors import StoreUnavailable
+from eigenfail.testing.store.examples import deliver, result, running, spec
+from eigenfail.values import CampaignState
+from eigenfail.values.records import Delivery
+from eigenfail_services.store import open_store
+def tell(**words): print(json.dumps(words), flush=True)
+"""
+
+OPEN = "open_store(sys.argv[1]).close()"
+
+COMMIT_FOREVER = """
+store = open_store(sys.argv[1])
+campaign = running(store, episodes=1_000_000)
+tell(campaign=campaign.id)
+index = 0
+while True:
+    deliver(store, campaign, *map(result, range(index, index + 64)))
+    index += 64
+    tell(acked=index)
+"""
+
+RUN_OUT_OF_ROOM = """
+import resource, signal
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+store = open_store(sys.argv[1])
+campaign = running(store, episodes=1_000_000)
+_, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, hard))
+acked = 0
+try:
+    while True:
+        deliver(store, campaign, *map(result, range(acked, acked + 64)))
+        acked += 64
+except StoreUnavailable as error:
+    full = str(error)
+counts = store.campaigns.get(campaign.id).counts
+stored = len(store.episodes.finished(campaign.id, range(acked + 64)))
+resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+again = deliver(store, campaign, *map(result, range(acked, acked + 64)))
+tell(acked=acked, completed=counts.completed, stored=stored, full=full, again=again)
+"""
+
+
+@pytest.fixture
+def start():
+    """Starts Python on a piece of code; ends what is left of it."""
+    started = []
+
+    def start(code: str, *arguments: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-c", PREAMBLE + code, *arguments]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def settled(store: Store, campaign: int) -> Counts:
+    """The counts, once a server has noticed that its client is gone."""
+    before, counts = None, store.campaigns.get(campaign).counts
+    while before != counts:
+        time.sleep(0.2)
+        before, counts = counts, store.campaigns.get(campaign).counts
+    return counts
+
+
+def test_a_new_database_may_be_opened_by_many_at_once(start, tmp_path, postgres_url) -> None:
+    for url in (f"sqlite:///{tmp_path / 'a.db'}", postgres_url):
+        processes = [start(OPEN, url) for _ in range(2)]
+        at_once(lambda _, url=url: open_store(url).close())
+        assert [process.wait(60) for process in processes] == [0, 0]
+        store = open_store(url, migrate=False)
+        assert store.campaigns.create(spec()).id == 1
+        store.close()
+
+
+def test_two_writing_processes_wait_for_each_other(start, url) -> None:
+    process = start(COMMIT_FOREVER, url)
+    busy = json.loads(process.stdout.readline())["campaign"]
+    store = open_store(url)
+    longest_s, until_s = 0.0, time.monotonic() + 2.0
+    while time.monotonic() < until_s:
+        began_s = time.monotonic()
+        campaign = store.campaigns.create(spec()).id
+        store.campaigns.move(campaign, CampaignState.RUNNING)
+        store.campaigns.move(campaign, CampaignState.DONE)
+        store.campaigns.add_active(busy, 0.1)
+        longest_s = max(longest_s, time.monotonic() - began_s)
+    assert process.poll() is None
+    before = store.campaigns.get(busy).counts.completed
+    assert before > 0
+    assert longest_s < 10.0
+    store.close()
+
+
+def test_what_was_acknowledged_survives_a_kill_at_any_moment(start, url) -> None:
+    for delay_s in (0.05, 0.13, 0.29):
+        process = start(COMMIT_FOREVER, url)
+        campaign = json.loads(process.stdout.readline())["campaign"]
+        time.sleep(delay_s)
+        process.send_signal(signal.SIGKILL)
+        acked = [json.loads(line)["acked"] for line in process.stdout if line.endswith("\n")]
+        store = open_store(url)
+        counts = settled(store, campaign)
+        stored = store.episodes.finished(campaign, range(counts.completed + 1_000))
+        assert [each.index for each in stored] == list(range(counts.completed))
+        assert counts.completed >= max(acked, default=0)
+        assert counts.completed % 64 == 0
+        store.close()
+
+
+def test_a_full_disk_loses_nothing_and_work_goes_on_after_it(start, sqlite_url) -> None:
+    process = start(RUN_OUT_OF_ROOM, sqlite_url)
+    told = json.loads(process.communicate(timeout=60)[0])
+    assert told["acked"] == told["completed"] == told["stored"] > 0
+    assert "has room" in told["full"]
+    assert told["again"] == ["kept"] * 64

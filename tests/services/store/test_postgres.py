@@ -1,0 +1,117 @@
+"""What only PostgreSQL can do to a store."""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+
+import pytest
+
+from eigenfail.errors import StoreUnavailable
+from eigenfail.testing.store.examples import deliver, result, running, spec
+from eigenfail.values import CampaignState
+from eigenfail_services.store import events, open_store
+from eigenfail_services.store.campaign_rows import locked
+from eigenfail_services.store.engine import Database, find
+
+CUT = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{}'"
+
+
+def append_then(database: Database, fault: Callable[[], object]) -> None:
+    """Log an event in a transaction in which something goes wrong."""
+    with database.writing() as connection:
+        events.append(connection, "campaign.progress", "never seen")
+        fault()
+
+
+def fail() -> None:
+    raise LookupError
+
+
+@pytest.fixture
+def database(prepared_postgres_url):
+    with closing(Database(find(prepared_postgres_url))) as database:
+        yield database
+
+
+@pytest.fixture
+def store(prepared_postgres_url):
+    store = open_store(prepared_postgres_url)
+    yield store
+    store.close()
+
+
+@pytest.fixture
+def cut(postgres, prepared_postgres_url):
+    """Cuts every connection to the test's database."""
+    name = prepared_postgres_url.split("?")[0].rsplit("/", 1)[1]
+    return lambda: postgres.run(CUT.format(name))
+
+
+@pytest.mark.parametrize(
+    ("setting", "wanted"),
+    [
+        ("synchronous_commit", "on"),
+        ("transaction_isolation", "read committed"),
+        ("lock_timeout", "30s"),
+    ],
+)
+def test_every_connection_is_durable_and_bounded(database, setting, wanted) -> None:
+    with database.writing() as connection:
+        assert connection.exec_driver_sql(f"SHOW {setting}").scalar() == wanted
+
+
+def test_an_earlier_event_never_appears_after_a_later_one(database, store) -> None:
+    """The transaction that took an id first is slow to end; the next one must not overtake it."""
+    with ThreadPoolExecutor(1) as pool:
+        with database.writing() as connection:
+            slow = events.append(connection, "campaign.progress", "slow")
+            quick = pool.submit(store.events.append, "campaign.progress", "quick")
+            time.sleep(0.3)
+            assert not quick.done()
+            assert store.events.after(0, 10) == []
+        assert quick.result(10).id == slow.id + 1
+    assert [event.message for event in store.events.after(0, 10)] == ["slow", "quick"]
+
+
+def test_an_event_that_is_undone_leaves_no_gap(database, store) -> None:
+    with pytest.raises(LookupError):
+        append_then(database, fail)
+    assert store.events.append("campaign.progress", "done").id == 1
+
+
+def test_a_mover_waits_for_a_commit_and_loses_none_of_it(database, store) -> None:
+    campaign = running(store)
+    with ThreadPoolExecutor(1) as pool:
+        with database.writing() as connection:
+            locked(connection, campaign.id)
+            move = pool.submit(store.campaigns.move, campaign.id, CampaignState.DONE)
+            time.sleep(0.3)
+            assert not move.done()
+        assert move.result(10).state is CampaignState.DONE
+
+
+def test_a_claimed_row_holds_up_nobody_else(database, store) -> None:
+    first, second = (store.campaigns.create(spec()).id for _ in range(2))
+    with database.writing() as connection:
+        connection.exec_driver_sql(f"SELECT 1 FROM jobs WHERE subject = {first} FOR UPDATE")
+        assert store.jobs.claim("somebody", 60.0).subject == second
+
+
+def test_a_connection_that_was_cut_while_idle_is_not_noticed(store, cut) -> None:
+    campaign = running(store)
+    cut()
+    assert deliver(store, campaign, result(0)) == ["kept"]
+
+
+def test_a_connection_that_is_cut_within_a_transaction_undoes_it(database, store, cut) -> None:
+    with pytest.raises(StoreUnavailable):
+        append_then(database, cut)
+    assert store.events.last() == 0
+
+
+def test_a_reader_of_another_programs_options_keeps_ours(prepared_postgres_url) -> None:
+    url = f"{prepared_postgres_url}&options=-c%20work_mem%3D7MB"
+    with closing(Database(find(url))) as database, database.reading() as connection:
+        assert connection.exec_driver_sql("SHOW work_mem").scalar() == "7MB"
+        assert connection.exec_driver_sql("SHOW lock_timeout").scalar() == "30s"

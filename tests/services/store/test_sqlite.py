@@ -1,0 +1,54 @@
+"""What only SQLite has to be told."""
+
+from contextlib import closing
+
+import pytest
+
+from eigenfail.testing.store.examples import deliver, result, running
+from eigenfail_services.store import open_store
+from eigenfail_services.store.engine import Database, find
+
+DURABLE = {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1, "busy_timeout": 30_000}
+
+
+@pytest.mark.parametrize(("pragma", "wanted"), DURABLE.items())
+def test_every_connection_is_durable_and_patient(sqlite_url, pragma, wanted) -> None:
+    with closing(Database(find(sqlite_url))) as database:
+        for block in (database.reading, database.writing):
+            with block() as connection:
+                assert connection.exec_driver_sql(f"PRAGMA {pragma}").scalar() == wanted
+
+
+def test_a_reader_sees_one_moment_and_holds_up_no_writer(sqlite_url) -> None:
+    store = open_store(sqlite_url)
+    campaign = running(store)
+    with closing(Database(find(sqlite_url))) as database, database.reading() as connection:
+        count = "SELECT count(*) FROM episodes"
+        assert connection.exec_driver_sql(count).scalar() == 0
+        deliver(store, campaign, result(0))
+        assert connection.exec_driver_sql(count).scalar() == 0
+    assert store.campaigns.get(campaign.id).counts.completed == 1
+    store.close()
+
+
+def test_an_error_undoes_the_whole_transaction(sqlite_url) -> None:
+    def half(database: Database) -> None:
+        with database.writing() as connection:
+            connection.exec_driver_sql("UPDATE event_counter SET last = 99")
+            raise LookupError
+
+    with closing(Database(find(sqlite_url))) as database, pytest.raises(LookupError):
+        half(database)
+    store = open_store(sqlite_url)
+    assert store.events.last() == 0
+    store.close()
+
+
+def test_ids_are_never_given_twice(sqlite_url) -> None:
+    store = open_store(sqlite_url)
+    running(store)
+    job = store.jobs.claim("somebody", 60.0)
+    assert store.jobs.finish(job)
+    running(store)
+    assert store.jobs.claim("somebody", 60.0).id == job.id + 1
+    store.close()
