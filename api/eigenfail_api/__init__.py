@@ -1,0 +1,1 @@
+"""The FastAPI controller: REST, events and the dashboard."""

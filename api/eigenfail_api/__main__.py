@@ -1,0 +1,128 @@
+"""`python -m eigenfail_api`: serve the API until told to stop."""
+
+import argparse
+import errno
+import signal
+import socket
+import sys
+from collections.abc import Sequence
+from types import FrameType
+
+import uvicorn
+from fastapi import FastAPI
+from pydantic import ValidationError
+from pydantic_settings import SettingsError
+
+from eigenfail.errors import EigenfailError, InvalidValue, PortTaken
+from eigenfail_api.app import create_app
+from eigenfail_api.settings import ApiSettings, refuse_open_door
+from eigenfail_services.store import open_store
+
+GRACE_S = 5
+BACKLOG = 2048
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serve; the exit code says why it ended."""
+    try:
+        serve(read_settings(arguments))
+    except EigenfailError as error:
+        sys.stderr.write(f"eigenfail: {error}\n")
+        return error.exit_code
+    return 0
+
+
+def read_settings(arguments: Sequence[str] | None) -> ApiSettings:
+    """Arguments first, the environment for the rest.
+
+    Raises:
+        InvalidValue: a value of the wrong type or outside its bounds.
+    """
+    parser = argparse.ArgumentParser(prog="python -m eigenfail_api", description=__doc__)
+    parser.add_argument("--database", help="URL of the store")
+    parser.add_argument("--host", help="address to listen on")
+    parser.add_argument("--port", help="port to listen on; 0 takes a free one")
+    given = vars(parser.parse_args(arguments))
+    try:
+        return ApiSettings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InvalidValue(str(first["loc"][-1]), f"{first['msg']}.") from None
+    except SettingsError as error:
+        remedy = "Give lists as JSON, numbers as digits."
+        raise InvalidValue("environment", f"{error}.", remedy) from None
+
+
+def serve(settings: ApiSettings) -> None:
+    """Serve until a signal says to stop.
+
+    Raises:
+        InvalidValue: the address would let strangers in, or is none.
+        PortTaken: another process listens there.
+        ServiceError: the store cannot be opened.
+    """
+    refuse_open_door(settings)
+    with listen(settings.host, settings.port) as listener:
+        store = open_store(settings.database)
+        try:
+            server = Server(create_app(store, settings))
+            for stop in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(stop, leave)
+            announce(listener)
+            server.run(sockets=[listener])
+        finally:
+            store.close()
+
+
+def leave(_signal: int, _frame: FrameType | None) -> None:
+    """End as one does after being told to: uvicorn raises the signal anew once it has drained.
+
+    Raises:
+        SystemExit: always, with 0.
+    """
+    raise SystemExit(0)
+
+
+def announce(listener: socket.socket) -> None:
+    """Say where we are: the port may have been chosen just now."""
+    host, port = listener.getsockname()[:2]
+    sys.stdout.write(f"eigenfail API on http://{f'[{host}]' if ':' in host else host}:{port}\n")
+    sys.stdout.flush()
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """A socket that listens, so that a taken port is known before anything else is done.
+
+    Raises:
+        PortTaken: another process listens there.
+        InvalidValue: the address is not one of this machine.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, port), family=family, backlog=BACKLOG)
+    except OSError as error:
+        where = f"{host}:{port}"
+        if error.errno == errno.EADDRINUSE:
+            remedy = "Stop what listens there, or choose another with --port."
+            raise PortTaken(f"Port {port} of {host} is taken.", remedy) from error
+        raise InvalidValue("host", f"{where} cannot be listened on: {error.strerror}.") from error
+
+
+class Server(uvicorn.Server):
+    """uvicorn, which lets followers of events go before it waits for requests to end."""
+
+    def __init__(self, app: FastAPI) -> None:
+        config = uvicorn.Config(
+            app, log_level="warning", server_header=False, timeout_graceful_shutdown=GRACE_S
+        )
+        super().__init__(config)
+        self._feed = app.state.feed
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """A signal to stop."""
+        self._feed.close()
+        super().handle_exit(sig, frame)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

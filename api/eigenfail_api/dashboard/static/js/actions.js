@@ -1,0 +1,48 @@
+// Forms marked data-api go to the public API as JSON, which no foreign page can send unasked.
+import { refresh } from "./live.js";
+import { tell } from "./notice.js";
+
+export function arm() {
+  document.addEventListener("submit", (event) => {
+    if (!event.target.matches("form[data-api]")) return;
+    event.preventDefault();
+    const question = event.target.dataset.ask;
+    if (question && !window.confirm(question)) return;
+    send(event.target);
+  });
+}
+
+async function send(form) {
+  const button = form.querySelector("button");
+  button.disabled = true;
+  try {
+    const response = await fetch(form.getAttribute("action"), {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify(fieldsOf(form)),
+    });
+    settle(form, response.ok, await response.json());
+  } catch {
+    tell("The service did not answer. Look whether it still runs, and try again.");
+  } finally {
+    button.disabled = false;
+  }
+}
+
+function settle(form, done, answer) {
+  if (!done) {
+    tell([answer.detail, answer.remedy].filter(Boolean).join(" "));
+  } else if (form.dataset.goto) {
+    window.location.assign(form.dataset.goto + answer.id);
+  } else {
+    refresh();
+  }
+}
+
+function fieldsOf(form) {
+  const filled = [...form.elements].filter((element) => element.name && element.value !== "");
+  return Object.fromEntries(filled.map((element) => [
+    element.name,
+    "number" in element.dataset ? Number(element.value) : element.value,
+  ]));
+}

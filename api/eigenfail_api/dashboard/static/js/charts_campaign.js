@@ -1,0 +1,61 @@
+// A campaign over its episodes, and its failures.
+import { axis, compact, grid, legend, strokes, tip, tooltip, yAxis } from "./parts.js";
+import { colour } from "./theme.js";
+
+export function curve({ middle, span, rate, low, high }) {
+  return {
+    grid: grid(),
+    xAxis: axis("Episode", { min: 0 }),
+    yAxis: yAxis("Failure rate [%]", { min: 0, max: Math.max(...high) > 80 ? 100 : null }),
+    tooltip: tooltip(({ dataIndex: block }) => tip(`Episodes ${span[block]}`, [
+      `${compact(rate[block])} % (${compact(low[block])} – ${compact(high[block])} %)`,
+    ])),
+    series: [
+      strokes(middle.map((x, block) => [[x, low[block]], [x, high[block]]])),
+      {
+        type: "line",
+        data: middle.map((x, block) => [x, rate[block]]),
+        symbol: "circle",
+        symbolSize: 7,
+        itemStyle: { color: colour("mark-1") },
+        lineStyle: { color: colour("mark-1"), width: 2 },
+      },
+    ],
+  };
+}
+
+export function robustness({ index, robustness: distance, collision }) {
+  const points = index.map((episode, row) => [episode, distance[row], episode]);
+  const series = (name, wanted, look) => ({
+    name, type: "scatter", data: points.filter((_, row) => collision[row] === wanted), ...look,
+  });
+  return {
+    grid: grid(),
+    legend: legend(),
+    xAxis: axis("Episode", { min: 0 }),
+    yAxis: yAxis("Robustness [m]", { min: 0 }),
+    tooltip: tooltip(({ data, seriesName }) => tip(`Episode ${data[0]}`, [seriesName, `${compact(data[1])} m`])),
+    series: [
+      series("safe", false, { symbol: "circle", symbolSize: 5, itemStyle: { color: colour("safe"), opacity: 0.75 } }),
+      series("collision", true, { symbol: "diamond", symbolSize: 9, itemStyle: { color: colour("mark-1") } }),
+    ],
+  };
+}
+
+export function likelihood({ index, likelihood: logP, severity }) {
+  return {
+    grid: grid({ top: 14 }),
+    xAxis: axis("log p per step", { scale: true }),
+    yAxis: yAxis("Severity [m²/s²]", { min: 0 }),
+    tooltip: tooltip(({ data }) => tip(`Episode ${data[2]}`, [
+      `log p per step ${compact(data[0])}`, `severity ${compact(data[1])} m²/s²`,
+    ])),
+    series: [{
+      type: "scatter",
+      symbol: "diamond",
+      symbolSize: 8,
+      itemStyle: { color: colour("mark-1"), opacity: 0.8 },
+      data: index.map((episode, row) => [logP[row], severity[row], episode]),
+    }],
+  };
+}

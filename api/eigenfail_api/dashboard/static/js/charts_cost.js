@@ -1,0 +1,71 @@
+// Cost per failure: a mark with its interval for each campaign, or an arrow from its lower bound.
+import { axis, compact, legend, strokes, tip, tooltip } from "./parts.js";
+import { colour, mark, symbol } from "./theme.js";
+
+const ROW_PX = 30;
+const NARROW_PX = 520;
+
+export function cost({ campaigns }, width) {
+  const methods = [...new Set(campaigns.map((one) => one.method))].sort();
+  const bounds = campaigns.map((one, row) => ({ ...one, row })).filter((one) => one.value === null);
+  const found = campaigns.map((one, row) => ({ ...one, row })).filter((one) => one.value !== null);
+  const names = width < NARROW_PX ? 96 : 200;
+  return {
+    height: 84 + ROW_PX * campaigns.length,
+    grid: { left: names + 14, right: 30, top: 34, bottom: 46 },
+    legend: legend({ data: methods }),
+    xAxis: axis("USD per failure", { type: "log", ...decades(campaigns), axisLabel: { color: colour("muted"), formatter: compact, hideOverlap: true } }),
+    yAxis: axis("", {
+      type: "category",
+      inverse: true,
+      data: campaigns.map((one) => `${one.id} ${one.name}`),
+      axisTick: { show: false },
+      axisLabel: { color: colour("ink"), width: names, overflow: "truncate", interval: 0 },
+    }),
+    tooltip: tooltip(({ data }) => tip(data.one.name, linesOf(data.one))),
+    series: [
+      strokes(found.map((one) => [[one.low, one.row], [one.high, one.row]]), { width: 2 }),
+      ...methods.map((method, position) => marks(method, position, [...found, ...bounds])),
+    ],
+  };
+}
+
+function marks(method, position, campaigns) {
+  return {
+    name: method,
+    type: "scatter",
+    symbol: symbol(position),
+    symbolSize: 13,
+    itemStyle: { color: mark(position) },
+    data: campaigns.filter((one) => one.method === method).map((one) => (one.value === null ? arrow(one) : point(one))),
+  };
+}
+
+const point = (one) => ({ value: [one.value, one.row], link: one.id, one });
+
+function arrow(one) {
+  return {
+    value: [one.at_least, one.row],
+    link: one.id,
+    one,
+    symbol: "path://M0,-4 L12,-4 L12,-9 L22,0 L12,9 L12,4 L0,4 Z",
+    symbolSize: [24, 15],
+    symbolOffset: ["50%", 0],
+  };
+}
+
+// Whole decades, so that an axis of a single value has room too.
+function decades(campaigns) {
+  const values = campaigns.flatMap((one) => [one.value, one.low, one.high, one.at_least]).filter((value) => value > 0);
+  return {
+    min: 10 ** Math.floor(Math.log10(Math.min(...values))),
+    max: 10 ** Math.ceil(Math.log10(Math.max(...values)) + 0.15),
+  };
+}
+
+function linesOf(one) {
+  const found = one.value === null
+    ? `at least ${compact(one.at_least)} USD per failure (95 %)`
+    : `${compact(one.value)} USD per failure, ${compact(one.low)} – ${compact(one.high)}`;
+  return [one.method, found, `${one.failures} failures in ${one.completed} episodes`];
+}

@@ -1,0 +1,91 @@
+// Pieces that all charts share.
+import { colour } from "./theme.js";
+
+export const compact = (value) => (value === null || value === undefined ? "–" : plain(value));
+
+const RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹";
+
+function plain(value) {
+  const size = Math.abs(value);
+  if (value !== 0 && (size < 1e-3 || size >= 1e6)) return scientific(value);
+  return value.toLocaleString("en", { maximumSignificantDigits: 4 });
+}
+
+function scientific(value) {
+  const [mantissa, exponent] = value.toExponential(2).split("e");
+  const raised = [...String(Math.abs(exponent))].map((digit) => RAISED[digit]).join("");
+  const factor = Number(mantissa) === 1 ? "" : `${Number(mantissa)}×`;
+  return `${factor}10${exponent < 0 ? "⁻" : ""}${raised}`;
+}
+
+export function axis(name, more = {}) {
+  const quiet = { color: colour("muted"), fontSize: 12 };
+  return {
+    type: "value",
+    name,
+    nameLocation: "middle",
+    nameGap: 30,
+    nameTextStyle: quiet,
+    axisLabel: { ...quiet, hideOverlap: true },
+    axisLine: { show: true, lineStyle: { color: colour("line") } },
+    axisTick: { lineStyle: { color: colour("line") } },
+    splitLine: { lineStyle: { color: colour("grid") } },
+    ...more,
+  };
+}
+
+export const yAxis = (name, more = {}) => axis(name, { nameGap: 44, ...more });
+
+export const grid = (more = {}) => ({ left: 62, right: 18, top: 34, bottom: 48, ...more });
+
+export function legend(more = {}) {
+  return {
+    top: 0,
+    left: 0,
+    type: "plain",
+    itemWidth: 12,
+    itemHeight: 11,
+    itemGap: 16,
+    textStyle: { color: colour("ink"), fontSize: 12 },
+    ...more,
+  };
+}
+
+// An element, not markup: names come from users, and the policy forbids inline styles.
+export function tip(title, lines) {
+  const box = document.createElement("div");
+  box.className = "tip";
+  const head = document.createElement("b");
+  head.textContent = title;
+  box.append(head);
+  for (const line of lines) {
+    const row = document.createElement("div");
+    row.textContent = line;
+    box.append(row);
+  }
+  return box;
+}
+
+export function tooltip(formatter, more = {}) {
+  return {
+    confine: true,
+    backgroundColor: colour("surface"),
+    borderColor: colour("line"),
+    transitionDuration: 0,
+    formatter,
+    ...more,
+  };
+}
+
+// Vertical or horizontal strokes: pairs of points with a gap behind each.
+export function strokes(pairs, line = {}) {
+  return {
+    type: "line",
+    data: pairs.flatMap(([from, to]) => [from, to, ["-", "-"]]),
+    symbol: "none",
+    silent: true,
+    animation: false,
+    lineStyle: { width: 1.5, color: colour("muted"), ...line },
+    tooltip: { show: false },
+  };
+}

@@ -1,0 +1,1 @@
+"""Pure functions from stored values to what a page shows: text, numbers, charts."""

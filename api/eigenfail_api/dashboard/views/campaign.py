@@ -1,0 +1,150 @@
+"""One campaign: where it stands, what it found, what it was asked."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+
+from eigenfail.values import Analysis, Campaign, CampaignState, Event, Page, Summary
+from eigenfail.values.records import EpisodeRow
+from eigenfail_api import steering
+from eigenfail_api.dashboard import formats
+from eigenfail_api.dashboard.samples import ended
+from eigenfail_api.dashboard.views.charts import Chart
+from eigenfail_api.dashboard.views.episodes import (
+    curve_chart,
+    likelihood_chart,
+    robustness_chart,
+)
+from eigenfail_api.dashboard.views.lists import (
+    AnalysisLine,
+    EpisodeList,
+    analysis_line,
+    episode_list,
+)
+from eigenfail_api.dashboard.views.summaries import Figure, Standing, standing
+
+WISHES = {"pause": steering.PAUSE, "resume": steering.RESUME, "cancel": steering.CANCEL}
+
+
+class Findings(msgspec.Struct, frozen=True, kw_only=True):
+    """What the store knows of a campaign.
+
+    Attributes:
+        campaign: as it stands.
+        summary: of its results.
+        rows: a sample of its episodes.
+        failures: a sample of its failures.
+        listed: the first failures of the list.
+        analyses: newest first.
+        events: newest first.
+    """
+
+    campaign: Campaign
+    summary: Summary
+    rows: Sequence[EpisodeRow]
+    failures: Sequence[EpisodeRow]
+    listed: Page[EpisodeRow]
+    analyses: tuple[Analysis, ...]
+    events: tuple[Event, ...]
+
+
+class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of a campaign.
+
+    Attributes:
+        wishes: what a user may ask of it now: pause, resume, cancel.
+        settings: groups of names and values.
+    """
+
+    standing: Standing
+    wishes: tuple[str, ...]
+    tiles: tuple[tuple[str, Figure], ...]
+    charts: tuple[Chart, ...]
+    failures: EpisodeList
+    analyses: tuple[AnalysisLine, ...]
+    events: tuple[Event, ...]
+    times: tuple[tuple[str, str], ...]
+    settings: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
+    digest: str
+
+
+def campaign_view(found: Findings) -> CampaignView:
+    """The page of a campaign."""
+    campaign = found.campaign
+    now = standing(campaign, found.summary)
+    return CampaignView(
+        standing=now,
+        wishes=wishes(campaign.state),
+        tiles=tiles(now),
+        charts=charts(campaign, found.rows, found.failures),
+        failures=episode_list(campaign, found.listed, None),
+        analyses=tuple(map(analysis_line, found.analyses)),
+        events=found.events,
+        times=times(campaign),
+        settings=settings(campaign),
+        digest=campaign.digest or "",
+    )
+
+
+def charts(
+    campaign: Campaign, rows: Sequence[EpisodeRow], failures: Sequence[EpisodeRow]
+) -> tuple[Chart, ...]:
+    """What can be drawn of what there is."""
+    drawn = (curve_chart(rows, ended(campaign)), robustness_chart(rows, ended(campaign)))
+    some = drawn if rows else ()
+    return (*some, likelihood_chart(failures, campaign.counts.failures)) if failures else some
+
+
+def wishes(state: CampaignState) -> tuple[str, ...]:
+    """What makes sense to ask of a campaign in this state."""
+    return tuple(name for name, wish in WISHES.items() if state in wish.steps)
+
+
+def tiles(now: Standing) -> tuple[tuple[str, Figure], ...]:
+    """The figures at the top."""
+    return (
+        ("Cost per failure", now.cost),
+        ("Failures", now.failures),
+        ("log p per step", now.likelihood),
+        ("Mean severity [m²/s²]", now.severity),
+        ("Episodes/s", now.speed),
+        ("Cost so far", now.total),
+    )
+
+
+def times(campaign: Campaign) -> tuple[tuple[str, str], ...]:
+    """When what happened."""
+    return (
+        ("Created", formats.moment(campaign.created_ms)),
+        ("Started", formats.moment(campaign.started_ms)),
+        ("Ended", formats.moment(campaign.ended_ms)),
+        ("Active", formats.duration(campaign.active_s)),
+        ("Not runnable", f"{formats.integer(campaign.counts.failed)} episodes"),
+        ("Duplicates", formats.integer(campaign.counts.duplicates)),
+    )
+
+
+def settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
+    """What was asked for, in groups; a plug-in's defaults stand where nothing is given."""
+    spec = campaign.spec
+    general = {
+        "seed": spec.seed,
+        "episodes": spec.episodes,
+        "simulator": spec.simulator,
+        "scene kept every": spec.scene_every,
+        "instances": spec.instances,
+        "price [USD/h]": spec.price_usd_per_hour,
+    }
+    return (
+        ("Campaign", pairs(general)),
+        (f"Method {spec.method}", pairs(spec.settings)),
+        (f"Scenario {spec.scenario}", pairs(spec.scenario_parameters)),
+        (f"Planner {spec.planner}", pairs(spec.planner_settings)),
+        ("Disturbance model", pairs(msgspec.structs.asdict(spec.disturbance))),
+    )
+
+
+def pairs(values: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Names and values as text."""
+    return tuple((name, str(value)) for name, value in values.items())

@@ -1,0 +1,111 @@
+"""The charts of an analysis."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from eigenfail.values import AXES, AnalysisResult, Floats
+from eigenfail_api.dashboard import formats
+from eigenfail_api.dashboard.views.charts import MOST_ROWS, Chart, rounded
+
+MOST_POINTS = 5_000
+
+
+def eigenfailure_chart(result: AnalysisResult) -> Chart:
+    """The noise that stands for each mode."""
+    modes = [mode.eigenfailure for mode in result.modes]
+    return Chart(
+        id="eigenfailure-chart",
+        kind="eigenfailures",
+        title="Eigenfailures",
+        caption="The centre of each mode, taken back to noise over time [sigma].",
+        data={axis: [numbers(z[:, way]) for z in modes] for way, axis in enumerate(AXES)},
+        columns=(
+            "Step",
+            *(f"Mode {mode + 1} {axis}" for mode in range(len(modes)) for axis in AXES),
+        ),
+        rows=by_step(np.concatenate(modes, axis=1)),
+    )
+
+
+def scores_chart(result: AnalysisResult) -> Chart:
+    """The failures in PCA space."""
+    chosen = evenly(len(result.episodes), MOST_POINTS)
+    second = 1 if result.scores.shape[1] > 1 else 0
+    centres = np.stack([mode.centre for mode in result.modes])
+    return Chart(
+        id="scores-chart",
+        kind="scores",
+        title="Failures in PCA space",
+        caption="Each failure by its first two scores; colour and shape tell the mode, + its mean.",
+        data={
+            "episode": [result.episodes[row] for row in chosen],
+            "mode": [result.labels[row] for row in chosen],
+            "x": numbers(result.scores[chosen, 0]),
+            "y": numbers(result.scores[chosen, second]),
+            "centres": [numbers(centre[[0, second]]) for centre in centres],
+        },
+        columns=("Episode", "Mode", "First score", "Second score"),
+        rows=tuple(
+            (
+                str(result.episodes[row]),
+                str(result.labels[row] + 1),
+                formats.number(float(result.scores[row, 0])),
+                formats.number(float(result.scores[row, second])),
+            )
+            for row in chosen[:MOST_ROWS]
+        ),
+        note=f"The first {MOST_ROWS}." if len(chosen) > MOST_ROWS else "",
+    )
+
+
+def explained_chart(result: AnalysisResult) -> Chart:
+    """How much of the failures' variance the components keep."""
+    cumulated = np.cumsum(result.explained)
+    return Chart(
+        id="explained-chart",
+        kind="explained",
+        title="Explained variance",
+        caption="Share of the variance by component, and cumulated.",
+        data={
+            "share": numbers(100.0 * result.explained),
+            "cumulated": numbers(100.0 * cumulated),
+        },
+        columns=("Component", "Share", "Cumulated"),
+        rows=tuple(
+            (str(place + 1), formats.percent(float(share)), formats.percent(float(so_far)))
+            for place, (share, so_far) in enumerate(zip(result.explained, cumulated, strict=True))
+        ),
+    )
+
+
+def influence_chart(result: AnalysisResult) -> Chart:
+    """When noise matters."""
+    return Chart(
+        id="influence-chart",
+        kind="influence",
+        title="Influence over time",
+        caption="How much noise at each step matters: components weighted by explained variance.",
+        data={axis: numbers(result.influence[:, way]) for way, axis in enumerate(AXES)},
+        columns=("Step", *(axis.capitalize() for axis in AXES)),
+        rows=by_step(result.influence),
+    )
+
+
+def by_step(columns: Floats) -> tuple[tuple[str, ...], ...]:
+    """A table with a row for each step."""
+    return tuple(
+        (str(step), *(formats.number(float(value)) for value in row))
+        for step, row in enumerate(columns)
+    )
+
+
+def evenly(count: int, most: int) -> list[int]:
+    """At most so many of so many positions, spread evenly."""
+    taken = min(count, most)
+    return [place * count // taken for place in range(taken)] if taken else []
+
+
+def numbers(values: Iterable[np.floating]) -> list[float | None]:
+    """Plain floats of an array."""
+    return rounded(float(value) for value in values)

@@ -1,0 +1,31 @@
+"""For those who operate the service: is it alive, is it ready, how is it doing."""
+
+from fastapi import APIRouter, Request
+from fastapi.responses import PlainTextResponse
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+
+from eigenfail.wire.http import Health
+from eigenfail_api.parameters import Stored
+from eigenfail_api.schemas import Json, documented
+
+router = APIRouter(tags=["operations"])
+
+
+@router.get("/healthz", **documented(Health))
+def get_health() -> Json:
+    """The process lives."""
+    return Json(Health())
+
+
+@router.get("/readyz", **documented(Health))
+def get_readiness(store: Stored) -> Json:
+    """The process lives and reaches its database."""
+    store.ping()
+    return Json(Health())
+
+
+@router.get("/metrics", response_class=PlainTextResponse)
+def get_metrics(request: Request) -> PlainTextResponse:
+    """Figures for Prometheus."""
+    text = generate_latest(request.app.state.registry)
+    return PlainTextResponse(text, media_type=CONTENT_TYPE_LATEST)

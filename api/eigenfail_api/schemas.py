@@ -1,0 +1,160 @@
+"""Bodies in and out: one definition of each, the SDK's structs, also in the OpenAPI document."""
+
+from collections.abc import Awaitable, Callable
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+from fastapi import FastAPI, HTTPException, Request
+from fastapi.openapi.utils import get_openapi
+from fastapi.responses import JSONResponse
+
+from eigenfail import __version__
+from eigenfail.values import (
+    Analysis,
+    AnalysisSettings,
+    Campaign,
+    CampaignSpec,
+    EpisodeResult,
+    Event,
+    FailureMode,
+    Page,
+    Summary,
+)
+from eigenfail.values.records import EpisodeRow
+from eigenfail.wire import http
+from eigenfail.wire.problems import Problem
+
+REF = "#/components/schemas/{name}"
+JSON = "application/json"
+STREAM = "text/event-stream"
+BODIES = (
+    Analysis,
+    AnalysisSettings,
+    Campaign,
+    CampaignSpec,
+    EpisodeResult,
+    Event,
+    Page[Analysis],
+    Page[Campaign],
+    Page[EpisodeRow],
+    Page[FailureMode],
+    Page[Summary],
+    Page[http.PluginInfo],
+    Problem,
+    Summary,
+    http.Digest,
+    http.Health,
+    http.ReplayRequest,
+)
+NUMBERS = {
+    "description": "Numbers, or equally long rows of them: an array, row by row.",
+    "type": "array",
+    "items": {"anyOf": [{"type": "number"}, {"$ref": REF.format(name="Numbers")}]},
+}
+
+Body = TypeVar("Body", bound=msgspec.Struct)
+
+
+class Json(JSONResponse):
+    """A struct as JSON."""
+
+    def render(self, content: Any) -> bytes:
+        """The bytes of the body."""
+        return http.encode(content)
+
+
+def body_of(kind: type[Body]) -> Callable[[Request], Awaitable[Body]]:
+    """A dependency: the body of the request.
+
+    It raises ProtocolError, UnknownName or InvalidValue, as `read_body` does.
+    """
+
+    async def read(request: Request) -> Body:
+        return http.read_body(await read_within(request), kind)
+
+    return read
+
+
+async def read_within(request: Request) -> bytes:
+    """The bytes of a request's body, as far as they are within the limit.
+
+    Raises:
+        HTTPException: 413, they are not.
+    """
+    most = request.app.state.settings.max_body_bytes
+    data = bytearray()
+    async for part in request.stream():
+        data += part
+        if len(data) > most:
+            raise HTTPException(413, f"The body is larger than {most} bytes.")
+    return bytes(data)
+
+
+def documented(
+    answer: Any, status: int = 200, body: type[msgspec.Struct] | None = None
+) -> dict[str, Any]:
+    """What OpenAPI is told of a route, as keyword arguments of its decorator.
+
+    Args:
+        answer: kind of what it answers with.
+        status: with which it answers.
+        body: kind of what it is sent.
+    """
+    told: dict[str, Any] = {
+        "status_code": status,
+        "responses": {status: {"content": {JSON: schema(answer)}}, "default": refusal()},
+    }
+    if body is not None:
+        request = {"content": {JSON: schema(body)}, "required": bool(required(body))}
+        told["openapi_extra"] = {"requestBody": request}
+    return told
+
+
+def documented_stream() -> dict[str, Any]:
+    """What OpenAPI is told of a stream of events; version 3.1 cannot say more than it is text."""
+    told = "Server-sent events. The data of each is the JSON of an Event, its id the Event's id."
+    stream = {"schema": {"type": "string", "description": told}}
+    return {"responses": {200: {"content": {STREAM: stream}}, "default": refusal()}}
+
+
+def refusal() -> dict[str, Any]:
+    """The answer to whatever cannot be done."""
+    return {"description": "A problem", "content": {http.PROBLEM_JSON: schema(Problem)}}
+
+
+def required(kind: type[msgspec.Struct]) -> list[str]:
+    """The fields of a struct without which it cannot be."""
+    return [field.name for field in msgspec.structs.fields(kind) if field.required]
+
+
+def schema(kind: Any) -> dict[str, Any]:
+    """A reference to the component that describes a kind of body."""
+    (reference,), _ = msgspec.json.schema_components(
+        [kind], schema_hook=array_schema, ref_template=REF
+    )
+    return {"schema": reference}
+
+
+def array_schema(kind: type) -> dict[str, Any]:
+    """The schema of the kinds that msgspec does not know by itself."""
+    known: dict[type, dict[str, Any]] = {np.ndarray: {"$ref": REF.format(name="Numbers")}}
+    return known[kind]
+
+
+def openapi(app: FastAPI) -> dict[str, Any]:
+    """The OpenAPI document, made once."""
+    if app.openapi_schema is None:
+        document = get_openapi(
+            title="eigenfail", version=__version__, summary=app.summary, routes=app.routes
+        )
+        _, components = msgspec.json.schema_components(
+            BODIES, schema_hook=array_schema, ref_template=REF
+        )
+        schemas = document.setdefault("components", {}).setdefault("schemas", {})
+        schemas.update(components, Numbers=NUMBERS)
+        events = document["paths"][f"{http.PREFIX}/events"]["get"]["responses"]["200"]
+        # FastAPI tells of streams in the words of OpenAPI 3.2, under the number 3.1.
+        events["content"][STREAM].pop("itemSchema")
+        app.openapi_schema = document
+    return app.openapi_schema

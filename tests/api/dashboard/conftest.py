@@ -1,0 +1,43 @@
+"""The dashboard's pages, asked for as a browser asks."""
+
+from html.parser import HTMLParser
+
+import pytest
+
+HTML = {"Accept": "text/html,application/xhtml+xml"}
+
+
+class Text(HTMLParser):
+    """What is left of a page without its markup."""
+
+    def __init__(self):
+        super().__init__()
+        self.words = []
+
+    def handle_data(self, data):
+        self.words += data.split()
+
+
+@pytest.fixture
+def text_of():
+    """The text of a page, single spaces between words."""
+
+    def read(response):
+        parser = Text()
+        parser.feed(response.text)
+        return " ".join(parser.words)
+
+    return read
+
+
+@pytest.fixture
+def look(http, text_of):
+    """The text of the page at an address, which must have the status."""
+
+    def get(address, status=200):
+        response = http.get(address, headers=HTML)
+        assert response.status_code == status, response.text
+        assert response.headers["content-type"].startswith("text/html")
+        return text_of(response)
+
+    return get

@@ -1,0 +1,44 @@
+"""Colours can be told apart from what they lie on (WCAG 2.2, AA)."""
+
+import re
+
+import pytest
+
+from eigenfail_api.dashboard.rendering import STATIC
+
+TOKEN = re.compile(r"--([\w-]+): (#[0-9a-f]{6})")
+LIGHT, DARK = (
+    dict(TOKEN.findall(block))
+    for block in (STATIC / "css" / "tokens.css").read_text().split("@media")
+)
+TEXT = ("ink", "muted", "accent", "good", "bad", "waiting", "active")
+MARKS = ("safe", *(f"mark-{n}" for n in range(8)))
+
+
+def luminance(colour):
+    channels = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(one, other):
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_black_on_white_is_21():
+    assert contrast("#000000", "#ffffff") == pytest.approx(21.0)
+
+
+@pytest.mark.parametrize("scheme", [LIGHT, DARK], ids=["light", "dark"])
+@pytest.mark.parametrize("ground", ["ground", "surface", "sunken"])
+def test_text_can_be_read(scheme, ground):
+    for name in TEXT:
+        assert contrast(scheme[name], scheme[ground]) >= 4.5, name
+    assert contrast(scheme["on-accent"], scheme["accent"]) >= 4.5
+
+
+@pytest.mark.parametrize("scheme", [LIGHT, DARK], ids=["light", "dark"])
+def test_marks_can_be_seen(scheme):
+    for name in MARKS:
+        assert contrast(scheme[name], scheme["surface"]) >= 3.0, name

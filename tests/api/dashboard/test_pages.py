@@ -1,0 +1,189 @@
+"""Pages as they leave the server, before any script runs."""
+
+import pytest
+
+from eigenfail.values import Outcome
+
+HTML = {"Accept": "text/html"}
+
+
+def test_an_empty_service_says_what_to_do_first(look):
+    assert "eigenfail run examples/ast.toml" in look("/")
+
+
+def test_a_campaign_is_listed_with_what_it_cost(look, store, campaign, deliver, result):
+    deliver(campaign, *(result(index) for index in range(9)), result(9, Outcome.COLLISION))
+    store.campaigns.add_active(campaign, 3000.0)
+    text = look("/")
+    assert "first idm in cut_in monte_carlo" in text
+    assert "1 of 10 10.0 % 1.79 – 40.4 %" in text
+    # 1.20 USD/h × 50 min for one failure; Wilson's interval of 1 in 10, turned over.
+    assert "1.00 USD n = 1 0.247 – 5.59" in text
+
+
+def test_a_campaign_without_failures_has_a_bound_never_a_blank(
+    look, store, campaign, deliver, result
+):
+    deliver(campaign, *(result(index) for index in range(10)))
+    store.campaigns.add_active(campaign, 3000.0)
+    # At most 1 − 0.05^(1/10) = 0.2589 failures per episode: at least 1 USD ÷ 2.589.
+    assert "≥ 0.386 USD n = 0 in 10 95 % lower bound" in look("/")
+
+
+def test_older_campaigns_are_behind_a_link(http, look, fields):
+    ids = [http.post("/api/v1/campaigns", json=fields).json()["id"] for _ in range(51)]
+    assert f'href="/?before={ids[1]}"' in http.get("/", headers=HTML).text
+    assert "1 0 running" in look(f"/?before={ids[1]}")
+    assert "No older campaigns" in look(f"/?before={ids[0]}")
+
+
+def test_what_users_write_is_text_not_markup(http, fields):
+    http.post("/api/v1/campaigns", json={**fields, "name": "<script>alert(1)</script>'\""})
+    page = http.get("/", headers=HTML).text
+    assert "<script>alert" not in page
+    assert "&lt;script&gt;alert(1)" in page
+
+
+@pytest.mark.parametrize(
+    ("state", "wishes"),
+    [
+        ((), ["pause", "cancel"]),
+        (("running",), ["pause", "cancel"]),
+        (("running", "pausing"), ["cancel"]),
+        (("paused",), ["resume", "cancel"]),
+        (("running", "done"), []),
+    ],
+)
+def test_only_what_the_state_allows_is_offered(http, store, campaign, state, wishes):
+    for each in state:
+        store.campaigns.move(campaign, each)
+    page = http.get(f"/campaigns/{campaign}", headers=HTML).text
+    offered = [w for w in ("pause", "resume", "cancel") if f"{campaign}/{w}" in page]
+    assert offered == wishes
+
+
+def test_a_campaign_without_results_says_so(look, campaign):
+    text = look(f"/campaigns/{campaign}")
+    assert "No episode has ended yet" in text
+    assert "No failure yet" in text
+
+
+def test_failures_come_page_by_page(http, look, campaign, deliver, result):
+    deliver(campaign, *(result(index, Outcome.COLLISION) for index in range(10)))
+    first = http.get(f"/campaigns/{campaign}", headers=HTML).text
+    assert first.count(f'href="/campaigns/{campaign}/episodes/') == 10
+    rest = http.get(f"/campaigns/{campaign}/failures?after=6", headers=HTML).text
+    links = [f'href="/campaigns/{campaign}/episodes/{index}"' in rest for index in range(10)]
+    assert links == [False] * 7 + [True] * 3
+    assert "<html" not in rest
+
+
+def test_a_long_list_of_failures_offers_more(http, fields, deliver, result):
+    long = http.post("/api/v1/campaigns", json={**fields, "episodes": 30}).json()["id"]
+    deliver(long, *(result(index, Outcome.COLLISION) for index in range(30)))
+    assert f"/campaigns/{long}/failures?after=24" in http.get(f"/campaigns/{long}").text
+
+
+def test_an_episode_that_crashed_shows_its_scene(look, campaign, deliver, result):
+    deliver(campaign, result(3, Outcome.COLLISION))
+    text = look(f"/campaigns/{campaign}/episodes/3")
+    assert "Scene from above" in text
+    assert "25.0 m²/s² (relative speed 5.00 m/s)" in text
+    assert "4 (0.400 s)" in text
+
+
+def test_an_episode_without_a_scene_says_why(look, campaign, deliver, result):
+    deliver(campaign, result(3))
+    assert "only collisions and a sample" in look(f"/campaigns/{campaign}/episodes/3")
+
+
+def test_an_episode_that_could_not_be_run_says_why(look, campaign, deliver, failed):
+    deliver(campaign, failed(3))
+    text = look(f"/campaigns/{campaign}/episodes/3")
+    assert "could not be run" in text
+    assert "planner: It raised." in text
+
+
+def test_the_next_failure_is_one_click_away(http, campaign, deliver, result):
+    deliver(campaign, result(1, Outcome.COLLISION), result(2), result(5, Outcome.COLLISION))
+    page = http.get(f"/campaigns/{campaign}/episodes/1").text
+    assert f'href="/campaigns/{campaign}/episodes/5"' in page
+    assert "Next failure" not in http.get(f"/campaigns/{campaign}/episodes/5").text
+
+
+def test_an_analysis_waits_fails_or_shows_its_modes(look, store, campaign, finished):
+    waiting = store.analyses.create(campaign, store.analyses.get(finished(2)).settings).id
+    assert "waits for its turn" in look(f"/analyses/{waiting}")
+    store.analyses.fail(waiting, "There are no failures to analyse.")
+    assert "There are no failures to analyse." in look(f"/analyses/{waiting}")
+    text = look(f"/analyses/{finished(2)}")
+    assert "A single mode: there is nothing to tell apart." in text
+    assert "episode 1" in text
+
+
+def test_a_replay_is_shown_beside_the_modes(http, look, finished, deliver, result):
+    analysis = finished(2)
+    replay = http.post(f"/api/v1/analyses/{analysis}/replay").json()["id"]
+    assert f"campaign {replay} (queued)" in look(f"/analyses/{analysis}")
+    deliver(replay, result(0, Outcome.COLLISION), result(1))
+    text = look(f"/analyses/{analysis}")
+    assert "◆ collision severity 25.0" in text
+    assert "○ safe robustness 3.50 m" in text
+
+
+@pytest.mark.parametrize(
+    ("address", "status", "words"),
+    [
+        ("/campaigns/7", 404, "Not found"),
+        ("/campaigns/seven", 422, "Invalid value"),
+        ("/analyses/7", 404, "Not found"),
+        ("/nowhere", 404, "There is nothing at /nowhere."),
+        ("/?bfore=3", 422, "before"),
+    ],
+)
+def test_problems_are_pages_for_browsers(look, address, status, words):
+    text = look(address, status)
+    assert words in text
+    assert "All campaigns" in text
+
+
+def test_problems_stay_problems_for_programs(http, problem):
+    problem(http.get("/campaigns/7"), 404)
+    problem(http.get("/api/v1/campaigns/7", headers=HTML), 404)
+
+
+@pytest.mark.parametrize("address", ["/", "/campaigns/7", "/static/js/main.js"])
+def test_everything_is_sent_under_the_strict_policy(http, address):
+    headers = http.get(address, headers=HTML).headers
+    assert "script-src 'self'; style-src 'self'" in headers["content-security-policy"]
+    assert "unsafe" not in headers["content-security-policy"]
+    assert headers["x-content-type-options"] == "nosniff"
+
+
+def test_a_fault_of_our_own_is_a_page_too(http, look, store, monkeypatch):
+    def fail(*_):
+        raise RuntimeError("secret")
+
+    monkeypatch.setattr(store.campaigns, "page", fail)
+    text = look("/", 500)
+    assert "its log says how" in text
+    assert "secret" not in text
+    policy = http.get("/", headers=HTML).headers["content-security-policy"]
+    assert policy == http.get("/healthz").headers["content-security-policy"]
+
+
+def test_unchanged_files_are_asked_after_but_not_sent_again(http):
+    first = http.get("/static/js/main.js")
+    assert first.headers["cache-control"] == "no-cache"
+    again = http.get("/static/js/main.js", headers={"If-None-Match": first.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+
+
+def test_nothing_outside_of_the_static_folder_is_sent(http):
+    assert http.get("/static/%2e%2e/pages.py").status_code == 404
+    assert http.get("/static/js/").status_code == 404
+
+
+def test_pages_are_not_part_of_the_api(http):
+    assert not [path for path in http.get("/openapi.json").json()["paths"] if "static" in path]
+    assert "/" not in http.get("/openapi.json").json()["paths"]

@@ -1,0 +1,209 @@
+"""From stored values to text and numbers."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from eigenfail.values import (
+    AnalysisResult,
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    Counts,
+    FailureMode,
+    Interval,
+    Outcome,
+    Page,
+    Scene,
+)
+from eigenfail.values.records import EpisodeRow, Totals
+from eigenfail_api.dashboard import formats, samples
+from eigenfail_api.dashboard.views.analysis import peak, verdict
+from eigenfail_api.dashboard.views.episode import nearest_actor
+from eigenfail_api.dashboard.views.episodes import blocks_of, robustness_chart
+from eigenfail_api.dashboard.views.modes import evenly
+from eigenfail_api.dashboard.views.overview import cost_chart
+from eigenfail_services.campaigns.summary import summarise
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (float("nan"), "–"),
+        (0.0, "0"),
+        (-2.1449, "−2.14"),
+        (1234.5, "1,234"),
+        (0.0123456, "0.0123"),
+        (8.96e-5, "8.96×10⁻⁵"),
+        (-1.5e7, "−1.50×10⁷"),
+    ],
+)
+def test_figures_have_three_digits(value, text):
+    assert formats.number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (None, "–"),
+        (0.05, "0.050 s"),
+        (59.6, "1 min"),
+        (244, "4 min 4 s"),
+        (3600, "1 h 0 min"),
+        (90_061, "1 d 1 h"),
+    ],
+)
+def test_durations_need_two_units(seconds, text):
+    assert formats.duration(seconds) == text
+
+
+def test_times_are_in_utc():
+    assert formats.moment(0) == "1970-01-01 00:00:00 UTC"
+    assert formats.interval(Interval(0.5, 2.0)) == "0.500 – 2.00"
+
+
+def row(index, outcome=Outcome.SAFE, robustness_m=5.0):
+    return EpisodeRow(
+        campaign=1,
+        index=index,
+        seed=index,
+        outcome=outcome,
+        steps=100,
+        source="prior",
+        worker="w",
+        robustness_m=None if outcome is Outcome.FAILED else robustness_m,
+        log_probability=-200.0,
+        severity=None,
+        min_ttc_s=None,
+        max_drac_mps2=None,
+        wall_s=0.1,
+        finished_ms=0,
+        digest="",
+        has_scene=False,
+    )
+
+
+def campaign(counts, state=CampaignState.RUNNING, active_s=0.0):
+    spec = CampaignSpec(name="n", method="ast", episodes=counts.planned)
+    return Campaign(id=1, spec=spec, state=state, counts=counts, created_ms=0, active_s=active_s)
+
+
+def test_blocks_hold_every_completed_episode_once():
+    crashed = Outcome.COLLISION
+    rows = [row(index, crashed if index >= 150 else Outcome.SAFE, 2.0) for index in range(203)]
+    rows[7] = row(7, Outcome.FAILED)
+    blocks = blocks_of(rows)
+    assert len(blocks) == 20
+    assert sum(block.rate.n for block in blocks) == 202
+    assert sum(block.rate.k for block in blocks) == 53
+    assert (blocks[0].rate.value, blocks[-1].rate.value) == (0.0, 1.0)
+    assert all(a.last < b.first for a, b in pairwise(blocks))
+
+
+def test_few_episodes_make_one_block_and_none_make_none():
+    assert [(b.first, b.last) for b in blocks_of([row(3), row(4)])] == [(3, 4)]
+    assert blocks_of([row(3, Outcome.FAILED)]) == []
+
+
+def test_what_is_left_out_is_said():
+    assert "A sample of 2 of 9,000." in robustness_chart([row(0), row(1)], 9000).caption
+    assert "sample" not in robustness_chart([row(0), row(1)], 2).caption
+
+
+class Rows:
+    """A store's episodes, counted as they are asked for; every third one crashed."""
+
+    def __init__(self, count):
+        self.count, self.asked = count, 0
+
+    def page(self, campaign, limit, after=None, outcome=None):
+        self.asked += 1
+        first = 0 if after is None else after + 1
+        step = 3 if outcome is Outcome.COLLISION else 1
+        indices = [i for i in range(first, min(self.count, first + limit * step)) if i % step == 0]
+        items = tuple(row(index) for index in indices[:limit])
+        more = bool(items) and items[-1].index + step < self.count
+        return Page(items, items[-1].index if more else None)
+
+
+class Kept:
+    def __init__(self, count):
+        self.episodes = Rows(count)
+
+
+@pytest.mark.parametrize(("count", "drawn"), [(0, 0), (1, 1), (5_000, 5_000), (1_000_000, 5_000)])
+def test_a_sample_is_bounded_and_reaches_over_the_whole_campaign(count, drawn):
+    store = Kept(count)
+    rows = samples.sample_episodes(store, campaign(Counts(count or 1, completed=count)))
+    assert len(rows) == drawn
+    assert store.episodes.asked <= 50
+    indices = [each.index for each in rows]
+    assert indices == sorted(set(indices))
+    assert not count or max(indices) >= 0.97 * count - 1
+
+
+def test_many_failures_are_sampled_too():
+    store = Kept(300_000)
+    counts = Counts(300_000, completed=300_000, failures=100_000)
+    rows = samples.sample_failures(store, campaign(counts))
+    assert len(rows) == 5_000
+    assert all(each.index % 3 == 0 for each in rows)
+
+
+def test_bounds_of_nothing_are_not_drawn_on_a_log_axis():
+    unpaid = campaign(Counts(10, completed=10))
+    paid = campaign(Counts(10, completed=10, failures=5), active_s=3000.0)
+    nothing = summarise(unpaid, totals(0))
+    assert cost_chart([nothing]) is None
+    (point,) = cost_chart([nothing, summarise(paid, totals(5))]).data["campaigns"]
+    assert point["value"] == pytest.approx(0.2)
+    assert point["low"] < 0.2 < point["high"]
+
+
+def totals(failures):
+    return Totals(failures, -200.0 * failures, 100 * failures, 25.0 * failures)
+
+
+def result(silhouette, noise_silhouette):
+    nothing = np.zeros((1, 1), np.float32)
+    return AnalysisResult(
+        episodes=(0,),
+        explained=nothing[0],
+        components=nothing[None],
+        scores=nothing,
+        labels=(0,),
+        modes=(),
+        influence=nothing,
+        silhouette=silhouette,
+        noise_silhouette=noise_silhouette,
+    )
+
+
+def test_modes_are_called_distinct_only_beyond_noise():
+    assert verdict(result(0.4, 0.17)).startswith("The modes are distinct: silhouette 0.40")
+    assert verdict(result(0.17, 0.17)).startswith("The modes are not shown to be distinct")
+    assert "single mode" in verdict(result(None, None))
+
+
+def test_the_peak_of_an_eigenfailure_in_words():
+    z = np.zeros((50, 2), np.float32)
+    z[10, 0], z[38, 1] = 1.0, -2.345
+    mode = FailureMode(3, 7, np.zeros(1, np.float32), z)
+    assert peak(mode) == "2.3 sigma towards −y at step 38"
+
+
+def test_the_nearest_vehicle_may_change():
+    places = np.zeros((2, 3, 4), np.float32)
+    places[0, 1:, 0] = [10.0, -4.0]
+    places[1, 1:, 0] = [3.0, -4.0]
+    sizes, pair = np.ones((3, 2), np.float32), np.zeros((1, 2), np.float32)
+    assert nearest_actor(Scene(0.1, places, sizes, pair, pair)) == [2, 1]
+
+
+@pytest.mark.parametrize(("count", "most"), [(0, 5), (3, 5), (12, 5)])
+def test_evenly_spread_positions_are_distinct(count, most):
+    chosen = evenly(count, most)
+    assert len(chosen) == len(set(chosen)) == min(count, most)
+    assert all(0 <= place < count for place in chosen)

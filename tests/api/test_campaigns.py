@@ -1,0 +1,170 @@
+"""Campaigns over HTTP: created once, listed, steered, summed up."""
+
+import pytest
+
+from eigenfail.values import CampaignSpec, CampaignState, Outcome
+from eigenfail_api import steering
+
+URL = "/api/v1/campaigns"
+
+
+def test_a_created_campaign_is_queued_and_has_an_address(http, fields, store):
+    response = http.post(URL, json=fields)
+    assert response.status_code == 201
+    assert response.json()["state"] == "queued"
+    assert response.json()["spec"]["disturbance"]["longitudinal_base_m"] == 1.0
+    there = http.get(response.headers["Location"])
+    assert there.json() == response.json()
+    assert store.campaigns.get(response.json()["id"]).spec == CampaignSpec(**fields)
+
+
+def test_one_key_makes_one_campaign(http, fields, store):
+    key = {"Idempotency-Key": "a key"}
+    first, second = (http.post(URL, json=fields, headers=key) for _ in range(2))
+    assert first.status_code == second.status_code == 201
+    assert first.json()["id"] == second.json()["id"]
+    assert len(store.campaigns.page(10).items) == 1
+
+
+def test_one_key_for_two_campaigns_is_a_conflict(http, fields, problem):
+    key = {"Idempotency-Key": "a key"}
+    http.post(URL, json=fields, headers=key)
+    told = problem(http.post(URL, json={**fields, "seed": 1}, headers=key), 409)
+    assert told["type"] == "urn:eigenfail:idempotency-mismatch"
+
+
+def test_without_a_key_every_request_makes_one(http, fields):
+    ids = {http.post(URL, json=fields).json()["id"] for _ in range(3)}
+    assert len(ids) == 3
+
+
+@pytest.mark.parametrize("key", ["", "k" * 201])
+def test_keys_have_a_length(http, fields, problem, key):
+    told = problem(http.post(URL, json=fields, headers={"Idempotency-Key": key}), 422)
+    assert told["field"] == "Idempotency-Key"
+
+
+def test_pages_are_newest_first_and_without_gaps(http, fields):
+    ids = [http.post(URL, json=fields).json()["id"] for _ in range(5)]
+    seen, before = [], None
+    while True:
+        params = {"limit": 2} | ({"before": before} if before else {})
+        page = http.get(URL, params=params).json()
+        assert len(page["items"]) <= 2
+        seen += [item["id"] for item in page["items"]]
+        before = page["next"]
+        if before is None:
+            break
+    assert seen == ids[::-1]
+
+
+def test_a_list_may_be_of_one_state(http, fields, store):
+    first, second = (http.post(URL, json=fields).json()["id"] for _ in range(2))
+    store.campaigns.move(first, CampaignState.RUNNING)
+    running = http.get(URL, params={"state": "running"}).json()["items"]
+    assert [item["id"] for item in running] == [first]
+    queued = http.get(URL, params={"state": "queued"}).json()["items"]
+    assert [item["id"] for item in queued] == [second]
+
+
+@pytest.mark.parametrize(
+    ("state", "verb", "then"),
+    [
+        ("queued", "pause", "paused"),
+        ("running", "pause", "pausing"),
+        ("pausing", "pause", "pausing"),
+        ("paused", "pause", "paused"),
+        ("paused", "resume", "queued"),
+        ("queued", "resume", "queued"),
+        ("running", "resume", "running"),
+        ("queued", "cancel", "cancelled"),
+        ("paused", "cancel", "cancelled"),
+        ("running", "cancel", "cancelling"),
+        ("pausing", "cancel", "cancelling"),
+        ("cancelling", "cancel", "cancelling"),
+        ("cancelled", "cancel", "cancelled"),
+    ],
+)
+def test_wishes_move_a_campaign_and_may_come_twice(http, put_in_state, state, verb, then):
+    campaign = put_in_state(state)
+    for _ in range(2):
+        response = http.post(f"{URL}/{campaign}/{verb}")
+        assert response.status_code == 200
+        assert response.json()["state"] == then
+
+
+@pytest.mark.parametrize(
+    ("state", "verb"),
+    [
+        ("done", "pause"),
+        ("done", "resume"),
+        ("done", "cancel"),
+        ("cancelled", "pause"),
+        ("cancelled", "resume"),
+        ("cancelling", "pause"),
+        ("pausing", "resume"),
+    ],
+)
+def test_a_wish_that_cannot_be_granted_is_a_conflict(
+    *, http, put_in_state, store, problem, state, verb
+):
+    campaign = put_in_state(state)
+    told = problem(http.post(f"{URL}/{campaign}/{verb}"), 409)
+    assert told["type"] == "urn:eigenfail:illegal-transition"
+    assert state in told["detail"]
+    assert store.campaigns.get(campaign).state == state
+
+
+def test_a_campaign_that_begins_between_look_and_step_is_paused_all_the_same(
+    store, campaign, monkeypatch
+):
+    look = store.campaigns.get
+    seen = [look(campaign)]
+    store.campaigns.move(campaign, CampaignState.RUNNING)
+    monkeypatch.setattr(store.campaigns, "get", lambda id_: seen.pop() if seen else look(id_))
+    assert steering.steer(store, campaign, steering.PAUSE).state == "pausing"
+
+
+def test_a_summary_counts_failures_and_prices_them(http, campaign, deliver, result, store):
+    deliver(campaign, *(result(i) for i in range(3)), result(3, Outcome.COLLISION))
+    store.campaigns.add_active(campaign, 3600.0)
+    summary = http.get(f"{URL}/{campaign}/summary").json()
+    assert summary["failure_rate"]["k"] == 1
+    assert summary["failure_rate"]["n"] == 4
+    assert summary["mean_severity"] == 25.0
+    assert summary["cost"]["total_usd"] == pytest.approx(1.2)
+    assert summary["cost"]["per_failure_usd"] == pytest.approx(1.2)
+    assert http.get(f"{URL}/summaries").json()["items"] == [summary]
+
+
+def test_the_digest_covers_what_is_in_and_says_when_it_is_final(
+    http, campaign, deliver, result, store
+):
+    empty = http.get(f"{URL}/{campaign}/digest").json()
+    deliver(campaign, *(result(i) for i in range(10)))
+    full = http.get(f"{URL}/{campaign}/digest").json()
+    assert full["digest"] != empty["digest"]
+    assert (full["episodes"], full["final"]) == (10, False)
+    store.campaigns.move(campaign, CampaignState.DONE)
+    final = http.get(f"{URL}/{campaign}/digest").json()
+    assert final == {**full, "final": True}
+
+
+@pytest.fixture
+def put_in_state(store, campaign):
+    ways = {
+        "queued": [],
+        "running": ["running"],
+        "pausing": ["running", "pausing"],
+        "paused": ["paused"],
+        "cancelling": ["running", "cancelling"],
+        "cancelled": ["cancelled"],
+        "done": ["running", "done"],
+    }
+
+    def move(state):
+        for step in ways[state]:
+            store.campaigns.move(campaign, CampaignState(step))
+        return campaign
+
+    return move

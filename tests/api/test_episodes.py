@@ -1,0 +1,61 @@
+"""Episodes over HTTP: a list without trajectories, one with all of them."""
+
+import numpy as np
+import pytest
+
+from eigenfail.values import Outcome
+
+URL = "/api/v1/campaigns"
+
+
+@pytest.fixture
+def filled(campaign, deliver, result, failed):
+    """A campaign with five safe episodes, two collisions and one that could not be run."""
+    safe = [result(i) for i in range(5)]
+    collisions = [result(i, Outcome.COLLISION) for i in (5, 6)]
+    deliver(campaign, *safe, *collisions, failed(7))
+    return campaign
+
+
+def test_pages_follow_the_index(http, filled):
+    first = http.get(f"{URL}/{filled}/episodes", params={"limit": 5}).json()
+    rest = http.get(f"{URL}/{filled}/episodes", params={"after": first["next"]}).json()
+    indices = [row["index"] for row in first["items"] + rest["items"]]
+    assert indices == list(range(8))
+    assert rest["next"] is None
+
+
+def test_the_cursor_of_index_0_is_a_cursor(http, filled):
+    rest = http.get(f"{URL}/{filled}/episodes", params={"after": 0}).json()
+    assert [row["index"] for row in rest["items"]] == list(range(1, 8))
+
+
+@pytest.mark.parametrize(
+    ("outcome", "indices"), [("safe", [0, 1, 2, 3, 4]), ("collision", [5, 6]), ("failed", [7])]
+)
+def test_a_list_may_be_of_one_outcome(http, filled, outcome, indices):
+    rows = http.get(f"{URL}/{filled}/episodes", params={"outcome": outcome}).json()["items"]
+    assert [row["index"] for row in rows] == indices
+    assert {row["outcome"] for row in rows} == {outcome}
+
+
+def test_an_unknown_outcome_is_refused_with_the_known_ones(http, filled, problem):
+    told = problem(http.get(f"{URL}/{filled}/episodes", params={"outcome": "crash"}), 422)
+    assert told["field"] == "outcome"
+    assert "collision" in told["detail"]
+
+
+def test_an_episode_carries_noise_and_scene_to_the_last_bit(http, filled, result):
+    body = http.get(f"{URL}/{filled}/episodes/5").json()
+    told = result(5, Outcome.COLLISION)
+    assert np.array_equal(np.asarray(body["noise"]["z"], np.float32), told.noise.z)
+    assert np.array_equal(np.asarray(body["scene"]["vehicles"], np.float32), told.scene.vehicles)
+    assert body["measures"]["severity"] == 25.0
+
+
+def test_an_episode_without_a_scene_says_so(http, filled):
+    assert http.get(f"{URL}/{filled}/episodes/0").json()["scene"] is None
+
+
+def test_an_episode_to_come_is_not_found(http, filled, problem):
+    problem(http.get(f"{URL}/{filled}/episodes/8"), 404)

@@ -1,0 +1,91 @@
+"""Who may ask: this machine, by its own names, from its own pages."""
+
+import pytest
+from starlette.testclient import TestClient
+
+from eigenfail.errors import InvalidValue
+from eigenfail_api.app import create_app
+from eigenfail_api.settings import ApiSettings
+
+HEADERS = {
+    "content-security-policy": (
+        "default-src 'self'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+        "frame-ancestors 'none'"
+    ),
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+}
+
+
+@pytest.mark.parametrize(
+    "host", ["localhost", "LOCALHOST:8440", "127.0.0.1", "127.0.0.1:99", "[::1]:8440"]
+)
+def test_names_of_this_machine_are_taken(http, host):
+    assert http.get("/healthz", headers={"Host": host}).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example",
+        "127.0.0.1.evil.example",
+        "localhost.evil.example:8440",
+        "evil.example:127.0.0.1",
+        "localhost:8440@evil.example",
+        "127.0.0.2",
+        "testserver",
+        "[::1",
+        "::1",
+        "",
+    ],
+)
+def test_other_names_are_refused_against_dns_rebinding(http, problem, host):
+    told = problem(http.get("/healthz", headers={"Host": host}), 400)
+    assert told["remedy"]
+
+
+def test_pages_of_others_cannot_send(http, fields, problem, store):
+    for origin in ("https://evil.example", "null", "http://127.0.0.1:3000"):
+        told = problem(http.post("/api/v1/campaigns", json=fields, headers={"Origin": origin}), 403)
+        assert origin in told["detail"]
+    assert not store.campaigns.page(10).items
+
+
+def test_our_own_pages_can_send(http, fields):
+    origin = {"Origin": "http://127.0.0.1:8440"}
+    assert http.post("/api/v1/campaigns", json=fields, headers=origin).status_code == 201
+
+
+@pytest.mark.parametrize("path", ["/healthz", "/nope", "/api/v1/campaigns", "/metrics"])
+def test_every_response_carries_the_security_headers(http, path):
+    response = http.get(path)
+    assert HEADERS.items() <= dict(response.headers).items()
+
+
+def test_refusals_and_faults_carry_them_too(http, store, monkeypatch):
+    refused = http.get("/healthz", headers={"Host": "evil.example"})
+    monkeypatch.setattr(store.campaigns, "page", None)
+    fault = http.get("/api/v1/campaigns")
+    assert fault.status_code == 500
+    for response in (refused, fault):
+        assert HEADERS.items() <= dict(response.headers).items()
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.0.7", "::", "api.example"])
+def test_an_open_door_is_refused_while_there_are_no_keys(store, host):
+    with pytest.raises(InvalidValue, match="keys are not available yet") as refusal:
+        create_app(store, ApiSettings(host=host))
+    assert refusal.value.exit_code == 2
+    assert "EIGENFAIL_TRUST_NETWORK=1" in refusal.value.remedy
+
+
+def test_a_private_network_can_be_vouched_for(store, monkeypatch):
+    monkeypatch.setenv("EIGENFAIL_TRUST_NETWORK", "1")
+    app = create_app(store, ApiSettings(host="0.0.0.0"))
+    with TestClient(app, base_url="http://controller:8440") as client:
+        assert client.get("/healthz").status_code == 200
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.9", "::1", "localhost"])
+def test_loopback_needs_no_vouching(store, host):
+    assert create_app(store, ApiSettings(host=host))

@@ -1,0 +1,131 @@
+"""`python -m eigenfail_api`: serves until told to stop, or says in one sentence why it cannot."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import httpx2
+import pytest
+
+from eigenfail.client import Client
+from eigenfail_api.__main__ import main
+
+pytestmark = pytest.mark.service
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Starts the API on a database of its own; ends what is left at the end."""
+    started = []
+
+    def run(*arguments, **environment):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "eigenfail_api", *arguments],
+            env={**os.environ, "EIGENFAIL_DATABASE": f"sqlite:///{tmp_path}/e.db", **environment},
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        started.append(process)
+        return process
+
+    yield run
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def running(start):
+    """A process that serves, and its address."""
+    process = start("--port", "0")
+    return process, process.stdout.readline().split()[-1]
+
+
+@pytest.fixture
+def refusal(capsys):
+    """Exit code and the one line of a start that is refused."""
+
+    def run(*arguments):
+        code = main(arguments)
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert said.err.count("\n") == 1, said.err
+        return code, said.err
+
+    return run
+
+
+def test_it_serves_and_remembers(running, fields):
+    _, address = running
+    with Client(address) as client:
+        assert client.health()
+        campaign = client.campaigns.create(**fields)
+        assert client.campaigns.get(campaign.id) == campaign
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_it_stops_when_told_to_with_a_follower_listening(running, stop):
+    process, address = running
+    with httpx2.stream("GET", f"{address}/api/v1/events", timeout=10.0) as response:
+        parts = response.iter_text()
+        next(parts)
+        began = time.monotonic()
+        process.send_signal(stop)
+        for _ in parts:
+            pass
+        process.wait(timeout=10)
+    assert time.monotonic() - began < 4.0
+    assert process.returncode == 0
+    assert "Traceback" not in process.stderr.read()
+
+
+def test_a_taken_port_is_one_sentence(refusal):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        code, line = refusal("--port", str(port))
+    assert code == 3
+    assert f"Port {port} of 127.0.0.1 is taken." in line
+    assert "--port" in line
+
+
+def test_an_open_door_is_one_sentence(refusal):
+    code, line = refusal("--host", "0.0.0.0", "--port", "0")
+    assert code == 2
+    assert "EIGENFAIL_TRUST_NETWORK=1" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "field"),
+    [
+        (("--port", "70000"), "port"),
+        (("--port", "http"), "port"),
+        (("--host", "300.0.0.1"), "host"),
+    ],
+)
+def test_wrong_arguments_are_one_sentence(refusal, monkeypatch, arguments, field):
+    monkeypatch.setenv("EIGENFAIL_TRUST_NETWORK", "1")
+    code, line = refusal(*arguments)
+    assert code == 2
+    assert f"eigenfail: {field}:" in line
+
+
+@pytest.mark.parametrize(
+    ("variable", "value"), [("EIGENFAIL_PORT", "x"), ("EIGENFAIL_HOSTS", "localhost")]
+)
+def test_wrong_variables_are_one_sentence(refusal, monkeypatch, variable, value):
+    monkeypatch.setenv(variable, value)
+    code, line = refusal()
+    assert code == 2
+    assert variable.removeprefix("EIGENFAIL_").lower() in line
+
+
+def test_a_database_that_cannot_be_is_one_sentence(refusal, tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    code, line = refusal("--port", "0", "--database", f"sqlite:///{tmp_path}/file/e.db")
+    assert code == 3
+    assert "file" in line

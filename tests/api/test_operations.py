@@ -1,0 +1,65 @@
+"""Alive, ready, measured."""
+
+from eigenfail.errors import StoreUnavailable
+from eigenfail.values import Outcome
+
+
+def test_a_live_process_says_so_without_its_database(http, store, monkeypatch):
+    monkeypatch.setattr(store, "ping", unreachable)
+    assert http.get("/healthz").json() == {"status": "ok"}
+
+
+def test_ready_means_that_the_database_answers(http, store, monkeypatch, problem):
+    assert http.get("/readyz").status_code == 200
+    monkeypatch.setattr(store, "ping", unreachable)
+    response = http.get("/readyz")
+    told = problem(response, 503)
+    assert told["type"] == "urn:eigenfail:store-unavailable"
+    assert told["remedy"] == "Start it."
+    assert response.headers["Retry-After"] == "1"
+
+
+def test_metrics_count_campaigns_episodes_and_failures(
+    *, http, fields, campaign, deliver, result, failed
+):
+    http.post("/api/v1/campaigns", json=fields)
+    deliver(campaign, result(0), result(1, Outcome.COLLISION), failed(2))
+    lines = http.get("/metrics").text.splitlines()
+    assert 'eigenfail_campaigns{state="running"} 1.0' in lines
+    assert 'eigenfail_campaigns{state="queued"} 1.0' in lines
+    assert 'eigenfail_campaigns{state="done"} 0.0' in lines
+    assert 'eigenfail_episodes_total{end="completed"} 2.0' in lines
+    assert 'eigenfail_episodes_total{end="failed"} 1.0' in lines
+    assert "eigenfail_failures_total 1.0" in lines
+
+
+def test_requests_are_counted_by_route_not_by_address(http, fields, store, monkeypatch):
+    for id_ in (1, 2, 3):
+        http.get(f"/api/v1/campaigns/{id_}")
+    http.get("/anything/else")
+    http.request("BREW", "/healthz")
+    monkeypatch.setattr(store.campaigns, "page", unheard_of)
+    http.get("/api/v1/campaigns")
+    monkeypatch.undo()
+    lines = http.get("/metrics").text.splitlines()
+    counted = "eigenfail_http_requests_total"
+    route = "/api/v1/campaigns/{campaign}"
+    assert f'{counted}{{method="GET",route="{route}",status="404"}} 3.0' in lines
+    assert f'{counted}{{method="GET",route="none",status="404"}} 1.0' in lines
+    assert f'{counted}{{method="other",route="/healthz",status="405"}} 1.0' in lines
+    assert f'{counted}{{method="GET",route="/api/v1/campaigns",status="500"}} 1.0' in lines
+
+
+def test_metrics_see_campaigns_beyond_the_first_page(http, fields, monkeypatch):
+    monkeypatch.setattr("eigenfail_api.metrics.PAGE", 2)
+    for _ in range(5):
+        http.post("/api/v1/campaigns", json=fields)
+    assert 'eigenfail_campaigns{state="queued"} 5.0' in http.get("/metrics").text.splitlines()
+
+
+def unreachable():
+    raise StoreUnavailable("The database does not answer.", "Start it.")
+
+
+def unheard_of(*_):
+    raise ZeroDivisionError("a bug of ours")

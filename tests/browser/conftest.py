@@ -1,0 +1,268 @@
+"""A real server over made-up results, and Debian's Chromium to look at it."""
+
+import contextlib
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect, sync_playwright
+
+from eigenfail.values import (
+    AnalysisResult,
+    AnalysisSettings,
+    CampaignSpec,
+    EpisodeResult,
+    FailureMode,
+    Measures,
+    NoiseTrajectory,
+    Outcome,
+    Scene,
+)
+from eigenfail.values.records import Delivery
+from eigenfail_api.__main__ import Server, listen
+from eigenfail_api.app import create_app
+from eigenfail_api.settings import ApiSettings
+from eigenfail_services.store import open_store
+
+CHROMIUM = "/usr/bin/chromium"
+HOW_TO_INSTALL = "The browser tests need chromium: `make chromium`, or apt-get install chromium."
+
+ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+STEPS, HORIZON, DT_S = 70, 100, 0.1
+PATIENCE_MS = 20_000
+
+expect.set_options(timeout=PATIENCE_MS)
+
+
+def spec(name, method, episodes=300):
+    return CampaignSpec(
+        name=name, method=method, episodes=episodes, scenario_parameters={"distance_m": 58.0}
+    )
+
+
+def noise_of(rng, steps, collided):
+    bump = np.exp(-(((np.arange(steps) - 38) / 9.0) ** 2))[:, None] * np.array([1.9, -1.1])
+    z = 0.9 * rng.normal(size=(steps, 2)) + (bump * rng.choice([-1, 1]) if collided else 0.0)
+    sigma = np.stack([np.linspace(2.9, 1.2, steps), np.full(steps, 0.21)], axis=1)
+    return NoiseTrajectory(z.astype(np.float32), sigma.astype(np.float32))
+
+
+def scene_of(noise, steps):
+    """The truck closes in on a car that changes into its lane."""
+    t = DT_S * np.arange(steps + 1)
+    ego = np.stack([24.0 * t - 0.55 * t**2, 0 * t, 0 * t, 24.0 - 1.1 * t], axis=1)
+    share = np.clip((t - 1.0) / 5.0, 0.0, 1.0)
+    side = 3.5 * (1.0 - share**2 * (3.0 - 2.0 * share))
+    heading = np.gradient(side, DT_S) / 12.0
+    car = np.stack([72.0 + 12.0 * t, side, heading, 0 * t + 12.0], axis=1)
+    perceived = car[:-1, :2] + noise.metres
+    return Scene(
+        dt_s=DT_S,
+        vehicles=np.stack([ego, car], axis=1).astype(np.float32),
+        sizes=np.array([[16.0, 2.5], [5.0, 2.0]], np.float32),
+        perceived=perceived.astype(np.float32),
+        controls=np.tile(np.array([-1.1, 0.0], np.float32), (steps, 1)),
+    )
+
+
+def result_of(index, share, seed=0):
+    """One episode; it collides with the given probability."""
+    rng = np.random.default_rng([seed, index])
+    collided = bool(rng.random() < share)
+    steps = STEPS + int(rng.integers(0, 12)) if collided else HORIZON
+    noise = noise_of(rng, steps, collided)
+    measures = Measures(
+        robustness_m=0.0 if collided else float(rng.gamma(4.0, 1.6)),
+        severity=float(rng.gamma(9.0, 12.0)) if collided else None,
+        min_ttc_s=float(rng.uniform(0.1, 0.8) if collided else rng.uniform(2.0, 6.0)),
+        max_drac_mps2=float(rng.uniform(5.0, 9.0) if collided else rng.uniform(0.3, 2.0)),
+    )
+    return EpisodeResult(
+        index=index,
+        seed=index + 1000,
+        outcome=Outcome.COLLISION if collided else Outcome.SAFE,
+        steps=steps,
+        noise=noise,
+        source="prior",
+        measures=measures,
+        scene=scene_of(noise, steps) if collided or index % 50 == 0 else None,
+        wall_s=0.05,
+    )
+
+
+def analysis_of(indices, silhouette=0.41):
+    rng = np.random.default_rng(3)
+    labels = tuple(int(rng.random() < 0.35) for _ in indices)
+    steps = np.arange(HORIZON)
+    bump = np.exp(-(((steps - 38) / 9.0) ** 2))
+    shapes = [np.stack([1.9 * bump, -1.1 * bump], 1), np.stack([-1.4 * bump, 0.9 * bump], 1)]
+    centres = np.array([[4.0, 0.6, 0.0], [-5.0, -0.9, 0.2]], np.float32)
+    scores = centres[list(labels)] + rng.normal(size=(len(indices), 3)) * 1.3
+    return AnalysisResult(
+        episodes=tuple(indices),
+        explained=np.array([0.31, 0.12, 0.07], np.float32),
+        components=rng.normal(size=(3, HORIZON, 2)).astype(np.float32) * 0.1,
+        scores=scores.astype(np.float32),
+        labels=labels,
+        modes=tuple(
+            FailureMode(labels.count(mode), indices[mode], centres[mode], shape.astype(np.float32))
+            for mode, shape in enumerate(shapes)
+        ),
+        influence=np.abs(np.stack([0.5 * bump + 0.05, 0.3 * bump + 0.04], 1)).astype(np.float32),
+        silhouette=silhouette,
+        noise_silhouette=0.17,
+    )
+
+
+def deliver(store, campaign, results):
+    store.episodes.commit(campaign, [Delivery(result, "worker-1") for result in results])
+
+
+def fill(store):
+    """Campaigns in every interesting state, an analysis, and its replay."""
+    made = SimpleNamespace()
+    made.baseline = store.campaigns.create(spec("Monte Carlo on cut-in", "monte_carlo", 2000)).id
+    store.campaigns.move(made.baseline, "running")
+    deliver(store, made.baseline, [result_of(index, 0.0, 1) for index in range(400)])
+    store.campaigns.add_active(made.baseline, 61.0)
+    made.ast = store.campaigns.create(spec("AST on cut-in", "ast")).id
+    store.campaigns.move(made.ast, "running")
+    learned = [result_of(index, min(0.9, index / 250), 2) for index in range(300)]
+    deliver(store, made.ast, learned)
+    store.campaigns.add_active(made.ast, 43.0)
+    store.campaigns.move(made.ast, "done")
+    made.failures = [result.index for result in learned if result.is_failure]
+    made.difs = store.campaigns.create(spec("DiFS <b>on</b> cut-in", "difs")).id
+    store.campaigns.move(made.difs, "running")
+    deliver(store, made.difs, [result_of(index, 0.03, 3) for index in range(180)])
+    store.campaigns.add_active(made.difs, 27.0)
+    made.analysis = store.analyses.create(made.ast, AnalysisSettings()).id
+    store.analyses.start(made.analysis)
+    store.analyses.finish(made.analysis, analysis_of(made.failures))
+    made.replay = store.campaigns.create(spec("Eigenfailures", "replay", 2)).id
+    store.campaigns.move(made.replay, "running")
+    deliver(store, made.replay, [result_of(0, 1.0, 4), result_of(1, 0.0, 4)])
+    store.campaigns.add_active(made.replay, 0.4)
+    store.campaigns.move(made.replay, "done")
+    store.analyses.link_replay(made.analysis, made.replay)
+    made.waiting_analysis = store.analyses.create(made.ast, AnalysisSettings(clusters=3)).id
+    made.queued = store.campaigns.create(spec("Waits", "ast")).id
+    return made
+
+
+@contextlib.contextmanager
+def serving(store):
+    """A real server on a free port of this machine."""
+    listener = listen("127.0.0.1", 0)
+    server = Server(create_app(store, ApiSettings(port=0, poll_s=0.05)))
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+    thread.start()
+    while not server.started:
+        time.sleep(0.01)
+    try:
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+    finally:
+        server.handle_exit(0, None)
+        thread.join(timeout=20)
+        assert not thread.is_alive()
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    opened = open_store(f"sqlite:///{tmp_path_factory.mktemp('browser') / 'eigenfail.db'}")
+    yield opened
+    opened.close()
+
+
+@pytest.fixture(scope="module")
+def made(store):
+    """Ids of what the store was filled with."""
+    return fill(store)
+
+
+@pytest.fixture(scope="module")
+def address(store, made):
+    with serving(store) as url:
+        yield url
+
+
+@pytest.fixture
+def bare_address(tmp_path):
+    """A server that knows of no campaign; to be named before `visit`, which leaves first then."""
+    opened = open_store(f"sqlite:///{tmp_path / 'bare.db'}")
+    with serving(opened) as url:
+        yield url
+    opened.close()
+
+
+@pytest.fixture(scope="session")
+def browser():
+    assert Path(CHROMIUM).exists(), HOW_TO_INSTALL
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        yield launched
+        launched.close()
+
+
+REPORT_VIOLATIONS = (
+    "document.addEventListener('securitypolicyviolation',"
+    " (event) => console.error('CSP ' + event.violatedDirective + ' ' + event.blockedURI))"
+)
+ANSWERS_WITH_A_PROBLEM = "Failed to load resource"
+
+
+@pytest.fixture
+def visit(browser, address):
+    """Opens pages; what they should not do fails the test when it ends."""
+    contexts, troubles = [], []
+
+    def note_console(message):
+        if message.type in {"error", "warning"} and ANSWERS_WITH_A_PROBLEM not in message.text:
+            troubles.append(f"console: {message.text}")
+
+    def note_request(request):
+        if not request.url.startswith(("http://127.0.0.1:", "data:", "blob:")):
+            troubles.append(f"off-host: {request.url}")
+
+    def go(path, server=address, status=200, **options):
+        context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **options})
+        contexts.append(context)
+        context.set_default_timeout(PATIENCE_MS)
+        page = context.new_page()
+        page.add_init_script(REPORT_VIOLATIONS)
+        page.on("console", note_console)
+        page.on("pageerror", lambda error: troubles.append(f"error: {error}"))
+        page.on("request", note_request)
+        response = page.goto(server + path)
+        assert response.status == status
+        return page
+
+    yield go
+    for context in contexts:
+        context.close()
+    assert not troubles
+
+
+@pytest.fixture
+def queue(store, address):
+    """Queues a campaign; its id."""
+    return lambda name: store.campaigns.create(spec(name, "ast")).id
+
+
+@pytest.fixture
+def bring(store):
+    """Commits results of episodes that collide with the given probability."""
+    return lambda campaign, indices, share: deliver(
+        store, campaign, [result_of(index, share, campaign) for index in indices]
+    )

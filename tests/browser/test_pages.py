@@ -1,0 +1,138 @@
+"""Every page in a real browser: drawn, quiet, readable on a telephone and without a mouse."""
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+PAGES = {
+    "overview": "/",
+    "done campaign": "/campaigns/{ast}",
+    "running campaign": "/campaigns/{difs}",
+    "queued campaign": "/campaigns/{queued}",
+    "episode": "/campaigns/{ast}/episodes/{failure}",
+    "episode without scene": "/campaigns/{baseline}/episodes/1",
+    "analysis": "/analyses/{analysis}",
+    "waiting analysis": "/analyses/{waiting_analysis}",
+}
+CHARTS = {
+    "overview": 1,
+    "done campaign": 3,
+    "running campaign": 3,
+    "episode": 1,
+    "episode without scene": 1,
+    "analysis": 4,
+}
+OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+
+
+@pytest.fixture
+def path_of(made):
+    def path(name):
+        return PAGES[name].format(**{**vars(made), "failure": made.failures[3]})
+
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "scheme"),
+    [*((name, "light") for name in PAGES), ("overview", "dark"), ("analysis", "dark")],
+)
+def test_a_page_is_drawn_and_quiet(visit, path_of, name, scheme):
+    page = visit(path_of(name), color_scheme=scheme)
+    expect(page.locator("h1")).to_be_visible()
+    plots = page.locator(".plot")
+    assert plots.count() == CHARTS.get(name, 0)
+    for plot in plots.all():
+        plot.scroll_into_view_if_needed()
+        expect(plot.locator("canvas").first).to_be_visible()
+    for table in page.locator("details.data").all():
+        table.locator("summary").click()
+        expect(table.locator("tbody tr").first).to_be_visible()
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_telephone_scrolls_down_only(visit, path_of, name):
+    page = visit(path_of(name), viewport={"width": 375, "height": 700})
+    for plot in page.locator(".plot").all():
+        plot.scroll_into_view_if_needed()
+        expect(plot.locator("canvas").first).to_be_visible()
+    for table in page.locator("details.data summary").all():
+        table.click()
+    assert page.evaluate(OVERFLOW) <= 0
+
+
+def test_the_first_page_of_an_empty_service(bare_address, visit):
+    page = visit("/", bare_address)
+    expect(page.get_by_text("eigenfail run examples/ast.toml")).to_be_visible()
+
+
+def test_problems_are_pages(visit):
+    page = visit("/campaigns/999", status=404)
+    expect(page.locator("h1")).to_have_text("Not found")
+    page.get_by_role("link", name="All campaigns").click()
+    expect(page.locator("h1")).to_have_text("Campaigns")
+
+
+def test_pages_can_be_read_before_any_script_runs(visit, made):
+    page = visit("/", java_script_enabled=False)
+    expect(page.locator(f"#campaign-{made.ast}")).to_contain_text("160 of 300")
+    page.locator("details.data summary").first.click()
+    expect(page.locator("details.data tbody tr").first).to_be_visible()
+    page.goto(page.url + f"campaigns/{made.queued}")
+    expect(page.get_by_role("button", name="Cancel")).to_be_hidden()
+    expect(page.get_by_text(f"eigenfail campaign pause {made.queued}")).to_be_visible()
+
+
+def test_names_are_shown_as_they_were_written(visit):
+    page = visit("/")
+    expect(page.get_by_role("link", name="DiFS <b>on</b> cut-in")).to_be_visible()
+
+
+def test_the_keyboard_reaches_everything(visit, made):
+    page = visit("/")
+    expect(page.locator("html.js")).to_be_attached()
+    page.keyboard.press("Tab")
+    expect(page.locator(".skip")).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(page.locator("#main")).to_be_focused()
+    link = page.get_by_role("link", name="AST on cut-in")
+    for _ in range(20):
+        page.keyboard.press("Tab")
+        if link.evaluate("element => element === document.activeElement"):
+            break
+    expect(link).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(page.locator("h1")).to_have_text("AST on cut-in")
+
+
+def test_the_player_plays_steps_and_scrubs_by_keyboard(visit, path_of):
+    page = visit(path_of("episode"))
+    readout, scrub = page.locator("[data-readout]"), page.locator("[data-scrub]")
+    expect(readout).to_contain_text("t = 0.0 s · ego 24.0 m/s")
+    scrub.focus()
+    page.keyboard.press("ArrowRight")
+    expect(readout).to_contain_text("t = 0.1 s")
+    page.get_by_role("button", name="One step on").press("Enter")
+    expect(readout).to_contain_text("t = 0.2 s")
+    page.locator("[data-speed]").select_option("2")
+    scrub.fill(str(int(scrub.get_attribute("max")) - 20))
+    page.locator("[data-play]").press("Enter")
+    expect(page.locator("[data-play]")).to_have_text("Pause")
+    # At twice the speed the last two seconds take one, at the end of which it stops by itself.
+    expect(page.locator("[data-play]")).to_have_text("Play")
+    expect(scrub).to_have_value(scrub.get_attribute("max"))
+
+
+def test_a_chart_leads_to_its_episode(visit, made):
+    page = visit(f"/campaigns/{made.replay}")
+    plot = page.locator("#likelihood-chart .plot")
+    plot.scroll_into_view_if_needed()
+    expect(plot.locator("canvas").first).to_be_visible()
+    spot = plot.evaluate(
+        "element => { const chart = echarts.getInstanceByDom(element);"
+        " return chart.convertToPixel({seriesIndex: 0},"
+        " chart.getOption().series[0].data[0].slice(0, 2)); }"
+    )
+    plot.click(position={"x": spot[0], "y": spot[1]})
+    expect(page.locator("h1")).to_have_text("Episode 0")
