@@ -1,0 +1,58 @@
+"""A measured figure, and the files in which figures are kept."""
+
+import subprocess
+from collections.abc import Iterable
+from pathlib import Path
+
+import msgspec
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+class Figure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One number that may be quoted.
+
+    Attributes:
+        n: how many runs, episodes or pairs it rests on; `spread` is their smallest and largest.
+        target: what it is held against, in words.
+        paper: the paper's number, where there is one.
+    """
+
+    value: float | None
+    unit: str
+    n: int
+    command: str
+    commit: str = ""
+    interval: tuple[float, float] | None = None
+    spread: tuple[float, float] | None = None
+    target: str = ""
+    paper: float | None = None
+    note: str = ""
+
+
+def commit() -> str:
+    """The commit that was measured; marked if the working tree differs from it."""
+    described = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    done = subprocess.run(described, cwd=ROOT, capture_output=True, text=True, check=False)
+    return done.stdout.strip() or "unknown"
+
+
+def write(path: Path, figures: dict[str, Figure]) -> None:
+    """Replace the file, names sorted, each figure with the commit that it was measured on."""
+    version = commit()
+    stamped = {name: msgspec.structs.replace(f, commit=version) for name, f in figures.items()}
+    data = msgspec.json.encode(dict(sorted(stamped.items())))
+    path.write_bytes(msgspec.json.format(data, indent=2) + b"\n")
+
+
+def show(figures: dict[str, Figure]) -> None:
+    """Print name, value, unit and target of each figure."""
+    for name, figure in sorted(figures.items()):
+        value = "–" if figure.value is None else f"{figure.value:.4g}"
+        print(f"{name:<48} {value:>10} {figure.unit:<12} n={figure.n:<6} {figure.target}")
+
+
+def median(values: Iterable[float]) -> float:
+    """The middle value (the upper one of two)."""
+    ordered = sorted(values)
+    return ordered[len(ordered) // 2]

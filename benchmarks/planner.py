@@ -1,0 +1,121 @@
+"""What one decision of the rulebook planner costs, and what its quadratic program costs in it."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from figures import ROOT, Figure, median
+
+from eigenfail.processes import ONE_THREAD
+
+COMMAND = "make bench"
+EPISODES = 60
+SEED = 4
+PLANNER = "eigenfail_workers.planners.rulebook"
+
+
+class Watched:
+    """Stands in for a method: calls it, and keeps its arguments and what it took."""
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        self.function = function
+        self.times_s: list[float] = []
+        self.arguments: list[tuple[object, ...]] = []
+        self.results: list[object] = []
+
+    def __get__(self, instance: object, owner: type) -> Callable[..., object]:
+        return partial(self, instance)
+
+    def __call__(self, *arguments: object) -> object:
+        before = time.perf_counter()
+        result = self.function(*arguments)
+        self.times_s.append(time.perf_counter() - before)
+        self.arguments.append(
+            tuple(a.copy() if isinstance(a, np.ndarray) else a for a in arguments)
+        )
+        self.results.append(result)
+        return result
+
+
+def watch() -> tuple[Watched, Watched]:
+    """Monte Carlo episodes on cut_in, with every decision and every program watched."""
+    from bare import tasks
+
+    from eigenfail.values import CampaignSpec
+    from eigenfail_workers.engine import Engine
+    from eigenfail_workers.planners.rulebook.planner import Rulebook
+    from eigenfail_workers.planners.rulebook.quadratic_program import QuadraticProgram
+
+    act, solve = Watched(Rulebook.act), Watched(QuadraticProgram.solve)
+    Rulebook.act = act  # type: ignore[assignment,method-assign]
+    QuadraticProgram.solve = solve  # type: ignore[assignment,method-assign]
+    spec = CampaignSpec(name="plan", method="monte_carlo", episodes=EPISODES, seed=SEED)
+    list(Engine(spec.setup()).run(tasks(0, EPISODES, SEED)))
+    return act, solve
+
+
+def fresh_over_warm(solve: Watched) -> float:
+    """Solving each program after setting it up afresh ÷ after updating the one before."""
+    fresh_s, warm_s = 0.0, 0.0
+    for program, *vectors in solve.arguments[:2000]:
+        solve.function(program, *vectors)
+        before = time.perf_counter()
+        solve.function(program, *vectors)
+        between = time.perf_counter()
+        program.reset()  # type: ignore[attr-defined]
+        middle = time.perf_counter()
+        solve.function(program, *vectors)
+        warm_s += between - before
+        fresh_s += time.perf_counter() - middle
+    return fresh_s / warm_s
+
+
+def measure() -> dict[str, float]:
+    """Everything, in a process of its own."""
+    act, solve = watch()
+    osqp_s = sum(result.run_s for result in solve.results)  # type: ignore[attr-defined]
+    return {
+        "plan_p50_ms": 1000 * float(np.quantile(act.times_s, 0.5)),
+        "plan_p99_ms": 1000 * float(np.quantile(act.times_s, 0.99)),
+        "qp_wall_over_osqp": sum(solve.times_s) / osqp_s,
+        "qp_setup_over_warm": fresh_over_warm(solve),
+    }
+
+
+TARGETS = {
+    "plan_p50_ms": ("ms", "<= 1.0"),
+    "plan_p99_ms": ("ms", "<= 3.0"),
+    "qp_wall_over_osqp": ("ratio", "<= 1.5"),
+    "qp_setup_over_warm": ("ratio", ">= 3"),
+}
+RUNS = 3
+
+
+def planner_figures() -> dict[str, Figure]:
+    """The middle of three runs."""
+    command = [sys.executable, str(ROOT / "benchmarks" / "planner.py")]
+    environment = os.environ | ONE_THREAD
+    runs = [
+        json.loads(subprocess.run(command, env=environment, capture_output=True, check=True).stdout)
+        for _ in range(RUNS)
+    ]
+    return {
+        name: Figure(
+            value=median(run[name] for run in runs),
+            unit=unit,
+            n=RUNS,
+            spread=(min(run[name] for run in runs), max(run[name] for run in runs)),
+            target=target,
+            command=COMMAND,
+        )
+        for name, (unit, target) in TARGETS.items()
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure()))

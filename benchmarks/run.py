@@ -1,0 +1,22 @@
+"""Measure everything that is promised about speed, and write benchmarks/latest.json."""
+
+from figures import ROOT, show, write
+from planner import planner_figures
+from service import service_figures
+from start_up import cli_help, worker_ready
+
+
+def main() -> None:
+    """Measure, write, show."""
+    figures = {
+        "cli_help_s": cli_help(),
+        "worker_ready_s": worker_ready(),
+        **planner_figures(),
+        **service_figures(),
+    }
+    write(ROOT / "benchmarks" / "latest.json", figures)
+    show(figures)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""What the service costs: its rate beside the bare loop's, and with two workers beside one."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from figures import ROOT, Figure, median
+
+from eigenfail.cli.local_service import Launcher, LocalService, Plan, local_service
+from eigenfail.client import Client
+from eigenfail.processes import ONE_THREAD
+
+EPISODES = 500
+PAIRS = 3
+COMMAND = "make bench"
+
+
+def bare(seed: int) -> dict[str, float]:
+    """One run of the bare loop."""
+    command = [sys.executable, str(ROOT / "benchmarks" / "bare.py"), str(EPISODES), str(seed)]
+    environment = os.environ | ONE_THREAD
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    measured: dict[str, float] = json.loads(done.stdout)
+    return measured
+
+
+def campaign_rate(client: Client, seed: int) -> float:
+    """Episodes per second of a Monte Carlo campaign, from its first result to its last."""
+    created = client.campaigns.create(
+        name="bench", method="monte_carlo", episodes=EPISODES, seed=seed
+    )
+    ended = client.campaigns.wait(created.id, timeout_s=600)
+    if ended.counts.completed != EPISODES:
+        raise SystemExit(f"bench: {ended.state}, {ended.counts}: {ended.stopped_because}")
+    finished = sorted(row.finished_ms for row in client.episodes.list(created.id))
+    # Results are committed in groups: those of the first group have no measured beginning.
+    first = finished.count(finished[0])
+    return 1000 * (len(finished) - first) / (finished[-1] - finished[0])
+
+
+@contextmanager
+def another_worker(service: LocalService) -> Iterator[None]:
+    """One more worker, beside the one that Ray started."""
+    command = [sys.executable, "-m", "eigenfail_workers", "--connect", service.address.hub]
+    process = subprocess.Popen([*command, "--name", "second"], stdout=subprocess.DEVNULL)
+    try:
+        time.sleep(3.0)
+        yield
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+def service_figures() -> dict[str, Figure]:
+    """Bare, one worker, two workers, in turn, so that the machine's moods hit all three."""
+    bares, ones, twos, cpus = [], [], [], []
+    with tempfile.TemporaryDirectory() as folder:
+        plan = Plan(Path(folder), port=0, workers=1, launcher=Launcher.RAY)
+        with local_service(plan) as service, Client(service.address.url) as client:
+            campaign_rate(client, seed=99)
+            for seed in range(PAIRS):
+                measured = bare(seed)
+                bares.append(measured["episodes_per_s"])
+                cpus.append(measured["cpu_ms"])
+                ones.append(campaign_rate(client, seed))
+                with another_worker(service):
+                    campaign_rate(client, seed=98)  # it loads the simulator: once, not per campaign
+                    twos.append(campaign_rate(client, seed))
+    over_bare = [one / alone for one, alone in zip(ones, bares, strict=True)]
+    over_one = [two / one for two, one in zip(twos, ones, strict=True)]
+    return {
+        "service_over_bare": ratio(over_bare, ">= 0.90"),
+        "two_workers_over_one": ratio(over_one, ">= 1.7"),
+        "episode_cpu_ms": Figure(
+            value=median(cpus),
+            unit="ms",
+            n=EPISODES * PAIRS,
+            spread=(min(cpus), max(cpus)),
+            target="<= 60",
+            command=COMMAND,
+        ),
+        "service_episodes_per_s": Figure(
+            value=median(ones), unit="1/s", n=PAIRS, spread=(min(ones), max(ones)), command=COMMAND
+        ),
+    }
+
+
+def ratio(values: list[float], target: str) -> Figure:
+    """The middle of some ratios, each from one pair of runs."""
+    return Figure(
+        value=median(values),
+        unit="ratio",
+        n=len(values),
+        spread=(min(values), max(values)),
+        target=target,
+        command=COMMAND,
+    )

@@ -1,0 +1,62 @@
+"""How long a person or a campaign waits for something to start."""
+
+import subprocess
+import time
+
+import zmq
+from figures import ROOT, Figure, median
+
+from eigenfail.wire.messages import Goodbye, Hello, encode, read_worker_message
+from eigenfail_services.campaigns.launcher import RayLauncher
+
+COMMAND = "make bench"
+RUNS = 5
+
+
+def cli_help() -> Figure:
+    """Wall time of `eigenfail --help`."""
+    times = []
+    for _ in range(RUNS):
+        before = time.perf_counter()
+        subprocess.run([ROOT / ".venv/bin/eigenfail", "--help"], capture_output=True, check=True)
+        times.append(time.perf_counter() - before)
+    return seconds(times, "<= 0.5")
+
+
+def worker_ready() -> Figure:
+    """From asking Ray for an actor until it said hello: the hub answers that with a lease."""
+    router = zmq.Context.instance().socket(zmq.ROUTER)
+    port = router.bind_to_random_port("tcp://127.0.0.1")
+    launcher = RayLauncher(workers=1)
+    launcher.connect()
+    times = []
+    for _ in range(RUNS):
+        before = time.perf_counter()
+        launcher.ask(f"tcp://127.0.0.1:{port}")
+        times.append(time_of_hello(router) - before)
+        launcher.dismiss()
+    launcher.stop()
+    router.close(linger=0)
+    return seconds(times, "<= 5")
+
+
+def time_of_hello(router: "zmq.Socket[bytes]") -> float:
+    """When the next worker says hello; it is sent home again."""
+    while True:
+        worker, data = router.recv_multipart()
+        if isinstance(read_worker_message(data), Hello):
+            said = time.perf_counter()
+            router.send_multipart([worker, encode(Goodbye())])
+            return said
+
+
+def seconds(times: list[float], target: str) -> Figure:
+    """The middle of some times."""
+    return Figure(
+        value=median(times),
+        unit="s",
+        n=len(times),
+        spread=(min(times), max(times)),
+        target=target,
+        command=COMMAND,
+    )

@@ -1,0 +1,113 @@
+"""The container recipe and the compose file: linted, and they say what the design asks of them."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+DEPLOY = Path(__file__).parents[2] / "deploy"
+BIN = Path(sys.executable).parent
+PROGRAMS = {"eigenfail_api", "eigenfail_services", "eigenfail_workers"}
+
+
+@pytest.fixture(scope="module")
+def services():
+    return yaml.safe_load((DEPLOY / "compose.yaml").read_text())["services"]
+
+
+@pytest.fixture(scope="module")
+def ours(services):
+    return {name: service for name, service in services.items() if name != "postgres"}
+
+
+def lint(*command):
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_the_recipe_is_clean():
+    done = lint(BIN / "hadolint", DEPLOY / "Dockerfile")
+    assert done.returncode == 0, done.stdout
+
+
+def test_the_linter_sees_a_bad_recipe(tmp_path):
+    bad = tmp_path / "Dockerfile"
+    bad.write_text("FROM python:latest\nRUN cd /x && sudo pip install torch\n")
+    assert lint(BIN / "hadolint", bad).returncode != 0
+
+
+def test_the_compose_file_follows_its_schema():
+    schema = ("--builtin-schema", "vendor.compose-spec")
+    done = lint(BIN / "check-jsonschema", *schema, DEPLOY / "compose.yaml")
+    assert done.returncode == 0, done.stdout
+
+
+def test_the_schema_refuses_a_wrong_compose_file(tmp_path):
+    bad = tmp_path / "compose.yaml"
+    bad.write_text("services:\n  one:\n    imge: x\n")
+    assert lint(BIN / "check-jsonschema", "--builtin-schema", "vendor.compose-spec", bad).returncode
+
+
+def test_the_image_runs_as_nobody_in_particular():
+    lines = (DEPLOY / "Dockerfile").read_text().splitlines()
+    last_stage = lines[max(n for n, line in enumerate(lines) if line.startswith("FROM")) :]
+    users = [line.split()[1] for line in last_stage if line.startswith("USER")]
+    assert users == ["10001:10001"]
+
+
+def test_the_image_takes_its_versions_from_the_one_list():
+    assert "--constraint constraints.txt" in (DEPLOY / "Dockerfile").read_text()
+    constraints = (DEPLOY.parent / "constraints.txt").read_text()
+    assert re.search(r"^torch==[\d.]+$", constraints, re.MULTILINE)
+
+
+def test_everything_the_recipe_copies_is_let_through_and_exists():
+    copied = set()
+    for line in (DEPLOY / "Dockerfile").read_text().splitlines():
+        if line.startswith("COPY ") and "--from" not in line:
+            copied |= set(line.split()[1:-1])
+    let_through = {
+        line[1:]
+        for line in (DEPLOY / "Dockerfile.dockerignore").read_text().splitlines()
+        if line.startswith("!")
+    }
+    assert copied == let_through
+    assert all((DEPLOY.parent / path).exists() for path in copied)
+
+
+def test_only_the_controller_is_published_and_on_loopback_alone(services):
+    published = {name: service["ports"] for name, service in services.items() if "ports" in service}
+    assert published == {"controller": ["127.0.0.1:8440:8440"]}
+
+
+def test_only_the_controller_leaves_the_private_network(services):
+    networks = {name: service["networks"] for name, service in services.items()}
+    assert networks.pop("controller") == ["private", "edge"]
+    assert all(where == ["private"] for where in networks.values())
+
+
+def test_every_role_runs_a_program_of_ours_with_few_rights(ours):
+    for service in ours.values():
+        assert service["command"][0] in PROGRAMS
+        assert service["read_only"] is True
+        assert service["cap_drop"] == ["ALL"]
+
+
+def test_whatever_stays_up_has_a_health_check(services):
+    lasting = {name for name, service in services.items() if service["restart"] != "no"}
+    assert lasting == {"postgres", "controller", "services", "worker"}
+    assert all("healthcheck" in services[name] for name in lasting)
+
+
+def test_no_password_stands_in_the_file(services):
+    text = (DEPLOY / "compose.yaml").read_text()
+    assert set(re.findall(r"PASSWORD: (\S+)", text)) == {"${POSTGRES_PASSWORD:?set"}
+    assert not re.search(r"://[^\s/]*:[^\s/]*@", text)
+    assert (DEPLOY / ".env.example").read_text().strip().endswith("POSTGRES_PASSWORD=")
+
+
+def test_workers_can_be_scaled(services):
+    assert "container_name" not in services["worker"]
+    assert "ports" not in services["worker"]

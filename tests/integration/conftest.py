@@ -1,0 +1,77 @@
+"""A real service on real sockets, and real workers that a test starts, stops and kills."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+
+from eigenfail.cli.local_service import Launcher, LocalService, Plan, local_service
+from eigenfail.client import Client
+
+
+class Worker:
+    """A worker started by hand."""
+
+    def __init__(self, hub: str, name: str) -> None:
+        command = [sys.executable, "-m", "eigenfail_workers", "--connect", hub, "--name", name]
+        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+
+    def kill(self) -> None:
+        """kill -9, as the out-of-memory killer does it."""
+        os.kill(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
+    def kill_child(self) -> None:
+        """kill -9 of the process in which simulator and planner run."""
+        for child in psutil.Process(self.process.pid).children():
+            child.kill()
+
+    def stop(self) -> None:
+        self.process.terminate()
+        self.process.wait(20)
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
+    plan = Plan(tmp_path_factory.mktemp("data"), port=0, launcher=Launcher.NONE)
+    with local_service(plan) as running:
+        yield running
+
+
+@pytest.fixture
+def client(service: LocalService) -> Iterator[Client]:
+    with Client(service.address.url) as connected:
+        yield connected
+
+
+@pytest.fixture
+def start_worker(service: LocalService) -> Iterator[Callable[..., Worker]]:
+    workers: list[Worker] = []
+
+    def start(name: str = "w") -> Worker:
+        workers.append(Worker(service.address.hub, f"{name}-{len(workers)}"))
+        return workers[-1]
+
+    yield start
+    for worker in workers:
+        if worker.process.poll() is None:
+            worker.stop()
+
+
+@pytest.fixture
+def fresh_service(tmp_path: Path) -> Callable[..., "contextmanager[LocalService]"]:
+    """Starts services on one folder, one after the other."""
+
+    @contextmanager
+    def start(launcher: Launcher = Launcher.NONE, workers: int = 1) -> Iterator[LocalService]:
+        with ExitStack() as stack:
+            plan = Plan(tmp_path / "data", port=0, workers=workers, launcher=launcher)
+            yield stack.enter_context(local_service(plan))
+
+    return start
