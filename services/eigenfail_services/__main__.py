@@ -24,7 +24,7 @@ from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.store import migrate, open_store
 
-TURN_S = 0.1
+TURN_S = 0.25
 RETRY_S = 1.0
 TRUST_VARIABLE = "EIGENFAIL_TRUST_NETWORK"
 LOOPBACK = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:", "ipc://")

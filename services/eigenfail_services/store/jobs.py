@@ -7,6 +7,7 @@ from sqlalchemy import (
     ColumnElement,
     Connection,
     Table,
+    bindparam,
     case,
     delete,
     func,
@@ -23,6 +24,16 @@ from eigenfail_services.store.limits import BURIED, MAX_ATTEMPTS
 from eigenfail_services.store.schema import analyses, campaigns, jobs
 
 SUBJECTS: Mapping[JobKind, Table] = {JobKind.CAMPAIGN: campaigns, JobKind.ANALYSIS: analyses}
+
+NOT_BURIED = jobs.c.buried_because.is_(None)
+# Asked all the time, so made once: building a statement costs more than running it.
+WAITING = (
+    select(func.count())
+    .select_from(jobs)
+    .where(
+        jobs.c.kind == bindparam("wanted"), NOT_BURIED, jobs.c.lease_until_ms <= bindparam("now")
+    )
+)
 
 Undertaker = Callable[[Connection, int, str], object]
 
@@ -116,15 +127,15 @@ class SqlJobQueue:
 
     def waiting(self, kind: JobKind) -> int:
         """How many jobs of a kind wait to be claimed."""
-        query = select(func.count()).select_from(jobs).where(free(kind))
+        values = {"wanted": kind, "now": now_ms()}
         with self._database.reading() as connection:
-            return connection.execute(query).scalar_one()
+            return connection.execute(WAITING, values).scalar_one()
 
 
 def free(kind: JobKind | None) -> ColumnElement[bool]:
     """Jobs (of a kind) that nobody holds."""
     wanted = true() if kind is None else jobs.c.kind == kind
-    return wanted & jobs.c.buried_because.is_(None) & (jobs.c.lease_until_ms <= now_ms())
+    return wanted & NOT_BURIED & (jobs.c.lease_until_ms <= now_ms())
 
 
 def held(job: Job) -> ColumnElement[bool]:
