@@ -60,6 +60,8 @@ function lost() {
 function close() {
   source?.close();
   source = null;
+  clearTimeout(timer);
+  timer = null;
   say("off");
 }
 
