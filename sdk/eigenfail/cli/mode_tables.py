@@ -14,14 +14,14 @@ TOO_FEW = "Eigenfailures of so few may not fail again: take more with --componen
 
 
 def mode_table(campaign: int, result: AnalysisResult) -> Table:
-    """The failure modes of a campaign, one a row; disturbances in sigma."""
+    """The failure modes of a campaign, one a row, counted from 1; disturbances in sigma."""
     figures = ("mode", "failures", "share", *(f"mean {axis}" for axis in AXES))
     peaks = tuple(f"peak {axis}" for axis in AXES)
     grid = table(*figures, *peaks, "medoid", right=figures)
-    for position, mode in enumerate(result.modes):
+    for number_of_mode, mode in enumerate(result.modes, start=1):
         share = f"{100.0 * mode.failures / len(result.episodes):.0f} %"
         medoid = f"{campaign}/{mode.medoid}"
-        grid.add_row(str(position), str(mode.failures), share, *disturbances(mode), medoid)
+        grid.add_row(str(number_of_mode), str(mode.failures), share, *disturbances(mode), medoid)
     return grid
 
 

@@ -1,7 +1,8 @@
 """`eigenfail up`: the whole service on this machine, until Ctrl-C."""
 
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Annotated
 
 import typer
@@ -39,7 +40,8 @@ def up(
     plan = Plan(data, port, workers, launcher, hub_port)
     with interruptible(), suppress(KeyboardInterrupt), local_service(plan) as service:
         typer.echo(to_json(service.address, indent=0) if as_json else welcome(service, plan))
-        watch(service, verbose)
+        with farewell():
+            watch(service, verbose)
 
 
 def welcome(service: LocalService, plan: Plan) -> str:
@@ -48,6 +50,16 @@ def welcome(service: LocalService, plan: Plan) -> str:
         f"eigenfail is up at {service.address.url} (data in {plan.data}; Ctrl-C stops it).\n"
         f"More workers: eigenfail worker --connect {service.address.hub}"
     )
+
+
+@contextmanager
+def farewell() -> Iterator[None]:
+    """Tell whoever stops it what becomes of the campaigns; stopping takes a moment."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("Stopping; what was running goes on at the next start.", err=True)
+        raise
 
 
 def watch(service: LocalService, verbose: bool) -> None:

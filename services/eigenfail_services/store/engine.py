@@ -36,6 +36,13 @@ class Backend(Protocol):
     def prepare(self) -> None:
         """Whatever must be there before the first connection."""
 
+    def require(self) -> None:
+        """Refuse a database that a connection would make, for those who only look.
+
+        Raises:
+            StoreUnavailable: there is none.
+        """
+
     def lock_schema(self, connection: Connection) -> None:
         """Keep other programs from changing the schema until the transaction ends."""
 

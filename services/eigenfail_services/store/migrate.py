@@ -59,10 +59,13 @@ def ensure(database: Database, backend: Backend, *, migrate: bool) -> None:
 
 
 def current(address: str) -> str | None:
-    """The schema version of the database at an address; None if it is empty."""
+    """The schema version of the database at an address; None if it is empty.
+
+    Raises:
+        StoreUnavailable: there is none, or it does not answer.
+    """
     backend = find(address)
-    with translated(backend):
-        backend.prepare()
+    backend.require()
     database = Database(backend)
     try:
         with database.reading() as connection:

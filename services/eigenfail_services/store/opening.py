@@ -23,15 +23,19 @@ def open_store(url: str, *, migrate: bool = True) -> Store:
         migrate: whether the schema may be changed; if not, anything but the newest is refused.
 
     Raises:
-        StoreUnavailable: nothing can be read or written there; within about five seconds.
+        StoreUnavailable: nothing can be read or written there, within about five seconds; or
+            there is nothing and it may not be made.
         SchemaMismatch: the schema is newer than this program, somebody else's, or may not be
             changed.
     """
     if url == MEMORY:
         return MemoryStore()
     backend = find(url)
-    with translated(backend):
-        backend.prepare()
+    if migrate:
+        with translated(backend):
+            backend.prepare()
+    else:
+        backend.require()
     database = Database(backend)
     with ExitStack() as undo:
         undo.callback(database.close)

@@ -63,7 +63,11 @@ class Postgres:
         )
 
     def prepare(self) -> None:
-        """Databases are made by whoever runs the server; the driver comes with an extra."""
+        """Nothing more: databases are made by whoever runs the server."""
+        self.require()
+
+    def require(self) -> None:
+        """Refuse to go on without the driver, which comes with an extra."""
         if find_spec("psycopg") is None:
             raise StoreUnavailable(
                 "PostgreSQL's driver is not installed.", "Run: pip install 'eigenfail[postgres]'."

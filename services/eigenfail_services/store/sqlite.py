@@ -38,7 +38,7 @@ class Sqlite:
         # Connections are opened later too, when the current folder may be another.
         path = Path(str(url.database)).absolute()
         self._url = url.set(drivername="sqlite+pysqlite", database=str(path))
-        self._folder = path.parent
+        self._path = path
         self.label = f"sqlite:///{path}"
 
     def engine(self) -> Engine:
@@ -52,7 +52,12 @@ class Sqlite:
 
     def prepare(self) -> None:
         """Make the folder."""
-        self._folder.mkdir(parents=True, exist_ok=True)
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+
+    def require(self) -> None:
+        """Refuse a file that is not there."""
+        if not self._path.exists():
+            raise StoreUnavailable(f"There is no {self.label}.", "Make it: eigenfail db upgrade.")
 
     def lock_schema(self, connection: Connection) -> None:
         """A transaction that writes has the whole file to itself."""

@@ -23,7 +23,7 @@ from eigenfail_api.dashboard.views.analysis import peak, verdict
 from eigenfail_api.dashboard.views.episode import nearest_actor
 from eigenfail_api.dashboard.views.episodes import blocks_of, robustness_chart
 from eigenfail_api.dashboard.views.modes import evenly
-from eigenfail_api.dashboard.views.overview import cost_chart
+from eigenfail_api.dashboard.views.overview import cost_chart, tiles
 from eigenfail_services.campaigns.summary import summarise
 
 
@@ -85,8 +85,8 @@ def row(index, outcome=Outcome.SAFE, robustness_m=5.0):
     )
 
 
-def campaign(counts, state=CampaignState.RUNNING, active_s=0.0):
-    spec = CampaignSpec(name="n", method="ast", episodes=counts.planned)
+def campaign(counts, state=CampaignState.RUNNING, active_s=0.0, method="ast"):
+    spec = CampaignSpec(name="n", method=method, episodes=counts.planned)
     return Campaign(id=1, spec=spec, state=state, counts=counts, created_ms=0, active_s=active_s)
 
 
@@ -160,6 +160,16 @@ def test_bounds_of_nothing_are_not_drawn_on_a_log_axis():
     (point,) = cost_chart([nothing, summarise(paid, totals(5))]).data["campaigns"]
     assert point["value"] == pytest.approx(0.2)
     assert point["low"] < 0.2 < point["high"]
+
+
+def test_what_a_replay_cost_is_no_price_of_finding_failures():
+    counts = Counts(10, completed=10, failures=5)
+    replay = campaign(counts, method="replay", active_s=3000.0)
+    found = campaign(counts, active_s=3000.0)
+    summaries = [summarise(each, totals(5)) for each in (replay, found)]
+    (point,) = cost_chart(summaries).data["campaigns"]
+    assert point["method"] == found.spec.method
+    assert dict(tiles([replay, found], summaries))["Failures"].value == "5"
 
 
 def totals(failures):

@@ -9,7 +9,7 @@ import pytest
 
 from eigenfail.errors import SchemaMismatch, StoreUnavailable
 from eigenfail.values import CampaignSpec
-from eigenfail_services.store import MemoryStore, open_store
+from eigenfail_services.store import MemoryStore, migrate, open_store
 
 SECRET = "hunter2sesame"
 SPEC = CampaignSpec(name="example", method="monte_carlo", episodes=3)
@@ -77,11 +77,20 @@ def test_a_relative_path_stays_where_it_was(tmp_path, monkeypatch) -> None:
 
 
 def test_what_may_not_be_changed_is_refused_with_the_command(tmp_path, postgres_url) -> None:
+    (tmp_path / "a.db").touch()
     for url in (f"sqlite:///{tmp_path / 'a.db'}", postgres_url):
         with pytest.raises(SchemaMismatch, match="eigenfail db upgrade"):
             open_store(url, migrate=False)
         open_store(url).close()
         open_store(url, migrate=False).close()
+
+
+def test_whoever_only_looks_makes_no_file(tmp_path) -> None:
+    url = f"sqlite:///{tmp_path / 'folder' / 'a.db'}"
+    for look in (lambda: open_store(url, migrate=False), lambda: migrate.current(url)):
+        with pytest.raises(StoreUnavailable, match=r"There is no .*eigenfail db upgrade"):
+            look()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_pinging_reaches_the_database(sql_store) -> None:

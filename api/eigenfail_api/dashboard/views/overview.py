@@ -10,6 +10,7 @@ from eigenfail_api.dashboard.views.charts import Chart, rounded
 from eigenfail_api.dashboard.views.summaries import Figure, Standing, standing
 
 MOST_BARS = 25
+REPLAY = "replay"
 
 
 class Overview(msgspec.Struct, frozen=True):
@@ -44,22 +45,25 @@ def overview(page: Page[Campaign], summaries: Sequence[Summary], before: int | N
 def tiles(
     campaigns: Sequence[Campaign], summaries: Sequence[Summary]
 ) -> tuple[tuple[str, Figure], ...]:
-    """Sums over the campaigns of the page."""
+    """Sums over the campaigns of the page; failures that were replayed are counted once."""
     running = sum(campaign.state == "running" for campaign in campaigns)
     completed = sum(campaign.counts.completed for campaign in campaigns)
-    failures = sum(campaign.counts.failures for campaign in campaigns)
+    failures = sum(
+        campaign.counts.failures for campaign in campaigns if campaign.spec.method != REPLAY
+    )
     spent = sum(summary.cost.total_usd for summary in summaries)
     return (
         ("Campaigns", Figure(formats.integer(len(campaigns)), (f"{running} running",))),
         ("Episodes", Figure(formats.integer(completed), ("completed",))),
-        ("Failures", Figure(formats.integer(failures), ("collisions of the ego",))),
+        ("Failures", Figure(formats.integer(failures), ("collisions found; replays aside",))),
         ("Spent", Figure(f"{formats.number(spent)} USD", ("instance-hours × price",))),
     )
 
 
 def cost_chart(summaries: Sequence[Summary]) -> Chart | None:
     """Cost per failure of the newest campaigns that have one, or a bound above zero."""
-    priced = [summary for summary in summaries if summary.cost.at_least_usd]
+    found = [summary for summary in summaries if summary.method != REPLAY]
+    priced = [summary for summary in found if summary.cost.at_least_usd]
     if not priced:
         return None
     shown = priced[:MOST_BARS]
@@ -69,7 +73,7 @@ def cost_chart(summaries: Sequence[Summary]) -> Chart | None:
         title="Cost per failure",
         caption=(
             "USD per failure with its 95 % interval, log scale; an arrow is the lower bound of a "
-            "campaign without failures."
+            "campaign without failures. Replays find nothing new and are left out."
         ),
         data={"campaigns": [cost_point(summary) for summary in shown]},
         columns=("Campaign", "Method", "USD per failure", "95 % interval", "Failures", "Episodes"),
