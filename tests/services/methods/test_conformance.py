@@ -4,6 +4,7 @@ from types import MappingProxyType
 
 from eigenfail.testing.learner import LearnerSuite
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
+from eigenfail_services.methods.cem.method import CrossEntropyMethod
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.replay import Replay
@@ -32,6 +33,11 @@ class TestAdaptiveStressTestingByStableBaselines(LearnerSuite):
     settings = MappingProxyType(
         {"round_size": 4, "warm_up": 4, "buffer_size": 70, "trainer": "sb3", "gradient_steps": 1}
     )
+
+
+class TestCrossEntropyMethod(LearnerSuite):
+    method = CrossEntropyMethod
+    settings = MappingProxyType({"batch": 7, "elite_share": 0.3})
 
 
 class TestDiffusionFailureSampling(LearnerSuite):

@@ -1,0 +1,142 @@
+"""The cross-entropy method as a learner (Rubinstein and Kroese 2004): draw, keep the best, fit.
+
+The smoothing of what is fitted is that of de Boer et al. 2005, A Tutorial on the Cross-Entropy
+Method, Annals of Operations Research 134, 19–67.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from eigenfail.values import EpisodeResult, Floats, LearnerContext, Proposal, TrajectorySource
+from eigenfail_services.methods import archive
+from eigenfail_services.methods.cem.elite import elite
+from eigenfail_services.methods.cem.proposal import GaussianProposal, averaged, fit, prior
+
+Smoothing = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
+
+
+class CemSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of `cem`. It starts from the prior: mean 0, standard deviation 1 [sigma].
+
+    With some hundred episodes, many small rounds find more than few large ones. Where the standard
+    deviation may fall to sqrt(1/2), importance weights have no finite variance.
+    """
+
+    batch: Annotated[int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")] = 20
+    elite_share: Annotated[
+        float, msgspec.Meta(gt=0.0, lt=1.0, description="share of a round that is learnt from")
+    ] = 0.1
+    mean_smoothing: Annotated[
+        Smoothing, msgspec.Meta(description="of the way to the elite's mean, this much is gone")
+    ] = 0.7
+    std_smoothing: Annotated[
+        Smoothing, msgspec.Meta(description="the same for the standard deviation")
+    ] = 0.3
+    min_std: Annotated[
+        float, msgspec.Meta(gt=0.0, le=1.0, description="smallest standard deviation [sigma]")
+    ] = 0.9
+    max_std: Annotated[
+        float, msgspec.Meta(ge=1.0, le=10.0, description="largest standard deviation [sigma]")
+    ] = 1.0
+    max_mean: Annotated[
+        float, msgspec.Meta(gt=0.0, le=10.0, description="largest |mean| [sigma]")
+    ] = 2.0
+    mean_window: Annotated[
+        int,
+        msgspec.Meta(
+            ge=1, le=10_000, description="steps over which moves of the mean are averaged"
+        ),
+    ] = 9
+
+
+class DrawnRound(msgspec.Struct, frozen=True, eq=False):
+    """What it takes to weigh the episodes of a round; see `proposal.log_weights`.
+
+    Attributes:
+        episodes: how many were drawn, following those of the rounds before.
+        proposal: what they were drawn from.
+    """
+
+    episodes: int
+    proposal: GaussianProposal
+
+
+class CrossEntropyMethod:
+    """Moves a Gaussian of the noise towards failures, and among failures towards likely ones.
+
+    Attributes:
+        lookahead: none: each round is drawn from what all before it have taught.
+        rounds: those drawn so far, in order.
+    """
+
+    Settings = CemSettings
+
+    class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """Arrays say it all."""
+
+    lookahead = 0
+
+    def __init__(self, context: LearnerContext, settings: CemSettings) -> None:
+        self._settings = settings
+        self._seed = context.seed
+        self._proposal = prior(context.horizon)
+        self.rounds: tuple[DrawnRound, ...] = ()
+
+    def propose(self, n: int) -> Proposal:
+        """A round of draws from the proposal."""
+        count = min(n, self._settings.batch)
+        random = np.random.default_rng([self._seed, len(self.rounds)])
+        self.rounds = (*self.rounds, DrawnRound(count, self._proposal))
+        return Proposal(tuple(TrajectorySource(z) for z in self._proposal.draw(count, random)))
+
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
+        """Move the proposal towards the elite; leave it where the round says nothing."""
+        best = elite(results, self._proposal, self._settings.elite_share)
+        if best:
+            self._proposal = self._moved(*fit(best, self._proposal))
+
+    def state(self) -> bytes:
+        """The proposal, and those of all rounds before it."""
+        proposals = [*(drawn.proposal for drawn in self.rounds), self._proposal]
+        arrays: dict[str, archive.Array] = {
+            "mean": np.stack([proposal.mean for proposal in proposals]),
+            "std": np.stack([proposal.std for proposal in proposals]),
+            "episodes": np.array([drawn.episodes for drawn in self.rounds], np.int64),
+        }
+        return archive.write("cem", self._Facts(), arrays)
+
+    def restore(self, state: bytes) -> None:
+        """Go on from there, bit for bit.
+
+        Raises:
+            ProtocolError: the bytes are not a state of this method with this horizon.
+        """
+        _, arrays = archive.read("cem", state, self._Facts)
+        with archive.refusing("cem"):
+            episodes = arrays["episodes"].tolist()
+            shape = (len(episodes) + 1, *self._proposal.mean.shape)
+            means, stds = (archive.take(arrays, name, shape) for name in ("mean", "std"))
+        *drawn, current = map(GaussianProposal, means, stds)
+        self.rounds = tuple(map(DrawnRound, episodes, drawn))
+        self._proposal = current
+
+    def _moved(self, mean: archive.Array, std: archive.Array) -> GaussianProposal:
+        """The proposal on its way to the elite's mean and standard deviation, within bounds.
+
+        The mean's move is averaged over steps, not the mean: that would be flattened every round.
+        """
+        given, before = self._settings, self._proposal
+        move = averaged(mean - before.mean, given.mean_window)
+        mean = before.mean + given.mean_smoothing * move
+        std = before.std + given.std_smoothing * (std - before.std)
+        return GaussianProposal(
+            _within(mean, -given.max_mean, given.max_mean),
+            _within(std, given.min_std, given.max_std),
+        )
+
+
+def _within(values: archive.Array, low: float, high: float) -> Floats:
+    return np.clip(values, low, high).astype(np.float32)

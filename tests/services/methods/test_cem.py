@@ -1,0 +1,200 @@
+"""CEM learns, says with what weight, and copes with odd rounds."""
+
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+
+from eigenfail.errors import ProtocolError
+from eigenfail.settings import read_settings
+from eigenfail.testing.toy import Corridor
+from eigenfail.values import (
+    EpisodeResult,
+    LearnerContext,
+    Measures,
+    NoiseTrajectory,
+    Outcome,
+    learner_seed,
+)
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.methods.cem.method import CrossEntropyMethod
+from eigenfail_services.methods.cem.proposal import log_weights
+
+CORRIDOR = Corridor()
+ESTIMATING = {
+    "batch": 200,
+    "mean_smoothing": 0.3,
+    "min_std": 1.0,
+    "max_mean": 3.0,
+    "mean_window": 1,
+}
+
+
+class HalfSpace:
+    """Fails once the mean of ten longitudinal disturbances, in unit variance, exceeds `beyond`."""
+
+    steps = 10
+    beyond = 3.719
+    probability = NormalDist().cdf(-beyond)
+
+    def __init__(self):
+        self.normal = np.zeros((self.steps, 2))
+        self.normal[:, 0] = self.steps**-0.5
+
+    def run(self, tasks):
+        for task in tasks:
+            z = task.source.z
+            robustness = max(self.beyond - float(np.sum(self.normal * z)), 0.0)
+            yield EpisodeResult(
+                index=task.index,
+                seed=task.seed,
+                outcome=Outcome.SAFE if robustness else Outcome.COLLISION,
+                steps=self.steps,
+                noise=NoiseTrajectory(z, np.ones_like(z)),
+                source=task.source_kind,
+                measures=Measures(robustness),
+            )
+
+
+def cem(episodes=1000, horizon=HalfSpace.steps, seed=1, **settings):
+    nothing = np.zeros((0, horizon, 2), np.float32)
+    given = read_settings(CrossEntropyMethod.Settings, settings, "settings")
+    context = LearnerContext(learner_seed(seed), episodes, horizon, nothing)
+    return CrossEntropyMethod(context, given)
+
+
+def searched(episodes, **settings):
+    learner = cem(episodes, **settings)
+    return learner, list(run_in_process(Rounds(learner, 1, episodes), HalfSpace()))
+
+
+def play(learner, episode, robustness, n=1000):
+    """A round in which every episode has that robustness."""
+    sources = learner.propose(n).sources
+    learner.observe([episode(source.z, robustness) for source in sources])
+    return np.stack([source.z for source in sources])
+
+
+def test_fails_four_thousand_times_as_often_as_monte_carlo_in_a_half_space():
+    _, results = searched(1000)
+    assert HalfSpace.probability == pytest.approx(1e-4, rel=0.01)
+    assert np.mean([result.is_failure for result in results]) >= 4000 * HalfSpace.probability
+
+
+def test_points_to_the_likeliest_failure_and_recovers_the_probability_of_a_half_space():
+    learner, results = searched(3000, **ESTIMATING)
+    mean = learner.rounds[-1].proposal.mean
+    likeliest = HalfSpace.beyond * HalfSpace().normal
+    assert np.linalg.norm(mean - likeliest) <= 0.2 * HalfSpace.beyond
+    weights, first = [], 0
+    for drawn in learner.rounds:
+        part = results[first : first + drawn.episodes]
+        log_weight = log_weights([result.noise.z for result in part], drawn.proposal)
+        weights.extend(np.exp(log_weight) * [result.is_failure for result in part])
+        first += drawn.episodes
+    assert first == len(results)
+    assert np.mean(weights[1500:]) == pytest.approx(HalfSpace.probability, rel=0.2)
+
+
+def test_fails_a_thousand_times_as_often_as_monte_carlo_in_a_corridor(campaign, prior_failure_rate):
+    rate = prior_failure_rate(CORRIDOR)
+    assert 0 < rate < 5e-4
+    results = campaign(CrossEntropyMethod, CORRIDOR, 400, seed=1)
+    failures = [result for result in results if result.is_failure]
+    assert len(failures) / len(results) >= 1000 * rate
+    # sigma is (2, 0.4) throughout: the prior's log p per step, in expectation.
+    expected = -np.log(2.0 * 0.4 * 2.0 * np.pi) - 1.0
+    found = sum(r.noise.log_probability for r in failures) / sum(r.steps for r in failures)
+    assert 0.9 <= found / expected <= 1.6
+
+
+def test_a_budget_that_is_no_multiple_of_the_batch_is_spent_to_the_last_episode():
+    learner, results = searched(70, batch=30)
+    assert len(results) == 70
+    assert [drawn.episodes for drawn in learner.rounds] == [30, 30, 10]
+
+
+def test_starts_from_the_prior_and_draws_anew_in_every_round(episode):
+    learner = cem(batch=500)
+    first = play(learner, episode, 1.0)
+    assert abs(first.mean()) < 0.05
+    assert first.std() == pytest.approx(1.0, rel=0.03)
+    assert not (play(learner, episode, 1.0) == first).any()
+
+
+def test_another_seed_draws_another_noise():
+    draws = [cem(seed=seed).propose(5).sources[0].z for seed in (1, 2)]
+    assert not np.isin(*draws).any()
+
+
+@pytest.mark.parametrize("robustness", [0.0, 5.0])
+def test_rounds_in_which_all_fail_or_all_are_as_robust_leave_the_prior_as_it_is(
+    episode, robustness
+):
+    learner = cem()
+    for _ in range(5):
+        play(learner, episode, robustness)
+    assert not learner.rounds[-1].proposal.mean.any()
+    assert (learner.rounds[-1].proposal.std == 1.0).all()
+
+
+def test_a_round_that_failed_to_run_changes_nothing_but_the_draws(episode):
+    learner = cem(batch=40)
+    before = learner.propose(40).sources
+    learner.observe([episode(source.z, 1.0, outcome=Outcome.FAILED) for source in before])
+    after = learner.propose(40).sources
+    np.testing.assert_array_equal(learner.rounds[0].proposal.std, learner.rounds[1].proposal.std)
+    assert not learner.rounds[1].proposal.mean.any()
+    assert not np.isin(after[0].z, before[0].z).any()
+
+
+def test_mean_and_standard_deviation_stay_within_their_bounds():
+    bounds = {"max_mean": 0.4, "min_std": 0.7, "max_std": 1.1}
+    learner, _ = searched(600, std_smoothing=1.0, mean_smoothing=1.0, mean_window=1, **bounds)
+    last = learner.rounds[-1].proposal
+    assert np.abs(last.mean).max() == np.float32(0.4)
+    assert last.std.min() == np.float32(0.7)
+    assert last.std.max() == np.float32(1.1)
+
+
+def test_moves_by_the_smoothed_share_of_the_way(episode):
+    learner = cem(batch=4, elite_share=0.5, mean_smoothing=0.5, std_smoothing=0.25, min_std=0.1)
+    learner.propose(4)
+    noise = [np.full((10, 2), x, np.float32) for x in (1.0, 1.5, -1.0, -2.0)]
+    learner.observe([episode(z, 1.0 + i) for i, z in enumerate(noise)])
+    learner.propose(4)
+    moved = learner.rounds[-1].proposal
+    np.testing.assert_allclose(moved.mean, 0.5 * 1.25, rtol=1e-6)
+    np.testing.assert_allclose(moved.std, 0.75 + 0.25 * np.std([1.0, 1.5], ddof=1), rtol=1e-6)
+
+
+def test_averaging_over_steps_spreads_a_move_and_flattens_no_mean_that_is_reached(episode):
+    learner = cem(batch=4, elite_share=0.5, mean_smoothing=1.0, mean_window=3)
+
+    def move_to(centre):
+        learner.propose(4)
+        noise = [centre + 0.1, centre - 0.1, centre + 1.0, centre + 2.0]
+        learner.observe([episode(z, 1.0 + i) for i, z in enumerate(noise)])
+        return learner._proposal.mean
+
+    spike = np.zeros((10, 2))
+    spike[4] = 1.5
+    reached = move_to(spike)
+    np.testing.assert_allclose(reached[:, 0], [0, 0, 0, 0.5, 0.5, 0.5, 0, 0, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(move_to(reached), reached, atol=1e-6)
+
+
+def test_a_restored_learner_knows_the_rounds_before_it():
+    learner, _ = searched(100)
+    restored = cem()
+    restored.restore(learner.state())
+    assert len(restored.rounds) == len(learner.rounds) == 5
+    for ours, theirs in zip(restored.rounds, learner.rounds, strict=True):
+        assert ours.episodes == theirs.episodes
+        np.testing.assert_array_equal(ours.proposal.mean, theirs.proposal.mean)
+        np.testing.assert_array_equal(ours.proposal.std, theirs.proposal.std)
+
+
+def test_a_state_of_another_horizon_is_refused():
+    with pytest.raises(ProtocolError, match="should have shape"):
+        cem(horizon=5).restore(cem(horizon=6).state())
