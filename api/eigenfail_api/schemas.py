@@ -15,13 +15,12 @@ from eigenfail.values import (
     AnalysisSettings,
     Campaign,
     CampaignSpec,
-    EpisodeResult,
     Event,
     FailureMode,
     Page,
     Summary,
 )
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.wire import http
 from eigenfail.wire.problems import Problem
 
@@ -33,7 +32,7 @@ BODIES = (
     AnalysisSettings,
     Campaign,
     CampaignSpec,
-    EpisodeResult,
+    EpisodeDetail,
     Event,
     Page[Analysis],
     Page[Campaign],

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from eigenfail.values import Outcome
+from eigenfail.values import Measures, Outcome
 
 URL = "/api/v1/campaigns"
 
@@ -59,3 +60,49 @@ def test_an_episode_without_a_scene_says_so(http, filled):
 
 def test_an_episode_to_come_is_not_found(http, filled, problem):
     problem(http.get(f"{URL}/{filled}/episodes/8"), 404)
+
+
+def test_the_worst_come_first(http, campaign, deliver, result):
+    rows = [result(i, Outcome.COLLISION) for i in range(4)]
+    severities = [4.0, 25.0, 9.0, 25.0]
+    worst = [
+        replace(row, measures=replace(row.measures, severity=severity))
+        for row, severity in zip(rows, severities, strict=True)
+    ]
+    deliver(campaign, *worst, result(4))
+    asked = {"sort": "severity", "limit": 2}
+    first = http.get(f"{URL}/{campaign}/episodes", params=asked).json()
+    second = http.get(f"{URL}/{campaign}/episodes", params={**asked, "after": first["next"]}).json()
+    assert [row["index"] for row in first["items"] + second["items"]] == [1, 3, 2, 0]
+    rest = http.get(f"{URL}/{campaign}/episodes", params={**asked, "after": second["next"]}).json()
+    assert [row["index"] for row in rest["items"]] == [4]
+    assert rest["next"] is None
+
+
+def test_an_unknown_order_is_refused_with_the_known_ones(http, campaign, problem):
+    told = problem(http.get(f"{URL}/{campaign}/episodes", params={"sort": "worst"}), 422)
+    assert told["field"] == "sort"
+    assert "severity" in told["detail"]
+
+
+CRASH = Measures(
+    0.0,
+    severity=25.0,
+    min_ttc_s=0.1,
+    ttc_violated_s=1.5,
+    drac_violated_s=3.25,
+    drac_at_warning_mps2=6.5,
+    collided_s=3.5,
+)
+
+
+def test_an_episode_is_told_with_its_class_and_lead_times(http, campaign, deliver, result):
+    deliver(campaign, replace(result(0, Outcome.COLLISION), measures=CRASH))
+    wanted = {"conflict": "planner_failure", "ttc_lead_s": 2.0, "drac_lead_s": 0.25}
+    one = http.get(f"{URL}/{campaign}/episodes/0").json()
+    (row,) = http.get(f"{URL}/{campaign}/episodes").json()["items"]
+    assert one["assessed"] == row["assessed"] == wanted
+    assert one["measures"]["ttc_violated_s"] == row["ttc_violated_s"] == 1.5
+    summary = http.get(f"{URL}/{campaign}/summary").json()
+    assert summary["conflicts"]["planner_failures"] == 1
+    assert summary["conflicts"]["ttc_lead"] == {"mean_s": 2.0, "n": 1}

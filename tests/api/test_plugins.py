@@ -8,9 +8,9 @@ import pytest
 from eigenfail import plugins
 
 EXPECTED = {
-    "methods": {"monte_carlo", "ast", "difs", "replay"},
+    "methods": {"monte_carlo", "ast", "difs", "cem", "replay"},
     "planners": {"idm", "rulebook"},
-    "scenarios": {"cut_in"},
+    "scenarios": {"cut_in", "lead_brake", "merge_in"},
     "simulators": {"highway", "point_mass"},
 }
 
@@ -33,7 +33,8 @@ def test_schemas_accept_defaults_and_refuse_strangers(http, kind):
 
 
 def test_the_schema_of_a_scenario_carries_its_bounds(http):
-    (cut_in,) = http.get("/api/v1/scenarios").json()["items"]
+    items = {item["name"]: item for item in http.get("/api/v1/scenarios").json()["items"]}
+    cut_in = items["cut_in"]
     distance = cut_in["settings"]["$defs"]["CutInParameters"]["properties"]["distance_m"]
     assert distance["minimum"] < distance["default"] < distance["maximum"]
 

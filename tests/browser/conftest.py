@@ -87,6 +87,13 @@ def result_of(index, share, seed=0):
         severity=float(rng.gamma(9.0, 12.0)) if collided else None,
         min_ttc_s=float(rng.uniform(0.1, 0.8) if collided else rng.uniform(2.0, 6.0)),
         max_drac_mps2=float(rng.uniform(5.0, 9.0) if collided else rng.uniform(0.3, 2.0)),
+        ttc_violated_s=DT_S * (steps - 21) if collided else None,
+        drac_violated_s=DT_S * (steps - 3) if collided and index % 2 else None,
+        drac_at_warning_mps2=3.0 + index % 6 if collided else None,
+        collided_s=DT_S * steps if collided else None,
+        max_jerk_mps3=4.0,
+        hard_brakings=index % 3,
+        clipped_steps=0,
     )
     return EpisodeResult(
         index=index,

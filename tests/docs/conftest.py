@@ -59,5 +59,11 @@ def own_planner():
 
 
 @pytest.fixture(scope="session")
+def noise_page():
+    return document("docs/noise.md")
+
+
+@pytest.fixture(scope="session")
 def documents(readme, quickstart, changelog, planner_page, own_planner):
-    return (readme, quickstart, changelog, planner_page, own_planner)
+    others = [document(f"docs/{name}.md") for name in ("noise", "own_scenario", "performance")]
+    return (readme, quickstart, changelog, planner_page, own_planner, *others)

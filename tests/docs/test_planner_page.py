@@ -8,6 +8,8 @@ import pytest
 
 from eigenfail_workers.planners.rulebook.candidates import CANDIDATES
 from eigenfail_workers.planners.rulebook.driving_modes import DrivingMode
+from eigenfail_workers.planners.rulebook.gaps import CHANGE_LANE, MERGE_EARLY, MERGE_LATE
+from eigenfail_workers.planners.rulebook.merging import ABORT, COMMITMENT
 from eigenfail_workers.planners.rulebook.overrides import Override
 from eigenfail_workers.planners.rulebook.rules import HIERARCHY, UNOPPOSED
 
@@ -18,7 +20,9 @@ def table(planner_page):
 
 
 def test_it_names_every_mode_candidate_rule_and_override(planner_page):
-    names = [*DrivingMode, *CANDIDATES, *(rule.name for rule in HIERARCHY), UNOPPOSED]
+    changes = (CHANGE_LANE, MERGE_EARLY, MERGE_LATE, ABORT)
+    rules = (*(rule.name for rule in HIERARCHY), UNOPPOSED, COMMITMENT)
+    names = [*DrivingMode, *CANDIDATES, *changes, *rules]
     overrides = [override for override in Override if override is not Override.NONE]
     missing = [name for name in (*names, *overrides) if f"`{name}`" not in planner_page.text]
     assert missing == []
@@ -48,9 +52,9 @@ def test_its_table_is_what_the_script_prints(table, root):
 
 def test_its_table_shows_a_calm_and_safe_driver(table):
     _, _, *rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()]
-    assert [row[0] for row in rows] == ["48", "58", "70"]
+    assert [row[0] for row in rows] == ["52", "58", "70"]
     for _, runs, collisions, overridden, unsolved, acceleration, jerk, *_, slowest, _ in rows:
-        assert (int(runs), collisions, overridden, unsolved) == (81, "0", "0", "0")
+        assert (int(runs), collisions, overridden, unsolved) == (243, "0", "0", "0")
         assert float(acceleration.split()[0]) >= -2.0
         assert float(jerk) <= 4.0
         assert float(slowest) > 10.0

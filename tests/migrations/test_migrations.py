@@ -17,13 +17,15 @@ from eigenfail.testing.store.examples import collision, deliver, running
 from eigenfail_services.store import migrate, open_store, schema, steps
 from eigenfail_services.store.engine import Database, find
 
-SECOND = '''"""The second schema."""
+NEXT, AFTER_NEXT = (f"{int(schema.VERSION) + more:04}" for more in (1, 2))
+
+LATER = '''"""A later schema."""
 
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0002"
-down_revision = "0001"
+revision = "{revision}"
+down_revision = "{down_revision}"
 
 
 def upgrade() -> None:
@@ -40,35 +42,17 @@ def downgrade() -> None:
 '''
 
 
-@pytest.fixture(params=["sqlite", "postgres"])
-def url(request, tmp_path) -> str:
-    """The address of an empty database."""
-    if request.param == "sqlite":
-        return f"sqlite:///{tmp_path / 'a.db'}"
-    return request.getfixturevalue("postgres_url")
-
-
-@pytest.fixture
-def look():
-    """Asks a database, with nothing of the store in between."""
-
-    def look(url, question):
-        with closing(Database(find(url))) as database, database.reading() as connection:
-            return question(connection)
-
-    return look
-
-
 @pytest.fixture
 def tomorrow(tmp_path, monkeypatch):
-    """Makes this program one of a later release, with a second migration."""
+    """Makes this program one of a later release, with one more migration."""
 
     def become(fault="pass") -> None:
         folder = tmp_path / "migrations"
         shutil.copytree(migrate.folder(), folder)
-        (folder / "versions" / "0002_second.py").write_text(SECOND.replace("{fault}", fault))
+        words = {"revision": NEXT, "down_revision": schema.VERSION, "fault": fault}
+        (folder / "versions" / f"{NEXT}_later.py").write_text(LATER.format(**words))
         monkeypatch.setattr(migrate, "folder", lambda: folder)
-        monkeypatch.setattr(migrate, "VERSION", "0002")
+        monkeypatch.setattr(migrate, "VERSION", NEXT)
 
     return become
 
@@ -158,7 +142,9 @@ def test_an_older_database_is_upgraded_with_all_that_is_in_it(url, look, tomorro
     store.close()
     before = look(url, contents)
     tomorrow()
-    with pytest.raises(SchemaMismatch, match=r"0001, not 0002.*eigenfail db upgrade"):
+    with pytest.raises(
+        SchemaMismatch, match=rf"{schema.VERSION}, not {NEXT}.*eigenfail db upgrade"
+    ):
         open_store(url, migrate=False)
     assert look(url, contents) == before
     open_store(url).close()
@@ -166,7 +152,7 @@ def test_an_older_database_is_upgraded_with_all_that_is_in_it(url, look, tomorro
     assert after["episodes"] == before["episodes"]
     assert after["scenes"] == before["scenes"]
     assert after["campaigns"] == [(*row, "") for row in before["campaigns"]]
-    migrate.downgrade(url, "0001")
+    migrate.downgrade(url, schema.VERSION)
     assert look(url, contents) == before
 
 
@@ -243,7 +229,7 @@ def test_new_migrations_do_not_depend_on_the_program(url, tomorrow, monkeypatch)
     monkeypatch.setattr(schema, "metadata", metadata)
     with migrate.changing(find(url)) as connection:
         config = steps.configured(connection)
-        written = command.revision(config, "notes", rev_id="0003", autogenerate=True)
+        written = command.revision(config, "notes", rev_id=AFTER_NEXT, autogenerate=True)
     code = Path(written.path).read_text()
     assert "sa.Column('note', sa.Text()" in code
     assert "sa.Column('id', sa.BigInteger().with_variant(sa.Integer()" in code

@@ -9,7 +9,7 @@ import pytest
 
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values import Control, Mission, Perception, VehicleState
-from eigenfail_workers.closed_loop import DrivenSimulation, Truth, checked, within_limits
+from eigenfail_workers.closed_loop import DrivenSimulation, Truth, checked
 
 
 def car(x: float, y: float = 0.0) -> VehicleState:
@@ -24,10 +24,12 @@ class Film:
 
     def reset(self, situation: Any) -> Truth:
         self.next = 1
+        self.driven: list[Control] = []
         return self.truths[0]
 
     def advance(self, control: Control) -> Truth:
         self.next += 1
+        self.driven.append(control)
         return self.truths[self.next - 1]
 
 
@@ -122,13 +124,31 @@ def test_numpys_numbers_become_plain_ones() -> None:
     assert [type(value) for value in msgspec.structs.astuple(control)] == [float, float]
 
 
-@pytest.mark.parametrize(
-    ("asked", "done"),
-    [
+def test_what_was_asked_for_and_what_was_applied_are_told(small_cut_in: Any) -> None:
+    planner, world = Watcher(), Film((FREE, FREE, FREE, FREE))
+    simulation = DrivenSimulation(world, small_cut_in, small_cut_in.Parameters(), planner)
+    start = simulation.reset(0)
+    assert (start.control, start.applied) == (None, None)
+    for asked, applied in (
         (Control(-3.0, 0.1), Control(-3.0, 0.1)),
-        (Control(-50.0, -3.0), Control(-9.81, -np.pi / 4)),
-        (Control(50.0, 3.0), Control(9.81, np.pi / 4)),
-    ],
-)
-def test_limits(asked: Control, done: Control) -> None:
-    assert within_limits(asked) == done
+        (Control(-50.0, -3.0), Control(-7.0, -np.pi / 4)),
+        # at 10 m/s 400 kW move 30 t by 4/3 m/s²
+        (Control(50.0, 3.0), Control(4.0 / 3.0, np.pi / 4)),
+    ):
+        planner.act = lambda perception, asked=asked: asked
+        seen = simulation.step((0.0, 0.0))
+        assert seen.control == asked
+        assert seen.applied == world.driven[-1]
+        assert msgspec.structs.astuple(seen.applied) == pytest.approx(
+            msgspec.structs.astuple(applied)
+        )
+
+
+def test_an_episode_goes_on_off_the_road(small_cut_in: Any) -> None:
+    # Two lanes of 3.5 m around y = 0 and 3.5: the road ends at -1.75 and 5.25.
+    way = [0.0, -1.75, -1.76, 0.0, 5.26]
+    truths = [msgspec.structs.replace(FREE, ego=car(0.0, y)) for y in way]
+    simulation = loop(small_cut_in, Watcher(), *truths)
+    seen = [simulation.reset(0), *(simulation.step((0.0, 0.0)) for _ in way[1:])]
+    assert [each.off_road for each in seen] == [False, False, True, False, True]
+    assert not any(each.ended for each in seen)

@@ -72,7 +72,7 @@ def test_the_paper_in_two_steps() -> None:
     assert simulation.disturbances == [(1.0 * 11.0, 0.5 * 4.0), (2.0 * 6.0, 1.0 * 3.0)]
     assert recorder.noise().sigma.tolist() == [[11.0, 4.0], [6.0, 3.0]]
     assert recorder.noise().z.tolist() == [[1.0, 0.5], [2.0, 1.0]]
-    assert recorder.measures().robustness_m == 4.0
+    assert recorder.measures(0.1).robustness_m == 4.0
 
 
 def test_an_episode_beyond_its_horizon_is_stopped() -> None:

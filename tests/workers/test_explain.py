@@ -77,7 +77,8 @@ def test_every_step_of_the_rulebook_is_accounted_for(crash):
     rules = {rule.name for rule in HIERARCHY} | {UNOPPOSED}
     for step in crash.steps:
         account = step.account
-        assert (account["mode"], account["override"]) == ("highway", "none")
+        assert account["mode"] == "highway"
+        assert account["override"] in {"none", "emergency_brake"}
         assert account["candidate"] in {"keep", "hold", "slow", "follow"}
         assert account["rule"] in rules
         assert account["qp_status"] == "solved"
@@ -90,7 +91,7 @@ def test_every_step_of_the_rulebook_is_accounted_for(crash):
 def test_the_belief_stands_beside_the_truth(crash):
     """A track is born with the truck's own speed, and learns the true one before it is lost."""
     assert crash.steps[0].gap_m == pytest.approx(94.0)
-    assert crash.steps[0].closing_mps == pytest.approx(12.0)
+    assert crash.steps[0].closing_mps == pytest.approx(11.5)
     learnt, reborn = crash.steps[20], crash.steps[32]
     assert learnt.account["closing_mps"] == pytest.approx(learnt.closing_mps, abs=0.5)
     assert reborn.account["lost_tracks"] == 1.0
@@ -101,7 +102,7 @@ def test_the_belief_stands_beside_the_truth(crash):
 def test_controls_noise_and_times_are_those_of_the_episode(crash):
     controls = [(step.acceleration_mps2, step.steering_rad) for step in crash.steps]
     assert np.allclose(controls, crash.result.scene.controls, atol=1e-6)
-    assert np.array_equal([step.z for step in crash.steps], crash.result.noise.z)
+    assert np.array_equal([step.disturbance for step in crash.steps], crash.result.noise.z)
     assert np.allclose([step.time_s for step in crash.steps], 0.1 * np.arange(len(crash.steps)))
 
 

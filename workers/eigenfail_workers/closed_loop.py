@@ -1,20 +1,19 @@
 """A world and a planner, closed into a simulation: perceive, disturb, plan, step."""
 
-from math import isfinite, pi
+from math import isfinite
 from typing import Any, Protocol
 
 import msgspec
 
 from eigenfail.contracts import Planner, Scenario, Situation
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
-from eigenfail.values import Control, Observation, Perception, VehicleState
+from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
 from eigenfail_workers.faults import blamed_on
 from eigenfail_workers.measures.geometry import nearest
+from eigenfail_workers.road import is_off_road
+from eigenfail_workers.truck import within_limits
 
 Pair = tuple[float, float]
-
-MAX_ACCELERATION_MPS2 = 9.81  # what tyres can transmit, braking or driving
-MAX_STEERING_RAD = pi / 4  # of the front wheels
 
 
 class Truth(msgspec.Struct, frozen=True, gc=False):
@@ -49,6 +48,7 @@ class DrivenSimulation:
         situation = scenario(parameters, 0)
         self.dt_s = situation.mission.dt_s
         self.steps = situation.steps
+        self._mission: Mission = situation.mission
         self._now: Observation | None = None
         self._closed = False
 
@@ -58,9 +58,11 @@ class DrivenSimulation:
             raise SimulatorError("The simulation is closed.", "Open another one.")
         situation = self._scenario(self._parameters, seed)
         truth = self._stage(situation)
+        self._mission = situation.mission
         with blamed_on(PlannerError, "The planner's reset", "Look into the planner."):
             self._planner.reset(situation.mission)
-        self._now = Observation(0, truth.ego, truth.others)
+        off_road = is_off_road(situation.mission, truth.ego)
+        self._now = Observation(0, truth.ego, truth.others, off_road=off_road)
         return self._now
 
     def _stage(self, situation: Situation) -> Truth:
@@ -80,11 +82,19 @@ class DrivenSimulation:
             raise SimulatorError("There is no episode to go on with.", "Reset the simulation.")
         perception, position = self._perceive(now, disturbance)
         control = self._plan(perception)
-        truth = self._world.advance(within_limits(control))
+        applied = within_limits(control, now.ego.speed_mps)
+        truth = self._world.advance(applied)
         step = now.step + 1
-        ended = truth.collided or step >= self.steps
         self._now = Observation(
-            step, truth.ego, truth.others, truth.collided, ended, position, control
+            step=step,
+            ego=truth.ego,
+            others=truth.others,
+            collided=truth.collided,
+            ended=truth.collided or step >= self.steps,
+            perceived=position,
+            control=control,
+            applied=applied,
+            off_road=is_off_road(self._mission, truth.ego),
         )
         return self._now
 
@@ -121,15 +131,3 @@ def checked(answer: object) -> Control:
     if not (isfinite(answer.acceleration_mps2) and isfinite(answer.steering_rad)):
         raise PlannerError(f"The planner returned {answer}.", remedy)
     return Control(float(answer.acceleration_mps2), float(answer.steering_rad))
-
-
-def within_limits(control: Control) -> Control:
-    """What the truck can do of what was asked."""
-    return Control(
-        _clip(control.acceleration_mps2, MAX_ACCELERATION_MPS2),
-        _clip(control.steering_rad, MAX_STEERING_RAD),
-    )
-
-
-def _clip(value: float, limit: float) -> float:
-    return max(-limit, min(limit, value))

@@ -77,7 +77,7 @@ class Engine:
 
     def _run(self, task: EpisodeTask) -> EpisodeResult:
         began = perf_counter()
-        recorder = Recorder()
+        recorder = Recorder(self._setup.disturbance.shape)
         try:
             result = self._complete(task, recorder)
         except (EpisodeError, InputError) as error:
@@ -99,7 +99,7 @@ class Engine:
                 steps=recorder.steps,
                 noise=recorder.noise(),
                 source=task.source_kind,
-                measures=recorder.measures(),
+                measures=recorder.measures(simulation.dt_s),
                 states=noise.states(),
                 scene=recorder.scene(simulation.dt_s) if keep_scene else None,
             )

@@ -2,10 +2,10 @@
 
 from eigenfail.contracts import Simulation
 from eigenfail.errors import SimulatorError
-from eigenfail.values import DisturbanceModel
+from eigenfail.values import Conversion, DisturbanceModel
 from eigenfail_workers.measures.geometry import nearest
 from eigenfail_workers.measures.recorder import Recorder
-from eigenfail_workers.noise.models import deviations, disturbance
+from eigenfail_workers.noise.models import deviations
 from eigenfail_workers.noise.sources import NoiseSource
 
 
@@ -21,6 +21,7 @@ def run_episode(
     Raises:
         EpisodeError: the episode cannot be completed; the recorder holds what there is of it.
     """
+    conversion = Conversion(model.shape)
     observation = simulation.reset(seed)
     recorder.sees(observation)
     while not observation.ended:
@@ -28,7 +29,7 @@ def run_episode(
         sigma = deviations(model, observation.ego, actor)
         z = noise.draw(observation, actor)
         recorder.injects(z, sigma)
-        observation = simulation.step(disturbance(z, sigma))
+        observation = simulation.step(conversion.to_metres(z, sigma))
         recorder.sees(observation)
         if recorder.steps >= simulation.steps and not observation.ended:
             raise SimulatorError(

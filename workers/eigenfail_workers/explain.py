@@ -81,14 +81,14 @@ def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
 
 def _step(number: int, told: Told, result: EpisodeResult) -> ExplainedStep:
     time_s, control, account = told
-    longitudinal, lateral = result.noise.z[number].tolist()
+    longitudinal, lateral = result.noise.standardised[number].tolist()
     gap_m, closing_mps = _truth(result.scene, number) if result.scene else (None, None)
     return ExplainedStep(
         time_s=time_s,
         acceleration_mps2=control.acceleration_mps2,
         steering_rad=control.steering_rad,
         account=account,
-        z=(longitudinal, lateral),
+        disturbance=(longitudinal, lateral),
         gap_m=gap_m,
         closing_mps=closing_mps,
     )

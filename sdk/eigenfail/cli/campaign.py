@@ -4,6 +4,7 @@ from itertools import islice
 from typing import Annotated
 
 import typer
+from rich.console import Group
 
 from eigenfail.cli.options import (
     DEFAULT_URL,
@@ -21,7 +22,7 @@ from eigenfail.cli.progress import follow
 from eigenfail.cli.signals import interruptible
 from eigenfail.cli.specs import read_spec
 from eigenfail.cli.surroundings import client_at
-from eigenfail.cli.tables import campaign_facts, campaign_table, result_table
+from eigenfail.cli.tables import campaign_facts, campaign_table, conflict_facts, result_table
 from eigenfail.cli.verdict import judge
 from eigenfail.values import Campaign, CampaignState
 
@@ -69,9 +70,11 @@ def show_campaign(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Show a campaign as it stands, its settings among it."""
+    """Show a campaign as it stands: its settings, and its episodes by conflict class."""
     with client_at(context, url) as client:
-        show_one(client.campaigns.get(campaign), as_json)
+        found = client.campaigns.get(campaign)
+        conflicts = client.campaigns.summary(campaign).conflicts
+    show(found, as_json, lambda: Group(campaign_facts(found), conflict_facts(found, conflicts)))
 
 
 @app.command()

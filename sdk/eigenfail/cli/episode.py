@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from eigenfail.cli.episode_tables import episode_facts, episode_table
 from eigenfail.cli.explanations import Window, drawn, explanation_of
 from eigenfail.cli.options import (
     DEFAULT_URL,
@@ -19,8 +20,9 @@ from eigenfail.cli.options import (
 from eigenfail.cli.output import show
 from eigenfail.cli.replays import Replayed, explain_episode, replay_episode
 from eigenfail.cli.surroundings import client_at
-from eigenfail.cli.tables import episode_facts, episode_table, facts
+from eigenfail.cli.tables import facts
 from eigenfail.values import Outcome
+from eigenfail.values.records import EpisodeOrder
 
 DIFFERENT = 1
 
@@ -34,6 +36,7 @@ To = Annotated[
     float, typer.Option("--to", show_default="the end", help="Show steps up to this time. [s]")
 ]
 OnlyOutcome = Annotated[Outcome | None, typer.Option(help="Only episodes that ended like this.")]
+Sort = Annotated[EpisodeOrder, typer.Option(help="By index, or the worst collision first.")]
 
 
 @app.command("list")
@@ -42,12 +45,13 @@ def list_episodes(
     campaign: CampaignId,
     url: Url = DEFAULT_URL,
     outcome: OnlyOutcome = None,
+    sort: Sort = EpisodeOrder.INDEX,
     limit: Limit = 20,
     as_json: AsJson = False,
 ) -> None:
-    """List the episodes of a campaign, in index order."""
+    """List the episodes of a campaign."""
     with client_at(context, url) as client:
-        found = list(islice(client.episodes.list(campaign, outcome), limit))
+        found = list(islice(client.episodes.list(campaign, outcome, sort), limit))
     show(found, as_json, lambda: episode_table(found))
 
 

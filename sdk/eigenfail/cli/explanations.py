@@ -115,7 +115,7 @@ CELLS: dict[str, Cell] = {
     "truly closing": lambda step: number(step.closing_mps, 1),
     "tracks": said("tracks"),
     "lost": said("lost_tracks", 0),
-    "noise": lambda step: "{:+.1f} {:+.1f}".format(*step.z),
+    "noise": lambda step: "{:+.1f} {:+.1f}".format(*step.disturbance),
     "acceleration": lambda step: number(step.acceleration_mps2, 2),
     "steering": lambda step: number(step.steering_rad, 3),
 }

@@ -6,8 +6,9 @@ from typing import Any
 
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue
-from eigenfail.settings import read_settings
+from eigenfail.settings import convert, read_settings
 from eigenfail.values import CampaignSpec, DisturbanceModel
+from eigenfail.wire.http import refuse_unknown_fields
 
 PLUGIN_FIELDS = {
     "method": (plugins.METHODS, "settings", "Settings"),
@@ -33,7 +34,9 @@ def read_spec(file: Path, **instead: int | None) -> CampaignSpec:
     fields = {"name": file.stem, **table, **given}
     disturbance = fields.get("disturbance")
     if isinstance(disturbance, dict):
-        read_settings(DisturbanceModel, disturbance, f"{file.name}: disturbance")
+        where = f"{file.name}: disturbance"
+        refuse_unknown_fields(disturbance, DisturbanceModel, where)
+        convert(disturbance, DisturbanceModel, where)
     return read_settings(CampaignSpec, fields, file.name)
 
 

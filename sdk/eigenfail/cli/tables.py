@@ -8,8 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from eigenfail.cli.figures import UNKNOWN, cost_per_failure, number, rate
-from eigenfail.values import Campaign, EpisodeResult, Summary
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values import Campaign, Conflicts, MeanTime, Summary
 
 
 def table(*columns: str, right: Iterable[str] = ()) -> Table:
@@ -81,6 +80,7 @@ def campaign_facts(campaign: Campaign) -> Table:
         ("scenario", f"{spec.scenario} {spec.scenario_parameters or ''}"),
         ("planner", f"{spec.planner} {spec.planner_settings or ''}"),
         ("simulator", f"{spec.simulator}, seed {spec.seed}"),
+        ("disturbance", "; ".join(map(" ".join, spec.disturbance.in_words().items()))),
         ("episodes", f"{counts.completed} completed of {counts.planned}, {counts.failed} failed"),
         ("failures", str(counts.failures)),
         ("created", moment(campaign.created_ms)),
@@ -90,50 +90,29 @@ def campaign_facts(campaign: Campaign) -> Table:
     return facts(rows)
 
 
-def episode_table(rows: Iterable[EpisodeRow]) -> Table:
-    """A list of episodes; robustness in m, severity in m²/s², times in s, DRAC in m/s²."""
-    figures = ("steps", "robustness", "log p", "severity", "min TTC", "max DRAC")
-    grid = table("episode", "outcome", *figures, "source", "worker", right=("episode", *figures))
-    for row in rows:
-        measured = (row.robustness_m, row.log_probability, row.severity, row.min_ttc_s)
-        grid.add_row(
-            f"{row.campaign}/{row.index}",
-            row.outcome,
-            str(row.steps),
-            *(number(value) for value in (*measured, row.max_drac_mps2)),
-            row.source,
-            escape(row.worker),
-        )
-    return grid
+def conflict_facts(campaign: Campaign, conflicts: Conflicts) -> Table:
+    """The episodes of a campaign by class, and how early its collisions showed."""
+    collisions, late = campaign.counts.failures, conflicts.unclassified
+    classes = (
+        f"{conflicts.unavoidable} unavoidable",
+        f"{conflicts.planner_failures} planner failures",
+        *([f"{late} not classified"] if late else []),
+    )
+    return facts(
+        [
+            ("collisions", f"{collisions} of {campaign.counts.completed}: {', '.join(classes)}"),
+            ("near misses", f"{conflicts.near_misses} with MinTTC < 1.5 s"),
+            (
+                "mean lead time",
+                f"{mean(conflicts.ttc_lead)} MinTTC, {mean(conflicts.drac_lead)} DRAC",
+            ),
+        ]
+    )
 
 
-def episode_facts(campaign: int, result: EpisodeResult) -> Table:
-    """One episode with what was measured."""
-    rows = [
-        ("episode", f"{campaign}/{result.index}, seed {result.seed}"),
-        ("outcome", result.outcome),
-        ("steps", str(result.steps)),
-        ("disturbances", f"from {result.source}, log p {result.noise.log_probability:.2f}"),
-        *((name, number(value, 3)) for name, value in measured(result)),
-        ("scene", "stored" if result.scene else "not stored"),
-        ("digest", result.digest()),
-    ]
-    if result.fault:
-        rows.append(("problem", f"{result.fault.kind}: {result.fault.message}"))
-    return facts(rows)
-
-
-def measured(result: EpisodeResult) -> list[tuple[str, float | None]]:
-    """The measures of an episode by name, with their units."""
-    measures = result.measures
-    if measures is None:
-        return []
-    return [
-        ("robustness [m]", measures.robustness_m),
-        ("severity [m²/s²]", measures.severity),
-        ("min TTC [s]", measures.min_ttc_s),
-        ("max DRAC [m/s²]", measures.max_drac_mps2),
-    ]
+def mean(time: MeanTime) -> str:
+    """A mean time, and what it rests on."""
+    return f"{number(time.mean_s)} s (n = {time.n})" if time.n else UNKNOWN
 
 
 def moment(at_ms: int) -> str:

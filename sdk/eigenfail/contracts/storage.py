@@ -17,6 +17,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import (
     Delivery,
+    EpisodeOrder,
     EpisodeRow,
     Failures,
     Job,
@@ -82,8 +83,9 @@ class EpisodeStore(Protocol):
         limit: int,
         after: int | None = None,
         outcome: Outcome | None = None,
+        order: EpisodeOrder = EpisodeOrder.INDEX,
     ) -> Page[EpisodeRow]:
-        """Episodes in index order, with indices above `after`."""
+        """Episodes in an order, those behind the index `after` in it; by index above it."""
 
     def finished(self, campaign: int, indices: Iterable[int]) -> list[EpisodeResult]:
         """Those of the episodes that have a result, in index order, without their scenes."""
@@ -92,7 +94,7 @@ class EpisodeStore(Protocol):
         """The noise of all collisions."""
 
     def totals(self, campaign: int) -> Totals:
-        """Sums over all collisions."""
+        """Sums over all collisions, and episodes counted by class, as `assess` classifies them."""
 
     def digest(self, campaign: int) -> str:
         """SHA-256 over the digests of all results in index order, one line "index digest" each."""

@@ -51,9 +51,11 @@ def _frame(step: int, shake_m: float) -> Perception:
     return Perception(time_s, ego, (actor,))
 
 
-def drive(planner: Planner, perceptions: Sequence[Perception]) -> list[Control]:
-    """The planner's answers over one episode."""
-    planner.reset(MISSION)
+def drive(
+    planner: Planner, perceptions: Sequence[Perception], mission: Mission | None = None
+) -> list[Control]:
+    """The planner's answers over one episode; of a mission of its own, unless given."""
+    planner.reset(mission or msgspec.structs.replace(MISSION))
     return [planner.act(perception) for perception in perceptions]
 
 
@@ -86,12 +88,13 @@ def forgets_at_reset(make: MakePlanner) -> None:
 
 
 def leaves_its_input_alone(make: MakePlanner) -> None:
-    """What a planner is shown is as it was afterwards."""
-    perceptions = cut_in_drive()
+    """What a planner is told and shown is as it was afterwards."""
+    perceptions, mission = cut_in_drive(), msgspec.structs.replace(MISSION)
     before = msgspec.msgpack.encode(perceptions)
-    drive(make(), perceptions)
+    drive(make(), perceptions, mission)
     unchanged = msgspec.msgpack.encode(perceptions) == before
     expect(unchanged, "The planner changed a perception that it was shown.")
+    expect(mission == MISSION, "The planner changed the mission that it was told.")
 
 
 def decides_in_time(make: MakePlanner) -> None:
@@ -108,7 +111,7 @@ def explains_without_a_trace(make: MakePlanner) -> None:
     """If it explains itself, then in plain words and numbers, and drives on as if not asked."""
     asked = make()
     explain = getattr(asked, "explain", dict)
-    asked.reset(MISSION)
+    asked.reset(msgspec.structs.replace(MISSION))
     answers = []
     for perception in cut_in_drive():
         answers.append(asked.act(perception))

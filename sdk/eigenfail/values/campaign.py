@@ -144,6 +144,33 @@ class Cost(msgspec.Struct, frozen=True):
     at_least_usd: float | None
 
 
+class MeanTime(msgspec.Struct, frozen=True):
+    """A mean over n episodes [s]; None over none."""
+
+    mean_s: float | None = None
+    n: int = 0
+
+
+class Conflicts(msgspec.Struct, frozen=True):
+    """The completed episodes of a campaign by conflict class, and how early collisions showed.
+
+    Attributes:
+        unavoidable: collisions that braking could not avoid once they showed.
+        planner_failures: collisions that it could.
+        unclassified: collisions that were stored before there were classes.
+        near_misses: MinTTC < 1.5 s without a collision.
+        ttc_lead: from the first violation of MinTTC to the collision.
+        drac_lead: from the first violation of DRAC to the collision.
+    """
+
+    unavoidable: int = 0
+    planner_failures: int = 0
+    unclassified: int = 0
+    near_misses: int = 0
+    ttc_lead: MeanTime = MeanTime()
+    drac_lead: MeanTime = MeanTime()
+
+
 class Summary(msgspec.Struct, frozen=True):
     """The row of a campaign in a result table.
 
@@ -164,3 +191,4 @@ class Summary(msgspec.Struct, frozen=True):
     mean_severity: float | None
     episodes_per_s: float | None
     cost: Cost
+    conflicts: Conflicts = Conflicts()

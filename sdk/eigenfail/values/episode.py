@@ -12,6 +12,9 @@ from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
 from eigenfail.values.scene import Scene
 
+FIRST_MEASURES = 4
+"""How many measures the first release had."""
+
 
 class PriorSource(msgspec.Struct, frozen=True, tag="prior"):
     """Draw every z_t from the disturbance model itself."""
@@ -82,7 +85,10 @@ class EpisodeFault(msgspec.Struct, frozen=True):
 
 
 class Measures(msgspec.Struct, frozen=True):
-    """What was measured over one episode.
+    """What was measured over one episode; formulas and sources are in docs/measures.md.
+
+    Times are in seconds from the start. Violations are those of the vehicle that was struck or,
+    without a collision, the earliest of any. What an older release did not measure is None.
 
     Attributes:
         robustness_m: smallest distance between the footprints of the ego and any other vehicle;
@@ -90,12 +96,41 @@ class Measures(msgspec.Struct, frozen=True):
         severity: ||v_ego - v_actor||² at the collision [m²/s²]; None without one.
         min_ttc_s: smallest time to collision; None if the ego never closed in.
         max_drac_mps2: largest deceleration required to avoid the crash; None if it never closed in.
+        ttc_violated_s: when the time to collision first fell below 1.5 s; None if never.
+        drac_violated_s: when DRAC first exceeded 7.0 m/s²; None if never.
+        drac_at_warning_mps2: DRAC at `ttc_violated_s`, where a collision is classified.
+        collided_s: when the collision was seen; None without one.
+        left_road_s: when the ego was first off its road; None if never.
+        max_jerk_mps3: largest |change| of the acceleration applied, by time.
+        hard_brakings: how often braking harder than 3.0 m/s² began.
+        clipped_steps: in how many steps the planner asked for more than the truck can do.
     """
 
     robustness_m: float
     severity: float | None = None
     min_ttc_s: float | None = None
     max_drac_mps2: float | None = None
+    ttc_violated_s: float | None = None
+    drac_violated_s: float | None = None
+    drac_at_warning_mps2: float | None = None
+    collided_s: float | None = None
+    left_road_s: float | None = None
+    max_jerk_mps3: float | None = None
+    hard_brakings: int | None = None
+    clipped_steps: int | None = None
+
+    def packed(self) -> bytes:
+        """All of them as little-endian doubles, NaN for None, for a digest.
+
+        Whatever is None at the end does not count beyond the fourth: so results that were stored
+        before there were more than four measures keep their digests.
+        """
+        numbers = list(msgspec.structs.astuple(self))
+        while len(numbers) > FIRST_MEASURES and numbers[-1] is None:
+            numbers.pop()
+        return struct.pack(
+            f"<{len(numbers)}d", *(float("nan") if n is None else n for n in numbers)
+        )
 
 
 class EpisodeResult(msgspec.Struct, frozen=True, eq=False):
@@ -132,14 +167,7 @@ class EpisodeResult(msgspec.Struct, frozen=True, eq=False):
 
         It covers the outcome, steps, noise and measures; not the index, the source or the time.
         """
-        measures = self.measures or Measures(float("nan"))
-        numbers = (
-            measures.robustness_m,
-            measures.severity,
-            measures.min_ttc_s,
-            measures.max_drac_mps2,
-        )
-        packed = struct.pack("<4d", *(float("nan") if n is None else n for n in numbers))
+        packed = (self.measures or Measures(float("nan"))).packed()
         parts = (self.outcome.encode(), struct.pack("<q", self.steps), packed)
         arrays = (self.noise.z.tobytes(), self.noise.sigma.tobytes())
         fault = self.fault.kind.encode() if self.fault else b""

@@ -13,7 +13,7 @@ class ExplainedStep(msgspec.Struct, frozen=True):
     Attributes:
         acceleration_mps2: what the planner asked for; steering_rad likewise.
         account: what it says; empty for a planner that explains nothing.
-        z: the disturbance in this step, (longitudinal, lateral) [sigma].
+        disturbance: a_t / sigma_t of this step, (longitudinal, lateral) [sigma].
         gap_m: from the truck's front to the nearest vehicle's rear bumper along the road, in truth.
         closing_mps: speed at which this gap closes, in truth.
     """
@@ -22,7 +22,7 @@ class ExplainedStep(msgspec.Struct, frozen=True):
     acceleration_mps2: float
     steering_rad: float
     account: Account
-    z: tuple[float, float]
+    disturbance: tuple[float, float]
     gap_m: float | None = None
     closing_mps: float | None = None
 

@@ -5,6 +5,7 @@ from enum import StrEnum
 import msgspec
 
 from eigenfail.values.arrays import Floats
+from eigenfail.values.assessment import Assessment, assess
 from eigenfail.values.episode import EpisodeResult, Outcome
 
 
@@ -29,11 +30,23 @@ class Verdict(StrEnum):
     UNWANTED = "unwanted"
 
 
+class EpisodeOrder(StrEnum):
+    """How a list of episodes is sorted.
+
+    `index`: as they were proposed. `severity`: worst collision first, then by index; episodes
+    without a collision come last.
+    """
+
+    INDEX = "index"
+    SEVERITY = "severity"
+
+
 class EpisodeRow(msgspec.Struct, frozen=True, kw_only=True):
-    """An episode in a list: what happened, without its trajectories.
+    """An episode in a list: what happened, without its trajectories; measures as in `Measures`.
 
     Attributes:
         log_probability: sum of log p(a_t) until the episode ended.
+        assessed: what outcome and measures say together.
         problem: why it failed, as "kind: message"; empty unless the outcome is `failed`.
     """
 
@@ -49,20 +62,61 @@ class EpisodeRow(msgspec.Struct, frozen=True, kw_only=True):
     severity: float | None
     min_ttc_s: float | None
     max_drac_mps2: float | None
+    ttc_violated_s: float | None = None
+    drac_violated_s: float | None = None
+    drac_at_warning_mps2: float | None = None
+    collided_s: float | None = None
+    left_road_s: float | None = None
+    max_jerk_mps3: float | None = None
+    hard_brakings: int | None = None
+    clipped_steps: int | None = None
     wall_s: float
     finished_ms: int
     digest: str
     has_scene: bool
+    assessed: Assessment = Assessment()
     problem: str = ""
 
 
+class EpisodeDetail(EpisodeResult, frozen=True, eq=False, kw_only=True):
+    """A result with what outcome and measures say together, as the service tells it."""
+
+    assessed: Assessment = Assessment()
+
+
+def detailed(result: EpisodeResult) -> EpisodeDetail:
+    """The result with its assessment."""
+    assessed = assess(result.outcome, result.measures)
+    return EpisodeDetail(**msgspec.structs.asdict(result), assessed=assessed)
+
+
+class ConflictTotals(msgspec.Struct, frozen=True):
+    """Counts and sums over the episodes of a campaign by conflict class; see `assess`.
+
+    Attributes:
+        unclassified: collisions that were stored before there were classes.
+        ttc_lead_s: sum of the lead times of MinTTC, of which there are `ttc_leads`.
+        drac_lead_s: sum of the lead times of DRAC, of which there are `drac_leads`.
+    """
+
+    unavoidable: int = 0
+    planner_failures: int = 0
+    unclassified: int = 0
+    near_misses: int = 0
+    ttc_lead_s: float = 0.0
+    ttc_leads: int = 0
+    drac_lead_s: float = 0.0
+    drac_leads: int = 0
+
+
 class Totals(msgspec.Struct, frozen=True):
-    """Sums over the failures of a campaign, from which its summary is made."""
+    """Sums over a campaign, from which its summary is made; all but `conflicts` of failures."""
 
     failures: int
     log_probability: float
     steps: int
     severity: float
+    conflicts: ConflictTotals = ConflictTotals()
 
 
 class Failures(msgspec.Struct, frozen=True, eq=False):

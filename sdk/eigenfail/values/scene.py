@@ -27,6 +27,9 @@ class Mission(msgspec.Struct, frozen=True):
     """What a planner is told before it drives: the map and the task, nothing of the test.
 
     Lanes are parallel to x; lane 0 has its centre at y = 0, the next at y = lane_width_m.
+
+    Attributes:
+        lane_0_ends_x_m: where lane 0 ends, as the lane of a ramp does; None if it goes on.
     """
 
     dt_s: float
@@ -35,6 +38,7 @@ class Mission(msgspec.Struct, frozen=True):
     speed_limit_mps: float
     desired_speed_mps: float
     goal_x_m: float
+    lane_0_ends_x_m: float | None = None
 
 
 class Perception(msgspec.Struct, frozen=True):
@@ -58,6 +62,8 @@ class Observation(msgspec.Struct, frozen=True):
         ended: whether the episode is over, by a collision or at its horizon.
         perceived: position at which the ego saw the actor in the step just taken [m].
         control: what the planner asked for in the step just taken.
+        applied: what of it the truck could do; None if the simulator does not tell.
+        off_road: whether the ego is beyond the edge or the end of its road.
     """
 
     step: int
@@ -67,6 +73,8 @@ class Observation(msgspec.Struct, frozen=True):
     ended: bool = False
     perceived: tuple[float, float] | None = None
     control: Control | None = None
+    applied: Control | None = None
+    off_road: bool = False
 
 
 class Scene(msgspec.Struct, frozen=True, eq=False):

@@ -6,7 +6,7 @@ JSON through msgspec, arrays as nested lists; both sides read and write with the
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import msgspec
 
@@ -22,6 +22,7 @@ PROBLEM_JSON = "application/problem+json"
 MISSING = re.compile(r"missing required field `(?P<name>[^`]+)`")
 
 Body = TypeVar("Body", bound=msgspec.Struct)
+StructType = type[msgspec.Struct]
 Kind = TypeVar("Kind")
 
 
@@ -138,18 +139,39 @@ def refuse_unknown_fields(given: Any, kind: type[msgspec.Struct], field: str = "
     """
     if not isinstance(given, dict):
         return
+    tag = kind.__struct_config__.tag_field
+    known = kind.__struct_fields__ if tag is None else (tag, *kind.__struct_fields__)
     for name in given:
-        if name not in kind.__struct_fields__:
-            raise UnknownName(field, name, kind.__struct_fields__)
-    for name, inner in inner_structs(kind):
-        refuse_unknown_fields(given.get(name), inner, f"{field}.{name}" if field else name)
+        if name not in known:
+            raise UnknownName(field, name, known)
+    for name, kinds in inner_structs(kind):
+        path = f"{field}.{name}" if field else name
+        for inner in chosen(given.get(name), kinds, path):
+            refuse_unknown_fields(given.get(name), inner, path)
 
 
-def inner_structs(kind: type[msgspec.Struct]) -> Iterator[tuple[str, type[msgspec.Struct]]]:
-    """The fields of a struct that are structs themselves."""
+def inner_structs(kind: StructType) -> Iterator[tuple[str, tuple[StructType, ...]]]:
+    """The fields of a struct that are structs themselves, with the kinds that may stand there."""
     for field in msgspec.structs.fields(kind):
-        if isinstance(field.type, type) and issubclass(field.type, msgspec.Struct):
-            yield field.name, field.type
+        kinds = get_args(field.type) or (field.type,)
+        if all(isinstance(each, type) and issubclass(each, msgspec.Struct) for each in kinds):
+            yield field.name, kinds
+
+
+def chosen(given: Any, kinds: tuple[StructType, ...], field: str) -> tuple[StructType, ...]:
+    """Those of the kinds that a value can be: the one whose tag it has, where kinds have tags.
+
+    Raises:
+        UnknownName: it has the tag of something else.
+    """
+    tag = kinds[0].__struct_config__.tag_field
+    if tag is None or not isinstance(given, dict):
+        return kinds
+    known = {str(kind.__struct_config__.tag): kind for kind in kinds}
+    wanted = given.get(tag)
+    if isinstance(wanted, str) and wanted not in known:
+        raise UnknownName(f"{field}.{tag}", wanted, known)
+    return tuple(kind for name, kind in known.items() if name == wanted)
 
 
 def complaint(error: msgspec.ValidationError) -> InvalidValue:

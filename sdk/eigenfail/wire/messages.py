@@ -12,7 +12,7 @@ from eigenfail.errors import ProtocolError
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, LearnerContext, Policy, Round
 from eigenfail.values.arrays import decode_array, encode_array
 
-PROTOCOL = 1
+PROTOCOL = 2
 """Counts up with every change that an older peer would not understand."""
 
 MAX_MESSAGE_BYTES = 256 * 1024 * 1024

@@ -1,7 +1,7 @@
 """The row of a campaign in a result table."""
 
-from eigenfail.values import Campaign, Cost, Rate, Summary
-from eigenfail.values.records import Totals
+from eigenfail.values import Campaign, Conflicts, Cost, MeanTime, Rate, Summary
+from eigenfail.values.records import ConflictTotals, Totals
 from eigenfail_services.analysis.cost import cost
 from eigenfail_services.statistics.intervals import rate
 
@@ -24,6 +24,19 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
         mean_severity=ratio(totals.severity, totals.failures),
         episodes_per_s=ratio(completed, campaign.active_s),
         cost=campaign_cost(campaign),
+        conflicts=conflicts(totals.conflicts),
+    )
+
+
+def conflicts(totals: ConflictTotals) -> Conflicts:
+    """Episodes by class, and the means of their lead times."""
+    return Conflicts(
+        unavoidable=totals.unavoidable,
+        planner_failures=totals.planner_failures,
+        unclassified=totals.unclassified,
+        near_misses=totals.near_misses,
+        ttc_lead=MeanTime(ratio(totals.ttc_lead_s, totals.ttc_leads), totals.ttc_leads),
+        drac_lead=MeanTime(ratio(totals.drac_lead_s, totals.drac_leads), totals.drac_leads),
     )
 
 

@@ -22,6 +22,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
     Scene,
+    assess,
 )
 from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_array
 from eigenfail.values.records import EpisodeRow
@@ -90,22 +91,24 @@ def to_row(found: RowMapping) -> EpisodeRow:
     """A line of a list from an episode's row."""
     values: dict[str, Any] = dict(found)
     fault = _fault(values.pop("fault_kind"), values.pop("fault_message"))
+    outcome = Outcome(values.pop("outcome"))
     return EpisodeRow(
-        outcome=Outcome(values.pop("outcome")),
+        outcome=outcome,
+        assessed=assess(outcome, _measures(found)),
         problem=f"{fault.kind}: {fault.message}" if fault else "",
         **values,
     )
 
 
 def to_result(found: RowMapping, scene: bytes | None = None) -> EpisodeResult:
-    """A result from an episode's row and its blobs."""
-    states = found["states"]
+    """A result from an episode's row, its blobs, and its campaign's spec."""
+    states, z, sigma = found["states"], to_floats(found["z"], 2), to_floats(found["sigma"], 2)
     return EpisodeResult(
         index=found["index"],
         seed=found["seed"],
         outcome=Outcome(found["outcome"]),
         steps=found["steps"],
-        noise=NoiseTrajectory(to_floats(found["z"], 2), to_floats(found["sigma"], 2)),
+        noise=NoiseTrajectory(z, sigma, _specs.decode(found["spec"]).disturbance.shape),
         source=found["source"],
         measures=_measures(found),
         states=None if states is None else to_floats(states, len(STATE)),

@@ -4,29 +4,43 @@ import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 
 import msgspec
-from sqlalchemy import Connection, func, insert, select
+from sqlalchemy import Connection, insert, select
 
 from eigenfail.values import EpisodeResult, Outcome, Page
-from eigenfail.values.records import Delivery, EpisodeRow, Failures, Totals, Verdict
+from eigenfail.values.records import (
+    Delivery,
+    EpisodeOrder,
+    EpisodeRow,
+    Failures,
+    Totals,
+    Verdict,
+)
 from eigenfail_services.store import sentences
 from eigenfail_services.store.campaign_rows import locked, one, write
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_blob, to_floats, to_result, to_row
 from eigenfail_services.store.engine import Database
+from eigenfail_services.store.episode_pages import number, rows
 from eigenfail_services.store.events import append
 from eigenfail_services.store.judging import Kept, judge, row_of
 from eigenfail_services.store.refusals import no_episode
-from eigenfail_services.store.schema import episodes, scenes, trajectories
+from eigenfail_services.store.schema import campaigns, episodes, scenes, trajectories
+from eigenfail_services.store.totals import totals
 
-number = episodes.c["index"]
 CHUNK = 500
 """How many indices one statement names, and how many rows are fetched at a time."""
 
-EPISODE = (*episodes.c, trajectories.c.z, trajectories.c.sigma, trajectories.c.states)
 SAME_TRAJECTORY = (trajectories.c.campaign == episodes.c.campaign) & (
     trajectories.c["index"] == number
 )
 SAME_SCENE = (scenes.c.campaign == episodes.c.campaign) & (scenes.c["index"] == number)
+RESULTS = (
+    select(*episodes.c, campaigns.c.spec)
+    .add_columns(trajectories.c.z, trajectories.c.sigma, trajectories.c.states)
+    .select_from(episodes)
+    .join(campaigns, campaigns.c.id == episodes.c.campaign)
+    .join(trajectories, SAME_TRAJECTORY)
+)
 
 
 class SqlEpisodes:
@@ -52,8 +66,7 @@ class SqlEpisodes:
     def get(self, campaign: int, index: int) -> EpisodeResult:
         """One result with everything that is kept of it."""
         query = (
-            select(*EPISODE, scenes.c.scene)
-            .join(trajectories, SAME_TRAJECTORY)
+            RESULTS.add_columns(scenes.c.scene)
             .outerjoin(scenes, SAME_SCENE)
             .where(episodes.c.campaign == campaign, number == index)
         )
@@ -70,27 +83,18 @@ class SqlEpisodes:
         limit: int,
         after: int | None = None,
         outcome: Outcome | None = None,
+        order: EpisodeOrder = EpisodeOrder.INDEX,
     ) -> Page[EpisodeRow]:
-        """Episodes in index order, with indices above `after`."""
-        query = select(episodes).where(episodes.c.campaign == campaign)
-        if after is not None:
-            query = query.where(number > after)
-        if outcome is not None:
-            query = query.where(episodes.c.outcome == outcome)
+        """Episodes in an order, those behind `after`."""
+        query = rows(campaign, after, outcome, order).limit(limit + 1)
         with self._database.reading() as connection:
-            rows = connection.execute(query.order_by(number).limit(limit + 1)).mappings()
-            found = [to_row(row) for row in rows]
+            found = [to_row(row) for row in connection.execute(query).mappings()]
         items = tuple(found[:limit])
         return Page(items, items[-1].index if len(found) > limit else None)
 
     def finished(self, campaign: int, indices: Iterable[int]) -> list[EpisodeResult]:
         """Those of the episodes that have a result, in index order, without their scenes."""
-        query = (
-            select(*EPISODE)
-            .join(trajectories, SAME_TRAJECTORY)
-            .where(episodes.c.campaign == campaign)
-            .order_by(number)
-        )
+        query = RESULTS.where(episodes.c.campaign == campaign).order_by(number)
         with self._database.reading() as connection:
             return [
                 to_result(found)
@@ -113,23 +117,9 @@ class SqlEpisodes:
         )
 
     def totals(self, campaign: int) -> Totals:
-        """Sums over all collisions."""
-        # In index order: sums of floats depend on theirs, and reports must not change with it.
-        collisions = (
-            select(episodes)
-            .where(episodes.c.campaign == campaign, episodes.c.outcome == Outcome.COLLISION)
-            .order_by(number)
-            .subquery()
-            .c
-        )
-        query = select(
-            func.count(),
-            func.coalesce(func.sum(collisions.log_probability), 0.0),
-            func.coalesce(func.sum(collisions.steps), 0),
-            func.coalesce(func.sum(collisions.severity), 0.0),
-        )
+        """Sums over all collisions, and episodes counted by class."""
         with self._database.reading() as connection:
-            return Totals(*connection.execute(query).one())
+            return totals(connection, campaign)
 
     def digest(self, campaign: int) -> str:
         """SHA-256 over the digests of all results in index order."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from math import isfinite
+from typing import Any
 
 import msgspec
 
@@ -14,11 +15,16 @@ from eigenfail.values import (
     Floats,
     Measures,
     Outcome,
+    Shape,
+    assess,
 )
 from eigenfail.values.randomness import MAX_SEED
 from eigenfail.values.records import Delivery, EpisodeRow, Verdict
 
 MAX_STEPS = 2**31 - 1
+
+MEASURES = Measures.__struct_fields__
+COUNTED = ("hard_brakings", "clipped_steps")
 
 
 class Kept(msgspec.Struct, frozen=True, eq=False):
@@ -59,7 +65,7 @@ def judge(
         verdict = _verdict(campaign, digests, delivery.result)
         judgement.verdicts.append(verdict)
         if verdict is Verdict.KEPT:
-            judgement.kept.append(_kept(delivery))
+            judgement.kept.append(_kept(delivery, campaign))
             digests[delivery.result.index] = judgement.kept[-1].digest
         if verdict is Verdict.ALARM:
             judgement.alarms.append(delivery)
@@ -68,7 +74,7 @@ def judge(
 
 def _verdict(campaign: Campaign, digests: Mapping[int, str], result: EpisodeResult) -> Verdict:
     # What does not fit may not even have a digest.
-    if campaign.state in FINAL_STATES or not _fits(result, campaign.counts.planned):
+    if campaign.state in FINAL_STATES or not _fits(result, campaign):
         return Verdict.UNWANTED
     if result.index not in digests:
         return Verdict.KEPT
@@ -76,20 +82,22 @@ def _verdict(campaign: Campaign, digests: Mapping[int, str], result: EpisodeResu
     return Verdict.DUPLICATE if same else Verdict.ALARM
 
 
-def _kept(delivery: Delivery) -> Kept:
+def _kept(delivery: Delivery, campaign: Campaign) -> Kept:
     result = delivery.result
-    return Kept(storable(result), delivery.worker, result.digest())
+    kept = storable(result, campaign.spec.disturbance.shape)
+    return Kept(kept, delivery.worker, result.digest())
 
 
-def _fits(result: EpisodeResult, planned: int) -> bool:
+def _fits(result: EpisodeResult, campaign: Campaign) -> bool:
     """Whether it belongs to the campaign, and can be read back as it was written."""
     noise, states = result.noise, result.states
     return (
-        0 <= result.index < planned
+        0 <= result.index < campaign.counts.planned
         and 0 <= result.seed <= MAX_SEED
         and 0 <= result.steps <= MAX_STEPS
         and _is_table(noise.z, 2)
         and noise.sigma.shape == noise.z.shape
+        and (not len(noise.z) or noise.shape == campaign.spec.disturbance.shape)
         and (states is None or _is_table(states, len(STATE)))
     )
 
@@ -112,10 +120,14 @@ def _counted(judgement: Judgement) -> Counts:
     )
 
 
-def storable(result: EpisodeResult) -> EpisodeResult:
-    """The result without numbers that are not finite; without a robustness nothing was measured."""
+def storable(result: EpisodeResult, shape: Shape) -> EpisodeResult:
+    """The result without numbers that are not finite; without a robustness nothing was measured.
+
+    Noise without a step, as of an episode that was never run, is given the campaign's shape.
+    """
     return msgspec.structs.replace(
         result,
+        noise=msgspec.structs.replace(result.noise, shape=shape),
         measures=_finite_measures(result.measures),
         wall_s=finite(result.wall_s) or 0.0,
     )
@@ -124,17 +136,18 @@ def storable(result: EpisodeResult) -> EpisodeResult:
 def _finite_measures(measures: Measures | None) -> Measures | None:
     if measures is None or not isfinite(measures.robustness_m):
         return None
-    return Measures(
-        measures.robustness_m,
-        finite(measures.severity),
-        finite(measures.min_ttc_s),
-        finite(measures.max_drac_mps2),
-    )
+    found: dict[str, Any] = {name: finite(getattr(measures, name)) for name in MEASURES}
+    return Measures(**found | {name: count(getattr(measures, name)) for name in COUNTED})
 
 
 def finite(number: float | None) -> float | None:
     """The number if it is one."""
     return number if number is not None and isfinite(number) else None
+
+
+def count(number: int | None) -> int | None:
+    """The number if it can be one of steps."""
+    return number if number is not None and 0 <= number <= MAX_STEPS else None
 
 
 def row_of(campaign: int, kept: Kept, at_ms: int) -> EpisodeRow:
@@ -149,14 +162,12 @@ def row_of(campaign: int, kept: Kept, at_ms: int) -> EpisodeRow:
         steps=result.steps,
         source=result.source,
         worker=kept.worker,
-        robustness_m=measures.robustness_m if measures else None,
         log_probability=finite(result.noise.log_probability) or 0.0,
-        severity=measures.severity if measures else None,
-        min_ttc_s=measures.min_ttc_s if measures else None,
-        max_drac_mps2=measures.max_drac_mps2 if measures else None,
         wall_s=result.wall_s,
         finished_ms=at_ms,
         digest=kept.digest,
         has_scene=result.scene is not None,
+        assessed=assess(result.outcome, measures),
         problem=f"{fault.kind}: {fault.message}" if fault else "",
+        **{name: getattr(measures, name, None) for name in MEASURES},
     )

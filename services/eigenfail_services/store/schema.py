@@ -20,7 +20,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.types import TypeEngine
 
-VERSION = "0001"
+VERSION = "0002"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -115,6 +115,14 @@ episodes = Table(
     Column("severity", Double),
     Column("min_ttc_s", Double),
     Column("max_drac_mps2", Double),
+    Column("ttc_violated_s", Double),
+    Column("drac_violated_s", Double),
+    Column("drac_at_warning_mps2", Double),
+    Column("collided_s", Double),
+    Column("left_road_s", Double),
+    Column("max_jerk_mps3", Double),
+    Column("hard_brakings", Integer),
+    Column("clipped_steps", Integer),
     Column("wall_s", Double, nullable=False),
     Column("finished_ms", BigInteger, nullable=False),
     Column("digest", Text, nullable=False),
@@ -122,6 +130,7 @@ episodes = Table(
     Column("fault_kind", Prose),
     Column("fault_message", Prose),
     Index(None, "campaign", "outcome", "index"),
+    Index(None, "campaign", "outcome", "min_ttc_s"),
 )
 
 # Blobs of little-endian float32, row-major: z and sigma with 2 columns, states with len(STATE).

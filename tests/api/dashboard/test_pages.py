@@ -1,8 +1,9 @@
 """Pages as they leave the server, before any script runs."""
 
 import pytest
+from msgspec.structs import replace
 
-from eigenfail.values import Outcome
+from eigenfail.values import Measures, Outcome
 
 HTML = {"Accept": "text/html"}
 
@@ -90,6 +91,58 @@ def test_an_episode_that_crashed_shows_its_scene(look, campaign, deliver, result
     assert "Scene from above" in text
     assert "25.0 m²/s² (relative speed 5.00 m/s)" in text
     assert "4 (0.400 s)" in text
+
+
+def test_an_episode_says_when_it_was_in_danger_and_how_it_was_driven(
+    look, campaign, deliver, result
+):
+    crash = Measures(
+        0.0,
+        severity=25.0,
+        min_ttc_s=0.1,
+        ttc_violated_s=1.5,
+        drac_at_warning_mps2=6.5,
+        collided_s=3.75,
+        max_jerk_mps3=12.5,
+        hard_brakings=2,
+        clipped_steps=0,
+    )
+    deliver(campaign, replace(result(0, Outcome.COLLISION), measures=crash))
+    text = look(f"/campaigns/{campaign}/episodes/0")
+    assert "Class collision, planner failure" in text
+    assert "TTC below 1.5 s at 1.50 s, 2.25 s before the collision" in text
+    assert "DRAC at that moment 6.50 m/s² DRAC above 7 m/s² never" in text
+    assert "Left the road never Largest jerk 12.5 m/s³ Hard brakings 2" in text
+    assert "Controls clipped 0 steps" in text
+
+
+def test_an_episode_of_the_first_release_has_no_class_if_it_collided(
+    look, campaign, deliver, result
+):
+    deliver(campaign, result(3, Outcome.COLLISION), result(4))
+    text = look(f"/campaigns/{campaign}/episodes/3")
+    assert "stored before there were classes" in text
+    assert "Hard brakings" not in text
+    assert "Class no conflict" in look(f"/campaigns/{campaign}/episodes/4")
+
+
+def test_a_campaign_counts_its_conflicts(look, campaign, deliver, result):
+    assert "Planner failures" not in look(f"/campaigns/{campaign}")
+    crash = Measures(0.0, 25.0, 0.1, 9.0, 1.0, 2.75, 4.0, collided_s=3.0)
+    sudden = Measures(0.0, 25.0, collided_s=3.0)
+    deliver(
+        campaign,
+        *(replace(result(i, Outcome.COLLISION), measures=crash) for i in (0, 1)),
+        replace(result(2, Outcome.COLLISION), measures=sudden),
+        replace(result(3), measures=Measures(0.5, min_ttc_s=1.2)),
+        result(4),
+    )
+    text = look(f"/campaigns/{campaign}")
+    counted = "Near misses 1 of 5 Unavoidable 1 of 3 collisions Planner failures 2 of 3 collisions"
+    assert counted in text
+    assert "Lead time of MinTTC 2.00 s mean of 2" in text
+    assert "Lead time of DRAC 0.250 s mean of 2" in text
+    assert "Not classified" not in text
 
 
 def test_an_episode_without_a_scene_says_why(look, campaign, deliver, result):

@@ -50,6 +50,15 @@ class Infinite(Good):
         return Control(float("inf"), 0.0)
 
 
+class Undefined(Good):
+    """Goes wrong only where it looks closely: late, and in the steering."""
+
+    def act(self, perception):
+        control = super().act(perception)
+        late = self.steps == suite.STEPS
+        return Control(control.acceleration_mps2, float("nan")) if late else control
+
+
 class Moody(Good):
     numbers = count()
 
@@ -68,6 +77,12 @@ class Meddler(Good):
     def act(self, perception):
         msgspec.structs.force_setattr(perception, "time_s", 0.0)
         return super().act(perception)
+
+
+class Rewriter(Good):
+    def reset(self, mission):
+        msgspec.structs.force_setattr(mission, "speed_limit_mps", 99.0)
+        super().reset(mission)
 
 
 class Thinker(Good):
@@ -126,9 +141,11 @@ def test_a_planner_that_keeps_its_contract_passes(examine):
     [
         (Mute, "returns finite controls", "returned None, not a Control"),
         (Infinite, "returns finite controls", "acceleration_mps2=inf"),
+        (Undefined, "returns finite controls", "steering_rad=nan"),
         (Moody, "is deterministic", "answered the same perceptions differently"),
         (Nostalgic, "forgets at reset", "it kept something"),
         (Meddler, "leaves its input alone", "changed a perception"),
+        (Rewriter, "leaves its input alone", "changed the mission"),
         (Confused, "explains without a trace", "drives otherwise"),
         (Cryptic, "explains without a trace", "'seen'"),
         (Clumsy, "returns finite controls", "It raised KeyError: 'lead'."),
@@ -140,7 +157,9 @@ def test_what_breaks_the_contract_is_said_in_words(examine, planner, check, word
     assert words in said(checks)[check]
 
 
-@pytest.mark.parametrize("planner", [Mute, Infinite, Nostalgic, Meddler, Confused, Cryptic])
+@pytest.mark.parametrize(
+    "planner", [Mute, Infinite, Undefined, Nostalgic, Meddler, Rewriter, Confused, Cryptic]
+)
 def test_only_what_is_broken_is_blamed(examine, planner):
     assert len(said(examine(planner)[1])) == 1
 

@@ -142,6 +142,34 @@ def test_episodes_are_listed_and_shown(eigenfail, done):
     assert crashes[0]["digest"] in words
 
 
+def test_episodes_have_a_class_and_lead_times(eigenfail, done):
+    asked = ("episode", "list", done, "--sort", "severity", "--limit", 100)
+    rows = json.loads(eigenfail(*asked, "--json").stdout)
+    severities = [row["severity"] for row in rows if row["outcome"] == "collision"]
+    assert severities == sorted(severities, reverse=True)
+    assert {row["outcome"] for row in rows[len(severities) :]} == {"safe"}
+    classes = {"collision": {"unavoidable", "planner_failure"}, "safe": {"near_miss", "none"}}
+    assert all(row["assessed"]["conflict"] in classes[row["outcome"]] for row in rows)
+    assert "planner failure" in eigenfail(*asked).stdout
+    worst = rows[0]
+    shown = eigenfail("episode", "show", f"{done}/{worst['index']}")
+    words = " ".join(shown.stdout.split())
+    assert f"lead time of TTC [s] {worst['assessed']['ttc_lead_s']:.3f}" in words
+    assert "class collision, planner failure" in words
+    assert "hard brakings" in words
+
+
+def test_a_campaign_is_shown_with_its_conflicts(eigenfail, done):
+    rows = json.loads(eigenfail("episode", "list", done, "--limit", 100, "--json").stdout)
+    classes = [row["assessed"]["conflict"] for row in rows]
+    leads = [row["assessed"]["ttc_lead_s"] for row in rows if row["outcome"] == "collision"]
+    words = " ".join(eigenfail("campaign", "show", done).stdout.split())
+    failures, avoided = classes.count("planner_failure"), classes.count("near_miss")
+    assert f"{len(leads)} of 24: " in words
+    assert f"{failures} planner failures near misses {avoided} with MinTTC < 1.5 s" in words
+    assert f"{sum(leads) / len(leads):.2f} s (n = {len(leads)}) MinTTC" in words
+
+
 def test_a_stored_episode_replays_to_the_same_digest(eigenfail, done):
     replayed = eigenfail("episode", "replay", f"{done}/3", "--json")
     assert replayed.exit_code == 0, replayed.output

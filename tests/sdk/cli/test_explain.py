@@ -1,6 +1,7 @@
 """`eigenfail episode explain`: the verdict, the table, the story."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -45,30 +46,38 @@ def crash(store):
     return f"{campaign}/3"
 
 
+def ending(crashed):
+    """What the story of a collision ends with; a step takes 0.1 s."""
+    severity = crashed.measures.severity
+    return f"After {0.1 * crashed.steps:.1f} s collision: severity {severity:.1f} m²/s²."
+
+
 def test_it_begins_with_the_verdict_and_ends_with_the_story(eigenfail, crash, store):
     told = eigenfail("episode", "explain", crash)
     assert told.exit_code == 0, told.output
     lines = [line.strip() for line in told.stdout.splitlines() if line.strip()]
     assert lines[0].startswith("The replay is the stored episode, bit for bit")
-    assert store.episodes.get(1, 3).digest() in lines[0]
+    stored = store.episodes.get(1, 3)
+    assert stored.digest() in lines[0]
     assert "true gap" in lines[1]
-    assert "At 2.7 s a track was lost; the true gap: 63 m, closing at 10.6 m/s." in lines
-    assert lines[-1] == "After 8.5 s collision: severity 117.6 m²/s²."
+    lost = r"At \d\.\d s a track was lost; the true gap: \d+ m, closing at \d+\.\d m/s\."
+    assert any(re.fullmatch(lost, line) for line in lines)
+    assert lines[-1] == ending(stored)
 
 
-def test_as_json_it_has_every_step(eigenfail, crash):
+def test_as_json_it_has_every_step(eigenfail, crash, store):
     told = json.loads(eigenfail("episode", "explain", crash, "--json").stdout)
     assert told["replayed"]["same"]
-    assert len(told["steps"]) == 85
+    assert len(told["steps"]) == store.episodes.get(1, 3).steps
     assert told["steps"][0]["account"]["candidate"] == "keep"
     assert told["note"] == ""
 
 
-def test_a_window_shows_fewer_steps_and_the_whole_story(eigenfail, crash):
+def test_a_window_shows_fewer_steps_and_the_whole_story(eigenfail, crash, store):
     words = ("episode", "explain", crash, "--json", "--from", 2, "--to", 4, "--every", 5)
     told = json.loads(eigenfail(*words).stdout)
     assert [round(step["time_s"], 1) for step in told["steps"]] == [2.0, 2.5, 3.0, 3.5, 4.0]
-    assert told["story"][-1].startswith("After 8.5 s")
+    assert told["story"][-1] == ending(store.episodes.get(1, 3))
 
 
 def test_a_planner_that_explains_nothing_is_said_to(eigenfail, done):

@@ -4,6 +4,7 @@ import pytest
 
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.values import Correlated
 
 
 @pytest.fixture
@@ -41,6 +42,44 @@ def test_an_unknown_field_of_the_disturbance_model_is_refused_with_the_known_nam
         read_spec(write('method = "ast"\nepisodes = 7\n[disturbance]\nsigma = 1.0'))
 
 
+def shaped(*lines):
+    return "\n".join(['method = "ast"', "episodes = 7", "[disturbance.shape]", *lines])
+
+
+def test_a_file_names_the_shape_of_the_noise(write):
+    text = shaped('kind = "ar1"', "lateral_correlation = 0.5")
+    assert read_spec(write(text)).disturbance.shape == Correlated(0.8, 0.5)
+
+
+def test_an_unknown_shape_is_refused_with_the_known_kinds(write):
+    with pytest.raises(UnknownName) as caught:
+        read_spec(write(shaped('kind = "ar2"')))
+    assert "wanted.toml: disturbance.shape.kind: 'ar2' is not known." in str(caught.value)
+    assert "Did you mean 'ar1'? Known: ar1, student_t, white." in str(caught.value)
+
+
+def test_an_unknown_field_of_a_shape_is_refused_with_the_known_names(write):
+    with pytest.raises(UnknownName, match=r"disturbance\.shape: 'phi'.*longitudinal_correlation"):
+        read_spec(write(shaped('kind = "ar1"', "phi = 0.5")))
+    with pytest.raises(UnknownName, match=r"shape: 'phi' is not known\. Known: kind\."):
+        read_spec(write(shaped('kind = "white"', "phi = 0.5")))
+
+
+@pytest.mark.parametrize(
+    ("lines", "field"),
+    [
+        (['kind = "ar1"', "lateral_correlation = 1.0"], "shape.lateral_correlation"),
+        (['kind = "student_t"', "degrees_of_freedom = 2"], "shape.degrees_of_freedom"),
+        (["lateral_correlation = 0.5"], "shape: Object missing required field `kind`"),
+        (["kind = 3"], "shape.kind"),
+    ],
+)
+def test_a_shape_outside_its_bounds_is_refused_by_field(write, lines, field):
+    with pytest.raises(InvalidValue) as caught:
+        read_spec(write(shaped(*lines)))
+    assert f"wanted.toml: disturbance.{field}" in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("text", "field"),
     [
@@ -54,6 +93,8 @@ def test_an_unknown_field_of_the_disturbance_model_is_refused_with_the_known_nam
         ('method = "ast"\nepisodes = 1\nprice_usd_per_hour = -1.0', "price_usd_per_hour"),
         ('method = "ast"\nepisodes = 1\n[disturbance]\nlateral_base_m = 0.0', "lateral_base_m"),
         ('method = "ast"\nepisodes = 1\ndisturbance = 3', "disturbance"),
+        ('method = "ast"\nepisodes = 1\n[disturbance]\nscale = 0.0', "disturbance.scale"),
+        ('method = "ast"\nepisodes = 1\n[disturbance]\nshape = "ar1"', "disturbance.shape"),
     ],
 )
 def test_a_value_outside_its_bounds_is_refused_by_field(write, text, field):

@@ -2,6 +2,7 @@
 
 from contextlib import closing
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -172,6 +173,14 @@ def test_episodes_are_listed_by_outcome(client, campaign, deliver, monkeypatch):
     deliver(collision(0), unrunnable(1), collision(2))
     assert [row.index for row in client.episodes.list(campaign.id)] == [0, 1, 2]
     assert [row.index for row in client.episodes.list(campaign.id, Outcome.COLLISION)] == [0, 2]
+
+
+def test_episodes_are_listed_by_severity_over_pages(client, campaign, deliver, monkeypatch):
+    monkeypatch.setattr("eigenfail.client.link.PAGE", 1)
+    worse = msgspec.structs.replace(collision(2), measures=Measures(0.0, severity=16.0))
+    deliver(collision(0), unrunnable(1), worse, collision(3))
+    found = client.episodes.list(campaign.id, sort="severity")
+    assert [row.index for row in found] == [2, 0, 3, 1]
 
 
 def test_analyses_are_made_waited_for_and_listed(client, campaign, analysis):

@@ -28,7 +28,7 @@ def test_the_horizon_is_the_scenarios():
     assert horizon(GOOD) == 100
 
 
-@pytest.mark.parametrize("method", ["monte_carlo", "ast", "difs", "replay"])
+@pytest.mark.parametrize("method", ["monte_carlo", "ast", "difs", "cem", "replay"])
 def test_every_method_is_known_with_its_defaults(method):
     assert check_spec(but(method=method)).method == method
 
@@ -101,7 +101,7 @@ def test_checking_loads_nothing_heavy():
     code = (
         "import sys; from eigenfail.values import CampaignSpec\n"
         "from eigenfail_services.campaigns.checks import check_spec\n"
-        "for method in ('monte_carlo', 'ast', 'difs', 'replay'):\n"
+        "for method in ('monte_carlo', 'ast', 'difs', 'cem', 'replay'):\n"
         "    check_spec(CampaignSpec(name='n', method=method, episodes=1))\n"
         "heavy = {'torch', 'ray', 'stable_baselines3', 'sklearn', 'highway_env', 'sqlalchemy'}\n"
         "print(*heavy & sys.modules.keys())"

@@ -2,8 +2,15 @@
 
 import pytest
 
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
-from eigenfail.values.records import Totals
+from eigenfail.values import (
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    Conflicts,
+    Counts,
+    MeanTime,
+)
+from eigenfail.values.records import ConflictTotals, Totals
 from eigenfail_services.analysis.cost import cost
 from eigenfail_services.campaigns.summary import summarise
 from eigenfail_services.statistics.intervals import rate
@@ -55,3 +62,24 @@ def test_only_completed_episodes_are_its_speed() -> None:
     row = summarise(campaign(Counts(planned=100, failed=50), active_s=10.0), NOTHING)
     assert row.episodes_per_s == 0.0
     assert row.failure_rate is None
+
+
+def test_conflicts_as_the_paper_counts_them() -> None:
+    # The paper's 300 episodes of DiFS: nine collisions, seen 2.24 s and 0.23 s ahead on average.
+    found = ConflictTotals(
+        unavoidable=4,
+        planner_failures=5,
+        near_misses=10,
+        ttc_lead_s=20.16,
+        ttc_leads=9,
+        drac_lead_s=0.92,
+        drac_leads=4,
+    )
+    totals = Totals(9, -1491.0 * 9, 7200, 1035.0, found)
+    row = summarise(campaign(Counts(300, completed=300, failures=9)), totals)
+    leads = MeanTime(pytest.approx(2.24), 9), MeanTime(pytest.approx(0.23), 4)
+    assert row.conflicts == Conflicts(4, 5, 0, 10, *leads)
+
+
+def test_lead_times_of_nothing_are_unknown() -> None:
+    assert summarise(campaign(Counts(10)), NOTHING).conflicts == Conflicts()

@@ -5,6 +5,7 @@ from math import pi
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 
 from eigenfail.values import VehicleState
 from eigenfail_workers.measures.conflict import Conflict, conflict, shares_path
@@ -92,3 +93,74 @@ def test_braking_by_drac_stops_just_before_contact(gap_m: float, closing_mps: fl
     way_m = closing_mps * time_s - 0.5 * found.drac_mps2 * time_s**2
     assert way_m == pytest.approx(gap_m, rel=1e-6)
     assert found.ttc_s * closing_mps == pytest.approx(gap_m, rel=1e-6)
+
+
+near = st.floats(-40.0, 40.0)
+speed = st.floats(0.0, 40.0)
+heading = st.floats(-0.5, 0.5)
+vehicles = st.builds(
+    VehicleState, near, near, heading, speed, st.floats(1.0, 20.0), st.floats(0.5, 3.0)
+)
+many = settings(deadline=None, derandomize=True, max_examples=200)
+
+
+def close(found: Conflict | None, wanted: Conflict | None) -> bool:
+    """The same, but for rounding; which may also hide a conflict that hardly closes."""
+    if found is None or wanted is None:
+        other = found or wanted
+        return other is None or other.ttc_s > 1e6
+    return found == pytest.approx(wanted, rel=1e-6)
+
+
+def clear(a: VehicleState, b: VehicleState) -> bool:
+    """Not within a rounding error of touching, or of a path that is not shared."""
+    wider = structs.replace(a, width_m=a.width_m + 1e-9)
+    apart = separation(a, b).distance_m
+    return (apart == 0.0 or apart > 1e-3) and shares_path(a, b) == shares_path(wider, b)
+
+
+@many
+@given(vehicles, vehicles)
+def test_is_the_same_from_the_others_side(a: VehicleState, b: VehicleState) -> None:
+    if clear(a, b):
+        assert close(of(a, b), of(b, a))
+
+
+@many
+@given(vehicles, vehicles, near, near)
+def test_survives_being_moved(a: VehicleState, b: VehicleState, dx: float, dy: float) -> None:
+    def moved(v: VehicleState) -> VehicleState:
+        return structs.replace(v, x_m=v.x_m + dx, y_m=v.y_m + dy)
+
+    if clear(a, b):
+        assert close(of(moved(a), moved(b)), of(a, b))
+
+
+@many
+@given(vehicles, vehicles)
+def test_survives_being_mirrored_across_the_road(a: VehicleState, b: VehicleState) -> None:
+    def mirrored(v: VehicleState) -> VehicleState:
+        return structs.replace(v, y_m=-v.y_m, heading_rad=-v.heading_rad)
+
+    if clear(a, b):
+        assert close(of(mirrored(a), mirrored(b)), of(a, b))
+
+
+@many
+@given(st.floats(1.0, 60.0), st.floats(1.0, 60.0), st.floats(0.1, 20.0), st.floats(0.1, 20.0))
+def test_nearer_or_faster_is_never_safer(
+    one_m: float, other_m: float, one_mps: float, other_mps: float
+) -> None:
+    near_m, far_m = sorted((one_m, other_m))
+    slow_mps, fast_mps = sorted((one_mps, other_mps))
+
+    def behind(gap_m: float, closing_mps: float) -> Conflict:
+        found = of(TRUCK, square(9.0 + gap_m, 0.0, 0.0, 24.0 - closing_mps))
+        assert found is not None
+        return found
+
+    worse, better = behind(near_m, fast_mps), behind(far_m, slow_mps)
+    assert worse.ttc_s <= better.ttc_s
+    assert worse.drac_mps2 >= better.drac_mps2
+    # v² / 2g = v / (2 · TTC): at TTC = 1.5 s a third of the closing speed
+    assert worse.drac_mps2 == pytest.approx(fast_mps / (2.0 * worse.ttc_s))

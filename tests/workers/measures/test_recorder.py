@@ -2,12 +2,23 @@
 
 from math import inf, nan
 
+import msgspec
 import numpy as np
 import pytest
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import Control, Observation, VehicleState
+from eigenfail.values import (
+    Assessment,
+    ConflictClass,
+    Control,
+    Observation,
+    Outcome,
+    VehicleState,
+    assess,
+)
 from eigenfail_workers.measures.recorder import Recorder, severity
+
+DT_S = 0.1
 
 
 def car(x: float, y: float, speed: float, heading: float = 0.0) -> VehicleState:
@@ -30,11 +41,11 @@ def recorded(*observations: Observation) -> Recorder:
 
 
 def test_the_start_counts_for_robustness() -> None:
-    assert recorded(seen(0, 0.0)).measures().robustness_m == 6.0
+    assert recorded(seen(0, 0.0)).measures(DT_S).robustness_m == 6.0
 
 
 def test_measures_are_extremes_over_the_episode() -> None:
-    measures = recorded(seen(0, 0.0), seen(1, 16.0), seen(2, 15.0)).measures()
+    measures = recorded(seen(0, 0.0), seen(1, 16.0), seen(2, 15.0)).measures(DT_S)
     assert measures.robustness_m == 4.0
     assert measures.min_ttc_s == pytest.approx(0.4)
     assert measures.max_drac_mps2 == pytest.approx(100.0 / 8.0)
@@ -43,7 +54,7 @@ def test_measures_are_extremes_over_the_episode() -> None:
 
 def test_a_collision_has_robustness_zero_and_reads_drac_before_it() -> None:
     recorder = recorded(seen(0, 0.0), seen(1, 19.0), seen(2, 20.5, collided=True))
-    measures = recorder.measures()
+    measures = recorder.measures(DT_S)
     assert recorder.collided
     assert measures.robustness_m == 0.0
     assert measures.max_drac_mps2 == pytest.approx(100.0 / 2.0)
@@ -52,7 +63,7 @@ def test_a_collision_has_robustness_zero_and_reads_drac_before_it() -> None:
 
 def test_without_closing_in_there_is_neither_ttc_nor_drac() -> None:
     alone = Observation(0, car(0.0, 0.0, 10.0), (car(30.0, 0.0, 10.0),))
-    measures = recorded(alone).measures()
+    measures = recorded(alone).measures(DT_S)
     assert (measures.min_ttc_s, measures.max_drac_mps2) == (None, None)
 
 
@@ -89,3 +100,74 @@ def test_the_scene_has_one_row_more_than_steps() -> None:
 def test_a_vehicle_that_is_nowhere_is_refused(nowhere: float) -> None:
     with pytest.raises(SimulatorError, match="finite"):
         Recorder().sees(seen(0, nowhere))
+
+
+def course(*ways: tuple[float, float], collided: bool) -> Recorder:
+    """An ego at 10 m/s, and two standing cars that far ahead of its front after each step.
+
+    One is in its lane; the other begins 6 m aside, out of its path, and is put into it later.
+    """
+    recorder = Recorder()
+    for step, (ahead, aside) in enumerate(ways):
+        in_lane = car(4.0 + ahead, 0.0, 0.0)
+        entering = car(4.0 + aside, 0.0 if aside < 99.0 else 8.0, 0.0)
+        ended = collided and step == len(ways) - 1
+        recorder.sees(Observation(step, car(0.0, 0.0, 10.0), (in_lane, entering), ended, ended))
+    return recorder
+
+
+def test_times_of_violation_and_of_the_collision() -> None:
+    # closing at 10 m/s: TTC < 1.5 s below 15 m, DRAC = 50 / gap > 7 m/s² below 7.14 m
+    far = 99.0
+    recorder = course((16.0, far), (14.9, far), (9.0, far), (7.0, far), (0.0, far), collided=True)
+    measures = recorder.measures(DT_S)
+    assert measures.ttc_violated_s == pytest.approx(0.1)
+    assert measures.drac_at_warning_mps2 == pytest.approx(50.0 / 14.9)
+    assert measures.drac_violated_s == pytest.approx(0.3)
+    assert measures.collided_s == pytest.approx(0.4)
+    assert assess(Outcome.COLLISION, measures) == Assessment(
+        ConflictClass.PLANNER_FAILURE, pytest.approx(0.3), pytest.approx(0.1)
+    )
+
+
+def test_a_collision_is_judged_by_the_vehicle_that_was_struck() -> None:
+    # The one in the lane is near from the start; the other appears 5 m ahead, and is struck.
+    recorder = course((12.0, 99.0), (11.0, 99.0), (11.0, 5.0), (11.0, 0.0), collided=True)
+    measures = recorder.measures(DT_S)
+    assert measures.ttc_violated_s == pytest.approx(0.2)
+    assert measures.drac_at_warning_mps2 == pytest.approx(10.0)
+    assert assess(Outcome.COLLISION, measures).conflict is ConflictClass.UNAVOIDABLE
+    assert measures.min_ttc_s == pytest.approx(0.5)
+
+
+def test_a_collision_that_nothing_announced_is_unavoidable() -> None:
+    measures = course((60.0, 99.0), (60.0, 0.0), collided=True).measures(DT_S)
+    assert measures.min_ttc_s == pytest.approx(6.0)
+    assert measures.ttc_violated_s is measures.drac_at_warning_mps2 is None
+    assert assess(Outcome.COLLISION, measures) == Assessment(ConflictClass.UNAVOIDABLE)
+
+
+def test_without_a_collision_the_earliest_violation_of_any_counts() -> None:
+    measures = course((60.0, 99.0), (60.0, 6.0), (14.0, 99.0), collided=False).measures(DT_S)
+    assert measures.ttc_violated_s == measures.drac_violated_s == pytest.approx(0.1)
+    assert measures.drac_at_warning_mps2 == pytest.approx(50.0 / 6.0)
+    assert measures.collided_s is None
+    assert assess(Outcome.SAFE, measures) == Assessment(ConflictClass.NEAR_MISS)
+
+
+def test_the_first_moment_off_the_road_is_kept() -> None:
+    recorder = Recorder()
+    for step, off_road in enumerate((False, False, True, False, True)):
+        recorder.sees(msgspec.structs.replace(seen(step, 0.0), off_road=off_road))
+    assert recorder.measures(DT_S).left_road_s == pytest.approx(0.2)
+    assert recorded(seen(0, 0.0)).measures(DT_S).left_road_s is None
+
+
+def test_the_ride_is_measured_with_the_rest() -> None:
+    recorder = Recorder()
+    recorder.sees(seen(0, 0.0))
+    for step in (1, 2):
+        recorder.sees(msgspec.structs.replace(seen(step, 0.0), applied=Control(-4.0, 0.1)))
+    measures = recorder.measures(DT_S)
+    assert measures.max_jerk_mps3 == pytest.approx(40.0)
+    assert (measures.hard_brakings, measures.clipped_steps) == (1, 2)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eigenfail.values import DisturbanceModel, VehicleState
-from eigenfail_workers.noise.models import deviations, disturbance
+from eigenfail_workers.noise.models import deviations
 from eigenfail_workers.noise.rounding import to_float32
 
 
@@ -32,8 +32,9 @@ def test_what_is_stored_is_what_was_used(x: float, y: float) -> None:
         assert float(np.float32(sigma)) == sigma
 
 
-def test_disturbance_is_the_product() -> None:
-    assert disturbance((2.0, -1.0), (1.5, 0.25)) == (3.0, -0.25)
+def test_the_scale_multiplies_both_sigmas() -> None:
+    model = DisturbanceModel(0.5, 3.0, 0.25, 2.0, scale=1.5)
+    assert deviations(model, at(0.0, 0.0), at(4.0, 8.0)) == (7.5, 6.0)
 
 
 @settings(deadline=None, derandomize=True, max_examples=100)

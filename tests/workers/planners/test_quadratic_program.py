@@ -3,14 +3,13 @@
 from types import SimpleNamespace
 
 import numpy as np
+import osqp
 import pytest
+from scipy import sparse
 
 from eigenfail.errors import SolverError
-from eigenfail_workers.planners.rulebook.quadratic_program import (
-    QpStatus,
-    QuadraticProgram,
-    SolverSettings,
-)
+from eigenfail_workers.planners.rulebook.osqp_solver import SolverSettings, solver_options
+from eigenfail_workers.planners.rulebook.quadratic_program import QpStatus, QuadraticProgram
 
 TIGHT = SolverSettings(tolerance=1e-8, max_iterations=20_000)
 
@@ -74,18 +73,88 @@ def test_nan_is_refused_and_does_not_poison_what_follows(place):
     assert program.solve(*vectors).status is QpStatus.SOLVED
 
 
+def test_a_run_into_nan_is_told_and_not_remembered():
+    """A cost that is finite and whose square is not: OSQP's own iterate becomes NaN."""
+    program, q, bound = box(), np.array([0.3, -5.0, 2.0]), np.ones(3)
+    first = program.solve(q, -bound, bound)
+    lost = program.solve(np.full(3, 1e308), -bound, bound)
+    assert (lost.status, lost.x) == (QpStatus.ITERATION_LIMIT, None)
+    assert program.solve(q, -bound, bound).x.tobytes() == first.x.tobytes()
+
+
 def test_an_answer_of_nan_is_not_taken_for_solved(monkeypatch):
     program, bound = box(), np.ones(3)
-    program.solve(np.zeros(3), -bound, bound)
-    info = SimpleNamespace(status="solved", iter=1, run_time=0.0)
     lying = SimpleNamespace(
-        update=lambda **_: None,
-        solve=lambda **_: SimpleNamespace(x=np.full(3, np.nan), info=info),
+        update_data_vec=lambda *_: 0,
+        solve=lambda: 0,
+        warm_start=lambda *_: 0,
+        info=SimpleNamespace(status_val=osqp.SolverStatus.OSQP_SOLVED, iter=1, run_time=0.0),
+        solution=SimpleNamespace(x=np.full(3, np.nan)),
     )
     monkeypatch.setattr(program, "_solver", lying)
     answer = program.solve(np.zeros(3), -bound, bound)
     assert (answer.status, answer.x) == (QpStatus.NOT_FINITE, None)
-    assert program.solve(np.zeros(3), -bound, bound).status is QpStatus.SOLVED
+
+
+def test_an_answer_is_the_callers_to_keep():
+    program, bound = box(), np.ones(3)
+    first = program.solve(-bound, -bound, bound).x
+    kept = first.copy()
+    program.solve(bound, -bound, bound)
+    assert first.tobytes() == kept.tobytes()
+
+
+def random_programs(n, seed=8, size=4):
+    """q, l, u of programs with an open side here and there."""
+    rng = np.random.default_rng(seed)
+    for _ in range(n):
+        low, high = -rng.uniform(0, 1, size), rng.uniform(0, 1, size)
+        low[rng.random(size) < 0.3], high[rng.random(size) < 0.3] = -np.inf, np.inf
+        yield rng.normal(size=size), low, high
+
+
+def test_the_inner_solver_gives_the_bits_of_the_public_one():
+    cost, rows = np.diag([1.0, 2.0, 3.0, 4.0]), np.eye(4) + 0.1
+    settings = SolverSettings()
+    program = QuadraticProgram(cost, rows, settings)
+    public = osqp.OSQP(algebra="builtin")
+    matrices = sparse.csc_matrix(cost), np.zeros(4), sparse.csc_matrix(rows)
+    far = np.full(4, 1e30)
+    public.setup(*matrices, -far, far, **solver_options(settings))
+    assert isinstance(public._solver, public.ext.OSQPSolver)
+    for q, low, high in random_programs(30):
+        public.update(q=q, l=low, u=high)
+        theirs, ours = public.solve(raise_error=False), program.solve(q, low, high)
+        assert ours.status is QpStatus.SOLVED
+        assert ours.x.tobytes() == theirs.x.tobytes()
+        assert ours.iterations == theirs.info.iter
+
+
+def test_a_reset_is_worth_a_new_set_up():
+    program = QuadraticProgram(np.eye(4), np.eye(4) + 0.1, SolverSettings())
+    asked = list(random_programs(10))
+    asked.append((np.zeros(4), np.full(4, 0.2), np.full(4, 0.2)))
+    first = [program.solve(*vectors).x.tobytes() for vectors in asked]
+    program.reset()
+    assert [program.solve(*vectors).x.tobytes() for vectors in asked] == first
+    program.set_up()
+    assert [program.solve(*vectors).x.tobytes() for vectors in asked] == first
+
+
+def test_infinite_limits_are_no_limits():
+    free = box().solve(np.array([3.0, -4.0, 0.0]), np.full(3, -np.inf), np.full(3, np.inf))
+    assert free.x == pytest.approx([-3.0, 4.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("wall", [np.inf, -np.inf])
+def test_limits_that_leave_no_number_are_infeasible(wall):
+    limits = np.full(3, wall)
+    assert box().solve(np.zeros(3), limits, limits).status is QpStatus.INFEASIBLE
+
+
+def test_an_infinite_cost_is_not_finite():
+    q = np.array([0.0, np.inf, 0.0])
+    assert box().solve(q, -np.ones(3), np.ones(3)).status is QpStatus.NOT_FINITE
 
 
 def test_infeasible_limits_are_told():
@@ -106,9 +175,17 @@ def test_the_iteration_limit_is_told():
 @pytest.mark.parametrize(
     "wrong", [np.zeros(4), np.zeros(3, np.float32), np.zeros(6)[::2], np.zeros((3, 1))]
 )
-def test_wrong_shape_type_or_layout_never_reaches_the_solver(wrong):
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_wrong_shape_type_or_layout_never_reaches_the_solver(wrong, place):
+    vectors = [np.zeros(3), -np.ones(3), np.ones(3)]
+    vectors[place] = wrong
     with pytest.raises(SolverError, match="float64"):
-        box().solve(wrong, -np.ones(3), np.ones(3))
+        box().solve(*vectors)
+
+
+def test_a_cost_that_falls_forever_is_refused():
+    with pytest.raises(SolverError, match="positive semidefinite"):
+        QuadraticProgram(-np.eye(3), np.eye(3), TIGHT)
 
 
 def test_matrices_that_do_not_fit_are_refused():

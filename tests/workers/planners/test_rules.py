@@ -1,10 +1,12 @@
 """The hierarchy: strictly lexicographic, and it knows which rule decided."""
 
 import pytest
+from msgspec import structs
 
 from eigenfail_workers.planners.rulebook.candidates import (
     KNOTS,
     CandidateSettings,
+    Change,
     Profile,
     Start,
     profiles,
@@ -18,6 +20,11 @@ from eigenfail_workers.planners.rulebook.rules import (
     Rule,
     RuleSettings,
     choose,
+    clearance,
+    collision,
+    lane_end,
+    progress,
+    right_of_way,
 )
 from eigenfail_workers.planners.rulebook.surroundings import (
     Neighbour,
@@ -77,10 +84,63 @@ def test_the_order_of_the_paper_s_hierarchy():
         "no_collision",
         "right_of_way",
         "clearance",
+        "lane_end",
         "speed_limit",
         "comfort",
         "progress",
     ]
+
+
+RAMP = Surroundings(lane_end=Neighbour(300.0, 0.0, 0.0))
+
+
+def cost(rule, change, around=RAMP):
+    """Of a candidate at 20 m/s that keeps its speed."""
+    profile = roll_out("any", Start(20.0, 0.0, Task(20.0, 0.5)), 0.0, LIMITS)
+    question = Question(around, 20.0, 25.0, RuleSettings())
+    return rule(structs.replace(profile, change=change), question)
+
+
+def test_what_a_change_of_lane_costs_by_each_rule():
+    now = Change(begins=0, over_m=100.0)
+    assert [cost(rule.cost, now) for rule in HIERARCHY[:-1]] == [0.0] * 6
+    for name, value, rule in (
+        ("hit_mps", 4.0, collision),
+        ("short_behind_m", 2.0, right_of_way),
+        ("short_ahead_m", 3.0, clearance),
+    ):
+        assert cost(rule, structs.replace(now, **{name: value})) == value
+    assert cost(lane_end, structs.replace(now, over_m=305.0)) == 5.0
+
+
+def test_what_a_change_still_lacks_is_no_cost_before_it_begins():
+    waiting = Change(begins=None, short_ahead_m=9.0, short_behind_m=9.0)
+    assert cost(right_of_way, waiting) == cost(clearance, waiting) == 0.0
+
+
+def test_the_end_of_the_lane_asks_for_braking_from_a_need_on():
+    """With 60 m to turn: 1 s later 2.0 m/s² at 180 m, and 400 / (2 · 75) m/s² at 155 m."""
+    far, near = (Surroundings(lane_end=Neighbour(gap_m, 0.0, 0.0)) for gap_m in (180.0, 155.0))
+    assert cost(lane_end, None, far) == 0.0
+    now = 400.0 / (2.0 * 95.0)
+    assert cost(lane_end, None, near) == pytest.approx(400.0 / (2.0 * 75.0) - max(now, 2.2))
+    assert cost(lane_end, None, Surroundings()) == 0.0
+
+
+def test_in_a_lane_that_ends_progress_is_to_leave_it_soon():
+    options = [
+        Change(begins=0, over_m=100.0),
+        Change(begins=4, over_m=150.0),
+        Change(begins=30, over_m=290.0),
+        Change(begins=4, over_m=310.0),
+        Change(short_behind_m=2.0),
+        Change(short_behind_m=3.0),
+        None,
+    ]
+    costs = [cost(progress, change) for change in options]
+    assert costs == sorted(costs)
+    assert len(set(costs)) == len(costs)
+    assert cost(progress, None, Surroundings()) == -100.0
 
 
 def test_an_empty_road_is_for_progress():
@@ -108,6 +168,7 @@ def test_candidates_are_offered_only_where_they_make_sense():
     assert names == {"keep", "hold"}
     lead = Neighbour(30.0, 0.0, 12.0)
     assert {p.name for p in candidates(Surroundings(lead, lead))} == names | {"follow", "slow"}
+    assert {p.name for p in candidates(RAMP)} == names | {"stop"}
 
 
 def test_profiles_respect_jerk_task_and_standstill():

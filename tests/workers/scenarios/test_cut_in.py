@@ -32,12 +32,15 @@ def test_the_change_begins_at_its_distance_from_a_truck_that_kept_its_speed():
         assert now.move_actor(0, int(step) + 5, ego).y_m < 3.5
 
 
-def test_the_car_starts_in_the_other_lane_and_ends_in_the_truck_s():
-    now = situation()
+@pytest.mark.parametrize("offset_m", [1.9, 2.1])
+def test_the_car_starts_in_the_other_lane_and_stays_astride_the_marking(offset_m):
+    now = situation(final_offset_m=offset_m)
     states = [now.move_actor(0, step, now.ego) for step in range(now.steps + 1)]
     assert states[0] == now.actors[0]
     assert gap(now.ego, states[0]) == pytest.approx(94.0)
-    assert states[-1].y_m == pytest.approx(0.0, abs=1e-9)
+    assert states[-1].y_m == pytest.approx(offset_m)
+    assert states[-1].y_m - states[-1].width_m / 2 < 1.75 < states[-1].y_m + states[-1].width_m / 2
+    assert states[-1].y_m < (now.ego.width_m + states[-1].width_m) / 2
     assert all(later.y_m <= earlier.y_m for earlier, later in itertools.pairwise(states))
 
 
@@ -57,7 +60,7 @@ def test_minimum_jerk_rests_at_both_ends():
     assert minimum_jerk(0.5) == (0.5, 1.875)  # 30/16 by hand
 
 
-@pytest.mark.parametrize("value", [47.9, 70.1, float("nan"), "far"])
+@pytest.mark.parametrize("value", [51.9, 70.1, float("nan"), "far"])
 def test_parameters_outside_their_bounds_are_refused_by_name(value):
     with pytest.raises(InvalidValue, match="distance_m"):
         situation(distance_m=value)

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Sequence
+from itertools import pairwise
 from math import atan, pi, sin, tan
 from typing import Any
 
@@ -60,9 +61,22 @@ def test_steering_turns_as_the_bicycle_does(name: str, small_cut_in: Any) -> Non
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_no_truck_steers_or_brakes_beyond_its_limits(name: str, small_cut_in: Any) -> None:
     wild = driven(name, small_cut_in, Control(-1e300, 1e6))
-    limit = driven(name, small_cut_in, Control(-9.81, pi / 4))
+    limit = driven(name, small_cut_in, Control(-7.0, pi / 4))
     assert [o.ego for o in wild] == [o.ego for o in limit]
     assert wild[1].control == Control(-1e300, 1e6)
+    assert wild[1].applied == limit[1].applied == limit[1].control
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_no_truck_accelerates_beyond_its_power(name: str, small_cut_in: Any) -> None:
+    seen = driven(name, small_cut_in, Control(9.0, 0.0), gap_m=120.0, slower_mps=-5.0)
+    speeds = [o.ego.speed_mps for o in seen]
+    # 400 kW at 20 m/s move 30 t by 2/3 m/s²
+    assert speeds[1] == pytest.approx(20.0 + 0.1 * 400.0 / (30.0 * 20.0))
+    # Explicit Euler gives a little more kinetic energy than the engine's work.
+    for before, after in pairwise(speeds):
+        watts = 30_000.0 * (after**2 - before**2) / 2.0 / 0.1
+        assert watts == pytest.approx(400_000.0, rel=2e-3)
 
 
 @pytest.mark.parametrize("name", BUILT_IN)

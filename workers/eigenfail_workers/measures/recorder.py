@@ -5,23 +5,42 @@ from math import inf, isfinite
 import numpy as np
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import Floats, Measures, NoiseTrajectory, Observation, Scene, VehicleState
+from eigenfail.values import (
+    Floats,
+    Measures,
+    NoiseTrajectory,
+    Observation,
+    Scene,
+    Shape,
+    VehicleState,
+    White,
+)
 from eigenfail_workers.measures.conflict import conflict
 from eigenfail_workers.measures.geometry import at_least, separation, velocity
+from eigenfail_workers.measures.ride import Ride
+from eigenfail_workers.measures.violations import Violations
 
 Pair = tuple[float, float]
 
+AS_IN_THE_PAPER = White()
+
 
 class Recorder:
-    """Accumulates an episode; the measures grow with it, the arrays are made at its end."""
+    """Accumulates an episode; the measures grow with it, the arrays are made at its end.
 
-    def __init__(self) -> None:
+    Args:
+        shape: of the noise whose z it is told.
+    """
+
+    def __init__(self, shape: Shape = AS_IN_THE_PAPER) -> None:
+        self._shape = shape
         self._z: list[Pair] = []
         self._sigma: list[Pair] = []
         self._course: list[Observation] = []
         self._robustness_m = inf
-        self._min_ttc_s = inf
-        self._max_drac_mps2 = 0.0
+        self._violations = Violations()
+        self._ride = Ride()
+        self._left_road_step: int | None = None
 
     @property
     def steps(self) -> int:
@@ -46,28 +65,42 @@ class Recorder:
         """
         _check(observation)
         self._course.append(observation)
-        for other in observation.others:
-            self._compare(observation.ego, other)
+        self._ride.sees(observation)
+        if observation.off_road and self._left_road_step is None:
+            self._left_road_step = observation.step
+        for vehicle in range(len(observation.others)):
+            self._compare(observation, vehicle)
 
-    def _compare(self, ego: VehicleState, other: VehicleState) -> None:
+    def _compare(self, observation: Observation, vehicle: int) -> None:
+        ego, other = observation.ego, observation.others[vehicle]
         between = separation(ego, other)
         self._robustness_m = min(self._robustness_m, between.distance_m)
         danger = conflict(ego, other, between)
         if danger is not None:
-            self._min_ttc_s = min(self._min_ttc_s, danger.ttc_s)
-            self._max_drac_mps2 = max(self._max_drac_mps2, danger.drac_mps2)
+            self._violations.heed(observation.step, vehicle, danger)
 
     def noise(self) -> NoiseTrajectory:
         """The disturbances injected so far."""
-        return NoiseTrajectory(z=_pairs(self._z), sigma=_pairs(self._sigma))
+        return NoiseTrajectory(_pairs(self._z), _pairs(self._sigma), self._shape)
 
-    def measures(self) -> Measures:
+    def measures(self, dt_s: float) -> Measures:
         """What the episode measured; on a collision, robustness is exactly 0."""
+        last, found, ride = self._course[-1], self._violations, self._ride
+        collided = self.collided
+        first = found.by(struck(last)) if collided else found.by_anybody()
         return Measures(
-            robustness_m=0.0 if self.collided else self._robustness_m,
-            severity=severity(self._course[-1]) if self.collided else None,
-            min_ttc_s=self._min_ttc_s if self._min_ttc_s < inf else None,
-            max_drac_mps2=self._max_drac_mps2 if self._max_drac_mps2 > 0.0 else None,
+            robustness_m=0.0 if collided else self._robustness_m,
+            severity=severity(last) if collided else None,
+            min_ttc_s=found.min_ttc_s,
+            max_drac_mps2=found.max_drac_mps2,
+            ttc_violated_s=_time_s(first.ttc_step, dt_s),
+            drac_violated_s=_time_s(first.drac_step, dt_s),
+            drac_at_warning_mps2=first.drac_at_warning_mps2,
+            collided_s=_time_s(last.step if collided else None, dt_s),
+            left_road_s=_time_s(self._left_road_step, dt_s),
+            max_jerk_mps3=ride.max_jerk_mps3(dt_s),
+            hard_brakings=ride.hard_brakings,
+            clipped_steps=ride.clipped_steps,
         )
 
     def scene(self, dt_s: float) -> Scene:
@@ -94,18 +127,26 @@ def _check(observation: Observation) -> None:
             )
 
 
+def struck(observation: Observation) -> int:
+    """Which of the others the ego touches: the one at the smallest distance."""
+    ego, others = observation.ego, observation.others
+    return min(range(len(others)), key=lambda vehicle: _closeness(ego, others[vehicle]))
+
+
 def severity(observation: Observation) -> float:
-    """||v_ego - v_actor||² with the vehicle that the ego touches: that of the smallest distance."""
-    ego = observation.ego
-    touched = min(observation.others, key=lambda other: _closeness(ego, other))
-    vx, vy = velocity(ego)
-    other_vx, other_vy = velocity(touched)
+    """||v_ego - v_actor||² with the vehicle that was struck. [m²/s²]"""
+    vx, vy = velocity(observation.ego)
+    other_vx, other_vy = velocity(observation.others[struck(observation)])
     return (vx - other_vx) ** 2 + (vy - other_vy) ** 2
 
 
 def _closeness(ego: VehicleState, other: VehicleState) -> tuple[float, float]:
     """Orders by distance between footprints; of several that overlap, by their circles."""
     return separation(ego, other).distance_m, at_least(ego, other)
+
+
+def _time_s(step: int | None, dt_s: float) -> float | None:
+    return None if step is None else step * dt_s
 
 
 def _pose(vehicle: VehicleState) -> tuple[float, float, float, float]:

@@ -1,4 +1,4 @@
-"""The disturbance model at work (paper, eq. 2 and 3)."""
+"""How large the noise is (paper, eq. 2 and 3)."""
 
 from eigenfail.values import DisturbanceModel, VehicleState
 from eigenfail_workers.noise.rounding import to_float32
@@ -13,11 +13,6 @@ def deviations(model: DisturbanceModel, ego: VehicleState, actor: VehicleState) 
     """
     dx, dy = abs(actor.x_m - ego.x_m), abs(actor.y_m - ego.y_m)
     return (
-        to_float32(model.longitudinal_slope * dx + model.longitudinal_base_m),
-        to_float32(model.lateral_slope * dy + model.lateral_base_m),
+        to_float32(model.scale * (model.longitudinal_slope * dx + model.longitudinal_base_m)),
+        to_float32(model.scale * (model.lateral_slope * dy + model.lateral_base_m)),
     )
-
-
-def disturbance(z: Pair, sigma: Pair) -> Pair:
-    """a_t = z_t · sigma_t: longitudinal, lateral. [m]"""
-    return z[0] * sigma[0], z[1] * sigma[1]

@@ -1,4 +1,4 @@
-"""Lane keeping by pure pursuit."""
+"""Steering: pure pursuit of a point ahead, by default on the centre of the lane of the start."""
 
 from math import atan, atan2, sin
 
@@ -21,11 +21,24 @@ class LaneKeeping:
         """The steering angle for an ego there [rad]."""
         if self._centre_m is None:
             self._centre_m = self._nearest_centre_m(ego.y_m)
-        look_ahead_m = max(ego.speed_mps * LOOK_AHEAD_S, SHORTEST_LOOK_AHEAD_M)
-        bearing = atan2(self._centre_m - ego.y_m, look_ahead_m) - ego.heading_rad
-        angle = atan(2.0 * ego.length_m * sin(bearing) / look_ahead_m)
-        return min(max(angle, -MAX_STEERING_RAD), MAX_STEERING_RAD)
+        return pursue(ego, self._centre_m)
 
     def _nearest_centre_m(self, y_m: float) -> float:
         lane = min(max(round(y_m / self._lane_width_m), 0), self._lanes - 1)
         return lane * self._lane_width_m
+
+
+def look_ahead_m(ego: VehicleState) -> float:
+    """How far ahead along the road the point is that is pursued [m]."""
+    return max(ego.speed_mps * LOOK_AHEAD_S, SHORTEST_LOOK_AHEAD_M)
+
+
+def pursue(ego: VehicleState, aim_y_m: float) -> float:
+    """The steering angle towards a lateral position one look-ahead away [rad].
+
+    Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, CMU-RI-TR-92-01.
+    """
+    ahead_m = look_ahead_m(ego)
+    bearing = atan2(aim_y_m - ego.y_m, ahead_m) - ego.heading_rad
+    angle = atan(2.0 * ego.length_m * sin(bearing) / ahead_m)
+    return min(max(angle, -MAX_STEERING_RAD), MAX_STEERING_RAD)

@@ -1,4 +1,7 @@
-"""Cut-in: a slow car changes into the truck's lane ahead of it (paper, fig. 1)."""
+"""Cut-in: a slow car comes into the truck's lane ahead of it (paper, fig. 1).
+
+It does so by half: it stays astride the marking, and just in the truck's way.
+"""
 
 from math import atan2, hypot
 from typing import Annotated
@@ -7,15 +10,20 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.values import Mission, VehicleState
+from eigenfail_workers.minimum_jerk import minimum_jerk
+from eigenfail_workers.scenarios.staging import (
+    CAR_LENGTH_M,
+    DT_S,
+    LANE_WIDTH_M,
+    LANES,
+    SPEED_LIMIT_MPS,
+    TRUCK_LENGTH_M,
+    car,
+    truck,
+)
 
-DT_S = 0.1
 STEPS = 100
-LANES = 2
-LANE_WIDTH_M = 3.5
-SPEED_LIMIT_MPS = 25.0
 GOAL_M = 1000.0
-TRUCK_LENGTH_M, TRUCK_WIDTH_M = 16.0, 2.5
-CAR_LENGTH_M, CAR_WIDTH_M = 5.0, 2.0
 
 
 class CutInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -24,12 +32,14 @@ class CutInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Gaps are between the truck's front and the car's rear bumper.
 
     Attributes:
-        distance_m: gap at which the lane change begins, for an ego that kept its speed until then:
-            the car follows its script, so that noise cannot move the moment.
+        distance_m: gap at which the car begins to come over, for an ego that kept its speed until
+            then: the car follows its script, so that noise cannot move the moment.
+        final_offset_m: where the car stays, astride the marking: distance between its centre line
+            and the truck's. Below 2.25 m their footprints overlap laterally.
     """
 
     distance_m: Annotated[
-        float, Meta(ge=48.0, le=70.0, description="Gap at which the lane change begins [m].")
+        float, Meta(ge=52.0, le=70.0, description="Gap at which the car begins to come over [m].")
     ] = 58.0
     initial_gap_m: Annotated[
         float, Meta(ge=80.0, le=120.0, description="Gap at the start [m].")
@@ -38,19 +48,23 @@ class CutInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         float, Meta(ge=22.0, le=25.0, description="Speed of the truck at the start [m/s].")
     ] = 24.0
     actor_speed_mps: Annotated[
-        float, Meta(ge=11.0, le=16.0, description="Speed of the car along the road [m/s].")
-    ] = 12.0
+        float, Meta(ge=12.0, le=16.0, description="Speed of the car along the road [m/s].")
+    ] = 12.5
     lane_change_s: Annotated[
-        float, Meta(ge=5.0, le=9.0, description="Duration of the lane change [s].")
-    ] = 7.0
+        float, Meta(ge=2.8, le=3.2, description="Time that the car takes to come over [s].")
+    ] = 3.0
+    final_offset_m: Annotated[
+        float, Meta(ge=1.9, le=2.15, description="The car stays this far from the ego's line [m].")
+    ] = 2.1
 
 
 class CutInSituation(msgspec.Struct, frozen=True):
     """A cut-in with its parameters filled in (contract `Situation`).
 
     Attributes:
-        change_begins_s: when the car leaves its lane.
-        change_lasts_s: how long until it is centred in the truck's lane.
+        change_begins_s: when the car leaves the middle of its lane.
+        change_lasts_s: how long until it is where it stays.
+        final_offset_m: how far from the truck's line that is.
     """
 
     mission: Mission
@@ -59,6 +73,7 @@ class CutInSituation(msgspec.Struct, frozen=True):
     actors: tuple[VehicleState, ...]
     change_begins_s: float
     change_lasts_s: float
+    final_offset_m: float
 
     def move_actor(self, actor: int, step: int, ego: VehicleState) -> VehicleState:  # noqa: ARG002 - the contract's; this script does not react to the ego
         """Where the car is after `step` steps: constant speed along the road, then over."""
@@ -66,11 +81,12 @@ class CutInSituation(msgspec.Struct, frozen=True):
         time_s = step * self.mission.dt_s
         share = (time_s - self.change_begins_s) / self.change_lasts_s
         done, rate = minimum_jerk(min(max(share, 0.0), 1.0))
-        lateral_mps = -start.y_m * rate / self.change_lasts_s
+        way_m = self.final_offset_m - start.y_m
+        lateral_mps = way_m * rate / self.change_lasts_s
         return msgspec.structs.replace(
             start,
             x_m=start.x_m + start.speed_mps * time_s,
-            y_m=start.y_m * (1.0 - done),
+            y_m=start.y_m + way_m * done,
             heading_rad=atan2(lateral_mps, start.speed_mps),
             speed_mps=hypot(start.speed_mps, lateral_mps),
         )
@@ -88,28 +104,12 @@ class CutIn:
         return CutInSituation(
             mission=_mission(parameters),
             steps=STEPS,
-            ego=VehicleState(
-                0.0, 0.0, 0.0, parameters.ego_speed_mps, TRUCK_LENGTH_M, TRUCK_WIDTH_M
-            ),
-            actors=(
-                VehicleState(
-                    actor_x_m,
-                    LANE_WIDTH_M,
-                    0.0,
-                    parameters.actor_speed_mps,
-                    CAR_LENGTH_M,
-                    CAR_WIDTH_M,
-                ),
-            ),
+            ego=truck(parameters.ego_speed_mps),
+            actors=(car(actor_x_m, 1, parameters.actor_speed_mps),),
             change_begins_s=(parameters.initial_gap_m - parameters.distance_m) / closing_mps,
             change_lasts_s=parameters.lane_change_s,
+            final_offset_m=parameters.final_offset_m,
         )
-
-
-def minimum_jerk(share: float) -> tuple[float, float]:
-    """The quintic from 0 to 1 of least jerk, and its slope, at a share of the time in [0, 1]."""
-    done = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-    return done, 30.0 * (share * (1.0 - share)) ** 2
 
 
 def _mission(parameters: CutInParameters) -> Mission:

@@ -1,5 +1,6 @@
 """highway-env's road, vehicles and collision test, without its gym environments."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -96,21 +97,32 @@ class HighwayWorld:
 
 
 def straight_lanes(mission: Mission) -> RoadNetwork:
-    """The mission's lanes; lane 0 has its centre at y = 0."""
+    """The mission's lanes; lane 0 has its centre at y = 0, and ends where the mission says."""
     network = RoadNetwork()
-    for number in range(mission.lanes):
-        y = number * mission.lane_width_m
-        network.add_lane(
-            "start",
-            "end",
-            StraightLane(
-                [-ROAD_BEHIND_M, y],
-                [ROAD_AHEAD_M, y],
-                width=mission.lane_width_m,
-                speed_limit=mission.speed_limit_mps,
-            ),
-        )
+    for begin, end, lanes in _sections(mission):
+        for number in lanes:
+            y = number * mission.lane_width_m
+            network.add_lane(
+                str(begin),
+                str(end),
+                StraightLane(
+                    [begin, y],
+                    [end, y],
+                    width=mission.lane_width_m,
+                    speed_limit=mission.speed_limit_mps,
+                ),
+            )
     return network
+
+
+def _sections(mission: Mission) -> Iterator[tuple[float, float, range]]:
+    """Where each section of the road begins and ends [m], and which lanes it has."""
+    ends_x_m = mission.lane_0_ends_x_m
+    if ends_x_m is None:
+        yield -ROAD_BEHIND_M, ROAD_AHEAD_M, range(mission.lanes)
+        return
+    yield -ROAD_BEHIND_M, ends_x_m, range(mission.lanes)
+    yield ends_x_m, ROAD_AHEAD_M, range(1, mission.lanes)
 
 
 class HighwaySimulator:

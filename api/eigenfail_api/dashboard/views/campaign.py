@@ -11,6 +11,7 @@ from eigenfail_api import steering
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.samples import ended
 from eigenfail_api.dashboard.views.charts import Chart
+from eigenfail_api.dashboard.views.conflicts import Tiles, conflict_tiles
 from eigenfail_api.dashboard.views.episodes import (
     curve_chart,
     likelihood_chart,
@@ -54,12 +55,14 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         wishes: what a user may ask of it now: pause, resume, cancel.
+        conflicts: episodes by class; empty before the first one.
         settings: groups of names and values.
     """
 
     standing: Standing
     wishes: tuple[str, ...]
     tiles: tuple[tuple[str, Figure], ...]
+    conflicts: Tiles
     charts: tuple[Chart, ...]
     failures: EpisodeList
     analyses: tuple[AnalysisLine, ...]
@@ -77,6 +80,7 @@ def campaign_view(found: Findings) -> CampaignView:
         standing=now,
         wishes=wishes(campaign.state),
         tiles=tiles(now),
+        conflicts=conflict_tiles(found.summary),
         charts=charts(campaign, found.rows, found.failures),
         failures=episode_list(campaign, found.listed, None),
         analyses=tuple(map(analysis_line, found.analyses)),
@@ -141,7 +145,7 @@ def settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]
         (f"Method {spec.method}", pairs(spec.settings)),
         (f"Scenario {spec.scenario}", pairs(spec.scenario_parameters)),
         (f"Planner {spec.planner}", pairs(spec.planner_settings)),
-        ("Disturbance model", pairs(msgspec.structs.asdict(spec.disturbance))),
+        ("Disturbance model", pairs(spec.disturbance.in_words())),
     )
 
 

@@ -1,13 +1,12 @@
 """One episode: facts, noise, and the scene from above."""
 
-from math import sqrt
-
 import msgspec
 import numpy as np
 
 from eigenfail.values import Campaign, EpisodeResult, Mission, NoiseTrajectory, Scene
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.charts import Chart, rounded, rounded_rows
+from eigenfail_api.dashboard.views.measured import Facts, facts, ride
 from eigenfail_api.dashboard.views.states import OUTCOME_BADGES, Badge
 
 CONVENTIONAL_LANE_M = 3.5
@@ -17,6 +16,8 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     """The page of an episode.
 
     Attributes:
+        facts: what the episode was.
+        ride: when thresholds were passed, and how rough it was; empty if not measured.
         next_failure: index of the next collision of the campaign, if there is one.
     """
 
@@ -24,7 +25,8 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     campaign_name: str
     index: int
     badge: Badge
-    facts: tuple[tuple[str, str], ...]
+    facts: Facts
+    ride: Facts
     problem: str
     digest: str
     noise: Chart | None
@@ -44,6 +46,7 @@ def episode_view(
         index=result.index,
         badge=OUTCOME_BADGES[result.outcome],
         facts=facts(result, dt_s),
+        ride=ride(result),
         problem=f"{fault.kind}: {fault.message}" if fault else "",
         digest=result.digest(),
         noise=noise_chart(result.noise, dt_s) if result.steps else None,
@@ -52,56 +55,24 @@ def episode_view(
     )
 
 
-def facts(result: EpisodeResult, dt_s: float | None) -> tuple[tuple[str, str], ...]:
-    """What was measured."""
-    measures, steps = result.measures, result.steps
-    lasted = f" ({formats.number(steps * dt_s)} s)" if dt_s else ""
-    likelihood = result.noise.log_probability
-    rows = [("Steps", f"{steps}{lasted}")]
-    if measures is not None:
-        rows += [
-            ("Robustness", unit(measures.robustness_m, "m")),
-            ("Severity", severity(measures.severity)),
-            ("MinTTC", unit(measures.min_ttc_s, "s")),
-            ("Largest DRAC", unit(measures.max_drac_mps2, "m/s²")),
-            ("log p", formats.number(likelihood, 5)),
-            ("log p per step", formats.number(likelihood / max(steps, 1))),
-        ]
-    return (
-        *rows,
-        ("Disturbance source", result.source),
-        ("Seed", str(result.seed)),
-        ("Computed in", formats.duration(result.wall_s)),
-    )
-
-
-def unit(value: float | None, name: str) -> str:
-    """A figure with its unit, or a dash."""
-    return formats.NONE if value is None else f"{formats.number(value)} {name}"
-
-
-def severity(value: float | None) -> str:
-    """Severity, and the relative speed that it is the square of."""
-    if value is None:
-        return formats.NONE
-    return f"{formats.number(value)} m²/s² (relative speed {formats.number(sqrt(value))} m/s)"
-
-
 def noise_chart(noise: NoiseTrajectory, dt_s: float | None) -> Chart:
     """What was added to the perceived position, step by step."""
-    metres = noise.metres
+    metres, standardised = noise.metres, noise.standardised
     times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
     axis = "Time [s]" if dt_s else "Step"
     return Chart(
         id="noise-chart",
         kind="noise",
         title="Noise on the perceived position",
-        caption="In standard deviations of the disturbance model; the band is ±2 sigma.",
+        caption=(
+            "In standard deviations of the disturbance model "
+            f"({noise.shape.in_words()}); the band is ±2 sigma."
+        ),
         data={
             "axis": axis,
             "time": rounded(times),
-            "longitudinal": rounded(map(float, noise.z[:, 0])),
-            "lateral": rounded(map(float, noise.z[:, 1])),
+            "longitudinal": rounded(map(float, standardised[:, 0])),
+            "lateral": rounded(map(float, standardised[:, 1])),
         },
         columns=(
             axis,
@@ -112,9 +83,9 @@ def noise_chart(noise: NoiseTrajectory, dt_s: float | None) -> Chart:
             "log p",
         ),
         rows=tuple(
-            tuple(map(formats.number, map(float, (at, *z, *a, log_p))))
-            for at, z, a, log_p in zip(
-                times, noise.z, metres, noise.log_probability_per_step, strict=True
+            tuple(map(formats.number, map(float, (at, *u, *a, log_p))))
+            for at, u, a, log_p in zip(
+                times, standardised, metres, noise.log_probability_per_step, strict=True
             )
         ),
     )

@@ -10,12 +10,21 @@ Each check wants a store of its own, empty.
 from collections.abc import Callable
 
 from eigenfail.contracts import Store
-from eigenfail.testing.store import campaigns, crowds, episode_lists, episodes, jobs, records
+from eigenfail.testing.store import (
+    campaigns,
+    conflicts,
+    crowds,
+    episode_lists,
+    episodes,
+    jobs,
+    records,
+)
 
 STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *campaigns.CHECKS,
     *episodes.CHECKS,
     *episode_lists.CHECKS,
+    *conflicts.CHECKS,
     *jobs.CHECKS,
     *records.CHECKS,
     *crowds.CHECKS,

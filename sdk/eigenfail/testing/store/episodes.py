@@ -23,7 +23,9 @@ from eigenfail.values import (
     FINAL_STATES,
     Campaign,
     CampaignState,
+    Correlated,
     Counts,
+    DisturbanceModel,
     EpisodeResult,
     Measures,
     NoiseTrajectory,
@@ -160,7 +162,9 @@ def refuses_what_does_not_fit(store: Store) -> None:
 def keeps_no_number_that_is_none(store: Store) -> None:
     """NaN and infinity are never stored as measures."""
     campaign = running(store)
-    partly = result(0, Outcome.COLLISION, measures=Measures(0.0, nan, inf, -inf))
+    beyond = 2**31
+    nowhere = Measures(0.0, nan, inf, -inf, inf, nan, inf, inf, nan, inf, beyond, -1)
+    partly = result(0, Outcome.COLLISION, measures=nowhere)
     wholly = result(1, measures=Measures(nan, 1.0, 1.0, 1.0), wall_s=nan)
     endless = NoiseTrajectory(floats(2, 3, 2), np.full((3, 2), np.inf, np.float32))
     given = (partly, wholly, result(2, noise=endless))
@@ -172,6 +176,20 @@ def keeps_no_number_that_is_none(store: Store) -> None:
     equal((rows[1].robustness_m, rows[1].severity, rows[1].wall_s), (None, None, 0.0), "Row 1")
     equal(rows[2].log_probability, 0.0, "A log-probability that is not finite")
     equal(store.episodes.totals(campaign.id).severity, 0.0, "The sum over nothing")
+
+
+def knows_the_shape_of_the_noise(store: Store) -> None:
+    """Noise comes back in the shape of its campaign's; what has another shape is unwanted."""
+    shape = Correlated(0.75, 0.5)
+    campaign = running(store, disturbance=DisturbanceModel(shape=shape))
+    noise = replace(result(0).noise, shape=shape)
+    given = (result(0, noise=noise), failed(1), result(2))
+    equal(deliver(store, campaign, *given), [KEPT, KEPT, UNWANTED], "Verdicts on shapes")
+    kept = (store.episodes.get(campaign.id, 0), *store.episodes.finished(campaign.id, [0, 1]))
+    equal([each.noise.shape for each in kept], [shape] * 3, "The shapes")
+    log_p = noise.log_probability
+    equal([each.noise.log_probability for each in kept], [log_p, log_p, 0.0], "Their log p")
+    equal(store.episodes.page(campaign.id, 1).items[0].log_probability, log_p, "log p in a list")
 
 
 def takes_any_text(store: Store) -> None:
@@ -194,5 +212,6 @@ CHECKS = (
     leaves_ended_campaigns_alone,
     refuses_what_does_not_fit,
     keeps_no_number_that_is_none,
+    knows_the_shape_of_the_noise,
     takes_any_text,
 )

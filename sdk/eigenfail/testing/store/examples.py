@@ -28,6 +28,21 @@ BEYOND = (0, -1, 999, 2**63, 2**70)
 """Ids that nothing has."""
 
 
+CRASH = Measures(
+    robustness_m=0.0,
+    severity=2.5,
+    min_ttc_s=1.25,
+    ttc_violated_s=1.5,
+    drac_at_warning_mps2=6.5,
+    collided_s=3.75,
+    left_road_s=3.5,
+    max_jerk_mps3=12.5,
+    hard_brakings=2,
+    clipped_steps=0,
+)
+"""A planner's failure, foreseen for 2.25 s."""
+
+
 def equal(found: object, wanted: object, what: str) -> None:
     """Expect the very thing."""
     expect(found == wanted, f"{what}: {found!r}, not {wanted!r}.")
@@ -67,7 +82,7 @@ def result(
     noise = NoiseTrajectory(
         floats(1_000 * salt + index, steps, 2), np.abs(floats(index, steps, 2)) + 1
     )
-    measures = Measures(0.0 if collided else 0.1 + index, 2.5 if collided else None, 1.25, None)
+    measures = CRASH if collided else Measures(0.1 + index, min_ttc_s=1.25, clipped_steps=index)
     fields: dict[str, Any] = {
         "index": index,
         "seed": 100 + index,

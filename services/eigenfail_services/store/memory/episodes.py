@@ -1,12 +1,22 @@
 """Results of episodes in memory."""
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 
 from msgspec.structs import replace
 
-from eigenfail.values import EpisodeResult, Outcome, Page
-from eigenfail.values.records import Delivery, EpisodeRow, Failures, Totals, Verdict
+from eigenfail.values import ConflictClass, EpisodeResult, Outcome, Page
+from eigenfail.values.records import (
+    ConflictTotals,
+    Delivery,
+    EpisodeOrder,
+    EpisodeRow,
+    Failures,
+    Totals,
+    Verdict,
+)
 from eigenfail_services.store import sentences
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.judging import judge, row_of
@@ -51,12 +61,16 @@ class MemoryEpisodes:
         limit: int,
         after: int | None = None,
         outcome: Outcome | None = None,
+        order: EpisodeOrder = EpisodeOrder.INDEX,
     ) -> Page[EpisodeRow]:
-        """Episodes in index order, with indices above `after`."""
+        """Episodes in an order, those behind `after`."""
+        rows = {row.index: row for row, _ in ordered(self._tables, campaign)}
+        place = partial(PLACES[order], rows)
         found = [
-            row
-            for row, _ in ordered(self._tables, campaign)
-            if (after is None or row.index > after) and outcome in {None, row.outcome}
+            rows[index]
+            for index in sorted(rows, key=place)
+            if (after is None or place(index) > place(after))
+            and outcome in {None, rows[index].outcome}
         ]
         return Page(tuple(found[:limit]), found[limit - 1].index if len(found) > limit else None)
 
@@ -75,13 +89,15 @@ class MemoryEpisodes:
         return Failures(tuple(r.index for r in found), tuple(r.noise.z for r in found))
 
     def totals(self, campaign: int) -> Totals:
-        """Sums over all collisions."""
-        rows = [row for row, result in ordered(self._tables, campaign) if result.is_failure]
+        """Sums over all collisions, and episodes counted by class."""
+        rows = [row for row, _ in ordered(self._tables, campaign)]
+        collisions = [row for row in rows if row.outcome is Outcome.COLLISION]
         return Totals(
-            len(rows),
-            sum((row.log_probability for row in rows), 0.0),
-            sum(row.steps for row in rows),
-            sum((row.severity or 0.0 for row in rows), 0.0),
+            len(collisions),
+            sum((row.log_probability for row in collisions), 0.0),
+            sum(row.steps for row in collisions),
+            sum((row.severity or 0.0 for row in collisions), 0.0),
+            conflict_totals(rows),
         )
 
     def digest(self, campaign: int) -> str:
@@ -100,3 +116,34 @@ def digest(tables: Tables, campaign: int) -> str:
     """SHA-256 over one line "index digest" for each result, in index order."""
     lines = (f"{row.index} {row.digest}\n" for row, _ in ordered(tables, campaign))
     return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def conflict_totals(rows: list[EpisodeRow]) -> ConflictTotals:
+    """Episodes counted by class, and their lead times summed in index order."""
+    classes = Counter((row.outcome, row.assessed.conflict) for row in rows)
+    ttc = [row.assessed.ttc_lead_s for row in rows if row.assessed.ttc_lead_s is not None]
+    drac = [row.assessed.drac_lead_s for row in rows if row.assessed.drac_lead_s is not None]
+    return ConflictTotals(
+        unavoidable=classes[Outcome.COLLISION, ConflictClass.UNAVOIDABLE],
+        planner_failures=classes[Outcome.COLLISION, ConflictClass.PLANNER_FAILURE],
+        unclassified=classes[Outcome.COLLISION, None],
+        near_misses=classes[Outcome.SAFE, ConflictClass.NEAR_MISS],
+        ttc_lead_s=sum(ttc, 0.0),
+        ttc_leads=len(ttc),
+        drac_lead_s=sum(drac, 0.0),
+        drac_leads=len(drac),
+    )
+
+
+def by_index(_rows: Mapping[int, EpisodeRow], index: int) -> tuple[float, int]:
+    """The place of an episode in index order."""
+    return 0.0, index
+
+
+def by_severity(rows: Mapping[int, EpisodeRow], index: int) -> tuple[float, int]:
+    """Its place when the worst come first, those without a severity last."""
+    severity = rows[index].severity if index in rows else None
+    return 1.0 if severity is None else -severity, index
+
+
+PLACES = {EpisodeOrder.INDEX: by_index, EpisodeOrder.SEVERITY: by_severity}

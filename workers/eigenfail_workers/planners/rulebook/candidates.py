@@ -1,6 +1,7 @@
 """Long-horizon candidates: what the truck could do, each rolled out as a longitudinal profile."""
 
 from collections.abc import Callable
+from math import inf
 from typing import Annotated
 
 import msgspec
@@ -10,7 +11,7 @@ from eigenfail_workers.planners.rulebook.driving_modes import Task
 from eigenfail_workers.planners.rulebook.surroundings import (
     Neighbour,
     Surroundings,
-    required_deceleration,
+    needed_deceleration,
 )
 from eigenfail_workers.planners.rulebook.truck import TruckLimits, towards
 
@@ -29,14 +30,16 @@ class CandidateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
         neighbour_margin_m: the same margin for a slower neighbour that may yet come over.
         neighbour_braking_mps2: hardest braking for a neighbour.
         speed_gain_per_s: how eagerly the target speed is sought.
+        turning_room_m: the truck stops this long before its lane ends, to be able to leave it yet.
     """
 
     lead_margin_m: Annotated[float, Meta(ge=0.0, le=30.0)] = 5.0
     lead_headway_s: Annotated[float, Meta(ge=0.0, le=5.0)] = 1.0
     headway_gain_per_s2: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.04
     neighbour_margin_m: Annotated[float, Meta(ge=0.0, le=50.0)] = 10.0
-    neighbour_braking_mps2: Annotated[float, Meta(gt=0.0, le=7.0)] = 3.0
+    neighbour_braking_mps2: Annotated[float, Meta(gt=0.0, le=7.0)] = 1.5
     speed_gain_per_s: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.4
+    turning_room_m: Annotated[float, Meta(ge=0.0, le=200.0)] = 60.0
 
 
 class Start(msgspec.Struct, frozen=True, gc=False):
@@ -45,6 +48,24 @@ class Start(msgspec.Struct, frozen=True, gc=False):
     speed_mps: float
     acceleration_mps2: float
     task: Task
+
+
+class Change(msgspec.Struct, frozen=True):
+    """The lateral part of a candidate: a change into a gap of the next lane.
+
+    Attributes:
+        begins: knot at which it begins, 0 for now; None if none is in sight at which the gap fits.
+        short_ahead_m: by how much the gap is too short ahead of the truck, at worst from then on;
+            if it does not begin, at last. short_behind_m: the same behind the truck.
+        over_m: way until it is over.
+        hit_mps: speed at which who is behind would run into the truck.
+    """
+
+    begins: int | None = None
+    short_ahead_m: float = 0.0
+    short_behind_m: float = 0.0
+    over_m: float = inf
+    hit_mps: float = 0.0
 
 
 class Profile(msgspec.Struct, frozen=True):
@@ -56,6 +77,7 @@ class Profile(msgspec.Struct, frozen=True):
         accelerations: over each of the knots [m/s²].
         ways: covered at the end of each knot [m].
         speeds: at the end of each knot [m/s].
+        change: its lateral part; None if it stays in its lane.
     """
 
     name: str
@@ -63,6 +85,7 @@ class Profile(msgspec.Struct, frozen=True):
     accelerations: list[float]
     ways: list[float]
     speeds: list[float]
+    change: Change | None = None
 
 
 Target = Callable[[Start, Surroundings, CandidateSettings], float | None]
@@ -97,18 +120,31 @@ def follow(start: Start, around: Surroundings, settings: CandidateSettings) -> f
     return min(settings.headway_gain_per_s2 * (lead.gap_m - headway_m), 0.0) - need
 
 
+def stop(start: Start, around: Surroundings, settings: CandidateSettings) -> float | None:
+    """Come to rest before the lane ends."""
+    if around.lane_end is None:
+        return None
+    return -_need(start, around.lane_end, settings.turning_room_m)
+
+
 def _need(start: Start, other: Neighbour, margin_m: float) -> float:
-    return required_deceleration(other.gap_m, start.speed_mps - other.speed_mps, margin_m)
+    return needed_deceleration(other, other.gap_m, start.speed_mps, margin_m)
 
 
-CANDIDATES: dict[str, Target] = {"keep": keep, "hold": hold, "slow": slow, "follow": follow}
-"""In the order of preference among equals."""
+CANDIDATES: dict[str, Target] = {
+    "keep": keep,
+    "hold": hold,
+    "slow": slow,
+    "follow": follow,
+    "stop": stop,
+}
+"""Those that stay in their lane, in the order of preference among equals."""
 
 
 def profiles(
     start: Start, around: Surroundings, settings: CandidateSettings, limits: TruckLimits
 ) -> list[Profile]:
-    """All candidates that this situation offers."""
+    """All candidates that stay in their lane and that this situation offers."""
     found = []
     for name, target in CANDIDATES.items():
         wanted = target(start, around, settings)

@@ -4,9 +4,10 @@ import msgspec
 
 from eigenfail.values import Account
 from eigenfail_workers.planners.rulebook.driving_modes import DrivingMode
+from eigenfail_workers.planners.rulebook.lanes import Phase
 from eigenfail_workers.planners.rulebook.overrides import Override
 from eigenfail_workers.planners.rulebook.quadratic_program import QpStatus
-from eigenfail_workers.planners.rulebook.surroundings import Surroundings
+from eigenfail_workers.planners.rulebook.surroundings import Gap, Surroundings
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -18,6 +19,7 @@ class Decision(msgspec.Struct, frozen=True):
         planned_mps2: what the candidate asked for.
         acceleration_mps2: what the truck was told.
         speed_mps: of the truck when it decided.
+        phase: what follows across the road.
         tracks: state of every track.
         lost_tracks: trusted tracks given up since the start of the episode.
     """
@@ -31,6 +33,7 @@ class Decision(msgspec.Struct, frozen=True):
     planned_mps2: float
     acceleration_mps2: float
     speed_mps: float
+    phase: Phase
     around: Surroundings
     tracks: tuple[str, ...]
     lost_tracks: int
@@ -45,6 +48,7 @@ class Decision(msgspec.Struct, frozen=True):
             "qp_status": str(self.qp_status),
             "planned_mps2": self.planned_mps2,
             **self._heeded(),
+            **self._across(),
             "tracks": " ".join(self.tracks),
             "lost_tracks": self.lost_tracks,
         }
@@ -56,3 +60,15 @@ class Decision(msgspec.Struct, frozen=True):
                 closing_mps = self.speed_mps - other.speed_mps
                 return {"heeds": name, "gap_m": other.gap_m, "closing_mps": closing_mps}
         return {"heeds": "nobody"}
+
+    def _across(self) -> Account:
+        """Where the lane ends: how far that is, and the gap that the truck makes for."""
+        around = self.around
+        if around.lane_end is None:
+            return {}
+        told: Account = {"phase": str(self.phase), "lane_end_m": around.lane_end.gap_m}
+        gap = around.gaps.get(self.candidate, Gap())
+        for name, other in (("ahead_m", gap.ahead), ("behind_m", gap.behind)):
+            if other is not None:
+                told[name] = other.gap_m
+        return told

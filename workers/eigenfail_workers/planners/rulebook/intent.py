@@ -23,8 +23,8 @@ class IntentSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     preview_s: Annotated[float, Meta(ge=0.0, le=5.0)] = 1.0
-    enter_m: Metres = 2.0
-    leave_m: Metres = 2.4
+    enter_m: Metres = 2.4
+    leave_m: Metres = 2.8
     commit: Annotated[int, Meta(ge=1, le=100)] = 5
     youngest_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 1.5
 

@@ -5,11 +5,17 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from eigenfail.values import Account, Control, Mission, Perception
-from eigenfail_workers.planners.rulebook.candidates import CandidateSettings, Start, profiles
+from eigenfail.values import Account, Control, Mission, Perception, VehicleState
+from eigenfail_workers.planners.rulebook.brake_lights import (
+    BrakeLightSettings,
+    WatchfulTracker,
+)
+from eigenfail_workers.planners.rulebook.candidates import CandidateSettings, Start
 from eigenfail_workers.planners.rulebook.decision import Decision
 from eigenfail_workers.planners.rulebook.driving_modes import ModeMachine, ModeSettings
 from eigenfail_workers.planners.rulebook.intent import IntentSettings, judge
+from eigenfail_workers.planners.rulebook.lanes import LanePlanner
+from eigenfail_workers.planners.rulebook.merging import MergeSettings, lane_planner
 from eigenfail_workers.planners.rulebook.overrides import (
     EmergencyBrake,
     Override,
@@ -19,9 +25,8 @@ from eigenfail_workers.planners.rulebook.overrides import (
 from eigenfail_workers.planners.rulebook.refine import Refiner, RefineSettings
 from eigenfail_workers.planners.rulebook.rules import Question, RuleSettings, Verdict, choose
 from eigenfail_workers.planners.rulebook.surroundings import Surroundings, look_around
-from eigenfail_workers.planners.rulebook.tracker import Tracker, TrackerSettings
+from eigenfail_workers.planners.rulebook.tracker import TrackerSettings
 from eigenfail_workers.planners.rulebook.truck import TruckLimits, towards
-from eigenfail_workers.planners.steering import LaneKeeping
 
 
 class RulebookSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -32,10 +37,12 @@ class RulebookSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     tracker: TrackerSettings = TrackerSettings()
+    brake_lights: BrakeLightSettings = BrakeLightSettings()
     intent: IntentSettings = IntentSettings()
     modes: ModeSettings = ModeSettings()
     candidates: CandidateSettings = CandidateSettings()
     rules: RuleSettings = RuleSettings()
+    merging: MergeSettings = MergeSettings()
     refine: RefineSettings = RefineSettings()
     overrides: OverrideSettings = OverrideSettings()
     truck: TruckLimits = TruckLimits()
@@ -59,10 +66,10 @@ class Rulebook:
         """A new episode begins."""
         settings = self._settings
         self._mission = mission
-        self._tracker = Tracker(settings.tracker, mission.dt_s)
+        self._tracker = WatchfulTracker(settings.tracker, settings.brake_lights, mission.dt_s)
         self._modes = ModeMachine(settings.modes, mission)
         self._brake = EmergencyBrake(settings.overrides)
-        self._lane_keeping = LaneKeeping(mission)
+        self._lane = lane_planner(settings.merging, mission, settings.candidates, settings.truck)
         self._refiner.reset()
         self._acceleration_mps2 = 0.0
         self.last_decision: Decision | None = None
@@ -73,10 +80,11 @@ class Rulebook:
         tracks = self._tracker.update(perception)
         for track in tracks:
             judge(track, ego, self._mission.dt_s, settings.intent)
-        around = look_around(tracks, ego, settings.beside_m)
+        around = look_around(tracks, ego, settings.beside_m, self._tracker.braking)
+        around = self._lane.look(tracks, ego, around)
         mode, task = self._modes.update(ego)
         start = Start(ego.speed_mps, self._acceleration_mps2, task)
-        verdict = self._choose(start, around)
+        verdict, self._lane = self._choose(start, around, ego)
         qp_status, refined = self._refiner(verdict.profile, start, around.lead)
         override, wanted = self._override(verdict, refined, around, ego.speed_mps)
         self._command(override, wanted)
@@ -90,20 +98,25 @@ class Rulebook:
             planned_mps2=verdict.profile.target_mps2,
             acceleration_mps2=self._acceleration_mps2,
             speed_mps=ego.speed_mps,
+            phase=self._lane.phase,
             around=around,
             tracks=tuple([track.state for track in tracks]),
             lost_tracks=self._tracker.lost,
         )
-        return Control(self._acceleration_mps2, self._lane_keeping(ego))
+        return Control(self._acceleration_mps2, self._lane.steer(ego))
 
     def explain(self) -> Account:
         """See `ExplainingPlanner`."""
         return {} if self.last_decision is None else self.last_decision.account()
 
-    def _choose(self, start: Start, around: Surroundings) -> Verdict:
+    def _choose(
+        self, start: Start, around: Surroundings, ego: VehicleState
+    ) -> tuple[Verdict, LanePlanner]:
+        """The chosen candidate, and what follows from it across the road."""
         settings = self._settings
         question = Question(around, start.speed_mps, self._mission.speed_limit_mps, settings.rules)
-        return choose(profiles(start, around, settings.candidates, settings.truck), question)
+        offered = self._lane.propose(start, around)
+        return self._lane.settle(choose(offered, question), offered, ego)
 
     def _override(
         self, verdict: Verdict, refined: float | None, around: Surroundings, speed_mps: float

@@ -1,12 +1,12 @@
 """The quadratic program that makes the chosen candidate smooth and keeps its distance.
 
-Variables: the accelerations a_0 … a_{N-1} over the knots, and one slack s [m].
+Variables: the accelerations a_0 … a_{N-1} over N knots of h seconds, and one slack s [m].
 
-    min  Σ (a_k − r_k)² + w_jerk Σ (a_k − a_{k−1})² + w_slack s² + v_slack s
+    min  Σ h (a_k − r_k)² + w_jerk Σ h ((a_k − a_{k−1}) / h)² + w_slack s² + v_slack s
     s.t. a_min ≤ a_k ≤ a_max,  |a_k − a_{k−1}| ≤ jerk · h,  way_k ≤ gap_k − margin + s,  s ≥ 0
 
 with r the candidate's accelerations, a_{−1} the one in force, and way_k, the way at the end of
-knot k, linear in a.
+knot k, linear in a. The sums stand for integrals over time: more knots are the same program, finer.
 """
 
 from typing import Annotated
@@ -16,11 +16,11 @@ import numpy as np
 from msgspec import Meta
 
 from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS, Profile, Start
+from eigenfail_workers.planners.rulebook.osqp_solver import SolverSettings
 from eigenfail_workers.planners.rulebook.quadratic_program import (
     Matrix,
     QpStatus,
     QuadraticProgram,
-    SolverSettings,
 )
 from eigenfail_workers.planners.rulebook.surroundings import Neighbour
 from eigenfail_workers.planners.rulebook.truck import TruckLimits
@@ -28,42 +28,63 @@ from eigenfail_workers.planners.rulebook.truck import TruckLimits
 FREE_M = 1e4
 """Room ahead where there is no lead [m]."""
 
-VARIABLES = KNOTS + 1
-ACCELERATION = slice(0, KNOTS)
-JERK = slice(KNOTS, 2 * KNOTS)
-WAY = slice(2 * KNOTS, 3 * KNOTS)
-SLACK = 3 * KNOTS
-ROWS = 3 * KNOTS + 1
-TIMES_S = KNOT_S * np.arange(1, KNOTS + 1)
-
 
 class RefineSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Weights of the program.
+    """Horizon and weights of the program.
 
     Attributes:
-        jerk_weight: of a change of the acceleration against a departure from the candidate.
+        horizon_s: how far ahead it looks; the candidate's last acceleration goes on beyond its end.
+        knots: into how many it divides the horizon.
+        jerk_weight: of the squared jerk against the squared departure from the candidate [s²].
         slack_weight: of a squared metre too near to the lead.
         slack_price: of a metre too near to the lead.
         margin_m: gap to be kept to the lead over the horizon.
     """
 
-    jerk_weight: Annotated[float, Meta(ge=0.0, le=1e3)] = 0.3
-    slack_weight: Annotated[float, Meta(gt=0.0, le=1e3)] = 0.1
-    slack_price: Annotated[float, Meta(ge=0.0, le=1e3)] = 0.5
+    horizon_s: Annotated[float, Meta(ge=1.0, le=20.0)] = 5.0
+    knots: Annotated[int, Meta(ge=2, le=200)] = 20
+    jerk_weight: Annotated[float, Meta(ge=0.0, le=1e3)] = 0.075
+    slack_weight: Annotated[float, Meta(gt=0.0, le=1e3)] = 0.05
+    slack_price: Annotated[float, Meta(ge=0.0, le=1e3)] = 0.25
     margin_m: Annotated[float, Meta(ge=0.0, le=30.0)] = 4.0
     solver: SolverSettings = SolverSettings()
+
+    @property
+    def knot_s(self) -> float:
+        """Length of a knot [s]."""
+        return self.horizon_s / self.knots
 
 
 class Refiner:
     """Holds the program; `reset` makes it forget everything."""
 
     def __init__(self, settings: RefineSettings, limits: TruckLimits) -> None:
+        knots, knot_s = settings.knots, settings.knot_s
         self._settings = settings
-        self._limits = limits
-        self._program = QuadraticProgram(_cost(settings), _constraints(), settings.solver)
-        self._linear = np.zeros(VARIABLES)
-        self._lower = np.full(ROWS, -np.inf)
-        self._upper = np.full(ROWS, np.inf)
+        self._change = limits.comfort_jerk_mps3 * knot_s
+        self._times_s = knot_s * np.arange(1, knots + 1)
+        # Of (a_k − r_k)² and (a_0 − a_{−1})², what is linear in a.
+        self._follow = -2.0 * knot_s * candidate_shares(settings)
+        self._continue = -2.0 * settings.jerk_weight / knot_s
+        self._first = first_shares(settings)
+        self._program = QuadraticProgram(_cost(settings), _constraints(settings), settings.solver)
+        self._allocate(limits)
+
+    def _allocate(self, limits: TruckLimits) -> None:
+        """q, l, u, with what is the same in every step, and views of what is not."""
+        knots, linear = self._settings.knots, np.zeros(self._settings.knots + 1)
+        lower, upper = np.full(3 * knots + 1, -np.inf), np.full(3 * knots + 1, np.inf)
+        linear[knots] = self._settings.slack_price
+        # What is in force after an emergency may lie outside the comfortable limits.
+        lower[:knots] = -limits.peak_braking_mps2
+        lower[knots : 2 * knots] = -self._change
+        upper[knots : 2 * knots] = self._change
+        lower[3 * knots] = 0.0
+        self._vectors = linear, lower, upper
+        self._pull, self._highest = linear[:knots], upper[:knots]
+        self._least_change = lower[knots : knots + 1]
+        self._most_change = upper[knots : knots + 1]
+        self._room = upper[2 * knots : 3 * knots]
 
     def reset(self) -> None:
         """A new episode begins."""
@@ -72,57 +93,67 @@ class Refiner:
     def __call__(
         self, profile: Profile, start: Start, lead: Neighbour | None
     ) -> tuple[QpStatus, float | None]:
-        """The acceleration over the first knot [m/s²]; None unless the program was solved."""
-        self._fill_cost(profile, start)
-        self._fill_limits(start)
+        """The mean acceleration over the candidate's first knot [m/s²]; None unless solved."""
+        self._fill(profile, start)
         self._fill_room(start, lead)
-        solution = self._program.solve(self._linear, self._lower, self._upper)
-        return solution.status, None if solution.x is None else float(solution.x[0])
+        solution = self._program.solve(*self._vectors)
+        x = solution.x
+        return solution.status, None if x is None else float(self._first.dot(x))
 
-    def _fill_cost(self, profile: Profile, start: Start) -> None:
-        linear = self._linear
-        linear[ACCELERATION] = profile.accelerations
-        linear[ACCELERATION] *= -2.0
-        linear[0] -= 2.0 * self._settings.jerk_weight * start.acceleration_mps2
-        linear[KNOTS] = self._settings.slack_price
-
-    def _fill_limits(self, start: Start) -> None:
-        limits, lower, upper = self._limits, self._lower, self._upper
-        change = limits.comfort_jerk_mps3 * KNOT_S
-        # What is in force after an emergency may lie outside the comfortable limits.
-        lower[ACCELERATION] = -limits.peak_braking_mps2
-        upper[ACCELERATION] = start.task.max_acceleration_mps2
-        lower[JERK] = -change
-        upper[JERK] = change
-        lower[KNOTS] += start.acceleration_mps2
-        upper[KNOTS] += start.acceleration_mps2
-        lower[SLACK] = 0.0
+    def _fill(self, profile: Profile, start: Start) -> None:
+        now = start.acceleration_mps2
+        np.dot(self._follow, profile.accelerations, out=self._pull)
+        self._pull[0] += self._continue * now
+        self._highest.fill(start.task.max_acceleration_mps2)
+        self._least_change[0] = now - self._change
+        self._most_change[0] = now + self._change
 
     def _fill_room(self, start: Start, lead: Neighbour | None) -> None:
         if lead is None:
-            self._upper[WAY] = FREE_M
+            self._room.fill(FREE_M)
             return
-        room = lead.gap_m - self._settings.margin_m
-        self._upper[WAY] = room + (lead.speed_mps - start.speed_mps) * TIMES_S
+        np.multiply(self._times_s, lead.speed_mps - start.speed_mps, out=self._room)
+        self._room += lead.gap_m - self._settings.margin_m
+
+
+def candidate_shares(settings: RefineSettings) -> Matrix:
+    """Share of each knot (rows) that lies in each of the candidate's (columns); rows sum to 1."""
+    ends_s = settings.knot_s * np.arange(settings.knots + 1)
+    borders_s = KNOT_S * np.arange(KNOTS + 1)
+    borders_s[-1] = np.inf
+    common_s = np.minimum.outer(ends_s[1:], borders_s[1:])
+    common_s -= np.maximum.outer(ends_s[:-1], borders_s[:-1])
+    shares: Matrix = np.maximum(common_s, 0.0) / settings.knot_s
+    return shares
+
+
+def first_shares(settings: RefineSettings) -> Matrix:
+    """Weights of the variables in the mean acceleration over the candidate's first knot."""
+    shares = candidate_shares(settings)[:, 0]
+    weights: Matrix = np.append(shares / shares.sum(), 0.0)
+    return weights
 
 
 def _cost(settings: RefineSettings) -> Matrix:
-    """P, from the sum of squares: twice its Gram matrix."""
-    change = np.eye(KNOTS) - np.eye(KNOTS, k=-1)
-    cost: Matrix = np.zeros((VARIABLES, VARIABLES))
-    cost[:KNOTS, :KNOTS] = 2.0 * (np.eye(KNOTS) + settings.jerk_weight * change.T @ change)
-    cost[KNOTS, KNOTS] = 2.0 * settings.slack_weight
+    """P, from the sums of squares: twice their Gram matrices."""
+    knots, knot_s = settings.knots, settings.knot_s
+    change = np.eye(knots) - np.eye(knots, k=-1)
+    cost: Matrix = np.zeros((knots + 1, knots + 1))
+    cost[:knots, :knots] = 2.0 * knot_s * np.eye(knots)
+    cost[:knots, :knots] += 2.0 * settings.jerk_weight / knot_s * change.T @ change
+    cost[knots, knots] = 2.0 * settings.slack_weight
     return cost
 
 
-def _constraints() -> Matrix:
+def _constraints(settings: RefineSettings) -> Matrix:
     """A: accelerations, their changes, the ways less the slack, the slack."""
-    knots = np.arange(KNOTS)
-    ahead = np.maximum(knots[:, None] - knots[None, :] + 0.5, 0.0)
-    rows: Matrix = np.zeros((ROWS, VARIABLES))
-    rows[ACCELERATION, :KNOTS] = np.eye(KNOTS)
-    rows[JERK, :KNOTS] = np.eye(KNOTS) - np.eye(KNOTS, k=-1)
-    rows[WAY, :KNOTS] = ahead * KNOT_S**2
-    rows[WAY, KNOTS] = -1.0
-    rows[SLACK, KNOTS] = 1.0
+    knots, each = settings.knots, np.eye(settings.knots)
+    order = np.arange(knots)
+    ahead = np.maximum(order[:, None] - order[None, :] + 0.5, 0.0)
+    rows: Matrix = np.zeros((3 * knots + 1, knots + 1))
+    rows[:knots, :knots] = each
+    rows[knots : 2 * knots, :knots] = each - np.eye(knots, k=-1)
+    rows[2 * knots : 3 * knots, :knots] = ahead * settings.knot_s**2
+    rows[2 * knots : 3 * knots, knots] = -1.0
+    rows[3 * knots, knots] = 1.0
     return rows

@@ -30,7 +30,7 @@ class TrackerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         range_acceleration_mps2: standard deviation of the others' acceleration along the road.
         lateral_acceleration_mps2: and across it.
         gate: largest accepted sum of both squared innovations over their variances; chi-square
-            with two degrees of freedom, 8.5 for 98.6 %.
+            with two degrees of freedom, 9.21 for 99 %.
         misses_to_delete: rejected measurements in a row that end a confirmed track.
         hits_to_confirm: accepted measurements that confirm a tentative track.
         tentative_misses: rejected measurements that end a tentative track.
@@ -44,13 +44,13 @@ class TrackerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lateral_slope: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.00625
     lateral_base_m: Positive = 0.2
     range_acceleration_mps2: Positive = 0.3
-    lateral_acceleration_mps2: Positive = 0.22
-    gate: Positive = 8.5
+    lateral_acceleration_mps2: Positive = 0.15
+    gate: Positive = 9.21
     misses_to_delete: Count = 8
     hits_to_confirm: Count = 5
     tentative_misses: Count = 2
     first_speed_sd_mps: Positive = 8.0
-    again_speed_sd_mps: Positive = 1.35
+    again_speed_sd_mps: Positive = 1.75
     lateral_speed_sd_mps: Positive = 1.0
 
 

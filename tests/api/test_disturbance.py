@@ -1,0 +1,90 @@
+"""A disturbance model from the request to the stored noise, the client and the pages."""
+
+from html import unescape
+
+import msgspec
+import numpy as np
+import pytest
+
+from eigenfail.client import Client
+from eigenfail.values import Correlated, DisturbanceModel, HeavyTailed, NoiseTrajectory, Outcome
+from eigenfail_api.dashboard.views.episode import noise_chart
+
+URL = "/api/v1/campaigns"
+MODEL = DisturbanceModel(scale=1.5, shape=Correlated(0.75, 0.25))
+
+
+@pytest.fixture
+def correlated(http, fields):
+    """The id of a campaign whose noise is correlated."""
+    body = fields | {"disturbance": msgspec.to_builtins(MODEL)}
+    return http.post(URL, json=body).json()["id"]
+
+
+@pytest.fixture
+def noisy(result):
+    """A collision of that campaign."""
+    crash = result(1, Outcome.COLLISION)
+    noise = msgspec.structs.replace(crash.noise, shape=MODEL.shape)
+    return msgspec.structs.replace(crash, noise=noise)
+
+
+def test_a_campaign_keeps_its_model(http, correlated, store):
+    assert store.campaigns.get(correlated).spec.disturbance == MODEL
+    told = http.get(f"{URL}/{correlated}").json()["spec"]["disturbance"]
+    assert told["scale"] == 1.5
+    assert told["shape"] == {
+        "kind": "ar1",
+        "longitudinal_correlation": 0.75,
+        "lateral_correlation": 0.25,
+    }
+
+
+def test_the_document_tells_the_kinds_apart(http):
+    schemas = http.get("/openapi.json").json()["components"]["schemas"]
+    shape = schemas["DisturbanceModel"]["properties"]["shape"]
+    assert shape["discriminator"]["propertyName"] == "kind"
+    assert set(shape["discriminator"]["mapping"]) == {"white", "ar1", "student_t"}
+    bounds = schemas["Correlated"]["properties"]["lateral_correlation"]
+    assert (bounds["minimum"], bounds["exclusiveMaximum"]) == (0.0, 1.0)
+    assert schemas["HeavyTailed"]["properties"]["degrees_of_freedom"]["exclusiveMinimum"] == 2.0
+
+
+def test_noise_is_told_with_its_shape(http, correlated, deliver, noisy):
+    deliver(correlated, noisy)
+    told = http.get(f"{URL}/{correlated}/episodes/1").json()["noise"]
+    assert told["shape"]["kind"] == "ar1"
+    (row,) = http.get(f"{URL}/{correlated}/episodes").json()["items"]
+    assert row["log_probability"] == pytest.approx(noisy.noise.log_probability)
+
+
+def test_the_client_reads_metres_and_log_p_as_they_were(*, http, correlated, deliver, noisy):
+    deliver(correlated, noisy)
+    with Client("http://127.0.0.1:8440", transport=http._transport) as client:
+        told = client.episodes.get(correlated, 1).noise
+        heavy = client.campaigns.create(
+            name="heavy",
+            method="monte_carlo",
+            episodes=1,
+            disturbance=DisturbanceModel(shape=HeavyTailed(3.0)),
+        )
+    assert told.shape == MODEL.shape
+    assert told.log_probability == noisy.noise.log_probability
+    assert told.metres.tobytes() == noisy.noise.metres.tobytes()
+    assert heavy.spec.disturbance.shape == HeavyTailed(3.0)
+
+
+def test_the_pages_say_what_the_model_is(http, correlated, deliver, noisy):
+    deliver(correlated, noisy)
+    page = unescape(http.get(f"/campaigns/{correlated}").text)
+    for words in MODEL.in_words().values():
+        assert words in page
+    assert MODEL.shape.in_words() in unescape(http.get(f"/campaigns/{correlated}/episodes/1").text)
+
+
+def test_the_chart_shows_the_noise_and_not_the_draws_behind_it():
+    z = np.array([[1.0, 2.0], [0.0, 0.0]], np.float32)
+    chart = noise_chart(NoiseTrajectory(z, 2.0 * np.ones_like(z), Correlated(0.5, 0.25)), 0.1)
+    assert chart.data["longitudinal"] == [1.0, 0.5]
+    assert chart.data["lateral"] == [2.0, 0.5]
+    assert chart.rows[1][:5] == ("0.100", "0.500", "0.500", "1.00", "1.00")

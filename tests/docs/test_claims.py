@@ -1,0 +1,155 @@
+"""Documents say what docs/claims.json says, and the figures in it hold their targets.
+
+A figure in a document is marked by a comment right behind it, with the claim's name:
+`35.6 % [33.6, 37.8]<!-- claim cut_in.idm.mc2000.failure_rate -->`. The number is the claim's value
+to the digits printed, the bracket its interval; with a % before the mark both are per cent.
+"""
+
+import re
+from decimal import Decimal
+from typing import NamedTuple
+
+import msgspec
+import pytest
+
+NUMBER = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
+MARK = re.compile(
+    rf"(?P<value>{NUMBER})[^\d|\n\[]*"
+    rf"(?:\[(?P<low>{NUMBER}), (?P<high>{NUMBER})[^\d\]]*\][^\d|\n\[]*)?"
+    r"<!-- claim (?P<name>\S+) -->"
+)
+ANY_MARK = re.compile(r"<!-- claim (\S+) -->")
+
+
+class Claim(msgspec.Struct):
+    value: float | None
+    n: int
+    unit: str
+    command: str
+    commit: str
+    interval: tuple[float, float] | None = None
+    target: str = ""
+
+
+class Marked(NamedTuple):
+    name: str
+    printed: tuple[str, ...]
+    percent: bool
+
+
+def marked(text):
+    """The figures that a text marks."""
+    assert len(MARK.findall(text)) == len(ANY_MARK.findall(text)), "a mark without a figure"
+    for found in MARK.finditer(text):
+        printed = tuple(found[part] for part in ("value", "low", "high") if found[part])
+        yield Marked(found["name"], printed, percent="%" in found[0])
+
+
+def agree(printed, value):
+    """Whether a printed number is a value, rounded to its digits."""
+    number = Decimal(printed)
+    half_a_digit = 0.5 * 10.0 ** int(number.as_tuple().exponent)
+    return abs(float(number) - value) <= half_a_digit * (1.0 + 1e-6)
+
+
+def wrong(text, claims):
+    """What a text states otherwise than the claims do."""
+    for figure in marked(text):
+        claim = claims.get(figure.name)
+        if claim is None or claim.value is None:
+            yield f"{figure.name} is not known"
+            continue
+        values = (claim.value, *(claim.interval or ()))
+        scaled = [value * 100.0 if figure.percent else value for value in values]
+        if len(figure.printed) > len(scaled) or not all(map(agree, figure.printed, scaled)):
+            yield f"{figure.name}: printed {figure.printed}, found {scaled}"
+
+
+def held(claim):
+    """Whether a claim is within the target that it names."""
+    kind, *bounds = re.findall(rf"^(?:=|<=|>=)|{NUMBER}", claim.target)
+    low, high = {
+        "=": lambda x: (x, x),
+        "<=": lambda x: (float("-inf"), x),
+        ">=": lambda x: (x, float("inf")),
+    }.get(kind, lambda x: (float(kind), x))(float(bounds[0]))
+    return claim.value is not None and low <= claim.value <= high
+
+
+@pytest.fixture(scope="module")
+def claims(root):
+    return msgspec.json.decode((root / "docs" / "claims.json").read_bytes(), type=dict[str, Claim])
+
+
+def test_every_marked_figure_is_the_claim_that_it_names(claims, root):
+    for document in (root / "README.md", *sorted((root / "docs").glob("*.md"))):
+        assert list(wrong(document.read_text(), claims)) == [], document.name
+
+
+def test_every_claim_says_what_it_rests_on_and_holds_its_target(claims):
+    for name, claim in claims.items():
+        assert claim.n > 0, name
+        assert claim.unit, name
+        assert claim.command == "make claims", name
+        assert claim.commit, name
+        assert not claim.target or held(claim), name
+
+
+RATE = {"a.rate": Claim(0.3565, 2000, "share", "make claims", "0", (0.3358, 0.37775))}
+SMALL = {"p": Claim(1.247e-4, 9, "probability", "make claims", "0", (4.02e-5, 3.7e-4))}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "| idm | 35.6 % [33.6, 37.8]<!-- claim a.rate -->, severity 4.1 | 40.1 |",
+        "| idm | 35.7 % <!-- claim a.rate --> | 40.1 % |",
+        "a rate of 36 [34, 38 %]<!-- claim a.rate --> at 58 m",
+        "| 0.36 | 0.357<!-- claim a.rate --> |",
+    ],
+)
+def test_a_figure_that_agrees_passes(text):
+    assert list(wrong(text, RATE)) == []
+
+
+def test_small_probabilities_are_compared_by_their_digits():
+    for printed in ("1.2e-4", "1.25e-4 [4e-5, 3.7e-4]"):
+        assert list(wrong(f"{printed}<!-- claim p -->", SMALL)) == []
+    assert list(wrong("1.3e-4<!-- claim p -->", SMALL)) != []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "| 35.5 % [33.6, 37.8]<!-- claim a.rate --> |",
+        "| 35.7 % [33.6, 37.9]<!-- claim a.rate --> |",
+        "| 35.7 [33.6, 37.8]<!-- claim a.rate --> |",
+        "| 35.7 %<!-- claim a.rte --> |",
+    ],
+)
+def test_a_figure_that_differs_is_found(text):
+    assert len(list(wrong(text, RATE))) == 1
+
+
+def test_a_mark_without_a_figure_is_found():
+    with pytest.raises(AssertionError, match="without a figure"):
+        list(wrong("| 35.7 % | none<!-- claim a.rate --> |", RATE))
+
+
+@pytest.mark.parametrize(
+    ("target", "value", "expected"),
+    [
+        ("= 0", 0.0, True),
+        ("= 0", 1.0, False),
+        ("<= 1.5", 1.5, True),
+        ("<= 1.5", 1.6, False),
+        (">= 2.5", 2.4, False),
+        ("0.25 … 0.55", 0.25, True),
+        ("0.25 … 0.55", 0.6, False),
+        ("1e-06 … 0.0005", 2e-6, True),
+        ("1e-06 … 0.0005", 2e-7, False),
+        ("1e-06 … 0.0005", None, False),
+    ],
+)
+def test_a_target_is_read_as_it_is_written(target, value, expected):
+    assert held(Claim(value, 1, "", "make claims", "0", None, target)) is expected

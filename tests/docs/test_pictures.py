@@ -1,0 +1,50 @@
+"""The pictures in docs/pictures show the scenarios as they are now."""
+
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from eigenfail import plugins
+
+
+def drawn(svg, kind, css=None):
+    """The elements of a kind in a picture."""
+    found = ET.fromstring(svg).iter(f"{{http://www.w3.org/2000/svg}}{kind}")
+    return [one for one in found if css is None or one.get("class") == css]
+
+
+def words(svg):
+    return [one.text for one in drawn(svg, "text")]
+
+
+@pytest.fixture
+def benchmarks(monkeypatch, root):
+    monkeypatch.syspath_prepend(root / "benchmarks")
+
+
+@pytest.mark.parametrize("scenario", plugins.names(plugins.SCENARIOS))
+def test_each_scenario_is_drawn_as_it_runs(benchmarks, root, scenario):
+    from top_view import MOMENTS, SEEN_STEPS, TopView
+
+    kept = (root / "docs" / "pictures" / f"{scenario}.svg").read_text()
+    assert words(kept) == words(TopView(scenario).picture()), "run `make pictures`"
+    assert len(drawn(kept, "rect", "truck")) == MOMENTS + 1
+    assert len(drawn(kept, "rect", "car")) > MOMENTS
+    assert len(drawn(kept, "circle")) == MOMENTS * SEEN_STEPS + 1
+
+
+def test_the_crash_is_drawn_as_it_happens(benchmarks, root):
+    from crash_view import crash_view
+
+    kept, now = (root / "docs" / "pictures" / "crash.svg").read_text(), crash_view()
+    assert words(kept) == words(now), "run `make pictures`"
+    for kind in ("polyline", "circle", "rect"):
+        assert len(drawn(kept, kind)) == len(drawn(now, kind)), "run `make pictures`"
+    assert len(drawn(kept, "polyline", "believed")) > 2
+
+
+def test_pictures_bring_their_own_ground_for_light_and_dark_pages(root):
+    for path in (root / "docs" / "pictures").glob("*.svg"):
+        svg = path.read_text()
+        assert drawn(svg, "rect", "page"), path.name
+        assert "@media (prefers-color-scheme: dark)" in drawn(svg, "style")[0].text, path.name

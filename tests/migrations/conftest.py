@@ -1,0 +1,26 @@
+"""Databases to migrate, and a look into them."""
+
+from contextlib import closing
+
+import pytest
+
+from eigenfail_services.store.engine import Database, find
+
+
+@pytest.fixture(params=["sqlite", "postgres"])
+def url(request, tmp_path) -> str:
+    """The address of an empty database."""
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path / 'a.db'}"
+    return request.getfixturevalue("postgres_url")
+
+
+@pytest.fixture
+def look():
+    """Asks a database, with nothing of the store in between."""
+
+    def look(url, question):
+        with closing(Database(find(url))) as database, database.reading() as connection:
+            return question(connection)
+
+    return look

@@ -1,0 +1,39 @@
+"""Counting conflicts reads an index, not every episode."""
+
+from contextlib import closing
+
+from sqlalchemy import event
+
+from eigenfail.testing.store.examples import collision, deliver, result, running
+from eigenfail.values import Measures
+from eigenfail_services.store import open_store
+from eigenfail_services.store.engine import Database, find
+from eigenfail_services.store.totals import near_misses, totals
+
+
+def test_near_misses_are_counted_in_the_index(sqlite_url) -> None:
+    with closing(Database(find(sqlite_url))) as database, database.reading() as connection:
+        asked = []
+        event.listen(connection, "before_cursor_execute", lambda *told: asked.append(told[2:4]))
+        assert near_misses(connection, 1) == 0
+        ((statement, given),) = asked
+        plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {statement}", given).all()
+    assert "COVERING INDEX ix_episodes_campaign_outcome_min_ttc_s" in str(plan)
+
+
+def test_sums_do_not_depend_on_the_order_of_arrival(url) -> None:
+    store = open_store(url)
+    leads = [0.1, 1e6, 0.2, 1e-7, 0.3]
+    crashes = [
+        collision(index, measures=Measures(0.0, 1.0, ttc_violated_s=0.0, collided_s=lead))
+        for index, lead in enumerate(leads)
+    ]
+    forwards, backwards = running(store), running(store)
+    deliver(store, forwards, *crashes, result(9))
+    for crash in reversed(crashes):
+        deliver(store, backwards, crash)
+    store.close()
+    with closing(Database(find(url))) as database, database.reading() as connection:
+        found = [totals(connection, each.id).conflicts for each in (forwards, backwards)]
+    assert found[0].ttc_lead_s == found[1].ttc_lead_s == sum(leads)
+    assert found[0].ttc_leads == 5

@@ -1,0 +1,92 @@
+"""Raw gap acceptance: one look decides."""
+
+from math import inf
+
+import pytest
+from msgspec import structs
+
+from eigenfail.values import Perception
+from eigenfail_workers.planners.gap_acceptance import (
+    Course,
+    GapAcceptance,
+    GapAcceptanceSettings,
+)
+from eigenfail_workers.planners.idm import IntelligentDriver
+
+SETTINGS = GapAcceptanceSettings(
+    safe_deceleration_mps2=0.25, standstill_gap_m=1.0, turning_room_m=40.0
+)
+OVER = Course(3.5, inf)
+
+
+@pytest.fixture
+def ramp(mission):
+    return structs.replace(mission, lane_0_ends_x_m=300.0)
+
+
+@pytest.fixture
+def accept(ramp, truck, car):
+    """What an ego of 20 m/s does about cars at these gaps ahead (+) or behind (-), one by one.
+
+    The ego keeps pace if it has 50 m.
+    """
+    ego = structs.replace(truck, speed_mps=20.0)
+
+    def run(*gaps_m, speed_mps=20.0, now=None, y_m=3.5):
+        acceptance = now or GapAcceptance(SETTINGS, ramp, lambda _v, gap, _lead: gap - 50.0)
+        cars = [car(gap + (10.5 if gap > 0 else -10.5), y_m) for gap in gaps_m]
+        cars = [structs.replace(one, speed_mps=speed_mps) for one in cars]
+        return acceptance(Perception(0.0, ego, tuple(cars)))
+
+    return run
+
+
+STAY = Course(0.0, 300.0 - 40.0 - 8.0)
+
+
+def test_a_free_lane_is_taken(accept):
+    assert accept() == OVER
+    assert accept(5.0, y_m=0.0) == OVER
+
+
+def test_ahead_it_asks_the_model_whether_it_could_keep_pace(accept):
+    assert accept(50.1) == OVER
+    assert accept(49.9) == STAY
+
+
+def test_behind_it_asks_that_nobody_catches_up(accept):
+    """Equal speeds: 1 m. Closing at 2 m/s: 1 + 4 / (2 · 0.25) = 9 m."""
+    assert accept(-1.01) == OVER
+    assert accept(-0.99) == STAY
+    assert accept(-9.01, speed_mps=22.0) == OVER
+    assert accept(-8.99, speed_mps=22.0) == STAY
+    assert accept(-1.01, speed_mps=15.0) == OVER
+
+
+def test_one_look_is_enough_and_it_is_not_taken_back(accept, ramp):
+    acceptance = GapAcceptance(SETTINGS, ramp, lambda _v, gap, _lead: gap - 50.0)
+    assert accept(30.0, now=acceptance) == STAY
+    assert accept(60.0, now=acceptance) == OVER
+    assert accept(-0.1, now=acceptance) == OVER
+
+
+def test_in_a_lane_that_goes_on_there_is_nothing_to_do(mission, ramp, truck):
+    seen = Perception(0.0, truck, ())
+    assert GapAcceptance(SETTINGS, mission, lambda *_: 0.0)(seen) is None
+    on_main = Perception(0.0, structs.replace(truck, y_m=3.4), ())
+    assert GapAcceptance(SETTINGS, ramp, lambda *_: 0.0)(on_main) is None
+
+
+def test_a_driver_who_finds_no_gap_stops_before_the_lane_ends(ramp, truck, car):
+    driver = IntelligentDriver(IntelligentDriver.Settings())
+    driver.reset(ramp)
+    ego = structs.replace(truck, speed_mps=20.0)
+    for _ in range(600):
+        beside = structs.replace(car(ego.x_m, 3.5), speed_mps=ego.speed_mps)
+        control = driver.act(Perception(0.0, ego, (beside,)))
+        speed = max(ego.speed_mps + 0.1 * control.acceleration_mps2, 0.0)
+        ego = structs.replace(ego, x_m=ego.x_m + 0.1 * ego.speed_mps, speed_mps=speed)
+        assert control.steering_rad == 0.0
+        assert control.acceleration_mps2 > -3.0
+    assert ego.speed_mps < 0.1
+    assert 250.0 < ego.x_m + 8.0 < 260.0

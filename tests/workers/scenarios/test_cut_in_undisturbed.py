@@ -1,0 +1,60 @@
+"""Without noise the cut-in harms nobody: both planners, everywhere in the declared bounds."""
+
+from itertools import product
+
+import msgspec
+import numpy as np
+import pytest
+
+from eigenfail.values import DisturbanceModel, EpisodeSetup, EpisodeTask, TrajectorySource
+from eigenfail_workers.engine import Engine
+from eigenfail_workers.scenarios.cut_in import CutInParameters
+
+UNDISTURBED = EpisodeTask(0, 0, TrajectorySource(np.zeros((0, 2), np.float32)))
+
+
+def grid():
+    """Smallest, default and largest value of each parameter, in all combinations."""
+    (schema,) = msgspec.json.schema(CutInParameters)["$defs"].values()
+    fields = schema["properties"]
+    levels = [(field["minimum"], field["default"], field["maximum"]) for field in fields.values()]
+    return [dict(zip(fields, values, strict=True)) for values in product(*levels)]
+
+
+@pytest.fixture(scope="module")
+def sweep():
+    """The undisturbed run of a planner at each point of the grid."""
+
+    def run(planner):
+        for parameters in grid():
+            setup = EpisodeSetup(
+                "highway", "cut_in", parameters, planner, {}, DisturbanceModel(), 1
+            )
+            yield from Engine(setup).run([UNDISTURBED])
+
+    return run
+
+
+def test_the_bounds_hold_the_distances_to_which_failures_are_moved():
+    distances = {parameters["distance_m"] for parameters in grid()}
+    assert min(distances) <= CutInParameters().distance_m - 5.0
+    assert max(distances) >= CutInParameters().distance_m + 5.0
+
+
+def test_the_rulebook_is_a_calm_driver(sweep):
+    results = list(sweep("rulebook"))
+    assert len(results) == 3**6
+    for result in results:
+        acceleration = result.scene.controls[:, 0]
+        assert not result.is_failure
+        assert result.measures.robustness_m > 5.0
+        assert acceleration.min() > -2.0
+        assert np.abs(np.diff(acceleration)).max() <= 0.4 + 1e-6
+        assert result.scene.vehicles[-1, 0, 3] > 11.0
+
+
+def test_the_baseline_is_safe(sweep):
+    results = list(sweep("idm"))
+    assert len(results) == 3**6
+    assert [result for result in results if result.is_failure] == []
+    assert min(result.measures.robustness_m for result in results) > 1.0

@@ -1,0 +1,69 @@
+"""What the truck can do: closed forms, and what clipping never does."""
+
+from math import inf, pi
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eigenfail.values import Control
+from eigenfail_workers.truck import strongest_drive, within_limits
+
+anything = st.floats(allow_nan=False, allow_infinity=False)
+speeds = st.floats(0.0, 40.0)
+many = settings(deadline=None, derandomize=True, max_examples=200)
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "strongest_mps2"),
+    [
+        (0.0, 1.5),
+        (5.0, 1.5),
+        # 400 kW = 30 t · 1.5 m/s² · 8.89 m/s: here power begins to be the limit
+        (400.0 / 45.0, 1.5),
+        (400.0 / 30.0, 1.0),
+        (25.0, 400.0 / 750.0),
+    ],
+)
+def test_drive_is_limited_by_gears_and_then_by_power(
+    speed_mps: float, strongest_mps2: float
+) -> None:
+    assert strongest_drive(speed_mps) == pytest.approx(strongest_mps2)
+    applied = within_limits(Control(3.0, 0.0), speed_mps)
+    assert applied.acceleration_mps2 == pytest.approx(strongest_mps2)
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 10.0, 30.0])
+def test_brakes_and_steering_do_not_depend_on_the_speed(speed_mps: float) -> None:
+    assert within_limits(Control(-7.5, -2.0), speed_mps) == Control(-7.0, -pi / 4)
+    assert within_limits(Control(-7.0, pi / 4), speed_mps) == Control(-7.0, pi / 4)
+    assert within_limits(Control(-6.9, 2.0), speed_mps) == Control(-6.9, pi / 4)
+
+
+@many
+@given(anything, anything, speeds)
+def test_clipping_twice_is_clipping_once(asked: float, steering: float, speed: float) -> None:
+    once = within_limits(Control(asked, steering), speed)
+    assert within_limits(once, speed) == once
+    assert -7.0 <= once.acceleration_mps2 <= 1.5
+
+
+@many
+@given(anything, anything, speeds)
+def test_asking_for_more_never_gives_less(one: float, other: float, speed: float) -> None:
+    less, more = sorted((one, other))
+    applied = [within_limits(Control(asked, 0.0), speed) for asked in (less, more)]
+    assert applied[0].acceleration_mps2 <= applied[1].acceleration_mps2
+
+
+@many
+@given(speeds, speeds)
+def test_the_faster_the_weaker(one: float, other: float) -> None:
+    slow, fast = sorted((one, other))
+    assert strongest_drive(fast) <= strongest_drive(slow) < inf
+
+
+@many
+@given(st.floats(-7.0, 0.5), st.floats(-pi / 4, pi / 4), st.floats(0.0, 25.0))
+def test_what_the_truck_can_do_is_left_alone(asked: float, steering: float, speed: float) -> None:
+    assert within_limits(Control(asked, steering), speed) == Control(asked, steering)

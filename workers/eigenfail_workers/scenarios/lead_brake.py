@@ -1,0 +1,98 @@
+"""Braking lead: the car that the truck follows in its lane brakes hard."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from eigenfail.values import Mission, VehicleState
+from eigenfail_workers.scenarios.staging import (
+    CAR_LENGTH_M,
+    DT_S,
+    LANE_WIDTH_M,
+    LANES,
+    SPEED_LIMIT_MPS,
+    TRUCK_LENGTH_M,
+    car,
+    truck,
+)
+
+STEPS = 150
+GOAL_M = 1000.0
+
+
+class LeadBrakeParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What can be varied. The gap is between the truck's front and the car's rear bumper."""
+
+    gap_m: Annotated[float, Meta(ge=50.0, le=80.0, description="Gap at the start [m].")] = 60.0
+    speed_mps: Annotated[
+        float, Meta(ge=18.0, le=22.0, description="Speed of both at the start [m/s].")
+    ] = 20.0
+    final_speed_mps: Annotated[
+        float, Meta(ge=5.0, le=16.0, description="Speed to which the car brakes [m/s].")
+    ] = 8.0
+    deceleration_mps2: Annotated[
+        float, Meta(ge=3.0, le=4.0, description="Braking of the car [m/s²].")
+    ] = 3.5
+    brakes_at_s: Annotated[
+        float, Meta(ge=2.0, le=6.0, description="When the car begins to brake [s].")
+    ] = 4.0
+
+
+class LeadBrakeSituation(msgspec.Struct, frozen=True):
+    """A braking lead with its parameters filled in (contract `Situation`).
+
+    Attributes:
+        brakes_at_s: when the car begins to brake.
+        braking_lasts_s: how long until it drives at its final speed, or stands.
+        deceleration_mps2: constant in between.
+    """
+
+    mission: Mission
+    steps: int
+    ego: VehicleState
+    actors: tuple[VehicleState, ...]
+    brakes_at_s: float
+    braking_lasts_s: float
+    deceleration_mps2: float
+
+    def move_actor(self, actor: int, step: int, ego: VehicleState) -> VehicleState:  # noqa: ARG002 - the contract's; this script does not react to the ego
+        """Where the car is after `step` steps."""
+        start = self.actors[actor]
+        time_s = step * self.mission.dt_s
+        braking_s = min(max(time_s - self.brakes_at_s, 0.0), self.braking_lasts_s)
+        lost_mps = self.deceleration_mps2 * braking_s
+        since_s = max(time_s - self.brakes_at_s - self.braking_lasts_s, 0.0)
+        lost_m = lost_mps * (0.5 * braking_s + since_s)
+        return msgspec.structs.replace(
+            start,
+            x_m=start.x_m + start.speed_mps * time_s - lost_m,
+            speed_mps=start.speed_mps - lost_mps,
+        )
+
+
+class LeadBrake:
+    """The scenario: two lanes, the truck behind a car on the right one."""
+
+    Parameters = LeadBrakeParameters
+
+    def __call__(self, parameters: LeadBrakeParameters, seed: int) -> LeadBrakeSituation:  # noqa: ARG002 - the contract's; nothing is random here
+        """The situation for these parameters; nothing in it is random."""
+        lead_x_m = parameters.gap_m + (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
+        lost_mps = parameters.speed_mps - parameters.final_speed_mps
+        return LeadBrakeSituation(
+            mission=Mission(
+                dt_s=DT_S,
+                lanes=LANES,
+                lane_width_m=LANE_WIDTH_M,
+                speed_limit_mps=SPEED_LIMIT_MPS,
+                desired_speed_mps=parameters.speed_mps,
+                goal_x_m=GOAL_M,
+            ),
+            steps=STEPS,
+            ego=truck(parameters.speed_mps),
+            actors=(car(lead_x_m, 0, parameters.speed_mps),),
+            brakes_at_s=parameters.brakes_at_s,
+            braking_lasts_s=lost_mps / parameters.deceleration_mps2,
+            deceleration_mps2=parameters.deceleration_mps2,
+        )

@@ -1,0 +1,96 @@
+"""Merge-in: the truck comes from a ramp and merges between the cars of the main lane."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from eigenfail.values import Mission, VehicleState
+from eigenfail_workers.scenarios.staging import (
+    CAR_LENGTH_M,
+    DT_S,
+    LANE_WIDTH_M,
+    LANES,
+    SPEED_LIMIT_MPS,
+    TRUCK_LENGTH_M,
+    car,
+    truck,
+)
+
+STEPS = 200
+DESIRED_SPEED_MPS = 24.0
+GOAL_M = 2000.0
+MAIN_LANE = 1
+
+
+class MergeInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What can be varied.
+
+    Attributes:
+        gap_s: from the rear bumper of the first car to the front bumper of the second, in time at
+            their speed.
+        behind_m: from the truck's rear bumper back to the front bumper of the second car; where it
+            is negative, that car is beside the truck.
+        ramp_m: from the truck's front bumper to the end of its lane.
+    """
+
+    gap_s: Annotated[
+        float, Meta(ge=3.0, le=5.0, description="Time gap between the two cars [s].")
+    ] = 4.2
+    behind_m: Annotated[
+        float, Meta(ge=-25.0, le=40.0, description="Second car behind the truck by this [m].")
+    ] = -1.0
+    ego_speed_mps: Annotated[
+        float, Meta(ge=18.0, le=22.0, description="Speed of the truck at the start [m/s].")
+    ] = 20.0
+    traffic_speed_mps: Annotated[
+        float, Meta(ge=19.0, le=23.0, description="Speed of the cars [m/s].")
+    ] = 20.5
+    ramp_m: Annotated[
+        float, Meta(ge=350.0, le=500.0, description="Length of the ramp's lane that is left [m].")
+    ] = 400.0
+
+
+class MergeInSituation(msgspec.Struct, frozen=True):
+    """A merge with its parameters filled in (contract `Situation`)."""
+
+    mission: Mission
+    steps: int
+    ego: VehicleState
+    actors: tuple[VehicleState, ...]
+
+    def move_actor(self, actor: int, step: int, ego: VehicleState) -> VehicleState:  # noqa: ARG002 - the contract's; these cars do not react to the ego
+        """Where a car is after `step` steps: constant speed in its lane."""
+        start = self.actors[actor]
+        return msgspec.structs.replace(
+            start, x_m=start.x_m + start.speed_mps * step * self.mission.dt_s
+        )
+
+
+class MergeIn:
+    """The scenario: the truck on a ramp that ends, two cars on the main lane beside it."""
+
+    Parameters = MergeInParameters
+
+    def __call__(self, parameters: MergeInParameters, seed: int) -> MergeInSituation:  # noqa: ARG002 - the contract's; nothing is random here
+        """The situation for these parameters; nothing in it is random."""
+        speed_mps = parameters.traffic_speed_mps
+        second_x_m = -parameters.behind_m - (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
+        first_x_m = second_x_m + parameters.gap_s * speed_mps + CAR_LENGTH_M
+        return MergeInSituation(
+            mission=Mission(
+                dt_s=DT_S,
+                lanes=LANES,
+                lane_width_m=LANE_WIDTH_M,
+                speed_limit_mps=SPEED_LIMIT_MPS,
+                desired_speed_mps=DESIRED_SPEED_MPS,
+                goal_x_m=GOAL_M,
+                lane_0_ends_x_m=0.5 * TRUCK_LENGTH_M + parameters.ramp_m,
+            ),
+            steps=STEPS,
+            ego=truck(parameters.ego_speed_mps),
+            actors=(
+                car(first_x_m, MAIN_LANE, speed_mps),
+                car(second_x_m, MAIN_LANE, speed_mps),
+            ),
+        )
