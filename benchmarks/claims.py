@@ -1,99 +1,108 @@
-"""Find the figures that the documents state, by campaigns; write docs/claims.json."""
+"""Find the figures that the documents state, and write docs/claims.json.
 
-import os
-import tempfile
+`python benchmarks/claims.py --only cut_in.rulebook.p_fail` finds a part of them and leaves the
+others as they are. Exit code 1 if a target is missed, 2 if no figure has the name asked for.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from statistics import median
+from typing import Annotated, NamedTuple
 
-from figures import ROOT, Figure, show, write
+import msgspec
+import typer
+from crew import Crew, crew
+from figures import ROOT, Figure, write
+from monte_carlo import calm, frail
+from probability import p_fail
+from shaped import shaped
+from targets import TARGETS, aimed, missed
 
-from eigenfail.cli.local_service import Launcher, Plan, local_service
-from eigenfail.client import Client
-from eigenfail.values import Summary
-from eigenfail.values.records import EpisodeRow
-from eigenfail_services.statistics.intervals import rate
+SEED = 20261122
+"""Used for nothing else: no part of the world was chosen by what it shows."""
 
-COMMAND = "make claims"
-SEED = 20261121
-EPISODES = 2000
-
-
-def monte_carlo(client: Client, planner: str) -> tuple[Summary, list[EpisodeRow]]:
-    """A Monte Carlo campaign on cut_in, and its episodes."""
-    created = client.campaigns.create(
-        name=f"claims {planner}",
-        method="monte_carlo",
-        planner=planner,
-        episodes=EPISODES,
-        seed=SEED,
-    )
-    ended = client.campaigns.wait(created.id, timeout_s=1200)
-    if ended.counts.completed != EPISODES:
-        raise SystemExit(f"{planner}: {ended.state}, {ended.counts}: {ended.stopped_because}")
-    return client.campaigns.summary(created.id), list(client.episodes.list(created.id))
+Find = Callable[[Crew, int], Iterator[tuple[str, Figure]]]
 
 
-def world(client: Client) -> dict[str, Figure]:
-    """How the planners fare under the disturbance model itself."""
-    rulebook, rows = monte_carlo(client, "rulebook")
-    idm, _ = monte_carlo(client, "idm")
-    return {
-        "cut_in.rulebook.mc2000.failures": Figure(
-            value=rulebook.counts.failures,
-            unit="episodes",
-            n=EPISODES,
-            target="= 0",
-            paper=0.0,
-            command=COMMAND,
+class Trial(NamedTuple):
+    """Episodes that give figures, and how the names of these begin."""
+
+    prefixes: tuple[str, ...]
+    find: Find
+
+    def concerns(self, prefix: str) -> bool:
+        """Whether one of its figures may begin like this."""
+        return any(own.startswith(prefix) or prefix.startswith(own) for own in self.prefixes)
+
+
+TRIALS = (
+    Trial(("cut_in.rulebook.mc2000.",), partial(calm, "cut_in")),
+    Trial(("cut_in.idm.mc2000.",), partial(frail, "cut_in")),
+    Trial(("cut_in.rulebook.p_fail",), partial(p_fail, "cut_in")),
+    Trial(
+        (
+            *("cut_in.rulebook.held", "cut_in.rulebook.white", "cut_in.rulebook.square3."),
+            *("cut_in.rulebook.wave2", "cut_in.shaped."),
         ),
-        "cut_in.idm.mc2000.failure_rate": Figure(
-            value=idm.counts.failures / EPISODES,
-            unit="share",
-            n=EPISODES,
-            interval=rate_interval(idm.counts.failures),
-            target="0.25 … 0.55",
-            paper=0.401,
-            command=COMMAND,
-        ),
-        "cut_in.rulebook.mc2000.median_min_ttc_s": middle(
-            [row.min_ttc_s for row in rows], "s", ">= 2.5", paper=3.50
-        ),
-        "cut_in.rulebook.mc2000.median_drac": middle(
-            [row.max_drac_mps2 for row in rows], "m/s²", "<= 1.5", paper=0.40
-        ),
-    }
+        shaped,
+    ),
+    Trial(("merge_in.rulebook.mc2000.",), partial(calm, "merge_in")),
+    Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
+)
 
 
-def rate_interval(failures: int) -> tuple[float, float]:
-    """The 95 % interval of the failure rate."""
-    interval = rate(failures, EPISODES).interval
-    return interval.low, interval.high
+def found(prefix: str, seed: int) -> dict[str, Figure]:
+    """The figures whose names begin with a prefix."""
+    figures: dict[str, Figure] = {}
+    with crew() as hands:
+        for trial in TRIALS:
+            if trial.concerns(prefix):
+                began = time.perf_counter()
+                figures |= trial.find(hands, seed)
+                print(f"{trial.prefixes[0]}… {time.perf_counter() - began:.0f} s", flush=True)
+    return {name: aimed(name, f, seed) for name, f in figures.items() if name.startswith(prefix)}
 
 
-def middle(values: list[float | None], unit: str, target: str, paper: float) -> Figure:
-    """The median over the episodes in which the measure was defined."""
-    defined = [value for value in values if value is not None]
-    return Figure(
-        value=median(defined),
-        unit=unit,
-        n=len(defined),
-        target=target,
-        paper=paper,
-        note="the paper's is of DiFS runs",
-        command=COMMAND,
-    )
+def kept(path: Path, prefix: str) -> dict[str, Figure]:
+    """The figures in the file whose names begin otherwise."""
+    if not path.exists():
+        return {}
+    figures = msgspec.json.decode(path.read_bytes(), type=dict[str, Figure])
+    return {name: figure for name, figure in figures.items() if not name.startswith(prefix)}
 
 
-def main() -> None:
-    """Run, write, show."""
-    workers = os.cpu_count() or 1
-    with tempfile.TemporaryDirectory() as folder:
-        plan = Plan(Path(folder), port=0, workers=workers, launcher=Launcher.RAY)
-        with local_service(plan) as service, Client(service.address.url) as client:
-            figures = world(client)
-    write(ROOT / "docs" / "claims.json", figures)
-    show(figures)
+def table(figures: dict[str, Figure], late: list[str]) -> Iterator[str]:
+    """A line for each figure: name, value, interval, the paper's, target, whether that is held."""
+    yield f"{'claim':<44} {'value':>9} {'95 % interval':>21} {'paper':>7} {'n':>6}  target"
+    for name, figure in sorted(figures.items()):
+        value, paper = number(figure.value), number(figure.paper)
+        ends = ", ".join(map(number, figure.interval or ()))
+        outcome = "MISSED" if name in late else "held"
+        target = f"{figure.target}: {outcome}" if figure.target else ""
+        yield f"{name:<44} {value:>9} {ends:>21} {paper:>7} {figure.n:>6}  {target}".rstrip()
+
+
+def number(value: float | None) -> str:
+    """Four digits, or a dash."""
+    return "–" if value is None else f"{value:.4g}"
+
+
+def main(
+    only: Annotated[str, typer.Option(help="Figures whose names begin like this.")] = "",
+    seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = SEED,
+    to: Annotated[Path, typer.Option(help="File to write.")] = ROOT / "docs" / "claims.json",
+) -> None:
+    """Find, write, show."""
+    figures = found(only, seed)
+    if not figures:
+        print(f"No figure's name begins with '{only}'; some are {', '.join(sorted(TARGETS))}.")
+        raise typer.Exit(2)
+    write(to, kept(to, only) | figures)
+    late = missed(figures, only)
+    print("\n".join(table(figures, late)))
+    raise typer.Exit(bool(late))
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

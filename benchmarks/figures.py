@@ -38,9 +38,14 @@ def commit() -> str:
 
 
 def write(path: Path, figures: dict[str, Figure]) -> None:
-    """Replace the file, names sorted, each figure with the commit that it was measured on."""
-    version = commit()
-    stamped = {name: msgspec.structs.replace(f, commit=version) for name, f in figures.items()}
+    """Replace the file, names sorted, each figure with the commit that it was measured on.
+
+    That is the present one, but for figures that carry their commit already.
+    """
+    now = commit()
+    stamped = {
+        name: msgspec.structs.replace(f, commit=f.commit or now) for name, f in figures.items()
+    }
     data = msgspec.json.encode(dict(sorted(stamped.items())))
     path.write_bytes(msgspec.json.format(data, indent=2) + b"\n")
 

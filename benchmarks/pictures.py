@@ -1,0 +1,22 @@
+"""Draw docs/pictures: each scenario from above, and a crash by shaped noise."""
+
+from crash_view import crash_view
+from figures import ROOT
+from top_view import TopView
+
+from eigenfail import plugins
+
+FOLDER = ROOT / "docs" / "pictures"
+
+
+def main() -> None:
+    """Draw all."""
+    FOLDER.mkdir(exist_ok=True)
+    for scenario in plugins.names(plugins.SCENARIOS):
+        (FOLDER / f"{scenario}.svg").write_text(TopView(scenario).picture(), encoding="utf-8")
+    (FOLDER / "crash.svg").write_text(crash_view(), encoding="utf-8")
+    print("\n".join(sorted(str(path.relative_to(ROOT)) for path in FOLDER.glob("*.svg"))))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,47 @@
+"""Figures from samples, with their 95 % intervals."""
+
+from collections.abc import Sequence
+from math import sqrt
+from statistics import fmean, stdev
+from statistics import median as middle
+
+from figures import Figure
+
+from eigenfail_services.statistics.intervals import Z, rate
+
+COMMAND = "make claims"
+
+
+def share(happened: Sequence[bool], note: str = "") -> Figure:
+    """How often something happened; Wilson's interval."""
+    found = rate(sum(happened), len(happened))
+    ends = (found.interval.low, found.interval.high)
+    return Figure(
+        value=found.value, unit="share", n=found.n, interval=ends, note=note, command=COMMAND
+    )
+
+
+def mean(values: Sequence[float], unit: str, note: str = "") -> Figure:
+    """The mean; a normal interval, where there are two values at least."""
+    if not values:
+        return Figure(value=None, unit=unit, n=0, note=note, command=COMMAND)
+    centre, ends = fmean(values), None
+    if len(values) > 1:
+        half_width = Z * stdev(values) / sqrt(len(values))
+        ends = (centre - half_width, centre + half_width)
+    return Figure(value=centre, unit=unit, n=len(values), interval=ends, note=note, command=COMMAND)
+
+
+def median(values: Sequence[float], unit: str, note: str = "") -> Figure:
+    """The median; its interval by order statistics, normal approximation of their ranks."""
+    ordered, n = sorted(values), len(values)
+    reach = Z * sqrt(n) / 2.0
+    low, high = max(int(n / 2 - reach), 0), min(int(n / 2 + reach) + 1, n - 1)
+    return Figure(
+        value=middle(ordered),
+        unit=unit,
+        n=n,
+        interval=(ordered[low], ordered[high]),
+        note=note,
+        command=COMMAND,
+    )

@@ -1,0 +1,65 @@
+"""Figures: `rulebook` on cut_in under noise with a shape, and without, at three distances."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from crew import Crew, Played, horizon, staged
+from figures import Figure
+from samples import mean, share
+from shapes import Array, held, shuffles, square_wave, square_waves
+
+from eigenfail import plugins
+
+PLACE = "cut_in.rulebook"
+RUNS, SHUFFLES = 300, 100
+SHAPED = ("held3", "held2", "square3")
+DISTANCES_M = {"": 0.0, "_minus_5m": -5.0, "_plus_5m": 5.0}
+
+
+def shaped(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """Rates and mean severities of each kind of noise, and of what has a shape together."""
+    cut_in = plugins.load(plugins.SCENARIOS, "cut_in")
+    kinds = noises(horizon("cut_in"), seed)
+    for place, offset_m in DISTANCES_M.items():
+        distance_m = cut_in.Parameters().distance_m + offset_m
+        setup = staged("cut_in", "rulebook", distance_m=distance_m)
+        played = {kind: crew.inject(setup, z) for kind, z in kinds.items()}
+        yield from rates(played, place)
+        if not place:
+            yield from severities(played)
+
+
+def noises(steps: int, seed: int) -> dict[str, Array]:
+    """The trajectories of each kind, shape (n, steps, 2); the same ones at every distance."""
+    rng = np.random.default_rng(seed)
+    wave = square_wave(steps, sigma=2.0, half_period=20)
+    return {
+        "held3": held(rng, RUNS, steps, sigma=3.0, hold=5),
+        "held2": held(rng, RUNS, steps, sigma=2.0, hold=5),
+        "white3": held(rng, RUNS, steps, sigma=3.0, hold=1),
+        "white2": held(rng, RUNS, steps, sigma=2.0, hold=1),
+        "square3": square_waves(steps, sigma=3.0),
+        "wave2": wave[None],
+        "wave2_shuffled": shuffles(rng, wave, SHUFFLES),
+    }
+
+
+def rates(played: Mapping[str, Sequence[Played]], place: str) -> Iterator[tuple[str, Figure]]:
+    """The share of crashes of each kind."""
+    for kind, runs in played.items():
+        yield f"{PLACE}.{kind}.rate{place}", share([one.is_failure for one in runs])
+
+
+def severities(played: Mapping[str, Sequence[Played]]) -> Iterator[tuple[str, Figure]]:
+    """The mean severity of the crashes of each kind that has any."""
+    for kind, runs in played.items():
+        if found := crashes(runs):
+            yield f"{PLACE}.{kind}.mean_severity", mean(found, "m²/s²")
+    together = [severity for kind in SHAPED for severity in crashes(played[kind])]
+    note = f"all crashes of {', '.join(SHAPED)} at the default distance"
+    yield "cut_in.shaped.mean_severity", mean(together, "m²/s²", note)
+
+
+def crashes(runs: Sequence[Played]) -> list[float]:
+    """The severities of those that crashed."""
+    return [one.measures.severity for one in runs if one.measures.severity is not None]

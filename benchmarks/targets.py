@@ -1,0 +1,67 @@
+"""What the claims are held against."""
+
+from collections.abc import Mapping
+from math import inf
+from typing import NamedTuple
+
+import msgspec
+from figures import Figure
+
+OF_DIFS = "the paper's is of DiFS runs"
+OF_AST = "the paper's is of AST, trained at the default distance"
+
+
+class Target(NamedTuple):
+    """The bounds of a claim, the paper's number, and what must be said of that."""
+
+    low: float = -inf
+    high: float = inf
+    paper: float | None = None
+    note: str = ""
+
+    def words(self) -> str:
+        """The bounds as a reader writes them."""
+        if self.high == 0.0:
+            return "= 0"
+        if self.low == -inf:
+            return "" if self.high == inf else f"<= {self.high:g}"
+        return f">= {self.low:g}" if self.high == inf else f"{self.low:g} … {self.high:g}"
+
+    def held(self, value: float | None) -> bool:
+        """Whether a value lies in the bounds; no value lies in none."""
+        return value is not None and self.low <= value <= self.high
+
+
+TARGETS = {
+    "cut_in.rulebook.mc2000.failures": Target(high=0.0, paper=0.0),
+    "cut_in.idm.mc2000.failure_rate": Target(low=0.25, high=0.55, paper=0.401),
+    "cut_in.idm.mc2000.mean_severity": Target(paper=0.72),
+    "cut_in.rulebook.mc2000.median_min_ttc_s": Target(low=2.5, paper=3.50, note=OF_DIFS),
+    "cut_in.rulebook.mc2000.median_drac": Target(high=1.5, paper=0.40, note=OF_DIFS),
+    "cut_in.rulebook.p_fail": Target(low=1e-6, high=5e-4),
+    "cut_in.rulebook.held3.rate": Target(paper=0.946, note=OF_AST),
+    "cut_in.rulebook.held3.rate_minus_5m": Target(paper=1.0, note=OF_AST),
+    "cut_in.rulebook.held3.rate_plus_5m": Target(paper=1.0, note=OF_AST),
+    "cut_in.shaped.mean_severity": Target(low=60.0, paper=165.0, note="the paper's is of AST"),
+    "merge_in.rulebook.mc2000.failures": Target(high=0.0),
+    "merge_in.idm.mc2000.failure_rate": Target(low=0.05),
+}
+
+
+def aimed(name: str, figure: Figure, seed: int) -> Figure:
+    """A figure with its target, the paper's number and the seed of its noise."""
+    target = TARGETS.get(name, Target())
+    notes = [note for note in (figure.note, target.note, f"seed {seed}") if note]
+    return msgspec.structs.replace(
+        figure, target=target.words(), paper=target.paper, note="; ".join(notes)
+    )
+
+
+def missed(figures: Mapping[str, Figure], prefix: str) -> list[str]:
+    """The names that begin with a prefix, and are outside their targets or not there at all."""
+    values = {name: figure.value for name, figure in figures.items()}
+    return [
+        name
+        for name, target in TARGETS.items()
+        if name.startswith(prefix) and target.words() and not target.held(values.get(name))
+    ]
