@@ -20,7 +20,7 @@ from eigenfail_workers.scenarios.cut_in import DT_S, CutInParameters
 COLUMNS = (
     *("`distance_m`", "runs", "collisions", "steps overridden", "QP unsolved"),
     *("acceleration [m/s²]", "largest jerk [m/s³]", "nearest [m]", "smallest MinTTC [s]"),
-    *("slowest [m/s]", "way in 10 s [m]"),
+    *("slowest [m/s]", "way [m]"),
 )
 UNDISTURBED = EpisodeTask(0, 0, TrajectorySource(np.zeros((0, 2), np.float32)))
 

@@ -35,6 +35,8 @@ def mean(values: Sequence[float], unit: str, note: str = "") -> Figure:
 def median(values: Sequence[float], unit: str, note: str = "") -> Figure:
     """The median; its interval by order statistics, normal approximation of their ranks."""
     ordered, n = sorted(values), len(values)
+    if not ordered:
+        return Figure(value=None, unit=unit, n=0, note=note, command=COMMAND)
     reach = Z * sqrt(n) / 2.0
     low, high = max(int(n / 2 - reach), 0), min(int(n / 2 + reach) + 1, n - 1)
     return Figure(

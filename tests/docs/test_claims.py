@@ -7,6 +7,7 @@ to the digits printed, the bracket its interval; with a % before the mark both a
 
 import re
 from decimal import Decimal
+from importlib import import_module
 from typing import NamedTuple
 
 import msgspec
@@ -84,6 +85,22 @@ def claims(root):
 def test_every_marked_figure_is_the_claim_that_it_names(claims, root):
     for document in (root / "README.md", *sorted((root / "docs").glob("*.md"))):
         assert list(wrong(document.read_text(), claims)) == [], document.name
+
+
+def test_every_target_has_been_measured(claims, root, monkeypatch):
+    monkeypatch.syspath_prepend(root / "benchmarks")
+    targets = import_module("targets").TARGETS
+    assert set(targets) <= set(claims)
+    assert {name: claims[name].target for name in targets} == {
+        name: target.words() for name, target in targets.items()
+    }
+
+
+@pytest.mark.parametrize("target", ["cut_in.", "merge_in."])
+def test_the_world_is_told_in_claims(claims, root, target):
+    told = {figure.name for figure in marked((root / "docs" / "world.md").read_text())}
+    aimed_at = {name for name, claim in claims.items() if claim.target and name.startswith(target)}
+    assert aimed_at <= told
 
 
 def test_every_claim_says_what_it_rests_on_and_holds_its_target(claims):

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from eigenfail.values.arrays import Floats
-from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory, White
 from eigenfail.values.scene import Scene
 
 FIRST_MEASURES = 4
@@ -166,12 +166,15 @@ class EpisodeResult(msgspec.Struct, frozen=True, eq=False):
         """SHA-256 of what happened: the same for an episode and for its replay, bit for bit.
 
         It covers the outcome, steps, noise and measures; not the index, the source or the time.
+        A shape adds to it where there is noise whose metres do not follow from z and sigma alone.
         """
         packed = (self.measures or Measures(float("nan"))).packed()
         parts = (self.outcome.encode(), struct.pack("<q", self.steps), packed)
         arrays = (self.noise.z.tobytes(), self.noise.sigma.tobytes())
         fault = self.fault.kind.encode() if self.fault else b""
-        return hashlib.sha256(b"\x00".join((*parts, *arrays, fault))).hexdigest()
+        plain = self.noise.shape == White() or not self.noise.z.size
+        shape = () if plain else (msgspec.json.encode(self.noise.shape),)
+        return hashlib.sha256(b"\x00".join((*parts, *arrays, fault, *shape))).hexdigest()
 
 
 def unrunnable(task: EpisodeTask, fault: EpisodeFault) -> EpisodeResult:

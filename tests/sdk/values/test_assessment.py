@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from eigenfail.values import (
     Assessment,
     ConflictClass,
+    Correlated,
     EpisodeResult,
+    HeavyTailed,
     Measures,
     NoiseTrajectory,
     Outcome,
@@ -146,6 +148,16 @@ def test_results_of_the_first_release_keep_their_digests() -> None:
     arrays = (older.noise.z.tobytes(), older.noise.sigma.tobytes())
     parts = (b"collision", struct.pack("<q", 3), packed, *arrays, b"")
     assert older.digest() == hashlib.sha256(b"\x00".join(parts)).hexdigest()
+
+
+def test_the_digest_covers_the_shape_where_there_is_noise() -> None:
+    white = result()
+    shapes = (white.noise.shape, Correlated(), HeavyTailed())
+    digests = {replace(white, noise=replace(white.noise, shape=s)).digest() for s in shapes}
+    assert len(digests) == 3
+    nothing = np.zeros((0, 2), np.float32)
+    lost = {replace(white, noise=NoiseTrajectory(nothing, nothing, s)).digest() for s in shapes}
+    assert len(lost) == 1
 
 
 def test_details_are_the_result_and_its_assessment() -> None:

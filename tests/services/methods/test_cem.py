@@ -10,6 +10,7 @@ from eigenfail.settings import read_settings
 from eigenfail.testing.toy import Corridor
 from eigenfail.values import (
     EpisodeResult,
+    EpisodeTask,
     LearnerContext,
     Measures,
     NoiseTrajectory,
@@ -82,17 +83,15 @@ def test_fails_four_thousand_times_as_often_as_monte_carlo_in_a_half_space():
 
 
 def test_points_to_the_likeliest_failure_and_recovers_the_probability_of_a_half_space():
-    learner, results = searched(3000, **ESTIMATING)
-    mean = learner.rounds[-1].proposal.mean
+    learner, weights = cem(3000, **ESTIMATING), []
+    for _ in range(15):
+        drawn_from, sources = learner.proposal, learner.propose(200).sources
+        results = list(HalfSpace().run(EpisodeTask(0, 0, source) for source in sources))
+        log_weight = log_weights([result.noise.z for result in results], drawn_from)
+        weights.extend(np.exp(log_weight) * [result.is_failure for result in results])
+        learner.observe(results)
     likeliest = HalfSpace.beyond * HalfSpace().normal
-    assert np.linalg.norm(mean - likeliest) <= 0.2 * HalfSpace.beyond
-    weights, first = [], 0
-    for drawn in learner.rounds:
-        part = results[first : first + drawn.episodes]
-        log_weight = log_weights([result.noise.z for result in part], drawn.proposal)
-        weights.extend(np.exp(log_weight) * [result.is_failure for result in part])
-        first += drawn.episodes
-    assert first == len(results)
+    assert np.linalg.norm(learner.proposal.mean - likeliest) <= 0.2 * HalfSpace.beyond
     assert np.mean(weights[1500:]) == pytest.approx(HalfSpace.probability, rel=0.2)
 
 
@@ -109,9 +108,13 @@ def test_fails_a_thousand_times_as_often_as_monte_carlo_in_a_corridor(campaign, 
 
 
 def test_a_budget_that_is_no_multiple_of_the_batch_is_spent_to_the_last_episode():
-    learner, results = searched(70, batch=30)
-    assert len(results) == 70
-    assert [drawn.episodes for drawn in learner.rounds] == [30, 30, 10]
+    _, results = searched(70, batch=30)
+    assert [result.index for result in results] == list(range(70))
+
+
+def test_a_long_search_has_no_larger_state_than_a_short_one():
+    states = [searched(episodes)[0].state() for episodes in (100, 400)]
+    assert len(states[0]) == len(states[1])
 
 
 def test_starts_from_the_prior_and_draws_anew_in_every_round(episode):
@@ -134,8 +137,8 @@ def test_rounds_in_which_all_fail_or_all_are_as_robust_leave_the_prior_as_it_is(
     learner = cem()
     for _ in range(5):
         play(learner, episode, robustness)
-    assert not learner.rounds[-1].proposal.mean.any()
-    assert (learner.rounds[-1].proposal.std == 1.0).all()
+    assert not learner.proposal.mean.any()
+    assert (learner.proposal.std == 1.0).all()
 
 
 def test_a_round_that_failed_to_run_changes_nothing_but_the_draws(episode):
@@ -143,15 +146,15 @@ def test_a_round_that_failed_to_run_changes_nothing_but_the_draws(episode):
     before = learner.propose(40).sources
     learner.observe([episode(source.z, 1.0, outcome=Outcome.FAILED) for source in before])
     after = learner.propose(40).sources
-    np.testing.assert_array_equal(learner.rounds[0].proposal.std, learner.rounds[1].proposal.std)
-    assert not learner.rounds[1].proposal.mean.any()
+    assert (learner.proposal.std == 1.0).all()
+    assert not learner.proposal.mean.any()
     assert not np.isin(after[0].z, before[0].z).any()
 
 
 def test_mean_and_standard_deviation_stay_within_their_bounds():
     bounds = {"max_mean": 0.4, "min_std": 0.7, "max_std": 1.1}
     learner, _ = searched(600, std_smoothing=1.0, mean_smoothing=1.0, mean_window=1, **bounds)
-    last = learner.rounds[-1].proposal
+    last = learner.proposal
     assert np.abs(last.mean).max() == np.float32(0.4)
     assert last.std.min() == np.float32(0.7)
     assert last.std.max() == np.float32(1.1)
@@ -163,7 +166,7 @@ def test_moves_by_the_smoothed_share_of_the_way(episode):
     noise = [np.full((10, 2), x, np.float32) for x in (1.0, 1.5, -1.0, -2.0)]
     learner.observe([episode(z, 1.0 + i) for i, z in enumerate(noise)])
     learner.propose(4)
-    moved = learner.rounds[-1].proposal
+    moved = learner.proposal
     np.testing.assert_allclose(moved.mean, 0.5 * 1.25, rtol=1e-6)
     np.testing.assert_allclose(moved.std, 0.75 + 0.25 * np.std([1.0, 1.5], ddof=1), rtol=1e-6)
 
@@ -175,7 +178,7 @@ def test_averaging_over_steps_spreads_a_move_and_flattens_no_mean_that_is_reache
         learner.propose(4)
         noise = [centre + 0.1, centre - 0.1, centre + 1.0, centre + 2.0]
         learner.observe([episode(z, 1.0 + i) for i, z in enumerate(noise)])
-        return learner._proposal.mean
+        return learner.proposal.mean
 
     spike = np.zeros((10, 2))
     spike[4] = 1.5
@@ -184,15 +187,12 @@ def test_averaging_over_steps_spreads_a_move_and_flattens_no_mean_that_is_reache
     np.testing.assert_allclose(move_to(reached), reached, atol=1e-6)
 
 
-def test_a_restored_learner_knows_the_rounds_before_it():
+def test_a_restored_learner_draws_from_the_same_proposal():
     learner, _ = searched(100)
     restored = cem()
     restored.restore(learner.state())
-    assert len(restored.rounds) == len(learner.rounds) == 5
-    for ours, theirs in zip(restored.rounds, learner.rounds, strict=True):
-        assert ours.episodes == theirs.episodes
-        np.testing.assert_array_equal(ours.proposal.mean, theirs.proposal.mean)
-        np.testing.assert_array_equal(ours.proposal.std, theirs.proposal.std)
+    ours, theirs = (each.propose(20).sources for each in (restored, learner))
+    np.testing.assert_array_equal([x.z for x in ours], [x.z for x in theirs])
 
 
 def test_a_state_of_another_horizon_is_refused():

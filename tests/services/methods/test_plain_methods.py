@@ -60,7 +60,7 @@ def test_replay_of_nothing_is_refused_with_a_remedy():
         ("cem", "min_std", 1.5),
         ("cem", "max_std", 0.5),
         ("cem", "max_mean", float("inf")),
-        ("cem", "batch", 0),
+        ("cem", "batch", 1),
         ("difs", "quantile", 1.0),
         ("difs", "device", "tpu"),
         ("monte_carlo", "round_size", 0),

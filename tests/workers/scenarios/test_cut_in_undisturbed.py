@@ -44,13 +44,15 @@ def test_the_bounds_hold_the_distances_to_which_failures_are_moved():
 def test_the_rulebook_is_a_calm_driver(sweep):
     results = list(sweep("rulebook"))
     assert len(results) == 3**6
-    for result in results:
+    for result, parameters in zip(results, grid(), strict=True):
         acceleration = result.scene.controls[:, 0]
         assert not result.is_failure
         assert result.measures.robustness_m > 5.0
         assert acceleration.min() > -2.0
         assert np.abs(np.diff(acceleration)).max() <= 0.4 + 1e-6
         assert result.scene.vehicles[-1, 0, 3] > 11.0
+        came_over_to_m = result.scene.vehicles[-1, 1, 1]
+        assert came_over_to_m == pytest.approx(parameters["final_offset_m"], abs=1e-4)
 
 
 def test_the_baseline_is_safe(sweep):

@@ -33,11 +33,12 @@ class Ride:
             self._clipped_steps += applied != observation.control
         self._speed_mps = observation.ego.speed_mps
 
-    def _follow(self, applied_mps2: float) -> None:
+    def _follow(self, told_mps2: float) -> None:
+        applied_mps2 = told_mps2 if self._speed_mps > 0.0 else max(told_mps2, 0.0)
         change = abs(applied_mps2 - self._applied_mps2)
         self._largest_change_mps2 = max(self._largest_change_mps2, change)
         self._applied_mps2 = applied_mps2
-        hard = applied_mps2 < -HARD_BRAKING_MPS2 and self._speed_mps > 0.0
+        hard = applied_mps2 < -HARD_BRAKING_MPS2
         self._hard_brakings += hard and not self._braking_hard
         self._braking_hard = hard
 

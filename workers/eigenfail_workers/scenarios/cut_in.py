@@ -3,7 +3,7 @@
 It does so by half: it stays astride the marking, and just in the truck's way.
 """
 
-from math import atan2, hypot
+from math import atan2, ceil, hypot
 from typing import Annotated
 
 import msgspec
@@ -22,7 +22,10 @@ from eigenfail_workers.scenarios.staging import (
     truck,
 )
 
-STEPS = 100
+LEAST_STEPS = 100
+AFTERWARDS_S = 3.0
+"""An episode goes on for so long after the car has come over, if that is later than its least."""
+
 GOAL_M = 1000.0
 
 
@@ -100,13 +103,15 @@ class CutIn:
     def __call__(self, parameters: CutInParameters, seed: int) -> CutInSituation:  # noqa: ARG002 - the contract's; nothing is random here
         """The situation for these parameters; nothing in it is random."""
         closing_mps = parameters.ego_speed_mps - parameters.actor_speed_mps
+        begins_s = (parameters.initial_gap_m - parameters.distance_m) / closing_mps
+        over_s = begins_s + parameters.lane_change_s
         actor_x_m = parameters.initial_gap_m + (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
         return CutInSituation(
             mission=_mission(parameters),
-            steps=STEPS,
+            steps=max(LEAST_STEPS, ceil((over_s + AFTERWARDS_S) / DT_S)),
             ego=truck(parameters.ego_speed_mps),
             actors=(car(actor_x_m, 1, parameters.actor_speed_mps),),
-            change_begins_s=(parameters.initial_gap_m - parameters.distance_m) / closing_mps,
+            change_begins_s=begins_s,
             change_lasts_s=parameters.lane_change_s,
             final_offset_m=parameters.final_offset_m,
         )

@@ -25,7 +25,7 @@ class CemSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     deviation may fall to sqrt(1/2), importance weights have no finite variance.
     """
 
-    batch: Annotated[int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")] = 20
+    batch: Annotated[int, msgspec.Meta(ge=2, le=100_000, description="episodes in a round")] = 20
     elite_share: Annotated[
         float, msgspec.Meta(gt=0.0, lt=1.0, description="share of a round that is learnt from")
     ] = 0.1
@@ -52,61 +52,46 @@ class CemSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     ] = 9
 
 
-class DrawnRound(msgspec.Struct, frozen=True, eq=False):
-    """What it takes to weigh the episodes of a round; see `proposal.log_weights`.
-
-    Attributes:
-        episodes: how many were drawn, following those of the rounds before.
-        proposal: what they were drawn from.
-    """
-
-    episodes: int
-    proposal: GaussianProposal
-
-
 class CrossEntropyMethod:
     """Moves a Gaussian of the noise towards failures, and among failures towards likely ones.
 
     Attributes:
         lookahead: none: each round is drawn from what all before it have taught.
-        rounds: those drawn so far, in order.
+        proposal: what the next round is drawn from; see `proposal.log_weights`.
     """
 
     Settings = CemSettings
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """Arrays say it all."""
+        """What the state holds besides arrays: how many rounds were drawn."""
+
+        rounds: int
 
     lookahead = 0
 
     def __init__(self, context: LearnerContext, settings: CemSettings) -> None:
         self._settings = settings
         self._seed = context.seed
-        self._proposal = prior(context.horizon)
-        self.rounds: tuple[DrawnRound, ...] = ()
+        self._rounds = 0
+        self.proposal = prior(context.horizon)
 
     def propose(self, n: int) -> Proposal:
         """A round of draws from the proposal."""
-        count = min(n, self._settings.batch)
-        random = np.random.default_rng([self._seed, len(self.rounds)])
-        self.rounds = (*self.rounds, DrawnRound(count, self._proposal))
-        return Proposal(tuple(TrajectorySource(z) for z in self._proposal.draw(count, random)))
+        random = np.random.default_rng([self._seed, self._rounds])
+        self._rounds += 1
+        draws = self.proposal.draw(min(n, self._settings.batch), random)
+        return Proposal(tuple(TrajectorySource(z) for z in draws))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Move the proposal towards the elite; leave it where the round says nothing."""
-        best = elite(results, self._proposal, self._settings.elite_share)
+        best = elite(results, self.proposal, self._settings.elite_share)
         if best:
-            self._proposal = self._moved(*fit(best, self._proposal))
+            self.proposal = self._moved(*fit(best, self.proposal))
 
     def state(self) -> bytes:
-        """The proposal, and those of all rounds before it."""
-        proposals = [*(drawn.proposal for drawn in self.rounds), self._proposal]
-        arrays: dict[str, archive.Array] = {
-            "mean": np.stack([proposal.mean for proposal in proposals]),
-            "std": np.stack([proposal.std for proposal in proposals]),
-            "episodes": np.array([drawn.episodes for drawn in self.rounds], np.int64),
-        }
-        return archive.write("cem", self._Facts(), arrays)
+        """The proposal, and how many rounds it took."""
+        arrays: dict[str, archive.Array] = {"mean": self.proposal.mean, "std": self.proposal.std}
+        return archive.write("cem", self._Facts(self._rounds), arrays)
 
     def restore(self, state: bytes) -> None:
         """Go on from there, bit for bit.
@@ -114,21 +99,19 @@ class CrossEntropyMethod:
         Raises:
             ProtocolError: the bytes are not a state of this method with this horizon.
         """
-        _, arrays = archive.read("cem", state, self._Facts)
+        facts, arrays = archive.read("cem", state, self._Facts)
+        shape = self.proposal.mean.shape
         with archive.refusing("cem"):
-            episodes = arrays["episodes"].tolist()
-            shape = (len(episodes) + 1, *self._proposal.mean.shape)
-            means, stds = (archive.take(arrays, name, shape) for name in ("mean", "std"))
-        *drawn, current = map(GaussianProposal, means, stds)
-        self.rounds = tuple(map(DrawnRound, episodes, drawn))
-        self._proposal = current
+            mean, std = (archive.take(arrays, name, shape) for name in ("mean", "std"))
+        self._rounds = facts.rounds
+        self.proposal = GaussianProposal(mean, std)
 
     def _moved(self, mean: archive.Array, std: archive.Array) -> GaussianProposal:
         """The proposal on its way to the elite's mean and standard deviation, within bounds.
 
         The mean's move is averaged over steps, not the mean: that would be flattened every round.
         """
-        given, before = self._settings, self._proposal
+        given, before = self._settings, self.proposal
         move = averaged(mean - before.mean, given.mean_window)
         mean = before.mean + given.mean_smoothing * move
         std = before.std + given.std_smoothing * (std - before.std)

@@ -54,8 +54,8 @@ def new_solver(
     """The extension's own solver object, set up for P (its upper triangle), A and (q, l, u).
 
     The public `solve()` copies every field of its report into a namespace, which takes longer than
-    OSQP takes to solve; the object behind it does not. It is private, so constraints.txt pins the
-    release, and a test holds its answers equal to the public ones.
+    OSQP takes to solve; the object behind it does not. It is private, so only releases 1.1 are
+    taken, and a test holds its answers equal to the public ones.
 
     Raises:
         SolverError: P is not positive semidefinite.

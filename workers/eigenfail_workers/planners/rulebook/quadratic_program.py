@@ -101,8 +101,9 @@ class QuadraticProgram:
         # No comparison holds with a NaN, so one that holds everywhere settles both.
         if not (_all(low <= high) and _all(np.isfinite(linear))):
             return Solution(_objection(linear, low, high))
-        self._solver.update_data_vec(linear, low, high)
-        return self._run()
+        if self._solver.update_data_vec(linear, low, high) or self._solver.solve():
+            return self._forgotten(QpStatus.OTHER)
+        return self._answer()
 
     def _check(self, linear: Vector, lower: Vector, upper: Vector) -> None:
         """All at once in the good case; one by one only to say which is wrong."""
@@ -117,19 +118,20 @@ class QuadraticProgram:
         for array, shape in zip((linear, lower, upper), self._shapes, strict=True):
             _checked(array, shape)
 
-    def _run(self) -> Solution:
-        solver = self._solver
-        solver.solve()
-        info = solver.info
+    def _answer(self) -> Solution:
+        info = self._solver.info
         status = STATUS.get(info.status_val, QpStatus.OTHER)
-        x: Vector = solver.solution.x
+        x: Vector = self._solver.solution.x
         if status is QpStatus.SOLVED and not _all(np.isfinite(x)):
             status = QpStatus.NOT_FINITE
         if status is not QpStatus.SOLVED:
-            # A failed run leaves an iterate from which a warm start may never recover.
-            self.reset()
-            return Solution(status, None, info.iter, info.run_time)
+            return self._forgotten(status, info.iter, info.run_time)
         return Solution(status, x, info.iter, info.run_time)
+
+    def _forgotten(self, status: QpStatus, iterations: int = 0, run_s: float = 0.0) -> Solution:
+        """A failed run leaves an iterate from which a warm start may never recover."""
+        self.reset()
+        return Solution(status, None, iterations, run_s)
 
 
 def _all(truths: NDArray[np.bool_]) -> bool:
