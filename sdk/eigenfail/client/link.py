@@ -112,7 +112,8 @@ class Link:
         """What to raise when nothing came back."""
         return ServiceUnreachable(
             f"No eigenfail service answers at {self.base_url} ({type(error).__name__}).",
-            "Start one with `eigenfail up`, or give the address of one that runs.",
+            "Start one with `eigenfail up`, or give the address of one that runs"
+            " (on the command line --url, or EIGENFAIL_URL).",
         )
 
     def _repeatedly(self, method: str, path: str, **request: Any) -> bytes:

@@ -201,7 +201,7 @@ def test_failures_without_any_noise(failures_of: Callable[..., Failures]) -> Non
 
 
 def test_without_a_failure_there_is_nothing_to_analyse() -> None:
-    with pytest.raises(InvalidValue, match=r"none to analyse.* ast, difs") as caught:
+    with pytest.raises(InvalidValue, match=r"none to analyse.* ast, cem, difs") as caught:
         analyse(Failures((), ()), HORIZON, DEFAULT)
     assert caught.value.remedy
 

@@ -54,7 +54,7 @@ def tiles(
     spent = sum(summary.cost.total_usd for summary in summaries)
     return (
         ("Campaigns", Figure(formats.integer(len(campaigns)), (f"{running} running",))),
-        ("Episodes", Figure(formats.integer(completed), ("completed",))),
+        ("Episodes", Figure(formats.integer(completed), ("completed, replays too",))),
         ("Failures", Figure(formats.integer(failures), ("collisions found; replays aside",))),
         ("Spent", Figure(f"{formats.number(spent)} USD", ("instance-hours × price",))),
     )
