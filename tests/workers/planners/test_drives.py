@@ -21,8 +21,9 @@ from eigenfail_workers.engine import Engine
 from eigenfail_workers.explain import explain
 
 CALM = EpisodeTask(0, 0, TrajectorySource(np.zeros((0, 2), np.float32)))
-RAMP_M = 400.0
+RAMP_M = 350.0
 TRUCK_M = 16.0
+CAR_M = 5.0
 
 
 def setup(scenario: str, planner: str, simulator: str = "point_mass", **parameters: float):
@@ -73,6 +74,25 @@ def drive() -> Callable[..., EpisodeResult]:
 def merge() -> ExplainedEpisode:
     """The default merge, undisturbed, on the real simulator."""
     return explain(setup("merge_in", "rulebook", "highway"), CALM)
+
+
+@pytest.mark.parametrize("planner", ["rulebook", "idm"])
+def test_at_the_defaults_both_planners_merge_undisturbed(planner):
+    result = explain(setup("merge_in", planner, "highway"), CALM).result
+    assert not result.is_failure
+    assert has_merged(result)
+
+
+def test_nobody_drives_beside_the_rulebook_in_the_default_merge(merge):
+    x_m = merge.result.scene.vehicles[:, :, 0]
+    assert np.all(np.abs(x_m[:, 1:] - x_m[:, :1]) > (TRUCK_M + CAR_M) / 2)
+
+
+@pytest.mark.parametrize("scenario", ["cut_in", "lead_brake", "merge_in"])
+def test_noise_moves_the_robustness_of_the_rulebook(scenario):
+    """A search that is guided by a constant has no guide."""
+    robustness = {r.measures.robustness_m for r in episodes("rulebook", 20, scenario)}
+    assert len(robustness) >= 10
 
 
 @pytest.mark.parametrize("parameters", corners("merge_in"), ids=str)
@@ -135,8 +155,8 @@ def test_it_comes_over_smoothly(merge):
     assert np.abs(yaw * merge.result.scene.vehicles[1:, 0, 3]).max() < 1.0  # [m/s²]
 
 
-def episodes(planner: str, count: int) -> list[EpisodeResult]:
-    engine = Engine(setup("merge_in", planner))
+def episodes(planner: str, count: int, scenario: str = "merge_in") -> list[EpisodeResult]:
+    engine = Engine(setup(scenario, planner))
     tasks = [EpisodeTask(index, 1000 + index, PriorSource()) for index in range(count)]
     results = list(engine.run(tasks))
     engine.close()
@@ -152,4 +172,4 @@ def test_with_noise_the_rulebook_merges_and_hits_nobody():
 def test_with_noise_one_wrong_look_is_enough_for_the_baseline(drive):
     assert not drive("merge_in", "idm").is_failure
     share = np.mean([result.is_failure for result in episodes("idm", 60)])
-    assert 0.05 <= share <= 0.9
+    assert 0.1 <= share <= 0.4

@@ -28,7 +28,7 @@ def ramp(mission):
 def accept(ramp, truck, car):
     """What an ego of 20 m/s does about cars at these gaps ahead (+) or behind (-), one by one.
 
-    The ego keeps pace if it has 50 m.
+    The ego keeps pace if it has 50 m, and brakes by 1 m/s² for each metre less.
     """
     ego = structs.replace(truck, speed_mps=20.0)
 
@@ -49,9 +49,9 @@ def test_a_free_lane_is_taken(accept):
     assert accept(5.0, y_m=0.0) == OVER
 
 
-def test_ahead_it_asks_the_model_whether_it_could_keep_pace(accept):
-    assert accept(50.1) == OVER
-    assert accept(49.9) == STAY
+def test_ahead_it_asks_the_model_for_no_more_than_safe_braking(accept):
+    assert accept(49.76) == OVER
+    assert accept(49.74) == STAY
 
 
 def test_behind_it_asks_that_nobody_catches_up(accept):

@@ -2,7 +2,8 @@
 
 The safety criterion of Kesting, Treiber, Helbing: General lane-changing model MOBIL for
 car-following models, Transportation Research Record 1999 (2007), eq. 2: nobody may be made to
-brake harder than b_safe. What makes the driver change is no advantage, but the end of its lane.
+brake harder than b_safe. The driver asks no more of itself. What makes it change is no advantage,
+but the end of its lane.
 """
 
 from collections.abc import Callable
@@ -23,11 +24,11 @@ class GapAcceptanceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=T
 
     safe_deceleration_mps2: Annotated[
         float,
-        Meta(gt=0.0, le=9.0, description="b_safe: nobody behind has to brake harder [m/s²]."),
+        Meta(gt=0.0, le=9.0, description="b_safe: nobody has to brake harder [m/s²]."),
     ] = 0.25
     standstill_gap_m: Annotated[
         float, Meta(ge=0.0, le=20.0, description="Gap that is left when that is over [m].")
-    ] = 1.0
+    ] = 2.0
     turning_room_m: Annotated[
         float, Meta(ge=0.0, le=200.0, description="Stop this long before the lane ends [m].")
     ] = 40.0
@@ -75,11 +76,12 @@ class GapAcceptance:
         return all(self._leaves_room(ego, other) for other in others if other.y_m > self._line_m)
 
     def _leaves_room(self, ego: VehicleState, other: VehicleState) -> bool:
-        """Whether the ego could keep pace with who is ahead, or is not caught up by who is not."""
+        """Whether the ego can follow who is ahead, or is not caught up by who is not."""
+        safe_mps2 = self._settings.safe_deceleration_mps2
         gap_m = abs(other.x_m - ego.x_m) - (ego.length_m + other.length_m) / 2.0
         if other.x_m > ego.x_m:
             pace_mps = max(ego.speed_mps, other.speed_mps)
-            return self._model(pace_mps, gap_m, other.speed_mps) >= 0.0
+            return self._model(pace_mps, gap_m, other.speed_mps) >= -safe_mps2
         closing_mps = max(other.speed_mps - ego.speed_mps, 0.0)
-        braking_m = closing_mps**2 / (2.0 * self._settings.safe_deceleration_mps2)
+        braking_m = closing_mps**2 / (2.0 * safe_mps2)
         return gap_m >= self._settings.standstill_gap_m + braking_m

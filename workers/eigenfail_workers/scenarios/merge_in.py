@@ -36,19 +36,19 @@ class MergeInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
     gap_s: Annotated[
         float, Meta(ge=3.0, le=5.0, description="Time gap between the two cars [s].")
-    ] = 4.2
+    ] = 3.3
     behind_m: Annotated[
         float, Meta(ge=-25.0, le=40.0, description="Second car behind the truck by this [m].")
-    ] = -1.0
+    ] = 22.0
     ego_speed_mps: Annotated[
         float, Meta(ge=18.0, le=22.0, description="Speed of the truck at the start [m/s].")
-    ] = 20.0
+    ] = 20.5
     traffic_speed_mps: Annotated[
         float, Meta(ge=19.0, le=23.0, description="Speed of the cars [m/s].")
-    ] = 20.5
+    ] = 22.0
     ramp_m: Annotated[
-        float, Meta(ge=350.0, le=500.0, description="Length of the ramp's lane that is left [m].")
-    ] = 400.0
+        float, Meta(ge=320.0, le=450.0, description="Length of the ramp's lane that is left [m].")
+    ] = 350.0
 
 
 class MergeInSituation(msgspec.Struct, frozen=True):
