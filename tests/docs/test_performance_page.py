@@ -66,10 +66,13 @@ def test_every_figure_of_the_benchmarks_is_explained_with_its_target(page, root)
     explained = {}
     for line in page.splitlines():
         if line.startswith("| `"):
-            names, targets, now, _ = cells(line)
-            assert len(now.split(",")) == len(names.split(","))
+            each, targets, now, _ = cells(line)
+            names = re.findall(r"`(\w+)`", each)
             words = [word.strip() for word in targets.split(",")]
-            explained |= dict(zip(re.findall(r"`(\w+)`", names), words, strict=True))
+            explained |= dict(zip(names, words, strict=True))
+            for name, printed in zip(names, now.split(","), strict=True):
+                digits = len(printed.partition(".")[2])
+                assert float(printed) == round(measured[name]["value"], digits), name
     assert explained == {name: figure.get("target", "") for name, figure in measured.items()}
 
 
