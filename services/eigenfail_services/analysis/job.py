@@ -88,7 +88,7 @@ def check(failures: Failures, horizon: int) -> None:
         raise InvalidValue(
             "failures",
             "there is none to analyse.",
-            "Let the campaign run on, or search with a method that looks for failures: ast, cem, difs.",
+            "Let the campaign run on, or search with a method that looks for them: ast, cem, difs.",
         )
     for index, z in zip(failures.indices, failures.noise, strict=True):
         if z.ndim != 2 or z.shape[1] != 2 or len(z) > horizon or not np.isfinite(z).all():
