@@ -7,7 +7,7 @@ import msgspec
 from eigenfail.values.disturbance.shapes import Shape, White
 
 
-class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """a_t = sigma_t · u_t, sigma growing with the distance (paper, eq. 2 and 3).
 
     sigma_x = scale · (longitudinal_slope · |dx| + longitudinal_base_m), and the same for y. [m]
