@@ -1,7 +1,6 @@
 """A measured figure, and the files in which figures are kept."""
 
 import subprocess
-from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
@@ -55,9 +54,3 @@ def show(figures: dict[str, Figure]) -> None:
     for name, figure in sorted(figures.items()):
         value = "–" if figure.value is None else f"{figure.value:.4g}"
         print(f"{name:<48} {value:>10} {figure.unit:<12} n={figure.n:<6} {figure.target}")
-
-
-def median(values: Iterable[float]) -> float:
-    """The middle value (the upper one of two)."""
-    ordered = sorted(values)
-    return ordered[len(ordered) // 2]

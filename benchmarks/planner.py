@@ -7,9 +7,10 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from statistics import median
 
 import numpy as np
-from figures import ROOT, Figure, median
+from figures import ROOT, Figure
 
 from eigenfail.processes import ONE_THREAD
 

@@ -9,8 +9,9 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from statistics import median
 
-from figures import ROOT, Figure, median
+from figures import ROOT, Figure
 
 from eigenfail.cli.local_service import Launcher, LocalService, Plan, local_service
 from eigenfail.client import Client

@@ -2,9 +2,10 @@
 
 import subprocess
 import time
+from statistics import median
 
 import zmq
-from figures import ROOT, Figure, median
+from figures import ROOT, Figure
 
 from eigenfail.wire.messages import Goodbye, Hello, encode, read_worker_message
 from eigenfail_services.campaigns.launcher import RayLauncher

@@ -56,9 +56,15 @@ def load_class(path: str) -> Any:
         InvalidValue: not a path of that form, or nothing there.
     """
     if not CLASS_PATH.fullmatch(path):
-        raise InvalidValue("plug-in", f"'{path}' is not of the form module:Class.")
+        raise InvalidValue(
+            "plug-in",
+            f"'{path}' is not of the form module:Class.",
+            "Write it as my_planner:Planner.",
+        )
     module, name = path.split(":")
     try:
         return getattr(import_module(module), name)
     except (ImportError, AttributeError) as error:
-        raise InvalidValue("plug-in", f"'{path}' cannot be loaded: {error}.") from error
+        problem = f"'{path}' cannot be loaded: {error}."
+        remedy = "Run it from the folder of the module, or install that."
+        raise InvalidValue("plug-in", problem, remedy) from error

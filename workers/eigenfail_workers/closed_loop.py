@@ -67,7 +67,11 @@ class DrivenSimulation:
 
     def _stage(self, situation: Situation) -> Truth:
         if not situation.actors:
-            raise InvalidValue("scenario_parameters", "there is no vehicle beside the ego.")
+            raise InvalidValue(
+                "scenario_parameters",
+                "there is no vehicle beside the ego.",
+                "Stage one at least: noise is on the position of the nearest.",
+            )
         truth = self._world.reset(situation)
         if truth.collided:
             raise InvalidValue(

@@ -10,6 +10,8 @@ from eigenfail.settings import convert, read_settings
 from eigenfail.values import CampaignSpec, DisturbanceModel
 from eigenfail.wire.http import refuse_unknown_fields
 
+LIKE = "Name a TOML file with the fields of a campaign, as in examples/."
+
 PLUGIN_FIELDS = {
     "method": (plugins.METHODS, "settings", "Settings"),
     "scenario": (plugins.SCENARIOS, "scenario_parameters", "Parameters"),
@@ -49,9 +51,9 @@ def read_toml(file: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InvalidValue(str(file), f"cannot be read: {error.strerror}.") from error
+        raise InvalidValue(str(file), f"cannot be read: {error.strerror}.", LIKE) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidValue(str(file), f"is not TOML: {error}.") from error
+        raise InvalidValue(str(file), f"is not TOML: {error}.", LIKE) from error
 
 
 def check_plugins(spec: CampaignSpec) -> None:

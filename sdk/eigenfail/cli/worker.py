@@ -28,7 +28,8 @@ def worker(connect: Connect, name: Name = None, as_json: AsJson = False) -> None
     Ctrl-C or SIGTERM hands over what is finished and ends it.
     """
     if not ADDRESS.fullmatch(connect):
-        raise InvalidValue("connect", f"'{connect}' is not of the form tcp://host:port.")
+        problem = f"'{connect}' is not of the form tcp://host:port."
+        raise InvalidValue("connect", problem, "`eigenfail up` prints the hub's address.")
     if find_spec("zmq") is None:
         raise ServiceError(
             "The worker is not installed here.", "Run: pip install 'eigenfail[worker]'"

@@ -1,6 +1,7 @@
 """Frozen values as bytes and text, and back."""
 
 import hashlib
+from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -22,6 +23,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
     Scene,
+    Shape,
     assess,
 )
 from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_array
@@ -100,6 +102,12 @@ def to_row(found: RowMapping) -> EpisodeRow:
     )
 
 
+@lru_cache(maxsize=64)
+def to_shape(spec: str) -> Shape:
+    """The shape of a campaign's noise; its results come by the hundred, with one spec."""
+    return _specs.decode(spec).disturbance.shape
+
+
 def to_result(found: RowMapping, scene: bytes | None = None) -> EpisodeResult:
     """A result from an episode's row, its blobs, and its campaign's spec."""
     states, z, sigma = found["states"], to_floats(found["z"], 2), to_floats(found["sigma"], 2)
@@ -108,7 +116,7 @@ def to_result(found: RowMapping, scene: bytes | None = None) -> EpisodeResult:
         seed=found["seed"],
         outcome=Outcome(found["outcome"]),
         steps=found["steps"],
-        noise=NoiseTrajectory(z, sigma, _specs.decode(found["spec"]).disturbance.shape),
+        noise=NoiseTrajectory(z, sigma, to_shape(found["spec"])),
         source=found["source"],
         measures=_measures(found),
         states=None if states is None else to_floats(states, len(STATE)),

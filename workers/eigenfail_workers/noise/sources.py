@@ -74,7 +74,9 @@ def from_trajectory(source: TrajectorySource, _given: Circumstances) -> NoiseSou
     z = source.z
     if z.ndim != 2 or z.shape[1] != 2 or not np.isfinite(z).all():
         raise InvalidValue(
-            "source.z", f"a trajectory of shape {z.shape} is not (steps, 2) finite numbers."
+            "source.z",
+            f"a trajectory of shape {z.shape} is not (steps, 2) finite numbers.",
+            "Give longitudinal and lateral noise for each step.",
         )
     return TrajectoryNoise(z.astype(np.float32))
 

@@ -14,11 +14,9 @@ from eigenfail_workers.minimum_jerk import minimum_jerk
 from eigenfail_workers.scenarios.staging import (
     CAR_LENGTH_M,
     DT_S,
-    LANE_WIDTH_M,
-    LANES,
-    SPEED_LIMIT_MPS,
     TRUCK_LENGTH_M,
     car,
+    mission,
     truck,
 )
 
@@ -107,7 +105,7 @@ class CutIn:
         over_s = begins_s + parameters.lane_change_s
         actor_x_m = parameters.initial_gap_m + (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
         return CutInSituation(
-            mission=_mission(parameters),
+            mission=mission(parameters.ego_speed_mps, GOAL_M),
             steps=max(LEAST_STEPS, ceil((over_s + AFTERWARDS_S) / DT_S)),
             ego=truck(parameters.ego_speed_mps),
             actors=(car(actor_x_m, 1, parameters.actor_speed_mps),),
@@ -115,14 +113,3 @@ class CutIn:
             change_lasts_s=parameters.lane_change_s,
             final_offset_m=parameters.final_offset_m,
         )
-
-
-def _mission(parameters: CutInParameters) -> Mission:
-    return Mission(
-        dt_s=DT_S,
-        lanes=LANES,
-        lane_width_m=LANE_WIDTH_M,
-        speed_limit_mps=SPEED_LIMIT_MPS,
-        desired_speed_mps=parameters.ego_speed_mps,
-        goal_x_m=GOAL_M,
-    )

@@ -8,12 +8,9 @@ from msgspec import Meta
 from eigenfail.values import Mission, VehicleState
 from eigenfail_workers.scenarios.staging import (
     CAR_LENGTH_M,
-    DT_S,
-    LANE_WIDTH_M,
-    LANES,
-    SPEED_LIMIT_MPS,
     TRUCK_LENGTH_M,
     car,
+    mission,
     truck,
 )
 
@@ -81,14 +78,7 @@ class LeadBrake:
         lead_x_m = parameters.gap_m + (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
         lost_mps = parameters.speed_mps - parameters.final_speed_mps
         return LeadBrakeSituation(
-            mission=Mission(
-                dt_s=DT_S,
-                lanes=LANES,
-                lane_width_m=LANE_WIDTH_M,
-                speed_limit_mps=SPEED_LIMIT_MPS,
-                desired_speed_mps=parameters.speed_mps,
-                goal_x_m=GOAL_M,
-            ),
+            mission=mission(parameters.speed_mps, GOAL_M),
             steps=STEPS,
             ego=truck(parameters.speed_mps),
             actors=(car(lead_x_m, 0, parameters.speed_mps),),

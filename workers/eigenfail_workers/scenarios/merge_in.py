@@ -8,12 +8,9 @@ from msgspec import Meta
 from eigenfail.values import Mission, VehicleState
 from eigenfail_workers.scenarios.staging import (
     CAR_LENGTH_M,
-    DT_S,
-    LANE_WIDTH_M,
-    LANES,
-    SPEED_LIMIT_MPS,
     TRUCK_LENGTH_M,
     car,
+    mission,
     truck,
 )
 
@@ -78,15 +75,7 @@ class MergeIn:
         second_x_m = -parameters.behind_m - (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
         first_x_m = second_x_m + parameters.gap_s * speed_mps + CAR_LENGTH_M
         return MergeInSituation(
-            mission=Mission(
-                dt_s=DT_S,
-                lanes=LANES,
-                lane_width_m=LANE_WIDTH_M,
-                speed_limit_mps=SPEED_LIMIT_MPS,
-                desired_speed_mps=DESIRED_SPEED_MPS,
-                goal_x_m=GOAL_M,
-                lane_0_ends_x_m=0.5 * TRUCK_LENGTH_M + parameters.ramp_m,
-            ),
+            mission=mission(DESIRED_SPEED_MPS, GOAL_M, 0.5 * TRUCK_LENGTH_M + parameters.ramp_m),
             steps=STEPS,
             ego=truck(parameters.ego_speed_mps),
             actors=(

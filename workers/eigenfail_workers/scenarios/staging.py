@@ -1,6 +1,6 @@
 """What all scenarios are staged with: time, road, truck and cars."""
 
-from eigenfail.values import VehicleState
+from eigenfail.values import Mission, VehicleState
 
 DT_S = 0.1
 LANES = 2
@@ -8,6 +8,21 @@ LANE_WIDTH_M = 3.5
 SPEED_LIMIT_MPS = 25.0
 TRUCK_LENGTH_M, TRUCK_WIDTH_M = 16.0, 2.5
 CAR_LENGTH_M, CAR_WIDTH_M = 5.0, 2.0
+
+
+def mission(
+    desired_speed_mps: float, goal_x_m: float, lane_0_ends_x_m: float | None = None
+) -> Mission:
+    """The road that all scenarios share, and the task on it."""
+    return Mission(
+        dt_s=DT_S,
+        lanes=LANES,
+        lane_width_m=LANE_WIDTH_M,
+        speed_limit_mps=SPEED_LIMIT_MPS,
+        desired_speed_mps=desired_speed_mps,
+        goal_x_m=goal_x_m,
+        lane_0_ends_x_m=lane_0_ends_x_m,
+    )
 
 
 def truck(speed_mps: float) -> VehicleState:
