@@ -3,7 +3,7 @@
 Each contract has a conformance suite in `eigenfail.testing`.
 """
 
-from eigenfail.contracts.learning import Learner, Method
+from eigenfail.contracts.learning import Estimator, Exploiter, Learner, Method
 from eigenfail.contracts.storage import (
     AnalysisStore,
     CampaignStore,
@@ -31,9 +31,11 @@ __all__ = [
     "CheckpointStore",
     "EpisodeEngine",
     "EpisodeStore",
+    "Estimator",
     "EventLog",
     "Explainer",
     "ExplainingPlanner",
+    "Exploiter",
     "JobQueue",
     "Learner",
     "Method",

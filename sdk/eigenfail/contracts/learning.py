@@ -1,11 +1,11 @@
 """What chooses disturbances: learners and the methods that make them."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import msgspec
 
-from eigenfail.values import EpisodeResult, LearnerContext, Proposal
+from eigenfail.values import EpisodeResult, Estimate, LearnerContext, Proposal
 
 
 class Learner(Protocol):
@@ -34,6 +34,22 @@ class Learner(Protocol):
         Raises:
             ProtocolError: the bytes are not a state of this method.
         """
+
+
+@runtime_checkable
+class Exploiter(Protocol):
+    """A learner whose knowledge can be used without learning on. No learner has to."""
+
+    def exploit(self, n: int) -> Proposal:
+        """Exactly n episodes from what is known now, drawn anew at each call."""
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """A learner that can tell the failure probability under p(x). No learner has to."""
+
+    def estimate(self) -> Estimate | None:
+        """What is known after the last round observed; None before there is anything to tell."""
 
 
 class Method(Protocol):

@@ -47,7 +47,14 @@ from eigenfail.values.episode import (
 )
 from eigenfail.values.event import Event
 from eigenfail.values.explanation import Account, ExplainedEpisode, ExplainedStep
-from eigenfail.values.learning import LearnerContext, Proposal, Round
+from eigenfail.values.learning import (
+    Estimate,
+    Experience,
+    LearnerContext,
+    Predecessor,
+    Proposal,
+    Round,
+)
 from eigenfail.values.paging import Page
 from eigenfail.values.policy import STATE, Layer, Policy
 from eigenfail.values.randomness import episode_seed, learner_seed
@@ -78,7 +85,9 @@ __all__ = [
     "EpisodeResult",
     "EpisodeSetup",
     "EpisodeTask",
+    "Estimate",
     "Event",
+    "Experience",
     "ExplainedEpisode",
     "ExplainedStep",
     "FailureMode",
@@ -97,6 +106,7 @@ __all__ = [
     "Perception",
     "Policy",
     "PolicySource",
+    "Predecessor",
     "PriorSource",
     "Proposal",
     "Rate",

@@ -1,10 +1,71 @@
 """What passes between a method's learner and those who run its episodes."""
 
+from typing import Any
+
 import msgspec
 
 from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign import Interval
 from eigenfail.values.episode import EpisodeTask, Source
 from eigenfail.values.policy import Policy
+
+
+class Predecessor(msgspec.Struct, frozen=True, eq=False):
+    """The learner of an earlier campaign: what it was born with, and what it knew in the end.
+
+    Attributes:
+        campaign: its id.
+        method: its method, by name.
+        settings: the method's settings, as given.
+        seed: of its learner's random draws.
+        episodes: its campaign's budget.
+        horizon: the number of steps of its episodes.
+        state: what `Learner.state` last gave.
+    """
+
+    campaign: int
+    method: str
+    settings: dict[str, Any]
+    seed: int
+    episodes: int
+    horizon: int
+    state: bytes
+
+
+class Experience(msgspec.Struct, frozen=True, eq=False):
+    """What episodes of earlier campaigns taught: noise and robustness.
+
+    Attributes:
+        z: noise trajectories, zero behind an episode's end, shape (n, horizon, 2). [sigma]
+        steps: of each episode, shape (n,).
+        robustness_m: of each episode, shape (n,).
+    """
+
+    z: Floats
+    steps: Floats
+    robustness_m: Floats
+
+
+class Estimate(msgspec.Struct, frozen=True, kw_only=True):
+    """The failure probability under p(x), as a learner knows it after its last whole round.
+
+    Attributes:
+        by: how it was found: "subset simulation" or "importance sampling".
+        episodes: how many it rests on.
+        probability: None where it cannot be told honestly; `problem` then says why.
+        cv: coefficient of variation: standard error ÷ probability.
+        interval: of 95 %.
+        effective: effective sample size, of weighted samples.
+        problem: why there is no number, and what to do; empty otherwise.
+    """
+
+    by: str
+    episodes: int
+    probability: float | None = None
+    cv: float | None = None
+    interval: Interval | None = None
+    effective: float | None = None
+    problem: str = ""
 
 
 class LearnerContext(msgspec.Struct, frozen=True, eq=False):
@@ -15,12 +76,16 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
         episodes: the campaign's budget.
         horizon: the number of steps of a full episode.
         trajectories: noise trajectories z to start from, shape (n, horizon, 2); n may be 0.
+        predecessors: learners of earlier campaigns that the settings name.
+        experience: of earlier campaigns that the settings name; None if they name none.
     """
 
     seed: int
     episodes: int
     horizon: int
     trajectories: Floats
+    predecessors: tuple[Predecessor, ...] = ()
+    experience: Experience | None = None
 
 
 class Proposal(msgspec.Struct, frozen=True, eq=False):
