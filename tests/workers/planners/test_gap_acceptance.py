@@ -14,7 +14,7 @@ from eigenfail_workers.planners.gap_acceptance import (
 from eigenfail_workers.planners.idm import IntelligentDriver
 
 SETTINGS = GapAcceptanceSettings(
-    safe_deceleration_mps2=0.25, standstill_gap_m=1.0, turning_room_m=40.0
+    safe_deceleration_mps2=0.25, gap_behind_m=1.0, foresight_s=10.0, turning_room_m=40.0
 )
 OVER = Course(3.5, inf)
 
@@ -24,16 +24,18 @@ def ramp(mission):
     return structs.replace(mission, lane_0_ends_x_m=300.0)
 
 
+def keeps_pace(_speed_mps, gap_m, _lead_mps):
+    """With 50 m it keeps its speed, and it brakes by 1 m/s² for each metre less."""
+    return min(gap_m - 50.0, 0.0)
+
+
 @pytest.fixture
 def accept(ramp, truck, car):
-    """What an ego of 20 m/s does about cars at these gaps ahead (+) or behind (-), one by one.
-
-    The ego keeps pace if it has 50 m, and brakes by 1 m/s² for each metre less.
-    """
+    """What an ego of 20 m/s does about cars at these gaps ahead (+) or behind (-), one by one."""
     ego = structs.replace(truck, speed_mps=20.0)
 
     def run(*gaps_m, speed_mps=20.0, now=None, y_m=3.5):
-        acceptance = now or GapAcceptance(SETTINGS, ramp, lambda _v, gap, _lead: gap - 50.0)
+        acceptance = now or GapAcceptance(SETTINGS, ramp, keeps_pace)
         cars = [car(gap + (10.5 if gap > 0 else -10.5), y_m) for gap in gaps_m]
         cars = [structs.replace(one, speed_mps=speed_mps) for one in cars]
         return acceptance(Perception(0.0, ego, tuple(cars)))
@@ -54,17 +56,24 @@ def test_ahead_it_asks_the_model_for_no_more_than_safe_braking(accept):
     assert accept(49.74) == STAY
 
 
-def test_behind_it_asks_that_nobody_catches_up(accept):
-    """Equal speeds: 1 m. Closing at 2 m/s: 1 + 4 / (2 · 0.25) = 9 m."""
+def test_behind_it_asks_that_the_gap_never_falls_below_the_least(accept):
+    """Equal speeds: 1 m. Caught up by 2 m/s for 10 s: 1 + 20 m. Left behind: 1 m."""
     assert accept(-1.01) == OVER
     assert accept(-0.99) == STAY
-    assert accept(-9.01, speed_mps=22.0) == OVER
-    assert accept(-8.99, speed_mps=22.0) == STAY
+    assert accept(-21.01, speed_mps=22.0) == OVER
+    assert accept(-20.99, speed_mps=22.0) == STAY
     assert accept(-1.01, speed_mps=15.0) == OVER
+    assert accept(-0.99, speed_mps=15.0) == STAY
+
+
+def test_who_will_fall_back_behind_its_lead_needs_the_more_room_behind(accept):
+    """0.1 m short of its 50 it loses 0.05, 0.0875, then 0.103 m/s for good: 1.0 m in 10 s."""
+    assert accept(49.9, -2.01) == OVER
+    assert accept(49.9, -1.98) == STAY
 
 
 def test_one_look_is_enough_and_it_is_not_taken_back(accept, ramp):
-    acceptance = GapAcceptance(SETTINGS, ramp, lambda _v, gap, _lead: gap - 50.0)
+    acceptance = GapAcceptance(SETTINGS, ramp, keeps_pace)
     assert accept(30.0, now=acceptance) == STAY
     assert accept(60.0, now=acceptance) == OVER
     assert accept(-0.1, now=acceptance) == OVER

@@ -1,12 +1,11 @@
 """Raw gap acceptance for a driver whose lane ends: one look, no filter.
 
-The safety criterion of Kesting, Treiber, Helbing: General lane-changing model MOBIL for
-car-following models, Transportation Research Record 1999 (2007), eq. 2: nobody may be made to
-brake harder than b_safe. The driver asks no more of itself. What makes it change is no advantage,
-but the end of its lane.
+In the spirit of the safety criterion of Kesting, Treiber, Helbing: General lane-changing model
+MOBIL for car-following models, Transportation Research Record 1999 (2007), eq. 2: here nobody
+behind may have to brake at all. What makes the driver change is no advantage, but the end of its
+lane.
 """
 
-from collections.abc import Callable
 from math import inf
 from typing import Annotated, NamedTuple
 
@@ -14,9 +13,7 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.values import Mission, Perception, VehicleState
-
-Model = Callable[[float, float, float], float]
-"""The acceleration [m/s²] of who drives at a speed [m/s], a gap [m] behind a lead at a speed."""
+from eigenfail_workers.planners.foresight import Model, gap_m, least_gap_behind
 
 
 class GapAcceptanceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -24,11 +21,14 @@ class GapAcceptanceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=T
 
     safe_deceleration_mps2: Annotated[
         float,
-        Meta(gt=0.0, le=9.0, description="b_safe: nobody has to brake harder [m/s²]."),
-    ] = 0.25
-    standstill_gap_m: Annotated[
-        float, Meta(ge=0.0, le=20.0, description="Gap that is left when that is over [m].")
+        Meta(gt=0.0, le=9.0, description="b_safe: it asks no more of itself [m/s²]."),
+    ] = 0.5
+    gap_behind_m: Annotated[
+        float, Meta(ge=0.0, le=20.0, description="Gap that who follows always keeps [m].")
     ] = 2.0
+    foresight_s: Annotated[
+        float, Meta(gt=0.0, le=60.0, description="How far ahead that is foreseen [s].")
+    ] = 20.0
     turning_room_m: Annotated[
         float, Meta(ge=0.0, le=200.0, description="Stop this long before the lane ends [m].")
     ] = 40.0
@@ -72,16 +72,23 @@ class GapAcceptance:
         return Course(0.0, ends_x_m - self._settings.turning_room_m - front_x_m)
 
     def _accepts(self, ego: VehicleState, others: tuple[VehicleState, ...]) -> bool:
-        """Whether all vehicles that seem to be on the main lane leave room."""
-        return all(self._leaves_room(ego, other) for other in others if other.y_m > self._line_m)
+        """Whether it can follow all who seem ahead on the main lane, and hinders none behind."""
+        there = [other for other in others if other.y_m > self._line_m]
+        ahead = [other for other in there if other.x_m > ego.x_m]
+        behind = [other for other in there if other.x_m <= ego.x_m]
+        lead = min(ahead, key=lambda other: other.x_m, default=None)
+        return all(self._can_follow(ego, other) for other in ahead) and all(
+            self._stays_clear(ego, lead, other) for other in behind
+        )
 
-    def _leaves_room(self, ego: VehicleState, other: VehicleState) -> bool:
-        """Whether the ego can follow who is ahead, or is not caught up by who is not."""
-        safe_mps2 = self._settings.safe_deceleration_mps2
-        gap_m = abs(other.x_m - ego.x_m) - (ego.length_m + other.length_m) / 2.0
-        if other.x_m > ego.x_m:
-            pace_mps = max(ego.speed_mps, other.speed_mps)
-            return self._model(pace_mps, gap_m, other.speed_mps) >= -safe_mps2
-        closing_mps = max(other.speed_mps - ego.speed_mps, 0.0)
-        braking_m = closing_mps**2 / (2.0 * safe_mps2)
-        return gap_m >= self._settings.standstill_gap_m + braking_m
+    def _can_follow(self, ego: VehicleState, lead: VehicleState) -> bool:
+        pace_mps = max(ego.speed_mps, lead.speed_mps)
+        wanted = self._model(pace_mps, gap_m(ego, lead), lead.speed_mps)
+        return wanted >= -self._settings.safe_deceleration_mps2
+
+    def _stays_clear(
+        self, ego: VehicleState, lead: VehicleState | None, follower: VehicleState
+    ) -> bool:
+        """Whether a follower that keeps its speed keeps the gap too, whatever the ego will do."""
+        foreseen_m = least_gap_behind(ego, lead, follower, self._model, self._settings.foresight_s)
+        return foreseen_m >= self._settings.gap_behind_m

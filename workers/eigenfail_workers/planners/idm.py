@@ -11,6 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.values import Control, Mission, Perception, VehicleState
+from eigenfail_workers.planners.foresight import gap_m
 from eigenfail_workers.planners.gap_acceptance import GapAcceptance, GapAcceptanceSettings
 from eigenfail_workers.planners.steering import LaneKeeping, pursue
 
@@ -106,8 +107,3 @@ class IntelligentDriver:
         dynamic_m = speed_mps * (settings.time_headway_s + closing_mps / (2.0 * comfort))
         wanted_m = settings.standstill_gap_m + max(dynamic_m, 0.0)
         return float(settings.max_acceleration_mps2 * (wanted_m / max(gap, CONTACT_M)) ** 2)
-
-
-def gap_m(ego: VehicleState, other: VehicleState) -> float:
-    """From the ego's front to the other's rear bumper along the road [m]."""
-    return other.x_m - ego.x_m - (ego.length_m + other.length_m) / 2.0

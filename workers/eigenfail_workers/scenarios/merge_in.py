@@ -33,10 +33,10 @@ class MergeInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
     gap_s: Annotated[
         float, Meta(ge=3.0, le=5.0, description="Time gap between the two cars [s].")
-    ] = 3.3
+    ] = 3.1
     behind_m: Annotated[
         float, Meta(ge=-25.0, le=40.0, description="Second car behind the truck by this [m].")
-    ] = 22.0
+    ] = 17.5
     ego_speed_mps: Annotated[
         float, Meta(ge=18.0, le=22.0, description="Speed of the truck at the start [m/s].")
     ] = 20.5

@@ -1,0 +1,47 @@
+"""Without noise every built-in scenario is safe for both planners: drawn points, not corners.
+
+A grid of extremes misses what lies between: with an earlier rule of `idm` it showed no crash in a
+merge, while 6 of 1200 drawn points crashed.
+"""
+
+from itertools import product
+
+import msgspec
+import numpy as np
+import pytest
+
+from eigenfail import plugins
+from eigenfail.values import DisturbanceModel, EpisodeSetup, EpisodeTask, TrajectorySource
+from eigenfail_workers.engine import Engine
+
+UNDISTURBED = EpisodeTask(0, 0, TrajectorySource(np.zeros((0, 2), np.float32)))
+POINTS = {"rulebook": 25, "idm": 150}
+WHOLE, NEAR = 1.0, 0.15
+
+
+def drawn(scenario, share, points):
+    """That many points drawn evenly from that share of the bounds, around the defaults."""
+    kind = plugins.load(plugins.SCENARIOS, scenario).Parameters
+    (schema,) = msgspec.json.schema(kind)["$defs"].values()
+    random = np.random.default_rng(len(scenario))
+    for _ in range(points):
+        yield {name: _within(field, share, random) for name, field in schema["properties"].items()}
+
+
+def _within(field, share, random):
+    low, default, high = field["minimum"], field["default"], field["maximum"]
+    return float(
+        random.uniform(default + share * (low - default), default + share * (high - default))
+    )
+
+
+@pytest.mark.parametrize(
+    ("scenario", "planner", "share"),
+    list(product(["cut_in", "lead_brake", "merge_in"], ["rulebook", "idm"], [WHOLE, NEAR])),
+)
+def test_nobody_is_hurt(scenario, planner, share):
+    for parameters in drawn(scenario, share, POINTS[planner]):
+        setup = EpisodeSetup("point_mass", scenario, parameters, planner, {}, DisturbanceModel(), 1)
+        (result,) = Engine(setup).run([UNDISTURBED])
+        assert not result.is_failure, parameters
+        assert result.measures.left_road_s is None, parameters
