@@ -6,7 +6,7 @@ SOURCES := sdk api services workers migrations deploy tests examples benchmarks
 MINUTES ?= 5
 
 .DEFAULT_GOAL := help
-.PHONY: help setup chromium demo test lint format bench claims pictures soak lock clean
+.PHONY: help setup chromium demo test lint format bench claims intervals pictures soak lock clean
 
 help: ## this list
 	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -47,6 +47,9 @@ bench: setup ## measure, and write benchmarks/latest.json
 
 claims: setup ## find the figures that the documents state, and write docs/claims.json
 	$(BIN)/python benchmarks/claims.py
+
+intervals: setup ## how often the failure probabilities that methods print hold the truth
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/intervals.py
 
 pictures: setup ## draw docs/pictures
 	$(BIN)/python benchmarks/pictures.py

@@ -1,19 +1,25 @@
 """Find the figures that the documents state, and write docs/claims.json.
 
+The learning curves of the methods that learn go to docs/learning_curves.json; `make pictures`
+draws them.
+
 `python benchmarks/claims.py --only cut_in.rulebook.p_fail` finds a part of them and leaves the
 others as they are. Exit code 1 if a target is missed, 2 if no figure has the name asked for.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
+import curves
 import msgspec
 import typer
 from crew import Crew, crew
+from curves import Curve, Curves
 from figures import ROOT, Figure, write
+from learning import ast, cem, difs, merge
 from monte_carlo import calm, frail
 from probability import p_fail
 from shaped import shaped
@@ -22,7 +28,7 @@ from targets import TARGETS, aimed, missed
 SEED = 20261122
 """Used for nothing else: no part of the world was chosen by what it shows."""
 
-Find = Callable[[Crew, int], Iterator[tuple[str, Figure]]]
+Find = Callable[[Crew, int], Iterable[tuple[str, Figure | tuple[Curve, ...]]]]
 
 
 class Trial(NamedTuple):
@@ -47,21 +53,29 @@ TRIALS = (
         ),
         shaped,
     ),
+    Trial(("cut_in.ast.",), ast),
+    Trial(("cut_in.difs.",), difs),
+    Trial(("cut_in.cem.",), cem),
     Trial(("merge_in.rulebook.mc2000.",), partial(calm, "merge_in")),
     Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
+    Trial(("merge_in.ast.",), partial(merge, "ast")),
+    Trial(("merge_in.difs.",), partial(merge, "difs")),
 )
 
 
-def found(prefix: str, seed: int) -> dict[str, Figure]:
-    """The figures whose names begin with a prefix."""
-    figures: dict[str, Figure] = {}
+def found(prefix: str, seed: int) -> tuple[dict[str, Figure], Curves]:
+    """The figures whose names begin with a prefix, and the learning curves of their campaigns."""
+    findings: dict[str, Figure | tuple[Curve, ...]] = {}
     with crew() as hands:
         for trial in TRIALS:
             if trial.concerns(prefix):
                 began = time.perf_counter()
-                figures |= trial.find(hands, seed)
+                findings |= trial.find(hands, seed)
                 print(f"{trial.prefixes[0]}… {time.perf_counter() - began:.0f} s", flush=True)
-    return {name: aimed(name, f, seed) for name, f in figures.items() if name.startswith(prefix)}
+    figures = {name: one for name, one in findings.items() if isinstance(one, Figure)}
+    courses = {name: one for name, one in findings.items() if not isinstance(one, Figure)}
+    wanted = {name: one for name, one in figures.items() if name.startswith(prefix)}
+    return {name: aimed(name, one, seed) for name, one in wanted.items()}, courses
 
 
 def kept(path: Path, prefix: str) -> dict[str, Figure]:
@@ -94,11 +108,13 @@ def main(
     to: Annotated[Path, typer.Option(help="File to write.")] = ROOT / "docs" / "claims.json",
 ) -> None:
     """Find, write, show."""
-    figures = found(only, seed)
+    figures, fresh = found(only, seed)
     if not figures:
         print(f"No figure's name begins with '{only}'; some are {', '.join(sorted(TARGETS))}.")
         raise typer.Exit(2)
     write(to, kept(to, only) | figures)
+    beside = to.with_name(curves.FILE.name)
+    curves.write(curves.read(beside) | fresh, beside)
     late = missed(figures, only)
     print("\n".join(table(figures, late)))
     raise typer.Exit(bool(late))

@@ -4,12 +4,13 @@ An episode comes out as in a campaign of the same seed: it depends on nothing bu
 """
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from itertools import chain, repeat
 from multiprocessing import get_context
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -28,6 +29,8 @@ from eigenfail.values import (
 )
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.explain import Told, Witness
+
+T = TypeVar("T")
 
 BATCH = 20
 
@@ -50,6 +53,10 @@ class Crew:
         """Run the tasks; what came of them, in their order."""
         batches = [tasks[first : first + BATCH] for first in range(0, len(tasks), BATCH)]
         return list(chain.from_iterable(self._pool.map(play, repeat(setup), batches)))
+
+    def each(self, function: Callable[..., T], *arguments: Iterable[Any]) -> list[T]:
+        """Call a function with each set of arguments, side by side."""
+        return list(self._pool.map(function, *arguments))
 
     def inject(self, setup: EpisodeSetup, z: NDArray[np.floating]) -> list[Played]:
         """Run an episode for each noise trajectory z, shape (n, steps, 2)."""

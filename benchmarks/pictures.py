@@ -1,5 +1,6 @@
-"""Draw docs/pictures: each scenario from above, and a crash by shaped noise."""
+"""Draw docs/pictures: each scenario from above, a crash by shaped noise, the learning curves."""
 
+import curves
 from crash_view import crash_view
 from figures import ROOT
 from top_view import TopView
@@ -15,6 +16,7 @@ def main() -> None:
     for scenario in plugins.names(plugins.SCENARIOS):
         (FOLDER / f"{scenario}.svg").write_text(TopView(scenario).picture(), encoding="utf-8")
     (FOLDER / "crash.svg").write_text(crash_view(), encoding="utf-8")
+    curves.PICTURE.write_text(curves.picture(curves.read()), encoding="utf-8")
     print("\n".join(sorted(str(path.relative_to(ROOT)) for path in FOLDER.glob("*.svg"))))
 
 

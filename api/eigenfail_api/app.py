@@ -6,7 +6,7 @@ from prometheus_client import CollectorRegistry
 from eigenfail import __version__
 from eigenfail.contracts import Store
 from eigenfail_api import metrics, schemas
-from eigenfail_api.dashboard import pages
+from eigenfail_api.dashboard import comparison_page, pages
 from eigenfail_api.dashboard.problems import for_browsers
 from eigenfail_api.dashboard.rendering import STATIC, Assets
 from eigenfail_api.feed import Feed
@@ -14,17 +14,27 @@ from eigenfail_api.guard import Guard
 from eigenfail_api.headers import SecurityHeaders
 from eigenfail_api.parameters import refuse_unknown_parameters
 from eigenfail_api.problems import HANDLERS
-from eigenfail_api.routes import analyses, campaigns, episodes, events, operations, plugins
+from eigenfail_api.routes import (
+    analyses,
+    campaigns,
+    comparisons,
+    episodes,
+    events,
+    operations,
+    plugins,
+)
 from eigenfail_api.settings import ApiSettings, refuse_open_door
 
 ROUTERS = (
     campaigns.router,
     episodes.router,
     analyses.router,
+    comparisons.router,
     events.router,
     plugins.router,
     operations.router,
     pages.router,
+    comparison_page.router,
 )
 
 

@@ -60,6 +60,14 @@ def test_a_replay_is_a_campaign_in_the_same_world(http, finished, fields, store)
     assert store.analyses.get(analysis).replay_campaign == response.json()["id"]
 
 
+def test_a_replay_is_not_cut_short_by_the_rules_of_the_campaign_it_came_from(
+    http, finished, fields
+):
+    ruled = http.post("/api/v1/campaigns", json=fields | {"stop": {"failures": 1}}).json()["id"]
+    spec = http.post(f"{URL}/{finished(of=ruled)}/replay").json()["spec"]
+    assert spec["stop"] == dict.fromkeys(["failures", "half_width", "cv", "wall_s", "cost_usd"])
+
+
 def test_a_replay_may_vary_the_scenario(http, finished):
     body = {"name": "five metres further", "scenario_parameters": {"distance_m": 63.0}}
     spec = http.post(f"{URL}/{finished()}/replay", json=body).json()["spec"]

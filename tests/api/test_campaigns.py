@@ -137,6 +137,29 @@ def test_a_summary_counts_failures_and_prices_them(http, campaign, deliver, resu
     assert http.get(f"{URL}/summaries").json()["items"] == [summary]
 
 
+def test_a_course_counts_by_blocks(*, http, campaign, deliver, result, failed, problem):
+    crashes = [result(index, Outcome.COLLISION) for index in (4, 5)]
+    deliver(campaign, *(result(index) for index in range(3)), failed(3), *crashes)
+    course = http.get(f"{URL}/{campaign}/course", params={"per": 4}).json()
+    assert (course["heading"], course["per"]) == ("Failures over episodes", 4)
+    first, second = course["blocks"]
+    assert (first["first"], first["last"], second["last"]) == (0, 3, 7)
+    assert (first["failure_rate"]["k"], first["failure_rate"]["n"]) == (0, 3)
+    assert first["median_robustness_m"] == 3.5
+    assert first["log_probability_per_step"] is None
+    assert (second["failure_rate"]["k"], second["failure_rate"]["n"]) == (2, 2)
+    log_p = sum(crash.noise.log_probability for crash in crashes)
+    assert second["log_probability_per_step"] == pytest.approx(log_p / 8)
+    assert len(http.get(f"{URL}/{campaign}/course").json()["blocks"]) == 5
+    problem(http.get(f"{URL}/{campaign}/course", params={"per": 0}), 422)
+
+
+def test_a_course_has_a_thousand_blocks_at_most(http, fields, problem):
+    many = http.post(URL, json={**fields, "episodes": 10_000}).json()["id"]
+    told = problem(http.get(f"{URL}/{many}/course", params={"per": 9}), 422)
+    assert (told["field"], told["remedy"]) == ("per", "Take at least 10.")
+
+
 def test_the_digest_covers_what_is_in_and_says_when_it_is_final(
     http, campaign, deliver, result, store
 ):

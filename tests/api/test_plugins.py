@@ -8,10 +8,10 @@ import pytest
 from eigenfail import plugins
 
 EXPECTED = {
-    "methods": {"monte_carlo", "ast", "difs", "cem", "replay"},
+    "methods": {"monte_carlo", "ast", "difs", "cem", "replay", "subset"},
     "planners": {"idm", "rulebook"},
     "scenarios": {"cut_in", "lead_brake", "merge_in"},
-    "simulators": {"highway", "point_mass"},
+    "simulators": {"function", "highway", "point_mass"},
 }
 
 

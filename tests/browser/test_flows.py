@@ -81,11 +81,11 @@ def test_a_campaign_page_follows_its_campaign(live, store, queue, bring):
     bring(campaign, range(30, 60), 0.0)
     expect(page.locator(".tiles").first).to_contain_text("30 of 60")
     # What the reader opened stays open, and the chart is drawn anew in place.
-    expect(page.locator("#curve-chart-data tbody tr")).to_have_count(6)
+    expect(page.locator("#curve-chart-data tbody tr")).to_have_count(2)
     expect(page.locator("#curve-chart-data tbody tr").last).to_be_visible()
     page.locator("#curve-chart canvas").first.scroll_into_view_if_needed()
     blocks = "element => echarts.getInstanceByDom(element).getOption().series[1].data.length"
-    assert page.locator("#curve-chart .plot").evaluate(blocks) == 6
+    assert page.locator("#curve-chart .plot").evaluate(blocks) == 2
 
 
 def test_a_tab_that_nobody_looks_at_gives_its_connection_back(live):

@@ -14,6 +14,7 @@ PAGES = {
     "episode without scene": "/campaigns/{baseline}/episodes/1",
     "analysis": "/analyses/{analysis}",
     "waiting analysis": "/analyses/{waiting_analysis}",
+    "comparison": "/comparison?a={baseline}&b={ast}",
 }
 CHARTS = {
     "overview": 1,

@@ -32,7 +32,7 @@ def trainer():
     # Far from the tame start: saturated actions and clamped deviations shall agree too.
     with torch.no_grad():
         made._model.actor.mu.weight.mul_(10.0)
-        made._model.actor.log_std.weight.mul_(30.0)
+        made._model.actor.log_std.weight.mul_(40.0)
     return made
 
 

@@ -10,6 +10,7 @@ from starlette.testclient import TestClient
 from eigenfail.cli import main
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.cli.tables import result_table
+from eigenfail.suites import Suite
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.store import open_store
@@ -98,14 +99,25 @@ def test_the_changelog_keeps_its_form(changelog):
     assert set(kinds) <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
 
 
-def test_every_example_is_a_campaign_that_can_be_run(root):
-    files = sorted((root / "examples").glob("*.toml"))
-    methods = {"correlated": "monte_carlo"}
+def test_every_example_is_a_campaign_that_can_be_run(root, monkeypatch):
+    monkeypatch.chdir(root / "examples")
+    files = sorted(set((root / "examples").glob("*.toml")) - set(suites(root)))
+    methods = {"correlated": "monte_carlo", "any_function": "cem"}
     assert {"ast", "cem", "correlated", "difs", "monte_carlo"} <= {file.stem for file in files}
     for file in files:
         spec = read_spec(file)
         check_plugins(spec)
         assert spec.method == methods.get(file.stem, file.stem)
+
+
+def suites(root):
+    return [root / "examples" / name for name in ("suite.toml", "sweep.toml")]
+
+
+def test_every_example_of_a_suite_can_be_run(root):
+    for file in suites(root):
+        for member in Suite.read(file).members:
+            check_plugins(member.spec)
 
 
 def test_addresses_of_the_service_in_the_documents_answer(documents):

@@ -15,6 +15,7 @@ AST = {
     "settings": {"round_size": 6},
 }
 MONTE_CARLO = {"method": "monte_carlo", "planner": "idm", "episodes": 150}
+VARIED = {**MONTE_CARLO, "scenario_parameters": {"distance_m": {"uniform": [52, 70]}}}
 DIFS = {"method": "difs", "planner": "idm", "episodes": 60}
 
 
@@ -37,7 +38,9 @@ def wait_for(client, campaign, completed: int) -> None:
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("fields", [MONTE_CARLO, AST, DIFS], ids=lambda f: f["method"])
+@pytest.mark.parametrize(
+    "fields", [MONTE_CARLO, AST, DIFS, VARIED], ids=["monte_carlo", "ast", "difs", "varied"]
+)
 def test_the_digest_depends_on_the_seed_alone(client, start_worker, fields) -> None:
     first = start_worker("one")
     alone = finish(client, create(client, **fields))

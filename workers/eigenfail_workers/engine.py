@@ -2,13 +2,21 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import cached_property
 from time import perf_counter
+from typing import Any
 
 from msgspec import structs
 
 from eigenfail import plugins
 from eigenfail.contracts import Planner, Simulation
-from eigenfail.errors import EpisodeError, InputError, PlannerError, SimulatorError
+from eigenfail.errors import (
+    EpisodeError,
+    InputError,
+    InvalidValue,
+    PlannerError,
+    SimulatorError,
+)
 from eigenfail.settings import read_settings
 from eigenfail.values import (
     EpisodeFault,
@@ -19,6 +27,7 @@ from eigenfail.values import (
     Policy,
     unrunnable,
 )
+from eigenfail.values.variation import read_variation
 from eigenfail_workers.episode import run_episode
 from eigenfail_workers.faults import blamed_on, fault
 from eigenfail_workers.measures.recorder import Recorder
@@ -35,7 +44,9 @@ def unwatched(planner: Planner) -> Planner:
 
 
 class Engine:
-    """Implements `EpisodeEngine`: one simulation, reset for each episode, reopened after a fault.
+    """Implements `EpisodeEngine`: one simulation, reset for each episode.
+
+    It is opened anew after a fault, and where an episode's own scenario parameters are others.
 
     Args:
         setup: what all episodes share.
@@ -53,9 +64,8 @@ class Engine:
         self._watch = watch
         self._simulator = plugins.load(plugins.SIMULATORS, setup.simulator)()
         scenario = plugins.load(plugins.SCENARIOS, setup.scenario)
-        self._parameters = read_settings(
-            scenario.Parameters, setup.scenario_parameters, "scenario_parameters"
-        )
+        self._variation = read_variation(scenario.Parameters, setup.scenario_parameters)
+        self._parameters: Any = None
         self._scenario = scenario()
         self._planner_class = plugins.load(plugins.PLANNERS, setup.planner)
         self._planner_settings = read_settings(
@@ -87,7 +97,7 @@ class Engine:
 
     def _complete(self, task: EpisodeTask, recorder: Recorder) -> EpisodeResult:
         with blamed_on(SimulatorError, "The episode", "Look into simulator and scenario."):
-            simulation = self._opened()
+            simulation = self._opened(self._variation.draw(task.seed))
             given = sources.Circumstances(task.seed, simulation.steps, self._policies)
             noise = sources.begin(task.source, given)
             run_episode(simulation, task.seed, self._setup.disturbance, noise, recorder)
@@ -104,19 +114,33 @@ class Engine:
                 scene=recorder.scene(simulation.dt_s) if keep_scene else None,
             )
 
-    def _opened(self) -> Simulation:
-        """The simulation, opened with a fresh planner if there is none."""
+    def _opened(self, parameters: Any) -> Simulation:
+        """The simulation for these parameters, opened with a fresh planner if there is none."""
+        if parameters != self._parameters:
+            self._start_clean()
         if self._simulation is None:
             planner = self._new_planner()
-            self._simulation = self._simulator.open(self._scenario, self._parameters, planner)
+            self._simulation = self._simulator.open(self._scenario, parameters, planner)
+            self._parameters = parameters
+        if self._variation.varied and self._simulation.steps > self._horizon:
+            raise InvalidValue(
+                "scenario_parameters",
+                f"{parameters} makes an episode of {self._simulation.steps} steps, which is longer "
+                f"than any at the ends of the distributions: {self._horizon}.",
+                "Vary less: what learns is made for episodes no longer than those.",
+            )
         return self._simulation
+
+    @cached_property
+    def _horizon(self) -> int:
+        return self._variation.largest(lambda parameters: self._scenario(parameters, 0).steps)
 
     def _new_planner(self) -> Planner:
         with blamed_on(PlannerError, "Making the planner", "Look into the planner."):
             return self._watch(self._planner_class(self._planner_settings))
 
     def _start_clean(self) -> None:
-        """After a fault; what broke may break once more as it is closed, and that is no news."""
+        """Close what there is; what broke may break once more then, and that is no news."""
         with suppress(Exception):
             self.close()
 

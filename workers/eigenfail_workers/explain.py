@@ -4,8 +4,9 @@ from collections.abc import Callable, Mapping
 
 import msgspec
 
+from eigenfail import functions
 from eigenfail.contracts import Planner
-from eigenfail.errors import PlannerError
+from eigenfail.errors import InvalidValue, PlannerError
 from eigenfail.values import (
     Account,
     Control,
@@ -67,6 +68,7 @@ def plain(value: object) -> str | float:
 
 def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
     """Run an episode and ask the planner why; see `Explainer`."""
+    refuse_functions(setup)
     told: list[Told] = []
     engine = Engine(
         msgspec.structs.replace(setup, scene_every=1), lambda planner: Witness(planner, told)
@@ -77,6 +79,14 @@ def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
         engine.close()
     steps = (_step(number, said, result) for number, said in enumerate(told))
     return ExplainedEpisode(result, tuple(steps))
+
+
+def refuse_functions(setup: EpisodeSetup) -> None:
+    """Raises InvalidValue where there is no planner that could explain anything."""
+    if setup.simulator == functions.SIMULATOR:
+        problem = "a function explains nothing: there is no planner, and there are no controls."
+        remedy = "Run it again with `eigenfail episode replay`."
+        raise InvalidValue("episode", problem, remedy)
 
 
 def _step(number: int, told: Told, result: EpisodeResult) -> ExplainedStep:

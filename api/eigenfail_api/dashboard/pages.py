@@ -9,9 +9,9 @@ from fastapi.responses import HTMLResponse
 from eigenfail import plugins
 from eigenfail.contracts import Store
 from eigenfail.errors import EigenfailError, NotFound
-from eigenfail.settings import read_settings
 from eigenfail.values import Campaign, CampaignSpec, Mission, Outcome, Page, Summary
 from eigenfail.values.records import EpisodeRow
+from eigenfail.values.variation import read_variation
 from eigenfail_api.dashboard import samples
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.dashboard.views.analysis import analysis_view
@@ -27,6 +27,7 @@ from eigenfail_api.parameters import (
     EpisodeIndex,
     Stored,
 )
+from eigenfail_services.campaigns.course import course_of
 from eigenfail_services.campaigns.summary import summarise
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -53,6 +54,7 @@ def show_campaign(store: Stored, campaign: CampaignId) -> HTMLResponse:
     found = Findings(
         campaign=seen,
         summary=summary_of(store, seen),
+        course=course_of(store, seen),
         rows=samples.sample_episodes(store, seen),
         failures=samples.sample_failures(store, seen),
         listed=failures_of(store, campaign, None),
@@ -114,10 +116,8 @@ def mission_of(spec: CampaignSpec, seed: int) -> Mission | None:
     """Lanes and time step as the scenario tells them; None where it is not installed here."""
     try:
         plugin = plugins.load(plugins.SCENARIOS, spec.scenario)
-        parameters = read_settings(
-            plugin.Parameters, spec.scenario_parameters, "scenario_parameters"
-        )
-        mission: Mission = plugin()(parameters, seed).mission
+        variation = read_variation(plugin.Parameters, spec.scenario_parameters)
+        mission: Mission = plugin()(variation.draw(seed), seed).mission
     except EigenfailError:
         return None
     return mission

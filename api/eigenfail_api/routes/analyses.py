@@ -15,6 +15,7 @@ from eigenfail.values import (
     CampaignSpec,
     FailureMode,
     Page,
+    StopRules,
 )
 from eigenfail.wire.http import PREFIX, ReplayRequest
 from eigenfail_api.parameters import (
@@ -100,6 +101,7 @@ def replay_of(store: Store, analysis: Analysis, request: ReplayRequest) -> Campa
         method="replay",
         settings={"analysis": analysis.id},
         episodes=len(modes),
+        stop=StopRules(),
         scenario_parameters={**analysed.scenario_parameters, **request.scenario_parameters},
         scene_every=1,
     )

@@ -4,16 +4,29 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query
 
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Page, Summary
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Course, Page, Summary
 from eigenfail.wire.http import PREFIX, Digest
 from eigenfail_api import steering
-from eigenfail_api.parameters import Before, CampaignId, IdempotencyKey, Limit, Stored
+from eigenfail_api.parameters import (
+    LARGEST,
+    Before,
+    CampaignId,
+    IdempotencyKey,
+    Limit,
+    Stored,
+)
 from eigenfail_api.schemas import Json, body_of, documented
-from eigenfail_services.campaigns.checks import check_references, check_spec
+from eigenfail_services.campaigns.checks import check_spec
+from eigenfail_services.campaigns.course import course_of
+from eigenfail_services.campaigns.materials import check_references
 from eigenfail_services.campaigns.summary import summarise
 
 router = APIRouter(prefix=f"{PREFIX}/campaigns", tags=["campaigns"])
 
+Per = Annotated[
+    int | None,
+    Query(ge=1, le=LARGEST, description="Episodes of a block; by the budget if not given."),
+]
 WITH_LOCATION = {"Location": {"schema": {"type": "string"}, "description": "Its address."}}
 
 
@@ -81,6 +94,12 @@ def get_summary(store: Stored, campaign: CampaignId) -> Json:
     """Failures, rate, likelihood and cost of a campaign so far."""
     seen = store.campaigns.get(campaign)
     return Json(summarise(seen, store.episodes.totals(campaign)))
+
+
+@router.get("/{campaign}/course", **documented(Course))
+def get_course(store: Stored, campaign: CampaignId, per: Per = None) -> Json:
+    """How failures, their likelihood and robustness moved over a campaign's episodes so far."""
+    return Json(course_of(store, store.campaigns.get(campaign), per))
 
 
 @router.get("/{campaign}/digest", **documented(Digest))

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 from fastapi import APIRouter
 
-from eigenfail import plugins
+from eigenfail import functions, plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Page
 from eigenfail.wire.http import PREFIX, PluginInfo
@@ -39,7 +39,7 @@ def list_scenarios() -> Json:
 @router.get("/simulators", **Listed)
 def list_simulators() -> Json:
     """Simulators; they have no settings, and are too heavy to be loaded here."""
-    return Json(Page(tuple(PluginInfo(name) for name in plugins.names(plugins.SIMULATORS))))
+    return Json(Page(tuple(map(PluginInfo, functions.simulators()))))
 
 
 def settings_of(plugin: Any) -> Any:

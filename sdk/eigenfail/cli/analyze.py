@@ -5,7 +5,13 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.cli.mode_tables import component_words, distinctness_words, mode_table, replay_words
+from eigenfail.cli.mode_tables import (
+    component_words,
+    distinctness_words,
+    diversity_words,
+    mode_table,
+    replay_words,
+)
 from eigenfail.cli.options import DEFAULT_URL, AsJson, CampaignId, Url
 from eigenfail.cli.output import console, to_json
 from eigenfail.cli.progress import follow
@@ -82,5 +88,7 @@ def tell(campaign: int, result: AnalysisResult, replayed: Summary | None) -> Non
     screen.print(mode_table(campaign, result))
     screen.print(component_words(result))
     screen.print(distinctness_words(result))
+    for words in diversity_words(result):
+        screen.print(words)
     if replayed is not None:
         screen.print(replay_words(replayed))

@@ -4,8 +4,8 @@ from itertools import islice
 from typing import Annotated
 
 import typer
-from rich.console import Group
 
+from eigenfail.cli.course_tables import campaign_page, course_table
 from eigenfail.cli.options import (
     DEFAULT_URL,
     AsJson,
@@ -22,7 +22,7 @@ from eigenfail.cli.progress import follow
 from eigenfail.cli.signals import interruptible
 from eigenfail.cli.specs import read_spec
 from eigenfail.cli.surroundings import client_at
-from eigenfail.cli.tables import campaign_facts, campaign_table, conflict_facts, result_table
+from eigenfail.cli.tables import campaign_facts, campaign_table, result_table
 from eigenfail.cli.verdict import judge
 from eigenfail.values import Campaign, CampaignState
 
@@ -73,8 +73,22 @@ def show_campaign(
     """Show a campaign as it stands: its settings, and its episodes by conflict class."""
     with client_at(context, url) as client:
         found = client.campaigns.get(campaign)
-        conflicts = client.campaigns.summary(campaign).conflicts
-    show(found, as_json, lambda: Group(campaign_facts(found), conflict_facts(found, conflicts)))
+        summary = client.campaigns.summary(campaign)
+    show(found, as_json, lambda: campaign_page(found, summary))
+
+
+@app.command()
+def course(
+    context: typer.Context,
+    campaign: CampaignId,
+    per: Annotated[int | None, typer.Option(min=1, help="Episodes of a block.")] = None,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Show how failure rate, likelihood and robustness moved: the learning curve."""
+    with client_at(context, url) as client:
+        found = client.campaigns.course(campaign, per)
+    show(found, as_json, lambda: course_table(found))
 
 
 @app.command()

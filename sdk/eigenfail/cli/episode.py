@@ -23,6 +23,7 @@ from eigenfail.cli.surroundings import client_at
 from eigenfail.cli.tables import facts
 from eigenfail.values import Outcome
 from eigenfail.values.records import EpisodeOrder
+from eigenfail.variations import drawn_for
 
 DIFFERENT = 1
 
@@ -66,7 +67,9 @@ def show_episode(
     campaign, index = episode_id(episode)
     with client_at(context, url) as client:
         found = client.episodes.get(campaign, index)
-    show(found, as_json, lambda: episode_facts(campaign, found))
+        spec = client.campaigns.get(campaign).spec
+    drawn_here = drawn_for(spec, found.seed)
+    show(found, as_json, lambda: episode_facts(campaign, found, drawn_here))
 
 
 @app.command()

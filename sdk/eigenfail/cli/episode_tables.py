@@ -1,6 +1,7 @@
 """Tables of episodes: a list, and one with what was measured."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from rich.markup import escape
 from rich.table import Table
@@ -41,13 +42,14 @@ def class_of(assessed: Assessment) -> str:
     return (assessed.conflict or UNKNOWN).replace("_", " ")
 
 
-def episode_facts(campaign: int, result: EpisodeDetail) -> Table:
-    """One episode with what was measured."""
+def episode_facts(campaign: int, result: EpisodeDetail, drawn: Mapping[str, Any]) -> Table:
+    """One episode with the scenario parameters that it drew, and what was measured."""
     rows = [
         ("episode", f"{campaign}/{result.index}, seed {result.seed}"),
         ("outcome", result.outcome),
         ("class", result.assessed.words or UNKNOWN),
         ("steps", str(result.steps)),
+        *(("scenario", f"{name} = {value}") for name, value in drawn.items()),
         ("disturbances", f"from {result.source}, log p {result.noise.log_probability:.2f}"),
         *(measured(result.measures, result.assessed) if result.measures else ()),
         ("scene", "stored" if result.scene else "not stored"),

@@ -2,7 +2,7 @@
 
 from math import floor, isfinite, log10
 
-from eigenfail.values import Cost, Rate
+from eigenfail.values import Cost, Estimate, Rate
 
 UNKNOWN = "–"
 
@@ -21,11 +21,21 @@ def usd(value: float | None) -> str:
 
 
 def rate(value: Rate | None) -> str:
-    """A share in percent with its 95 % interval."""
+    """A share in percent with its 95 % interval; of no event, its upper bound, near 3 / n."""
     if value is None:
         return UNKNOWN
+    if value.k == 0:
+        return f"≤ {100.0 * value.interval.high:.2g} % (0 of {value.n})"
     share, low, high = (100.0 * x for x in (value.value, value.interval.low, value.interval.high))
     return f"{share:.1f} % [{low:.1f}, {high:.1f}]"
+
+
+def probability(estimate: Estimate | None) -> str:
+    """With its 95 % interval and the number of episodes; a dash where none is told."""
+    if estimate is None or estimate.probability is None or estimate.interval is None:
+        return UNKNOWN
+    bounds = f"[{estimate.interval.low:.1e}, {estimate.interval.high:.1e}]"
+    return f"{estimate.probability:.1e} {bounds} (n = {estimate.episodes})"
 
 
 def cost_per_failure(cost: Cost) -> str:

@@ -1,5 +1,7 @@
 """Failure modes in figures: what their eigenfailures do, and whether they are more than noise."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from rich.table import Table
 
@@ -52,6 +54,23 @@ def distinctness_words(result: AnalysisResult) -> str:
     found, noise = number(result.silhouette), number(result.noise_silhouette)
     verdict = "are distinct" if result.distinct else "are not told apart from noise"
     return f"The modes {verdict}: silhouette {found}, on structureless data {noise}."
+
+
+def diversity_words(result: AnalysisResult) -> Iterator[str]:
+    """How the failures spread over modes, and whether these have collapsed."""
+    found = result.diversity
+    if found is None:
+        return
+    yield found.verdict
+    yield (
+        f"The {found.failures} failures differ by {number(found.spread)} sigma; noise of p(x) does "
+        "by 1."
+    )
+    if found.modes > 1:
+        seen = ", ".join(map(str, found.coverage))
+        yield f"Modes seen after each tenth of the campaign: {seen}."
+    if found.warning:
+        yield f"Warning: {found.warning}"
 
 
 def replay_words(summary: Summary) -> str:

@@ -30,6 +30,30 @@ Episodes = Annotated[
     int | None, typer.Option("--episodes", help="Budget, instead of the file's. [episodes]")
 ]
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed, instead of the file's.")]
+StopFailures = Annotated[
+    int | None, typer.Option("--stop-failures", help="Stop at so many failures. [stop.failures]")
+]
+StopHalfWidth = Annotated[
+    float | None,
+    typer.Option(
+        "--stop-half-width",
+        help="Stop when the failure rate is known to ± this (95 %). [stop.half_width]",
+    ),
+]
+StopCv = Annotated[
+    float | None,
+    typer.Option(
+        "--stop-cv",
+        help="Stop when the failure probability's coefficient of variation is this. [stop.cv]",
+    ),
+]
+StopWall = Annotated[
+    float | None,
+    typer.Option("--stop-wall-s", help="Stop after running for so many seconds. [stop.wall_s]"),
+]
+StopCost = Annotated[
+    float | None, typer.Option("--stop-cost-usd", help="Stop at this cost. [stop.cost_usd]")
+]
 Gate = Annotated[
     bool, typer.Option("--gate", help="Exit with 1 if failures were found, for pipelines.")
 ]

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from eigenfail.client import Client
-from eigenfail.values import Campaign
+from eigenfail.values import Campaign, CampaignState
 
 LINE_EVERY_S = 5.0
 
@@ -34,7 +34,10 @@ def follow(client: Client, campaign: int, check: Callable[[], None] = nothing_wr
             check()
             report(seen)
 
-        return client.campaigns.wait(campaign, look)
+        ended = client.campaigns.wait(campaign, look)
+    if ended.state is CampaignState.DONE:
+        typer.echo(f"{headline(ended)}: {ended.stopped_because}", err=True)
+    return ended
 
 
 @contextmanager
@@ -64,7 +67,7 @@ class Bar:
             self.task,
             description=headline(campaign),
             completed=counts.completed + counts.failed,
-            total=counts.planned,
+            total=counts.planned - counts.cancelled,
             failures=counts.failures,
         )
 

@@ -18,6 +18,11 @@ from eigenfail.cli.options import (
     Gate,
     Seed,
     SpecFile,
+    StopCost,
+    StopCv,
+    StopFailures,
+    StopHalfWidth,
+    StopWall,
     Workers,
 )
 from eigenfail.cli.output import show
@@ -55,6 +60,11 @@ def run(
     workers: Workers = 0,
     episodes: Episodes = None,
     seed: Seed = None,
+    stop_failures: StopFailures = None,
+    stop_half_width: StopHalfWidth = None,
+    stop_cv: StopCv = None,
+    stop_wall_s: StopWall = None,
+    stop_cost_usd: StopCost = None,
     gate: Gate = False,
     as_json: AsJson = False,
 ) -> None:
@@ -64,7 +74,14 @@ def run(
     default address; otherwise starts one on the folder for as long as the campaign takes.
     Ctrl-C pauses the campaign and says how to go on.
     """
-    spec = read_spec(file, episodes=episodes, seed=seed)
+    stop = {
+        "failures": stop_failures,
+        "half_width": stop_half_width,
+        "cv": stop_cv,
+        "wall_s": stop_wall_s,
+        "cost_usd": stop_cost_usd,
+    }
+    spec = read_spec(file, stop, episodes=episodes, seed=seed)
     plan = Plan(data, 0, workers)
     with (
         interruptible(),

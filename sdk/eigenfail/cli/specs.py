@@ -1,13 +1,17 @@
 """Campaigns from TOML files, refused before anything is started."""
 
-import tomllib
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from eigenfail import plugins
+import msgspec
+
+from eigenfail import functions, plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import convert, read_settings
-from eigenfail.values import CampaignSpec, DisturbanceModel
+from eigenfail.toml_files import read_toml
+from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
+from eigenfail.values.variation import read_variation
 from eigenfail.wire.http import refuse_unknown_fields
 
 LIKE = "Name a TOML file with the fields of a campaign, as in examples/."
@@ -18,42 +22,50 @@ PLUGIN_FIELDS = {
     "planner": (plugins.PLANNERS, "planner_settings", "Settings"),
     "simulator": (plugins.SIMULATORS, None, None),
 }
+READERS: dict[str, Callable[..., Any]] = {"Settings": read_settings, "Parameters": read_variation}
+TABLES: dict[str, type[msgspec.Struct]] = {"disturbance": DisturbanceModel, "stop": StopRules}
+NONE_GIVEN: Mapping[str, float | None] = {}
 
 
-def read_spec(file: Path, **instead: int | None) -> CampaignSpec:
+def read_spec(
+    file: Path, stop: Mapping[str, float | None] = NONE_GIVEN, **instead: int | None
+) -> CampaignSpec:
     """The campaign that a file describes; its name is the file's unless it has one.
 
     Args:
         file: TOML with the fields of a CampaignSpec.
+        stop: stop rules that take the place of the file's of the same name, where not None.
         instead: values that take the place of the file's, where not None.
 
     Raises:
         UnknownName: a field that campaigns do not have.
         InvalidValue: not a readable TOML file, or a value outside its bounds.
     """
-    table = read_toml(file)
-    given = {name: value for name, value in instead.items() if value is not None}
-    fields = {"name": file.stem, **table, **given}
-    disturbance = fields.get("disturbance")
-    if isinstance(disturbance, dict):
-        where = f"{file.name}: disturbance"
-        refuse_unknown_fields(disturbance, DisturbanceModel, where)
-        convert(disturbance, DisturbanceModel, where)
+    table = read_toml(file, LIKE)
+    fields = {"name": file.stem, **table, **given(instead)}
+    if given(stop):
+        fields["stop"] = {**as_table(fields.get("stop", {}), file), **given(stop)}
+    for name, kind in TABLES.items():
+        if isinstance(fields.get(name), dict):
+            refuse_unknown_fields(fields[name], kind, f"{file.name}: {name}")
+            convert(fields[name], kind, f"{file.name}: {name}")
     return read_settings(CampaignSpec, fields, file.name)
 
 
-def read_toml(file: Path) -> dict[str, Any]:
-    """The table in a file.
+def given(values: Mapping[str, float | None]) -> dict[str, float]:
+    """Those of the values that there are."""
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def as_table(stop: Any, file: Path) -> dict[str, Any]:
+    """The file's stop rules.
 
     Raises:
-        InvalidValue: it cannot be read, or is not TOML.
+        InvalidValue: they are not a table.
     """
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidValue(str(file), f"cannot be read: {error.strerror}.", LIKE) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidValue(str(file), f"is not TOML: {error}.", LIKE) from error
+    if not isinstance(stop, dict):
+        raise InvalidValue(f"{file.name}: stop", "is not a table.", "Write it as [stop].")
+    return stop
 
 
 def check_plugins(spec: CampaignSpec) -> None:
@@ -63,7 +75,12 @@ def check_plugins(spec: CampaignSpec) -> None:
         UnknownName: a plug-in, setting or parameter that is not there.
         InvalidValue: a setting outside its bounds.
     """
-    for field, (group, settings_field, kind) in PLUGIN_FIELDS.items():
+    fields = PLUGIN_FIELDS
+    if spec.simulator == functions.SIMULATOR:
+        functions.check(spec)
+        functions.require_module(spec.planner)
+        fields = {"method": PLUGIN_FIELDS["method"]}
+    for field, (group, settings_field, kind) in fields.items():
         plugin = plugins.load(group, getattr(spec, field))
         if settings_field and kind:
-            read_settings(getattr(plugin, kind), getattr(spec, settings_field), settings_field)
+            READERS[kind](getattr(plugin, kind), getattr(spec, settings_field), settings_field)

@@ -1,14 +1,31 @@
 """Tables: one function for each noun."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 
 from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from eigenfail.cli.figures import UNKNOWN, cost_per_failure, number, rate
-from eigenfail.values import Campaign, Conflicts, MeanTime, Summary
+from eigenfail.cli.figures import UNKNOWN, cost_per_failure, number, probability, rate
+from eigenfail.functions import disturbance_in_words
+from eigenfail.values import (
+    Campaign,
+    CampaignSpec,
+    Conflicts,
+    Counts,
+    Estimate,
+    MeanTime,
+    Summary,
+)
+
+RESULT_COLUMNS = (
+    *("id", "method", "episodes", "failures", "failure rate [95 %]", "log p/step", "severity"),
+    *("episodes/s", "USD/failure [95 %]"),
+)
+RESULT_FIGURES = frozenset(RESULT_COLUMNS) - {"method"}
+PROBABILITY = ("P(failure) [95 %]",)
+"""A column that tables have where a campaign tells of it."""
 
 
 def table(*columns: str, right: Iterable[str] = ()) -> Table:
@@ -32,11 +49,12 @@ def facts(rows: Iterable[tuple[str, str]]) -> Table:
 
 def result_table(summaries: Iterable[Summary]) -> Table:
     """What campaigns found and what it cost: one row each."""
-    figures = ("episodes", "failures", "failure rate [95 %]", "log p/step", "severity")
-    costs = ("episodes/s", "USD/failure [95 %]")
-    grid = table("id", "method", *figures, *costs, right=("id", *figures, *costs))
-    for summary in summaries:
-        grid.add_row(*(escape(cell) for cell in result_row(summary)))
+    rows = list(summaries)
+    told = any(summary.estimate for summary in rows)
+    grid = table(*RESULT_COLUMNS, *told * PROBABILITY, right={*RESULT_FIGURES, *PROBABILITY})
+    for summary in rows:
+        cells = (*result_row(summary), *told * (probability(summary.estimate),))
+        grid.add_row(*map(escape, cells))
     return grid
 
 
@@ -57,16 +75,20 @@ def result_row(summary: Summary) -> tuple[str, ...]:
 
 def campaign_table(campaigns: Iterable[Campaign]) -> Table:
     """A list of campaigns."""
+    rows = list(campaigns)
+    told = any(campaign.estimate for campaign in rows)
     grid = table(
-        *("id", "name", "state", "method", "scenario", "planner", "done", "failures", "created"),
-        right=("id", "done", "failures"),
+        *("id", "name", "state", "method", "scenario", "planner", "done", "failures"),
+        *(*told * PROBABILITY, "created"),
+        right=("id", "done", "failures", *PROBABILITY),
     )
-    for campaign in campaigns:
+    for campaign in rows:
         spec, counts = campaign.spec, campaign.counts
         names = (spec.name, campaign.state, spec.method, spec.scenario, spec.planner)
         progress = f"{counts.completed + counts.failed}/{counts.planned}"
-        tail = (progress, str(counts.failures), moment(campaign.created_ms))
-        grid.add_row(str(campaign.id), *(escape(name) for name in names), *tail)
+        found = (str(counts.failures), *told * (probability(campaign.estimate),))
+        cells = (str(campaign.id), *names, progress, *found, moment(campaign.created_ms))
+        grid.add_row(*map(escape, cells))
     return grid
 
 
@@ -80,14 +102,40 @@ def campaign_facts(campaign: Campaign) -> Table:
         ("scenario", f"{spec.scenario} {spec.scenario_parameters or ''}"),
         ("planner", f"{spec.planner} {spec.planner_settings or ''}"),
         ("simulator", f"{spec.simulator}, seed {spec.seed}"),
-        ("disturbance", "; ".join(map(" ".join, spec.disturbance.in_words().items()))),
-        ("episodes", f"{counts.completed} completed of {counts.planned}, {counts.failed} failed"),
+        ("disturbance", "; ".join(map(" ".join, disturbance_in_words(spec).items()))),
+        ("budget", f"{spec.episodes} episodes{rules(spec)}"),
+        ("episodes", ", ".join(episodes(counts))),
         ("failures", str(counts.failures)),
+        *estimate_facts(campaign.estimate),
         ("created", moment(campaign.created_ms)),
         ("active", f"{campaign.active_s:.1f} s"),
         ("digest", campaign.digest or UNKNOWN),
     ]
     return facts(rows)
+
+
+def estimate_facts(estimate: Estimate | None) -> Iterator[tuple[str, str]]:
+    """The failure probability with what it rests on, or why it is not told; nothing of none."""
+    if estimate is None:
+        return
+    how = f"{probability(estimate)}, {estimate.by}, cv {number(estimate.cv)}"
+    yield "P(failure)", how if estimate.probability is not None else f"unknown, {estimate.by}"
+    if remark := estimate.problem or estimate.note:
+        yield "", remark
+
+
+def rules(spec: CampaignSpec) -> str:
+    """What may end a campaign before its budget is spent."""
+    limits = [f"{name} = {limit}" for name, limit in spec.stop.given().items()]
+    return f"; stops at {', '.join(limits)}" if limits else ""
+
+
+def episodes(counts: Counts) -> Iterator[str]:
+    """What became of a campaign's episodes."""
+    yield f"{counts.completed} completed of {counts.planned}"
+    yield f"{counts.failed} failed"
+    if counts.cancelled:
+        yield f"{counts.cancelled} not run"
 
 
 def conflict_facts(campaign: Campaign, conflicts: Conflicts) -> Table:

@@ -1,11 +1,21 @@
 """Campaigns, as a client sees them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from eigenfail.client.link import Link
 from eigenfail.client.waiting import wait_until
-from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, CampaignState, Page, Summary
+from eigenfail.errors import InvalidValue
+from eigenfail.values import (
+    FINAL_STATES,
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    Comparison,
+    Course,
+    Page,
+    Summary,
+)
 from eigenfail.wire.http import Digest, read_fields
 
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
@@ -113,6 +123,28 @@ class Campaigns:
         """The summaries of all campaigns, newest first."""
         return self._link.pages("/campaigns/summaries", Page[Summary], "before")
 
+    def course(self, campaign: int, per: int | None = None) -> Course:
+        """Failure rate, likelihood and robustness by blocks of episodes, so far.
+
+        Args:
+            campaign: its id.
+            per: episodes of a block; None chooses by the budget.
+
+        Raises:
+            NotFound: no such campaign.
+            InvalidValue: so short blocks would be too many.
+        """
+        return self._link.get(f"/campaigns/{campaign}/course", Course, {"per": per})
+
+    def compare(self, a: int | Sequence[int], b: int | Sequence[int]) -> Comparison:
+        """Two campaigns side by side, or two groups of them that differ in their seeds alone.
+
+        Raises:
+            NotFound: no such campaign.
+            InvalidValue: a side without a campaign, or a campaign that is named twice.
+        """
+        return self._link.get("/comparisons", Comparison, {"a": listed(a), "b": listed(b)})
+
     def digest(self, campaign: int) -> str:
         """SHA-256 over the results that are in: equal for equal campaigns.
 
@@ -120,3 +152,15 @@ class Campaigns:
             NotFound: no such campaign.
         """
         return self._link.get(f"/campaigns/{campaign}/digest", Digest).digest
+
+
+def listed(campaigns: int | Sequence[int]) -> str:
+    """Ids as a request names them.
+
+    Raises:
+        InvalidValue: there is none.
+    """
+    ids = [campaigns] if isinstance(campaigns, int) else campaigns
+    if not ids:
+        raise InvalidValue("campaigns", "none is named.", "Name at least one on each side.")
+    return ",".join(map(str, ids))

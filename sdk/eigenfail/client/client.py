@@ -10,6 +10,7 @@ from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.episodes import Episodes
 from eigenfail.client.events import Events
 from eigenfail.client.link import Link
+from eigenfail.client.suites import Suites
 from eigenfail.values import Page
 from eigenfail.wire.http import PluginInfo
 
@@ -32,6 +33,7 @@ class Client:
     ) -> None:
         self._link = Link(base_url, transport)
         self.campaigns = Campaigns(self._link)
+        self.suites = Suites(self._link, self.campaigns)
         self.episodes = Episodes(self._link)
         self.analyses = Analyses(self._link)
         self.events = Events(self._link)

@@ -59,10 +59,20 @@ class Link:
         with self._understood():
             return http.decode(self._once("POST", path, content=content(body)), kind)
 
-    def post_once_only(self, path: str, kind: type[Kind], body: object = None) -> Kind:
-        """Have something done that the service does once, however often it is asked."""
-        key = {http.IDEMPOTENCY_KEY: str(uuid4())}
-        return http.decode(self._repeatedly("POST", path, content=content(body), headers=key), kind)
+    def post_once_only(
+        self, path: str, kind: type[Kind], body: object = None, key: str | None = None
+    ) -> Kind:
+        """Have something done that the service does once, however often it is asked.
+
+        Args:
+            path: of the request.
+            kind: of its answer.
+            body: what is sent.
+            key: what tells this request from others, for ever; None makes one for this call.
+        """
+        headers = {http.IDEMPOTENCY_KEY: key or str(uuid4())}
+        answer = self._repeatedly("POST", path, content=content(body), headers=headers)
+        return http.decode(answer, kind)
 
     def pages(
         self, path: str, kind: type[Page[Kind]], cursor: str, params: Params | None = None

@@ -7,13 +7,16 @@ from eigenfail.values import (
     Analysis,
     AnalysisResult,
     AnalysisSettings,
+    BlockTotals,
     Campaign,
     CampaignSpec,
     CampaignState,
     EpisodeResult,
+    Estimate,
     Event,
     Outcome,
     Page,
+    PairTotals,
 )
 from eigenfail.values.records import (
     Delivery,
@@ -96,15 +99,25 @@ class EpisodeStore(Protocol):
     def totals(self, campaign: int) -> Totals:
         """Sums over all collisions, and episodes counted by class, as `assess` classifies them."""
 
+    def course(self, campaign: int, per: int) -> list[BlockTotals]:
+        """Sums over blocks of `per` indices, in index order, of those with a completed episode."""
+
+    def paired(self, first: int, second: int) -> PairTotals:
+        """The episodes that two campaigns both completed, with one seed and kind of source."""
+
     def digest(self, campaign: int) -> str:
         """SHA-256 over the digests of all results in index order, one line "index digest" each."""
 
 
 class CheckpointStore(Protocol):
-    """The learner's last state of each campaign."""
+    """The learner's last state of each campaign, and what it then knew of the probability."""
 
-    def save(self, campaign: int, checkpoint: bytes) -> None:
-        """Replace the checkpoint."""
+    def save(self, campaign: int, checkpoint: bytes, estimate: Estimate | None = None) -> None:
+        """Replace the checkpoint and the campaign's estimate, both or neither.
+
+        Raises:
+            NotFound: no such campaign.
+        """
 
     def load(self, campaign: int) -> bytes | None:
         """The checkpoint, if there is one."""

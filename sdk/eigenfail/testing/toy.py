@@ -23,6 +23,8 @@ from eigenfail.values import (
     unrunnable,
 )
 
+LAST_NOISE = slice(STATE.index("noise_x"), STATE.index("noise_y") + 1)
+
 
 class Corridor(msgspec.Struct, frozen=True):
     """A vehicle that follows its low-pass filtered longitudinal noise, and a wall.
@@ -108,6 +110,7 @@ class ToyEngine:
         y = 0.0
         for t in range(len(states)):
             states[t, 0], states[t, -1] = y, t / len(states)
+            states[t, LAST_NOISE] = z[t - 1] / 3.0 if t else 0.0
             held = t % policy.hold
             z[t] = z[t - held] if held else decide(policy, states[t], random.standard_normal(2))
             y = (1.0 - self._corridor.gain) * y + self._corridor.gain * float(z[t, 0])

@@ -17,11 +17,23 @@ from eigenfail.values.campaign import (
     Conflicts,
     Cost,
     Counts,
+    Estimate,
     Interval,
     MeanTime,
     Rate,
     Summary,
 )
+from eigenfail.values.comparison import (
+    Comparison,
+    Difference,
+    Distinction,
+    EffectSize,
+    Magnitude,
+    McNemar,
+    PairTotals,
+    Side,
+)
+from eigenfail.values.course import BlockTotals, Course, CourseBlock
 from eigenfail.values.disturbance import (
     AXES,
     Conversion,
@@ -32,6 +44,7 @@ from eigenfail.values.disturbance import (
     Shape,
     White,
 )
+from eigenfail.values.diversity import Diversity
 from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeResult,
@@ -48,7 +61,6 @@ from eigenfail.values.episode import (
 from eigenfail.values.event import Event
 from eigenfail.values.explanation import Account, ExplainedEpisode, ExplainedStep
 from eigenfail.values.learning import (
-    Estimate,
     Experience,
     LearnerContext,
     Predecessor,
@@ -59,6 +71,7 @@ from eigenfail.values.paging import Page
 from eigenfail.values.policy import STATE, Layer, Policy
 from eigenfail.values.randomness import episode_seed, learner_seed
 from eigenfail.values.scene import Control, Mission, Observation, Perception, Scene, VehicleState
+from eigenfail.values.stopping import StopRules
 
 __all__ = [
     "AXES",
@@ -70,9 +83,11 @@ __all__ = [
     "AnalysisSettings",
     "AnalysisState",
     "Assessment",
+    "BlockTotals",
     "Campaign",
     "CampaignSpec",
     "CampaignState",
+    "Comparison",
     "ConflictClass",
     "Conflicts",
     "Control",
@@ -80,7 +95,13 @@ __all__ = [
     "Correlated",
     "Cost",
     "Counts",
+    "Course",
+    "CourseBlock",
+    "Difference",
+    "Distinction",
     "DisturbanceModel",
+    "Diversity",
+    "EffectSize",
     "EpisodeFault",
     "EpisodeResult",
     "EpisodeSetup",
@@ -96,6 +117,8 @@ __all__ = [
     "Interval",
     "Layer",
     "LearnerContext",
+    "Magnitude",
+    "McNemar",
     "MeanTime",
     "Measures",
     "Mission",
@@ -103,6 +126,7 @@ __all__ = [
     "Observation",
     "Outcome",
     "Page",
+    "PairTotals",
     "Perception",
     "Policy",
     "PolicySource",
@@ -113,7 +137,9 @@ __all__ = [
     "Round",
     "Scene",
     "Shape",
+    "Side",
     "Source",
+    "StopRules",
     "Summary",
     "TrajectorySource",
     "VehicleState",

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from eigenfail.values.arrays import Floats
+from eigenfail.values.diversity import Diversity
 
 MAX_CLUSTERS = 50
 
@@ -64,6 +65,7 @@ class AnalysisResult(msgspec.Struct, frozen=True, eq=False):
             modes are distinct only where `silhouette` clearly exceeds it.
         influence: how much each step matters, shape (steps, 2): component magnitudes weighted by
             explained variance.
+        diversity: how the failures spread over modes; None in results of older releases.
     """
 
     episodes: tuple[int, ...]
@@ -75,6 +77,7 @@ class AnalysisResult(msgspec.Struct, frozen=True, eq=False):
     influence: Floats
     silhouette: float | None
     noise_silhouette: float | None
+    diversity: Diversity | None = None
 
     @property
     def distinct(self) -> bool:

@@ -8,6 +8,7 @@ import msgspec
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.episode import EpisodeSetup
 from eigenfail.values.randomness import MAX_SEED
+from eigenfail.values.stopping import StopRules
 
 MAX_EPISODES = 10_000_000
 
@@ -20,6 +21,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     Attributes:
         episodes: the budget; every simulated episode counts.
+        stop: what ends it before that.
         price_usd_per_hour: of one instance.
         instances: how many instances the campaign occupies while it runs.
         scene_every: besides all collisions, keep the scene of every n-th episode.
@@ -36,6 +38,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     planner_settings: Settings = {}
     simulator: Name = "highway"
     disturbance: DisturbanceModel = DisturbanceModel()
+    stop: StopRules = StopRules()
     price_usd_per_hour: Annotated[float, msgspec.Meta(ge=0.0, le=100_000.0)] = 1.20
     instances: Annotated[int, msgspec.Meta(ge=1, le=100_000)] = 1
     scene_every: Annotated[int, msgspec.Meta(ge=1, le=MAX_EPISODES)] = 50
@@ -73,7 +76,9 @@ class Counts(msgspec.Struct, frozen=True):
     """planned = completed + failed + cancelled + open, at every commit.
 
     `failures` counts the collisions among the completed episodes; `failed` counts the episodes
-    that could not be run; `duplicates` counts results that came a second time.
+    that could not be run; `cancelled` counts those that were left unrun when the campaign ended,
+    whoever ended it: a user, a stop rule, or a method with no more to propose; `duplicates` counts
+    results that came a second time.
     """
 
     planned: int
@@ -89,6 +94,37 @@ class Counts(msgspec.Struct, frozen=True):
         return self.planned - self.completed - self.failed - self.cancelled
 
 
+class Interval(msgspec.Struct, frozen=True):
+    """A 95 % confidence interval."""
+
+    low: float
+    high: float
+
+
+class Estimate(msgspec.Struct, frozen=True, kw_only=True):
+    """The failure probability under p(x), as a learner knows it after its last whole round.
+
+    Attributes:
+        by: how it was found: "subset simulation" or "importance sampling".
+        episodes: how many it rests on.
+        probability: None where it cannot be told honestly; `problem` then says why.
+        cv: coefficient of variation: standard error ÷ probability.
+        interval: of 95 %.
+        effective: effective sample size, of weighted samples.
+        problem: why there is no number, and what to do; empty otherwise.
+        note: what neither the number nor its interval can know.
+    """
+
+    by: str
+    episodes: int
+    probability: float | None = None
+    cv: float | None = None
+    interval: Interval | None = None
+    effective: float | None = None
+    problem: str = ""
+    note: str = ""
+
+
 class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     """A campaign as it stands.
 
@@ -96,6 +132,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
         stopped_because: why it is in its final state, in words; empty before.
         active_s: time during which it was running; pauses do not count.
         digest: over all results in index order, once the campaign is done.
+        estimate: of the failure probability; None where the method tells none, or none yet.
     """
 
     id: int
@@ -108,13 +145,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     active_s: float = 0.0
     stopped_because: str = ""
     digest: str | None = None
-
-
-class Interval(msgspec.Struct, frozen=True):
-    """A 95 % confidence interval."""
-
-    low: float
-    high: float
+    estimate: Estimate | None = None
 
 
 class Rate(msgspec.Struct, frozen=True):
@@ -157,7 +188,7 @@ class Conflicts(msgspec.Struct, frozen=True):
     Attributes:
         unavoidable: collisions that braking could not avoid once they showed.
         planner_failures: collisions that it could.
-        unclassified: collisions that were stored before there were classes.
+        unclassified: collisions of which too little was measured to class them.
         near_misses: MinTTC < 1.5 s without a collision.
         ttc_lead: from the first violation of MinTTC to the collision.
         drac_lead: from the first violation of DRAC to the collision.
@@ -179,6 +210,8 @@ class Summary(msgspec.Struct, frozen=True):
         mean_log_probability: of the failures, summed over their steps.
         log_probability_per_step: of the failures: sum of log p over all their steps ÷ steps.
         mean_severity: of the failures [m²/s²].
+        estimate: of the failure probability under p(x); None where the method tells none, or none
+            yet.
     """
 
     campaign: int
@@ -192,3 +225,4 @@ class Summary(msgspec.Struct, frozen=True):
     episodes_per_s: float | None
     cost: Cost
     conflicts: Conflicts = Conflicts()
+    estimate: Estimate | None = None

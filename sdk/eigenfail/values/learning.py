@@ -5,7 +5,6 @@ from typing import Any
 import msgspec
 
 from eigenfail.values.arrays import Floats
-from eigenfail.values.campaign import Interval
 from eigenfail.values.episode import EpisodeTask, Source
 from eigenfail.values.policy import Policy
 
@@ -44,28 +43,6 @@ class Experience(msgspec.Struct, frozen=True, eq=False):
     z: Floats
     steps: Floats
     robustness_m: Floats
-
-
-class Estimate(msgspec.Struct, frozen=True, kw_only=True):
-    """The failure probability under p(x), as a learner knows it after its last whole round.
-
-    Attributes:
-        by: how it was found: "subset simulation" or "importance sampling".
-        episodes: how many it rests on.
-        probability: None where it cannot be told honestly; `problem` then says why.
-        cv: coefficient of variation: standard error ÷ probability.
-        interval: of 95 %.
-        effective: effective sample size, of weighted samples.
-        problem: why there is no number, and what to do; empty otherwise.
-    """
-
-    by: str
-    episodes: int
-    probability: float | None = None
-    cv: float | None = None
-    interval: Interval | None = None
-    effective: float | None = None
-    problem: str = ""
 
 
 class LearnerContext(msgspec.Struct, frozen=True, eq=False):

@@ -10,9 +10,15 @@ STATE = (
     "ego_speed",  # per 30 m/s
     "actor_speed",  # per 30 m/s
     "actor_heading",  # [rad]
+    "noise_x",  # longitudinal z of the step before, per 3 sigma; 0 at the start
+    "noise_y",  # lateral z of the step before, per 3 sigma
     "progress",  # share of the episode's steps that has passed
 )
-"""What the adversary sees at each step, in the order of its components."""
+"""What the adversary sees at each step, in the order of its components.
+
+Its own last noise is among them since a tracker remembers it, and the tracker is not seen: without
+it, the same action in the same state sometimes fools the planner and sometimes does not.
+"""
 
 
 class Layer(msgspec.Struct, frozen=True, eq=False):

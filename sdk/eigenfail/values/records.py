@@ -94,7 +94,7 @@ class ConflictTotals(msgspec.Struct, frozen=True):
     """Counts and sums over the episodes of a campaign by conflict class; see `assess`.
 
     Attributes:
-        unclassified: collisions that were stored before there were classes.
+        unclassified: collisions of which too little was measured to class them.
         ttc_lead_s: sum of the lead times of MinTTC, of which there are `ttc_leads`.
         drac_lead_s: sum of the lead times of DRAC, of which there are `drac_leads`.
     """
@@ -110,12 +110,16 @@ class ConflictTotals(msgspec.Struct, frozen=True):
 
 
 class Totals(msgspec.Struct, frozen=True):
-    """Sums over a campaign, from which its summary is made; all but `conflicts` of failures."""
+    """Sums over a campaign, from which its summary is made; all but `conflicts` of failures.
+
+    Attributes:
+        severity: None where no failure has one.
+    """
 
     failures: int
     log_probability: float
     steps: int
-    severity: float
+    severity: float | None
     conflicts: ConflictTotals = ConflictTotals()
 
 

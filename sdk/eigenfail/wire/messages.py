@@ -9,7 +9,16 @@ from typing import Any
 import msgspec
 
 from eigenfail.errors import ProtocolError
-from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, LearnerContext, Policy, Round
+from eigenfail.values import (
+    EpisodeResult,
+    EpisodeSetup,
+    EpisodeTask,
+    Estimate,
+    LearnerContext,
+    Policy,
+    Round,
+    StopRules,
+)
 from eigenfail.values.arrays import decode_array, encode_array
 
 PROTOCOL = 2
@@ -110,6 +119,7 @@ class Start(Message, frozen=True):
     context: LearnerContext
     campaign_seed: int
     checkpoint: bytes | None
+    rules: StopRules = StopRules()
 
 
 class Observed(Message, frozen=True):
@@ -125,11 +135,13 @@ class Stop(Message, frozen=True):
 class Proposed(Message, frozen=True):
     """Learner process: the rounds that are open now, and a checkpoint that restores just that.
 
-    An empty `rounds` means that the campaign is over.
+    An empty `rounds` means that the campaign is over; `because` says why.
     """
 
     rounds: tuple[Round, ...]
     checkpoint: bytes
+    because: str = ""
+    estimate: Estimate | None = None
 
 
 class Trouble(Message, frozen=True):

@@ -10,7 +10,9 @@ import msgspec
 from eigenfail.contracts import Store
 from eigenfail.errors import InputError
 from eigenfail.processes import ONE_THREAD
+from eigenfail.values import Analysis, AnalysisResult
 from eigenfail.values.records import Job
+from eigenfail_services.analysis.collapse import diversity
 from eigenfail_services.campaigns.checks import horizon
 
 LEASE_S = 30.0
@@ -82,13 +84,24 @@ class AnalysisJobs:
 
 def run_analysis(store: Store, analysis_id: int) -> None:
     """Analyse the failures of a campaign and keep what was found, or why nothing could be."""
-    from eigenfail_services.analysis.job import analyse  # scikit-learn takes a second to load
-
     analysis = store.analyses.get(analysis_id)
     store.analyses.start(analysis_id)
     try:
-        failures = store.episodes.failures(analysis.campaign)
-        steps = horizon(store.campaigns.get(analysis.campaign).spec)
-        store.analyses.finish(analysis_id, analyse(failures, steps, analysis.settings))
+        store.analyses.finish(analysis_id, found(store, analysis))
     except InputError as error:
         store.analyses.fail(analysis_id, str(error))
+
+
+def found(store: Store, analysis: Analysis) -> AnalysisResult:
+    """What an analysis finds in the failures that there are by now.
+
+    Raises:
+        InvalidValue: there is no failure, or one that does not fit.
+    """
+    from eigenfail_services.analysis.job import analyse  # scikit-learn takes a second to load
+
+    campaign = store.campaigns.get(analysis.campaign)
+    failures = store.episodes.failures(campaign.id)
+    result = analyse(failures, horizon(campaign.spec), analysis.settings)
+    ended = campaign.counts.completed + campaign.counts.failed
+    return msgspec.structs.replace(result, diversity=diversity(failures, result, ended))

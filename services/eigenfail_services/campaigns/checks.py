@@ -7,11 +7,13 @@ from unicodedata import category
 
 import msgspec
 
-from eigenfail import plugins
-from eigenfail.contracts import Situation, Store
-from eigenfail.errors import InvalidValue, NotFound, UnknownName
+from eigenfail import functions, plugins
+from eigenfail.contracts import Scenario
+from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import convert, read_settings
 from eigenfail.values import CampaignSpec
+from eigenfail.values.variation import read_variation
+from eigenfail_services.campaigns.earlier import search
 
 MAX_DEPTH = 20
 LARGEST = 2**63 - 1
@@ -28,54 +30,45 @@ def check_spec(spec: CampaignSpec) -> CampaignSpec:
     """
     refuse_what_no_store_keeps(spec)
     convert(msgspec.to_builtins(spec), CampaignSpec)
-    if spec.simulator not in plugins.names(plugins.SIMULATORS):
-        raise UnknownName("simulator", spec.simulator, plugins.names(plugins.SIMULATORS))
+    if spec.simulator not in functions.simulators():
+        raise UnknownName("simulator", spec.simulator, functions.simulators())
     method = plugins.load(plugins.METHODS, spec.method)
     read_settings(method.Settings, spec.settings, "settings")
+    refuse_idle_rules(spec)
+    if spec.simulator == functions.SIMULATOR:
+        functions.check(spec)
+        return spec
     planner = plugins.load(plugins.PLANNERS, spec.planner)
     read_settings(planner.Settings, spec.planner_settings, "planner_settings")
-    situation(spec)
+    horizon(spec)
     return spec
 
 
-def check_references(spec: CampaignSpec, store: Store) -> CampaignSpec:
-    """The spec itself, once the analysis or campaign that it replays is known to be there.
-
-    Raises:
-        InvalidValue: there is no such analysis or campaign.
-    """
-    finders = {"analysis": store.analyses.get, "campaign": store.campaigns.get}
-    for name in finders.keys() & spec.settings.keys():
-        wanted = spec.settings[name]
-        try:
-            if wanted is not None:
-                finders[name](wanted)
-        except NotFound as error:
-            raise InvalidValue(f"settings.{name}", error.problem, error.remedy) from error
-    return spec
+def refuse_idle_rules(spec: CampaignSpec) -> None:
+    """Raises InvalidValue for a stop rule that could never hold."""
+    searching = search(spec).method
+    estimates = hasattr(plugins.load(plugins.METHODS, searching), "estimate")
+    if spec.stop.cv is not None and not estimates:
+        raise InvalidValue(
+            "stop.cv",
+            f"{searching} estimates no probability.",
+            "Leave this rule out, or take a method that does.",
+        )
 
 
 def horizon(spec: CampaignSpec) -> int:
-    """The number of steps of a full episode.
+    """The number of steps of a full episode: of the longest, where parameters vary.
 
     Raises:
-        UnknownName: no such scenario, or it has no such parameter.
-        InvalidValue: a parameter outside its bounds.
+        UnknownName: no such scenario, or it has no such parameter or distribution.
+        InvalidValue: a parameter, or an end of its distribution, outside its bounds.
     """
-    return situation(spec).steps
-
-
-def situation(spec: CampaignSpec) -> Situation:
-    """The scenario with the campaign's parameters filled in.
-
-    Raises:
-        UnknownName: no such scenario, or it has no such parameter.
-        InvalidValue: a parameter outside its bounds.
-    """
-    scenario = plugins.load(plugins.SCENARIOS, spec.scenario)
-    parameters = read_settings(scenario.Parameters, spec.scenario_parameters, "scenario_parameters")
-    filled_in: Situation = scenario()(parameters, spec.seed)
-    return filled_in
+    if spec.simulator == functions.SIMULATOR:
+        return functions.check(spec).steps
+    plugin = plugins.load(plugins.SCENARIOS, spec.scenario)
+    scenario: Scenario = plugin()
+    variation = read_variation(plugin.Parameters, spec.scenario_parameters)
+    return variation.largest(lambda parameters: scenario(parameters, spec.seed).steps)
 
 
 def refuse_what_no_store_keeps(spec: CampaignSpec) -> None:

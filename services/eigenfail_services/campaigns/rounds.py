@@ -5,20 +5,25 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 
-from eigenfail.contracts import EpisodeEngine, Learner
+from eigenfail.contracts import EpisodeEngine, Estimator, Learner
 from eigenfail.errors import LearnerFailed, ProtocolError
 from eigenfail.values import (
     EpisodeResult,
     EpisodeTask,
+    Estimate,
     Policy,
     PolicySource,
     Proposal,
     Round,
+    StopRules,
     episode_seed,
 )
 from eigenfail.values.arrays import decode_array, encode_array
+from eigenfail_services.campaigns import stopping
+from eigenfail_services.campaigns.stopping import Tally
 
-FORMAT = 1
+FORMAT = 2
+"""Format 1 had neither tally nor stop rules; it is read as one of a campaign without rules."""
 
 
 class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=True):
@@ -28,6 +33,8 @@ class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=Tr
         format: counts up when older programs could not read it.
         episodes: how many have been proposed.
         policy: the newest policy version.
+        tally: of the rounds observed.
+        stopped: the words of the stop rule that held; empty if none did.
     """
 
     format: int
@@ -39,7 +46,12 @@ class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=Tr
     policy: Policy | None
     rounds: tuple[Round, ...]
     learner: bytes
+    tally: Tally = Tally()
+    stopped: str = ""
 
+
+NO_RULES = StopRules()
+OPEN_WAS_FINISHED = " The round that was open was finished."
 
 _encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _decoder = msgspec.msgpack.Decoder(Checkpoint, dec_hook=decode_array)
@@ -55,12 +67,19 @@ class Rounds:
         learner: fresh, or to be restored with `restore`.
         campaign_seed: from which every episode's seed is derived.
         budget: number of episodes of the campaign.
+        rules: what ends it before that; judged after each round, of which none is cut short. With
+            such rules no more than one round is open besides the oldest, or they would come late.
     """
 
-    def __init__(self, learner: Learner, campaign_seed: int, budget: int) -> None:
+    def __init__(
+        self, learner: Learner, campaign_seed: int, budget: int, rules: StopRules = NO_RULES
+    ) -> None:
         self._learner = learner
         self._campaign_seed = campaign_seed
         self._budget = budget
+        self._rules = rules
+        self._tally = Tally()
+        self._stopped = ""
         self._open: deque[Round] = deque()
         self._number = 0
         self._episodes = 0
@@ -70,7 +89,20 @@ class Rounds:
     @property
     def done(self) -> bool:
         """Whether no round is open and none will be proposed."""
-        return not self._open and (self._ended or self._episodes >= self._budget)
+        return not self._open and not self._may_propose()
+
+    @property
+    def because(self) -> str:
+        """Why there is no more to propose, in words; empty while there is."""
+        if self._stopped:
+            return self._stopped
+        if self._episodes >= self._budget:
+            return f"The budget of {self._budget} episodes was spent."
+        return "The method had no more to propose." if self._ended else ""
+
+    def estimate(self) -> Estimate | None:
+        """The failure probability after the last round observed; None if the learner tells none."""
+        return self._learner.estimate() if isinstance(self._learner, Estimator) else None
 
     def open(self) -> tuple[Round, ...]:
         """The open rounds, oldest first, proposing as far as lookahead and budget allow.
@@ -80,7 +112,7 @@ class Rounds:
         Raises:
             LearnerFailed: the learner proposed more than it was asked for.
         """
-        while len(self._open) <= self._learner.lookahead and self._may_propose():
+        while len(self._open) <= self._lookahead() and self._may_propose():
             self._propose()
         return tuple(self._open)
 
@@ -103,6 +135,19 @@ class Rounds:
             )
         self._learner.observe(ordered)
         self._open.popleft()
+        self._tally = self._tally.after(ordered)
+        if self._may_propose():
+            self._stopped = self._judge()
+
+    def _judge(self) -> str:
+        """What the rules on results say, with the rounds that will be finished all the same."""
+        estimate = self.estimate() if self._rules.cv is not None else None
+        words = stopping.by_results(self._rules, self._tally, estimate)
+        return words and words + (OPEN_WAS_FINISHED if self._open else "")
+
+    def _lookahead(self) -> int:
+        wanted = self._learner.lookahead
+        return min(wanted, 1) if stopping.depends_on_results(self._rules) else wanted
 
     def checkpoint(self) -> bytes:
         """Everything needed to go on bit for bit, open rounds and their policies included."""
@@ -116,6 +161,8 @@ class Rounds:
             policy=self._policy,
             rounds=tuple(self._open),
             learner=self._learner.state(),
+            tally=self._tally,
+            stopped=self._stopped,
         )
         return _encoder.encode(checkpoint)
 
@@ -125,7 +172,7 @@ class Rounds:
         Raises:
             ProtocolError: the bytes are not a checkpoint of this campaign and method.
         """
-        checkpoint = _read(data)
+        checkpoint = read_checkpoint(data)
         if (checkpoint.campaign_seed, checkpoint.budget) != (self._campaign_seed, self._budget):
             raise ProtocolError(
                 f"The checkpoint is of a campaign with seed {checkpoint.campaign_seed} and "
@@ -137,9 +184,11 @@ class Rounds:
         self._episodes = checkpoint.episodes
         self._ended = checkpoint.ended
         self._policy = checkpoint.policy
+        self._tally = checkpoint.tally
+        self._stopped = checkpoint.stopped
 
     def _may_propose(self) -> bool:
-        return not self._ended and self._episodes < self._budget
+        return not (self._ended or self._stopped) and self._episodes < self._budget
 
     def _propose(self) -> None:
         left = self._budget - self._episodes
@@ -179,14 +228,19 @@ def run_in_process(rounds: Rounds, engine: EpisodeEngine) -> Iterator[EpisodeRes
         rounds.complete(results)
 
 
-def _read(data: bytes) -> Checkpoint:
+def read_checkpoint(data: bytes) -> Checkpoint:
+    """What `Rounds.checkpoint` gave.
+
+    Raises:
+        ProtocolError: the bytes are no checkpoint, or one of a newer program.
+    """
     try:
         checkpoint = _decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ProtocolError(
             f"The campaign's checkpoint cannot be read: {error}.", "Start the campaign anew."
         ) from error
-    if checkpoint.format != FORMAT:
+    if not 1 <= checkpoint.format <= FORMAT:
         raise ProtocolError(
             f"The checkpoint has format {checkpoint.format}, this program reads {FORMAT}.",
             "Finish the campaign with the version of eigenfail that began it.",

@@ -25,6 +25,7 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
         episodes_per_s=ratio(completed, campaign.active_s),
         cost=campaign_cost(campaign),
         conflicts=conflicts(totals.conflicts),
+        estimate=campaign.estimate,
     )
 
 
@@ -57,6 +58,6 @@ def campaign_cost(campaign: Campaign) -> Cost:
     )
 
 
-def ratio(amount: float, per: float) -> float | None:
+def ratio(amount: float | None, per: float) -> float | None:
     """The quotient, or None of nothing."""
-    return amount / per if per else None
+    return None if amount is None or not per else amount / per

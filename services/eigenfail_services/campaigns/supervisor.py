@@ -9,13 +9,16 @@ from collections.abc import Callable
 from queue import Empty
 
 import structlog
+from msgspec.structs import replace
 
 from eigenfail.contracts import Store
 from eigenfail.errors import IllegalTransition, InputError, NotFound
 from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Counts
 from eigenfail.values.records import Job, JobKind
+from eigenfail_services.campaigns import stopping
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.materials import learner_context
+from eigenfail_services.campaigns.summary import campaign_cost
 from eigenfail_services.hub.runs import Order
 from eigenfail_services.hub.server import Ended, Hub
 
@@ -38,6 +41,12 @@ class Watch:
         self.told: Counts | None = None
         self.halting = False
         self.lost = False
+        self.spent = ""
+
+    def so_far(self, campaign: Campaign) -> Campaign:
+        """The campaign with the time that is not yet billed."""
+        unbilled_s = time.monotonic() - self.billed_s
+        return replace(campaign, active_s=campaign.active_s + unbilled_s)
 
     def bill(self, store: Store) -> None:
         """Add the time since the last bill; it stays open while the store is away."""
@@ -75,7 +84,7 @@ class Supervisor:
         """
         self._renew()
         self._claim()
-        self._heed_wishes()
+        self._heed_wishes_and_rules()
         self._conclude()
         self._analyses.tend()
 
@@ -124,14 +133,19 @@ class Supervisor:
             self._store.jobs.finish(job)
             return
         self._watched[campaign.id] = Watch(job)
-        order = Order(campaign.id, spec.setup(), spec.method, spec.settings, spec.seed, context)
+        order = Order(
+            campaign.id, spec.setup(), spec.method, spec.settings, spec.seed, context, spec.stop
+        )
         self._hub.launch(order)
         log.info("campaign started", campaign=campaign.id, method=spec.method)
 
-    def _heed_wishes(self) -> None:
+    def _heed_wishes_and_rules(self) -> None:
         for campaign, watch in self._watched.items():
-            wished = self._store.campaigns.get(campaign).state in self._wishes
-            if wished and not watch.halting:
+            if watch.halting:
+                continue
+            now = watch.so_far(self._store.campaigns.get(campaign))
+            watch.spent = spent(now)
+            if watch.spent or now.state in self._wishes:
                 watch.halting = True
                 self._hub.halt(campaign)
 
@@ -190,6 +204,13 @@ class Supervisor:
     ) -> tuple[CampaignState, str]:
         if ended.problem:
             return CampaignState.DEAD, ended.problem
-        if watch.halting:
+        if watch.halting and not watch.spent:
             return self._wishes[state], "A user asked for it."
-        return CampaignState.DONE, ""
+        return CampaignState.DONE, ended.because or watch.spent
+
+
+def spent(campaign: Campaign) -> str:
+    """Why the campaign's rules on time and cost end it; empty if they do not."""
+    return stopping.by_time(
+        campaign.spec.stop, campaign.active_s, campaign_cost(campaign).total_usd
+    )

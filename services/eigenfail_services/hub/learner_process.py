@@ -28,7 +28,7 @@ def begin(start: Start) -> Rounds:
     """The rounds of a new learner, or of the one that a checkpoint describes."""
     method = plugins.load(plugins.METHODS, start.method)
     learner = method(start.context, read_settings(method.Settings, start.settings, "settings"))
-    rounds = Rounds(learner, start.campaign_seed, start.context.episodes)
+    rounds = Rounds(learner, start.campaign_seed, start.context.episodes, start.rules)
     if start.checkpoint is not None:
         rounds.restore(start.checkpoint)
     return rounds
@@ -37,7 +37,7 @@ def begin(start: Start) -> Rounds:
 def proposed(rounds: Rounds) -> Proposed:
     """What is open now, and how to come back to it."""
     opened = rounds.open()
-    return Proposed(opened, rounds.checkpoint())
+    return Proposed(opened, rounds.checkpoint(), rounds.because, rounds.estimate())
 
 
 class LearnerProcess:

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from eigenfail.contracts import Store
-from eigenfail.values import EpisodeResult, EpisodeSetup, LearnerContext, Policy
+from eigenfail.values import EpisodeResult, EpisodeSetup, LearnerContext, Policy, StopRules
 from eigenfail.values.records import Verdict
 from eigenfail.wire.messages import Message, Observed, Proposed, Start, Trouble
 from eigenfail_services.hub.flight import Flight
@@ -28,6 +28,7 @@ class Order(msgspec.Struct, frozen=True, eq=False):
     settings: dict[str, Any]
     seed: int
     context: LearnerContext
+    rules: StopRules = StopRules()
 
 
 class Run:
@@ -36,11 +37,13 @@ class Run:
     Attributes:
         ended: why it is over, once it is: an empty text when the learner has no more to propose,
             else the trouble.
+        because: why the learner has no more to propose.
     """
 
     def __init__(self, order: Order, store: Store, leases: Leases) -> None:
         self.order = order
         self.ended: str | None = None
+        self.because = ""
         self._store = store
         self._leases = leases
         self._deaths = 0
@@ -76,7 +79,9 @@ class Run:
         """Tell a new learner what it is to be; without the store nobody can know."""
         order = self.order
         checkpoint = self._store.checkpoints.load(order.campaign)
-        self._link.say(Start(order.method, order.settings, order.context, order.seed, checkpoint))
+        self._link.say(
+            Start(order.method, order.settings, order.context, order.seed, checkpoint, order.rules)
+        )
         self._briefed = True
 
     def tend(self) -> None:
@@ -98,12 +103,12 @@ class Run:
 
     def _proposed(self, message: Proposed) -> None:
         campaign = self.order.campaign
-        self._store.checkpoints.save(campaign, message.checkpoint)
+        self._store.checkpoints.save(campaign, message.checkpoint, message.estimate)
         self._learning = False
         if self._handed_back:
             self._deaths = 0
         if not message.rounds:
-            self.ended = ""
+            self.ended, self.because = "", message.because
             return
         indices = [task.index for task in self._flight.new(message.rounds)]
         finished = self._store.episodes.finished(campaign, indices)

@@ -25,10 +25,14 @@ log = structlog.get_logger()
 
 
 class Ended(msgspec.Struct, frozen=True):
-    """A campaign that the hub has finished with; `problem` is empty if it ran to its end."""
+    """A campaign that the hub has finished with; `problem` is empty if it ran to its end.
+
+    `because` says why it came to its end; it is empty if it was halted.
+    """
 
     campaign: int
     problem: str
+    because: str = ""
 
 
 def bind(address: str) -> "zmq.Socket[bytes]":
@@ -80,7 +84,7 @@ class Hub:
 
     def halt(self, campaign: int) -> None:
         """Stop running a campaign; `ended` says when that is done."""
-        self._commands.put(lambda: self._halt(campaign, ""))
+        self._commands.put(lambda: self._halt(Ended(campaign, "")))
 
     def workers(self) -> list[str]:
         """Names of the workers that are connected."""
@@ -124,11 +128,11 @@ class Hub:
     def _launch(self, order: Order) -> None:
         self._runs[order.campaign] = Run(order, self._store, self._leases)
 
-    def _halt(self, campaign: int, problem: str) -> None:
-        if run := self._runs.pop(campaign, None):
+    def _halt(self, ended: Ended) -> None:
+        if run := self._runs.pop(ended.campaign, None):
             run.stop()
-            self._desk.drop(campaign)
-            self.ended.put(Ended(campaign, problem))
+            self._desk.drop(ended.campaign)
+            self.ended.put(ended)
 
     def _hear_workers(self) -> None:
         for _ in range(MESSAGES_PER_TURN):
@@ -142,7 +146,7 @@ class Hub:
         for run in list(self._runs.values()):
             run.tend()
             if run.ended is not None:
-                self._halt(run.order.campaign, run.ended)
+                self._halt(Ended(run.order.campaign, run.ended, run.because))
 
     def _commit(self, *, now: bool = False) -> None:
         for committed in self._commits.flush(now=now):

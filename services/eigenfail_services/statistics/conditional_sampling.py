@@ -6,18 +6,14 @@ stays on the level. The step s follows the acceptance (Papaioannou et al. 2015, 
 Engineering Mechanics 41, 89–103).
 """
 
-from collections.abc import Callable
+from collections.abc import Generator
 from math import ceil, exp, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.errors import InvalidValue
-
 Array = NDArray[np.float64]
-Robustness = Callable[[Array], Array]
-"""Robustness of a batch of noise z, shape (n, steps, 2): n finite numbers."""
 
 FIRST_STEP = 0.6
 SMALLEST_STEP = 0.001
@@ -39,28 +35,42 @@ class Chains(NamedTuple):
     acceptance: float
 
 
+Sampling = Generator[Array, Array, Chains]
+"""Yields noise z, shape (n, steps, 2); is sent its robustness, shape (n,); returns a level.
+
+Where z could not be run its robustness is NaN. What is sampled then is the noise that can be run:
+draws are made anew, and a chain whose move could not be run stays where it is.
+"""
+
+
 class ConditionalSampler:
     """Draws `samples` of z on each level, as chains from a share of them.
 
     Args:
-        robustness: see `Robustness`.
         rng: where every draw comes from.
         acceptance: share of the moves to be accepted, by the choice of the step.
+
+    Attributes:
+        evaluations: how many z were run.
     """
 
-    def __init__(self, robustness: Robustness, rng: np.random.Generator, acceptance: float) -> None:
-        self._robustness = robustness
+    def __init__(self, rng: np.random.Generator, acceptance: float) -> None:
         self._rng = rng
         self._acceptance = acceptance
         self._step = FIRST_STEP
         self.evaluations = 0
 
-    def independent(self, samples: int, steps: int) -> Chains:
+    def independent(self, samples: int, steps: int) -> Sampling:
         """Independent draws: chains of length 1."""
-        z = self._rng.standard_normal((samples, steps, 2))
-        return Chains(z[None], self._evaluate(z)[None], np.arange(samples), acceptance=1.0)
+        z, values = np.empty((0, steps, 2)), np.empty(0)
+        while missing := samples - len(z):
+            drawn = self._rng.standard_normal((missing, steps, 2))
+            found = yield drawn
+            ran = self._ran(found)
+            z, values = np.concatenate([z, drawn[ran]]), np.concatenate([values, found[ran]])
+        return Chains(z[None], values[None], np.arange(samples), acceptance=1.0)
 
-    def below(self, threshold: float, above: Chains, most: int) -> Chains:
+    def below(self, threshold: float, above: Chains, most: int) -> Sampling:
         """As many samples as before, at or below a threshold that some of those before reach.
 
         Seeds are at most `most` of these, drawn without regard to their robustness: where ties let
@@ -73,35 +83,33 @@ class ConditionalSampler:
         values = [above.values.ravel()[seeds]]
         accepted = []
         for move in range(1, ceil(samples / len(seeds))):
-            stay_z, stay_value, share = self._move(z[-1], values[-1], threshold)
-            z.append(stay_z)
-            values.append(stay_value)
+            proposed = self._proposed(z[-1])
+            found = yield proposed
+            share = self._accepted(found, threshold)
+            accept = found <= threshold
+            z.append(np.where(accept[:, None, None], proposed, z[-1]))
+            values.append(np.where(accept, found, values[-1]))
             accepted.append(share)
             self._adapt(share, move)
         ancestors = above.ancestors[seeds % len(above.ancestors)]
         return Chains(np.stack(z), np.stack(values), ancestors, float(np.mean(accepted)))
 
-    def _move(self, z: Array, values: Array, threshold: float) -> tuple[Array, Array, float]:
-        """Each chain moves, or stays where it would leave the level."""
-        kept = sqrt(1.0 - self._step**2)
-        proposed = kept * z + self._step * self._rng.standard_normal(z.shape)
-        found = self._evaluate(proposed)
-        accept = found <= threshold
-        moved = np.where(accept[:, None, None], proposed, z)
-        return moved, np.where(accept, found, values), float(accept.mean())
+    def _proposed(self, z: Array) -> Array:
+        """Where each chain would go."""
+        kept: Array = sqrt(1.0 - self._step**2) * z
+        return kept + self._step * self._rng.standard_normal(z.shape)
+
+    def _accepted(self, found: Array, threshold: float) -> float:
+        """Share of the moves that stay on the level; of none, the share that is wanted."""
+        ran = self._ran(found)
+        return float((found[ran] <= threshold).mean()) if ran.any() else self._acceptance
 
     def _adapt(self, accepted: float, move: int) -> None:
         """Larger steps while too many moves are accepted, smaller ones while too few."""
         change = exp((accepted - self._acceptance) / sqrt(move))
         self._step = min(max(self._step * change, SMALLEST_STEP), 1.0)
 
-    def _evaluate(self, z: Array) -> Array:
-        values = np.asarray(self._robustness(z), np.float64)
-        if values.shape != z.shape[:1] or not np.isfinite(values).all():
-            raise InvalidValue(
-                "robustness",
-                f"{len(z)} trajectories gave values of shape {values.shape}, or not finite ones.",
-                "Return one finite number for each trajectory.",
-            )
-        self.evaluations += len(z)
-        return values
+    def _ran(self, found: Array) -> NDArray[np.bool_]:
+        ran = ~np.isnan(found)
+        self.evaluations += int(ran.sum())
+        return ran

@@ -1,6 +1,6 @@
 """95 % intervals of a probability from k events in n trials."""
 
-from math import sqrt
+from math import exp, log, sqrt
 from statistics import NormalDist
 
 from eigenfail.errors import InvalidValue
@@ -55,3 +55,12 @@ def upper_bound_of_none(n: int) -> float:
     Exact: the p at which (1 − p)^n = 0.05 (Clopper and Pearson 1934, Biometrika 26, 404–413).
     """
     return float(1.0 - ERROR ** (1.0 / n))
+
+
+def log_normal(probability: float, cv: float) -> Interval:
+    """The 95 % interval of a probability above 0 whose estimate is log-normal about it.
+
+    exp(±Z·s) around it, s² = log(1 + cv²) for a coefficient of variation cv.
+    """
+    factor = exp(Z * sqrt(log(1.0 + cv * cv)))
+    return Interval(probability / factor, min(probability * factor, 1.0))

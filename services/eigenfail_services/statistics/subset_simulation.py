@@ -5,20 +5,19 @@ low enough that a fixed share of the samples on the level before reaches it.
 Source: Probabilistic Engineering Mechanics 16 (4), 263–277.
 """
 
-from collections.abc import Sequence
-from math import ceil, exp, inf, log, prod, sqrt
+from collections.abc import Callable, Generator, Sequence
+from math import ceil, inf, prod, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import Interval
+from eigenfail.errors import InvalidValue
 from eigenfail_services.statistics.conditional_sampling import (
     Array,
     Chains,
     ConditionalSampler,
-    Robustness,
 )
-from eigenfail_services.statistics.intervals import Z
+from eigenfail_services.statistics.intervals import log_normal
 from eigenfail_services.statistics.subset_estimate import (
     End,
     Level,
@@ -26,29 +25,81 @@ from eigenfail_services.statistics.subset_estimate import (
     SubsetSettings,
 )
 
+Robustness = Callable[[Array], Array]
+"""Robustness of a batch of noise z, shape (n, steps, 2): n finite numbers."""
 
-def subset_simulation(
-    robustness: Robustness, steps: int, settings: SubsetSettings, seed: int
-) -> SubsetEstimate:
+
+class SubsetSimulation:
     """P(robustness <= 0) for noise z, shape (steps, 2), of independent standard normal values.
 
     The same seed and robustness give the same estimate.
 
+    Attributes:
+        levels: those that are known so far.
+    """
+
+    def __init__(self, steps: int, settings: SubsetSettings, seed: int | Sequence[int]) -> None:
+        self._steps = steps
+        self._settings = settings
+        self._sampler = ConditionalSampler(np.random.default_rng(seed), settings.acceptance)
+        self.levels: list[Level] = []
+
+    @property
+    def evaluations(self) -> int:
+        """How many z were run so far."""
+        return self._sampler.evaluations
+
+    def run(self) -> Generator[Array, Array, SubsetEstimate]:
+        """Yields noise and is sent its robustness, NaN where it could not be run; see `Sampling`.
+
+        To be run once.
+        """
+        settings, levels, sampler = self._settings, self.levels, self._sampler
+        chains = yield from sampler.independent(settings.samples, self._steps)
+        threshold = next_threshold(chains.values, inf, settings.share)
+        while threshold is not None and len(levels) < settings.most_levels:
+            levels.append(level(chains, threshold))
+            if threshold <= 0.0:
+                return reached(levels, chains, sampler.evaluations)
+            most = round(settings.share * settings.samples)
+            chains = yield from sampler.below(threshold, chains, most)
+            threshold = next_threshold(chains.values, threshold, settings.share)
+        end = End.STALLED if threshold is None else End.SPENT
+        return not_reached(levels, end, sampler.evaluations)
+
+
+def subset_simulation(
+    robustness: Robustness, steps: int, settings: SubsetSettings, seed: int
+) -> SubsetEstimate:
+    """A whole `SubsetSimulation` whose robustness is a function.
+
     Raises:
         InvalidValue: robustness is not finite, or not one value for each trajectory.
     """
-    sampler = ConditionalSampler(robustness, np.random.default_rng(seed), settings.acceptance)
-    chains = sampler.independent(settings.samples, steps)
-    levels: list[Level] = []
-    threshold = next_threshold(chains.values, inf, settings.share)
-    while threshold is not None and len(levels) < settings.most_levels:
-        levels.append(level(chains, threshold))
-        if threshold <= 0.0:
-            return reached(levels, chains, sampler.evaluations)
-        chains = sampler.below(threshold, chains, round(settings.share * settings.samples))
-        threshold = next_threshold(chains.values, threshold, settings.share)
-    end = End.STALLED if threshold is None else End.SPENT
-    return not_reached(levels, end, sampler.evaluations)
+    running = SubsetSimulation(steps, settings, seed).run()
+    z = next(running)
+    while True:
+        try:
+            z = running.send(evaluated(robustness, z))
+        except StopIteration as end:
+            found: SubsetEstimate = end.value
+            return found
+
+
+def evaluated(robustness: Robustness, z: Array) -> Array:
+    """The robustness of each z.
+
+    Raises:
+        InvalidValue: it is not finite, or not one value for each.
+    """
+    values = np.asarray(robustness(z), np.float64)
+    if values.shape != z.shape[:1] or not np.isfinite(values).all():
+        raise InvalidValue(
+            "robustness",
+            f"{len(z)} trajectories gave values of shape {values.shape}, or not finite ones.",
+            "Return one finite number for each trajectory.",
+        )
+    return values
 
 
 def next_threshold(values: Array, before: float, share: float) -> float | None:
@@ -112,11 +163,10 @@ def reached(levels: Sequence[Level], chains: Chains, evaluations: int) -> Subset
     descendants = np.bincount(chains.ancestors, failures)
     probability = prod(one.share for one in levels)
     cv = max(product_variation(levels), lineage_variation(descendants))
-    factor = exp(Z * sqrt(log(1.0 + cv * cv)))
     return SubsetEstimate(
         probability=probability,
         variation=cv,
-        interval=Interval(probability / factor, min(probability * factor, 1.0)),
+        interval=log_normal(probability, cv),
         ancestors=int(np.count_nonzero(descendants)),
         evaluations=evaluations,
         levels=tuple(levels),

@@ -4,7 +4,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, insert, select, update
 
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Estimate
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import COUNTS, to_campaign, to_json
 from eigenfail_services.store.refusals import no_campaign
@@ -65,6 +65,12 @@ def write(connection: Connection, campaign: Campaign) -> None:
             **counted(campaign.counts),
         )
     )
+
+
+def write_estimate(connection: Connection, campaign: int, estimate: Estimate | None) -> None:
+    """What a locked campaign's learner knows of the failure probability now."""
+    text = None if estimate is None else to_json(estimate)
+    connection.execute(update(campaigns).where(campaigns.c.id == campaign).values(estimate=text))
 
 
 def counted(counts: Counts) -> dict[str, int]:

@@ -2,7 +2,8 @@
 
 from sqlalchemy import insert, select, update
 
-from eigenfail_services.store.campaign_rows import locked
+from eigenfail.values import Estimate
+from eigenfail_services.store.campaign_rows import locked, write_estimate
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.schema import checkpoints
@@ -14,8 +15,8 @@ class SqlCheckpoints:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def save(self, campaign: int, checkpoint: bytes) -> None:
-        """Replace the checkpoint.
+    def save(self, campaign: int, checkpoint: bytes, estimate: Estimate | None = None) -> None:
+        """Replace the checkpoint and the campaign's estimate, both or neither.
 
         Raises:
             NotFound: no such campaign.
@@ -24,6 +25,7 @@ class SqlCheckpoints:
         replace = update(checkpoints).where(checkpoints.c.campaign == campaign).values(**values)
         with self._database.writing() as connection:
             locked(connection, campaign)
+            write_estimate(connection, campaign, estimate)
             if not connection.execute(replace).rowcount:
                 connection.execute(insert(checkpoints).values(campaign=campaign, **values))
 

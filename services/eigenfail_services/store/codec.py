@@ -18,6 +18,7 @@ from eigenfail.values import (
     Counts,
     EpisodeFault,
     EpisodeResult,
+    Estimate,
     Floats,
     Measures,
     NoiseTrajectory,
@@ -31,6 +32,7 @@ from eigenfail.values.records import EpisodeRow
 
 _packer = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _specs = msgspec.json.Decoder(CampaignSpec)
+_estimates = msgspec.json.Decoder(Estimate)
 _settings = msgspec.json.Decoder(AnalysisSettings)
 _scenes = msgspec.msgpack.Decoder(Scene, dec_hook=decode_array)
 _analyses = msgspec.msgpack.Decoder(AnalysisResult, dec_hook=decode_array)
@@ -38,7 +40,7 @@ _analyses = msgspec.msgpack.Decoder(AnalysisResult, dec_hook=decode_array)
 COUNTS = Counts.__struct_fields__
 
 
-def to_json(value: CampaignSpec | AnalysisSettings) -> str:
+def to_json(value: CampaignSpec | AnalysisSettings | Estimate) -> str:
     """The one JSON text of a value: equal values give equal texts."""
     return msgspec.json.encode(value, order="deterministic").decode()
 
@@ -81,10 +83,12 @@ def to_analysis_result(blob: bytes) -> AnalysisResult:
 def to_campaign(found: RowMapping) -> Campaign:
     """A campaign from its row."""
     values: dict[str, Any] = dict(found)
+    estimate = values.pop("estimate")
     return Campaign(
         spec=_specs.decode(values.pop("spec")),
         state=CampaignState(values.pop("state")),
         counts=Counts(**{name: values.pop(name) for name in COUNTS}),
+        estimate=None if estimate is None else _estimates.decode(estimate),
         **values,
     )
 

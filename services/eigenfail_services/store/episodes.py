@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import msgspec
 from sqlalchemy import Connection, insert, select
 
-from eigenfail.values import EpisodeResult, Outcome, Page
+from eigenfail.values import BlockTotals, EpisodeResult, Outcome, Page, PairTotals
 from eigenfail.values.records import (
     Delivery,
     EpisodeOrder,
@@ -16,6 +16,7 @@ from eigenfail.values.records import (
     Verdict,
 )
 from eigenfail_services.store import sentences
+from eigenfail_services.store.blocks import course, paired
 from eigenfail_services.store.campaign_rows import locked, one, write
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_blob, to_floats, to_result, to_row
@@ -120,6 +121,16 @@ class SqlEpisodes:
         """Sums over all collisions, and episodes counted by class."""
         with self._database.reading() as connection:
             return totals(connection, campaign)
+
+    def course(self, campaign: int, per: int) -> list[BlockTotals]:
+        """Sums over blocks of `per` indices, in index order."""
+        with self._database.reading() as connection:
+            return course(connection, campaign, per)
+
+    def paired(self, first: int, second: int) -> PairTotals:
+        """The episodes that two campaigns both completed."""
+        with self._database.reading() as connection:
+            return paired(connection, first, second)
 
     def digest(self, campaign: int) -> str:
         """SHA-256 over the digests of all results in index order."""

@@ -20,7 +20,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.types import TypeEngine
 
-VERSION = "0002"
+VERSION = "0003"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -87,6 +87,7 @@ campaigns = Table(
     Column("active_s", Double, nullable=False),
     Column("stopped_because", Prose, nullable=False),
     Column("digest", Text),
+    Column("estimate", Text),  # JSON
     CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
     Index(None, "state", "id"),
     sqlite_autoincrement=True,

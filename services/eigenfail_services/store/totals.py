@@ -29,7 +29,7 @@ def totals(connection: Connection, campaign: int) -> Totals:
         func.count().label("failures"),
         func.coalesce(func.sum(collisions.log_probability), 0.0).label("log_probability"),
         func.coalesce(func.sum(collisions.steps), 0).label("steps"),
-        func.coalesce(func.sum(collisions.severity), 0.0).label("severity"),
+        func.sum(collisions.severity).label("severity"),
         func.count().filter(and_(classified, hopeless)).label("unavoidable"),
         func.count().filter(~classified).label("unclassified"),
         func.coalesce(func.sum(ttc_lead_s), 0.0).label("ttc_lead_s"),

@@ -121,7 +121,7 @@ def test_an_episode_of_the_first_release_has_no_class_if_it_collided(
 ):
     deliver(campaign, result(3, Outcome.COLLISION), result(4))
     text = look(f"/campaigns/{campaign}/episodes/3")
-    assert "stored before there were classes" in text
+    assert "Class not classified" in text
     assert "Hard brakings" not in text
     assert "Class no conflict" in look(f"/campaigns/{campaign}/episodes/4")
 
@@ -240,3 +240,14 @@ def test_nothing_outside_of_the_static_folder_is_sent(http):
 def test_pages_are_not_part_of_the_api(http):
     assert not [path for path in http.get("/openapi.json").json()["paths"] if "static" in path]
     assert "/" not in http.get("/openapi.json").json()["paths"]
+
+
+def test_an_episode_of_a_campaign_that_varies_shows_what_it_drew(
+    http, look, fields, deliver, result
+):
+    varied = fields | {"scenario_parameters": {"distance_m": {"choice": [61.25]}}}
+    campaign = http.post("/api/v1/campaigns", json=varied).json()["id"]
+    deliver(campaign, result(3, Outcome.COLLISION))
+    text = look(f"/campaigns/{campaign}/episodes/3")
+    assert "Scenario drawn distance_m 61.25" in text
+    assert "4 (0.400 s)" in text  # the time step is the scenario's, so it could be staged

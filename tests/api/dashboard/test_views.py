@@ -1,9 +1,8 @@
 """From stored values to text and numbers."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from eigenfail.values import (
     AnalysisResult,
@@ -11,20 +10,28 @@ from eigenfail.values import (
     CampaignSpec,
     CampaignState,
     Counts,
+    Course,
+    CourseBlock,
+    Diversity,
     FailureMode,
     Interval,
     Outcome,
     Page,
     Scene,
+    StopRules,
 )
 from eigenfail.values.records import EpisodeRow, Totals
 from eigenfail_api.dashboard import formats, samples
 from eigenfail_api.dashboard.views.analysis import peak, verdict
+from eigenfail_api.dashboard.views.campaign import settings
+from eigenfail_api.dashboard.views.diversity import diversity_tiles
 from eigenfail_api.dashboard.views.episode import nearest_actor
-from eigenfail_api.dashboard.views.episodes import blocks_of, robustness_chart
+from eigenfail_api.dashboard.views.episodes import curve_chart, robustness_chart
 from eigenfail_api.dashboard.views.modes import evenly
 from eigenfail_api.dashboard.views.overview import cost_chart, tiles
+from eigenfail_api.dashboard.views.summaries import standing
 from eigenfail_services.campaigns.summary import summarise
+from eigenfail_services.statistics.intervals import rate
 
 
 @pytest.mark.parametrize(
@@ -90,26 +97,37 @@ def campaign(counts, state=CampaignState.RUNNING, active_s=0.0, method="ast"):
     return Campaign(id=1, spec=spec, state=state, counts=counts, created_ms=0, active_s=active_s)
 
 
-def test_blocks_hold_every_completed_episode_once():
-    crashed = Outcome.COLLISION
-    rows = [row(index, crashed if index >= 150 else Outcome.SAFE, 2.0) for index in range(203)]
-    rows[7] = row(7, Outcome.FAILED)
-    blocks = blocks_of(rows)
-    assert len(blocks) == 20
-    assert sum(block.rate.n for block in blocks) == 202
-    assert sum(block.rate.k for block in blocks) == 53
-    assert (blocks[0].rate.value, blocks[-1].rate.value) == (0.0, 1.0)
-    assert all(a.last < b.first for a, b in pairwise(blocks))
+def blocks(*counts):
+    made = (
+        CourseBlock(
+            first=100 * place,
+            last=100 * place + 99,
+            failure_rate=rate(k, 100),
+            log_probability_per_step=-2.5 if k else None,
+            smallest_robustness_m=0.25,
+            median_robustness_m=4.5,
+        )
+        for place, k in enumerate(counts)
+    )
+    return Course(campaign=1, method="ast", heading="Learning curve", per=100, blocks=tuple(made))
 
 
-def test_few_episodes_make_one_block_and_none_make_none():
-    assert [(b.first, b.last) for b in blocks_of([row(3), row(4)])] == [(3, 4)]
-    assert blocks_of([row(3, Outcome.FAILED)]) == []
+def test_the_curve_draws_the_course():
+    chart = curve_chart(blocks(0, 53))
+    assert chart.title == "Learning curve"
+    assert (chart.data["middle"], chart.data["rate"]) == ([49.5, 149.5], [0.0, 53.0])
+    assert chart.data["low"][1] < 53.0 < chart.data["high"][1]
+    assert chart.rows[0] == ("0 – 99", "0", "100", "0 %", "0 – 2.95 %", "–", "4.50")
+    assert chart.rows[1][-2:] == ("−2.50", "4.50")
+    assert len(chart.columns) == len(chart.rows[0])
 
 
 def test_what_is_left_out_is_said():
-    assert "A sample of 2 of 9,000." in robustness_chart([row(0), row(1)], 9000).caption
-    assert "sample" not in robustness_chart([row(0), row(1)], 2).caption
+    course = blocks(0)
+    assert "A sample of 2 of 9,000." in robustness_chart([row(0), row(1)], course, 9000).caption
+    whole = robustness_chart([row(0), row(1)], course, 2)
+    assert "sample" not in whole.caption
+    assert whole.rows == (("0 – 99", "100", "0.250", "4.50"),)
 
 
 class Rows:
@@ -197,6 +215,22 @@ def test_modes_are_called_distinct_only_beyond_noise():
     assert "single mode" in verdict(result(None, None))
 
 
+def test_how_diverse_failures_are_in_figures():
+    found = Diversity(
+        failures=40,
+        modes=2,
+        largest_share=0.75,
+        effective_modes=1.7547,
+        spread=0.9,
+        coverage=(0, 1, 1, 2, 2, 2, 2, 2, 2, 2),
+        verdict="2 modes",
+    )
+    told = {name: (figure.value, *figure.notes) for name, figure in diversity_tiles(found)}
+    assert told["Effective modes"] == ("1.75", "of 2, clusters beyond noise")
+    assert told["Largest mode"] == ("75.0 %", "of 40 failures")
+    assert told["All modes seen after"][0] == "40 %"
+
+
 def test_the_peak_of_an_eigenfailure_in_words():
     z = np.zeros((50, 2), np.float32)
     z[10, 0], z[38, 1] = 1.0, -2.345
@@ -217,3 +251,17 @@ def test_evenly_spread_positions_are_distinct(count, most):
     chosen = evenly(count, most)
     assert len(chosen) == len(set(chosen)) == min(count, most)
     assert all(0 <= place < count for place in chosen)
+
+
+def test_a_campaign_that_stopped_early_is_full_and_says_what_was_left_unrun():
+    counts = Counts(400, completed=36, failures=10, failed=1, cancelled=363)
+    stopped = campaign(counts, CampaignState.DONE, active_s=10.0)
+    now = standing(stopped, summarise(stopped, Totals(10, -1.0, 1, 1.0)))
+    assert (now.ended, now.planned, now.wanted) == (37, 400, 37)
+    assert now.remaining == "363 not run"
+
+
+def test_stop_rules_stand_among_the_settings():
+    asked = campaign(Counts(5))
+    asked = replace(asked, spec=replace(asked.spec, stop=StopRules(failures=10)))
+    assert ("stops at failures", "10") in dict(settings(asked))["Campaign"]

@@ -13,12 +13,11 @@ from eigenfail.cli import local_service
 from eigenfail.cli.main import app
 from eigenfail.cli.surroundings import Surroundings
 from eigenfail.client import Client
-from eigenfail.errors import EigenfailError
 from eigenfail.values import EpisodeTask, PriorSource, TrajectorySource, episode_seed
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.analysis.job import analyse
+from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.store import open_store
 
 CONTROLLER = """
@@ -105,12 +104,7 @@ class WorkingService(httpx2.BaseTransport):
     def analyse(self, analysis):
         if analysis.state != "queued":
             return
-        self.store.analyses.start(analysis.id)
-        try:
-            failures = self.store.episodes.failures(analysis.campaign)
-            self.store.analyses.finish(analysis.id, analyse(failures, 100, analysis.settings))
-        except EigenfailError as error:
-            self.store.analyses.fail(analysis.id, str(error))
+        run_analysis(self.store, analysis.id)
 
 
 @pytest.fixture

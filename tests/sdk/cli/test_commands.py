@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 from types import SimpleNamespace
 
@@ -177,6 +178,19 @@ def test_a_stored_episode_replays_to_the_same_digest(eigenfail, done):
     assert comparison["same"]
     assert comparison["digest"] == comparison["stored_digest"]
     assert "bit for bit" in eigenfail("episode", "replay", f"{done}/3").stdout
+
+
+def test_an_episode_that_varies_shows_and_replays_what_it_drew(eigenfail, spec_file):
+    varied = "[scenario_parameters]\ndistance_m = { uniform = [52, 70] }\n"
+    spec_file.write_text(spec_file.read_text() + varied)
+    assert eigenfail("run", spec_file).exit_code == 0
+    replayed = json.loads(eigenfail("episode", "replay", "1/3", "--json").stdout)
+    assert replayed["same"]
+    explained = eigenfail("episode", "explain", "1/3")
+    assert explained.exit_code == 0, explained.output
+    shown = [eigenfail("episode", "show", f"1/{index}").stdout for index in (3, 4)]
+    drawn = [re.search(r"scenario +distance_m = (\S+)", text)[1] for text in shown]
+    assert 52.0 <= float(drawn[0]) != float(drawn[1]) <= 70.0
 
 
 def test_a_replay_that_differs_exits_with_1(eigenfail, done, monkeypatch):

@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.cli import figures
-from eigenfail.values import Cost, Interval, Rate
+from eigenfail.values import Cost, Estimate, Interval, Rate
 
 
 @pytest.mark.parametrize(
@@ -34,6 +34,25 @@ def test_a_rate_comes_with_its_interval():
     rate = Rate(value=0.5, k=5, n=10, interval=Interval(0.2366, 0.7634))
     assert figures.rate(rate) == "50.0 % [23.7, 76.3]"
     assert figures.rate(None) == "–"
+
+
+def test_the_rate_of_no_failure_is_its_upper_bound():
+    """By the rule of three, 3 / 2000 = 0.15 %."""
+    none = Rate(value=0.0, k=0, n=2000, interval=Interval(0.0, 0.001497))
+    assert figures.rate(none) == "≤ 0.15 % (0 of 2000)"
+
+
+def test_a_probability_comes_with_its_interval_and_number_of_episodes():
+    told = Estimate(
+        by="subset simulation",
+        episodes=9100,
+        probability=3.65e-6,
+        cv=0.2,
+        interval=Interval(2.2e-6, 5.94e-6),
+    )
+    assert figures.probability(told) == "3.7e-06 [2.2e-06, 5.9e-06] (n = 9100)"
+    refused = Estimate(by="importance sampling", episodes=9100, problem="Too few.")
+    assert figures.probability(refused) == figures.probability(None) == "–"
 
 
 @pytest.mark.parametrize(

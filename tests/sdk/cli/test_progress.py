@@ -1,6 +1,11 @@
 """Progress: a bar for people, a few plain lines for logs, and results on a stream of their own."""
 
+from io import StringIO
+
 import pytest
+from msgspec.structs import replace
+from rich.console import Console
+from rich.progress import Progress
 
 from eigenfail.cli import progress
 from eigenfail.client import Client
@@ -42,6 +47,23 @@ def test_people_see_a_bar(eigenfail, spec_file, monkeypatch):
     assert "24/24" in done.stderr
     assert "━" in done.stderr
     assert done.stdout.startswith("{")
+
+
+def test_a_campaign_that_stopped_early_is_at_its_end_and_says_why(campaign):
+    counts = Counts(10, completed=3, failed=1, cancelled=6)
+    stopped = replace(campaign("done", 3), counts=counts)
+    with Progress(console=Console(file=StringIO())) as drawn:
+        bar = progress.Bar(drawn)
+        bar(campaign("running", 3))
+        assert not drawn.finished
+        bar(stopped)
+        assert drawn.finished
+
+
+def test_why_a_campaign_is_done_is_the_last_word(eigenfail, spec_file):
+    last = eigenfail("run", spec_file, "--stop-failures", 3).stderr.splitlines()[-1]
+    assert last.startswith("campaign 1 (monte_carlo) done: ")
+    assert last.endswith(".")
 
 
 def test_nobody_sees_an_escape_sequence(eigenfail, spec_file):

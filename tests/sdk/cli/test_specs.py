@@ -4,7 +4,7 @@ import pytest
 
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import Correlated
+from eigenfail.values import Correlated, StopRules
 
 
 @pytest.fixture
@@ -152,3 +152,43 @@ def test_a_setting_outside_its_bounds_is_refused_before_anything_starts(write):
     spec = read_spec(write('method = "ast"\nepisodes = 1\n[scenario_parameters]\ndistance_m = 1.0'))
     with pytest.raises(InvalidValue, match=r"scenario_parameters\.distance_m"):
         check_plugins(spec)
+
+
+STOPPING = 'method = "ast"\nepisodes = 7\n[stop]\n'
+
+
+def test_options_take_the_place_of_single_stop_rules(write):
+    file = write(STOPPING + "failures = 3\nwall_s = 60")
+    assert read_spec(file).stop == StopRules(failures=3, wall_s=60.0)
+    again = read_spec(file, {"failures": 10, "cv": 0.2, "wall_s": None})
+    assert again.stop == StopRules(failures=10, cv=0.2, wall_s=60.0)
+
+
+def test_an_unknown_stop_rule_is_refused_with_the_known_ones(write):
+    with pytest.raises(
+        UnknownName, match=r"wanted\.toml: stop: 'failure' is not known.*half_width"
+    ):
+        read_spec(write(STOPPING + "failure = 3"))
+
+
+@pytest.mark.parametrize("given", [{}, {"failures": 1}])
+def test_stop_rules_are_a_table(write, given):
+    with pytest.raises(InvalidValue, match=r"wanted\.toml.*stop"):
+        read_spec(write('method = "ast"\nepisodes = 7\nstop = 3'), given)
+
+
+def test_a_stop_rule_of_an_option_has_bounds_too(write):
+    with pytest.raises(InvalidValue, match=r"wanted\.toml: stop\.half_width"):
+        read_spec(write('method = "ast"\nepisodes = 7'), {"half_width": 0.7})
+
+
+VARIED = 'method = "ast"\nepisodes = 1\n[scenario_parameters]\ndistance_m = '
+
+
+def test_parameters_may_be_distributions(write):
+    check_plugins(read_spec(write(VARIED + "{ uniform = [52, 70] }")))
+    check_plugins(read_spec(write(VARIED + "{ choice = [55.0, 60.0] }")))
+    with pytest.raises(InvalidValue, match=r"distance_m: 71 is refused"):
+        check_plugins(read_spec(write(VARIED + "{ uniform = [52, 71] }")))
+    with pytest.raises(UnknownName, match=r"'normal' is not known.*Known: choice, uniform"):
+        check_plugins(read_spec(write(VARIED + "{ normal = [58, 1] }")))

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from eigenfail.errors import InputError, InvalidValue, UnknownName
-from eigenfail.values import CampaignSpec, DisturbanceModel
+from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
 from eigenfail_services.campaigns.checks import MAX_DEPTH, check_spec, horizon
 
 GOOD = CampaignSpec(
@@ -28,7 +28,7 @@ def test_the_horizon_is_the_scenarios():
     assert horizon(GOOD) == 100
 
 
-@pytest.mark.parametrize("method", ["monte_carlo", "ast", "difs", "cem", "replay"])
+@pytest.mark.parametrize("method", ["monte_carlo", "ast", "difs", "cem", "replay", "subset"])
 def test_every_method_is_known_with_its_defaults(method):
     assert check_spec(but(method=method)).method == method
 
@@ -101,10 +101,38 @@ def test_checking_loads_nothing_heavy():
     code = (
         "import sys; from eigenfail.values import CampaignSpec\n"
         "from eigenfail_services.campaigns.checks import check_spec\n"
-        "for method in ('monte_carlo', 'ast', 'difs', 'cem', 'replay'):\n"
+        "for method in ('monte_carlo', 'ast', 'difs', 'cem', 'replay', 'subset'):\n"
         "    check_spec(CampaignSpec(name='n', method=method, episodes=1))\n"
         "heavy = {'torch', 'ray', 'stable_baselines3', 'sklearn', 'highway_env', 'sqlalchemy'}\n"
         "print(*heavy & sys.modules.keys())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.stdout.strip(), done.stderr) == ("", "")
+
+
+def test_a_rule_on_an_estimate_needs_a_method_that_makes_one():
+    with pytest.raises(InvalidValue, match=r"stop\.cv: replay estimates no probability\."):
+        check_spec(but(method="replay", stop=StopRules(cv=0.1)))
+
+
+def test_stop_rules_out_of_bounds_are_refused():
+    with pytest.raises(InvalidValue, match=r"stop\.failures"):
+        check_spec(but(stop=StopRules(failures=0)))
+
+
+VARIED = {"distance_m": {"uniform": [52, 70]}, "actor_speed_mps": {"choice": [12.0, 16.0]}}
+
+
+def test_the_horizon_of_a_distribution_is_that_of_its_longest():
+    assert check_spec(but(scenario_parameters=VARIED)).scenario_parameters == VARIED
+    slowest = {"distance_m": 52.0, "actor_speed_mps": 16.0}
+    longest = horizon(but(scenario_parameters=slowest))
+    assert horizon(but(scenario_parameters=VARIED)) == longest > horizon(GOOD)
+
+
+@pytest.mark.parametrize("ends", [[51, 60], [52, 71]])
+def test_both_ends_of_a_distribution_have_to_be_within_bounds(ends):
+    with pytest.raises(InvalidValue) as refusal:
+        check_spec(but(scenario_parameters={"distance_m": {"uniform": ends}}))
+    assert refusal.value.field == "scenario_parameters.distance_m"
+    assert "is refused. Expected `float`" in str(refusal.value)

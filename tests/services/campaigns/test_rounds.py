@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from eigenfail.errors import LearnerFailed, ProtocolError
 from eigenfail.testing.toy import Corridor, ToyEngine
 from eigenfail.values import (
+    STATE,
     Layer,
     Policy,
     PolicySource,
@@ -49,7 +50,7 @@ class Adversary(Scripted):
     """Sends its policy with the first proposal alone."""
 
     def propose(self, n):
-        layer = Layer(np.zeros((2, 6), np.float32), np.zeros(2, np.float32))
+        layer = Layer(np.zeros((2, len(STATE)), np.float32), np.zeros(2, np.float32))
         policy = Policy(4, (), layer, layer, 3.0, 5) if self.proposed == 0 else None
         plain = super().propose(n)
         return Proposal((PolicySource(4),) * len(plain.sources), policy)

@@ -1,6 +1,7 @@
 """The row of a campaign in a result table."""
 
 import pytest
+from msgspec.structs import replace
 
 from eigenfail.values import (
     Campaign,
@@ -8,6 +9,7 @@ from eigenfail.values import (
     CampaignState,
     Conflicts,
     Counts,
+    Estimate,
     MeanTime,
 )
 from eigenfail.values.records import ConflictTotals, Totals
@@ -79,6 +81,13 @@ def test_conflicts_as_the_paper_counts_them() -> None:
     row = summarise(campaign(Counts(300, completed=300, failures=9)), totals)
     leads = MeanTime(pytest.approx(2.24), 9), MeanTime(pytest.approx(0.23), 4)
     assert row.conflicts == Conflicts(4, 5, 0, 10, *leads)
+
+
+def test_the_learners_estimate_is_the_summarys() -> None:
+    told = Estimate(by="subset simulation", episodes=7, problem="Not known yet.")
+    with_estimate = replace(campaign(Counts(10)), estimate=told)
+    assert summarise(with_estimate, NOTHING).estimate == told
+    assert summarise(campaign(Counts(10)), NOTHING).estimate is None
 
 
 def test_lead_times_of_nothing_are_unknown() -> None:

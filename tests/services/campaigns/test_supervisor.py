@@ -12,6 +12,7 @@ from eigenfail.values import (
     EpisodeFault,
     EpisodeTask,
     PriorSource,
+    StopRules,
     unrunnable,
 )
 from eigenfail.values.records import Delivery, JobKind
@@ -255,3 +256,89 @@ def test_time_is_billed_although_the_store_was_away(house: House, monkeypatch) -
     now_s[0] = 70.0
     house.supervisor.turn()
     assert house.store.campaigns.get(campaign).active_s == 70.0
+
+
+class Clock:
+    """Time as a test wants it."""
+
+    def __init__(self, monkeypatch) -> None:
+        self.now_s = 0.0
+        monkeypatch.setattr(module.time, "monotonic", lambda: self.now_s)
+
+    def turn(self, house: House, until_s: float) -> None:
+        self.now_s = until_s
+        house.supervisor.turn()
+
+
+def test_why_a_campaign_ended_well_is_kept(house: House) -> None:
+    campaign = house.create()
+    house.supervisor.turn()
+    house.hub.ended.put(Ended(campaign, "", "The budget of 5 episodes was spent."))
+    house.supervisor.turn()
+    ended = house.store.campaigns.get(campaign)
+    assert ended.stopped_because == "The budget of 5 episodes was spent."
+
+
+def test_the_rules_on_results_go_to_the_hub(house: House, monkeypatch) -> None:
+    orders = []
+    monkeypatch.setattr(house.hub, "launch", orders.append)
+    house.create(stop=StopRules(failures=3))
+    house.supervisor.turn()
+    assert [order.rules for order in orders] == [StopRules(failures=3)]
+
+
+@pytest.mark.parametrize(
+    ("rules", "because"),
+    [
+        (StopRules(wall_s=60.0), "It ran for 60 s (rule: wall_s = 60.0)."),
+        # Two instances at 1.80 USD/h for a minute.
+        (StopRules(cost_usd=0.06), "It cost 0.06 USD (rule: cost_usd = 0.06)."),
+    ],
+)
+def test_a_rule_on_time_or_cost_halts_the_campaign_once_and_it_is_done(
+    house: House, monkeypatch, rules, because
+) -> None:
+    clock = Clock(monkeypatch)
+    campaign = house.create(stop=rules, price_usd_per_hour=1.8, instances=2)
+    clock.turn(house, 0.0)
+    clock.turn(house, 59.0)
+    assert house.hub.halted == []
+    for now_s in (60.0, 61.0):
+        clock.turn(house, now_s)
+    assert house.hub.halted == [campaign]
+    house.hub.ended.put(Ended(campaign, ""))
+    clock.turn(house, 62.0)
+    ended = house.store.campaigns.get(campaign)
+    assert (ended.state, ended.stopped_because) == (CampaignState.DONE, because)
+    assert (ended.counts.cancelled, ended.counts.open) == (5, 0)
+
+
+def test_pauses_do_not_count_and_a_restart_forgets_nothing(house: House, monkeypatch) -> None:
+    clock = Clock(monkeypatch)
+    campaign = house.create(stop=StopRules(wall_s=60.0))
+    clock.turn(house, 0.0)
+    clock.turn(house, 40.0)
+    house.store.campaigns.move(campaign, CampaignState.PAUSING)
+    clock.turn(house, 40.0)
+    house.hub.ended.put(Ended(campaign, ""))
+    clock.turn(house, 40.0)
+    assert house.state(campaign) is CampaignState.PAUSED
+    house.supervisor = house.another_supervisor()
+    house.store.campaigns.move(campaign, CampaignState.QUEUED)
+    clock.turn(house, 1000.0)
+    clock.turn(house, 1019.0)
+    assert house.hub.halted == [campaign]  # for the pause
+    clock.turn(house, 1020.0)
+    assert house.hub.halted == [campaign, campaign]
+
+
+def test_a_user_who_asks_first_is_heeded_although_time_runs_out(house: House, monkeypatch) -> None:
+    clock = Clock(monkeypatch)
+    campaign = house.create(stop=StopRules(wall_s=60.0))
+    clock.turn(house, 0.0)
+    house.store.campaigns.move(campaign, CampaignState.CANCELLING)
+    clock.turn(house, 30.0)
+    clock.turn(house, 90.0)
+    house.hub.ended.put(Ended(campaign, ""))
+    clock.turn(house, 90.0)
+    assert house.state(campaign) is CampaignState.CANCELLED

@@ -12,6 +12,7 @@ from eigenfail.values import (
     CampaignSpec,
     EpisodeFault,
     EpisodeTask,
+    Estimate,
     LearnerContext,
     PriorSource,
     Round,
@@ -132,6 +133,16 @@ def test_a_round_proposed_while_the_store_is_away_is_run(stage: Stage, part, ver
     propose(stage)
     stage.without(part, verb)
     assert sorted(stage.leased()) == [0, 1]
+
+
+def test_what_a_learner_estimates_is_kept_with_its_checkpoint(stage: Stage) -> None:
+    told = Estimate(by="subset simulation", episodes=2, problem="Not known yet.")
+    stage.run.tend()
+    said = Proposed((Round(0, TASKS),), b"checkpoint", estimate=told)
+    stage.links[-1].to_say.append(said)
+    stage.run.tend()
+    assert stage.store.campaigns.get(stage.campaign).estimate == told
+    assert stage.store.checkpoints.load(stage.campaign) == b"checkpoint"
 
 
 def test_what_is_learnt_from_is_what_the_store_keeps(stage: Stage) -> None:

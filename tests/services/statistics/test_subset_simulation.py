@@ -40,6 +40,16 @@ def rounded(robustness, grain):
     return lambda z: np.ceil(robustness(z) / grain) * grain
 
 
+def played(dialogue, robustness):
+    """What a dialogue over noise and robustness comes to."""
+    z = next(dialogue)
+    while True:
+        try:
+            z = dialogue.send(robustness(z))
+        except StopIteration as end:
+            return end.value
+
+
 def held(robustness, p, steps=STEPS, settings=SETTINGS, runs=20):
     """In how many of some runs the interval holds p, and the mean estimate ÷ p."""
     found = [subset_simulation(robustness, steps, settings, seed) for seed in range(runs)]
@@ -158,8 +168,9 @@ def test_the_variation_that_is_said_is_the_one_that_is():
 
 def test_samples_of_a_level_are_distributed_as_the_noise_below_it():
     """Of the half space beyond 2 sigma: mean phi(2)/Q(2) along its normal, nothing across it."""
-    sampler = ConditionalSampler(half_space(0.5), np.random.default_rng(2), acceptance=0.4)
-    chains = sampler.below(-2.0, sampler.independent(20_000, 2), 400)
+    sampler = ConditionalSampler(np.random.default_rng(2), acceptance=0.4)
+    first = played(sampler.independent(20_000, 2), half_space(0.5))
+    chains = played(sampler.below(-2.0, first, 400), half_space(0.5))
     z = chains.z.reshape(-1, 4)
     assert chains.z.shape[2:] == (2, 2)
     assert (chains.values <= -2.0).all()

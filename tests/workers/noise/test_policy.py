@@ -42,7 +42,7 @@ def noise(policy: Policy, seed: int = 0) -> PolicyNoise:
 
 
 def test_the_state_has_the_glossarys_order_and_units() -> None:
-    state = dict(zip(STATE, state_vector(seen(10), ACTOR, 40).tolist(), strict=True))
+    state = dict(zip(STATE, state_vector(seen(10), ACTOR, (1.5, -3.0), 40).tolist(), strict=True))
     assert state == pytest.approx(
         {
             "gap_x": 0.5,
@@ -50,6 +50,8 @@ def test_the_state_has_the_glossarys_order_and_units() -> None:
             "ego_speed": 0.8,
             "actor_speed": 0.4,
             "actor_heading": -0.05,
+            "noise_x": 0.5,
+            "noise_y": -1.0,
             "progress": 0.25,
         }
     )
@@ -71,7 +73,7 @@ def test_log_std_is_clamped(asked: float, clamped: float) -> None:
 
 
 def test_agrees_with_float64() -> None:
-    policy, state = make(), state_vector(seen(3), ACTOR, 40)
+    policy, state = make(), state_vector(seen(3), ACTOR, (0.6, -0.3), 40)
     eps = np.array([1.2, -0.4], np.float32)
     h = state.astype(np.float64)
     for one in policy.hidden:
@@ -94,6 +96,14 @@ def test_an_action_is_held_and_every_state_kept() -> None:
     assert states.shape == (8, WIDTH)
     assert states.dtype == np.float32
     assert states[:, -1].tolist() == pytest.approx([step / 40 for step in range(8)])
+
+
+def test_the_adversary_sees_its_noise_of_the_step_before() -> None:
+    source = noise(make(hold=2))
+    z = np.array([source.draw(seen(step), ACTOR) for step in range(5)])
+    own = source.states()[:, [STATE.index("noise_x"), STATE.index("noise_y")]]
+    assert own[0].tolist() == [0.0, 0.0]
+    assert own[1:] == pytest.approx(z[:-1] / 3.0, rel=1e-6)
 
 
 def test_no_action_exceeds_the_amplitude() -> None:

@@ -18,8 +18,15 @@ ACTIONS = 2
 LOG_STD_MIN, LOG_STD_MAX = np.float32(-20.0), np.float32(2.0)
 
 
-def state_vector(observation: Observation, actor: VehicleState, horizon: int) -> Floats:
-    """What the adversary sees, shape (len(STATE),), in the order and the units of STATE."""
+def state_vector(observation: Observation, actor: VehicleState, last: Pair, horizon: int) -> Floats:
+    """What the adversary sees, shape (len(STATE),), in the order and the units of STATE.
+
+    Args:
+        observation: the truth at this step.
+        actor: the vehicle whose position is disturbed.
+        last: z of the step before. [sigma]
+        horizon: the number of steps of a full episode.
+    """
     ego = observation.ego
     return np.array(
         (
@@ -28,6 +35,8 @@ def state_vector(observation: Observation, actor: VehicleState, horizon: int) ->
             ego.speed_mps / 30.0,
             actor.speed_mps / 30.0,
             actor.heading_rad,
+            last[0] / 3.0,
+            last[1] / 3.0,
             observation.step / horizon,
         ),
         np.float32,
@@ -115,7 +124,7 @@ class PolicyNoise:
         Raises:
             InvalidValue: float32 cannot hold what the policy asks for.
         """
-        state = state_vector(observation, actor, self._horizon)
+        state = state_vector(observation, actor, self._held, self._horizon)
         if len(self._seen) % self._policy.hold == 0:
             eps = self._generator.standard_normal(ACTIONS, dtype=np.float32)
             self._held = _pair(act(self._policy, state, eps))

@@ -9,6 +9,7 @@ from eigenfail.values import Analysis, AnalysisResult, Campaign, FailureMode
 from eigenfail.values.records import EpisodeRow
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.charts import Chart
+from eigenfail_api.dashboard.views.diversity import diversity_tiles
 from eigenfail_api.dashboard.views.lists import (
     AnalysisLine,
     EpisodeLine,
@@ -21,6 +22,7 @@ from eigenfail_api.dashboard.views.modes import (
     influence_chart,
     scores_chart,
 )
+from eigenfail_api.dashboard.views.summaries import Figure
 
 
 class ModeLine(msgspec.Struct, frozen=True):
@@ -42,7 +44,12 @@ class ModeLine(msgspec.Struct, frozen=True):
 
 
 class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
-    """The page of an analysis."""
+    """The page of an analysis.
+
+    Attributes:
+        diversity: how the failures spread over modes; empty in results of older releases.
+        collapse: that the modes have collapsed, and what to try; empty otherwise.
+    """
 
     line: AnalysisLine
     campaign: int
@@ -50,6 +57,8 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     is_open: bool
     verdict: str
     is_distinct: bool
+    diversity: tuple[tuple[str, Figure], ...]
+    collapse: str
     modes: tuple[ModeLine, ...]
     charts: tuple[Chart, ...]
     replay: int | None
@@ -72,6 +81,8 @@ def analysis_view(
         or (replay is not None and replay.ended_ms is None),
         verdict=verdict(result) if result else "",
         is_distinct=result is not None and result.distinct,
+        diversity=diversity_tiles(result.diversity) if result and result.diversity else (),
+        collapse=result.diversity.warning if result and result.diversity else "",
         modes=mode_lines(result, replayed) if result else (),
         charts=charts(result) if result and result.modes else (),
         replay=replay.id if replay else None,

@@ -5,7 +5,8 @@ from typing import Any
 
 import msgspec
 
-from eigenfail.values import Analysis, Campaign, CampaignState, Event, Page, Summary
+from eigenfail.functions import disturbance_in_words, drives
+from eigenfail.values import Analysis, Campaign, CampaignState, Course, Event, Page, Summary
 from eigenfail.values.records import EpisodeRow
 from eigenfail_api import steering
 from eigenfail_api.dashboard import formats
@@ -34,6 +35,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         campaign: as it stands.
         summary: of its results.
+        course: how its figures moved.
         rows: a sample of its episodes.
         failures: a sample of its failures.
         listed: the first failures of the list.
@@ -43,6 +45,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
 
     campaign: Campaign
     summary: Summary
+    course: Course
     rows: Sequence[EpisodeRow]
     failures: Sequence[EpisodeRow]
     listed: Page[EpisodeRow]
@@ -55,7 +58,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         wishes: what a user may ask of it now: pause, resume, cancel.
-        conflicts: episodes by class; empty before the first one.
+        conflicts: episodes by class; empty before the first one, and where nothing drives.
         settings: groups of names and values.
     """
 
@@ -80,8 +83,8 @@ def campaign_view(found: Findings) -> CampaignView:
         standing=now,
         wishes=wishes(campaign.state),
         tiles=tiles(now),
-        conflicts=conflict_tiles(found.summary),
-        charts=charts(campaign, found.rows, found.failures),
+        conflicts=conflict_tiles(found.summary) if drives(campaign.spec) else (),
+        charts=charts(found),
         failures=episode_list(campaign, found.listed, None),
         analyses=tuple(map(analysis_line, found.analyses)),
         events=found.events,
@@ -91,13 +94,13 @@ def campaign_view(found: Findings) -> CampaignView:
     )
 
 
-def charts(
-    campaign: Campaign, rows: Sequence[EpisodeRow], failures: Sequence[EpisodeRow]
-) -> tuple[Chart, ...]:
+def charts(found: Findings) -> tuple[Chart, ...]:
     """What can be drawn of what there is."""
-    drawn = (curve_chart(rows, ended(campaign)), robustness_chart(rows, ended(campaign)))
+    campaign, course, rows, failures = found.campaign, found.course, found.rows, found.failures
+    drawn = (curve_chart(course), robustness_chart(rows, course, ended(campaign)))
     some = drawn if rows else ()
-    return (*some, likelihood_chart(failures, campaign.counts.failures)) if failures else some
+    severe = any(row.severity is not None for row in failures)
+    return (*some, likelihood_chart(failures, campaign.counts.failures)) if severe else some
 
 
 def wishes(state: CampaignState) -> tuple[str, ...]:
@@ -110,6 +113,7 @@ def tiles(now: Standing) -> tuple[tuple[str, Figure], ...]:
     return (
         ("Cost per failure", now.cost),
         ("Failures", now.failures),
+        *([("Failure probability", now.probability)] if now.probability else []),
         ("log p per step", now.likelihood),
         ("Mean severity [m²/s²]", now.severity),
         ("Episodes/s", now.speed),
@@ -139,13 +143,14 @@ def settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]
         "scene kept every": spec.scene_every,
         "instances": spec.instances,
         "price [USD/h]": spec.price_usd_per_hour,
+        **{f"stops at {name}": limit for name, limit in spec.stop.given().items()},
     }
     return (
         ("Campaign", pairs(general)),
         (f"Method {spec.method}", pairs(spec.settings)),
         (f"Scenario {spec.scenario}", pairs(spec.scenario_parameters)),
         (f"Planner {spec.planner}", pairs(spec.planner_settings)),
-        ("Disturbance model", pairs(spec.disturbance.in_words())),
+        ("Disturbance model", pairs(disturbance_in_words(spec))),
     )
 
 

@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 
 from eigenfail.values import Campaign, EpisodeResult, Mission, NoiseTrajectory, Scene
+from eigenfail.variations import drawn_for
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.charts import Chart, rounded, rounded_rows
 from eigenfail_api.dashboard.views.measured import Facts, facts, ride
@@ -17,6 +18,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         facts: what the episode was.
+        varied: the scenario parameters that it drew; empty where they are fixed.
         ride: when thresholds were passed, and how rough it was; empty if not measured.
         next_failure: index of the next collision of the campaign, if there is one.
     """
@@ -26,6 +28,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     index: int
     badge: Badge
     facts: Facts
+    varied: Facts
     ride: Facts
     problem: str
     digest: str
@@ -46,6 +49,7 @@ def episode_view(
         index=result.index,
         badge=OUTCOME_BADGES[result.outcome],
         facts=facts(result, dt_s),
+        varied=varied(campaign, result),
         ride=ride(result),
         problem=f"{fault.kind}: {fault.message}" if fault else "",
         digest=result.digest(),
@@ -53,6 +57,12 @@ def episode_view(
         scene=scene_chart(result.scene, mission) if result.scene else None,
         next_failure=next_failure,
     )
+
+
+def varied(campaign: Campaign, result: EpisodeResult) -> Facts:
+    """The scenario parameters that the episode drew from its own seed."""
+    drawn = drawn_for(campaign.spec, result.seed)
+    return tuple((name, str(value)) for name, value in drawn.items())
 
 
 def noise_chart(noise: NoiseTrajectory, dt_s: float | None) -> Chart:

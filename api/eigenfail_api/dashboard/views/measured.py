@@ -7,7 +7,7 @@ from eigenfail_api.dashboard import formats
 
 Facts = tuple[tuple[str, str], ...]
 
-NOT_CLASSIFIED = "collision, stored before there were classes"
+NOT_CLASSIFIED = "not classified"
 NEVER = "never"
 
 

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from eigenfail.values import FINAL_STATES, Campaign, Summary
+from eigenfail.values import FINAL_STATES, Campaign, Estimate, Summary
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.states import CAMPAIGN_BADGES, Badge
 
@@ -21,8 +21,8 @@ class Standing(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         is_open: whether it may still change by itself or by what a user asks.
-        ended: episodes with a result; of `planned`.
-        remaining: how long it will take still, if that can be said.
+        ended: episodes with a result; of `planned`, of which `wanted` are not left unrun.
+        remaining: how long it will take still, if that can be said, or what was left unrun.
     """
 
     id: int
@@ -36,8 +36,10 @@ class Standing(msgspec.Struct, frozen=True, kw_only=True):
     because: str
     ended: int
     planned: int
+    wanted: int
     remaining: str
     failures: Figure
+    probability: Figure | None
     cost: Figure
     total: Figure
     likelihood: Figure
@@ -60,8 +62,10 @@ def standing(campaign: Campaign, summary: Summary) -> Standing:
         because=campaign.stopped_because,
         ended=counts.completed + counts.failed,
         planned=counts.planned,
+        wanted=counts.planned - counts.cancelled,
         remaining=remaining(campaign, summary),
         failures=failures(summary),
+        probability=probability(summary.estimate),
         cost=cost(summary),
         total=total(campaign, summary),
         likelihood=Figure(formats.number(summary.log_probability_per_step), ("of the failures",)),
@@ -73,7 +77,9 @@ def standing(campaign: Campaign, summary: Summary) -> Standing:
 
 
 def remaining(campaign: Campaign, summary: Summary) -> str:
-    """How long the open episodes take at the pace so far."""
+    """How long the open episodes take at the pace so far, or how many were left unrun."""
+    if campaign.counts.cancelled:
+        return f"{formats.integer(campaign.counts.cancelled)} not run"
     if campaign.state != "running" or not summary.episodes_per_s:
         return ""
     return f"about {formats.duration(campaign.counts.open / summary.episodes_per_s)} left"
@@ -84,8 +90,22 @@ def failures(summary: Summary) -> Figure:
     rate = summary.failure_rate
     if rate is None:
         return Figure(formats.NONE, NOTHING_YET)
-    notes = (formats.percent(rate.value), formats.rate_interval(rate))
+    if not rate.k:
+        notes = (f"≤ {formats.percent(rate.interval.high)}", "95 % upper bound, near 3/n")
+    else:
+        notes = (formats.percent(rate.value), formats.rate_interval(rate))
     return Figure(f"{formats.integer(rate.k)} of {formats.integer(rate.n)}", notes)
+
+
+def probability(estimate: Estimate | None) -> Figure | None:
+    """Of a failure under p(x), or why it is not told; None where the method tells none."""
+    if estimate is None:
+        return None
+    if estimate.interval is None:
+        return Figure(formats.NONE, (estimate.by, estimate.problem))
+    basis = (f"n = {formats.integer(estimate.episodes)}", f"cv {formats.number(estimate.cv)}")
+    notes = (formats.interval(estimate.interval), *basis, estimate.by, estimate.note)
+    return Figure(formats.number(estimate.probability), notes)
 
 
 def cost(summary: Summary) -> Figure:

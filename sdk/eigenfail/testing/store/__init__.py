@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 from eigenfail.contracts import Store
 from eigenfail.testing.store import (
+    blocks,
     campaigns,
     conflicts,
     crowds,
@@ -25,6 +26,7 @@ STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *episodes.CHECKS,
     *episode_lists.CHECKS,
     *conflicts.CHECKS,
+    *blocks.CHECKS,
     *jobs.CHECKS,
     *records.CHECKS,
     *crowds.CHECKS,

@@ -4,7 +4,14 @@ from eigenfail.contracts import Store
 from eigenfail.errors import NotFound
 from eigenfail.testing.expectations import expect, expect_error
 from eigenfail.testing.store.examples import BEYOND, alike, analysis_result, equal, running
-from eigenfail.values import AnalysisResult, AnalysisSettings, AnalysisState
+from eigenfail.values import (
+    AnalysisResult,
+    AnalysisSettings,
+    AnalysisState,
+    CampaignState,
+    Estimate,
+    Interval,
+)
 from eigenfail.values.records import JobKind
 
 
@@ -38,6 +45,31 @@ def keeps_the_last_checkpoint(store: Store) -> None:
         store.checkpoints.save(one.id, state)
         expect(store.checkpoints.load(one.id) == state, "A checkpoint came back changed.")
     equal(store.checkpoints.load(other.id), None, "Another campaign's checkpoint")
+
+
+def keeps_the_last_estimate(store: Store) -> None:
+    """A campaign carries what its learner told with the last checkpoint; campaigns do not share."""
+    one, other = running(store), running(store)
+    equal(store.campaigns.get(one.id).estimate, None, "An estimate before the first")
+    refused = Estimate(by="importance sampling", episodes=7, problem="Too few of 7 · ½ count.")
+    told = Estimate(
+        by="subset simulation",
+        episodes=9_100,
+        probability=3.65e-6,
+        cv=0.25,
+        interval=Interval(2.2e-6, 5.9e-6),
+        effective=16.5,
+        note="It knows nothing of what no sample showed.",
+    )
+    for estimate in (refused, told):
+        store.checkpoints.save(one.id, b"state", estimate)
+        equal(store.campaigns.get(one.id).estimate, estimate, "The estimate")
+    equal([campaign.estimate for campaign in store.campaigns.page(2).items], [None, told], "A page")
+    store.campaigns.move(one.id, CampaignState.DONE)
+    equal(store.campaigns.get(one.id).estimate, told, "The estimate of an ended campaign")
+    equal(store.campaigns.get(other.id).estimate, None, "Another campaign's estimate")
+    store.checkpoints.save(one.id, b"state")
+    equal(store.campaigns.get(one.id).estimate, None, "The estimate after none was told")
 
 
 def creates_queued_analyses(store: Store) -> None:
@@ -143,6 +175,7 @@ CHECKS = (
     numbers_events,
     logs_without_a_campaign,
     keeps_the_last_checkpoint,
+    keeps_the_last_estimate,
     creates_queued_analyses,
     finishes_analyses,
     first_end_counts,

@@ -9,11 +9,32 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec.structs import astuple
 
-from eigenfail.values import EpisodeResult, Floats, LearnerContext, Proposal, TrajectorySource
+from eigenfail.values import (
+    EpisodeResult,
+    Estimate,
+    Floats,
+    LearnerContext,
+    Outcome,
+    Proposal,
+    TrajectorySource,
+)
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.cem.elite import elite
-from eigenfail_services.methods.cem.proposal import GaussianProposal, averaged, fit, prior
+from eigenfail_services.methods.cem.proposal import (
+    GaussianProposal,
+    averaged,
+    fit,
+    log_weights,
+    prior,
+)
+from eigenfail_services.statistics.importance import BY, WeightedFailures
+
+NOT_YET = "Not known yet: it rests on the second half of the budget; the first is for learning."
+BLANK = (0.0, *astuple(WeightedFailures()))
+NO_SUMS: dict[str, archive.Array] = {"sums": np.array(BLANK)}
+"""Of states that were written before there were sums."""
 
 Smoothing = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
 
@@ -73,24 +94,55 @@ class CrossEntropyMethod:
         self._settings = settings
         self._seed = context.seed
         self._rounds = 0
+        self._learning = context.episodes // 2
+        self._seen = 0
+        self._sums = WeightedFailures()
         self.proposal = prior(context.horizon)
 
     def propose(self, n: int) -> Proposal:
         """A round of draws from the proposal."""
+        return self.exploit(min(n, self._settings.batch))
+
+    def exploit(self, n: int) -> Proposal:
+        """Draws from the proposal as it stands."""
         random = np.random.default_rng([self._seed, self._rounds])
         self._rounds += 1
-        draws = self.proposal.draw(min(n, self._settings.batch), random)
+        draws = self.proposal.draw(n, random)
         return Proposal(tuple(TrajectorySource(z) for z in draws))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Move the proposal towards the elite; leave it where the round says nothing."""
+        self._count(results)
         best = elite(results, self.proposal, self._settings.elite_share)
         if best:
             self.proposal = self._moved(*fit(best, self.proposal))
 
+    def _count(self, results: Sequence[EpisodeResult]) -> None:
+        """Weigh what was drawn from the proposal, once it has had half of the budget to learn.
+
+        The few heavy weights of early rounds would outweigh all others, where they are drawn at
+        all.
+        """
+        if self._seen >= self._learning:
+            ran = [result for result in results if result.outcome is not Outcome.FAILED]
+            failures = [result.noise.z for result in ran if result.is_failure]
+            weights = log_weights(failures, self.proposal)
+            self._sums = self._sums.after(weights, len(ran))
+        self._seen += len(results)
+
+    def estimate(self) -> Estimate | None:
+        """The failure probability by importance sampling over the second half of the budget."""
+        if self._sums.episodes:
+            return self._sums.estimate()
+        return Estimate(by=BY, episodes=0, problem=NOT_YET) if self._seen else None
+
     def state(self) -> bytes:
-        """The proposal, and how many rounds it took."""
-        arrays: dict[str, archive.Array] = {"mean": self.proposal.mean, "std": self.proposal.std}
+        """The proposal, how many rounds it took, and the sums of the weights."""
+        arrays: dict[str, archive.Array] = {
+            "mean": self.proposal.mean,
+            "std": self.proposal.std,
+            "sums": np.array([self._seen, *astuple(self._sums)]),
+        }
         return archive.write("cem", self._Facts(self._rounds), arrays)
 
     def restore(self, state: bytes) -> None:
@@ -103,7 +155,9 @@ class CrossEntropyMethod:
         shape = self.proposal.mean.shape
         with archive.refusing("cem"):
             mean, std = (archive.take(arrays, name, shape) for name in ("mean", "std"))
+            seen, *sums = archive.take(NO_SUMS | arrays, "sums", (len(BLANK),)).tolist()
         self._rounds = facts.rounds
+        self._seen, self._sums = int(seen), WeightedFailures(*sums)
         self.proposal = GaussianProposal(mean, std)
 
     def _moved(self, mean: archive.Array, std: archive.Array) -> GaussianProposal:

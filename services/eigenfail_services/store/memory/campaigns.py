@@ -2,7 +2,7 @@
 
 from msgspec.structs import replace
 
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Page
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Estimate, Page
 from eigenfail.values.records import JobKind
 from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved
 from eigenfail_services.store import sentences
@@ -102,10 +102,11 @@ class MemoryCheckpoints:
     def __init__(self, tables: Tables) -> None:
         self._tables = tables
 
-    def save(self, campaign: int, checkpoint: bytes) -> None:
-        """Replace the checkpoint."""
+    def save(self, campaign: int, checkpoint: bytes, estimate: Estimate | None = None) -> None:
+        """Replace the checkpoint and the campaign's estimate, both or neither."""
         with self._tables.lock:
-            self._tables.campaign(campaign)
+            before = self._tables.campaign(campaign)
+            self._tables.campaigns[campaign] = replace(before, estimate=estimate)
             self._tables.checkpoints[campaign] = checkpoint
 
     def load(self, campaign: int) -> bytes | None:

@@ -7,7 +7,14 @@ from functools import partial
 
 from msgspec.structs import replace
 
-from eigenfail.values import ConflictClass, EpisodeResult, Outcome, Page
+from eigenfail.values import (
+    BlockTotals,
+    ConflictClass,
+    EpisodeResult,
+    Outcome,
+    Page,
+    PairTotals,
+)
 from eigenfail.values.records import (
     ConflictTotals,
     Delivery,
@@ -20,6 +27,7 @@ from eigenfail.values.records import (
 from eigenfail_services.store import sentences
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.judging import judge, row_of
+from eigenfail_services.store.memory.blocks import course, paired
 from eigenfail_services.store.memory.tables import Tables
 from eigenfail_services.store.refusals import no_episode
 
@@ -92,13 +100,23 @@ class MemoryEpisodes:
         """Sums over all collisions, and episodes counted by class."""
         rows = [row for row, _ in ordered(self._tables, campaign)]
         collisions = [row for row in rows if row.outcome is Outcome.COLLISION]
+        severities = [row.severity for row in collisions if row.severity is not None]
         return Totals(
             len(collisions),
             sum((row.log_probability for row in collisions), 0.0),
             sum(row.steps for row in collisions),
-            sum((row.severity or 0.0 for row in collisions), 0.0),
+            sum(severities) if severities else None,
             conflict_totals(rows),
         )
+
+    def course(self, campaign: int, per: int) -> list[BlockTotals]:
+        """Sums over blocks of `per` indices, in index order."""
+        return course([row for row, _ in ordered(self._tables, campaign)], per)
+
+    def paired(self, first: int, second: int) -> PairTotals:
+        """The episodes that two campaigns both completed."""
+        one, other = ([row for row, _ in ordered(self._tables, c)] for c in (first, second))
+        return paired(one, other)
 
     def digest(self, campaign: int) -> str:
         """SHA-256 over the digests of all results in index order."""

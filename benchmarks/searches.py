@@ -1,0 +1,139 @@
+"""Campaigns of methods, each whole in one process, with nothing of the service around them.
+
+Their episodes are those of the service's campaigns: rounds, seeds and learners are the product's.
+"""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from crew import Crew, horizon
+
+from eigenfail import plugins
+from eigenfail.contracts import Learner
+from eigenfail.settings import read_settings
+from eigenfail.values import (
+    CampaignSpec,
+    EpisodeResult,
+    EpisodeSetup,
+    Floats,
+    LearnerContext,
+    NoiseTrajectory,
+    Predecessor,
+    learner_seed,
+)
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_workers.engine import Engine
+
+EARLIER = 1
+"""The id that a campaign which is evaluated goes by."""
+
+
+class Crash(NamedTuple):
+    """A failure: its noise z, shape (steps, 2), and what is known of it.
+
+    `prior` is what log p would be on average on the same steps, for noise from p(x) itself.
+    """
+
+    z: Floats
+    log_probability: float
+    prior: float
+    severity: float
+
+
+class Found(NamedTuple):
+    """What came of a campaign, and what its learner knew in the end."""
+
+    spec: CampaignSpec
+    crashed: tuple[bool, ...]
+    crashes: tuple[Crash, ...]
+    robustness_m: tuple[float, ...]
+    mean_square_z: float
+    trained_episodes: int | None
+    state: bytes
+
+
+def search(spec: CampaignSpec, earlier: Found | None = None) -> Found:
+    """Run a campaign; one of `evaluate` uses what an earlier one has learnt."""
+    method = plugins.load(plugins.METHODS, spec.method)
+    given = read_settings(method.Settings, spec.settings, "settings")
+    learner: Learner = method(context(spec, earlier), given)
+    rounds = Rounds(learner, spec.seed, spec.episodes)
+    results = list(run_in_process(rounds, engine(msgspec.json.encode(spec.setup()))))
+    z = np.concatenate([result.noise.z for result in results])
+    return Found(
+        spec=spec,
+        crashed=tuple(result.is_failure for result in results),
+        crashes=tuple(crash(result) for result in results if result.is_failure),
+        robustness_m=tuple(one.measures.robustness_m for one in results if one.measures),
+        mean_square_z=float(np.mean(z.astype(np.float64) ** 2)),
+        trained_episodes=getattr(learner, "trained_episodes", None),
+        state=learner.state(),
+    )
+
+
+def side_by_side(crew: Crew, specs: list[CampaignSpec]) -> list[Found]:
+    """Run campaigns, as many at a time as there are cores."""
+    return crew.each(search, specs)
+
+
+def evaluations(crew: Crew, learnt: list[Found], episodes: int, **parameters: float) -> list[Found]:
+    """Evaluate what campaigns have learnt, in the scenario with these parameters."""
+    specs = [
+        msgspec.structs.replace(
+            found.spec,
+            method="evaluate",
+            settings={"campaign": EARLIER},
+            episodes=episodes,
+            scenario_parameters=parameters or found.spec.scenario_parameters,
+        )
+        for found in learnt
+    ]
+    return crew.each(search, specs, learnt)
+
+
+def context(spec: CampaignSpec, earlier: Found | None) -> LearnerContext:
+    """What the service would give the learner."""
+    steps = horizon(spec.scenario)
+    return LearnerContext(
+        seed=learner_seed(spec.seed),
+        episodes=spec.episodes,
+        horizon=steps,
+        trajectories=np.zeros((0, steps, 2), np.float32),
+        predecessors=() if earlier is None else (predecessor(earlier, steps),),
+    )
+
+
+def predecessor(earlier: Found, steps: int) -> Predecessor:
+    """The learner of a campaign, for one that uses it."""
+    spec = earlier.spec
+    return Predecessor(
+        campaign=EARLIER,
+        method=spec.method,
+        settings=spec.settings,
+        seed=learner_seed(spec.seed),
+        episodes=spec.episodes,
+        horizon=steps,
+        state=earlier.state,
+    )
+
+
+@cache
+def engine(setup: bytes) -> Engine:
+    """An engine for a setup in JSON; each process keeps its own."""
+    return Engine(msgspec.json.decode(setup, type=EpisodeSetup))
+
+
+def crash(result: EpisodeResult) -> Crash:
+    """What is kept of a failure."""
+    severity: Any = result.measures and result.measures.severity
+    return Crash(
+        result.noise.z, result.noise.log_probability, prior(result.noise), float(severity or 0.0)
+    )
+
+
+def prior(noise: NoiseTrajectory) -> float:
+    """The mean of log p under p(x) over the steps of a noise trajectory: each z² is 1."""
+    z = noise.z.astype(np.float64)
+    return noise.log_probability + float(np.sum(0.5 * z**2 - 0.5))

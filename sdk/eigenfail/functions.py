@@ -1,0 +1,142 @@
+"""Any Python function of a noise trajectory as a system under test; docs/any_function.md.
+
+A campaign has `simulator` and `scenario` "function", and as its `planner` a `module:function`.
+"""
+
+import re
+import sys
+from collections.abc import Callable
+from functools import update_wrapper
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from eigenfail import plugins
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.settings import read_settings
+from eigenfail.values import CampaignSpec, DisturbanceModel, White
+
+SIMULATOR = SCENARIO = "function"
+"""What a campaign names as its simulator and its scenario, if a function is under test."""
+
+PLACE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
+LIMIT_S = 30.0
+
+Noise = NDArray[np.float64]
+
+
+class FunctionParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a campaign sets under `scenario_parameters`."""
+
+    steps: Annotated[int, Meta(ge=1, le=10_000, description="steps of a noise trajectory")]
+    limit_s: Annotated[
+        float, Meta(gt=0.0, le=50.0, description="time that one call may take [s]")
+    ] = LIMIT_S
+
+
+class FunctionUnderTest:
+    """A function that is declared to be a system under test; called, it is the function itself.
+
+    Args:
+        function: from noise, shape (*leading, steps, 2) [sigma], to robustness, shape (*leading,).
+        leading: (), or (1,) for a function of a batch.
+    """
+
+    def __init__(self, function: Callable[..., Any], leading: tuple[int, ...]) -> None:
+        update_wrapper(self, function, updated=())
+        self._function = function
+        self.leading = leading
+
+    def __call__(self, z: Noise) -> Any:
+        """Whatever the function answers."""
+        return self._function(z)
+
+
+def of_trajectory(function: Callable[[Noise], Any]) -> FunctionUnderTest:
+    """Declare a function of one noise trajectory, shape (steps, 2) [sigma], to be under test.
+
+    It answers the robustness, one finite number: a failure where it is 0 or less.
+    """
+    return FunctionUnderTest(function, ())
+
+
+def of_batch(function: Callable[[Noise], Any]) -> FunctionUnderTest:
+    """Declare a function of a batch of them, shape (n, steps, 2) [sigma], to be under test.
+
+    It answers their robustness, shape (n,). Episodes are handed to it one at a time, n = 1: the
+    last bits of many batched products depend on n, and an episode must not.
+    """
+    return FunctionUnderTest(function, (1,))
+
+
+def check(spec: CampaignSpec) -> FunctionParameters:
+    """The parameters of a campaign on a function; the function itself is not looked for.
+
+    Raises:
+        UnknownName: a parameter that there is not.
+        InvalidValue: a value outside its bounds, or one that means nothing to a function.
+    """
+    if spec.scenario != SCENARIO:
+        problem = f"'{spec.scenario}' is no scenario of the simulator '{SIMULATOR}'."
+        raise InvalidValue("scenario", problem, f'Write scenario = "{SCENARIO}".')
+    if not PLACE.fullmatch(spec.planner):
+        problem = f"'{spec.planner}' is not of the form module:function."
+        raise InvalidValue("planner", problem, 'Write it as planner = "my_module:robustness".')
+    if spec.planner_settings:
+        raise UnknownName("planner_settings", next(iter(spec.planner_settings)), ())
+    if replace(spec.disturbance, scale=1.0, shape=White()) != DisturbanceModel():
+        remedy = "Set `scale` and `shape` alone: there is no distance that sigma could grow with."
+        raise InvalidValue("disturbance", "slopes and bases mean nothing to a function.", remedy)
+    return read_settings(FunctionParameters, spec.scenario_parameters, "scenario_parameters")
+
+
+def simulators() -> list[str]:
+    """What a campaign may name as its simulator: those that are registered, and functions."""
+    return sorted([*plugins.names(plugins.SIMULATORS), SIMULATOR])
+
+
+def drives(spec: CampaignSpec) -> bool:
+    """Whether there is a road, and conflicts on it."""
+    return spec.simulator != SIMULATOR
+
+
+def disturbance_in_words(spec: CampaignSpec) -> dict[str, str]:
+    """The disturbance model as people read it, by name; a function's sigma is its scale."""
+    words = spec.disturbance.in_words()
+    if drives(spec):
+        return words
+    return {"sigma": f"{spec.disturbance.scale:g} at every step", "shape": words["shape"]}
+
+
+def require_module(place: str) -> None:
+    """Make sure, before anything is started here, that the module can be found; nothing is run.
+
+    Raises:
+        InvalidValue: it is neither in this folder nor on PYTHONPATH nor installed.
+    """
+    package = place.partition(":")[0].partition(".")[0]
+    look_in_this_folder()
+    if find_spec(package) is None:
+        raise not_found(place, f"there is no module '{package}'")
+
+
+def look_in_this_folder() -> None:
+    """Have modules of the working folder found, after all others."""
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)
+
+
+def not_found(place: str, why: str) -> InvalidValue:
+    """The error of a function whose module cannot be imported."""
+    return InvalidValue(
+        "planner",
+        f"'{place}' cannot be imported: {why}.",
+        f"Workers look in their working folder ({Path.cwd()}), on PYTHONPATH and among installed "
+        "packages: start the service in the module's folder, or install it where the workers are.",
+    )

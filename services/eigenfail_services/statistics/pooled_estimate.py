@@ -1,0 +1,49 @@
+"""One failure probability from independent estimates of it."""
+
+from collections.abc import Sequence
+from math import hypot
+
+from eigenfail.values import Estimate
+from eigenfail_services.statistics.intervals import log_normal
+
+
+def pooled(estimates: Sequence[Estimate]) -> Estimate:
+    """The mean of independent estimates, each weighted by its episodes.
+
+    Weights by the estimates' own variances would favour the small ones: where failures are rare, an
+    estimate that is too low comes with too small a variance. The interval is log-normal around the
+    mean, as that of subset simulation; an estimate of 0 or without a variation leaves it open.
+
+    Args:
+        estimates: at least one. Where one of them has no number, neither has the whole.
+    """
+    episodes = sum(one.episodes for one in estimates)
+    for number, one in enumerate(estimates):
+        if one.probability is None:
+            problem = f"Member {number}: {one.problem}"
+            return Estimate(by=one.by, episodes=episodes, problem=problem)
+    parts = [(one.probability or 0.0) * one.episodes / episodes for one in estimates]
+    probability, cv = sum(parts), variation(parts, [one.cv for one in estimates])
+    return Estimate(
+        by=estimates[0].by,
+        episodes=episodes,
+        probability=probability,
+        cv=cv,
+        interval=None if cv is None else log_normal(probability, cv),
+        effective=total([one.effective for one in estimates]),
+        note=" ".join(dict.fromkeys(one.note for one in estimates if one.note)),
+    )
+
+
+def variation(parts: Sequence[float], cvs: Sequence[float | None]) -> float | None:
+    """Coefficient of variation of a sum of independent parts, from theirs."""
+    known = [cv for cv in cvs if cv is not None]
+    if len(known) < len(parts) or not sum(parts):
+        return None
+    return hypot(*(part * cv for part, cv in zip(parts, known, strict=True))) / sum(parts)
+
+
+def total(sizes: Sequence[float | None]) -> float | None:
+    """The sum, if all are known."""
+    known = [size for size in sizes if size is not None]
+    return sum(known) if len(known) == len(sizes) else None

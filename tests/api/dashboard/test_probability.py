@@ -1,0 +1,60 @@
+"""The failure probability on a campaign's page, with what it rests on or why it is not told."""
+
+import pytest
+from msgspec.structs import replace
+
+from eigenfail.values import (
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    Counts,
+    Estimate,
+    Interval,
+)
+from eigenfail.values.records import Totals
+from eigenfail_api.dashboard.views.campaign import tiles
+from eigenfail_api.dashboard.views.summaries import Figure, failures, standing
+from eigenfail_services.campaigns.summary import summarise
+
+TOLD = Estimate(
+    by="subset simulation",
+    episodes=9_100,
+    probability=3.65e-6,
+    cv=0.25,
+    interval=Interval(2.2e-6, 5.9e-6),
+    note="It knows nothing of the rest.",
+)
+REFUSED = Estimate(by="importance sampling", episodes=500, effective=4.0, problem="Too few count.")
+
+
+@pytest.fixture
+def campaign() -> Campaign:
+    spec = CampaignSpec(name="rare", method="subset", episodes=10_000)
+    counts = Counts(10_000, completed=2_000)
+    return Campaign(id=1, spec=spec, state=CampaignState.DONE, counts=counts, created_ms=0)
+
+
+def shown(campaign):
+    summary = summarise(campaign, Totals(0, 0.0, 0, 0.0))
+    return dict(tiles(standing(campaign, summary)))
+
+
+def test_a_probability_has_its_interval_beside_it(campaign):
+    figure = shown(replace(campaign, estimate=TOLD))["Failure probability"]
+    assert figure.value == "3.65×10⁻⁶"
+    assert figure.notes[:3] == ("2.20×10⁻⁶ – 5.90×10⁻⁶", "n = 9,100", "cv 0.250")
+    assert figure.notes[3:] == ("subset simulation", "It knows nothing of the rest.")
+
+
+def test_a_refusal_says_why(campaign):
+    figure = shown(replace(campaign, estimate=REFUSED))["Failure probability"]
+    assert figure == Figure("–", ("importance sampling", "Too few count."))
+
+
+def test_a_method_that_tells_none_has_no_tile(campaign):
+    assert "Failure probability" not in shown(campaign)
+
+
+def test_no_failure_is_an_upper_bound(campaign):
+    figure = failures(summarise(campaign, Totals(0, 0.0, 0, 0.0)))
+    assert figure == Figure("0 of 2,000", ("≤ 0.150 %", "95 % upper bound, near 3/n"))

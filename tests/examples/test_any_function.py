@@ -1,0 +1,169 @@
+"""The example function, as docs/any_function.md tells people to use it."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from importlib import import_module
+from io import StringIO
+from pathlib import Path
+
+import msgspec
+import pytest
+from msgspec.structs import replace
+from rich.console import Console
+from starlette.testclient import TestClient
+
+from eigenfail.cli.course_tables import campaign_page
+from eigenfail.cli.replays import explain_episode, replay_episode, same_noise
+from eigenfail.cli.specs import check_plugins, read_spec
+from eigenfail.errors import InputError, InvalidValue, UnknownName
+from eigenfail.functions import simulators
+from eigenfail.values import Correlated, DisturbanceModel
+from eigenfail.values.records import Delivery
+from eigenfail_api.app import create_app
+from eigenfail_api.settings import ApiSettings
+from eigenfail_services.campaigns.checks import check_spec, horizon
+from eigenfail_services.campaigns.summary import summarise
+from eigenfail_services.store import open_store
+from eigenfail_workers.engines import make_engine
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PAGE = (EXAMPLES.parent / "docs" / "any_function.md").read_text()
+
+
+@pytest.fixture
+def module(monkeypatch):
+    """The module, imported as workers do that were started in its folder."""
+    monkeypatch.chdir(EXAMPLES)
+    monkeypatch.setattr(sys, "path", [*sys.path, str(EXAMPLES)])
+    monkeypatch.delitem(sys.modules, "any_function", raising=False)
+    yield import_module("any_function")
+    sys.modules.pop("any_function", None)
+
+
+@pytest.fixture
+def spec(module):
+    return read_spec(EXAMPLES / "any_function.toml")
+
+
+@pytest.fixture
+def results(module):
+    return module.search()
+
+
+def test_the_page_shows_the_example():
+    (code,) = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+    (campaign,) = re.findall(r"^```toml\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+    assert code in (EXAMPLES / "any_function.py").read_text()
+    whole = tomllib.loads((EXAMPLES / "any_function.toml").read_text())
+    assert tomllib.loads(campaign).items() <= whole.items()
+
+
+def test_it_runs_in_its_own_process():
+    done = subprocess.run(
+        [sys.executable, "any_function.py"],
+        cwd=EXAMPLES,
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    failures, calls = map(int, re.findall(r"\d+", done.stdout))
+    assert (failures > 50, calls) == (True, 400)
+
+
+def test_the_campaign_is_the_same_as_in_this_process(spec, results):
+    check_plugins(spec)
+    assert check_spec(spec) is spec
+    assert horizon(spec) == results[0].steps == 20
+    again = make_engine(spec.setup()).run(list(map(same_noise, results)))
+    assert [result.digest() for result in again] == [result.digest() for result in results]
+
+
+def test_a_stored_call_is_repeated_and_not_explained(spec, results):
+    failure = next(result for result in results if result.is_failure)
+    assert replay_episode(spec, failure).same
+    with pytest.raises(InvalidValue, match="explains nothing"):
+        explain_episode(spec, failure)
+
+
+def test_what_a_function_has_not_reads_as_a_dash(spec, results):
+    store = open_store("memory://")
+    campaign = store.campaigns.create(spec).id
+    store.campaigns.move(campaign, "running")
+    store.episodes.commit(campaign, [Delivery(result, "by hand") for result in results])
+    summary = summarise(store.campaigns.get(campaign), store.episodes.totals(campaign))
+    assert summary.mean_severity is None
+    assert summary.failure_rate.k == summary.conflicts.unclassified > 50
+    app = create_app(store, ApiSettings())
+    failure = next(result.index for result in results if result.is_failure)
+    with TestClient(app, base_url="http://127.0.0.1:8440") as browser:
+        overview, whole, one = (
+            " ".join(re.sub(r"<[^>]*>", " ", browser.get(path).raise_for_status().text).split())
+            for path in ("/", f"/campaigns/{campaign}", f"/campaigns/{campaign}/episodes/{failure}")
+        )
+    page = printed(campaign_page(store.campaigns.get(campaign), summary))
+    store.close()
+    assert "sigma 1 at every step" in page
+    assert "near misses" not in page
+    assert "severity – m²/s²" in page
+    assert "any function" in overview
+    assert "Mean severity [m²/s²] –" in whole
+    assert "Likelihood and severity" not in whole
+    assert "Near misses" not in whole
+    assert "sigma 1 at every step" in whole
+    assert "|dx|" not in whole
+    assert "Class not classified Robustness 0 m Severity – MinTTC –" in one
+    assert "Scene from above" not in one
+
+
+def printed(group):
+    screen = Console(width=200, record=True, file=StringIO())
+    screen.print(group)
+    return " ".join(screen.export_text().split())
+
+
+WRONG = {
+    "scenario": ({"scenario": "cut_in"}, 'scenario = "function"'),
+    "planner": ({"planner": "rulebook"}, "module:function"),
+    "planner_settings": ({"planner_settings": {"beta": 1}}, "beta"),
+    "disturbance": ({"disturbance": DisturbanceModel(lateral_slope=0.1)}, "no distance"),
+    "scenario_parameters": ({"scenario_parameters": {"steps": 0}}, "steps"),
+}
+
+
+@pytest.mark.parametrize("field", WRONG)
+def test_what_means_nothing_to_a_function_is_refused_before_anything_is_started(field, spec):
+    changes, words = WRONG[field]
+    for check in (check_spec, check_plugins):
+        with pytest.raises(InputError, match=re.escape(words)) as refused:
+            check(replace(spec, **changes))
+        assert refused.value.field.startswith(field)
+
+
+def test_scale_and_shape_of_the_noise_may_be_set(spec):
+    check_spec(replace(spec, disturbance=DisturbanceModel(scale=2.0, shape=Correlated())))
+
+
+def test_a_module_that_is_not_here_is_refused_before_anything_is_started(spec):
+    elsewhere = replace(spec, planner="no_such_module:robustness")
+    with pytest.raises(InvalidValue, match="PYTHONPATH"):
+        check_plugins(elsewhere)
+    check_spec(elsewhere)  # it may be where the workers are
+
+
+def test_functions_are_among_the_simulators(spec):
+    assert "function" in simulators()
+    with pytest.raises(UnknownName, match="function"):
+        check_spec(replace(spec, simulator="functoin"))
+
+
+def test_a_campaign_survives_the_wire(spec):
+    assert msgspec.json.decode(msgspec.json.encode(spec), type=type(spec)) == spec
+
+
+def test_the_working_folder_is_among_those_that_are_looked_in(spec, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sut_here.py").write_text("")
+    check_plugins(replace(spec, planner="sut_here:robustness"))
+    assert str(Path.cwd()) in sys.path

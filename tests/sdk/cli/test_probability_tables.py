@@ -1,0 +1,70 @@
+"""The failure probability in tables: told with what it rests on, or why it is not told."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from eigenfail.cli.tables import campaign_facts, campaign_table, result_table
+from eigenfail.values import (
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    Cost,
+    Counts,
+    Estimate,
+    Interval,
+    Summary,
+)
+
+TOLD = Estimate(
+    by="subset simulation",
+    episodes=9100,
+    probability=3.7e-6,
+    cv=0.25,
+    interval=Interval(2.2e-6, 5.9e-6),
+    note="It knows nothing of the rest.",
+)
+REFUSED = Estimate(by="importance sampling", episodes=500, effective=4.0, problem="Too few count.")
+
+
+def campaign(estimate=None):
+    spec = CampaignSpec(name="rare", method="subset", episodes=10_000)
+    counts = Counts(10_000, completed=9100, failures=900)
+    return Campaign(
+        id=3, spec=spec, state=CampaignState.DONE, counts=counts, created_ms=0, estimate=estimate
+    )
+
+
+def summary(estimate=None):
+    counts = campaign().counts
+    price = Cost(1.0, 1.0, None, None, None)
+    return Summary(3, "rare", "subset", counts, None, None, None, None, None, price, None, estimate)
+
+
+def text(table):
+    console = Console(file=io.StringIO(), width=250)
+    console.print(table)
+    return console.file.getvalue()
+
+
+@pytest.mark.parametrize("tables", [(campaign_table, campaign), (result_table, summary)])
+def test_a_column_of_probabilities_appears_where_one_is_told(tables):
+    tabulate, row = tables
+    shown = text(tabulate([row(TOLD), row(REFUSED), row()]))
+    assert shown.count("3.7e-06 [2.2e-06, 5.9e-06] (n = 9100)") == 1
+    assert "P(failure) [95 %]" in shown
+    assert "P(failure)" not in text(tabulate([row(), row()]))
+
+
+def test_a_campaigns_facts_say_what_the_probability_rests_on():
+    shown = text(campaign_facts(campaign(TOLD)))
+    assert "3.7e-06 [2.2e-06, 5.9e-06] (n = 9100), subset simulation, cv 0.25" in shown
+    assert "It knows nothing of the rest." in shown
+
+
+def test_a_campaigns_facts_say_why_there_is_no_probability():
+    shown = text(campaign_facts(campaign(REFUSED)))
+    assert "unknown, importance sampling" in shown
+    assert "Too few count." in shown
+    assert "P(failure)" not in text(campaign_facts(campaign()))

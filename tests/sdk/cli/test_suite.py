@@ -1,0 +1,140 @@
+"""`eigenfail suite` against the real API: what runs, what is found again, what is printed."""
+
+import json
+import os
+import signal
+
+import pytest
+
+from eigenfail.cli.interruption import INTERRUPTED
+from eigenfail.client import Client
+from eigenfail.suites import Suite
+
+
+@pytest.fixture
+def suite_file(tmp_path):
+    """Three campaigns that take no time and find failures."""
+    file = tmp_path / "seeds.toml"
+    file.write_text(
+        '[base]\nmethod = "monte_carlo"\nplanner = "idm"\nsimulator = "point_mass"\nepisodes = 12\n'
+        "[grid]\nseed = [1, 2, 3]\n"
+    )
+    return file
+
+
+def rows(printed):
+    return [line.split() for line in printed.splitlines()[2:]]
+
+
+def test_a_suite_is_run_and_shown_as_one_table(eigenfail, suite_file):
+    run = eigenfail("suite", "run", suite_file)
+    assert run.exit_code == 0, run.output
+    header, _, *table = run.stdout.splitlines()
+    assert header.split()[:5] == ["member", "state", "id", "method", "episodes"]
+    assert "failure rate [95 %]" in header
+    found = [row[:5] for row in map(str.split, table)]
+    assert found == [[f"seed={n}", "done", f"{n}", "monte_carlo", "12"] for n in (1, 2, 3)]
+    assert "seeds: 3 of 3 campaigns over: 36/36 episodes" in run.stderr
+    assert "\x1b" not in run.stdout + run.stderr
+    assert eigenfail("suite", "show", suite_file).stdout == run.stdout
+
+
+def test_run_again_it_does_nothing_twice(eigenfail, suite_file, store):
+    first = eigenfail("suite", "run", suite_file, "--json")
+    again = eigenfail("suite", "run", suite_file, "--json")
+    assert first.stdout == again.stdout
+    assert len(store.campaigns.page(10).items) == 3
+
+
+def test_a_client_that_was_killed_goes_on(eigenfail, suite_file, service, store):
+    # What it leaves: some members created, one of them at work, the others unknown.
+    suite = Suite.read(suite_file)
+    with Client(transport=service) as client:
+        client.suites.create(Suite(suite.name, suite.members[1:]))
+    run = eigenfail("suite", "run", suite_file, "--json")
+    assert run.exit_code == 0, run.output
+    members = json.loads(run.stdout)["members"]
+    assert [member["summary"]["campaign"] for member in members] == [3, 1, 2]
+    assert {member["summary"]["counts"]["completed"] for member in members} == {12}
+
+
+def test_a_dry_run_tells_the_budget_and_creates_nothing(eigenfail, suite_file, store):
+    dry = eigenfail("suite", "run", suite_file, "--dry-run")
+    assert dry.exit_code == 0
+    assert "seeds: 3 campaigns, 36 episodes in all" in dry.stdout
+    plan = json.loads(eigenfail("suite", "run", suite_file, "--dry-run", "--json").stdout)
+    assert (plan["suite"], plan["campaigns"], plan["episodes"]) == ("seeds", 3, 36)
+    assert plan["members"][2]["spec"]["seed"] == 3
+    assert store.campaigns.page(10).items == ()
+
+
+def test_before_it_runs_the_table_holds_dashes(eigenfail, suite_file):
+    shown = eigenfail("suite", "show", suite_file)
+    assert shown.exit_code == 0
+    assert rows(shown.stdout)[0] == ["seed=1", *"–" * 10]
+    members = json.loads(eigenfail("suite", "show", suite_file, "--json").stdout)["members"]
+    assert members[0] == {"name": "seed=1", "state": None, "stopped_because": "", "summary": None}
+
+
+def test_ctrl_c_pauses_all_and_the_same_command_goes_on(eigenfail, suite_file, service, store):
+    class Interrupting(type(service)):
+        def run_some(self, campaign):
+            super().run_some(campaign)
+            if campaign.id == 2 and campaign.counts.completed == 0:
+                os.kill(os.getpid(), signal.SIGINT)
+
+    suite_file.write_text(suite_file.read_text().replace("episodes = 12", "episodes = 48"))
+    service.__class__ = Interrupting
+    stopped = eigenfail("suite", "run", suite_file)
+    assert stopped.exit_code == INTERRUPTED
+    assert f"To go on: eigenfail suite run {suite_file}" in stopped.stderr
+    assert [campaign.state for campaign in store.campaigns.page(10).items] == ["paused"] * 3
+    assert "seeds: 0 of 3 campaigns over, 3 paused: " in stopped.stderr
+    assert eigenfail("suite", "run", suite_file).exit_code == 0
+    assert [campaign.state for campaign in store.campaigns.page(10).items] == ["done"] * 3
+    assert [campaign.counts.completed for campaign in store.campaigns.page(10).items] == [48] * 3
+
+
+def test_the_gate_closes_if_any_member_found_failures(eigenfail, suite_file):
+    assert eigenfail("suite", "run", suite_file).exit_code == 0
+    assert eigenfail("suite", "run", suite_file, "--gate").exit_code == 1
+
+
+def test_a_dead_member_is_service_trouble_after_the_table(eigenfail, suite_file, store, service):
+    class Deadly(type(service)):
+        def run_some(self, campaign):
+            if campaign.id == 2:
+                self.store.campaigns.move(2, "dead", "The learner ended.")
+            else:
+                super().run_some(campaign)
+
+    service.__class__ = Deadly
+    run = eigenfail("suite", "run", suite_file, "--gate")
+    assert run.exit_code == 3
+    assert "Campaign 2 is dead: The learner ended." in run.stderr
+    assert rows(run.stdout)[1][:3] == ["seed=2", "dead", "2"]
+
+
+@pytest.mark.parametrize(
+    ("varied", "words"),
+    [
+        ("seed = []", "has no values"),
+        ("sede = [1]", "Did you mean 'seed'?"),
+        ('planner = ["rulebok"]', "Did you mean 'rulebook'?"),
+    ],
+)
+def test_what_is_wrong_in_a_suite_exits_with_2(eigenfail, suite_file, store, varied, words):
+    suite_file.write_text(suite_file.read_text().replace("seed = [1, 2, 3]", varied))
+    refused = eigenfail("suite", "run", suite_file)
+    assert refused.exit_code == 2
+    assert words in refused.stderr
+    assert store.campaigns.page(10).items == ()
+
+
+def test_people_see_one_bar(eigenfail, suite_file, monkeypatch):
+    monkeypatch.setenv("TTY_COMPATIBLE", "1")
+    run = eigenfail("suite", "run", suite_file, "--json")
+    assert run.exit_code == 0
+    assert "3 of 3 campaigns over" in run.stderr
+    assert "36/36" in run.stderr
+    assert run.stdout.startswith("{")

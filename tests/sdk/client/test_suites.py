@@ -1,0 +1,119 @@
+"""Suites on a service: found, completed, never doubled."""
+
+import pytest
+
+from eigenfail.errors import ServiceError, UnknownName
+from eigenfail.suites import Member, Suite
+from eigenfail.values import CampaignSpec, CampaignState
+
+
+@pytest.fixture
+def suite(fields):
+    """Makes a suite with a member for each seed."""
+
+    def make(*seeds):
+        shared = {name: value for name, value in fields.items() if name != "name"}
+        specs = [CampaignSpec(**shared, name=f"trio: seed={seed}", seed=seed) for seed in seeds]
+        return Suite("trio", tuple(Member(spec.name, spec) for spec in specs))
+
+    return make
+
+
+def ids(campaigns):
+    return [campaign and campaign.id for campaign in campaigns]
+
+
+def test_nothing_is_created_by_looking(client, suite):
+    assert client.suites.find(suite(1, 2)) == (None, None)
+    assert client.suites.summaries(suite(1, 2)) == (None, None)
+    assert list(client.campaigns.list()) == []
+
+
+def test_what_is_missing_is_created_and_nothing_twice(client, suite):
+    assert ids(client.suites.create(suite(1))) == [1]
+    assert ids(client.suites.create(suite(2, 1, 3))) == [2, 1, 3]
+    assert ids(client.suites.create(suite(1, 2, 3))) == [1, 2, 3]
+    assert len(list(client.campaigns.list())) == 3
+
+
+def test_a_changed_member_is_another_campaign(client, suite):
+    client.suites.create(suite(1))
+    (member,) = suite(2).members
+    renamed = Member("x", CampaignSpec(**{**asdict(member.spec), "name": "trio: seed=1"}))
+    assert client.suites.find(Suite("trio", (renamed,))) == (None,)
+
+
+def asdict(spec):
+    return {name: getattr(spec, name) for name in spec.__struct_fields__}
+
+
+def test_two_commands_at_once_create_each_member_once(client, suite, monkeypatch):
+    # Both have looked before either has created.
+    monkeypatch.setattr(client.campaigns, "list", lambda: iter(()))
+    assert ids(client.suites.create(suite(1, 2))) == ids(client.suites.create(suite(1, 2)))
+
+
+def test_members_are_found_over_pages(client, suite, fields, monkeypatch):
+    monkeypatch.setattr("eigenfail.client.link.PAGE", 2)
+    client.suites.create(suite(1, 2, 3))
+    for _ in range(5):
+        client.campaigns.create(**fields)
+    assert ids(client.suites.find(suite(3, 4, 1))) == [3, None, 1]
+
+
+def test_paused_members_go_on(client, suite, store):
+    client.suites.create(suite(1, 2, 3))
+    store.campaigns.move(2, CampaignState.RUNNING)
+    store.campaigns.move(3, CampaignState.CANCELLED)
+    paused = client.suites.pause(suite(1, 2, 3))
+    assert [campaign.state for campaign in paused] == ["paused", "pausing", "cancelled"]
+    store.campaigns.move(2, CampaignState.PAUSED)
+    assert client.suites.wait(suite(1, 2, 3)) == client.suites.find(suite(1, 2, 3))
+    started = client.suites.start(suite(1, 2, 3, 4))
+    assert [campaign.state for campaign in started] == ["queued", "queued", "cancelled", "queued"]
+
+
+def test_a_member_that_is_still_pausing_is_awaited(client, suite, store, monkeypatch):
+    client.suites.create(suite(1))
+    store.campaigns.move(1, CampaignState.RUNNING)
+    client.campaigns.pause(1)
+    monkeypatch.setattr(
+        "eigenfail.client.waiting.sleep",
+        lambda seconds: store.campaigns.move(1, CampaignState.PAUSED),
+    )
+    assert [campaign.state for campaign in client.suites.start(suite(1))] == ["queued"]
+
+
+def test_waiting_tells_of_progress_and_ends_with_the_last(client, suite, store):
+    client.suites.create(suite(1, 2))
+    path = iter([(1, "running"), (1, "done"), (2, "running"), (2, "done")])
+    seen = []
+
+    def watch(campaigns):
+        seen.append([campaign.state.value for campaign in campaigns])
+        if seen[-1] != ["done", "done"]:
+            store.campaigns.move(*next(path))
+
+    ended = client.suites.wait(suite(1, 2), watch, poll_s=0.0)
+    assert [campaign.state for campaign in ended] == ["done", "done"]
+    assert seen[0] == ["queued", "queued"]
+    assert seen[-2:] == [["done", "running"], ["done", "done"]]
+
+
+def test_waiting_ends_after_the_time_that_was_given(client, suite):
+    client.suites.create(suite(1))
+    with pytest.raises(ServiceError, match="not over after 0 s"):
+        client.suites.wait(suite(1), poll_s=0.0, timeout_s=0.0)
+
+
+def test_summaries_come_in_the_order_of_the_members(client, suite):
+    client.suites.create(suite(1, 2))
+    found = client.suites.summaries(suite(2, 5, 1))
+    assert [summary and summary.campaign for summary in found] == [2, None, 1]
+
+
+def test_what_the_service_refuses_is_raised(client, suite):
+    (member,) = suite(1).members
+    wrong = CampaignSpec(**{**asdict(member.spec), "planner": "rulebok"})
+    with pytest.raises(UnknownName, match="rulebook"):
+        client.suites.create(Suite("trio", (Member("x", wrong),)))

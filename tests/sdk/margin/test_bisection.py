@@ -1,0 +1,142 @@
+"""Bisection by known thresholds: what must be found, in how many steps, and what is told."""
+
+from math import ceil, log2
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from eigenfail.errors import InvalidValue
+from eigenfail.margin import Range, Step, conclusions, find_margin
+from eigenfail.settings import convert
+
+WIDE = Range(0.5, 3.0, 0.1)
+
+
+def step(scale, failures):
+    return Step(scale=scale, campaign=1, episodes=200, failures=failures, upper_bound=0.015)
+
+
+def planner(fails):
+    """A planner that fails at scales where it is said to, and what was asked of it."""
+    asked = []
+
+    def measure(scale):
+        asked.append(scale)
+        return step(scale, int(fails(scale)))
+
+    return measure, asked
+
+
+ends = st.tuples(st.floats(0.01, 9.9), st.floats(0.02, 10.0)).filter(lambda pair: pair[0] < pair[1])
+
+
+@given(ends=ends, tolerance=st.floats(0.001, 1.0), threshold=st.floats(0.0, 11.0))
+def test_the_threshold_is_bracketed_within_tolerance_in_as_few_steps_as_halving_takes(
+    ends, tolerance, threshold
+):
+    within = Range(*ends, tolerance)
+    measure, asked = planner(lambda scale: scale >= threshold)
+    found = find_margin(measure, within)
+    assert found.contrary == ()
+    assert [each.scale for each in found.steps] == sorted(asked)
+    if found.largest_safe is None:
+        assert threshold <= within.low
+    elif found.smallest_failing is None:
+        assert threshold > within.high
+    else:
+        safe, failing = found.largest_safe.scale, found.smallest_failing.scale
+        assert safe < threshold <= failing
+        assert failing - safe <= tolerance
+    halvings = ceil(log2(max(1.0, (within.high - within.low) / tolerance)))
+    assert len(asked) == len(set(asked)) <= 2 + halvings + 1
+
+
+@given(failing=st.sets(st.integers(0, 64)), known=st.sets(st.integers(0, 64)))
+def test_whatever_the_planner_does_the_cautious_reading_counts(failing, known):
+    measure, _ = planner(lambda scale: round(32 * scale) in failing)
+    within = Range(1 / 32, 2.0, 1 / 32)
+    before = [measure(place / 32) for place in known]
+    found = find_margin(measure, within, before)
+    tried = {each.scale: not each.failures for each in found.steps}
+    assert {1 / 32, 2.0} <= tried.keys()
+    assert all(within.low <= scale <= within.high for scale in tried)
+    bad = [scale for scale, safe in tried.items() if not safe]
+    first = min(bad, default=None)
+    assert (found.smallest_failing and found.smallest_failing.scale) == first
+    good = [scale for scale, safe in tried.items() if safe]
+    assert found.contrary == tuple(sorted(s for s in good if first is not None and s > first))
+    below = [scale for scale in good if first is None or scale < first]
+    assert (found.largest_safe and found.largest_safe.scale) == max(below, default=None)
+
+
+@given(threshold=st.floats(0.5, 3.0), killed_after=st.integers(0, 7))
+def test_a_search_that_was_killed_asks_only_for_the_rest(threshold, killed_after):
+    measure, asked = planner(lambda scale: scale >= threshold)
+    whole = find_margin(measure, WIDE)
+    assume(killed_after <= len(asked))
+    known, rest = asked[:killed_after], asked[killed_after:]
+    again, asked_again = planner(lambda scale: scale >= threshold)
+    resumed = find_margin(again, WIDE, [measure(scale) for scale in known])
+    assert resumed == whole
+    assert asked_again == rest
+
+
+def test_the_steps_of_a_search_by_hand():
+    measure, asked = planner(lambda scale: scale > 1.3)
+    find_margin(measure, Range(0.5, 3.0, 0.2))
+    assert asked == [0.5, 3.0, 1.75, 1.125, 1.4375, 1.28125]
+
+
+@pytest.mark.parametrize(
+    ("fails", "words"),
+    [
+        (lambda scale: scale > 1.32, "may be relaxed to 1.281 × before this planner fails"),
+        (lambda scale: scale > 0.8, "must be tightened to 0.7344 ×: this planner fails at 0.8125"),
+        (lambda scale: scale > 1.0, "has no margin to relax: no failure was found at 0.9688 ×"),
+        (lambda scale: True, "fails already at 0.5 × the noise, the low end"),
+        (lambda scale: False, "No failure was found up to 3 × the noise, the high end"),
+    ],
+)
+def test_the_verdict_is_a_sentence(fails, words):
+    found = find_margin(planner(fails)[0], WIDE)
+    assert words in conclusions(found, "monte_carlo")[0]
+
+
+def test_what_no_failure_proves_is_said_with_its_bound():
+    found = find_margin(planner(lambda scale: scale > 1.3)[0], WIDE)
+    _, caveat = conclusions(found, "monte_carlo")
+    assert "in 200 episodes at 1.281 × is not proof" in caveat
+    assert "at most 1.5 % fail of episodes under this noise." in caveat
+    _, caveat = conclusions(found, "ast")
+    assert "as 'ast' proposes them, whose rate is not that of the noise itself" in caveat
+
+
+def test_a_failure_below_a_safe_scale_is_told():
+    found = find_margin(planner(lambda scale: scale < 1.0)[0], WIDE)
+    assert found.largest_safe is None
+    verdict, contradiction = conclusions(found, "monte_carlo")
+    assert "fails already at 0.5 ×" in verdict
+    assert "Not monotone: no failure was found at 3 ×, above the failure at 0.5 ×" in contradiction
+
+
+def test_an_earlier_failure_at_a_smaller_scale_draws_the_search_down():
+    measure, asked = planner(lambda scale: scale > 2.0 or 0.9 < scale < 1.1)
+    found = find_margin(measure, WIDE, [step(1.0, 3), step(9.0, 1), step(1.8, 0)])
+    assert found.smallest_failing.scale <= 1.0
+    assert found.contrary == (1.8,)
+    assert max(asked) == 3.0
+    assert all(scale < 1.0 for scale in asked[2:])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "tolerance"),
+    [
+        *((2.0, 2.0, 0.1), (3.0, 0.5, 0.1), (0.0, 1.0, 0.1), (1.0, 10.1, 0.1)),
+        *((1.0, 2.0, 0.0), (float("nan"), 2.0, 0.1), (1.0, float("nan"), 0.1)),
+        *((1.0, 2.0, float("nan")), (1.0, float("inf"), 0.1)),
+    ],
+)
+def test_an_empty_range_is_refused(low, high, tolerance):
+    with pytest.raises(InvalidValue):
+        convert({"low": low, "high": high, "tolerance": tolerance}, Range, "search")

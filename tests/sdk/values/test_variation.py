@@ -1,0 +1,136 @@
+"""Parameters that vary: read, bounded, and drawn from an episode's seed alone."""
+
+from typing import Annotated
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec import Meta
+
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.values import episode_seed
+from eigenfail.values.variation import MAX_CORNERS, read_variation
+
+SEEDS = [episode_seed(0, index) for index in range(400)]
+
+
+class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    distance_m: Annotated[float, Meta(ge=-10.0, le=10.0)] = 1.0
+    speed_mps: Annotated[float, Meta(gt=0.0, le=30.0)] = 20.0
+    cars: Annotated[int, Meta(ge=1, le=4)] = 2
+    side: str = "left"
+
+    def __post_init__(self) -> None:
+        if self.distance_m > self.speed_mps:
+            raise ValueError("distance_m is above speed_mps")
+
+
+def varied(**parameters):
+    return read_variation(Parameters, parameters)
+
+
+def draws(name, **parameters):
+    variation = varied(**parameters)
+    return [getattr(variation.draw(seed), name) for seed in SEEDS]
+
+
+def test_without_a_distribution_all_episodes_are_alike():
+    fixed = varied(distance_m=3)
+    assert {fixed.draw(seed) for seed in (0, 1, 2)} == {Parameters(3.0)}
+    assert list(fixed.corners()) == [Parameters(3.0)]
+
+
+def test_a_uniform_parameter_fills_its_interval_evenly():
+    values = draws("distance_m", distance_m={"uniform": [-5, 5]})
+    assert len(set(values)) == len(values)
+    counts, _ = np.histogram(values, bins=4, range=(-5.0, 5.0))
+    assert sum(counts) == 400
+    assert all(abs(count - 100) < 35 for count in counts)  # four standard deviations of 8.7
+
+
+def test_a_whole_number_stays_one_and_reaches_both_ends():
+    values = draws("cars", cars={"uniform": [1, 3]})
+    assert set(values) == {1, 2, 3}
+    assert all(isinstance(value, int) for value in values)
+
+
+def test_a_choice_gives_each_of_its_values():
+    values = draws("side", side={"choice": ["left", "right"]})
+    assert set(values) == {"left", "right"}
+    assert abs(values.count("left") - 200) < 40  # four standard deviations of 10
+
+
+def test_what_is_fixed_stays_and_what_is_not_named_keeps_its_default():
+    drawn = varied(speed_mps=25.0, cars={"choice": [3]}).draw(7)
+    assert drawn == Parameters(1.0, 25.0, 3, "left")
+
+
+@given(st.integers(0, 2**63 - 1))
+def test_a_seed_gives_the_same_draw_however_the_table_is_written(seed):
+    one = varied(distance_m={"uniform": [-5, 5]}, speed_mps={"uniform": [6.0, 30.0]})
+    other = varied(speed_mps={"uniform": [6.0, 30.0]}, distance_m={"uniform": [-5, 5]})
+    assert one.draw(seed) == other.draw(seed)
+
+
+def test_the_draws_of_two_parameters_have_nothing_to_do_with_each_other():
+    variation = varied(distance_m={"uniform": [-5, 5]}, speed_mps={"uniform": [6.0, 30.0]})
+    drawn = [variation.draw(seed) for seed in SEEDS]
+    pairs = np.array([(one.distance_m, one.speed_mps) for one in drawn])
+    assert abs(np.corrcoef(pairs.T)[0, 1]) < 0.2  # four standard deviations of 1/20
+
+
+def test_the_largest_is_looked_for_at_all_combinations_of_ends():
+    variation = varied(distance_m={"uniform": [-5, 5]}, cars={"choice": [1, 4, 2]})
+    assert len(list(variation.corners())) == 6
+    assert variation.largest(lambda one: one.cars * round(-one.distance_m)) == 20
+
+
+@pytest.mark.parametrize(
+    ("parameters", "field", "words"),
+    [
+        ({"distance_m": {"uniform": [-5, 12]}}, "distance_m", "12 is refused. Expected `float` <="),
+        ({"distance_m": {"uniform": [-11, 5]}}, "distance_m", "-11 is refused. Expected `float`"),
+        ({"cars": {"choice": [1, 9]}}, "cars", "9 is refused. Expected `int` <= 4"),
+        ({"cars": {"uniform": [1, 2.5]}}, "cars", "2.5 is refused. Expected `int`, got `float`"),
+        ({"side": {"choice": ["left", 3]}}, "side", "3 is refused. Expected `str`, got `int`"),
+        ({"distance_m": {"uniform": [5, -5]}}, "distance_m.uniform", "[5, -5] is not an interval"),
+        ({"distance_m": {"uniform": [5]}}, "distance_m.uniform", "length 2"),
+        ({"distance_m": {"uniform": 5}}, "distance_m.uniform", "Expected `array`"),
+        ({"distance_m": {"uniform": [0, float("inf")]}}, "distance_m.uniform", "inf"),
+        ({"distance_m": {"choice": []}}, "distance_m.choice", "length >= 1"),
+        ({"distance_m": {"choice": [1.0], "uniform": [1, 2]}}, "distance_m", "unknown field"),
+        ({"distance_m": 11.0}, "distance_m", "Expected `float` <= 10.0"),
+    ],
+)
+def test_what_is_wrong_is_said_by_field_and_value(parameters, field, words):
+    with pytest.raises(InvalidValue) as refusal:
+        varied(**parameters)
+    assert refusal.value.field == f"scenario_parameters.{field}"
+    assert words in str(refusal.value)
+
+
+def test_ends_that_do_not_go_together_are_refused_with_their_values():
+    with pytest.raises(InvalidValue, match=r"'distance_m': 9.*is refused\. distance_m is above"):
+        varied(distance_m={"uniform": [0, 9]}, speed_mps={"uniform": [5.0, 30.0]})
+
+
+@pytest.mark.parametrize(
+    ("parameters", "field", "known"),
+    [
+        ({"distance": {"uniform": [0, 1]}}, "scenario_parameters", "distance_m"),
+        ({"distance_m": {"unifrom": [0, 1]}}, "scenario_parameters.distance_m", "uniform"),
+    ],
+)
+def test_unknown_names_are_refused_with_the_known_ones(parameters, field, known):
+    with pytest.raises(UnknownName) as refusal:
+        varied(**parameters)
+    assert refusal.value.field == field
+    assert known in refusal.value.known
+
+
+def test_more_combinations_than_can_be_checked_are_refused():
+    many = {"choice": [index / 100 for index in range(65)]}
+    with pytest.raises(InvalidValue, match=str(MAX_CORNERS)):
+        varied(distance_m=many, speed_mps={"choice": [10.0 + n / 10 for n in range(65)]})

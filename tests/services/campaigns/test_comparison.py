@@ -1,0 +1,235 @@
+"""Two groups of campaigns side by side, from a store that holds them."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from eigenfail.contracts import Store
+from eigenfail.errors import InvalidValue, NotFound
+from eigenfail.testing.store.examples import deliver, result
+from eigenfail.values import (
+    CampaignSpec,
+    CampaignState,
+    Correlated,
+    DisturbanceModel,
+    EpisodeResult,
+    Measures,
+    NoiseTrajectory,
+    Outcome,
+    Rate,
+)
+from eigenfail_services.campaigns.comparison import compare
+from eigenfail_services.campaigns.distinctions import THINGS, distinctions, mixed, things
+from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.store import MemoryStore
+
+EPISODES = 50
+CHANGES_NO_RESULT = {"name", "seed", "scene_every"}
+
+
+@pytest.fixture
+def store() -> Store:
+    return MemoryStore()
+
+
+def spec(**changes: Any) -> CampaignSpec:
+    fields: dict[str, Any] = {"name": "n", "method": "monte_carlo", "episodes": EPISODES}
+    return CampaignSpec(**fields | changes)
+
+
+def noise(seed: int, index: int, steps: int = 3) -> NoiseTrajectory:
+    """What the same draw gives in every campaign of a seed, however long it lasts."""
+    z = np.random.default_rng([seed, index]).standard_normal((9, 2)).astype(np.float32)[:steps]
+    return NoiseTrajectory(z, np.ones_like(z))
+
+
+def episode(seed: int, index: int, crashed: bool, **changes: Any) -> EpisodeResult:
+    outcome = Outcome.COLLISION if crashed else Outcome.SAFE
+    steps = 3 if crashed else 6
+    measures = Measures(0.0, severity=16.0) if crashed else Measures(2.0)
+    made = result(index, outcome, steps, measures=measures)
+    fields: dict[str, Any] = {"noise": noise(seed, index, steps), "seed": 1000 * seed + index}
+    return replace(made, **fields | changes)
+
+
+def campaign(store: Store, crashes: Iterable[int], **changes: Any) -> int:
+    """A campaign that is done, in which these episodes crashed."""
+    made = store.campaigns.create(spec(**changes))
+    store.campaigns.move(made.id, CampaignState.RUNNING)
+    crashed = set(crashes)
+    seed = made.spec.seed
+    deliver(store, made, *(episode(seed, i, i in crashed) for i in range(made.spec.episodes)))
+    store.campaigns.add_active(made.id, 3600.0)
+    store.campaigns.move(made.id, CampaignState.DONE)
+    return made.id
+
+
+def test_two_planners_that_saw_the_same_noise(store: Store) -> None:
+    a = campaign(store, range(5), planner="rulebook")
+    b = campaign(store, range(3, 23), planner="idm")
+    found = compare(store, [a], [b])
+    assert (found.a.failure_rate, found.b.failure_rate) == (rate(5, 50), rate(20, 50))
+    assert found.difference is not None
+    assert found.difference.value == pytest.approx(0.3)
+    assert found.pairs is not None
+    assert (found.pairs.n, found.pairs.only_a, found.pairs.only_b) == (50, 3, 18)
+    assert (found.pairs.both, found.pairs.neither) == (2, 27)
+    # 2 · (1 + 21 + 210 + 1330) / 2^21
+    assert found.pairs.p_value == pytest.approx(2 * 1562 / 2**21)
+    assert found.a.mean_severity == 16.0
+    assert (found.a.cost.per_failure_usd, found.b.cost.per_failure_usd) == (0.24, 0.06)
+    assert found.effect is None
+    assert [each.thing for each in found.distinctions] == ["planner"]
+    assert found.warnings == ()
+
+
+def test_what_it_says_is_plain(store: Store) -> None:
+    a, b = campaign(store, range(5)), campaign(store, range(3, 23), planner="idm")
+    said = compare(store, [a], [b]).sentences
+    assert said[0] == (
+        "A fails in 10.0 % [4.3, 21.4] of 50 episodes; "
+        "B fails in 40.0 % [27.6, 53.8] of 50 episodes."
+    )
+    assert said[1] == "B fails in 30.0 % [13.2, 44.9] more of the episodes than A."
+    assert said[2] == (
+        "Both saw the same noise in 50 pairs of episodes: 18 where only B failed, 3 where only A "
+        "did, 2 where both did; McNemar's exact test tells them apart (p = 0.0015)."
+    )
+    assert said[3].startswith("A failure costs 0.24 USD [0.11, 0.55] with A, 0.060 USD [")
+    assert said[4].startswith("log p per step of the failures is ")
+    back = compare(store, [b], [a]).sentences
+    assert back[1] == "B fails in 30.0 % [13.2, 44.9] fewer of the episodes than A."
+
+
+def test_no_difference_is_said_to_be_none(store: Store) -> None:
+    a, b = campaign(store, range(5)), campaign(store, range(6), planner="idm")
+    said = compare(store, [a], [b]).sentences
+    assert said[1].startswith("No difference in failure rate can be told: B − A is +2.0 % [-")
+    assert "does not tell them apart (p = 1.0000)" in said[2]
+
+
+def test_seeds_are_pooled_and_have_an_effect_size(store: Store) -> None:
+    a = [campaign(store, range(k), seed=k) for k in (1, 2, 3)]
+    b = [campaign(store, range(k + 2), seed=k, planner="idm") for k in (3, 1, 2)]
+    found = compare(store, a, b)
+    assert found.a.campaigns == tuple(a)
+    assert found.a.failure_rate == rate(6, 150)
+    assert found.a.rates == (0.02, 0.04, 0.06)
+    assert found.a.cost.instance_hours == pytest.approx(3.0)
+    assert found.pairs is not None
+    assert (found.pairs.n, found.pairs.only_b, found.pairs.only_a) == (150, 6, 0)
+    assert found.effect is not None
+    # {1, 2, 3} against {3, 4, 5}: of 9 pairs 8 are won and one is a tie.
+    assert found.effect.a12 == pytest.approx(8.5 / 9)
+    assert "0.94: large effect (Vargha–Delaney A12, n = 3 and 3 campaigns)" in found.sentences[-1]
+
+
+UNPAIRED = [
+    ({"seed": 7}, "their seeds differ."),
+    ({"method": "cem"}, "cem chooses its noise by what earlier episodes did."),
+    ({"method": "replay"}, "monte_carlo and replay do not draw the same noise."),
+]
+
+
+@pytest.mark.parametrize(("changes", "because"), UNPAIRED)
+def test_it_is_said_why_episodes_are_not_paired(store: Store, changes, because) -> None:
+    a, b = campaign(store, range(5)), campaign(store, range(6), **changes)
+    found = compare(store, [a], [b])
+    assert (found.pairs, found.unpaired_because) == (None, because)
+    assert f"Episodes are not paired: {because}" in found.sentences
+
+
+def test_other_shapes_of_noise_are_not_paired(store: Store) -> None:
+    a = campaign(store, range(5))
+    shaped = DisturbanceModel(shape=Correlated(0.5, 0.5))
+    made = store.campaigns.create(spec(disturbance=shaped))
+    assert compare(store, [a], [made.id]).unpaired_because == "their noise differs in shape."
+
+
+def test_noise_is_looked_at_and_not_only_promised(store: Store) -> None:
+    a = campaign(store, range(5))
+    made = store.campaigns.create(spec())
+    store.campaigns.move(made.id, CampaignState.RUNNING)
+    strange = [episode(0, i, False, noise=noise(1, i, 6)) for i in range(EPISODES)]
+    deliver(store, made, *strange)
+    because = compare(store, [a], [made.id]).unpaired_because
+    assert because == f"the noise of episode {a}/0 is not that of {made.id}/0."
+
+
+def test_two_campaigns_of_one_seed_on_a_side_are_not_paired(store: Store) -> None:
+    a, b, c = (campaign(store, range(k)) for k in (1, 2, 3))
+    found = compare(store, [a, b], [c])
+    assert found.unpaired_because == "two campaigns of one side have the same seed."
+
+
+def test_campaigns_without_an_episode_are_compared_as_far_as_possible(store: Store) -> None:
+    a, b = (store.campaigns.create(spec(planner=name)).id for name in ("idm", "rulebook"))
+    found = compare(store, [a], [b])
+    assert found.a.failure_rate is found.difference is found.pairs is found.effect is None
+    assert found.sentences[0] == "A has completed no episode; B has completed no episode."
+    assert "no episode was completed on both sides" in found.unpaired_because
+    assert found.warnings == tuple(
+        f"Campaign {each} is queued: its figures may still change." for each in (a, b)
+    )
+
+
+def test_more_than_one_difference_is_warned_of_and_listed(store: Store) -> None:
+    a = campaign(store, range(5), scenario_parameters={"distance_m": 58.0})
+    b = campaign(store, range(6), planner="idm", episodes=40, seed=3)
+    found = compare(store, [a], [b])
+    listed = {each.thing: (each.a, each.b) for each in found.distinctions}
+    assert listed == {
+        "scenario_parameters.distance_m": ("58.0", "default"),
+        "planner": ("rulebook", "idm"),
+        "episodes": ("50", "40"),
+    }
+    (warned,) = found.warnings
+    assert "differ in more than one thing (scenario, planner, budget)" in warned
+
+
+def test_the_same_campaign_twice_over_is_no_comparison(store: Store) -> None:
+    a, b = campaign(store, range(5)), campaign(store, range(5), seed=1)
+    (warned,) = compare(store, [a], [b]).warnings
+    assert "were asked for the same thing" in warned
+
+
+def test_a_side_of_several_kinds_is_warned_of(store: Store) -> None:
+    a, b = campaign(store, range(5)), campaign(store, range(5), seed=1, planner="idm")
+    c = campaign(store, range(5), planner="idm", seed=2)
+    warned = compare(store, [a, b], [c]).warnings
+    assert "The campaigns of A differ among themselves in planner." in warned
+
+
+@pytest.mark.parametrize(("a", "b"), [([], [1]), ([1], []), ([1, 1], [2]), ([1, 2], [2])])
+def test_every_campaign_counts_once(store: Store, a, b) -> None:
+    with pytest.raises(InvalidValue, match=r"names no campaign|is named twice"):
+        compare(store, a, b)
+
+
+def test_strangers_are_not_found(store: Store) -> None:
+    with pytest.raises(NotFound):
+        compare(store, [campaign(store, [])], [99])
+
+
+def test_every_field_of_a_spec_is_a_thing_or_changes_no_result() -> None:
+    assert set(CampaignSpec.__struct_fields__) == THINGS.keys() | CHANGES_NO_RESULT
+    assert CHANGES_NO_RESULT.isdisjoint(THINGS)
+
+
+def test_settings_are_told_apart_wherever_they_are() -> None:
+    wide = spec(disturbance=DisturbanceModel(scale=2.0), name="x", seed=5, scene_every=3)
+    (found,) = distinctions([spec()], [wide])
+    assert (found.thing, found.a, found.b) == ("disturbance.scale", "1.0", "2.0")
+    assert things([found]) == ("disturbance model",)
+    assert mixed([spec(), wide]) == ("disturbance model",)
+    assert mixed([spec(), spec(seed=1)]) == ()
+
+
+def test_rates_are_wilsons(store: Store) -> None:
+    found = compare(store, [campaign(store, [])], [campaign(store, [1], planner="idm")])
+    assert isinstance(found.a.failure_rate, Rate)
+    assert found.a.failure_rate.interval.high == pytest.approx(1.0 - 0.05 ** (1 / 50))
+    assert found.sentences[3].startswith("A failure costs at least 0.41 USD with A, 1.20 USD [")

@@ -1,0 +1,81 @@
+"""Two failure rates: published intervals, and exact tests by hand."""
+
+from fractions import Fraction
+from math import comb
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eigenfail.errors import InvalidValue
+from eigenfail.values import PairTotals
+from eigenfail_services.statistics.comparison import difference, fair_tail, mcnemar
+
+# Newcombe 1998, Table II, method 10: p1 − p2 for k1/n1 and k2/n2.
+NEWCOMBE = [
+    ((56, 70), (48, 80), (0.0524, 0.3339)),
+    ((9, 10), (3, 10), (0.1705, 0.8090)),
+    ((6, 7), (2, 7), (0.0582, 0.8062)),
+    ((5, 56), (0, 29), (-0.0381, 0.1926)),
+    ((0, 10), (0, 20), (-0.1611, 0.2775)),
+    ((0, 10), (0, 10), (-0.2775, 0.2775)),
+    ((10, 10), (0, 20), (0.6791, 1.0)),
+    ((10, 10), (0, 10), (0.6075, 1.0)),
+]
+
+
+@pytest.mark.parametrize(("b", "a", "bounds"), NEWCOMBE)
+def test_the_published_intervals(b, a, bounds) -> None:
+    found = difference(*a, *b)
+    assert found.value == pytest.approx(b[0] / b[1] - a[0] / a[1])
+    assert (found.interval.low, found.interval.high) == pytest.approx(bounds, abs=5e-5)
+    assert (found.n_a, found.n_b) == (a[1], b[1])
+
+
+shares = st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
+
+
+@given(shares, shares)
+def test_the_sides_may_be_swapped(a, b) -> None:
+    one, other = difference(*a, *b), difference(*b, *a)
+    assert one.value == pytest.approx(-other.value)
+    assert one.interval.low == pytest.approx(-other.interval.high, abs=1e-12)
+    assert -1.0 <= one.interval.low <= one.value + 1e-12
+    assert one.value - 1e-12 <= one.interval.high <= 1.0
+
+
+@pytest.mark.parametrize("wrong", [(0, 0, 1, 2), (1, 2, 3, 2), (-1, 2, 1, 2)])
+def test_what_is_no_share_is_refused(wrong) -> None:
+    with pytest.raises(InvalidValue, match="is no share"):
+        difference(*wrong)
+
+
+@pytest.mark.parametrize(
+    ("only_a", "only_b", "p_value"),
+    [
+        # 2 · (1 + 6) / 2^6; 2 · (1 + 10 + 45) / 2^10.
+        (1, 5, 14 / 64),
+        (8, 2, 112 / 1024),
+        (5, 5, 1.0),
+        (0, 1, 1.0),
+        (0, 0, 1.0),
+        (0, 731, 2.0 * 0.5**731),
+    ],
+)
+def test_mcnemar_by_hand(only_a, only_b, p_value) -> None:
+    found = mcnemar(PairTotals(both=7, only_first=only_a, only_second=only_b, neither=90))
+    assert found.p_value == pytest.approx(p_value, rel=1e-9)
+    assert found.n == 97 + only_a + only_b
+    assert (found.only_a, found.only_b, found.both, found.neither) == (only_a, only_b, 7, 90)
+
+
+@given(st.integers(0, 400).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_the_tail_is_the_exact_sum(tosses) -> None:
+    most, n = tosses
+    exact = Fraction(sum(comb(n, k) for k in range(most + 1)), 2**n)
+    assert fair_tail(most, n) == pytest.approx(float(exact), rel=1e-9)
+
+
+def test_the_tail_of_many_tosses_is_near_the_normal_one() -> None:
+    # 1000 below the middle of a million: z = −1999 / 1000 with the correction, Phi(z) = 0.02281.
+    assert fair_tail(499_000, 1_000_000) == pytest.approx(0.02281, abs=1e-5)

@@ -1,0 +1,69 @@
+"""Weighted sums: by hand, and where numbers would overflow."""
+
+from math import exp, log, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eigenfail_services.statistics.importance import FEWEST_EFFECTIVE, WeightedFailures
+
+LOGS = st.lists(st.floats(-30.0, 5.0), max_size=20)
+
+
+def test_an_estimate_by_hand():
+    """200 failures of weight 0.01 and 100 of weight 0.02 in 1000 episodes."""
+    logs = np.log([0.01] * 200 + [0.02] * 100)
+    found = WeightedFailures().after(logs, 1000).estimate()
+    effective = 4.0**2 / (200 * 0.01**2 + 100 * 0.02**2)
+    assert found.probability == pytest.approx(0.004)
+    assert found.effective == pytest.approx(effective)
+    assert found.cv == pytest.approx(sqrt(1.0 / effective - 1.0 / 1000))
+    spread = sqrt(log(1.0 + found.cv**2))
+    assert found.interval.high / found.probability == pytest.approx(exp(1.959964 * spread))
+    assert sqrt(found.interval.low * found.interval.high) == pytest.approx(found.probability)
+
+
+def test_of_the_prior_itself_it_is_the_share_of_failures():
+    found = WeightedFailures().after(np.zeros(150), 1000).estimate()
+    assert found.probability == pytest.approx(0.15)
+    assert found.effective == pytest.approx(150.0)
+    assert found.cv == pytest.approx(sqrt(0.85 / 0.15 / 1000))
+
+
+@given(st.lists(LOGS, max_size=5))
+def test_rounds_add_up(rounds):
+    sums = WeightedFailures()
+    for logs in rounds:
+        sums = sums.after(np.array(logs), 20)
+    weights = np.exp([one for logs in rounds for one in logs])
+    assert sums.episodes == 20 * len(rounds)
+    assert sums.failures == len(weights)
+    assert np.exp(sums.log_first) == pytest.approx(weights.sum())
+    assert 0.0 <= sums.effective() <= len(weights) * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("size", [-5000.0, 0.0, 5000.0])
+def test_no_weight_is_too_large_or_small(size):
+    found = WeightedFailures().after(np.full(200, size), 200).estimate()
+    assert found.effective == pytest.approx(200.0)
+    assert found.probability == (0.0 if size < 0.0 else 1.0)
+    assert np.isfinite([found.cv, found.interval.low, found.interval.high]).all()
+
+
+def test_one_weight_that_outweighs_all_others_is_refused():
+    logs = np.array([0.0] + [-50.0] * 999)
+    found = WeightedFailures().after(logs, 1000).estimate()
+    assert found.effective == pytest.approx(1.0)
+    assert found.probability is found.interval is found.cv is None
+    assert "1000 failures are worth 1.0 by their weights, and it takes 100" in found.problem
+
+
+def test_the_threshold_is_where_it_says():
+    few, enough = (
+        WeightedFailures().after(np.zeros(count), 1000).estimate()
+        for count in (int(FEWEST_EFFECTIVE) - 1, int(FEWEST_EFFECTIVE) + 1)
+    )
+    assert few.probability is None
+    assert enough.probability == pytest.approx(0.101)

@@ -1,0 +1,58 @@
+"""Pooling: a mean, its deviation, and no number where one is missing."""
+
+from math import sqrt
+
+import numpy as np
+import pytest
+
+from eigenfail.values import Estimate
+from eigenfail_services.statistics.intervals import log_normal
+from eigenfail_services.statistics.pooled_estimate import pooled
+
+
+def estimate(probability=None, cv=None, episodes=100, **more):
+    return Estimate(
+        by="importance sampling", episodes=episodes, probability=probability, cv=cv, **more
+    )
+
+
+def test_two_by_hand():
+    """0.25 · 0.02 + 0.75 · 0.04 = 0.035; deviations 0.25 · 0.004 and 0.75 · 0.004."""
+    found = pooled([estimate(0.02, 0.2, 100, effective=30.0), estimate(0.04, 0.1, 300)])
+    assert found.probability == pytest.approx(0.035)
+    assert found.cv == pytest.approx(0.001 * sqrt(1 + 9) / 0.035)
+    assert (found.episodes, found.by, found.effective) == (400, "importance sampling", None)
+
+
+def test_many_that_are_alike_are_as_good_as_the_square_root_of_their_number():
+    found = pooled([estimate(1e-4, 0.4, effective=20.0)] * 16)
+    assert found.probability == pytest.approx(1e-4)
+    assert found.cv == pytest.approx(0.1)
+    assert found.effective == 320.0
+    assert found.interval == log_normal(found.probability, found.cv)
+
+
+def test_its_interval_holds_the_truth_as_often_as_it_says():
+    random, truth, cv = np.random.default_rng(0), 1e-3, 0.3
+    spread = sqrt(np.log1p(cv**2))
+    draws = truth * np.exp(random.normal(-(spread**2) / 2, spread, (2000, 4)))
+    found = [pooled([estimate(float(p), cv) for p in row]).interval for row in draws]
+    held = np.mean([interval.low <= truth <= interval.high for interval in found])
+    assert 0.93 <= held <= 0.97
+
+
+def test_one_that_refuses_a_number_refuses_it_for_all():
+    found = pooled([estimate(0.1, 0.1), estimate(problem="Too few. Run more.")])
+    assert found.probability is found.interval is None
+    assert found.problem == "Member 1: Too few. Run more."
+    assert found.episodes == 200
+
+
+@pytest.mark.parametrize("others", [estimate(0.1), estimate(0.0, 0.1)])
+def test_without_a_variation_there_is_no_interval(others):
+    found = pooled([others, estimate(0.0, None)])
+    assert (found.cv, found.interval) == (None, None)
+
+
+def test_no_interval_goes_beyond_certainty():
+    assert log_normal(0.9, 1.0).high == 1.0

@@ -1,0 +1,116 @@
+"""A function is found by its place, and what stands in the way of that is said."""
+
+import os
+import sys
+
+import pytest
+
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.functions import SIMULATOR
+from eigenfail.values import DisturbanceModel, EpisodeSetup, EpisodeTask, PriorSource
+from eigenfail_workers.engine import Engine
+from eigenfail_workers.engines import make_engine
+from eigenfail_workers.explain import explain
+from eigenfail_workers.functions.finding import find
+
+GOOD = """
+from eigenfail.functions import of_trajectory
+
+@of_trajectory
+def robustness(z):
+    return 1.5
+
+def helper(z):
+    return 2.5
+"""
+STEPS = {"steps": 5}
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """Writes a module into the working folder; nothing of it is left."""
+    names = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+
+    def write(name, text=GOOD):
+        (tmp_path / f"{name}.py").write_text(text)
+        names.append(name)
+        return tmp_path / f"{name}.py"
+
+    yield write
+    for name in names:
+        sys.modules.pop(name, None)
+
+
+def setup(planner, parameters=STEPS):
+    return EpisodeSetup(SIMULATOR, SIMULATOR, parameters, planner, {}, DisturbanceModel())
+
+
+def test_the_engine_of_a_setup_calls_the_function_that_it_names(module):
+    module("sut_found")
+    (result,) = make_engine(setup("sut_found:robustness")).run([EpisodeTask(0, 0, PriorSource())])
+    assert (result.measures.robustness_m, result.steps) == (1.5, 5)
+
+
+def test_what_drives_has_the_engine_that_drives():
+    driven = EpisodeSetup("point_mass", "cut_in", {}, "idm", {}, DisturbanceModel())
+    assert isinstance(make_engine(driven), Engine)
+
+
+BROKEN = {
+    "raises": ("1 / 0", "cannot be imported: ZeroDivisionError: division by zero"),
+    "is not Python": ("def (", "cannot be imported: SyntaxError: invalid syntax"),
+    "leaves": ("raise SystemExit(4)", "cannot be imported: SystemExit: 4"),
+    "lacks a module": ("import no_such_thing", "No module named 'no_such_thing'"),
+    "lacks the function": ("x = 1", "has no 'robustness'"),
+    "does not declare it": ("def robustness(z): return 1.0", "@of_trajectory or @of_batch"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_module_that_does_not_give_it_is_refused_in_words(name, module):
+    text, words = BROKEN[name]
+    module("sut_broken", text)
+    with pytest.raises(InvalidValue, match=words) as refused:
+        find("sut_broken:robustness")
+    assert refused.value.field == "planner"
+
+
+def test_a_module_that_is_not_there_is_refused_with_where_it_was_looked_for(module, tmp_path):
+    with pytest.raises(InvalidValue, match="PYTHONPATH") as refused:
+        find("sut_nowhere:robustness")
+    assert str(tmp_path) in refused.value.remedy
+    module("sut_nowhere")  # written now, it is found
+    assert find("sut_nowhere:robustness")([]) == 1.5
+
+
+def test_nothing_is_called_that_was_not_declared(module):
+    module("sut_open")
+    for place in ("os:system", "sut_open:helper"):
+        with pytest.raises(InvalidValue, match="not declared"):
+            find(place)
+
+
+def test_a_file_that_was_changed_is_not_run_as_it_was_before(module):
+    file = module("sut_changed")
+    find("sut_changed:robustness")
+    find("sut_changed:robustness")
+    later_s = file.stat().st_mtime + 10.0
+    os.utime(file, (later_s, later_s))
+    with pytest.raises(InvalidValue, match=r"changed after .* Start the service again"):
+        find("sut_changed:robustness")
+
+
+@pytest.mark.parametrize("parameters", [{}, {"steps": 0}, {"steps": 5, "limit_s": 51.0}])
+def test_its_parameters_are_bounded(parameters, module):
+    module("sut_bounded")
+    with pytest.raises(InvalidValue, match="scenario_parameters"):
+        make_engine(setup("sut_bounded:robustness", parameters))
+    with pytest.raises(UnknownName, match="colour"):
+        make_engine(setup("sut_bounded:robustness", {"steps": 5, "colour": 1}))
+
+
+def test_there_is_nothing_to_explain():
+    with pytest.raises(InvalidValue, match="episode replay"):
+        explain(setup("sut:robustness"), EpisodeTask(0, 0, PriorSource()))
