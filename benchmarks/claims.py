@@ -19,7 +19,7 @@ import typer
 from crew import Crew, crew
 from curves import Curve, Curves
 from figures import ROOT, Figure, write
-from learning import ast, cem, difs, merge
+from learning import ast, cem, difs, likely_ast, merge
 from monte_carlo import calm, frail
 from probability import p_fail
 from shaped import shaped
@@ -54,6 +54,7 @@ TRIALS = (
         shaped,
     ),
     Trial(("cut_in.ast.",), ast),
+    Trial(("cut_in.ast_", "cut_in.heuristic."), likely_ast),
     Trial(("cut_in.difs.",), difs),
     Trial(("cut_in.cem.",), cem),
     Trial(("merge_in.rulebook.mc2000.",), partial(calm, "merge_in")),

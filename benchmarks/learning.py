@@ -3,14 +3,17 @@
 Of every figure the median is stated, and all three beside it: nothing is tuned to a seed.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache, partial
 from math import fsum, sqrt
 from statistics import fmean, median
 from typing import Any
 
-from crew import Crew
+from crew import Crew, staged
 from curves import Curve, curve
 from figures import Figure
+from heuristics import SHAPES, Tried, rate_at, tried
+from mode_reference import Reference, reference
 from samples import COMMAND
 from searches import Found, evaluations, side_by_side
 
@@ -20,6 +23,16 @@ from eigenfail_services.statistics.intervals import rate
 
 TRAINED, EVALUATED, MOVED = 1000, 300, 100
 SEEDS = 3
+TRIED = 100
+
+LIKELY = {
+    "alpha": 150.0,
+    "c_dist": 15.0,
+    "entropy": 30.0,
+    "target_entropy": -2.0,
+    "converged_share": None,
+}
+"""AST that weighs log p more than its defaults do: where it is held against noise by chance."""
 
 Figures = Iterator[tuple[str, Figure]]
 Findings = Iterator[tuple[str, Figure | tuple[Curve, ...]]]
@@ -53,11 +66,37 @@ def ast(crew: Crew, seed: int) -> Findings:
     yield from rates(place, runs)
     yield "cut_in.ast.trained_episodes", middle(runs, trained, "episodes", TRAINED)
     yield "cut_in.ast.first_failure_episode", middle(runs, first_failure, "episode", TRAINED)
-    yield from evaluated("cut_in.ast", evaluations(crew, runs, EVALUATED))
+    evaluated_runs = evaluations(crew, runs, EVALUATED)
+    yield from evaluated("cut_in.ast", evaluated_runs)
+    yield from covered("cut_in.ast", crew, evaluated_runs)
     usual_m = plugins.load(plugins.SCENARIOS, "cut_in").Parameters().distance_m
     for name, offset_m in {"plus5": 5.0, "minus5": -5.0}.items():
         moved = evaluations(crew, runs, MOVED, distance_m=usual_m + offset_m)
         yield f"cut_in.ast.{name}.failure_rate", middle(moved, failure_rate, "share", MOVED)
+
+
+def likely_ast(crew: Crew, seed: int) -> Findings:
+    """AST that prefers likely failures, against noise with a shape that is as likely."""
+    runs = learnt(crew, seed, "ast", **LIKELY)
+    evaluated_runs = evaluations(crew, runs, EVALUATED)
+    yield from evaluated("cut_in.ast_likely", evaluated_runs)
+    setup = staged("cut_in", "rulebook")
+    tried_shapes = {name: tried(crew, setup, of, TRIED, seed) for name, of in SHAPES.items()}
+    over = partial(over_heuristics, tried=tried_shapes)
+    yield "cut_in.ast_over_heuristic", middle(evaluated_runs, over, "ratio", EVALUATED)
+    at = median(run.log_p_per_step for run in evaluated_runs)
+    for name, found in tried_shapes.items():
+        note = f"at {at:.3g} per step, between {TRIED} episodes at each of {len(found)} amplitudes"
+        yield (
+            f"cut_in.heuristic.{name}.failure_rate",
+            Figure(value=rate_at(found, at), unit="share", n=TRIED, note=note, command=COMMAND),
+        )
+
+
+def over_heuristics(run: Found, tried: Mapping[str, Sequence[Tried]]) -> float | None:
+    """Failure rate ÷ that of the strongest shape that is as likely; None if none ever fails."""
+    strongest = max(rate_at(found, run.log_p_per_step) for found in tried.values())
+    return failure_rate(run) / strongest if strongest else None
 
 
 def cem(crew: Crew, seed: int) -> Findings:
@@ -65,18 +104,24 @@ def cem(crew: Crew, seed: int) -> Findings:
     runs = learnt(crew, seed, "cem")
     yield "cem", tuple(map(curve, runs))
     yield from rates(f"cut_in.cem.train{TRAINED}", runs)
-    yield from evaluated("cut_in.cem", evaluations(crew, runs, EVALUATED))
+    evaluated_runs = evaluations(crew, runs, EVALUATED)
+    yield from evaluated("cut_in.cem", evaluated_runs)
+    yield "cut_in.cem.logp_ratio", middle(evaluated_runs, log_p_ratio, "ratio", EVALUATED)
+    yield from covered("cut_in.cem", crew, evaluated_runs)
 
 
 def difs(crew: Crew, seed: int) -> Findings:
-    """DiFS as it is by default."""
+    """DiFS as it is by default, and with the paper's three rounds of 500."""
     runs = learnt(crew, seed, "difs")
     yield "difs", tuple(map(curve, runs))
     yield from rates(f"cut_in.difs.train{TRAINED}", runs)
     evaluated_runs = evaluations(crew, runs, EVALUATED)
     yield from evaluated("cut_in.difs", evaluated_runs)
     yield "cut_in.difs.logp_ratio", middle(evaluated_runs, log_p_ratio, "ratio", EVALUATED)
-    yield "cut_in.difs.sample_std", middle(evaluated_runs, spread, "sigma", EVALUATED)
+    yield "cut_in.difs.sample_std", middle(evaluated_runs, deviation, "sigma", EVALUATED)
+    yield from covered("cut_in.difs", crew, evaluated_runs)
+    papers = evaluations(crew, learnt(crew, seed, "difs", schedule="paper"), EVALUATED)
+    yield from rates(f"cut_in.difs.paper_preset.eval{EVALUATED}", papers)
 
 
 def merge(method: str, crew: Crew, seed: int) -> Figures:
@@ -107,6 +152,28 @@ def evaluated(place: str, runs: Sequence[Found]) -> Figures:
     """The same of an evaluation, and how severe."""
     yield from rates(f"{place}.eval{EVALUATED}", runs)
     yield f"{place}.eval{EVALUATED}.mean_severity", middle(runs, severity, "m²/s²", EVALUATED)
+
+
+def covered(place: str, crew: Crew, runs: Sequence[Found]) -> Figures:
+    """How much of p(x | failure) the failures of all seeds reach together."""
+    known = true_failures(crew)
+    failures = [one.z for run in runs for one in run.crashes]
+    found = f"{known.failures} true failures by brute force"
+    apart = f"silhouette {known.silhouette or 0.0:.2f}, of noise {known.noise_silhouette:.2f}"
+    of_modes = f"{found}: {known.modes} mode(s), {apart}"
+    of_groups = f"{found}: of their {len(known.centres)} groups those that hold 5 % of the failures"
+    for name, value, note in (
+        ("mode_coverage", known.coverage(failures), of_modes),
+        ("group_spread", known.spread(failures), of_groups),
+    ):
+        n = len(failures)
+        yield f"{place}.{name}", Figure(value=value, unit="share", n=n, note=note, command=COMMAND)
+
+
+@cache
+def true_failures(crew: Crew) -> Reference:
+    """The reference, made once."""
+    return reference(crew)
 
 
 def middle(runs: Sequence[Found], of: Callable[[Found], float | None], unit: str, n: int) -> Figure:
@@ -164,6 +231,6 @@ def log_p_ratio(run: Found) -> float | None:
     return fsum(one.log_probability for one in run.crashes) / usual
 
 
-def spread(run: Found) -> float:
+def deviation(run: Found) -> float:
     """Root mean square of z over all episodes: 1 for noise from p(x)."""
     return sqrt(run.mean_square_z)

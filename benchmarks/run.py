@@ -1,5 +1,6 @@
 """Measure everything that is promised about speed, and write benchmarks/latest.json."""
 
+from difs_sampling import difs_sampling_figures
 from figures import ROOT, show, write
 from planner import planner_figures
 from service import service_figures
@@ -12,6 +13,7 @@ def main() -> None:
         "cli_help_s": cli_help(),
         "worker_ready_s": worker_ready(),
         **planner_figures(),
+        **difs_sampling_figures(),
         **service_figures(),
     }
     write(ROOT / "benchmarks" / "latest.json", figures)

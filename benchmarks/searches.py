@@ -43,13 +43,17 @@ class Crash(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What came of a campaign, and what its learner knew in the end."""
+    """What came of a campaign, and what its learner knew in the end.
+
+    `mean_square_z` and `log_p_per_step` are over all steps of all episodes, failures or not.
+    """
 
     spec: CampaignSpec
     crashed: tuple[bool, ...]
     crashes: tuple[Crash, ...]
     robustness_m: tuple[float, ...]
     mean_square_z: float
+    log_p_per_step: float
     trained_episodes: int | None
     state: bytes
 
@@ -68,6 +72,7 @@ def search(spec: CampaignSpec, earlier: Found | None = None) -> Found:
         crashes=tuple(crash(result) for result in results if result.is_failure),
         robustness_m=tuple(one.measures.robustness_m for one in results if one.measures),
         mean_square_z=float(np.mean(z.astype(np.float64) ** 2)),
+        log_p_per_step=sum(one.noise.log_probability for one in results) / len(z),
         trained_episodes=getattr(learner, "trained_episodes", None),
         state=learner.state(),
     )

@@ -21,6 +21,7 @@ def campaign(crashed, crashes=()):
         crashes=tuple(crashes),
         robustness_m=tuple(0.0 if one else 10.0 + i for i, one in enumerate(crashed)),
         mean_square_z=4.0,
+        log_p_per_step=-2.0,
         trained_episodes=None,
         state=b"",
     )
@@ -50,7 +51,7 @@ def test_a_campaign_is_told_in_rates_likelihood_and_severity():
     assert learning.log_p_per_step(run) == pytest.approx(-50.0 / 15.0)
     assert learning.log_p_ratio(run) == pytest.approx(50.0 / 40.0)
     assert learning.severity(run) == 60.0
-    assert learning.spread(run) == 2.0
+    assert learning.deviation(run) == 2.0
 
 
 def test_without_a_failure_there_is_nothing_to_tell_of_failures():
@@ -92,3 +93,17 @@ def test_the_picture_has_a_line_for_each_seed_broken_where_nothing_failed():
     assert svg.count('<polyline class="believed"') == 3 + 4
     assert "ast: failure rate" in svg
     assert "300 episodes" in svg
+
+
+def test_the_heuristic_to_beat_is_the_strongest_of_those_as_likely():
+    from heuristics import Tried
+    from learning import over_heuristics
+
+    tried = {
+        "held": [Tried(1.0, 0.0, -2.0, 0.0), Tried(2.0, 0.2, -4.0, 0.0)],
+        "squares": [Tried(1.0, 0.2, -1.0, 0.0), Tried(2.0, 0.6, -3.0, 0.0)],
+    }
+    run = campaign([True, True, True, False])
+    assert over_heuristics(run, tried) == pytest.approx(0.75 / 0.4)
+    never = {"held": [Tried(1.0, 0.0, -2.0, 0.0)]}
+    assert over_heuristics(run, never) is None

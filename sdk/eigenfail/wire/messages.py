@@ -21,7 +21,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.arrays import decode_array, encode_array
 
-PROTOCOL = 2
+PROTOCOL = 3
 """Counts up with every change that an older peer would not understand."""
 
 MAX_MESSAGE_BYTES = 256 * 1024 * 1024

@@ -112,6 +112,12 @@ def to_shape(spec: str) -> Shape:
     return _specs.decode(spec).disturbance.shape
 
 
+def _state_width(found: RowMapping) -> int:
+    """Numbers in a state: those of an older release had fewer."""
+    rows = found["steps"] * LITTLE_ENDIAN_FLOAT.itemsize
+    return len(found["states"]) // rows if rows else len(STATE)
+
+
 def to_result(found: RowMapping, scene: bytes | None = None) -> EpisodeResult:
     """A result from an episode's row, its blobs, and its campaign's spec."""
     states, z, sigma = found["states"], to_floats(found["z"], 2), to_floats(found["sigma"], 2)
@@ -123,7 +129,7 @@ def to_result(found: RowMapping, scene: bytes | None = None) -> EpisodeResult:
         noise=NoiseTrajectory(z, sigma, to_shape(found["spec"])),
         source=found["source"],
         measures=_measures(found),
-        states=None if states is None else to_floats(states, len(STATE)),
+        states=None if states is None else to_floats(states, _state_width(found)),
         scene=None if scene is None else to_scene(scene),
         fault=_fault(found["fault_kind"], found["fault_message"]),
         wall_s=found["wall_s"],

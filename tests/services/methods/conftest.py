@@ -7,12 +7,14 @@ import pytest
 from eigenfail.settings import read_settings
 from eigenfail.testing.toy import Corridor, ToyEngine
 from eigenfail.values import (
+    EpisodeFault,
     EpisodeResult,
     LearnerContext,
     Measures,
     NoiseTrajectory,
     Outcome,
     learner_seed,
+    unrunnable,
 )
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 
@@ -55,6 +57,41 @@ def episode() -> Callable[..., EpisodeResult]:
         return EpisodeResult(**{**given, **changes})
 
     return make
+
+
+class NoiseEngine:
+    """Episodes whose robustness is a function of z, shape (n, steps, 2): n values.
+
+    Args:
+        robustness: of a batch; a failure at or below 0.
+        unrunnable: which z of a batch cannot be run; none by default.
+    """
+
+    def __init__(self, robustness: Any, broken: Any = None) -> None:
+        self._robustness = robustness
+        self._broken = broken or (lambda z: np.zeros(len(z), bool))
+
+    def run(self, tasks: Any) -> Any:
+        z = np.stack([task.source.z for task in tasks]).astype(np.float64)
+        for task, value, broken in zip(tasks, self._robustness(z), self._broken(z), strict=True):
+            if broken:
+                yield unrunnable(task, EpisodeFault("simulator", "told to"))
+                continue
+            yield EpisodeResult(
+                index=task.index,
+                seed=task.seed,
+                outcome=Outcome.SAFE if value > 0.0 else Outcome.COLLISION,
+                steps=len(task.source.z),
+                noise=NoiseTrajectory(task.source.z, np.ones_like(task.source.z)),
+                source=task.source_kind,
+                measures=Measures(max(float(value), 0.0)),
+            )
+
+
+@pytest.fixture
+def noise_engine() -> type[NoiseEngine]:
+    """An engine for a function of noise."""
+    return NoiseEngine
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from eigenfail.errors import LearnerFailed
+from eigenfail.values import STATE
 from eigenfail_services.methods.ast.decisions import Decisions
 from eigenfail_services.methods.ast.fast import FastTrainer
 from eigenfail_services.methods.ast.sb3 import SacTrainer
@@ -27,14 +28,16 @@ OPTIONS = SacOptions(
     seed=3,
 )
 
+OTHER_SEED = msgspec.structs.replace(OPTIONS, seed=4)
+
 
 def transitions(count, seed=0):
     random = np.random.default_rng(seed)
     return Decisions(
-        states=random.normal(size=(count, 6)).astype(np.float32),
+        states=random.normal(size=(count, len(STATE))).astype(np.float32),
         actions=random.uniform(-1, 1, (count, 2)).astype(np.float32),
         rewards=random.uniform(-9000, 0, count).astype(np.float32),
-        next_states=random.normal(size=(count, 6)).astype(np.float32),
+        next_states=random.normal(size=(count, len(STATE))).astype(np.float32),
         ends=(random.uniform(size=count) < 0.2).astype(np.float32),
     )
 
@@ -120,9 +123,9 @@ def test_the_oldest_transitions_make_room(name):
 
 @pytest.mark.parametrize("name", TRAINERS)
 def test_the_first_policy_depends_on_the_seed_alone(name):
-    other = msgspec.structs.replace(OPTIONS, seed=4)
     weights = [
-        make_trainer(name, options).policy(0).mean.weight for options in (OPTIONS, OPTIONS, other)
+        make_trainer(name, options).policy(0).mean.weight
+        for options in (OPTIONS, OPTIONS, OTHER_SEED)
     ]
     np.testing.assert_array_equal(weights[0], weights[1])
     assert not np.array_equal(weights[0], weights[2])
@@ -134,3 +137,21 @@ def test_the_fast_trainer_ends_on_a_nan():
     trainer.critics.weights[3] = np.nan
     with pytest.raises(LearnerFailed, match="diverged"):
         trainer.train(1, draw=1)
+
+
+@pytest.mark.parametrize("name", TRAINERS)
+def test_a_trainer_adopts_networks_and_nothing_else(name):
+    first, second = make_trainer(name, OPTIONS), make_trainer(name, OTHER_SEED)
+    first.add(transitions(60))
+    first.train(5, draw=1)
+    second.adopt(first.arrays())
+    np.testing.assert_array_equal(second.policy(0).mean.weight, first.policy(0).mean.weight)
+    fresh = {key: array.shape for key, array in make_trainer(name, OPTIONS).arrays().items()}
+    assert {key: array.shape for key, array in second.arrays().items()} == fresh
+
+
+@pytest.mark.parametrize("name", TRAINERS)
+def test_networks_of_another_shape_are_not_adopted(name):
+    narrow = msgspec.structs.replace(OPTIONS, hidden=(8, 8))
+    with pytest.raises(ValueError, match="should have shape"):
+        make_trainer(name, OPTIONS).adopt(make_trainer(name, narrow).arrays())

@@ -5,6 +5,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
+from eigenfail.contracts import Estimator
 from eigenfail.errors import ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing.toy import Corridor
@@ -18,6 +19,7 @@ from eigenfail.values import (
     learner_seed,
 )
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.methods import archive
 from eigenfail_services.methods.cem.method import CrossEntropyMethod
 from eigenfail_services.methods.cem.proposal import log_weights
 
@@ -95,6 +97,77 @@ def test_points_to_the_likeliest_failure_and_recovers_the_probability_of_a_half_
     assert np.mean(weights[1500:]) == pytest.approx(HalfSpace.probability, rel=0.2)
 
 
+def half_space(p):
+    """Distance to a plane through the noise beyond which lies a share p of all noise."""
+    reach = -NormalDist().inv_cdf(p)
+    return lambda z: reach - z.reshape(len(z), -1).sum(axis=1) / np.sqrt(z[0].size)
+
+
+@pytest.mark.parametrize("p", [1e-3, 1e-4, 1e-5, 1e-6])
+def test_a_proposal_that_is_no_narrower_than_the_noise_tells_the_probability(noise_engine, p):
+    learner = cem(3000, seed=3001, **ESTIMATING)
+    list(run_in_process(Rounds(learner, 0, 3000), noise_engine(half_space(p))))
+    found = learner.estimate()
+    assert isinstance(learner, Estimator)
+    assert found.interval.low <= p <= found.interval.high
+    assert found.interval.high / found.interval.low < 1.7
+    assert found.cv == pytest.approx((1.0 / found.effective - 1.0 / 1400) ** 0.5)
+    assert (found.by, found.episodes, found.problem) == ("importance sampling", 1400, "")
+    assert "knows nothing of failures unlike" in found.note
+
+
+@pytest.mark.parametrize("p", [1e-3, 1e-6])
+def test_a_proposal_that_would_tell_a_wrong_probability_tells_none(noise_engine, p):
+    """In eighty dimensions with the default settings the sum is wrong tenfold and more."""
+    learner = cem(1000, horizon=40, seed=3000)
+    list(run_in_process(Rounds(learner, 0, 1000), noise_engine(half_space(p))))
+    found, sums = learner.estimate(), learner._sums
+    assert np.exp(sums.log_first) / sums.episodes < 0.1 * p
+    assert found.probability is found.interval is found.cv is None
+    assert found.effective < 20
+    assert "a number would be far too small" in found.problem
+    assert "method subset" in found.problem
+
+
+def test_before_half_of_the_budget_is_spent_there_is_nothing_to_tell(noise_engine):
+    learner = cem(100, batch=20)
+    rounds, engine, said = Rounds(learner, 0, 100), noise_engine(half_space(1e-9)), []
+    assert learner.estimate() is None
+    while opened := rounds.open():
+        rounds.complete(list(engine.run(opened[0].tasks)))
+        said.append(learner.estimate())
+    assert [one.episodes for one in said] == [0, 0, 0, 20, 40]
+    assert "second half of the budget" in said[0].problem
+    assert "None of the 40 episodes that count was a failure" in said[-1].problem
+
+
+def test_episodes_that_failed_to_run_do_not_count(noise_engine):
+    def half(z):
+        return np.arange(len(z)) % 2 == 0
+
+    learner = cem(100, batch=20)
+    list(run_in_process(Rounds(learner, 0, 100), noise_engine(half_space(0.5), half)))
+    assert learner.estimate().episodes == 20
+
+
+def test_a_restored_learner_tells_the_same_probability(noise_engine):
+    learner = cem(3000, seed=3000, **ESTIMATING)
+    list(run_in_process(Rounds(learner, 0, 3000), noise_engine(half_space(1e-3))))
+    restored = cem(3000, seed=3000, **ESTIMATING)
+    restored.restore(learner.state())
+    assert restored.estimate() == learner.estimate()
+    assert learner.estimate().probability is not None
+
+
+def test_a_state_without_sums_is_read_as_one_that_has_not_begun_to_count():
+    learner = cem(1000)
+    facts = learner._Facts(3)
+    arrays = {"mean": learner.proposal.mean + 0.5, "std": learner.proposal.std}
+    learner.restore(archive.write("cem", facts, arrays))
+    assert learner.estimate() is None
+    assert (learner.proposal.mean == 0.5).all()
+
+
 def test_fails_a_thousand_times_as_often_as_monte_carlo_in_a_corridor(campaign, prior_failure_rate):
     rate = prior_failure_rate(CORRIDOR)
     assert 0 < rate < 5e-4
@@ -110,6 +183,17 @@ def test_fails_a_thousand_times_as_often_as_monte_carlo_in_a_corridor(campaign, 
 def test_a_budget_that_is_no_multiple_of_the_batch_is_spent_to_the_last_episode():
     _, results = searched(70, batch=30)
     assert [result.index for result in results] == list(range(70))
+
+
+def test_exploits_as_many_draws_as_asked_from_the_proposal_as_it_stands():
+    learner, _ = searched(400, batch=20)
+    known = learner.proposal
+    first, second = (np.stack([s.z for s in learner.exploit(2000).sources]) for _ in range(2))
+    assert learner.proposal is known
+    assert not (first == second).any()
+    np.testing.assert_allclose(first.mean(axis=0), known.mean, atol=5 / np.sqrt(2000))
+    np.testing.assert_allclose(first.std(axis=0), known.std, rtol=0.1)
+    assert np.abs(known.mean).max() > 0.5
 
 
 def test_a_long_search_has_no_larger_state_than_a_short_one():

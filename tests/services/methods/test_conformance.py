@@ -8,11 +8,18 @@ from eigenfail_services.methods.cem.method import CrossEntropyMethod
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.replay import Replay
+from eigenfail_services.methods.subset.method import SubsetMethod
 
 
 class TestMonteCarlo(LearnerSuite):
     method = MonteCarlo
     settings = MappingProxyType({"round_size": 6})
+
+
+class TestSubsetSimulation(LearnerSuite):
+    method = SubsetMethod
+    settings = MappingProxyType({"samples": 20, "round_size": 6})
+    budget = 60
 
 
 class TestReplay(LearnerSuite):

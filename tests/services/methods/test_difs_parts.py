@@ -8,9 +8,10 @@ import torch
 
 from eigenfail.values import Measures, Outcome
 from eigenfail_services.methods.difs import diffusion
+from eigenfail_services.methods.difs.batches import shifted
 from eigenfail_services.methods.difs.model import DiffusionModel
 from eigenfail_services.methods.difs.options import DiffusionOptions, Examples
-from eigenfail_services.methods.difs.trials import FLOOR, SOFTNESS, Trials
+from eigenfail_services.methods.difs.trials import Trials
 
 HORIZON = 6
 
@@ -23,9 +24,9 @@ def model(**changes):
         "weight_decay": 0.0,
         "batch_size": 64,
         "ema": 0.98,
-        "dropout": 0.1,
+        "jitter": 0,
+        "sampler": "ancestral",
         "sampling_steps": 20,
-        "shrink": 1.0,
         "device": "cpu",
         "seed": 0,
     }
@@ -40,35 +41,6 @@ def test_velocity_and_noised_data_are_a_rotation():
     torch.testing.assert_close(torch.sin(angle)[:, None] * x + torch.cos(angle)[:, None] * v, eps)
 
 
-@pytest.mark.parametrize("steps", [1, 3, 20])
-def test_a_moved_normal_is_sampled_exactly_in_any_number_of_steps(steps):
-    mean = torch.tensor([2.0, -1.0, 0.0])
-    generator = torch.Generator().manual_seed(1)
-    start = torch.randn(40_000, 3, generator=generator)
-    samples = diffusion.sample(
-        lambda x, angle: -torch.sin(angle)[:, None] * mean.expand_as(x), start, steps, generator
-    )
-    assert torch.allclose(samples.mean(dim=0), mean, atol=0.03)
-    assert torch.allclose(torch.cov(samples.T), torch.eye(3), atol=0.04)
-
-
-def test_data_of_another_variance_is_approached_as_the_steps_grow():
-    variance = 0.25
-    generator = torch.Generator().manual_seed(2)
-
-    def velocity(x, angle):
-        cos, sin = torch.cos(angle)[:, None], torch.sin(angle)[:, None]
-        # E[v | x_t] for x_0 ~ N(0, variance): a linear function of x_t.
-        return cos * sin * (1.0 - variance) / (cos**2 * variance + sin**2) * x
-
-    errors = []
-    for steps in (5, 20, 80):
-        start = torch.randn(40_000, 1, generator=generator)
-        errors.append(abs(float(diffusion.sample(velocity, start, steps, generator).var()) - 0.25))
-    assert errors[0] > errors[1] > errors[2]
-    assert errors[2] < 0.03
-
-
 def test_the_untrained_model_samples_the_prior():
     z = model().sample(np.full(4000, 0.3, np.float32), guidance=2.0, draw=1)
     assert z.shape == (4000, HORIZON, 2)
@@ -78,40 +50,102 @@ def test_the_untrained_model_samples_the_prior():
     assert np.abs(np.cov(flat.T) - np.eye(2 * HORIZON)).max() < 0.09
 
 
-def test_learns_how_the_mean_depends_on_the_condition_and_fills_unseen_steps_from_the_prior():
-    random = np.random.default_rng(0)
-    condition = random.uniform(0.0, 1.0, 2000).astype(np.float32)
-    z = random.standard_normal((2000, HORIZON, 2)).astype(np.float32)
-    z[:, :3, 0] += 2.0 * (1.0 - condition)[:, None]
-    unseen = np.zeros_like(z)
-    unseen[:, 4:] = 1.0
-    z[:, 4:] = 0.0
-    learner = model(dropout=0.0, learning_rate=1e-2)
-    flat = Examples(z.reshape(2000, -1), unseen.reshape(2000, -1), condition, np.ones(2000))
-    learner.train(flat, steps=600, draw=1)
-    dangerous = learner.sample(np.zeros(2000, np.float32), guidance=0.0, draw=2)
-    harmless = learner.sample(np.ones(2000, np.float32), guidance=0.0, draw=2)
-    assert dangerous[:, :3, 0].mean() == pytest.approx(2.0, abs=0.3)
-    assert harmless[:, :3, 0].mean() == pytest.approx(0.0, abs=0.3)
-    for part in (dangerous[:, 4:], dangerous[:, :4, 1]):
-        assert abs(part.mean()) < 0.15
-        assert part.std() == pytest.approx(1.0, abs=0.1)
-
-
-def test_weights_fall_above_the_threshold_and_never_vanish(episode):
-    trials = Trials(HORIZON, memory=100)
-    trials.add([episode([(0, 0)], r) for r in (0.5, 1.0, 1.0 + 2.0 * SOFTNESS, 500.0)])
-    np.testing.assert_allclose(
-        trials.weights(threshold_m=1.0, scale_m=2.0),
-        [1.0 + FLOOR, 1.0 + FLOOR, np.exp(-1.0) + FLOOR, FLOOR],
-        rtol=1e-6,
+def examples(z, condition=None, unseen=None):
+    count = len(z)
+    return Examples(
+        z=np.asarray(z, np.float32),
+        unseen=np.zeros(z.shape[:2], bool) if unseen is None else unseen,
+        condition=np.zeros(count, np.float32) if condition is None else condition,
+        held_out=np.arange(count) % 5 == 0,
     )
+
+
+def test_the_mean_is_learnt_from_few_and_unseen_steps_are_filled_from_the_prior():
+    random = np.random.default_rng(0)
+    z = random.standard_normal((20, HORIZON, 2))
+    z[:, :3, 0] += 2.0
+    z[:, 4:] = 0.0
+    unseen = np.tile(np.arange(HORIZON) >= 4, (20, 1))
+    learner = model()
+    learner.train(examples(z, unseen=unseen), steps=200, draw=1)
+    samples = learner.sample(np.zeros(4000, np.float32), guidance=0.0, draw=2)
+    np.testing.assert_allclose(samples.mean(axis=0)[:4], z.mean(axis=0)[:4], atol=0.25)
+    assert abs(samples[:, 4:].mean()) < 0.1
+    assert samples[:, 4:].std() == pytest.approx(1.0, abs=0.05)
+
+
+def test_guidance_scales_what_the_condition_adds_to_the_prior():
+    learner = model()
+    learner.train(examples(np.full((20, HORIZON, 2), 2.0)), steps=0, draw=1)
+    for guidance, mean in ((-0.5, 1.0), (0.0, 2.0), (0.5, 3.0)):
+        samples = learner.sample(np.zeros(4000, np.float32), guidance, draw=2)
+        assert samples.mean() == pytest.approx(mean, abs=0.03)
+        assert samples.std() == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_correction_learns_two_modes_where_the_mean_lies_between_them():
+    random = np.random.default_rng(0)
+    z = 0.3 * random.standard_normal((400, HORIZON, 2))
+    z[:, :, 0] += np.where(random.random(400) < 0.5, -1.5, 1.5)[:, None]
+    learner = model()
+    learner.train(examples(z), steps=800, draw=1)
+    side = learner.sample(np.zeros(1000, np.float32), guidance=0.0, draw=2)[..., 0].mean(axis=1)
+    assert float(learner._average.trust) > 0.8
+    assert np.mean(np.abs(side) > 0.9) > 0.85
+    assert 0.35 < np.mean(side > 0.0) < 0.65
+
+
+def test_the_correction_depends_on_the_condition():
+    random = np.random.default_rng(0)
+    condition = (np.arange(600) % 2).astype(np.float32)
+    z = random.standard_normal((600, HORIZON, 2)) + np.where(condition, 1.5, -1.5)[:, None, None]
+    learner = model()
+    learner.train(examples(z, condition), steps=400, draw=1)
+    low, high = (learner.sample(np.full(500, c, np.float32), 0.0, draw=2) for c in (0.0, 1.0))
+    assert low.mean() == pytest.approx(-1.5, abs=0.3)
+    assert high.mean() == pytest.approx(1.5, abs=0.3)
+
+
+def test_accidents_of_few_trajectories_are_not_trusted():
+    horizon, random = 100, np.random.default_rng(0)
+    learner = model(horizon=horizon, width=64)
+    learner.train(examples(random.standard_normal((20, horizon, 2))), steps=300, draw=1)
+    assert float(learner._average.trust) < 0.3
+
+
+def test_a_trajectory_is_shifted_in_time_and_what_moves_in_is_unseen():
+    z = torch.arange(1.0, 5.0)[None, :, None].expand(2, 4, 2)
+    unseen = torch.tensor([[False, False, False, True]] * 2)
+    moved, hidden = shifted(z, unseen, torch.tensor([[1], [-2]]))
+    assert moved[0, 1:, 0].tolist() == [1.0, 2.0, 3.0]
+    assert hidden[0].tolist() == [True, False, False, False]
+    assert moved[1, :2, 0].tolist() == [3.0, 4.0]
+    assert hidden[1].tolist() == [False, True, True, True]
+
+
+def test_jitter_averages_the_mean_over_time():
+    z = np.zeros((10, HORIZON, 2))
+    z[:, 2] = 3.0
+    learner = model(jitter=1)
+    learner.train(examples(z), steps=0, draw=1)
+    mean = learner._average.mean.reshape(HORIZON, 2)[:, 0]
+    assert mean.tolist() == pytest.approx([0.0, 1.0, 1.0, 1.0, 0.0, 0.0])
+
+
+def test_the_elite_are_the_least_robust_and_later_the_likelier_failures(episode):
+    trials = Trials(HORIZON, memory=100)
+    trials.add([episode(np.ones((6, 2)), r) for r in (3.0, 1.0, 2.0, 4.0)])
+    assert trials.elite(2, likely_share=0.5).tolist() == [1, 2]
+    trials.add([episode(np.full((6, 2), size)) for size in (3.0, 1.0, 2.0, 4.0, 1.5, 2.5)])
+    assert sorted(trials.elite(2, likely_share=0.5)) == [6, 8]
+    assert sorted(trials.elite(2, likely_share=0.3)) == [5, 8]
+    assert sorted(trials.elite(2, likely_share=1.0)) == [8, 9]
 
 
 def test_steps_behind_an_episodes_end_are_unseen(episode):
     trials = Trials(4, memory=100)
     trials.add([episode(np.ones((2, 2))), episode(np.ones((4, 2)), 3.0)])
-    np.testing.assert_array_equal(trials.unseen()[..., 0], [[0, 0, 1, 1], [0, 0, 0, 0]])
+    np.testing.assert_array_equal(trials.unseen(), [[0, 0, 1, 1], [0, 0, 0, 0]])
     np.testing.assert_array_equal(trials.z[:, :, 0], [[1, 1, 0, 0], [1, 1, 1, 1]])
 
 

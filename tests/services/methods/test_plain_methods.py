@@ -65,6 +65,10 @@ def test_replay_of_nothing_is_refused_with_a_remedy():
         ("difs", "device", "tpu"),
         ("monte_carlo", "round_size", 0),
         ("replay", "analysis", 0),
+        ("subset", "samples", 19),
+        ("subset", "level_share", 0.6),
+        ("subset", "acceptance", float("nan")),
+        ("subset", "runs", 0),
     ],
 )
 def test_a_setting_outside_its_bounds_is_refused_by_name(method, setting, value):

@@ -103,6 +103,17 @@ class FastTrainer:
             hold=self._options.hold,
         )
 
+    def adopt(self, arrays: Arrays) -> None:
+        """Begin with the networks and the entropy coefficient of another trainer.
+
+        Raises:
+            ValueError: an array is missing or has another shape.
+        """
+        networks = {"actor": self.actor, "critics": self.critics, "targets": self.targets}
+        for name, network in networks.items():
+            network.weights[:] = take(arrays, f"{name}.weights", network.weights.shape)
+        self.entropy[0] = take(arrays, "entropy", self.entropy.shape)[0]
+
     def arrays(self) -> Arrays:
         """Networks, targets, optimizers, entropy coefficient, replay buffer."""
         return {

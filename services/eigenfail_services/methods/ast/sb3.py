@@ -98,6 +98,15 @@ class SacTrainer:
             hold=self._options.hold,
         )
 
+    def adopt(self, arrays: Arrays) -> None:
+        """Begin with the networks and the entropy coefficient of another trainer.
+
+        Raises:
+            ValueError: an array is missing or has another shape.
+        """
+        tensors.load_module("policy", self._model.policy, arrays)
+        tensors.copy_into(self._entropy(), arrays, "entropy")
+
     def arrays(self) -> Arrays:
         """Networks, targets, optimizers, entropy coefficient, replay buffer."""
         model, buffer, size = self._model, self._buffer, self._buffer.size()

@@ -67,6 +67,15 @@ class Trainer(Protocol):
     def policy(self, version: int) -> Policy:
         """The actor as it stands."""
 
+    def adopt(self, arrays: Arrays) -> None:
+        """Begin with the networks and the entropy coefficient of another trainer of this kind.
+
+        Optimizers and replay buffer stay as they are.
+
+        Raises:
+            ValueError: an array is missing or has another shape.
+        """
+
     def arrays(self) -> Arrays:
         """Everything needed to go on bit for bit."""
 

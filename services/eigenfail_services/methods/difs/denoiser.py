@@ -3,14 +3,8 @@
 import torch
 from torch import Tensor, nn
 
-CONDITION = 2
-
-TIME = 4
-
-
-def condition_features(condition: Tensor, known: Tensor) -> Tensor:
-    """Whether the condition (robustness ÷ its median) is known, and its value, shape (n, 2)."""
-    return torch.stack([known, known * condition], dim=1)
+FEATURES = 5
+"""Four of the diffusion time, and the condition."""
 
 
 def time_features(angle: Tensor) -> Tensor:
@@ -20,38 +14,43 @@ def time_features(angle: Tensor) -> Tensor:
 
 
 class Denoiser(nn.Module):
-    """v(x_t, t, r) = -sin(t) · (1 - r) · shift + correction(x_t, t, r), zero before training.
+    """v(x_t, t, r) = -sin(t) · mean + trust · correction(x_t, t, r), zero before training.
 
     For a standard normal v is zero, so the untrained network samples the prior exactly; for a
-    normal with its mean moved by m(r), v = -sin(t) · m(r) exactly. The first term is that mean,
-    in proportion to how far robustness lies below its median: one direction, because every
-    further freedom learns the accidents of a few dozen trajectories. The second term learns what
-    the mean does not explain: widths, several modes.
+    normal with its mean moved by m, v = -sin(t) · m exactly. The first term is that mean, which has
+    a closed form. The second term learns what it does not explain: widths, several modes, how they
+    depend on robustness. It counts as far as it holds for trajectories that it was not trained on:
+    of a few dozen with hundreds of components it would else learn the accidents.
 
     Args:
         size: number of components of a trajectory.
         width: of the hidden layers.
     """
 
+    mean: Tensor
+    trust: Tensor
+
     def __init__(self, size: int, width: int) -> None:
         super().__init__()
-        self.shift = nn.Linear(1, size, bias=False)
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("trust", torch.zeros(()))
         self.correction = nn.Sequential(
-            nn.Linear(size + TIME + CONDITION, width),
+            nn.Linear(size + FEATURES, width),
             nn.SiLU(),
             nn.Linear(width, width),
             nn.SiLU(),
             nn.Linear(width, size),
         )
-        for output in (self.shift, self.correction[-1]):
-            for parameter in output.parameters():
-                nn.init.zeros_(parameter)
+        for parameter in self.correction[-1].parameters():
+            nn.init.zeros_(parameter)
 
-    def forward(self, x: Tensor, angle: Tensor, condition: Tensor, known: Tensor) -> Tensor:
-        """v, shape (n, size); `known` is 0 where the condition shall not be looked at, else 1."""
-        features = condition_features(condition, known)
-        mean: Tensor = self.shift((known * (1.0 - condition))[:, None])
-        seen = torch.cat([x, time_features(angle), features], dim=1)
+    def forward(self, x: Tensor, angle: Tensor, condition: Tensor) -> Tensor:
+        """v for x of shape (n, size), angle and condition of shape (n,); shape (n, size)."""
+        corrected = self.correct(x, angle, condition)
+        return self.trust * corrected - torch.sin(angle)[:, None] * self.mean
+
+    def correct(self, x: Tensor, angle: Tensor, condition: Tensor) -> Tensor:
+        """The correction alone, shape (n, size)."""
+        seen = torch.cat([x, time_features(angle), condition[:, None]], dim=1)
         correction: Tensor = self.correction(seen)
-        v: Tensor = correction - torch.sin(angle)[:, None] * mean
-        return v
+        return correction

@@ -1,7 +1,8 @@
 """DiFS as a learner (Delecki et al. 2025): train, lower the threshold, sample, train again."""
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from math import exp
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -16,85 +17,23 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.difs.options import DiffusionOptions, Examples
-from eigenfail_services.methods.difs.trials import SMALLEST_SCALE_M, Trials
+from eigenfail_services.methods.difs.options import Examples
+from eigenfail_services.methods.difs.schedules import SCHEDULES, planned
+from eigenfail_services.methods.difs.settings import DifsSettings
+from eigenfail_services.methods.difs.trials import Trials
 
 MODEL = "eigenfail_services.methods.difs.model:DiffusionModel"
 """A path, not a class: torch is imported once a learner is made."""
 
-Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+SMALLEST_SCALE_M = 1e-3
 
+GUIDANCE_GAIN = 0.3
+SMALLEST_GUIDANCE, LARGEST_GUIDANCE = -0.7, 0.2
 
-class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of `difs`."""
+HELD_OUT_EVERY = 5
 
-    initial_share: Annotated[
-        Share, msgspec.Meta(description="share of the episodes drawn from the prior at the start")
-    ] = 0.4
-    final_share: Annotated[
-        Share, msgspec.Meta(description="share of the episodes sampled at robustness 0 at the end")
-    ] = 0.2
-    round_size: Annotated[
-        int, msgspec.Meta(ge=1, le=100_000, description="episodes between two trainings")
-    ] = 50
-    quantile: Annotated[
-        float,
-        msgspec.Meta(gt=0.0, lt=1.0, description="share of the least robust that is aimed at"),
-    ] = 0.3
-    first_steps: Annotated[
-        int, msgspec.Meta(ge=1, le=1_000_000, description="gradient steps of the first training")
-    ] = 1500
-    steps: Annotated[
-        int, msgspec.Meta(ge=1, le=1_000_000, description="gradient steps of each later training")
-    ] = 500
-    guidance: Annotated[
-        float, msgspec.Meta(ge=0.0, le=10.0, description="weight of the condition in the rounds")
-    ] = 0.3
-    final_guidance: Annotated[
-        float, msgspec.Meta(ge=0.0, le=10.0, description="weight of the condition at the end")
-    ] = 0.5
-    shrink: Annotated[
-        float, msgspec.Meta(gt=0.0, le=1.0, description="how far samples may leave the prior")
-    ] = 0.8
-    width: Annotated[
-        int, msgspec.Meta(ge=1, le=4096, description="of the denoiser's hidden layers")
-    ] = 64
-    learning_rate: Annotated[float, msgspec.Meta(gt=0.0, le=1.0, description="of AdamW")] = 1e-3
-    weight_decay: Annotated[float, msgspec.Meta(ge=0.0, le=1.0, description="of AdamW")] = 1e-5
-    batch_size: Annotated[
-        int, msgspec.Meta(ge=1, le=100_000, description="trajectories in a gradient step")
-    ] = 64
-    ema: Annotated[
-        float, msgspec.Meta(ge=0.0, lt=1.0, description="decay of the averaged weights")
-    ] = 0.995
-    dropout: Annotated[
-        Share, msgspec.Meta(description="how often training hides the condition, for guidance")
-    ] = 0.15
-    sampling_steps: Annotated[
-        int, msgspec.Meta(ge=1, le=10_000, description="steps of the sampler")
-    ] = 20
-    memory: Annotated[
-        int, msgspec.Meta(ge=10, le=1_000_000, description="trajectories that are remembered")
-    ] = 10_000
-    device: Annotated[
-        Literal["auto", "cpu", "cuda"], msgspec.Meta(description="auto: cuda where there is one")
-    ] = "auto"
-
-    def options(self, horizon: int, seed: int) -> DiffusionOptions:
-        """What concerns the model alone."""
-        return DiffusionOptions(
-            horizon=horizon,
-            width=self.width,
-            learning_rate=self.learning_rate,
-            weight_decay=self.weight_decay,
-            batch_size=self.batch_size,
-            ema=self.ema,
-            dropout=self.dropout,
-            sampling_steps=self.sampling_steps,
-            shrink=self.shrink,
-            device=self.device,
-            seed=seed,
-        )
+EXPLOITS = 2**32
+"""Draws from here on are those of `exploit`: learning goes on as if there had been none."""
 
 
 class DiffusionFailureSampling:
@@ -107,10 +46,12 @@ class DiffusionFailureSampling:
     Settings = DifsSettings
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """Counters, threshold and scale of the robustness [m]."""
+        """Counters, threshold and scale of the robustness [m], weight of the condition."""
 
+        guidance: float
         proposed: Annotated[int, msgspec.Meta(ge=0)] = 0
         draws: Annotated[int, msgspec.Meta(ge=0)] = 0
+        exploits: Annotated[int, msgspec.Meta(ge=0)] = 0
         threshold_m: float | None = None
         scale_m: float = 1.0
 
@@ -119,24 +60,30 @@ class DiffusionFailureSampling:
     def __init__(self, context: LearnerContext, settings: DifsSettings) -> None:
         self._settings = settings
         self._seed = context.seed
+        self._schedule = SCHEDULES[settings.schedule]
         self._model = load_class(MODEL)(settings.options(context.horizon, context.seed))
         self._trials = Trials(context.horizon, settings.memory)
-        self._initial = max(1, round(settings.initial_share * context.episodes))
-        self._budget = context.episodes
-        self._final = context.episodes - round(settings.final_share * context.episodes)
-        self._facts = self._Facts()
+        self._facts = self._Facts(settings.guidance)
+        if context.experience is not None:
+            self._trials.recall(context.experience)
+            self._lower(self._trials)
+        plan = planned(context.episodes, settings)
+        self._plan = msgspec.structs.replace(plan, initial=max(0, plan.initial - len(self._trials)))
 
     def propose(self, n: int) -> Proposal:
         """Draws from the prior at first, samples below the threshold then, at 0 in the end."""
-        proposed = self._facts.proposed
-        if proposed < self._initial:
-            count = min(n, self._initial - proposed)
+        proposed, plan = self._facts.proposed, self._plan
+        if proposed < plan.initial:
+            count = min(n, plan.initial - proposed)
             sources: tuple[PriorSource | TrajectorySource, ...] = (PriorSource(),) * count
-        elif proposed < self._final:
-            count = min(n, self._settings.round_size, self._final - proposed)
-            sources = self._sampled(self._conditions(count), self._settings.guidance)
+        elif proposed < plan.final:
+            self._begin()
+            count = min(n, plan.round_size, plan.final - proposed)
+            conditions = self._conditions(count)
+            sources = self._sampled(conditions, self._facts.guidance, self._next_draw())
         else:
-            sources = self._sampled(np.zeros(n, np.float32), self._settings.final_guidance)
+            self._begin()
+            sources = self._at_zero(n, self._next_draw())
         self._note(proposed=proposed + len(sources))
         return Proposal(sources)
 
@@ -148,13 +95,20 @@ class DiffusionFailureSampling:
         """
         fresh = Trials(self._trials.z.shape[1], len(results))
         fresh.add(results)
+        if not len(fresh):
+            return
+        sampled = self._facts.draws > 0
         self._trials.add(results)
-        if len(fresh):
-            self._lower(fresh)
-        if len(self._trials) and self._facts.proposed < self._budget:
-            first = self._facts.draws == 0
-            steps = self._settings.first_steps if first else self._settings.steps
-            self._model.train(self._examples(), steps, self._next_draw())
+        self._lower(fresh)
+        if sampled:
+            self._steer(float(np.mean(fresh.robustness <= 0.0)))
+        if self._facts.proposed <= self._plan.final:
+            self._train()
+
+    def exploit(self, n: int) -> Proposal:
+        """Samples at robustness 0 from what is known now; nothing is learnt from them."""
+        self._note(exploits=self._facts.exploits + 1)
+        return Proposal(self._at_zero(n, EXPLOITS + self._facts.exploits))
 
     def state(self) -> bytes:
         """Model, optimizer, trajectories, threshold and counters."""
@@ -182,6 +136,16 @@ class DiffusionFailureSampling:
         self._trials.robustness = arrays["robustness"]
         self._facts = facts
 
+    def _begin(self) -> None:
+        """Where nothing was drawn from the prior, what earlier campaigns saw is learnt first."""
+        if self._facts.draws == 0 and len(self._trials):
+            self._train()
+
+    def _train(self) -> None:
+        first = self._facts.draws == 0
+        steps = self._settings.first_steps if first else self._settings.steps
+        self._model.train(self._examples(), steps, self._next_draw())
+
     def _lower(self, fresh: Trials) -> None:
         """The threshold follows the newest round's quantile, downwards only."""
         reached = fresh.quantile(self._settings.quantile)
@@ -192,25 +156,42 @@ class DiffusionFailureSampling:
         else:
             self._note(threshold_m=min(before, reached))
 
+    def _steer(self, rate: float) -> None:
+        """Once the elite are failures: guidance down where more fail than need to, else up.
+
+        The samples stay as likely as the failure rate aimed at allows.
+        """
+        if np.count_nonzero(self._trials.robustness <= 0.0) >= self._settings.elite:
+            change = exp(GUIDANCE_GAIN * (self._settings.target_rate - rate))
+            moved = (1.0 + self._facts.guidance) * change - 1.0
+            most = max(LARGEST_GUIDANCE, self._settings.guidance)
+            self._note(guidance=min(max(moved, SMALLEST_GUIDANCE), most))
+
     def _conditions(self, count: int) -> Floats:
         """Robustness ÷ scale to ask for: uniform up to the threshold, a share of it at 0."""
         threshold = (self._facts.threshold_m or 0.0) / self._facts.scale_m
         random = np.random.default_rng([self._seed, self._next_draw()])
         return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
 
-    def _sampled(self, conditions: Floats, guidance: float) -> tuple[TrajectorySource, ...]:
-        samples = self._model.sample(conditions, guidance, self._next_draw())
+    def _at_zero(self, n: int, draw: int) -> tuple[TrajectorySource, ...]:
+        given = self._settings.final_guidance
+        guidance = self._facts.guidance if given is None else given
+        return self._sampled(np.zeros(n, np.float32), guidance, draw)
+
+    def _sampled(
+        self, conditions: Floats, guidance: float, draw: int
+    ) -> tuple[TrajectorySource, ...]:
+        samples = self._model.sample(conditions, guidance, draw)
         return tuple(TrajectorySource(z) for z in samples)
 
     def _examples(self) -> Examples:
         trials, facts = self._trials, self._facts
-        count = len(trials)
-        unseen = np.broadcast_to(trials.unseen(), trials.z.shape)
+        rows = self._schedule.chosen(trials, facts.threshold_m or 0.0, self._settings)
         return Examples(
-            z=trials.z.reshape(count, -1),
-            unseen=unseen.reshape(count, -1).astype(np.float32),
-            condition=trials.robustness / np.float32(facts.scale_m),
-            weights=trials.weights(facts.threshold_m or 0.0, facts.scale_m),
+            z=trials.z[rows],
+            unseen=trials.unseen()[rows],
+            condition=trials.robustness[rows] / np.float32(facts.scale_m),
+            held_out=rows % HELD_OUT_EVERY == 0,
         )
 
     def _next_draw(self) -> int:

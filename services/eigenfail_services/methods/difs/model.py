@@ -1,12 +1,12 @@
 """The conditional diffusion model with its training state."""
 
 from copy import deepcopy
+from itertools import chain
 from math import pi
-from typing import Any
 
-import msgspec
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from eigenfail.errors import LearnerFailed
@@ -14,15 +14,17 @@ from eigenfail.values import Floats
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Arrays
 from eigenfail_services.methods.difs import diffusion
+from eigenfail_services.methods.difs.batches import Noised, Trajectories, shifted
 from eigenfail_services.methods.difs.denoiser import Denoiser
 from eigenfail_services.methods.difs.options import DiffusionOptions, Examples
+from eigenfail_services.methods.difs.samplers import SAMPLERS
 
-CORRECTION_PACE = 0.2
-"""The correction learns slower than the mean: it would memorise a few hundred trajectories."""
+JUDGED = 1024
+"""How many noised trajectories say how far the correction can be trusted."""
 
 
 class DiffusionModel:
-    """Learns p(x | r) from weighted examples and samples from it.
+    """Learns p(x | r) from examples and samples from it.
 
     Every use takes the number of a draw, on which its randomness depends alone.
     """
@@ -42,44 +44,44 @@ class DiffusionModel:
         Raises:
             LearnerFailed: a weight became NaN or infinite.
         """
-        random = np.random.default_rng([self._options.seed, draw])
-        generator = self._generator(random)
-        x0, unseen, condition = (
-            self._tensor(part) for part in msgspec.structs.astuple(examples)[:3]
-        )
-        share = examples.weights / examples.weights.sum()
-        rows = random.choice(len(share), (steps, self._options.batch_size), p=share)
-        for batch in torch.from_numpy(rows).to(self._device):
-            self._step(x0[batch], unseen[batch], condition[batch], generator)
-        if not tensors.all_finite(self._average.parameters()):
+        generator = self._generator(draw)
+        given = self._tensors(examples)
+        held_out = torch.from_numpy(examples.held_out).to(self._device)
+        self._centre(given)
+        self._correct(given.only(~held_out), steps, generator)
+        self._judge(given.only(held_out), generator)
+        if not tensors.all_finite(chain(self._average.parameters(), self._average.buffers())):
             raise LearnerFailed(
                 "The diffusion model diverged: a weight became NaN or infinite.",
                 "Lower learning_rate and start the campaign anew.",
             )
 
     def sample(self, condition: Floats, guidance: float, draw: int) -> Floats:
-        """Trajectories for conditions (robustness ÷ scale), shape (n, horizon, 2).
+        """Trajectories for conditions (robustness ÷ scale), shape (n, horizon, 2). [sigma]
+
+        The weight w of classifier-free guidance gives (1 + w) · v(r) - w · v(nothing known); the
+        latter is that of the prior, and zero. So w below 0 leads back towards the prior.
 
         Args:
             condition: one for each trajectory, shape (n,).
-            guidance: weight w of classifier-free guidance: (1 + w) · v(r) - w · v(unknown).
+            guidance: w, at least -1.
             draw: number of the draw.
+
+        Raises:
+            LearnerFailed: the model does not give finite numbers.
         """
-        options = self._options
-        generator = self._generator(np.random.default_rng([options.seed, draw]))
-        wanted = self._tensor(condition)
-        known, unknown = torch.ones_like(wanted), torch.zeros_like(wanted)
+        generator, wanted = self._generator(draw), self._tensor(condition)
 
         def velocity(x: Tensor, angle: Tensor) -> Tensor:
-            conditional = self._average(x, angle, wanted, known)
-            free = self._average(x, angle, wanted, unknown)
-            guided: Tensor = (1.0 + guidance) * conditional - guidance * free
-            return options.shrink * guided
+            guided: Tensor = (1.0 + guidance) * self._average(x, angle, wanted)
+            return guided
 
+        options = self._options
         start = self._randn((len(condition), options.horizon * 2), generator)
         with torch.no_grad():
-            x = diffusion.sample(velocity, start, options.sampling_steps, generator)
-        return x.cpu().numpy().reshape(len(condition), options.horizon, 2)
+            sample = SAMPLERS[options.sampler]
+            x = sample(velocity, start, options.sampling_steps, generator)
+        return _finite(x.cpu().numpy().reshape(len(condition), options.horizon, 2))
 
     def arrays(self) -> Arrays:
         """Weights, their averages and the optimizer's moments."""
@@ -99,28 +101,68 @@ class DiffusionModel:
         tensors.load_module("average", self._average, arrays)
         tensors.load_adam("optimizer", self._optimizer, arrays)
 
-    def _step(
-        self, x0: Tensor, unseen: Tensor, condition: Tensor, generator: torch.Generator
-    ) -> None:
-        """One gradient step of the velocity's mean squared error, and the averages' step behind."""
-        n = len(x0)
-        fresh, eps = self._randn(x0.shape, generator), self._randn(x0.shape, generator)
-        uniform = torch.rand((2, n), generator=generator, device=self._device)
-        angle, known = uniform[0] * (pi / 2), (uniform[1] >= self._options.dropout).float()
-        filled = torch.where(unseen > 0, fresh, x0)
-        predicted = self._denoiser(diffusion.diffuse(filled, eps, angle), angle, condition, known)
-        loss = torch.nn.functional.mse_loss(predicted, diffusion.velocity(filled, eps, angle))
-        self._optimizer.zero_grad()
-        torch.autograd.backward(loss)
-        self._optimizer.step()
-        with torch.no_grad():
-            torch._foreach_lerp_(
-                list(self._average.parameters()),
-                list(self._denoiser.parameters()),
-                1.0 - self._options.ema,
+    def _centre(self, given: Trajectories) -> None:
+        """The mean over all trajectories and shifts; where nothing was seen it is the prior's."""
+        most = self._options.jitter
+        total = torch.zeros_like(given.z[0])
+        for by in range(-most, most + 1):
+            z, unseen = shifted(
+                given.z, given.unseen, torch.full_like(given.condition[:, None], by)
             )
+            total += torch.where(unseen[..., None], 0.0, z).mean(dim=0)
+        for network in (self._denoiser, self._average):
+            network.mean.copy_(total.flatten() / (2 * most + 1))
 
-    def _generator(self, random: np.random.Generator) -> torch.Generator:
+    def _correct(self, given: Trajectories, steps: int, generator: torch.Generator) -> None:
+        """Gradient steps of the velocity's mean squared error, and the averages' behind them."""
+        for _ in range(steps if len(given.z) else 0):
+            noised = self._noised(given, self._options.batch_size, generator)
+            predicted = self._denoiser.correct(noised.x, noised.angle, noised.condition)
+            loss = torch.nn.functional.mse_loss(predicted, noised.left)
+            self._optimizer.zero_grad()
+            torch.autograd.backward(loss)
+            self._optimizer.step()
+            with torch.no_grad():
+                torch._foreach_lerp_(
+                    list(self._average.parameters()),
+                    list(self._denoiser.parameters()),
+                    1.0 - self._options.ema,
+                )
+
+    def _judge(self, held_out: Trajectories, generator: torch.Generator) -> None:
+        """Trust the correction as far as it explains trajectories that it never saw.
+
+        trust = <left, correction> / <correction, correction>, within 0 and 1: the least squares.
+        """
+        trust = torch.zeros((), device=self._device)
+        if len(held_out.z):
+            with torch.no_grad():
+                noised = self._noised(held_out, JUDGED, generator)
+                correction = self._average.correct(noised.x, noised.angle, noised.condition)
+                size = (correction**2).sum().clamp_min(torch.finfo(correction.dtype).tiny)
+                trust = ((noised.left * correction).sum() / size).clamp(0.0, 1.0)
+        for network in (self._denoiser, self._average):
+            network.trust.copy_(trust)
+
+    def _noised(self, given: Trajectories, count: int, generator: torch.Generator) -> Noised:
+        """Trajectories drawn, shifted and diffused, and what the mean leaves of their velocity."""
+        rows = torch.randint(len(given.z), (count,), generator=generator, device=self._device)
+        drawn, most = given.only(rows), self._options.jitter
+        size = (count, 1)
+        by = torch.randint(-most, most + 1, size, generator=generator, device=self._device)
+        z, unseen = shifted(drawn.z, drawn.unseen, by)
+        x0 = torch.where(unseen[..., None], self._randn(z.shape, generator), z).flatten(1)
+        eps = self._randn(x0.shape, generator)
+        angle = torch.rand(count, generator=generator, device=self._device) * (pi / 2)
+        left = diffusion.velocity(x0, eps, angle) + torch.sin(angle)[:, None] * self._denoiser.mean
+        return Noised(diffusion.diffuse(x0, eps, angle), angle, drawn.condition, left)
+
+    def _tensors(self, examples: Examples) -> Trajectories:
+        unseen = torch.from_numpy(examples.unseen).to(self._device)
+        return Trajectories(self._tensor(examples.z), unseen, self._tensor(examples.condition))
+
+    def _generator(self, draw: int) -> torch.Generator:
+        random = np.random.default_rng([self._options.seed, draw])
         return torch.Generator(self._device).manual_seed(int(random.integers(2**63)))
 
     def _randn(self, shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
@@ -130,13 +172,22 @@ class DiffusionModel:
         return torch.from_numpy(np.array(array, np.float32)).to(self._device)
 
 
+def _finite(samples: NDArray[np.float32]) -> NDArray[np.float32]:
+    if not np.isfinite(samples).all():
+        raise LearnerFailed(
+            "The diffusion model sampled numbers that are not finite.",
+            "Lower learning_rate or guidance and start the campaign anew.",
+        )
+    return samples
+
+
 def _optimizer(denoiser: Denoiser, options: DiffusionOptions) -> torch.optim.AdamW:
-    parts = ((denoiser.shift, 1.0), (denoiser.correction, CORRECTION_PACE))
-    groups: list[dict[str, Any]] = [
-        {"params": list(part.parameters()), "lr": options.learning_rate * pace}
-        for part, pace in parts
-    ]
-    return torch.optim.AdamW(groups, weight_decay=options.weight_decay, fused=True)
+    return torch.optim.AdamW(
+        denoiser.parameters(),
+        lr=options.learning_rate,
+        weight_decay=options.weight_decay,
+        fused=True,
+    )
 
 
 def _device(name: str) -> torch.device:

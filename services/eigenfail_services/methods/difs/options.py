@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from eigenfail.values import Floats
 
 
-class DiffusionOptions(msgspec.Struct, frozen=True):
+class DiffusionOptions(msgspec.Struct, frozen=True, kw_only=True):
     """Settings of the diffusion model; see `DifsSettings`."""
 
     horizon: int
@@ -16,9 +16,9 @@ class DiffusionOptions(msgspec.Struct, frozen=True):
     weight_decay: float
     batch_size: int
     ema: float
-    dropout: float
+    jitter: int
+    sampler: str
     sampling_steps: int
-    shrink: float
     device: str
     seed: int
 
@@ -27,13 +27,13 @@ class Examples(msgspec.Struct, frozen=True, eq=False):
     """Training data.
 
     Attributes:
-        z: trajectories, shape (n, horizon · 2).
-        unseen: 1 where a trajectory has no noise of its own, shape (n, horizon · 2).
+        z: trajectories, shape (n, horizon, 2). [sigma]
+        unseen: whether a trajectory has no noise of its own in a step, shape (n, horizon).
         condition: robustness ÷ scale, shape (n,).
-        weights: how often each is drawn, relative to the others, shape (n,).
+        held_out: whether the network shall not be trained on it, but judged by it, shape (n,).
     """
 
     z: Floats
-    unseen: Floats
+    unseen: NDArray[np.bool_]
     condition: Floats
-    weights: NDArray[np.float64]
+    held_out: NDArray[np.bool_]

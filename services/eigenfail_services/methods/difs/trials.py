@@ -1,19 +1,12 @@
 """What DiFS has seen: noise trajectories and their robustness."""
 
 from collections.abc import Sequence
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import EpisodeResult, Floats, Outcome
-
-SOFTNESS = 0.15
-"""Scale of the weight's fall above the threshold, in units of the prior's median robustness."""
-
-FLOOR = 0.02
-"""What even the safest trajectory weighs: the model keeps knowing what is ordinary."""
-
-SMALLEST_SCALE_M = 1e-3
+from eigenfail.values import EpisodeResult, Experience, Floats, Outcome
 
 
 class Trials:
@@ -37,36 +30,63 @@ class Trials:
         """Keep the episodes that were run to their end."""
         for result in results:
             if result.outcome is not Outcome.FAILED and result.measures is not None:
-                self._append(result.noise.z, result.measures.robustness_m)
-        if len(self) > self._memory:
-            kept = np.sort(np.argsort(self.robustness, kind="stable")[: self._memory])
-            self.z, self.steps, self.robustness = (
-                self.z[kept],
-                self.steps[kept],
-                self.robustness[kept],
-            )
+                self._append(
+                    _padded(result.noise.z, self.z.shape[1])[None],
+                    np.array([len(result.noise.z)]),
+                    np.array([result.measures.robustness_m]),
+                )
+        self._forget()
+
+    def recall(self, experience: Experience) -> None:
+        """Keep what earlier campaigns saw."""
+        self._append(experience.z, experience.steps, experience.robustness_m)
+        self._forget()
 
     def quantile(self, share: float) -> float:
         """The robustness below which that share of the trajectories lies; inf without any. [m]"""
         return float(np.quantile(self.robustness, share)) if len(self) else float("inf")
 
-    def weights(self, threshold_m: float, scale_m: float) -> NDArray[np.float64]:
-        """How much each trajectory counts in training: all of them, the safer the less."""
-        beyond = np.maximum(self.robustness.astype(np.float64) - threshold_m, 0.0)
-        return np.exp(-beyond / (SOFTNESS * scale_m)) + FLOOR
+    def elite(self, count: int, likely_share: float) -> NDArray[np.intp]:
+        """The least robust; once failures are more than `count`, the likelier of the newest.
+
+        Which of two failures is likelier is read along their common mean m, by -z·m: that is
+        log p - log q for a proposal q = N(m, 1), up to a constant. By log p alone the noise in
+        directions that do not matter would decide. The newest come from proposals that have
+        lost more of what does not matter.
+
+        Args:
+            count: how many there shall be.
+            likely_share: what share of the newest failures they are.
+        """
+        failures = np.flatnonzero(self.robustness <= 0.0)
+        if len(failures) <= count:
+            return np.argsort(self.robustness, kind="stable")[:count]
+        newest = failures[-ceil(count / likely_share) :]
+        z = self.z[newest].reshape(len(newest), -1)
+        return newest[np.argsort(z @ z.mean(axis=0), kind="stable")[:count]]
 
     def unseen(self) -> NDArray[np.bool_]:
-        """Which steps lie behind an episode's end, shape (n, horizon, 1).
+        """Which steps lie behind an episode's end, shape (n, horizon).
 
         No noise was injected there, and none would have mattered: given a failure they are
         distributed as the prior, and training fills them with fresh draws from it. Zeros would
         teach the model to be too narrow there.
         """
-        return (np.arange(self.z.shape[1]) >= self.steps[:, None])[..., None]
+        return np.arange(self.z.shape[1]) >= self.steps[:, None]
 
-    def _append(self, z: Floats, robustness_m: float) -> None:
-        padded = np.zeros((1, *self.z.shape[1:]), np.float32)
-        padded[0, : len(z)] = z
-        self.z = np.concatenate([self.z, padded])
-        self.steps = np.append(self.steps, len(z))
-        self.robustness = np.append(self.robustness, np.float32(robustness_m))
+    def _append(self, z: Floats, steps: NDArray[np.number], robustness: Floats) -> None:
+        self.z = np.concatenate([self.z, z.astype(np.float32)])
+        self.steps = np.concatenate([self.steps, steps.astype(np.int64)])
+        self.robustness = np.concatenate([self.robustness, robustness.astype(np.float32)])
+
+    def _forget(self) -> None:
+        if len(self) > self._memory:
+            kept = np.sort(np.argsort(self.robustness, kind="stable")[: self._memory])
+            self.z, self.steps = self.z[kept], self.steps[kept]
+            self.robustness = self.robustness[kept]
+
+
+def _padded(z: Floats, horizon: int) -> Floats:
+    padded = np.zeros((horizon, 2), np.float32)
+    padded[: len(z)] = z
+    return padded

@@ -1,0 +1,152 @@
+"""A large reference sample of p(x | failure), its modes, and how many of them a method finds.
+
+By brute force: of 7,000,000 draws from p(x) a compiled model of the planner, which is not part of
+the project, called some hundred failures. `true_failures.json` holds the numbers of those that
+the planner itself confirmed. The noise is drawn again from the seed, and run again here; what does
+not crash is no part of the reference. Subset simulation will not do: with 1000 samples on a level
+all failures descended from one first draw, and its groups are then groups of kinship.
+
+K-means finds groups in pure noise too (`analysis.clusters`). Where the silhouette of the reference
+does not exceed that of noise of the same covariance, the reference has one mode, and `coverage` is
+1 for whoever finds any failure. The groups of the best partition are still a ruler that is fixed
+beforehand: `spread` says how many of them a method reaches.
+
+`python benchmarks/mode_reference.py` tells the modes on cut_in.
+"""
+
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from crew import Crew, crew, horizon, staged
+from figures import ROOT
+from numpy.typing import NDArray
+
+from eigenfail import plugins
+from eigenfail.values import Floats
+from eigenfail_services.analysis import clusters, components
+
+Array = NDArray[np.float64]
+
+COMPONENTS = 5
+LEAST_SHARE = 0.05
+"""A mode counts as found if it holds that share of a method's failures."""
+
+
+class BruteForce(msgspec.Struct, frozen=True):
+    """Which of the draws from p(x) ended in a failure of `rulebook` at a scenario's defaults."""
+
+    seed: int
+    draws: int
+    batch: int
+    scenario: str
+    failures: tuple[int, ...]
+
+    def noise(self, steps: int) -> Floats:
+        """Their noise z, shape (failures, steps, 2). [sigma]"""
+        rng = np.random.default_rng(self.seed)
+        found = []
+        for first in range(0, self.draws, self.batch):
+            z = rng.standard_normal((self.batch, steps, 2), dtype=np.float32)
+            found += [z[i - first] for i in self.failures if first <= i < first + self.batch]
+        return np.stack(found)
+
+
+class Reference(NamedTuple):
+    """The modes of p(x | failure).
+
+    Attributes:
+        failures: how many independent ones they rest on.
+        centres: of the groups in the space of components, shape (groups, k).
+        silhouette: of the groups, and of groups in noise; the former is None for a single group.
+    """
+
+    failures: int
+    space: components.ComponentSpace
+    centres: Array
+    silhouette: float | None
+    noise_silhouette: float
+
+    @property
+    def modes(self) -> int:
+        """As many as the groups, if these are more than what noise shows; else one."""
+        distinct = self.silhouette is not None and self.silhouette > self.noise_silhouette
+        return len(self.centres) if distinct else 1
+
+    def shares(self, failures: Sequence[Floats]) -> Array:
+        """The share of a method's failures z in each group, shape (groups,)."""
+        rows = table(failures, self.space.mean.size // 2) - self.space.mean
+        scores = rows @ self.space.components.T
+        distances = np.linalg.norm(scores[:, None] - self.centres, axis=2)
+        held = np.bincount(distances.argmin(axis=1), minlength=len(self.centres))
+        share: Array = held / max(len(failures), 1)
+        return share
+
+    def spread(self, failures: Sequence[Floats]) -> float:
+        """The share of the groups that hold 5 % of a method's failures, modes or not."""
+        if not failures:
+            return 0.0
+        return float((self.shares(failures) >= LEAST_SHARE).mean())
+
+    def coverage(self, failures: Sequence[Floats]) -> float:
+        """The share of the modes that hold 5 % of a method's failures."""
+        return self.spread(failures) if self.modes > 1 else float(len(failures) > 0)
+
+
+def reference(crew: Crew) -> Reference:
+    """The reference for `rulebook` in `cut_in` at its defaults."""
+    kept = (ROOT / "benchmarks" / "true_failures.json").read_bytes()
+    found = msgspec.json.decode(kept, type=BruteForce)
+    z = found.noise(horizon(found.scenario))
+    played = crew.inject(staged(found.scenario, "rulebook"), z)
+    ends_s = [one.measures.collided_s for one in played]
+    failures = [one for one, end_s in zip(z, ends_s, strict=True) if end_s is not None]
+    first_s = min(end_s for end_s in ends_s if end_s is not None)
+    return modes(failures, round(first_s / step_s(found.scenario)))
+
+
+def modes(failures: Sequence[Floats], shown: int) -> Reference:
+    """The groups among failures, by the steps that all of them have.
+
+    Args:
+        failures: z of each, shape (steps, 2).
+        shown: how many steps are compared.
+    """
+    space = components.fit(table(failures, shown), COMPONENTS)
+    partition = clusters.divide(space.scores, None)
+    names = np.unique(partition.labels)
+    centres = np.array([space.scores[partition.labels == name].mean(axis=0) for name in names])
+    noise = clusters.noise_silhouette(space.scores, None)
+    return Reference(len(failures), space, centres, partition.silhouette, noise)
+
+
+def table(failures: Sequence[Floats], shown: int) -> Array:
+    """One row for each failure, its first steps, zero behind its end."""
+    rows = np.zeros((len(failures), shown, 2))
+    for row, z in zip(rows, failures, strict=True):
+        row[: len(z)] = z[:shown]
+    return rows.reshape(len(failures), -1)
+
+
+def step_s(scenario: str) -> float:
+    """Seconds in a step."""
+    plugin = plugins.load(plugins.SCENARIOS, scenario)
+    return float(plugin()(plugin.Parameters(), 0).mission.dt_s)
+
+
+def main() -> None:
+    """Make the reference and tell what it shows."""
+    began = time.perf_counter()
+    with crew() as hands:
+        found = reference(hands)
+    print(
+        f"{found.failures} failures: {found.modes} mode(s); "
+        f"{len(found.centres)} groups of silhouette {found.silhouette or 0.0:.3f}, "
+        f"noise {found.noise_silhouette:.3f}; {time.perf_counter() - began:.0f} s"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,148 @@
+"""Settings of `ast`, by the paper's names."""
+
+from typing import Annotated, Literal
+
+import msgspec
+
+from eigenfail_services.methods.ast.decisions import DecisionProcess
+from eigenfail_services.methods.ast.trainer import SacOptions
+
+Width = Annotated[int, msgspec.Meta(ge=1, le=4096)]
+
+
+class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of `ast`, by the paper's names.
+
+    The defaults suit some hundred episodes of ten decisions. They were tuned on `rulebook` and
+    `cut_in` with seeds 3000 to 3003, and fail there in 94 to 96 % of 1000 episodes in training,
+    170 to 210 of them trained on, and in all of 300 in evaluation, at 53, 58 and 63 m. Why:
+
+    - `n_step`, `gamma`: nearly all that an episode earns comes at its end. One-step returns carry
+      it back too slowly: 400 episodes at ±3 sigma failed in 62 % with them, in 88 % with sums over
+      3 decisions and in 92 % over 5. Ten decisions are the whole episode at `hold` 10.
+    - `hold`: 10 steps outlast the misses after which a tracker gives up, and leave half as many
+      decisions to be learnt: 600 episodes at ±2 sigma failed in 91 %, with 5 steps in 75 to 87 %.
+    - `amplitude`: noise held at random fails in 74 % at ±3 sigma, in about 20 % at ±2: what a
+      policy reaches there it has learnt.
+    - `alpha`, `c_dist`: a hundred steps sum an eighth of the log p of the paper's episodes, so an
+      eighth of its alpha weighs the same. The less, the likelier the failures, and the worse they
+      transfer: 150 and 15, with `entropy` 30, `target_entropy` -2 and training that never ends,
+      failed in 94 to 100 % at a log p of -2.0 to -2.2 per step, at 53 m in 80 to 99 %; the defaults
+      are at -3.1 to -3.6.
+    - `target_entropy`: at -3 as good as at -4; at -2 (alpha 1000) a few in a thousand do not fail.
+    - `converged_share`: where 0.98 ended the training (alpha 1000, target_entropy -2), the policy
+      failed in 96 to 99 % in evaluation; where 1 did, in 99.7 to 100 %.
+    - `first_amplitude`: none. From ±3 to ±2 sigma 500 episodes failed in 94 % instead of 90 %, but
+      at 53 m in 79 % instead of all of 200; from ±1, in 73 %.
+    - `reward`: `dissimilarity` failed in 88 % instead of 90 %, and its failures differed by 1.25
+      sigma instead of 0.31 (root mean square over steps and axes, mean over pairs).
+
+    The paper's main runs had episodes of about 800 steps and used alpha 5000, c_dist 1000,
+    tau 0.001, learning_rate 3e-4, batch_size 16, buffer_size 10,000.
+    """
+
+    reward: Annotated[
+        Literal["paper", "mahalanobis", "dissimilarity"],
+        msgspec.Meta(description="what the adversary is rewarded for"),
+    ] = "paper"
+    alpha: Annotated[
+        float, msgspec.Meta(ge=0.0, le=1e7, description="penalty for an episode without a failure")
+    ] = 300.0
+    c_dist: Annotated[
+        float, msgspec.Meta(ge=0.0, le=1e7, description="penalty per metre of robustness left")
+    ] = 30.0
+    c_dissimilarity: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=1e7,
+            description="bonus per sigma of distance from earlier failures (dissimilarity)",
+        ),
+    ] = 100.0
+    tau: Annotated[
+        float, msgspec.Meta(gt=0.0, le=1.0, description="share by which the target critics follow")
+    ] = 0.01
+    learning_rate: Annotated[
+        float, msgspec.Meta(gt=0.0, le=1.0, description="of actor, critics and entropy coefficient")
+    ] = 1e-3
+    batch_size: Annotated[
+        int, msgspec.Meta(ge=1, le=100_000, description="decisions in a gradient step")
+    ] = 64
+    buffer_size: Annotated[
+        int, msgspec.Meta(ge=1, le=10_000_000, description="decisions that are remembered")
+    ] = 10_000
+    gamma: Annotated[
+        float, msgspec.Meta(ge=0.0, le=1.0, description="discount from decision to decision")
+    ] = 1.0
+    n_step: Annotated[
+        int,
+        msgspec.Meta(ge=1, le=10_000, description="decisions summed before the critics are asked"),
+    ] = 10
+    hidden: Annotated[
+        tuple[Width, ...],
+        msgspec.Meta(min_length=1, max_length=8, description="widths of the hidden layers"),
+    ] = (64, 64)
+    entropy: Annotated[
+        float, msgspec.Meta(gt=0.0, le=1e6, description="first value of the entropy coefficient")
+    ] = 40.0
+    target_entropy: Annotated[
+        float, msgspec.Meta(ge=-50.0, le=1.3, description="of an action, held by the coefficient")
+    ] = -4.0
+    hold: Annotated[
+        int, msgspec.Meta(ge=1, le=10_000, description="steps for which one action stays")
+    ] = 10
+    amplitude: Annotated[
+        float, msgspec.Meta(gt=0.0, le=10.0, description="largest |z| of the policy [sigma]")
+    ] = 2.0
+    first_amplitude: Annotated[
+        Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] | None,
+        msgspec.Meta(
+            description="largest |z| at the start; it is at `amplitude` after half of the episodes"
+        ),
+    ] = None
+    round_size: Annotated[
+        int, msgspec.Meta(ge=1, le=100_000, description="episodes between two policy versions")
+    ] = 10
+    warm_up: Annotated[
+        int,
+        msgspec.Meta(
+            ge=0, le=1_000_000, description="episodes before the first training; at most a quarter"
+        ),
+    ] = 60
+    gradient_steps: Annotated[
+        int, msgspec.Meta(ge=1, le=1000, description="for each decision observed")
+    ] = 4
+    converged_share: Annotated[
+        Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] | None,
+        msgspec.Meta(
+            description="training ends once so many of the last 100 episodes failed; None: never"
+        ),
+    ] = 1.0
+    warm_start: Annotated[
+        Annotated[int, msgspec.Meta(ge=1)] | None,
+        msgspec.Meta(description="campaign of `ast` whose networks are started from"),
+    ] = None
+    trainer: Annotated[
+        Literal["fast", "sb3"],
+        msgspec.Meta(description="the same soft actor-critic, in numpy or stable-baselines3's"),
+    ] = "fast"
+
+    def process(self) -> DecisionProcess:
+        """How steps make decisions, and decisions make transitions."""
+        return DecisionProcess(hold=self.hold, n_step=self.n_step, gamma=self.gamma)
+
+    def options(self, seed: int) -> SacOptions:
+        """What concerns the trainer alone; to it, `n_step` decisions are one."""
+        return SacOptions(
+            learning_rate=self.learning_rate,
+            batch_size=self.batch_size,
+            buffer_size=self.buffer_size,
+            tau=self.tau,
+            gamma=self.gamma**self.n_step,
+            hidden=self.hidden,
+            entropy=self.entropy,
+            target_entropy=self.target_entropy,
+            amplitude=self.amplitude,
+            hold=self.hold,
+            seed=seed,
+        )

@@ -1,0 +1,178 @@
+"""AST stops once it has converged, is used without learning, and starts from what it knew."""
+
+from types import MappingProxyType
+
+import msgspec
+import numpy as np
+import pytest
+
+from eigenfail.errors import InvalidValue, LearnerFailed
+from eigenfail.settings import read_settings
+from eigenfail.testing.learner import LearnerSuite
+from eigenfail.testing.toy import Corridor, ToyEngine
+from eigenfail.values import LearnerContext, PolicySource, Predecessor
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.methods.ast.method import AdaptiveStressTesting
+
+EASY, HARD = Corridor(wall=0.0), Corridor()
+QUICK = {"round_size": 10, "warm_up": 20, "gradient_steps": 1, "batch_size": 8}
+
+
+class TestWithDissimilarityAndAGrowingAmplitude(LearnerSuite):
+    method = AdaptiveStressTesting
+    settings = MappingProxyType(
+        {
+            "round_size": 4,
+            "warm_up": 4,
+            "gradient_steps": 1,
+            "reward": "dissimilarity",
+            "first_amplitude": 1.0,
+            "hold": 5,
+            "n_step": 3,
+        }
+    )
+
+
+class TestOnceConverged(LearnerSuite):
+    method = AdaptiveStressTesting
+    settings = MappingProxyType({"round_size": 10, "warm_up": 10, "converged_share": 0.01})
+    budget = 200
+    rounds = 12
+
+
+def ast(episodes=400, seed=0, predecessors=(), **settings):
+    nothing = np.zeros((0, HARD.steps, 2), np.float32)
+    context = LearnerContext(seed, episodes, HARD.steps, nothing, predecessors)
+    given = read_settings(AdaptiveStressTesting.Settings, {**QUICK, **settings}, "settings")
+    return AdaptiveStressTesting(context, given)
+
+
+def run(learner, episodes, corridor=HARD, seed=0):
+    return list(run_in_process(Rounds(learner, seed, episodes), ToyEngine(corridor)))
+
+
+def same(first, second):
+    return all(
+        np.array_equal(a.weight, b.weight) and np.array_equal(a.bias, b.bias)
+        for a, b in zip(
+            (*first.hidden, first.mean, first.log_std),
+            (*second.hidden, second.mean, second.log_std),
+            strict=True,
+        )
+    )
+
+
+def test_training_ends_with_the_round_that_makes_it_a_hundred_episodes_of_enough_failures():
+    learner = ast(converged_share=0.5)
+    failures = np.array([result.is_failure for result in run(learner, 300, EASY)])
+    ends = [n for n in range(100, 301, 10) if failures[n - 100 : n].mean() >= 0.5]
+    assert learner.trained_episodes == ends[0] < 300
+    policy = learner.propose(1).policy
+    assert policy.version == (learner.trained_episodes - 20) // 10
+    run(learner, 20, EASY)
+    assert same(learner.propose(1).policy, policy)
+    assert learner.trained_episodes == ends[0]
+
+
+@pytest.mark.parametrize(("share", "corridor"), [(1.0, Corridor(wall=5.0)), (None, EASY)])
+def test_training_goes_on_where_it_does_not_converge(share, corridor):
+    learner = ast(converged_share=share)
+    run(learner, 150, corridor)
+    assert learner.trained_episodes == 150
+    assert learner.propose(1).policy.version == 14
+
+
+def test_convergence_outlasts_a_restart():
+    learner = ast(converged_share=0.5)
+    run(learner, 300, EASY)
+    again = ast(converged_share=0.5, seed=5)
+    again.restore(learner.state())
+    assert again.trained_episodes == learner.trained_episodes < 300
+    run(again, 20, EASY)
+    assert again.trained_episodes == learner.trained_episodes
+
+
+def test_the_amplitude_grows_until_half_of_the_episodes_are_over():
+    learner = ast(episodes=80, first_amplitude=1.0, amplitude=3.0)
+    reach = [learner.propose(10).policy.amplitude for _ in range(6)]
+    assert reach == pytest.approx([1.0, 1.5, 2.0, 2.5, 3.0, 3.0])
+
+
+def test_an_action_is_stored_by_the_amplitude_under_which_it_was_chosen():
+    learner = ast(episodes=80, first_amplitude=0.5, amplitude=3.0, warm_up=60)
+    results = run(learner, 20)
+    stored = learner._trainer.arrays()["memory.actions"]
+    chosen = np.concatenate([result.noise.z[::10] for result in results])
+    count = sum(-(-result.steps // 10) for result in results[:10])
+    reach = np.where(np.arange(len(chosen)) < count, 0.5, 0.5 + 2.5 * 10 / 40)
+    np.testing.assert_allclose(stored, chosen / reach[:, None], rtol=1e-5)
+
+
+def test_training_does_not_converge_while_the_amplitude_moves():
+    learner = ast(episodes=400, first_amplitude=2.9, amplitude=3.0, converged_share=0.01)
+    run(learner, 350, EASY)
+    assert learner.trained_episodes == 300
+
+
+def test_exploiting_uses_the_newest_policy_and_changes_nothing():
+    learner = ast(first_amplitude=1.0, amplitude=3.0)
+    run(learner, 40)
+    before = learner.state()
+    used = learner.exploit(7)
+    assert learner.state() == before
+    assert used.sources == (PolicySource(used.policy.version),) * 7
+    assert used.policy.amplitude == 3.0
+    assert same(used.policy, learner.propose(1).policy)
+
+
+def test_a_version_is_one_policy_whatever_the_amplitude_does():
+    learner = ast(first_amplitude=1.0, amplitude=3.0)
+    seen = {}
+    for policy in (learner.propose(10).policy for _ in range(30)):
+        assert seen.setdefault(policy.version, policy.amplitude) == policy.amplitude
+    assert len(seen) > 5
+
+
+def predecessor(learner, **settings):
+    given = {**QUICK, **settings}
+    return Predecessor(12, "ast", given, 0, 400, HARD.steps, learner.state())
+
+
+def test_a_warm_start_begins_with_the_earlier_policy():
+    before = ast()
+    run(before, 60)
+    cold = ast(seed=9)
+    warm = ast(seed=9, predecessors=(predecessor(before),), warm_start=12)
+    earlier = before.propose(1).policy
+    assert same(warm.propose(1).policy, earlier)
+    assert not same(cold.propose(1).policy, earlier)
+    assert warm.trained_episodes == 0
+    assert warm.propose(1).policy.version == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"warm_start": 13}, "not at hand"),
+        ({"warm_start": 12, "hidden": [8]}, "do not fit.*Use that campaign's `hidden`"),
+        ({"warm_start": 12, "trainer": "sb3"}, "do not fit"),
+    ],
+)
+def test_a_warm_start_that_does_not_fit_is_refused(changes, why):
+    with pytest.raises(InvalidValue, match=rf"settings\.warm_start: .*{why}"):
+        ast(predecessors=(predecessor(ast()),), **changes)
+
+
+@pytest.mark.parametrize("part", ["actor", "critics", "targets"])
+def test_a_nan_ends_the_learner_before_a_policy_could_carry_it(part):
+    learner = ast(warm_up=0)
+    results = run(ast(), 10)
+    learner.observe(results)
+    sound = learner.state()
+    getattr(learner._trainer, part).weights[5] = np.nan
+    with pytest.raises(LearnerFailed, match=r"diverged.*Lower learning_rate"):
+        learner.observe(results)
+    again = ast(warm_up=0)
+    again.restore(sound)
+    weights = msgspec.structs.astuple(again.propose(1).policy.mean)
+    assert all(np.isfinite(weight).all() for weight in weights)

@@ -1,0 +1,234 @@
+"""Subset simulation as a learner, against probabilities in closed form."""
+
+from math import sqrt
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+
+from eigenfail.contracts import Estimator
+from eigenfail.errors import InvalidValue, ProtocolError
+from eigenfail.settings import read_settings
+from eigenfail.values import LearnerContext, learner_seed
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.methods.subset.method import SubsetMethod
+from eigenfail_services.statistics.subset_estimate import SubsetSettings
+from eigenfail_services.statistics.subset_simulation import subset_simulation
+
+STEPS = 5
+SEED = 3004
+
+
+def half_space(p):
+    """Distance to a plane through the noise beyond which lies a share p of all noise."""
+    reach = -NormalDist().inv_cdf(p)
+    return lambda z: reach - z.reshape(len(z), -1).sum(axis=1) / sqrt(z[0].size)
+
+
+def two_modes(z):
+    """max(3 − min(|x1|, x2), 0): fails in two corners, P = 2·Q(3)²."""
+    x1, x2 = z[:, 0, 0], z[:, 0, 1]
+    return np.maximum(3.0 - np.minimum(np.abs(x1), x2), 0.0)
+
+
+def hidden(z):
+    """A slope that leads nowhere soon, and a cliff beside it that few first draws come near."""
+    return np.minimum(5.5 - z[:, 0, 0], 8.0 * (3.7 - z[:, 0, 1]))
+
+
+def subset(episodes, steps=STEPS, seed=SEED, **settings):
+    nothing = np.zeros((0, steps, 2), np.float32)
+    given = read_settings(SubsetMethod.Settings, settings, "settings")
+    return SubsetMethod(LearnerContext(learner_seed(seed), episodes, steps, nothing), given)
+
+
+@pytest.fixture
+def searched(noise_engine):
+    """A whole campaign: its learner and its results."""
+
+    def run(robustness, episodes, *, broken=None, **settings):
+        learner = subset(episodes, **settings)
+        rounds = Rounds(learner, 0, episodes)
+        return learner, list(run_in_process(rounds, noise_engine(robustness, broken)))
+
+    return run
+
+
+@pytest.mark.parametrize("p", [1e-3, 1e-4, 1e-5, 1e-6])
+def test_a_half_space_lies_in_its_interval(searched, p):
+    learner, results = searched(half_space(p), 12_000)
+    found = learner.estimate()
+    assert isinstance(learner, Estimator)
+    assert found.interval.low <= p <= found.interval.high
+    assert found.interval.high / found.interval.low < 10
+    assert 0 < found.cv < 0.5
+    assert found.episodes == len(results) <= 12_000
+    assert (found.by, found.problem) == ("subset simulation", "")
+
+
+def test_both_modes_are_counted(searched):
+    p = 2.0 * NormalDist().cdf(-3.0) ** 2
+    found = searched(two_modes, 20_000, steps=1)[0].estimate()
+    assert p == pytest.approx(3.65e-6, rel=0.01)
+    assert found.interval.low <= p <= found.interval.high
+
+
+def test_a_million_times_as_often_as_monte_carlo(searched):
+    _, results = searched(half_space(1e-6), 12_000)
+    assert sum(result.is_failure for result in results) > 500
+
+
+def test_one_run_gives_the_numbers_of_the_statistics(searched):
+    far = half_space(1e-4)
+
+    def injected(z):
+        return np.maximum(far(z.astype(np.float32).astype(np.float64)), 0.0)
+
+    learner, _ = searched(far, 10_000, runs=1, samples=1000)
+    found = learner.estimate()
+    alone = subset_simulation(injected, STEPS, SubsetSettings(samples=1000), learner_seed(SEED))
+    assert found.probability == alone.probability
+    assert (found.cv, found.interval) == (alone.variation, alone.interval)
+    assert found.episodes == alone.evaluations
+    assert "no second run" in found.note
+
+
+def test_where_a_run_misses_a_kind_of_failure_there_is_no_number_or_a_warning(searched):
+    """Of 12 campaigns with too few samples most are refused, and those that are wrong say so."""
+    truth = 1.0 - NormalDist().cdf(5.5) * NormalDist().cdf(3.7)
+    found = [
+        searched(hidden, 8_000, steps=1, samples=500, seed=seed)[0].estimate()
+        for seed in range(3000, 3012)
+    ]
+    refused = [one for one in found if one.probability is None]
+    wrong = [one for one in found if one.interval and not one.interval.high >= truth]
+    assert len(refused) >= 6
+    assert {one.problem[:29] for one in refused} == {"The independent runs disagree"}
+    assert refused[0].interval is refused[0].cv is None
+    assert wrong
+    assert all("500 samples on a level are few" in one.note for one in wrong)
+
+
+def test_few_samples_are_called_few(searched):
+    few = searched(half_space(0.2), 1_000, samples=400)[0].estimate()
+    many = searched(half_space(0.2), 10_000, samples=2_001)[0].estimate()
+    assert "400 samples on a level are few" in few.note
+    assert "few" not in many.note
+    assert "no sample showed" in many.note
+
+
+def test_it_ends_when_the_estimate_is_done(searched):
+    learner, results = searched(half_space(0.2), 5_000, samples=100)
+    assert len(results) == 200
+    assert learner.estimate().probability == pytest.approx(0.2, rel=0.3)
+    assert learner.propose(100).sources == ()
+
+
+def test_without_a_failure_it_says_how_far_it_came(searched):
+    flat = searched(lambda z: np.full(len(z), 3.0), 2_000)[0].estimate()
+    walled = searched(lambda z: np.maximum(half_space(1e-5)(z), 1.0), 20_000)[0].estimate()
+    assert flat.probability is walled.probability is walled.interval is None
+    assert "No failure was reached: robustness falls no further" in flat.problem
+    assert "falls to 1 m with a probability of about" in walled.problem
+    assert "failures are rarer" in walled.problem
+
+
+def test_a_budget_that_ends_too_soon_is_spent_and_gives_no_number(searched):
+    learner, results = searched(half_space(1e-6), 1_050, samples=200)
+    found = learner.estimate()
+    assert len(results) == 1_050
+    assert found.probability is None
+    assert found.problem.startswith("The budget ended before failures did. Robustness falls to")
+    short, _ = searched(half_space(1e-6), 300, samples=200)
+    assert short.estimate().problem.startswith("Not one level was finished.")
+
+
+def test_on_the_way_it_says_that_it_is_not_known_yet(noise_engine):
+    learner = subset(2_000, samples=100)
+    rounds = Rounds(learner, SEED, 2_000)
+    engine = noise_engine(half_space(1e-5))
+    assert learner.estimate() is None
+    for _ in range(5):
+        (opened,) = rounds.open()
+        rounds.complete(list(engine.run(opened.tasks)))
+    assert learner.estimate().problem.startswith("Not known yet. Robustness falls to")
+    assert learner.estimate().episodes == 200 + 4 * 20
+
+
+def test_what_cannot_be_run_does_not_enter(searched):
+    """Half of the noise cannot be run, and not the half that fails: P(fail | can be run) = 2 p."""
+    p = 1e-3
+
+    def left(z):
+        return z[:, 0, 0] - z[:, 0, 1] > 0.0
+
+    learner, results = searched(half_space(p), 12_000, broken=left, samples=1000)
+    found, ran = learner.estimate(), [r for r in results if r.measures]
+    assert found.episodes == len(ran) < len(results)
+    assert found.interval.low <= p <= found.interval.high
+
+
+def test_nothing_that_can_be_run_spends_the_budget_without_a_number(searched):
+    learner, results = searched(half_space(0.5), 500, broken=lambda z: z[:, 0, 0] < 9.0, samples=50)
+    assert len(results) == 500
+    assert learner.estimate().probability is None
+
+
+@pytest.mark.parametrize("cut", [0, 3, 200, 315, 400, 700])
+def test_a_restored_learner_goes_on_bit_for_bit(noise_engine, cut):
+    engine = noise_engine(half_space(1e-4))
+
+    def play(learner, rounds, count):
+        said = []
+        while count > 0 and (sources := learner.propose(min(count, rounds)).sources):
+            tasks = [Task(i, source) for i, source in enumerate(sources)]
+            learner.observe(list(engine.run(tasks)))
+            said += [source.z.tobytes() for source in sources]
+            count -= len(sources)
+        return said
+
+    learner = subset(5_000, samples=100)
+    play(learner, 45, cut)
+    restored = subset(5_000, samples=100)
+    restored.restore(learner.state())
+    assert restored.state() == learner.state()
+    assert restored.estimate() == learner.estimate()
+    assert play(restored, 1000, 600) == play(learner, 1000, 600)
+    assert restored.estimate() == learner.estimate()
+
+
+class Task:
+    """An episode task in short."""
+
+    seed = 0
+    source_kind = "trajectory"
+
+    def __init__(self, index, source):
+        self.index, self.source = index, source
+
+
+def test_a_state_of_more_episodes_than_were_asked_for_is_refused(searched):
+    learner, _ = searched(half_space(1e-6), 3_000, samples=100)
+    with pytest.raises(ProtocolError, match="more episodes than"):
+        # With so many levels at once a larger share ends it sooner.
+        subset(3_000, samples=20).restore(learner.state())
+
+
+def test_a_long_campaign_has_a_small_state(searched):
+    learner, results = searched(half_space(1e-6), 5_000)
+    assert len(learner.state()) < 8 * len(results) + 500
+
+
+@pytest.mark.parametrize("episodes", [256, 300, 1_000, 12_000, 5_000_000])
+def test_a_level_is_as_large_as_seven_of_them_may_be(episodes):
+    given = SubsetMethod.Settings()
+    samples = given.within(episodes).samples
+    assert given._spent(samples) <= episodes
+    assert samples == 100_000 or given._spent(samples + 1) > episodes
+
+
+def test_a_budget_that_allows_too_few_samples_is_refused():
+    with pytest.raises(InvalidValue, match=r"fewer than 20 samples on each of 7 .* take 256"):
+        subset(255)
+    assert len(subset(256).propose(1000).sources) == 40
+    assert len(subset(128, runs=1).propose(1000).sources) == 20

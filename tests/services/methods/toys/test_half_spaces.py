@@ -1,0 +1,124 @@
+"""Linear-Gaussian half spaces: P is known, and so is the likeliest failure."""
+
+import numpy as np
+import pytest
+from problems import HalfSpace, cosine, steady, turning
+
+from eigenfail.values import STATE
+
+PROBABILITIES = (1e-3, 1e-4, 1e-5, 1e-6)
+SMALL_AST = {
+    "hold": 2,
+    "hidden": (32, 32),
+    "batch_size": 32,
+    "warm_up": 30,
+    "gradient_steps": 5,
+}
+
+
+LIKELIHOOD_COUNTS = {
+    "hold": 1,
+    "batch_size": 64,
+    "alpha": 30.0,
+    "c_dist": 30.0,
+    "entropy": 3.0,
+    "learning_rate": 3e-3,
+    "amplitude": 6.0,
+}
+"""Penalties of the size of log p; noise is drawn from far beyond the likeliest failure."""
+
+
+def failures(results):
+    return [result for result in results if result.is_failure]
+
+
+def failure_rate(results):
+    return len(failures(results)) / len(results)
+
+
+def test_monte_carlo_knows_the_probability(search):
+    problem = HalfSpace(0.2, turning(20))
+    _, results = search(problem, "monte_carlo", 1000)
+    assert failure_rate(results) == pytest.approx(0.2, abs=4 * (0.2 * 0.8 / 1000) ** 0.5)
+
+
+@pytest.mark.parametrize("direction", [steady, turning])
+@pytest.mark.parametrize("probability", PROBABILITIES)
+def test_cem_fails_in_a_third_of_its_episodes_where_monte_carlo_never_would(
+    probability, direction, search
+):
+    """A factor of 300 over Monte Carlo at 1e-3, of 300,000 at 1e-6."""
+    problem = HalfSpace(probability, direction(20))
+    learner, results = search(problem, "cem", 400)
+    assert failure_rate(results) >= 0.3
+    assert cosine(learner.proposal.mean, problem.direction) >= 0.65
+
+
+@pytest.mark.parametrize("probability", PROBABILITIES[1:])
+def test_with_larger_rounds_cem_points_along_the_likeliest_failure(probability, search):
+    problem = HalfSpace(probability, turning(20))
+    learner, _ = search(problem, "cem", 1000, batch=100, mean_window=1)
+    assert cosine(learner.proposal.mean, problem.direction) >= 0.88
+
+
+@pytest.mark.parametrize("probability", PROBABILITIES)
+def test_subset_tells_the_probability_of_every_one_of_them(probability, search):
+    problem = HalfSpace(probability, turning(20))
+    learner, results = search(problem, "subset", 4000)
+    found = learner.estimate()
+    assert found.problem == ""
+    assert found.interval.low < found.probability < found.interval.high
+    assert 1 / 3 < found.probability / probability < 3
+    assert failure_rate(results) >= 0.01  # 10 times the prior's at 1e-3, 10,000 at 1e-6
+
+
+@pytest.mark.parametrize("probability", [1e-4, 1e-6])
+def test_ast_fails_most_of_the_time_once_it_has_trained(probability, search):
+    problem = HalfSpace(probability, turning(8))
+    _, results = search(problem, "ast", 160, **SMALL_AST)
+    untrained, trained = failure_rate(results[:30]), failure_rate(results[-40:])
+    assert trained >= 0.8  # 8,000 and 800,000 times the prior's
+    assert trained >= 4 * untrained
+    assert cosine(mean_noise(results[-40:]), problem.direction) >= 0.7
+
+
+@pytest.mark.parametrize("seed", [3030, 3031, 3032])
+def test_ast_finds_the_likeliest_way_to_fail(seed, search):
+    """The paper's reward leaves the last step free: failing is decided on the step before it."""
+    direction = np.zeros((2, 2))
+    direction[0] = 0.8, -0.6
+    problem = HalfSpace(1e-4, direction)
+    _, results = search(problem, "ast", 240, seed, **SMALL_AST | LIKELIHOOD_COUNTS)
+    untrained, trained = results[:30], results[-60:]
+    assert failure_rate(trained) >= 0.9
+    found = mean_noise(trained)[0]
+    assert cosine(found, direction[0]) >= 0.9
+    assert np.linalg.norm(found) <= 1.4 * problem.beta
+    assert half_square(trained) <= 0.75 * half_square(untrained)
+
+
+def mean_noise(results):
+    return np.mean([result.noise.z for result in failures(results)], axis=0)
+
+
+def half_square(results):
+    """-log p of the first step's noise in failures, but for a constant."""
+    return np.mean([0.5 * np.sum(result.noise.z[0] ** 2) for result in failures(results)])
+
+
+def test_the_adversary_of_a_function_remembers_its_last_noise(search):
+    """Without it no reward could reach the step before the last: every other component is fixed."""
+    _, results = search(HalfSpace(1e-4, turning(8)), "ast", 10, **SMALL_AST)
+    for result in results:
+        seen = dict(zip(STATE, result.states.T, strict=True))
+        told = np.stack([seen["noise_x"], seen["noise_y"]], axis=1)
+        assert not told[0].any()
+        assert cosine(told[1:], result.noise.z[:-1]) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_difs_samples_failures_far_more_often_than_the_prior_and_in_their_direction(search):
+    problem = HalfSpace(1e-3, turning(8))
+    _, results = search(problem, "difs", 240, first_steps=500, steps=150)
+    sampled = results[-60:]
+    assert failure_rate(sampled) >= 50 * problem.probability
+    assert cosine(mean_noise(sampled), problem.direction) >= 0.75

@@ -1,0 +1,80 @@
+"""Problems with two ways to fail: the corners of Delecki et al. 2025, and a corridor's walls."""
+
+import numpy as np
+import pytest
+from problems import PointMassCorridor, TwoModes
+
+SMALL_AST = {
+    "hidden": (32, 32),
+    "batch_size": 32,
+    "warm_up": 30,
+    "gradient_steps": 5,
+}
+ON_CORNERS = {
+    "ast": (200, {**SMALL_AST, "hold": 1, "amplitude": 4.0}),
+    "cem": (400, {"max_mean": 4.0}),
+    "subset": (4000, {}),
+}
+IN_CORRIDOR = {
+    "ast": (100, {**SMALL_AST, "hold": 4}),
+    "cem": (400, {}),
+    "difs": (300, {"first_steps": 500, "steps": 200, "width": 32}),
+    "subset": (2000, {}),
+}
+
+
+def failure_rate(results):
+    return sum(result.is_failure for result in results) / len(results)
+
+
+def sides(results):
+    """Share of the failures on the left."""
+    return np.mean([result.noise.z[0, 0] < 0.0 for result in results if result.is_failure])
+
+
+@pytest.mark.parametrize("method", ON_CORNERS)
+def test_it_fails_thousands_of_times_as_often_as_the_prior(method, search):
+    problem = TwoModes()
+    assert problem.probability == pytest.approx(3.65e-6, rel=0.01)
+    episodes, settings = ON_CORNERS[method]
+    _, results = search(problem, method, episodes, **settings)
+    assert failure_rate(results) >= 3000 * problem.probability
+
+
+def test_subset_sees_both_corners_and_tells_their_probability(search):
+    problem = TwoModes()
+    learner, results = search(problem, "subset", 12_000, samples=1000)
+    found = learner.estimate()
+    assert found.interval.low < problem.probability < found.interval.high
+    assert 0.1 < sides(results) < 0.9
+
+
+@pytest.mark.xfail(reason="DiFS comes to one corner or to none", strict=False)
+def test_difs_sees_both_corners(search):
+    _, results = search(TwoModes(), "difs", 300, first_steps=500, steps=200)
+    assert failure_rate(results) >= 3000 * TwoModes.probability
+    assert 0.1 < sides(results) < 0.9
+
+
+def test_the_corridor_is_as_rare_as_its_bounds_say():
+    problem, random = PointMassCorridor(beta=2.5), np.random.default_rng(3030)
+    failed = problem.robustness(random.standard_normal((20_000, problem.steps, 2))) <= 0.0
+    slack = 4 * (problem.at_most / 20_000) ** 0.5
+    assert problem.at_least - slack < failed.mean() < problem.at_most + slack
+
+
+@pytest.mark.parametrize("method", IN_CORRIDOR)
+def test_every_method_drives_a_point_mass_into_a_wall(method, search):
+    problem = PointMassCorridor()
+    assert problem.at_most < 1e-3
+    episodes, settings = IN_CORRIDOR[method]
+    _, results = search(problem, method, episodes, **settings)
+    assert failure_rate(results) >= 30 * problem.at_most
+
+
+def test_subset_tells_a_probability_between_the_corridors_bounds(search):
+    problem = PointMassCorridor()
+    learner, _ = search(problem, "subset", 4000)
+    found = learner.estimate()
+    assert found.interval.high > problem.at_least
+    assert found.interval.low < problem.at_most
