@@ -43,7 +43,7 @@ def test_the_prior_of_noise_is_its_log_probability_where_every_square_is_one():
 
 
 def test_a_campaign_is_told_in_rates_likelihood_and_severity():
-    import learning
+    import learning_figures as learning
 
     run = campaign([False, True, False, True], [crash(-30.0), crash(-20.0, steps=5, severity=70.0)])
     assert learning.failure_rate(run) == 0.5
@@ -55,7 +55,7 @@ def test_a_campaign_is_told_in_rates_likelihood_and_severity():
 
 
 def test_without_a_failure_there_is_nothing_to_tell_of_failures():
-    import learning
+    import learning_figures as learning
 
     run = campaign([False, False])
     told = (learning.first_failure, learning.log_p_per_step, learning.log_p_ratio)
@@ -63,7 +63,7 @@ def test_without_a_failure_there_is_nothing_to_tell_of_failures():
 
 
 def test_the_median_of_the_seeds_is_stated_with_all_of_them():
-    import learning
+    import learning_figures as learning
 
     runs = [campaign([True] * k + [False] * (4 - k)) for k in (3, 1, 4)]
     figure = learning.middle(runs, learning.failure_rate, "share", 4)
@@ -97,7 +97,7 @@ def test_the_picture_has_a_line_for_each_seed_broken_where_nothing_failed():
 
 def test_the_heuristic_to_beat_is_the_strongest_of_those_as_likely():
     from heuristics import Tried
-    from learning import over_heuristics
+    from learning_figures import over_heuristics
 
     tried = {
         "held": [Tried(1.0, 0.0, -2.0, 0.0), Tried(2.0, 0.2, -4.0, 0.0)],

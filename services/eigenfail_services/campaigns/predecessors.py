@@ -7,9 +7,9 @@ from eigenfail import plugins
 from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue, ProtocolError
 from eigenfail.values import Campaign, CampaignSpec, Predecessor, learner_seed
+from eigenfail_services.campaigns.checkpoint import read_checkpoint
 from eigenfail_services.campaigns.checks import horizon
 from eigenfail_services.campaigns.earlier import ENSEMBLE, ended, search
-from eigenfail_services.campaigns.rounds import read_checkpoint
 
 LEARNERS = {"evaluate": "campaign", "ast": "warm_start"}
 """The setting of a method that names the campaign whose learner it starts from."""

@@ -3,8 +3,6 @@
 from collections import deque
 from collections.abc import Iterator, Sequence
 
-import msgspec
-
 from eigenfail.contracts import EpisodeEngine, Estimator, Learner
 from eigenfail.errors import LearnerFailed, ProtocolError
 from eigenfail.values import (
@@ -18,43 +16,17 @@ from eigenfail.values import (
     StopRules,
     episode_seed,
 )
-from eigenfail.values.arrays import decode_array, encode_array
 from eigenfail_services.campaigns import stopping
+from eigenfail_services.campaigns.checkpoint import (
+    FORMAT,
+    Checkpoint,
+    read_checkpoint,
+    write_checkpoint,
+)
 from eigenfail_services.campaigns.stopping import Tally
-
-FORMAT = 2
-"""Format 1 had neither tally nor stop rules; it is read as one of a campaign without rules."""
-
-
-class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=True):
-    """The learner's state and the rounds that were open when it was taken.
-
-    Attributes:
-        format: counts up when older programs could not read it.
-        episodes: how many have been proposed.
-        policy: the newest policy version.
-        tally: of the rounds observed.
-        stopped: the words of the stop rule that held; empty if none did.
-    """
-
-    format: int
-    campaign_seed: int
-    budget: int
-    number: int
-    episodes: int
-    ended: bool
-    policy: Policy | None
-    rounds: tuple[Round, ...]
-    learner: bytes
-    tally: Tally = Tally()
-    stopped: str = ""
-
 
 NO_RULES = StopRules()
 OPEN_WAS_FINISHED = " The round that was open was finished."
-
-_encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
-_decoder = msgspec.msgpack.Decoder(Checkpoint, dec_hook=decode_array)
 
 
 class Rounds:
@@ -164,7 +136,7 @@ class Rounds:
             tally=self._tally,
             stopped=self._stopped,
         )
-        return _encoder.encode(checkpoint)
+        return write_checkpoint(checkpoint)
 
     def restore(self, data: bytes) -> None:
         """Go on from a checkpoint of the same campaign.
@@ -226,26 +198,6 @@ def run_in_process(rounds: Rounds, engine: EpisodeEngine) -> Iterator[EpisodeRes
             results.append(result)
             yield result
         rounds.complete(results)
-
-
-def read_checkpoint(data: bytes) -> Checkpoint:
-    """What `Rounds.checkpoint` gave.
-
-    Raises:
-        ProtocolError: the bytes are no checkpoint, or one of a newer program.
-    """
-    try:
-        checkpoint = _decoder.decode(data)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ProtocolError(
-            f"The campaign's checkpoint cannot be read: {error}.", "Start the campaign anew."
-        ) from error
-    if not 1 <= checkpoint.format <= FORMAT:
-        raise ProtocolError(
-            f"The checkpoint has format {checkpoint.format}, this program reads {FORMAT}.",
-            "Finish the campaign with the version of eigenfail that began it.",
-        )
-    return checkpoint
 
 
 def _span(indices: Sequence[int]) -> str:

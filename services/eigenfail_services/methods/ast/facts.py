@@ -37,7 +37,7 @@ class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     converged: bool = False
 
     def reaching(self, amplitude: float) -> "Facts":
-        """With that amplitude. Workers keep a version as it first came: another reach is another."""
+        """With that amplitude, in a version of its own: workers keep one as it first came."""
         if amplitude == self.amplitude:
             return self
         return msgspec.structs.replace(self, version=self.version + 1, amplitude=amplitude)
