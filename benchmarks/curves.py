@@ -28,7 +28,7 @@ class Curve(msgspec.Struct, frozen=True):
 
     failure_rate: tuple[float, ...]
     log_p_per_step: tuple[float | None, ...]
-    robustness_m: tuple[float, ...]
+    robustness_m: tuple[float | None, ...]
 
 
 Curves = dict[str, tuple[Curve, ...]]
@@ -57,7 +57,7 @@ def curve(run: Found) -> Curve:
     return Curve(
         failure_rate=tuple(_share(run.crashed[first : first + BLOCK]) for first in blocks),
         log_p_per_step=tuple(_log_p(run, first) for first in blocks),
-        robustness_m=tuple(median(run.robustness_m[first : first + BLOCK]) for first in blocks),
+        robustness_m=tuple(_middle(run.robustness_m[first : first + BLOCK]) for first in blocks),
     )
 
 
@@ -116,6 +116,11 @@ def trace(corner: Point, panel: Panel, values: Sequence[float | None]) -> Iterab
 
 def _share(crashed: Sequence[bool]) -> float:
     return sum(crashed) / len(crashed)
+
+
+def _middle(values: Sequence[float]) -> float | None:
+    known = [value for value in values if isfinite(value)]
+    return median(known) if known else None
 
 
 def _log_p(run: Found, first: int) -> float | None:

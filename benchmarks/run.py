@@ -3,8 +3,10 @@
 from difs_sampling import difs_sampling_figures
 from figures import ROOT, show, write
 from planner import planner_figures
+from sac import sac_figures
 from service import service_figures
 from start_up import cli_help, worker_ready
+from waiting import learner_share
 
 
 def main() -> None:
@@ -13,7 +15,9 @@ def main() -> None:
         "cli_help_s": cli_help(),
         "worker_ready_s": worker_ready(),
         **planner_figures(),
+        **sac_figures(),
         **difs_sampling_figures(),
+        "learner_share": learner_share(),
         **service_figures(),
     }
     write(ROOT / "benchmarks" / "latest.json", figures)

@@ -4,6 +4,7 @@ Their episodes are those of the service's campaigns: rounds, seeds and learners 
 """
 
 from functools import cache
+from math import nan
 from typing import Any, NamedTuple
 
 import msgspec
@@ -28,6 +29,10 @@ from eigenfail_workers.engine import Engine
 
 EARLIER = 1
 """The id that a campaign which is evaluated goes by."""
+
+
+FRESH = 1000
+"""Added to a seed: what was learnt is evaluated on draws that training never saw."""
 
 
 class Crash(NamedTuple):
@@ -70,7 +75,7 @@ def search(spec: CampaignSpec, earlier: Found | None = None) -> Found:
         spec=spec,
         crashed=tuple(result.is_failure for result in results),
         crashes=tuple(crash(result) for result in results if result.is_failure),
-        robustness_m=tuple(one.measures.robustness_m for one in results if one.measures),
+        robustness_m=tuple(one.measures.robustness_m if one.measures else nan for one in results),
         mean_square_z=float(np.mean(z.astype(np.float64) ** 2)),
         log_p_per_step=sum(one.noise.log_probability for one in results) / len(z),
         trained_episodes=getattr(learner, "trained_episodes", None),
@@ -89,6 +94,7 @@ def evaluations(crew: Crew, learnt: list[Found], episodes: int, **parameters: fl
         msgspec.structs.replace(
             found.spec,
             method="evaluate",
+            seed=found.spec.seed + FRESH,
             settings={"campaign": EARLIER},
             episodes=episodes,
             scenario_parameters=parameters or found.spec.scenario_parameters,

@@ -187,7 +187,9 @@ def test_states_are_what_the_adversary_saw(make_engine: MakeEngine) -> None:
     assert result.states.shape == (result.steps, len(STATE))
     assert result.states[:, 0] == pytest.approx((actor[:, 0] - ego[:, 0]) / 100.0, abs=1e-5)
     assert result.states[:, 3] == pytest.approx(actor[:, 3] / 30.0, abs=1e-5)
-    assert result.states[:, 5] == pytest.approx(np.arange(result.steps) / 60.0, abs=1e-6)
+    assert result.states[:, STATE.index("progress")] == pytest.approx(
+        np.arange(result.steps) / 60.0, abs=1e-6
+    )
     held = result.noise.z[: result.steps // 4 * 4].reshape(-1, 4, 2)
     assert (held == held[:, :1]).all()
     (prior,) = run(engine, tasks(1))

@@ -46,7 +46,8 @@ def step_of(client: Client, campaign: Campaign) -> Step:
         came = f"{campaign.state} after {campaign.counts.completed} completed episodes"
         raise ServiceError(
             f"Campaign {campaign.id} is {came} and says nothing of its scale.",
-            f"See why: eigenfail campaign show {campaign.id}; then run the same command again.",
+            f"See why: eigenfail campaign show {campaign.id}; then take another seed or budget: "
+            "the same question would find the same campaign.",
         )
     return Step(
         scale=campaign.spec.disturbance.scale,

@@ -17,7 +17,8 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     repeated to the episode.
 
     Attributes:
-        failures: so many collisions were found.
+        failures: so many collisions were found. The rate of a campaign that stops at its first
+            failures is too high on average, the more so the smaller its rounds are.
         half_width: half the width of the failure rate's 95 % Wilson interval fell to this, where
             episodes are drawn from one distribution.
         cv: the coefficient of variation of the failure probability fell to this, of methods that

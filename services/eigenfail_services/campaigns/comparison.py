@@ -9,6 +9,7 @@ from eigenfail.errors import InvalidValue
 from eigenfail.values import Campaign, CampaignSpec, Comparison, Cost, Difference, EffectSize, Side
 from eigenfail_services.analysis.cost import cost
 from eigenfail_services.campaigns.comparison_words import (
+    by_luck,
     confounded,
     impure,
     sentences,
@@ -50,6 +51,7 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         *confounded(things(found.distinctions)),
         *impure("A", mixed(specs(ones))),
         *impure("B", mixed(specs(others))),
+        *by_luck([*ones, *others]),
         *unfinished([*ones, *others]),
     )
     return replace(found, sentences=sentences(found), warnings=caveats)

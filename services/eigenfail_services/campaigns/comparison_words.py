@@ -14,6 +14,7 @@ from eigenfail.values import (
     McNemar,
     Side,
 )
+from eigenfail_services.campaigns.pairing import PAIRABLE
 
 SMALLEST_P = 1e-4
 LEVEL = 0.05
@@ -44,7 +45,7 @@ def more_or_fewer(found: Difference) -> str:
     """Which side fails more often, where that can be told."""
     if found.interval.low <= 0.0 <= found.interval.high:
         return (
-            "No difference in failure rate can be told: B − A is "
+            "From the rates alone no difference can be told: B − A is "
             f"{percent(found.value, '+')} {bounds(found.interval)} of the episodes."
         )
     word = "more" if found.value > 0.0 else "fewer"
@@ -105,6 +106,16 @@ def impure(side: str, differing: Sequence[str]) -> Iterator[str]:
     """
     if differing:
         yield f"The campaigns of {side} differ among themselves in {', '.join(differing)}."
+
+
+def by_luck(campaigns: Sequence[Campaign]) -> Iterator[str]:
+    """That intervals know nothing of the luck of a learner's seed."""
+    learning = sorted({campaign.spec.method for campaign in campaigns} - PAIRABLE)
+    if learning:
+        yield (
+            f"Episodes of {' and '.join(learning)} depend on what was learnt: intervals know "
+            "the luck of the episodes, not that of the training seed. Compare several seeds."
+        )
 
 
 def unfinished(campaigns: Sequence[Campaign]) -> Iterator[str]:

@@ -25,11 +25,11 @@ class Search(msgspec.Struct, frozen=True):
 def search(spec: CampaignSpec) -> Search:
     """The campaign's own method, or that of its ensemble's members."""
     found = Search(spec.method, spec.settings)
-    while found.method == ENSEMBLE:
-        kind = plugins.load(plugins.METHODS, ENSEMBLE).Settings
-        members = read_settings(kind, found.settings, found.field)
-        found = Search(members.method, members.settings, f"{found.field}.settings")
-    return found
+    if found.method != ENSEMBLE:
+        return found
+    kind = plugins.load(plugins.METHODS, ENSEMBLE).Settings
+    members = read_settings(kind, found.settings, found.field)
+    return Search(members.method, members.settings, f"{found.field}.settings")
 
 
 def ended(campaign: int, field: str, store: Store) -> Campaign:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eigenfail.contracts import Store
-from eigenfail.values import Campaign, EpisodeResult, PairTotals
+from eigenfail.values import Campaign, CampaignSpec, EpisodeResult, PairTotals
 
 DRAWS_FROM_PRIOR = "monte_carlo"
 REPLAYS = "replay"
@@ -46,13 +46,23 @@ def obstacle(a: Sequence[Campaign], b: Sequence[Campaign]) -> str:
         return f"{method} chooses its noise by what earlier episodes did."
     if len(methods) > 1:
         return f"{' and '.join(sorted(methods))} do not draw the same noise."
-    if len({repr(campaign.spec.disturbance.shape) for campaign in (*a, *b)}) > 1:
-        return "their noise differs in shape."
+    if problem := other_question(methods, [campaign.spec for campaign in (*a, *b)]):
+        return problem
     seeds = [[campaign.spec.seed for campaign in side] for side in (a, b)]
     if any(len(set(side)) < len(side) for side in seeds):
         return "two campaigns of one side have the same seed."
     if set(seeds[0]) != set(seeds[1]):
         return "their seeds differ."
+    return ""
+
+
+def other_question(methods: set[str], specs: Sequence[CampaignSpec]) -> str:
+    """That what was asked for makes other noise; empty if it does not."""
+    if len({repr(spec.disturbance.shape) for spec in specs}) > 1:
+        return "their noise differs in shape."
+    replayed = {repr(sorted(spec.settings.items())) for spec in specs}
+    if REPLAYS in methods and len(replayed) > 1:
+        return "they were asked to replay different noise."
     return ""
 
 

@@ -49,6 +49,9 @@ class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         """
         if self.method not in plugins.names(plugins.METHODS):
             raise UnknownName("settings.method", self.method, plugins.names(plugins.METHODS))
+        if self.method == "ensemble":
+            problem = "an ensemble has no ensembles as members."
+            raise InvalidValue("settings.method", problem, "Give it more members.")
         self.of_members()
 
     def of_members(self) -> Any:

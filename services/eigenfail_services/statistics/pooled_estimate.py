@@ -1,9 +1,12 @@
 """One failure probability from independent estimates of it."""
 
 from collections.abc import Sequence
-from math import hypot
+from itertools import combinations
+from math import hypot, log, log1p, sqrt
+from statistics import stdev
 
 from eigenfail.values import Estimate
+from eigenfail_services.statistics.independent_runs import LARGEST_DEVIATION
 from eigenfail_services.statistics.intervals import log_normal
 
 
@@ -22,6 +25,10 @@ def pooled(estimates: Sequence[Estimate]) -> Estimate:
         if one.probability is None:
             problem = f"Member {number}: {one.problem}"
             return Estimate(by=one.by, episodes=episodes, problem=problem)
+    if disagree(estimates):
+        told = ", ".join(f"{one.probability:.1e}" for one in estimates)
+        problem = f"The members disagree: {told}. Each knows other failures; take method subset."
+        return Estimate(by=estimates[0].by, episodes=episodes, problem=problem)
     parts = [(one.probability or 0.0) * one.episodes / episodes for one in estimates]
     probability, cv = sum(parts), variation(parts, [one.cv for one in estimates])
     return Estimate(
@@ -35,12 +42,33 @@ def pooled(estimates: Sequence[Estimate]) -> Estimate:
     )
 
 
+def disagree(estimates: Sequence[Estimate]) -> bool:
+    """Whether two of them lie further apart than 99.9 % of pairs with their own variations."""
+    logs = [
+        (log(one.probability), log1p(one.cv**2))
+        for one in estimates
+        if one.probability and one.cv is not None
+    ]
+    return any(
+        abs(a - b) > LARGEST_DEVIATION * sqrt(variance_a + variance_b)
+        for (a, variance_a), (b, variance_b) in combinations(logs, 2)
+    )
+
+
 def variation(parts: Sequence[float], cvs: Sequence[float | None]) -> float | None:
     """Coefficient of variation of a sum of independent parts, from theirs."""
     known = [cv for cv in cvs if cv is not None]
     if len(known) < len(parts) or not sum(parts):
         return None
-    return hypot(*(part * cv for part, cv in zip(parts, known, strict=True))) / sum(parts)
+    own = hypot(*(part * cv for part, cv in zip(parts, known, strict=True))) / sum(parts)
+    return max(own, apart(parts))
+
+
+def apart(parts: Sequence[float]) -> float:
+    """The same from how far the parts lie apart, as if all were as large; 0 of a single one."""
+    if len(parts) < 2:
+        return 0.0
+    return stdev(parts) * sqrt(len(parts)) / sum(parts)
 
 
 def total(sizes: Sequence[float | None]) -> float | None:

@@ -304,10 +304,10 @@ def test_what_matters_at_birth_alone_is_left_out_of_what_is_handed_on() -> None:
 
 
 def test_what_searches_in_an_ensemble_are_its_members() -> None:
-    inner = {"method": "ensemble", "settings": {"method": "cem", "settings": {"batch": 4}}}
+    inner = {"method": "cem", "settings": {"batch": 4}}
     found = search(CampaignSpec(name="t", method="ensemble", settings=inner, episodes=9))
     assert (found.method, found.settings) == ("cem", {"batch": 4})
-    assert found.field == "settings.settings.settings"
+    assert found.field == "settings.settings"
 
 
 def test_replayed_campaigns_are_still_looked_for(memory: House) -> None:

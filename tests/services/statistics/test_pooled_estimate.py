@@ -37,8 +37,21 @@ def test_its_interval_holds_the_truth_as_often_as_it_says():
     spread = sqrt(np.log1p(cv**2))
     draws = truth * np.exp(random.normal(-(spread**2) / 2, spread, (2000, 4)))
     found = [pooled([estimate(float(p), cv) for p in row]).interval for row in draws]
-    held = np.mean([interval.low <= truth <= interval.high for interval in found])
-    assert 0.93 <= held <= 0.97
+    told = [interval for interval in found if interval is not None]
+    assert len(told) >= 0.99 * len(found), "one in a thousand pairs lies apart by chance"
+    held = np.mean([interval.low <= truth <= interval.high for interval in told])
+    assert 0.93 <= held <= 0.98
+
+
+def test_members_that_know_different_failures_make_no_number():
+    found = pooled([estimate(1e-4, 0.1), estimate(1e-6, 0.1)])
+    assert found.probability is found.interval is None
+    assert "1.0e-04, 1.0e-06" in found.problem
+
+
+def test_members_that_lie_apart_make_the_whole_less_sure():
+    near, far = (pooled([estimate(1e-4, 0.3), estimate(p, 0.3)]) for p in (1e-4, 2.5e-4))
+    assert far.cv > 1.3 * near.cv
 
 
 def test_one_that_refuses_a_number_refuses_it_for_all():

@@ -48,7 +48,7 @@ class IdmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class IntelligentDriver:
-    """Follows the nearest perceived vehicle in its lane; no filter, no foresight."""
+    """Follows the nearest perceived vehicle in its lane; no filter, no plan."""
 
     Settings = IdmSettings
 

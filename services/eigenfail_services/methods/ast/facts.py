@@ -20,7 +20,8 @@ class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         amplitude: of that version. [sigma]
         proposed: episodes, all of them.
         observed: episodes, those that could not be run included.
-        trained: episodes that were learnt from.
+        kept: episodes in the replay buffer, or once in it.
+        trained: those of them that gradient steps have followed.
         fresh: decisions not yet trained on.
         recent: whether they failed, of the last episodes learnt from.
         converged: training has ended.
@@ -31,6 +32,7 @@ class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     trainings: Count = 0
     proposed: Count = 0
     observed: Count = 0
+    kept: Count = 0
     trained: Count = 0
     fresh: Count = 0
     recent: tuple[bool, ...] = ()
@@ -45,7 +47,7 @@ class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def after(self, failed: Sequence[bool]) -> "Facts":
         """Once these episodes have been learnt from."""
         recent = (*self.recent, *failed)[-WINDOW:]
-        return msgspec.structs.replace(self, trained=self.trained + len(failed), recent=recent)
+        return msgspec.structs.replace(self, kept=self.kept + len(failed), recent=recent)
 
     def fails_in(self, share: float) -> bool:
         """Whether at least that share of the last 100 episodes failed."""

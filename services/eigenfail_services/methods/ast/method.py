@@ -119,9 +119,13 @@ class AdaptiveStressTesting:
     def _train(self) -> None:
         """Take the gradient steps that are due."""
         facts = self._facts
-        if facts.fresh and not facts.converged and facts.trained >= self._warm_up:
+        if facts.fresh and not facts.converged and facts.kept >= self._warm_up:
             trainings = facts.trainings + 1
             self._trainer.train(facts.fresh * self._settings.gradient_steps, draw=trainings)
             self._facts = structs.replace(
-                facts, version=facts.version + 1, trainings=trainings, fresh=0
+                facts,
+                version=facts.version + 1,
+                trainings=trainings,
+                trained=facts.kept,
+                fresh=0,
             )

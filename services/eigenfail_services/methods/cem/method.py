@@ -32,6 +32,9 @@ from eigenfail_services.methods.cem.proposal import (
 from eigenfail_services.statistics.importance import BY, WeightedFailures
 
 NOT_YET = "Not known yet: it rests on the second half of the budget; the first is for learning."
+NO_ROUND = (
+    "No round began in the second half of the budget, on which it rests. Take a smaller batch."
+)
 BLANK = (0.0, *astuple(WeightedFailures()))
 NO_SUMS: dict[str, archive.Array] = {"sums": np.array(BLANK)}
 """Of states that were written before there were sums."""
@@ -94,7 +97,7 @@ class CrossEntropyMethod:
         self._settings = settings
         self._seed = context.seed
         self._rounds = 0
-        self._learning = context.episodes // 2
+        self._budget = context.episodes
         self._seen = 0
         self._sums = WeightedFailures()
         self.proposal = prior(context.horizon)
@@ -123,7 +126,7 @@ class CrossEntropyMethod:
         The few heavy weights of early rounds would outweigh all others, where they are drawn at
         all.
         """
-        if self._seen >= self._learning:
+        if self._seen >= self._budget // 2:
             ran = [result for result in results if result.outcome is not Outcome.FAILED]
             failures = [result.noise.z for result in ran if result.is_failure]
             weights = log_weights(failures, self.proposal)
@@ -134,7 +137,8 @@ class CrossEntropyMethod:
         """The failure probability by importance sampling over the second half of the budget."""
         if self._sums.episodes:
             return self._sums.estimate()
-        return Estimate(by=BY, episodes=0, problem=NOT_YET) if self._seen else None
+        problem = NOT_YET if self._seen < self._budget else NO_ROUND
+        return Estimate(by=BY, episodes=0, problem=problem) if self._seen else None
 
     def state(self) -> bytes:
         """The proposal, how many rounds it took, and the sums of the weights."""

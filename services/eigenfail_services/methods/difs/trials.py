@@ -81,7 +81,8 @@ class Trials:
 
     def _forget(self) -> None:
         if len(self) > self._memory:
-            kept = np.sort(np.argsort(self.robustness, kind="stable")[: self._memory])
+            newest_first = -np.arange(len(self))
+            kept = np.sort(np.lexsort((newest_first, self.robustness))[: self._memory])
             self.z, self.steps = self.z[kept], self.steps[kept]
             self.robustness = self.robustness[kept]
 

@@ -20,6 +20,9 @@ from eigenfail_services.methods.subset.settings import SubsetMethodSettings
 from eigenfail_services.methods.subset.waves import Dialogue, Waves
 from eigenfail_services.statistics.independent_runs import pooled, underway
 
+LARGEST_ROUND = 5_000_000
+"""Numbers of noise in a round at most: it travels as one message."""
+
 
 class SubsetMethod:
     """Goes down the levels of robustness until failures are reached, in several runs side by side.
@@ -48,7 +51,7 @@ class SubsetMethod:
     def __init__(self, context: LearnerContext, settings: SubsetMethodSettings) -> None:
         self._context = context
         self._runs = settings.runs
-        self._round_size = settings.round_size
+        self._round_size = min(settings.round_size, 1 + LARGEST_ROUND // (2 * context.horizon))
         self._each = settings.within(context.episodes)
         self._waves = self._begun()
 

@@ -22,6 +22,7 @@ LIKELIHOOD_COUNTS = {
     "alpha": 30.0,
     "c_dist": 30.0,
     "entropy": 3.0,
+    "target_entropy": -2.0,
     "learning_rate": 3e-3,
     "amplitude": 6.0,
 }

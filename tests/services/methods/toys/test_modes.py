@@ -49,7 +49,7 @@ def test_subset_sees_both_corners_and_tells_their_probability(search):
     assert 0.1 < sides(results) < 0.9
 
 
-@pytest.mark.xfail(reason="DiFS comes to one corner or to none", strict=False)
+@pytest.mark.xfail(reason="DiFS comes to one corner or to none", strict=True)
 def test_difs_sees_both_corners(search):
     _, results = search(TwoModes(), "difs", 300, first_steps=500, steps=200)
     assert failure_rate(results) >= 3000 * TwoModes.probability

@@ -1,0 +1,38 @@
+"""How long a worker waits in a campaign of `ast`: for its learner above all."""
+
+import tempfile
+from pathlib import Path
+
+from figures import Figure
+
+from eigenfail.cli.local_service import Launcher, Plan, local_service
+from eigenfail.client import Client
+
+EPISODES = 300
+COMMAND = "make bench"
+
+
+def learner_share() -> Figure:
+    """The share of the wall time in which the one worker runs no episode; it holds all waiting.
+
+    From the first result to the last, under training that never ends. The learner has the other
+    core.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        plan = Plan(Path(folder), port=0, workers=1, launcher=Launcher.RAY)
+        with local_service(plan) as service, Client(service.address.url) as client:
+            share = waiting(client)
+    return Figure(value=share, unit="share", n=EPISODES, target="<= 0.5", command=COMMAND)
+
+
+def waiting(client: Client) -> float:
+    """1 - time in episodes ÷ wall time."""
+    created = client.campaigns.create(
+        name="waiting", method="ast", episodes=EPISODES, seed=1, settings={"converged_share": None}
+    )
+    ended = client.campaigns.wait(created.id, timeout_s=600)
+    if ended.counts.completed != EPISODES:
+        raise SystemExit(f"bench: {ended.state}, {ended.counts}: {ended.stopped_because}")
+    rows = sorted(client.episodes.list(created.id), key=lambda row: row.finished_ms)
+    wall_s = (rows[-1].finished_ms - rows[0].finished_ms) / 1000.0
+    return 1.0 - sum(row.wall_s for row in rows[1:]) / wall_s
