@@ -33,7 +33,7 @@ CLOSE = {"gap_m": 34.0, "slower_mps": 12.0, "sway_m": 6.0}
 
 
 def policy(version: int = 1, hold: int = 4) -> Policy:
-    rng = np.random.default_rng(version)
+    rng = np.random.default_rng([1, version])
 
     def layer(rows: int, columns: int) -> Layer:
         weight, bias = rng.normal(0.0, 0.4, (rows, columns)), rng.normal(0.0, 0.4, rows)

@@ -29,8 +29,10 @@ def pooled(estimates: Sequence[Estimate]) -> Estimate:
         told = ", ".join(f"{one.probability:.1e}" for one in estimates)
         problem = f"The members disagree: {told}. Each knows other failures; take method subset."
         return Estimate(by=estimates[0].by, episodes=episodes, problem=problem)
-    parts = [(one.probability or 0.0) * one.episodes / episodes for one in estimates]
-    probability, cv = sum(parts), variation(parts, [one.cv for one in estimates])
+    found = [one.probability or 0.0 for one in estimates]
+    weights = [one.episodes / episodes for one in estimates]
+    probability = sum(p * weight for p, weight in zip(found, weights, strict=True))
+    cv = variation(found, weights, [one.cv for one in estimates])
     return Estimate(
         by=estimates[0].by,
         episodes=episodes,
@@ -55,20 +57,20 @@ def disagree(estimates: Sequence[Estimate]) -> bool:
     )
 
 
-def variation(parts: Sequence[float], cvs: Sequence[float | None]) -> float | None:
-    """Coefficient of variation of a sum of independent parts, from theirs."""
+def variation(
+    found: Sequence[float], weights: Sequence[float], cvs: Sequence[float | None]
+) -> float | None:
+    """Coefficient of variation of a weighted mean of independent estimates.
+
+    The larger of what they say of themselves and of how far they lie apart.
+    """
     known = [cv for cv in cvs if cv is not None]
-    if len(known) < len(parts) or not sum(parts):
+    mean = sum(p * weight for p, weight in zip(found, weights, strict=True))
+    if len(known) < len(found) or not mean:
         return None
-    own = hypot(*(part * cv for part, cv in zip(parts, known, strict=True))) / sum(parts)
-    return max(own, apart(parts))
-
-
-def apart(parts: Sequence[float]) -> float:
-    """The same from how far the parts lie apart, as if all were as large; 0 of a single one."""
-    if len(parts) < 2:
-        return 0.0
-    return stdev(parts) * sqrt(len(parts)) / sum(parts)
+    own = hypot(*(p * weight * cv for p, weight, cv in zip(found, weights, known, strict=True)))
+    apart = stdev(found) * hypot(*weights) if len(found) > 1 else 0.0
+    return max(own, apart) / mean
 
 
 def total(sizes: Sequence[float | None]) -> float | None:

@@ -17,10 +17,10 @@ def estimate(probability=None, cv=None, episodes=100, **more):
 
 
 def test_two_by_hand():
-    """0.25 · 0.02 + 0.75 · 0.04 = 0.035; deviations 0.25 · 0.004 and 0.75 · 0.004."""
-    found = pooled([estimate(0.02, 0.2, 100, effective=30.0), estimate(0.04, 0.1, 300)])
-    assert found.probability == pytest.approx(0.035)
-    assert found.cv == pytest.approx(0.001 * sqrt(1 + 9) / 0.035)
+    """0.25 · 0.038 + 0.75 · 0.04 = 0.0395; deviations 0.25 · 0.0076 and 0.75 · 0.004."""
+    found = pooled([estimate(0.038, 0.2, 100, effective=30.0), estimate(0.04, 0.1, 300)])
+    assert found.probability == pytest.approx(0.0395)
+    assert found.cv == pytest.approx(0.1 * sqrt(0.019**2 + 0.03**2) / 0.0395)
     assert (found.episodes, found.by, found.effective) == (400, "importance sampling", None)
 
 
