@@ -71,7 +71,7 @@ BROKEN = {
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_module_that_does_not_give_it_is_refused_in_words(name, module):
     text, words = BROKEN[name]
-    module("sut_broken", text)
+    module("sut_broken", f"# as eigenfail.functions wants it\n{text}")
     with pytest.raises(InvalidValue, match=words) as refused:
         find("sut_broken:robustness")
     assert refused.value.field == "planner"
@@ -87,9 +87,17 @@ def test_a_module_that_is_not_there_is_refused_with_where_it_was_looked_for(modu
 
 def test_nothing_is_called_that_was_not_declared(module):
     module("sut_open")
-    for place in ("os:system", "sut_open:helper"):
-        with pytest.raises(InvalidValue, match="not declared"):
-            find(place)
+    with pytest.raises(InvalidValue, match="not declared"):
+        find("sut_open:helper")
+
+
+@pytest.mark.parametrize("place", ["os:system", "this:x", "sut_stranger:robustness"])
+def test_a_module_that_is_none_of_functions_is_not_even_imported(place, module):
+    module("sut_stranger", "raise SystemExit(4)")
+    known = sys.modules.get(place.split(":")[0])
+    with pytest.raises(InvalidValue, match="in no module of functions"):
+        find(place)
+    assert sys.modules.get(place.split(":")[0]) is known
 
 
 def test_a_file_that_was_changed_is_not_run_as_it_was_before(module):

@@ -1,12 +1,15 @@
 """From `module:function` to the function that is declared under that name."""
 
 from importlib import import_module, invalidate_caches
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
 from eigenfail.errors import InvalidValue
 from eigenfail.functions import FunctionUnderTest, look_in_this_folder, not_found
 from eigenfail_workers.functions.telling import last_line
+
+DECORATORS = "eigenfail.functions"
 
 WRITTEN = "__eigenfail_written_ns__"
 """Kept in a module: when its file had last been written as it was imported here."""
@@ -37,7 +40,10 @@ def _imported(name: str, place: str) -> ModuleType:
     look_in_this_folder()
     invalidate_caches()
     try:
+        _refuse_strangers(name, place)
         module = import_module(name)
+    except InvalidValue:
+        raise
     except (Exception, SystemExit) as error:
         raise not_found(place, last_line(error)) from error
     written_ns = _written_ns(module)
@@ -45,6 +51,22 @@ def _imported(name: str, place: str) -> ModuleType:
         problem = f"the file of '{name}' was changed after this worker imported it."
         raise InvalidValue("planner", problem, "Start the service again: it runs the old code.")
     return module
+
+
+def _refuse_strangers(name: str, place: str) -> None:
+    """To import a module is to run it: only one that names the decorators' module is.
+
+    Raises:
+        InvalidValue: its text does not.
+        ImportError: there is no such module.
+    """
+    spec = find_spec(name)
+    if spec is None:
+        raise ModuleNotFoundError(f"No module named '{name}'")
+    source = spec.origin if spec.has_location else None
+    if source is None or DECORATORS not in Path(source).read_text("utf-8", "replace"):
+        remedy = f"Import of_trajectory or of_batch from {DECORATORS} in it."
+        raise InvalidValue("planner", f"'{place}' is in no module of functions.", remedy)
 
 
 def _written_ns(module: ModuleType) -> int:
