@@ -46,8 +46,8 @@ class Panel(msgspec.Struct, frozen=True):
 
 PANELS = (
     Panel("failure_rate", "failure rate", 0.0, 1.0),
-    Panel("log_p_per_step", "log p per step of failures", -8.0, 0.0),
-    Panel("robustness_m", "median robustness [m]", 0.0, 40.0),
+    Panel("log_p_per_step", "log p per step of failures", -4.0, 0.0),
+    Panel("robustness_m", "median robustness [m]", 0.0, 20.0),
 )
 
 
