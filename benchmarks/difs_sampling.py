@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from statistics import median
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -34,7 +35,7 @@ def measure() -> list[float]:
     ]
 
 
-def duration(model, draw: int) -> float:  # type: ignore[no-untyped-def]
+def duration(model: Any, draw: int) -> float:
     """Seconds that a round of samples takes."""
     condition = np.zeros(SAMPLES, np.float32)
     before = time.perf_counter()

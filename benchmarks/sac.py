@@ -11,6 +11,7 @@ import time
 from statistics import median
 from typing import Any
 
+import msgspec
 import numpy as np
 from figures import ROOT, Figure
 
@@ -50,7 +51,7 @@ def trainer(name: str, batch_size: int) -> Any:
     from eigenfail_services.methods.ast.trainer import ACTIONS, make_trainer
 
     papers = AstSettings(alpha=5000.0, c_dist=1000.0, tau=0.001, learning_rate=3e-4)
-    options = AstSettings(**{**settings(papers), "batch_size": batch_size}).options(seed=1)
+    options = msgspec.structs.replace(papers, batch_size=batch_size).options(seed=1)
     made = make_trainer(name, options)
     random = np.random.default_rng(1)
     states = random.standard_normal((KEPT + 1, len(STATE)), np.float32)
@@ -65,11 +66,6 @@ def trainer(name: str, batch_size: int) -> Any:
     )
     made.train(STEPS // 5, draw=0)
     return made
-
-
-def settings(given: Any) -> dict[str, Any]:
-    """A struct's fields by name."""
-    return {name: getattr(given, name) for name in given.__struct_fields__}
 
 
 def rate(made: Any) -> float:

@@ -64,6 +64,10 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
     predecessors: tuple[Predecessor, ...] = ()
     experience: Experience | None = None
 
+    def predecessor(self, campaign: int) -> Predecessor | None:
+        """The learner of that campaign, if it is at hand."""
+        return next((one for one in self.predecessors if one.campaign == campaign), None)
+
 
 class Proposal(msgspec.Struct, frozen=True, eq=False):
     """A round as a learner wants it.

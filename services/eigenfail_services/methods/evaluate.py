@@ -123,9 +123,8 @@ def predecessor(context: LearnerContext, campaign: int) -> Predecessor:
     Raises:
         InvalidValue: nothing.
     """
-    for before in context.predecessors:
-        if before.campaign == campaign:
-            return before
+    if (before := context.predecessor(campaign)) is not None:
+        return before
     raise InvalidValue(
         "settings.campaign",
         f"the learner of campaign {campaign} is not at hand.",

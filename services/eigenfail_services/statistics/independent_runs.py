@@ -6,22 +6,19 @@ allows for, no number is given.
 """
 
 from collections.abc import Sequence
-from itertools import combinations
-from math import log, prod, sqrt
-from statistics import NormalDist
+from math import prod
 
 import numpy as np
 
 from eigenfail.values import Estimate
 from eigenfail_services.statistics.intervals import log_normal
+from eigenfail_services.statistics.pooled_estimate import disagree, variation
 from eigenfail_services.statistics.subset_estimate import Level, SubsetEstimate
 
 BY = "subset simulation"
 
 FEW_SAMPLES = 2000
 """On each level; with no more, on a world with rare lineages, the truth was missed 300-fold."""
-
-LARGEST_DEVIATION = NormalDist().inv_cdf(0.9995)
 
 MORE = "Give it more episodes."
 BLIND = "It knows nothing of a kind of failure of which no sample showed the beginning."
@@ -39,9 +36,11 @@ def pooled(found: Sequence[SubsetEstimate], samples: int) -> Estimate:
     if not reached:
         deepest = min(found, key=lambda one: rarity(one.levels))
         return refused(episodes, f"No failure was reached: {deepest.end}. {depth(deepest.levels)}")
-    if len(reached) < len(found) or disagree(found):
+    cvs = [one.variation for one in found]
+    if len(reached) < len(found) or disagree(list(zip(reached, cvs, strict=True))):
         return refused(episodes, disagreement(found))
-    probability, cv = float(np.mean(reached)), pooled_variation(found)
+    probability, even = float(np.mean(reached)), [1.0 / len(found)] * len(found)
+    cv = variation(reached, even, cvs) or 0.0
     return Estimate(
         by=BY,
         episodes=episodes,
@@ -49,28 +48,6 @@ def pooled(found: Sequence[SubsetEstimate], samples: int) -> Estimate:
         cv=cv,
         interval=log_normal(probability, cv),
         note=doubts(len(found), samples),
-    )
-
-
-def pooled_variation(found: Sequence[SubsetEstimate]) -> float:
-    """Coefficient of variation of the mean of estimates that all reached failures.
-
-    The larger of what they say of themselves and how far they lie apart.
-    """
-    values = np.array([one.probability for one in found], np.float64)
-    own = float(np.linalg.norm(values * [one.variation for one in found]) / values.sum())
-    if len(found) == 1:
-        return own
-    apart = float(values.std(ddof=1) / sqrt(len(values)) / values.mean())
-    return max(own, apart)
-
-
-def disagree(found: Sequence[SubsetEstimate]) -> bool:
-    """Whether two of them lie further apart than 99.9 % of pairs with their own variations."""
-    logs = [(log(one.probability or 1.0), log(1.0 + one.variation**2)) for one in found]
-    return any(
-        abs(a - b) > LARGEST_DEVIATION * sqrt(variance_a + variance_b)
-        for (a, variance_a), (b, variance_b) in combinations(logs, 2)
     )
 
 

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from itertools import combinations
 from math import hypot, log, log1p, sqrt
-from statistics import stdev
+from statistics import NormalDist, stdev
 
 from eigenfail.values import Estimate
-from eigenfail_services.statistics.independent_runs import LARGEST_DEVIATION
 from eigenfail_services.statistics.intervals import log_normal
+
+LARGEST_DEVIATION = NormalDist().inv_cdf(0.9995)
 
 
 def pooled(estimates: Sequence[Estimate]) -> Estimate:
@@ -25,7 +26,7 @@ def pooled(estimates: Sequence[Estimate]) -> Estimate:
         if one.probability is None:
             problem = f"Member {number}: {one.problem}"
             return Estimate(by=one.by, episodes=episodes, problem=problem)
-    if disagree(estimates):
+    if disagree([(e.probability, e.cv) for e in estimates if e.probability and e.cv is not None]):
         told = ", ".join(f"{one.probability:.1e}" for one in estimates)
         problem = f"The members disagree: {told}. Each knows other failures; take method subset."
         return Estimate(by=estimates[0].by, episodes=episodes, problem=problem)
@@ -44,13 +45,13 @@ def pooled(estimates: Sequence[Estimate]) -> Estimate:
     )
 
 
-def disagree(estimates: Sequence[Estimate]) -> bool:
-    """Whether two of them lie further apart than 99.9 % of pairs with their own variations."""
-    logs = [
-        (log(one.probability), log1p(one.cv**2))
-        for one in estimates
-        if one.probability and one.cv is not None
-    ]
+def disagree(found: Sequence[tuple[float, float]]) -> bool:
+    """Whether two of them lie further apart than 99.9 % of pairs with their own variations.
+
+    Args:
+        found: probability, above 0, and coefficient of variation of each.
+    """
+    logs = [(log(probability), log1p(cv**2)) for probability, cv in found]
     return any(
         abs(a - b) > LARGEST_DEVIATION * sqrt(variance_a + variance_b)
         for (a, variance_a), (b, variance_b) in combinations(logs, 2)

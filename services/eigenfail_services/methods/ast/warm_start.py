@@ -40,9 +40,9 @@ def predecessor(context: LearnerContext, campaign: int) -> Predecessor:
     Raises:
         InvalidValue: nothing.
     """
-    for before in context.predecessors:
-        if (before.campaign, before.method) == (campaign, "ast"):
-            return before
+    before = context.predecessor(campaign)
+    if before is not None and before.method == "ast":
+        return before
     raise InvalidValue(
         FIELD,
         f"the learner of campaign {campaign} is not at hand, or is none of ast.",
