@@ -1,7 +1,7 @@
 """Find the figures that the documents state, and write docs/claims.json.
 
-The learning curves of the methods that learn go to docs/learning_curves.json; `make pictures`
-draws them.
+The learning curves of the methods that learn go to docs/learning_curves.json, the reproduction of
+the paper to docs/reproduction.json; `make pictures` draws and writes pages from them.
 
 `python benchmarks/claims.py --only cut_in.rulebook.p_fail` finds a part of them and leaves the
 others as they are. Exit code 1 if a target is missed, 2 if no figure has the name asked for.
@@ -15,20 +15,23 @@ from typing import Annotated, NamedTuple
 
 import curves
 import msgspec
+import reproduction
 import typer
 from crew import Crew, crew
-from curves import Curve, Curves
+from curves import Curve
 from figures import ROOT, Figure, write
 from learning import ast, cem, difs, likely_ast, merge
 from monte_carlo import calm, frail
 from probability import p_fail
+from reproduction import Run
 from shaped import shaped
 from targets import TARGETS, aimed, missed
 
 SEED = 20261122
 """Used for nothing else: no part of the world was chosen by what it shows."""
 
-Find = Callable[[Crew, int], Iterable[tuple[str, Figure | tuple[Curve, ...]]]]
+Finding = Figure | tuple[Curve, ...] | Run
+Find = Callable[[Crew, int], Iterable[tuple[str, Finding]]]
 
 
 class Trial(NamedTuple):
@@ -61,22 +64,34 @@ TRIALS = (
     Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
     Trial(("merge_in.ast.",), partial(merge, "ast")),
     Trial(("merge_in.difs.",), partial(merge, "difs")),
+    Trial(("paper.",), reproduction.find),
 )
 
 
-def found(prefix: str, seed: int) -> tuple[dict[str, Figure], Curves]:
-    """The figures whose names begin with a prefix, and the learning curves of their campaigns."""
-    findings: dict[str, Figure | tuple[Curve, ...]] = {}
+def found(prefix: str, seed: int) -> dict[str, Finding]:
+    """What the trials find that a prefix concerns; figures only whose names begin with it."""
+    findings: dict[str, Finding] = {}
     with crew() as hands:
         for trial in TRIALS:
             if trial.concerns(prefix):
                 began = time.perf_counter()
                 findings |= trial.find(hands, seed)
                 print(f"{trial.prefixes[0]}… {time.perf_counter() - began:.0f} s", flush=True)
-    figures = {name: one for name, one in findings.items() if isinstance(one, Figure)}
-    courses = {name: one for name, one in findings.items() if not isinstance(one, Figure)}
-    wanted = {name: one for name, one in figures.items() if name.startswith(prefix)}
-    return {name: aimed(name, one, seed) for name, one in wanted.items()}, courses
+    return {
+        name: one
+        for name, one in findings.items()
+        if name.startswith(prefix) or not isinstance(one, Figure)
+    }
+
+
+def write_beside(to: Path, findings: dict[str, Finding]) -> None:
+    """Keep the learning curves and the reproduction, if there are new ones."""
+    beside = to.with_name(curves.FILE.name)
+    runs = [one for one in findings.values() if isinstance(one, Run)]
+    fresh = {n: one for n, one in findings.items() if not isinstance(one, Figure | Run)}
+    curves.write(curves.read(beside) | fresh, beside)
+    for run in runs:
+        reproduction.write(run, to.with_name(reproduction.FILE.name))
 
 
 def kept(path: Path, prefix: str) -> dict[str, Figure]:
@@ -109,13 +124,13 @@ def main(
     to: Annotated[Path, typer.Option(help="File to write.")] = ROOT / "docs" / "claims.json",
 ) -> None:
     """Find, write, show."""
-    figures, fresh = found(only, seed)
+    findings = found(only, seed)
+    figures = {n: aimed(n, one, seed) for n, one in findings.items() if isinstance(one, Figure)}
     if not figures:
         print(f"No figure's name begins with '{only}'; some are {', '.join(sorted(TARGETS))}.")
         raise typer.Exit(2)
     write(to, kept(to, only) | figures)
-    beside = to.with_name(curves.FILE.name)
-    curves.write(curves.read(beside) | fresh, beside)
+    write_beside(to, findings)
     late = missed(figures, only)
     print("\n".join(table(figures, late)))
     raise typer.Exit(bool(late))

@@ -9,12 +9,17 @@ from heuristics import Tried, rate_at
 from samples import COMMAND
 from searches import Found
 
+from eigenfail_services.statistics.comparison import difference
 from eigenfail_services.statistics.intervals import rate
 
 
 def middle(runs: Sequence[Found], of: Callable[[Found], float | None], unit: str, n: int) -> Figure:
     """The median over the seeds, with all of them; no value unless each has one."""
-    values = [of(run) for run in runs]
+    return of_seeds([of(run) for run in runs], unit, n)
+
+
+def of_seeds(values: Sequence[float | None], unit: str, n: int, more: str = "") -> Figure:
+    """The median of one value for each seed; `more` follows them in the note."""
     known = sorted(value for value in values if value is not None)
     whole = len(known) == len(values)
     return Figure(
@@ -22,7 +27,7 @@ def middle(runs: Sequence[Found], of: Callable[[Found], float | None], unit: str
         unit=unit,
         n=n,
         spread=(known[0], known[-1]) if whole else None,
-        note=each(values),
+        note=each(values) + more,
         command=COMMAND,
     )
 
@@ -65,6 +70,36 @@ def log_p_ratio(run: Found) -> float | None:
         return None
     usual = fsum(one.prior for one in run.crashes)
     return fsum(one.log_probability for one in run.crashes) / usual
+
+
+def likelier(runs: Sequence[Found], others: Sequence[Found]) -> Figure:
+    """log p per step of the failures less that of the others', seed by seed; above 0: likelier."""
+    gains = [
+        None if one is None or other is None else one - other
+        for one, other in zip(map(log_p_per_step, runs), map(log_p_per_step, others), strict=True)
+    ]
+    rates = (", ".join(f"{failure_rate(run):.3g}" for run in side) for side in (runs, others))
+    return of_seeds(gains, "nat", len(gains), f"; failure rates {' and '.join(rates)}")
+
+
+def rate_gained(runs: Sequence[Found], others: Sequence[Found]) -> Figure:
+    """The others' failure rate less that of the runs, over all seeds, with Newcombe's interval."""
+    crashed, episodes = zip(*map(counted, (runs, others)), strict=True)
+    found = difference(crashed[0], episodes[0], crashed[1], episodes[1])
+    told = " less ".join(f"{k} of {n}" for k, n in map(counted, (others, runs)))
+    return Figure(
+        value=found.value,
+        unit="share",
+        n=sum(episodes),
+        interval=(found.interval.low, found.interval.high),
+        note=f"{told}; Newcombe's 95 % interval",
+        command=COMMAND,
+    )
+
+
+def counted(runs: Sequence[Found]) -> tuple[int, int]:
+    """Failures and episodes over all seeds."""
+    return sum(sum(run.crashed) for run in runs), sum(len(run.crashed) for run in runs)
 
 
 def deviation(run: Found) -> float:

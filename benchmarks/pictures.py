@@ -1,6 +1,10 @@
-"""Draw docs/pictures: each scenario from above, a crash by shaped noise, the learning curves."""
+"""Draw docs/pictures: each scenario from above, a crash by shaped noise, the learning curves.
+
+Also writes docs/reproduction.md, from the run that is kept.
+"""
 
 import curves
+import reproduction
 from crash_view import crash_view
 from figures import ROOT
 from top_view import TopView
@@ -17,6 +21,8 @@ def main() -> None:
         (FOLDER / f"{scenario}.svg").write_text(TopView(scenario).picture(), encoding="utf-8")
     (FOLDER / "crash.svg").write_text(crash_view(), encoding="utf-8")
     curves.PICTURE.write_text(curves.picture(curves.read()), encoding="utf-8")
+    written = reproduction.illustrated(reproduction.read())
+    reproduction.PAGE.write_text(written, encoding="utf-8")
     print("\n".join(sorted(str(path.relative_to(ROOT)) for path in FOLDER.glob("*.svg"))))
 
 

@@ -1,5 +1,6 @@
 """Measure everything that is promised about speed, and write benchmarks/latest.json."""
 
+from analysis import analysis_figures
 from difs_sampling import difs_sampling_figures
 from figures import ROOT, show, write
 from planner import planner_figures
@@ -14,6 +15,7 @@ def main() -> None:
     figures = {
         "cli_help_s": cli_help(),
         "worker_ready_s": worker_ready(),
+        **analysis_figures(),
         **planner_figures(),
         **sac_figures(),
         **difs_sampling_figures(),

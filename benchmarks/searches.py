@@ -104,6 +104,12 @@ def evaluations(crew: Crew, learnt: list[Found], episodes: int, **parameters: fl
     return crew.each(search, specs, learnt)
 
 
+def changed(found: Found, **settings: Any) -> Found:
+    """The same knowledge for a learner with some settings changed, such as its sampler."""
+    spec = msgspec.structs.replace(found.spec, settings=found.spec.settings | settings)
+    return found._replace(spec=spec)
+
+
 def context(spec: CampaignSpec, earlier: Found | None) -> LearnerContext:
     """What the service would give the learner."""
     steps = horizon(spec.scenario)

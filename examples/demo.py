@@ -12,11 +12,11 @@ from eigenfail.cli.mode_tables import (
     component_words,
     distinctness_words,
     mode_table,
-    replay_words,
 )
 from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL
 from eigenfail.cli.output import console
 from eigenfail.cli.progress import follow
+from eigenfail.cli.proofs import proof_words, proven
 from eigenfail.cli.signals import interruptible
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.cli.tables import result_table
@@ -62,8 +62,8 @@ def explain(client: Client, campaign: int) -> None:
     screen.print(mode_table(campaign, analysis.result))
     screen.print(component_words(analysis.result))
     screen.print(distinctness_words(analysis.result))
-    replay = follow(client, client.analyses.replay(analysis.id).id)
-    screen.print(replay_words(client.campaigns.summary(replay.id)))
+    for words in proof_words(proven(client, analysis.id, ())):
+        screen.print(words)
 
 
 def demo(client: Client) -> None:

@@ -18,18 +18,25 @@ from eigenfail_api.routes import (
     analyses,
     campaigns,
     comparisons,
+    costs,
     episodes,
     events,
     operations,
     plugins,
+    reports,
+    safety,
 )
 from eigenfail_api.settings import ApiSettings, refuse_open_door
 
+# Safety is before campaigns, whose /{campaign} would take /region for an id.
 ROUTERS = (
+    safety.router,
+    costs.router,
     campaigns.router,
     episodes.router,
     analyses.router,
     comparisons.router,
+    reports.router,
     events.router,
     plugins.router,
     operations.router,

@@ -14,15 +14,21 @@ from eigenfail.values import (
     Analysis,
     AnalysisSettings,
     Campaign,
+    CampaignCost,
     CampaignSpec,
     Comparison,
     Course,
     Event,
     FailureMode,
+    MinimalFailure,
     Page,
+    Proof,
+    Region,
+    Safety,
     Summary,
 )
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
+from eigenfail.values.report import Report
 from eigenfail.wire import http
 from eigenfail.wire.problems import Problem
 
@@ -33,11 +39,13 @@ BODIES = (
     Analysis,
     AnalysisSettings,
     Campaign,
+    CampaignCost,
     CampaignSpec,
     Comparison,
     Course,
     EpisodeDetail,
     Event,
+    MinimalFailure,
     Page[Analysis],
     Page[Campaign],
     Page[EpisodeRow],
@@ -45,10 +53,14 @@ BODIES = (
     Page[Summary],
     Page[http.PluginInfo],
     Problem,
+    Proof,
+    Region,
+    Report,
+    Safety,
     Summary,
     http.Digest,
     http.Health,
-    http.ReplayRequest,
+    http.ProofRequest,
 )
 NUMBERS = {
     "description": "Numbers, or equally long rows of them: an array, row by row.",

@@ -94,7 +94,7 @@ def test_bodies_are_described_where_they_are_read(document):
     assert with_bodies == {
         "/api/v1/campaigns",
         "/api/v1/campaigns/{campaign}/analyses",
-        "/api/v1/analyses/{analysis}/replay",
+        "/api/v1/analyses/{analysis}/proof",
     }
 
 
@@ -109,11 +109,14 @@ def test_answers_are_what_it_says(*, http, conforms, campaign, deliver, result, 
         f"{one}/summary": {},
         f"{one}/course": {},
         f"{one}/digest": {},
+        f"{one}/safety": {},
+        f"{one}/cost": {},
         f"{one}/episodes": {},
         f"{one}/episodes/{{index}}": {"index": 1},
         f"{one}/analyses": {},
         f"{url}/analyses/{{analysis}}": {},
         f"{url}/analyses/{{analysis}}/eigenfailures": {},
+        f"{url}/analyses/{{analysis}}/proof": {},
         f"{url}/methods": {},
         f"{url}/planners": {},
         f"{url}/scenarios": {},

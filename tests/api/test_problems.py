@@ -19,7 +19,7 @@ WITH_IDS = [route for route in ROUTES if route[2]]
 WITH_BODIES = [
     ("POST", "/api/v1/campaigns"),
     ("POST", "/api/v1/campaigns/1/analyses"),
-    ("POST", "/api/v1/analyses/1/replay"),
+    ("POST", "/api/v1/analyses/1/proof"),
 ]
 
 

@@ -11,20 +11,21 @@ import pytest
 from playwright.sync_api import expect, sync_playwright
 
 from eigenfail.values import (
-    AnalysisResult,
     AnalysisSettings,
     CampaignSpec,
     EpisodeResult,
-    FailureMode,
     Measures,
     NoiseTrajectory,
     Outcome,
+    Overhead,
     Scene,
 )
 from eigenfail.values.records import Delivery
 from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
+from eigenfail_services.campaigns.analysis_jobs import run_analysis
+from eigenfail_services.campaigns.proofs import prove
 from eigenfail_services.store import open_store
 
 CHROMIUM = "/usr/bin/chromium"
@@ -45,9 +46,10 @@ PATIENCE_MS = 20_000
 expect.set_options(timeout=PATIENCE_MS)
 
 
-def spec(name, method, episodes=300):
+def spec(name, method, episodes=300, **fields):
+    near = {"distance_m": 58.0}
     return CampaignSpec(
-        name=name, method=method, episodes=episodes, scenario_parameters={"distance_m": 58.0}
+        name=name, method=method, episodes=episodes, scenario_parameters=near, **fields
     )
 
 
@@ -108,36 +110,28 @@ def result_of(index, share, seed=0):
     )
 
 
-def analysis_of(indices, silhouette=0.41):
-    rng = np.random.default_rng(3)
-    labels = tuple(int(rng.random() < 0.35) for _ in indices)
-    steps = np.arange(HORIZON)
-    bump = np.exp(-(((steps - 38) / 9.0) ** 2))
-    shapes = [np.stack([1.9 * bump, -1.1 * bump], 1), np.stack([-1.4 * bump, 0.9 * bump], 1)]
-    centres = np.array([[4.0, 0.6, 0.0], [-5.0, -0.9, 0.2]], np.float32)
-    scores = centres[list(labels)] + rng.normal(size=(len(indices), 3)) * 1.3
-    return AnalysisResult(
-        episodes=tuple(indices),
-        explained=np.array([0.31, 0.12, 0.07], np.float32),
-        components=rng.normal(size=(3, HORIZON, 2)).astype(np.float32) * 0.1,
-        scores=scores.astype(np.float32),
-        labels=labels,
-        modes=tuple(
-            FailureMode(labels.count(mode), indices[mode], centres[mode], shape.astype(np.float32))
-            for mode, shape in enumerate(shapes)
-        ),
-        influence=np.abs(np.stack([0.5 * bump + 0.05, 0.3 * bump + 0.04], 1)).astype(np.float32),
-        silhouette=silhouette,
-        noise_silhouette=0.17,
-    )
-
-
 def deliver(store, campaign, results):
     store.episodes.commit(campaign, [Delivery(result, "worker-1") for result in results])
 
 
+def analysed(store, campaign, **settings):
+    """An analysis as the service makes it; its id."""
+    analysis = store.analyses.create(campaign, AnalysisSettings(**settings)).id
+    run_analysis(store, analysis)
+    return analysis
+
+
+def replay(store, campaign):
+    """All episodes of a replay, of which every second one fails again."""
+    store.campaigns.move(campaign, "running")
+    count = store.campaigns.get(campaign).spec.episodes
+    deliver(store, campaign, [result_of(index, float(index % 2 == 0), 4) for index in range(count)])
+    store.campaigns.add_active(campaign, 0.4)
+    store.campaigns.move(campaign, "done")
+
+
 def fill(store):
-    """Campaigns in every interesting state, an analysis, and its replay."""
+    """Campaigns in every interesting state, analyses, and a proof that is half done."""
     made = SimpleNamespace()
     made.baseline = store.campaigns.create(spec("Monte Carlo on cut-in", "monte_carlo", 2000)).id
     store.campaigns.move(made.baseline, "running")
@@ -147,22 +141,21 @@ def fill(store):
     store.campaigns.move(made.ast, "running")
     learned = [result_of(index, min(0.9, index / 250), 2) for index in range(300)]
     deliver(store, made.ast, learned)
-    store.campaigns.add_active(made.ast, 43.0)
+    store.campaigns.add_active(made.ast, 43.0, Overhead(9.0, 4.0, 2.5))
     store.campaigns.move(made.ast, "done")
     made.failures = [result.index for result in learned if result.is_failure]
     made.difs = store.campaigns.create(spec("DiFS <b>on</b> cut-in", "difs")).id
     store.campaigns.move(made.difs, "running")
     deliver(store, made.difs, [result_of(index, 0.03, 3) for index in range(180)])
     store.campaigns.add_active(made.difs, 27.0)
-    made.analysis = store.analyses.create(made.ast, AnalysisSettings()).id
-    store.analyses.start(made.analysis)
-    store.analyses.finish(made.analysis, analysis_of(made.failures))
-    made.replay = store.campaigns.create(spec("Eigenfailures", "replay", 2)).id
-    store.campaigns.move(made.replay, "running")
-    deliver(store, made.replay, [result_of(0, 1.0, 4), result_of(1, 0.0, 4)])
-    store.campaigns.add_active(made.replay, 0.4)
-    store.campaigns.move(made.replay, "done")
-    store.analyses.link_replay(made.analysis, made.replay)
+    made.analysis = analysed(store, made.ast)
+    made.snapshot = analysed(store, made.difs, campaigns=(made.ast,), clusters=3)
+    made.failed_analysis = analysed(store, made.baseline)
+    proof = prove(store, store.analyses.get(made.analysis), None)
+    made.replay, made.second_replay, _ = (scenario.campaign for scenario in proof.scenarios)
+    replay(store, made.replay)
+    store.campaigns.move(made.second_replay, "running")
+    deliver(store, made.second_replay, [result_of(0, 0.0, 5)])
     made.waiting_analysis = store.analyses.create(made.ast, AnalysisSettings(clusters=3)).id
     made.queued = store.campaigns.create(spec("Waits", "ast")).id
     return made
@@ -275,3 +268,9 @@ def bring(store):
     return lambda campaign, indices, share: deliver(
         store, campaign, [result_of(index, share, campaign) for index in indices]
     )
+
+
+@pytest.fixture
+def replayed(store):
+    """Has a campaign replay all of its episodes, of which every second one fails again."""
+    return lambda campaign: replay(store, campaign)

@@ -3,7 +3,8 @@
 import pytest
 from playwright.sync_api import expect
 
-from eigenfail.values import AnalysisResult, AnalysisSettings
+from eigenfail.values import AnalysisSettings
+from eigenfail_services.campaigns.analysis_jobs import run_analysis
 
 pytestmark = pytest.mark.browser
 
@@ -80,6 +81,7 @@ def test_a_campaign_page_follows_its_campaign(live, store, queue, bring):
     expect(page.get_by_role("rowheader", name="29", exact=True)).to_be_visible()
     bring(campaign, range(30, 60), 0.0)
     expect(page.locator(".tiles").first).to_contain_text("30 of 60")
+    expect(page.get_by_role("row", name="Collision")).to_contain_text("50.0 %")
     # What the reader opened stays open, and the chart is drawn anew in place.
     expect(page.locator("#curve-chart-data tbody tr")).to_have_count(2)
     expect(page.locator("#curve-chart-data tbody tr").last).to_be_visible()
@@ -96,25 +98,70 @@ def test_a_tab_that_nobody_looks_at_gives_its_connection_back(live):
     expect(page.locator("#feed")).to_have_text("live")
 
 
-def test_an_analysis_is_launched_and_watched_until_its_modes_appear(live, store, made):
+@pytest.fixture
+def launched(live, made):
+    """The page of an analysis that was launched from the form; its id."""
     page = live(f"/campaigns/{made.ast}")
-    page.get_by_label("Modes").fill("2")
+    page.get_by_label("Axes").select_option("longitudinal")
+    page.get_by_label("Modes", exact=True).fill("2")
+    page.get_by_label("Bootstrap").fill("5")
+    page.get_by_label("Further campaigns").fill(f"{made.difs}, {made.replay}")
     page.get_by_role("button", name="Analyse").click()
     expect(page.locator("h1")).to_contain_text("Analysis")
-    analysis = int(page.url.rsplit("/", 1)[1])
-    assert store.analyses.get(analysis).settings == AnalysisSettings(clusters=2)
+    return page, int(page.url.rsplit("/", 1)[1])
+
+
+def test_an_analysis_is_launched_and_watched_until_its_modes_appear(launched, store, made):
+    page, analysis = launched
+    further = (made.difs, made.replay)
+    asked = AnalysisSettings(axes="longitudinal", clusters=2, bootstrap=5, campaigns=further)
+    assert store.analyses.get(analysis).settings == asked
     expect(page.get_by_text("waits for its turn")).to_be_visible()
-    found = store.analyses.get(made.analysis).result
-    assert isinstance(found, AnalysisResult)
-    store.analyses.start(analysis)
-    store.analyses.finish(analysis, found)
-    expect(page.get_by_text("The modes are distinct")).to_be_visible()
-    expect(page.locator("#eigenfailure-chart canvas").first).to_be_visible()
-    page.get_by_role("button", name="Replay the eigenfailures").click()
-    expect(page.get_by_role("button", name="Replay again")).to_be_visible()
-    replay = store.analyses.get(analysis).replay_campaign
-    expect(page.get_by_role("link", name=f"campaign {replay}")).to_be_visible()
-    assert store.campaigns.get(replay).spec.settings == {"analysis": analysis}
+    run_analysis(store, analysis)
+    expect(page.get_by_text("2 distinct modes")).to_be_visible()
+    expect(page.get_by_text(f"more episodes were to come in campaign {made.difs}")).to_be_visible()
+    expect(page.locator(".modes article")).to_have_count(2)
+    expect(page.get_by_text("Adjusted Rand index", exact=True)).to_be_visible()
+    expect(page.get_by_role("cell", name="s before the collision").first).to_be_visible()
+    page.locator("#training-mean-chart").scroll_into_view_if_needed()
+    expect(page.locator("#training-mean-chart canvas").first).to_be_visible()
+
+
+def test_a_proof_is_asked_for_and_followed_to_its_end(launched, store, replayed):
+    page, analysis = launched
+    run_analysis(store, analysis)
+    page.get_by_role("button", name="Prove by replay").click()
+    expect(page.get_by_text("0 / 12 replays")).to_be_visible()
+    expect(page.get_by_role("button", name="Prove")).to_have_count(0)
+    page.get_by_text("Each replay").click()
+    same, *others = store.analyses.replays(analysis)
+    replayed(same)
+    expect(page.get_by_text("4 / 12 replays")).to_be_visible()
+    # What the reader opened stays open, and fills.
+    expect(page.get_by_role("link", name=f"{same}/0")).to_be_visible()
+    for other in others:
+        replayed(other)
+    expect(page.get_by_text("12 / 12 replays, all ended")).to_be_visible()
+    expect(page.locator("#proof .tile").nth(1)).to_contain_text("3 of 6")
+    page.get_by_role("link", name=f"{same}/0").click()
+    expect(page.locator("h1")).to_have_text("Episode 0")
+
+
+def test_settings_that_do_not_go_together_are_refused_in_words(live, made):
+    page = live(f"/campaigns/{made.ast}")
+    page.get_by_label("Modes found by").select_option("hdbscan")
+    page.get_by_label("Modes", exact=True).fill("3")
+    page.get_by_role("button", name="Analyse").click()
+    expect(page.get_by_role("alert")).to_contain_text("hdbscan")
+    expect(page.locator("h1")).to_have_text("AST on cut-in")
+
+
+def test_measures_that_cannot_be_made_leave_the_page_as_it_was(visit, address, made):
+    page = visit("/")
+    page.route("**/measures", lambda route: route.fulfill(status=500, body="{}"))
+    page.goto(f"{address}/campaigns/{made.ast}")
+    expect(page.get_by_role("alert")).to_contain_text("could not be worked out")
+    expect(page.get_by_role("link", name="Safety and cost")).to_be_visible()
 
 
 def test_a_server_that_comes_back_is_found_again(live, visit):

@@ -13,17 +13,24 @@ PAGES = {
     "episode": "/campaigns/{ast}/episodes/{failure}",
     "episode without scene": "/campaigns/{baseline}/episodes/1",
     "analysis": "/analyses/{analysis}",
+    "snapshot analysis": "/analyses/{snapshot}",
     "waiting analysis": "/analyses/{waiting_analysis}",
+    "failed analysis": "/analyses/{failed_analysis}",
+    "measures": "/campaigns/{ast}/measures",
     "comparison": "/comparison?a={baseline}&b={ast}",
 }
 CHARTS = {
     "overview": 1,
-    "done campaign": 3,
-    "running campaign": 3,
+    "done campaign": 4,
+    "running campaign": 4,
+    "measures": 2,
+    "comparison": 2,
     "episode": 1,
     "episode without scene": 1,
-    "analysis": 4,
+    "analysis": 6,
+    "snapshot analysis": 6,
 }
+DARK = ("overview", "done campaign", "analysis", "snapshot analysis")
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
@@ -37,13 +44,13 @@ def path_of(made):
 
 @pytest.mark.parametrize(
     ("name", "scheme"),
-    [*((name, "light") for name in PAGES), ("overview", "dark"), ("analysis", "dark")],
+    [*((name, "light") for name in PAGES), *((name, "dark") for name in DARK)],
 )
 def test_a_page_is_drawn_and_quiet(visit, path_of, name, scheme):
     page = visit(path_of(name), color_scheme=scheme)
     expect(page.locator("h1")).to_be_visible()
     plots = page.locator(".plot")
-    assert plots.count() == CHARTS.get(name, 0)
+    expect(plots).to_have_count(CHARTS.get(name, 0))
     for plot in plots.all():
         plot.scroll_into_view_if_needed()
         expect(plot.locator("canvas").first).to_be_visible()
@@ -55,6 +62,7 @@ def test_a_page_is_drawn_and_quiet(visit, path_of, name, scheme):
 @pytest.mark.parametrize("name", PAGES)
 def test_a_telephone_scrolls_down_only(visit, path_of, name):
     page = visit(path_of(name), viewport={"width": 375, "height": 700})
+    expect(page.locator(".plot")).to_have_count(CHARTS.get(name, 0))
     for plot in page.locator(".plot").all():
         plot.scroll_into_view_if_needed()
         expect(plot.locator("canvas").first).to_be_visible()
@@ -83,6 +91,8 @@ def test_pages_can_be_read_before_any_script_runs(visit, made):
     page.goto(page.url + f"campaigns/{made.queued}")
     expect(page.get_by_role("button", name="Cancel")).to_be_hidden()
     expect(page.get_by_text(f"eigenfail campaign pause {made.queued}")).to_be_visible()
+    page.get_by_role("link", name="Safety and cost").click()
+    expect(page.get_by_text("once an episode has ended")).to_be_visible()
 
 
 def test_names_are_shown_as_they_were_written(visit):
@@ -97,8 +107,8 @@ def test_the_keyboard_reaches_everything(visit, made):
     expect(page.locator(".skip")).to_be_focused()
     page.keyboard.press("Enter")
     expect(page.locator("#main")).to_be_focused()
-    link = page.get_by_role("link", name="AST on cut-in")
-    for _ in range(20):
+    link = page.get_by_role("link", name="AST on cut-in", exact=True)
+    for _ in range(40):
         page.keyboard.press("Tab")
         if link.evaluate("element => element === document.activeElement"):
             break
@@ -125,15 +135,58 @@ def test_the_player_plays_steps_and_scrubs_by_keyboard(visit, path_of):
     expect(scrub).to_have_value(scrub.get_attribute("max"))
 
 
-def test_a_chart_leads_to_its_episode(visit, made):
-    page = visit(f"/campaigns/{made.replay}")
-    plot = page.locator("#likelihood-chart .plot")
+FIRST_POINT = """element => {
+  const chart = echarts.getInstanceByDom(element);
+  const data = chart.getOption().series[0].data[0];
+  return [...chart.convertToPixel({seriesIndex: 0}, (data.value ?? data).slice(0, 2)),
+          data.link ?? data[2]];
+}"""
+
+
+@pytest.mark.parametrize(
+    ("path", "chart"),
+    [("/campaigns/{replay}", "likelihood"), ("/analyses/{snapshot}", "scores")],
+)
+def test_a_chart_leads_to_its_episode(visit, made, path, chart):
+    page = visit(path.format(**vars(made)))
+    plot = page.locator(f"#{chart}-chart .plot")
     plot.scroll_into_view_if_needed()
     expect(plot.locator("canvas").first).to_be_visible()
-    spot = plot.evaluate(
-        "element => { const chart = echarts.getInstanceByDom(element);"
-        " return chart.convertToPixel({seriesIndex: 0},"
-        " chart.getOption().series[0].data[0].slice(0, 2)); }"
-    )
-    plot.click(position={"x": spot[0], "y": spot[1]})
-    expect(page.locator("h1")).to_have_text("Episode 0")
+    x, y, episode = plot.evaluate(FIRST_POINT)
+    plot.click(position={"x": x, "y": y})
+    expect(page.locator("h1")).to_have_text(f"Episode {str(episode).rsplit('/', 1)[-1]}")
+    # A campaign's own failures carry their index; those of several say whose they are.
+    assert page.url.endswith(f"/{episode}")
+
+
+def test_a_mode_leads_to_its_medoid(visit, made):
+    page = visit(f"/analyses/{made.analysis}")
+    medoid = page.locator(".modes article").first.get_by_role("link")
+    name = medoid.inner_text()
+    medoid.click()
+    expect(page.locator("h1")).to_have_text(name.capitalize())
+
+
+def test_what_the_time_went_into_is_read_without_colour(visit, made):
+    page = visit(f"/campaigns/{made.ast}")
+    bars = page.locator(".split progress")
+    expect(bars).to_have_count(4)
+    shares = [float(bar.get_attribute("value")) for bar in bars.all()]
+    assert sum(shares) == pytest.approx(100.0, abs=0.1)
+    simulation = page.get_by_role("progressbar", name="Simulation, share of the time")
+    expect(simulation).to_be_visible()
+
+
+def test_measures_are_made_once_for_a_page_of_their_own(visit, made):
+    page, asked = visit(f"/campaigns/{made.ast}/measures"), []
+    page.on("request", lambda request: asked.append(request.url.rsplit("/", 1)[-1]))
+    page.reload(wait_until="networkidle")
+    assert asked.count("measures") == 1
+
+
+def test_a_report_is_downloaded(visit, made):
+    page = visit(f"/campaigns/{made.replay}")
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Report").click()
+    assert download.value.suggested_filename == "report.html"
+    assert "<h1" in download.value.path().read_text()

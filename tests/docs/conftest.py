@@ -65,6 +65,14 @@ def noise_page():
 
 @pytest.fixture(scope="session")
 def documents(readme, quickstart, changelog, planner_page, own_planner):
-    names = ("any_function", "methods", "noise", "own_scenario", "performance", "suites")
+    names = (
+        "analysis",
+        "any_function",
+        "methods",
+        "noise",
+        "own_scenario",
+        "performance",
+        "suites",
+    )
     others = [document(f"docs/{name}.md") for name in names]
     return (readme, quickstart, changelog, planner_page, own_planner, *others)

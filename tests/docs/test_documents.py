@@ -111,7 +111,7 @@ def test_every_example_is_a_campaign_that_can_be_run(root, monkeypatch):
 
 
 def suites(root):
-    return [root / "examples" / name for name in ("suite.toml", "sweep.toml")]
+    return [root / "examples" / name for name in ("regression.toml", "suite.toml", "sweep.toml")]
 
 
 def test_every_example_of_a_suite_can_be_run(root):

@@ -37,11 +37,12 @@ def test_failures_are_found_grouped_replayed_and_priced(client, campaign) -> Non
     assert analysis.state is AnalysisState.DONE, analysis.problem
     assert sum(mode.failures for mode in analysis.result.modes) == summary.counts.failures
 
-    replay = client.analyses.replay(analysis.id)
-    ended = client.campaigns.wait(replay.id, timeout_s=60)
-    assert ended.state is CampaignState.DONE
-    assert ended.counts.completed == len(analysis.result.modes)
-    assert client.analyses.get(analysis.id).replay_campaign == replay.id
+    client.analyses.prove(analysis.id)
+    proof = client.analyses.wait_for_proof(analysis.id, timeout_s=60)
+    assert {each.state for each in proof.scenarios} == {CampaignState.DONE}
+    assert [len(each.replays) for each in proof.scenarios] == [2 * len(analysis.result.modes)] * 3
+    same = next(each for each in proof.scenarios if each.is_same)
+    assert same.medoids.rate.value == 1.0
 
 
 def test_a_stored_episode_replays_to_its_digest(client, campaign) -> None:

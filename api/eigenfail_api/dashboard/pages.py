@@ -1,6 +1,5 @@
 """The addresses of the dashboard."""
 
-from contextlib import suppress
 from typing import Annotated
 
 from fastapi import APIRouter, Query
@@ -8,8 +7,15 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail import plugins
 from eigenfail.contracts import Store
-from eigenfail.errors import EigenfailError, NotFound
-from eigenfail.values import Campaign, CampaignSpec, Mission, Outcome, Page, Summary
+from eigenfail.errors import EigenfailError
+from eigenfail.values import (
+    Campaign,
+    CampaignSpec,
+    Mission,
+    Outcome,
+    Page,
+    Summary,
+)
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.variation import read_variation
 from eigenfail_api.dashboard import samples
@@ -18,6 +24,7 @@ from eigenfail_api.dashboard.views.analysis import analysis_view
 from eigenfail_api.dashboard.views.campaign import Findings, campaign_view
 from eigenfail_api.dashboard.views.episode import episode_view
 from eigenfail_api.dashboard.views.lists import episode_list
+from eigenfail_api.dashboard.views.measures import measures_view
 from eigenfail_api.dashboard.views.overview import overview
 from eigenfail_api.parameters import (
     LARGEST,
@@ -28,6 +35,9 @@ from eigenfail_api.parameters import (
     Stored,
 )
 from eigenfail_services.campaigns.course import course_of
+from eigenfail_services.campaigns.proofs import proof
+from eigenfail_services.campaigns.safety import safety_of
+from eigenfail_services.campaigns.spending import spending_of
 from eigenfail_services.campaigns.summary import summarise
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -56,12 +66,19 @@ def show_campaign(store: Stored, campaign: CampaignId) -> HTMLResponse:
         summary=summary_of(store, seen),
         course=course_of(store, seen),
         rows=samples.sample_episodes(store, seen),
-        failures=samples.sample_failures(store, seen),
         listed=failures_of(store, campaign, None),
         analyses=store.analyses.page(ANALYSES_ON_A_PAGE, None, campaign).items,
         events=tuple(samples.latest_events(store, campaign)),
     )
     return page("campaign.html", campaign_view(found))
+
+
+@router.get("/campaigns/{campaign}/measures")
+def show_measures(store: Stored, campaign: CampaignId) -> HTMLResponse:
+    """Safety and cost of a campaign: its page asks for them once it stands."""
+    seen = store.campaigns.get(campaign)
+    view = measures_view(seen, safety_of(store, seen), spending_of(store, seen))
+    return page("measures.html", view)
 
 
 @router.get("/campaigns/{campaign}/failures")
@@ -87,11 +104,8 @@ def show_episode(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HT
 def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
     """One analysis."""
     seen = store.analyses.get(analysis)
-    replay = replay_of(store, seen.replay_campaign)
-    count = len(seen.result.modes) if seen.result else 0
-    replayed = store.episodes.page(replay.id, count).items if replay and count else ()
-    campaign = store.campaigns.get(seen.campaign)
-    return page("analysis.html", analysis_view(seen, campaign, replay, replayed))
+    proven = proof(store, seen) if seen.result else None
+    return page("analysis.html", analysis_view(seen, store.campaigns.get(seen.campaign), proven))
 
 
 def summary_of(store: Store, campaign: Campaign) -> Summary:
@@ -102,14 +116,6 @@ def summary_of(store: Store, campaign: Campaign) -> Summary:
 def failures_of(store: Store, campaign: int, after: int | None) -> Page[EpisodeRow]:
     """The next failures of the list."""
     return store.episodes.page(campaign, FAILURES_ON_A_PAGE, after, Outcome.COLLISION)
-
-
-def replay_of(store: Store, campaign: int | None) -> Campaign | None:
-    """The campaign that replays an analysis, if there is one still."""
-    if campaign is not None:
-        with suppress(NotFound):
-            return store.campaigns.get(campaign)
-    return None
 
 
 def mission_of(spec: CampaignSpec, seed: int) -> Mission | None:

@@ -12,6 +12,7 @@ from starlette.types import Scope
 from eigenfail import __version__
 from eigenfail.wire import http
 from eigenfail_api.dashboard import formats
+from eigenfail_api.dashboard.views.lists import CLUSTERERS
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
@@ -60,7 +61,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     made.filters.update(FILTERS, json=to_json)
-    made.globals["version"] = __version__
+    made.globals |= {"version": __version__, "clusterers": CLUSTERERS}
     return made
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from eigenfail.contracts import Store
-from eigenfail.values import Campaign, Event, Outcome
+from eigenfail.values import Campaign, Event
 from eigenfail.values.records import EpisodeRow
 
 MOST = 5_000
@@ -15,12 +15,16 @@ EVENTS_SHOWN = 30
 
 def sample_episodes(store: Store, campaign: Campaign) -> list[EpisodeRow]:
     """All finished episodes or, beyond `MOST`, windows of neighbours spread evenly over them."""
-    return sample(store, campaign, ended(campaign), None)
-
-
-def sample_failures(store: Store, campaign: Campaign) -> list[EpisodeRow]:
-    """All failures or, beyond `MOST`, those next to places spread evenly over the campaign."""
-    return sample(store, campaign, campaign.counts.failures, Outcome.COLLISION)
+    reach = ended(campaign)
+    if reach <= MOST:
+        return list(first_rows(store, campaign.id))
+    windows = MOST // WINDOW
+    found: dict[int, EpisodeRow] = {}
+    for window in range(windows):
+        after = window * reach // windows - 1
+        page = store.episodes.page(campaign.id, WINDOW, after if after >= 0 else None)
+        found |= {row.index: row for row in page.items}
+    return [found[index] for index in sorted(found)]
 
 
 def ended(campaign: Campaign) -> int:
@@ -28,26 +32,11 @@ def ended(campaign: Campaign) -> int:
     return campaign.counts.completed + campaign.counts.failed
 
 
-def sample(
-    store: Store, campaign: Campaign, rows: int, outcome: Outcome | None
-) -> list[EpisodeRow]:
-    """At most `MOST` of the rows of an outcome, in index order."""
-    if rows <= MOST:
-        return list(first_rows(store, campaign.id, outcome))
-    windows, reach = MOST // WINDOW, ended(campaign)
-    found: dict[int, EpisodeRow] = {}
-    for window in range(windows):
-        after = window * reach // windows - 1
-        page = store.episodes.page(campaign.id, WINDOW, after if after >= 0 else None, outcome)
-        found |= {row.index: row for row in page.items}
-    return [found[index] for index in sorted(found)]
-
-
-def first_rows(store: Store, campaign: int, outcome: Outcome | None) -> Iterator[EpisodeRow]:
+def first_rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
     """The first `MOST` rows, page by page."""
     after: int | None = None
     for _ in range(MOST // PAGE):
-        page = store.episodes.page(campaign, PAGE, after, outcome)
+        page = store.episodes.page(campaign, PAGE, after)
         yield from page.items
         after = page.next
         if after is None:

@@ -1,38 +1,17 @@
-"""Analyses of a campaign's failures, and replays of what they found."""
+"""Analyses of a campaign's failures, and the proof by replay of what they found."""
 
 from typing import Annotated
 
-import msgspec
 from fastapi import APIRouter, Depends
 
-from eigenfail.contracts import Store
-from eigenfail.errors import Conflict
-from eigenfail.values import (
-    Analysis,
-    AnalysisResult,
-    AnalysisSettings,
-    Campaign,
-    CampaignSpec,
-    FailureMode,
-    Page,
-    StopRules,
-)
-from eigenfail.wire.http import PREFIX, ReplayRequest
-from eigenfail_api.parameters import (
-    AnalysisId,
-    Before,
-    CampaignId,
-    IdempotencyKey,
-    Limit,
-    Stored,
-)
-from eigenfail_api.routes.campaigns import created
+from eigenfail.values import Analysis, AnalysisSettings, FailureMode, Page, Proof
+from eigenfail.wire.http import PREFIX, ProofRequest
+from eigenfail_api.parameters import AnalysisId, Before, CampaignId, Limit, Stored
 from eigenfail_api.schemas import Json, body_of, documented
-from eigenfail_services.campaigns.checks import check_spec
+from eigenfail_services.campaigns.analysed import ground
+from eigenfail_services.campaigns.proofs import findings, proof, prove
 
 router = APIRouter(prefix=PREFIX, tags=["analyses"])
-
-MAX_NAME = 200
 
 
 @router.post("/campaigns/{campaign}/analyses", **documented(Analysis, 201, body=AnalysisSettings))
@@ -41,7 +20,8 @@ def create_analysis(
     campaign: CampaignId,
     settings: Annotated[AnalysisSettings, Depends(body_of(AnalysisSettings))],
 ) -> Json:
-    """Queue an analysis of a campaign's failures."""
+    """Queue an analysis of the failures of a campaign, and of others named with it."""
+    ground(store, campaign, settings)
     analysis = store.analyses.create(campaign, settings)
     return Json(analysis, 201, {"Location": f"{PREFIX}/analyses/{analysis.id}"})
 
@@ -64,58 +44,20 @@ def get_analysis(store: Stored, analysis: AnalysisId) -> Json:
 @router.get("/analyses/{analysis}/eigenfailures", **documented(Page[FailureMode]))
 def list_eigenfailures(store: Stored, analysis: AnalysisId) -> Json:
     """The failure modes, each with its eigenfailure."""
-    return Json(Page(found(store.analyses.get(analysis)).modes))
+    return Json(Page(findings(store.analyses.get(analysis)).modes))
 
 
-@router.post("/analyses/{analysis}/replay", **documented(Campaign, 201, body=ReplayRequest))
-def replay_analysis(
+@router.post("/analyses/{analysis}/proof", **documented(Proof, 202, body=ProofRequest))
+def prove_analysis(
     store: Stored,
     analysis: AnalysisId,
-    request: Annotated[ReplayRequest, Depends(body_of(ReplayRequest))],
-    idempotency_key: IdempotencyKey = None,
+    request: Annotated[ProofRequest, Depends(body_of(ProofRequest))],
 ) -> Json:
-    """Queue a campaign that injects the eigenfailures, one episode each."""
-    spec = replay_of(store, store.analyses.get(analysis), request)
-    campaign = store.campaigns.create(check_spec(spec), idempotency_key)
-    store.analyses.link_replay(analysis, campaign.id)
-    return created(campaign)
+    """Queue a replay of eigenfailures and medoids in each scenario that has none yet."""
+    return Json(prove(store, store.analyses.get(analysis), request.variations), 202)
 
 
-def replay_of(store: Store, analysis: Analysis, request: ReplayRequest) -> CampaignSpec:
-    """The campaign that replays an analysis in the world of the campaign it analysed.
-
-    Raises:
-        Conflict: the analysis is not done, or found no failure mode.
-    """
-    modes = found(analysis).modes
-    if not modes:
-        raise Conflict(
-            f"Analysis {analysis.id} found no failure mode, so there is nothing to replay.",
-            "Let the campaign run until it has failures, and analyse it again.",
-        )
-    analysed = store.campaigns.get(analysis.campaign).spec
-    name = f"{analysed.name}: eigenfailures of analysis {analysis.id}"
-    return msgspec.structs.replace(
-        analysed,
-        name=request.name or name[-MAX_NAME:],
-        method="replay",
-        settings={"analysis": analysis.id},
-        episodes=len(modes),
-        stop=StopRules(),
-        scenario_parameters={**analysed.scenario_parameters, **request.scenario_parameters},
-        scene_every=1,
-    )
-
-
-def found(analysis: Analysis) -> AnalysisResult:
-    """What an analysis found.
-
-    Raises:
-        Conflict: it is not done.
-    """
-    if analysis.result is None:
-        raise Conflict(
-            f"Analysis {analysis.id} is {analysis.state}. {analysis.problem}".strip(),
-            "Wait until it is done, or launch another.",
-        )
-    return analysis.result
+@router.get("/analyses/{analysis}/proof", **documented(Proof))
+def get_proof(store: Stored, analysis: AnalysisId) -> Json:
+    """How many replays failed again, in which scenarios, as far as results are in."""
+    return Json(proof(store, store.analyses.get(analysis)))

@@ -4,7 +4,15 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query
 
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Course, Page, Summary
+from eigenfail.values import (
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    Course,
+    MinimalFailure,
+    Page,
+    Summary,
+)
 from eigenfail.wire.http import PREFIX, Digest
 from eigenfail_api import steering
 from eigenfail_api.parameters import (
@@ -19,6 +27,7 @@ from eigenfail_api.schemas import Json, body_of, documented
 from eigenfail_services.campaigns.checks import check_spec
 from eigenfail_services.campaigns.course import course_of
 from eigenfail_services.campaigns.materials import check_references
+from eigenfail_services.campaigns.minimal_failures import minimal_failure
 from eigenfail_services.campaigns.summary import summarise
 
 router = APIRouter(prefix=f"{PREFIX}/campaigns", tags=["campaigns"])
@@ -100,6 +109,12 @@ def get_summary(store: Stored, campaign: CampaignId) -> Json:
 def get_course(store: Stored, campaign: CampaignId, per: Per = None) -> Json:
     """How failures, their likelihood and robustness moved over a campaign's episodes so far."""
     return Json(course_of(store, store.campaigns.get(campaign), per))
+
+
+@router.get("/{campaign}/minimal", **documented(MinimalFailure))
+def get_minimal_failure(store: Stored, campaign: CampaignId) -> Json:
+    """How little noise a failure needs, so far: of a campaign that shrinks one."""
+    return Json(minimal_failure(store, store.campaigns.get(campaign)))
 
 
 @router.get("/{campaign}/digest", **documented(Digest))

@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
+from eigenfail.cli.costs import cost
 from eigenfail.cli.course_tables import campaign_page, course_table
+from eigenfail.cli.minimal_words import shrunk, with_words
 from eigenfail.cli.options import (
     DEFAULT_URL,
     AsJson,
@@ -19,6 +21,8 @@ from eigenfail.cli.options import (
 )
 from eigenfail.cli.output import show
 from eigenfail.cli.progress import follow
+from eigenfail.cli.regions import region
+from eigenfail.cli.safety import safety
 from eigenfail.cli.signals import interruptible
 from eigenfail.cli.specs import read_spec
 from eigenfail.cli.surroundings import client_at
@@ -29,6 +33,10 @@ from eigenfail.values import Campaign, CampaignState
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, help="Create, follow and steer campaigns."
 )
+
+app.command()(safety)
+app.command()(region)
+app.command()(cost)
 
 State = Annotated[CampaignState | None, typer.Option(help="Only campaigns in this state.")]
 
@@ -74,7 +82,8 @@ def show_campaign(
     with client_at(context, url) as client:
         found = client.campaigns.get(campaign)
         summary = client.campaigns.summary(campaign)
-    show(found, as_json, lambda: campaign_page(found, summary))
+        words = shrunk(client, found)
+    show(found, as_json, lambda: with_words(campaign_page(found, summary), words))
 
 
 @app.command()
@@ -152,7 +161,8 @@ def watch(
     with interruptible(), client_at(context, url) as client:
         ended = follow(client, campaign)
         summary = client.campaigns.summary(campaign)
-    show(summary, as_json, lambda: result_table([summary]))
+        words = shrunk(client, ended)
+    show(summary, as_json, lambda: with_words(result_table([summary]), words))
     judge(ended, gate)
 
 

@@ -5,9 +5,12 @@ from math import inf
 from typing import Annotated
 
 import typer
+from rich.console import Group
+from rich.text import Text
 
 from eigenfail.cli.episode_tables import episode_facts, episode_table
 from eigenfail.cli.explanations import Window, drawn, explanation_of
+from eigenfail.cli.minimal_words import minimal_words
 from eigenfail.cli.options import (
     DEFAULT_URL,
     AsJson,
@@ -18,9 +21,13 @@ from eigenfail.cli.options import (
     episode_id,
 )
 from eigenfail.cli.output import show
+from eigenfail.cli.progress import follow
 from eigenfail.cli.replays import Replayed, explain_episode, replay_episode
+from eigenfail.cli.signals import interruptible
 from eigenfail.cli.surroundings import client_at
 from eigenfail.cli.tables import facts
+from eigenfail.cli.verdict import judge
+from eigenfail.client.campaigns import SHRINK_WITHIN
 from eigenfail.values import Outcome
 from eigenfail.values.records import EpisodeOrder
 from eigenfail.variations import drawn_for
@@ -36,6 +43,7 @@ From = Annotated[float, typer.Option("--from", help="Show steps from this time o
 To = Annotated[
     float, typer.Option("--to", show_default="the end", help="Show steps up to this time. [s]")
 ]
+Replays = Annotated[int, typer.Option("--episodes", min=1, help="Budget of replays.")]
 OnlyOutcome = Annotated[Outcome | None, typer.Option(help="Only episodes that ended like this.")]
 Sort = Annotated[EpisodeOrder, typer.Option(help="By index, or the worst collision first.")]
 
@@ -114,6 +122,23 @@ def explain(
     show(explanation, as_json, lambda: drawn(explanation))
     if not replayed.same:
         raise typer.Exit(DIFFERENT)
+
+
+@app.command()
+def shrink(
+    context: typer.Context,
+    episode: EpisodeId,
+    url: Url = DEFAULT_URL,
+    replays: Replays = SHRINK_WITHIN,
+    as_json: AsJson = False,
+) -> None:
+    """Launch a campaign that finds how little noise a failure needs, and tell what it found."""
+    campaign, index = episode_id(episode)
+    with interruptible(), client_at(context, url) as client:
+        ended = follow(client, client.campaigns.shrink(campaign, index, replays).id)
+        judge(ended, gate=False)
+        found = client.campaigns.minimal(ended.id)
+    show(found, as_json, lambda: Group(*map(Text, minimal_words(found))))
 
 
 def rows(episode: str, replayed: Replayed) -> list[tuple[str, str]]:

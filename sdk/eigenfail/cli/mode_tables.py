@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 from rich.table import Table
 
-from eigenfail.cli.figures import UNKNOWN, number, rate
+from eigenfail.cli.figures import number, probability
 from eigenfail.cli.tables import table
-from eigenfail.values import AXES, AnalysisResult, FailureMode, Floats, Summary
+from eigenfail.values import AXES, AnalysisResult, FailureMode, Floats
 
 TELLING_SHARE = 50.0
 """Share of the variance below which eigenfailures are far from the failures they stand for [%]."""
@@ -19,11 +19,15 @@ def mode_table(campaign: int, result: AnalysisResult) -> Table:
     """The failure modes of a campaign, one a row, counted from 1; disturbances in sigma."""
     figures = ("mode", "failures", "share", *(f"mean {axis}" for axis in AXES))
     peaks = tuple(f"peak {axis}" for axis in AXES)
-    grid = table(*figures, *peaks, "medoid", right=figures)
+    told = any(mode.probability for mode in result.modes)
+    grid = table(*figures, *peaks, "medoid", *(["probability"] * told), right=figures)
     for number_of_mode, mode in enumerate(result.modes, start=1):
         share = f"{100.0 * mode.failures / len(result.episodes):.0f} %"
-        medoid = f"{campaign}/{mode.medoid}"
-        grid.add_row(str(number_of_mode), str(mode.failures), share, *disturbances(mode), medoid)
+        medoid = f"{mode.medoid_campaign or campaign}/{mode.medoid}"
+        chance = [probability(mode.probability)] * told
+        grid.add_row(
+            str(number_of_mode), str(mode.failures), share, *disturbances(mode), medoid, *chance
+        )
     return grid
 
 
@@ -48,12 +52,8 @@ def component_words(result: AnalysisResult) -> str:
 
 
 def distinctness_words(result: AnalysisResult) -> str:
-    """Whether the modes are more than what clustering finds in pure noise."""
-    if result.silhouette is None or result.noise_silhouette is None:
-        return "A single mode: nothing to tell apart."
-    found, noise = number(result.silhouette), number(result.noise_silhouette)
-    verdict = "are distinct" if result.distinct else "are not told apart from noise"
-    return f"The modes {verdict}: silhouette {found}, on structureless data {noise}."
+    """Whether the modes are more than what clustering finds anywhere, and how they were found."""
+    return result.diversity.verdict if result.diversity else result.verdict
 
 
 def diversity_words(result: AnalysisResult) -> Iterator[str]:
@@ -61,7 +61,6 @@ def diversity_words(result: AnalysisResult) -> Iterator[str]:
     found = result.diversity
     if found is None:
         return
-    yield found.verdict
     yield (
         f"The {found.failures} failures differ by {number(found.spread)} sigma; noise of p(x) does "
         "by 1."
@@ -71,10 +70,3 @@ def diversity_words(result: AnalysisResult) -> Iterator[str]:
         yield f"Modes seen after each tenth of the campaign: {seen}."
     if found.warning:
         yield f"Warning: {found.warning}"
-
-
-def replay_words(summary: Summary) -> str:
-    """How many eigenfailures ended in a collision again, of those tried."""
-    counts = summary.counts
-    share = rate(summary.failure_rate) if summary.failure_rate else UNKNOWN
-    return f"{counts.failures} of {counts.completed} eigenfailures reproduced a failure: {share}."

@@ -9,6 +9,7 @@ import typer
 from eigenfail.cli.data_folder import DataFolder
 from eigenfail.cli.interruption import follow_or_pause
 from eigenfail.cli.local_service import Plan, local_service
+from eigenfail.cli.minimal_words import shrunk, with_words
 from eigenfail.cli.options import (
     DEFAULT_DATA,
     DEFAULT_URL,
@@ -32,6 +33,7 @@ from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.cli.surroundings import client_at
 from eigenfail.cli.tables import result_table
 from eigenfail.cli.verdict import judge
+from eigenfail.client import Client
 from eigenfail.errors import ServiceUnreachable
 from eigenfail.values import CampaignSpec
 
@@ -82,17 +84,30 @@ def run(
         "cost_usd": stop_cost_usd,
     }
     spec = read_spec(file, stop, episodes=episodes, seed=seed)
-    plan = Plan(data, 0, workers)
+    with client_somewhere(context, spec, url, Plan(data, 0, workers)) as (client, place):
+        created = client.campaigns.create(spec)
+        ended = follow_or_pause(client, created.id, place.check, place.again)
+        summary = client.campaigns.summary(ended.id)
+        words = shrunk(client, ended)
+    show(summary, as_json, lambda: with_words(result_table([summary]), words))
+    judge(ended, gate)
+
+
+@contextmanager
+def client_somewhere(
+    context: typer.Context, spec: CampaignSpec, url: str | None, plan: Plan
+) -> Iterator[tuple[Client, Place]]:
+    """A client of `somewhere`; Ctrl-C reaches the block as KeyboardInterrupt.
+
+    Raises:
+        ServiceUnreachable: nothing answers at the address that was asked for.
+    """
     with (
         interruptible(),
         somewhere(context, spec, url, plan) as place,
         client_at(context, place.url) as client,
     ):
-        created = client.campaigns.create(spec)
-        ended = follow_or_pause(client, created.id, place.check, place.again)
-        summary = client.campaigns.summary(ended.id)
-    show(summary, as_json, lambda: result_table([summary]))
-    judge(ended, gate)
+        yield client, place
 
 
 @contextmanager

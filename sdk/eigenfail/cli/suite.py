@@ -8,8 +8,7 @@ import typer
 from eigenfail.cli.local_service import Plan
 from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL, AsJson, Data, Gate, Url, Workers
 from eigenfail.cli.output import show
-from eigenfail.cli.run import MaybeUrl, Place, somewhere
-from eigenfail.cli.signals import interruptible
+from eigenfail.cli.run import MaybeUrl, Place, client_somewhere
 from eigenfail.cli.specs import check_plugins
 from eigenfail.cli.suite_tables import SuiteResult, plan_of, plan_table, result_of, suite_table
 from eigenfail.cli.surroundings import client_at
@@ -17,6 +16,7 @@ from eigenfail.cli.together import run_together
 from eigenfail.cli.verdict import judge
 from eigenfail.client import Client
 from eigenfail.suites import Suite
+from eigenfail.suites.references import with_any_numbers
 from eigenfail.values import Campaign, CampaignState
 
 app = typer.Typer(
@@ -55,11 +55,8 @@ def run(
         plan = plan_of(suite)
         show(plan, as_json, lambda: plan_table(plan))
         raise typer.Exit
-    with (
-        interruptible(),
-        somewhere(context, suite.members[0].spec, url, Plan(data, 0, workers)) as place,
-        client_at(context, place.url) as client,
-    ):
+    first = with_any_numbers(suite.members[0].spec)
+    with client_somewhere(context, first, url, Plan(data, 0, workers)) as (client, place):
         refuse_early(suite, place)
         ended = run_together(client, suite, place.check, f"eigenfail suite run {file}")
         result = stand_of(client, suite)
@@ -95,7 +92,7 @@ def refuse_early(suite: Suite, place: Place) -> None:
     """
     if place.again:
         for member in suite.members:
-            check_plugins(member.spec)
+            check_plugins(with_any_numbers(member.spec))
 
 
 def judge_all(campaigns: tuple[Campaign, ...], gate: bool) -> None:

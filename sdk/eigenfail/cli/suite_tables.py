@@ -8,8 +8,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from eigenfail.cli.figures import UNKNOWN
-from eigenfail.cli.tables import RESULT_COLUMNS, RESULT_FIGURES, result_row, table
+from eigenfail.cli.figures import UNKNOWN, probability
+from eigenfail.cli.tables import PROBABILITY, RESULT_COLUMNS, RESULT_FIGURES, result_row, table
 from eigenfail.suites import Member, Suite
 from eigenfail.values import Campaign, CampaignState, Summary
 
@@ -80,14 +80,17 @@ def plan_table(plan: SuitePlan) -> Group:
 
 def suite_table(result: SuiteResult) -> Table:
     """One row for each member: what a campaign's result table says, and which member it is."""
-    grid = table("member", "state", *RESULT_COLUMNS, right=RESULT_FIGURES)
+    told = any(member.summary and member.summary.estimate for member in result.members)
+    columns = ("member", "state", *RESULT_COLUMNS, *told * PROBABILITY)
+    grid = table(*columns, right={*RESULT_FIGURES, *PROBABILITY})
     for member in result.members:
-        grid.add_row(*(escape(cell) for cell in cells(member)))
+        last = probability(member.summary.estimate if member.summary else None)
+        grid.add_row(*map(escape, (*cells(member), *told * (last,))))
     return grid
 
 
 def cells(member: MemberResult) -> Iterator[str]:
-    """A row of the suite's table."""
+    """A row of the suite's table, but for the probability."""
     yield member.name
     yield member.state or UNKNOWN
     if member.summary is None:

@@ -1,5 +1,7 @@
 """What commands need from outside; tests hand in their own."""
 
+import shlex
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -31,3 +33,8 @@ def client_at(context: typer.Context, url: str) -> Client:
         return surroundings.connect(url)
     except (httpx2.InvalidURL, ValueError) as error:
         raise InvalidValue("url", f"'{url}' is not an address: {error}.") from error
+
+
+def this_command() -> str:
+    """The command that was given, to be given again."""
+    return shlex.join(["eigenfail", *sys.argv[1:]])

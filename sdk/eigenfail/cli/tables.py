@@ -18,6 +18,7 @@ from eigenfail.values import (
     MeanTime,
     Summary,
 )
+from eigenfail.values.variation import in_words
 
 RESULT_COLUMNS = (
     *("id", "method", "episodes", "failures", "failure rate [95 %]", "log p/step", "severity"),
@@ -99,7 +100,7 @@ def campaign_facts(campaign: Campaign) -> Table:
         ("campaign", f"{campaign.id}: {spec.name}"),
         ("state", " ".join(filter(None, (campaign.state, campaign.stopped_because)))),
         ("method", f"{spec.method} {spec.settings or ''}"),
-        ("scenario", f"{spec.scenario} {spec.scenario_parameters or ''}"),
+        ("scenario", " ".join((spec.scenario, parameters(spec)))),
         ("planner", f"{spec.planner} {spec.planner_settings or ''}"),
         ("simulator", f"{spec.simulator}, seed {spec.seed}"),
         ("disturbance", "; ".join(map(" ".join, disturbance_in_words(spec).items()))),
@@ -107,11 +108,18 @@ def campaign_facts(campaign: Campaign) -> Table:
         ("episodes", ", ".join(episodes(counts))),
         ("failures", str(counts.failures)),
         *estimate_facts(campaign.estimate),
+        *training_facts(campaign),
         ("created", moment(campaign.created_ms)),
         ("active", f"{campaign.active_s:.1f} s"),
         ("digest", campaign.digest or UNKNOWN),
     ]
     return facts(rows)
+
+
+def parameters(spec: CampaignSpec) -> str:
+    """What was said of the scenario; a distribution in words."""
+    said = in_words(spec.scenario_parameters).items()
+    return ", ".join(f"{name} = {value}" for name, value in said)
 
 
 def estimate_facts(estimate: Estimate | None) -> Iterator[tuple[str, str]]:
@@ -122,6 +130,12 @@ def estimate_facts(estimate: Estimate | None) -> Iterator[tuple[str, str]]:
     yield "P(failure)", how if estimate.probability is not None else f"unknown, {estimate.by}"
     if remark := estimate.problem or estimate.note:
         yield "", remark
+
+
+def training_facts(campaign: Campaign) -> Iterator[tuple[str, str]]:
+    """How many episodes were trained with; nothing where the method does not say."""
+    if campaign.trained_episodes is not None:
+        yield "trained with", f"{campaign.trained_episodes} episodes"
 
 
 def rules(spec: CampaignSpec) -> str:

@@ -34,7 +34,6 @@ def run_together(
         command: what goes on with it.
     """
     try:
-        client.suites.start(suite)
         return follow_together(client, suite, check)
     except KeyboardInterrupt:
         seen = pause_together(client, suite)
@@ -45,14 +44,14 @@ def run_together(
 def follow_together(
     client: Client, suite: Suite, check: Callable[[], None]
 ) -> tuple[Campaign, ...]:
-    """Show their progress until all have ended or are paused."""
+    """Start them, and show their progress until all have ended or are paused."""
     with reporter(suite.name) as report:
 
         def look(seen: Seen) -> None:
             check()
             report(seen)
 
-        ended = client.suites.wait(suite, look)
+        ended = client.suites.run(suite, look)
     return tuple(campaign for campaign in ended if campaign is not None)
 
 

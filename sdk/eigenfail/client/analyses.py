@@ -1,6 +1,6 @@
 """Analyses, as a client sees them."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from eigenfail.client.link import Link
@@ -9,18 +9,18 @@ from eigenfail.values import (
     Analysis,
     AnalysisSettings,
     AnalysisState,
-    Campaign,
     FailureMode,
     Page,
+    Proof,
 )
-from eigenfail.wire.http import ReplayRequest
+from eigenfail.wire.http import ProofRequest
 
 OVER = frozenset({AnalysisState.DONE, AnalysisState.FAILED})
 DEFAULTS = AnalysisSettings()
 
 
 class Analyses:
-    """Group the failures of campaigns, and replay what they have in common.
+    """Group the failures of campaigns, and prove by replay what they have in common.
 
     Every method raises ServiceUnreachable if no service answers.
     """
@@ -33,7 +33,8 @@ class Analyses:
 
         Raises:
             NotFound: no such campaign.
-            InvalidValue: a setting outside its bounds.
+            InvalidValue: a setting outside its bounds, or further campaigns that are not there or
+                do not go together with this one.
         """
         return self._link.post(f"/campaigns/{campaign}/analyses", Analysis, settings)
 
@@ -73,24 +74,43 @@ class Analyses:
         """
         return self._link.get(f"/analyses/{analysis}/eigenfailures", Page[FailureMode]).items
 
-    def replay(
-        self,
-        analysis: int,
-        scenario_parameters: Mapping[str, Any] | None = None,
-        name: str | None = None,
-    ) -> Campaign:
-        """A new campaign that injects the eigenfailures, one episode each.
+    def prove(self, analysis: int, variations: Sequence[Mapping[str, Any]] | None = None) -> Proof:
+        """Have eigenfailures and medoids replayed, in a campaign for each scenario.
+
+        What is replayed there already is not replayed again. Wait for the end with
+        `wait_for_proof`.
 
         Args:
             analysis: its id.
-            scenario_parameters: put over those of the analysed campaign: a variation.
-            name: of the new campaign; None makes one.
+            variations: scenario parameters, each put over those of the analysed campaign, {} for
+                its own scenario; None takes that and its neighbours to both sides.
 
         Raises:
             NotFound: no such analysis.
             Conflict: it is not done, or found no failure mode.
             UnknownName: a parameter that the scenario does not have.
-            InvalidValue: a parameter outside its bounds.
+            InvalidValue: a parameter outside its bounds, or no variation.
         """
-        request = ReplayRequest(name=name, scenario_parameters=dict(scenario_parameters or {}))
-        return self._link.post_once_only(f"/analyses/{analysis}/replay", Campaign, request)
+        given = None if variations is None else tuple(dict(each) for each in variations)
+        return self._link.post_once_only(f"/analyses/{analysis}/proof", Proof, ProofRequest(given))
+
+    def proof(self, analysis: int) -> Proof:
+        """How many replays failed again, in which scenarios, as far as results are in.
+
+        Raises:
+            NotFound: no such analysis.
+            Conflict: it is not done.
+        """
+        return self._link.get(f"/analyses/{analysis}/proof", Proof)
+
+    def wait_for_proof(
+        self, analysis: int, poll_s: float = 0.3, timeout_s: float | None = None
+    ) -> Proof:
+        """The proof once all of its replays have ended; `prove` comes first.
+
+        Raises:
+            NotFound: no such analysis.
+            Conflict: it is not done.
+            ServiceError: they have not ended in time; they go on all the same.
+        """
+        return wait_until(lambda: self.proof(analysis), lambda seen: seen.done, poll_s, timeout_s)

@@ -3,22 +3,37 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import msgspec
+
 from eigenfail.client.link import Link
 from eigenfail.client.waiting import wait_until
 from eigenfail.errors import InvalidValue
 from eigenfail.values import (
     FINAL_STATES,
     Campaign,
+    CampaignCost,
     CampaignSpec,
     CampaignState,
     Comparison,
     Course,
+    MinimalFailure,
     Page,
+    Region,
+    Safety,
+    StopRules,
     Summary,
 )
+from eigenfail.values.records import EpisodeDetail
+from eigenfail.values.safety import LEVEL
+from eigenfail.variations import drawn_for
 from eigenfail.wire.http import Digest, read_fields
 
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
+
+SHRINK_WITHIN = 2_000
+"""Replays that are enough to shrink a failure of a hundred steps, as a rule."""
+
+MAX_NAME = 200
 
 
 class Campaigns:
@@ -136,6 +151,40 @@ class Campaigns:
         """
         return self._link.get(f"/campaigns/{campaign}/course", Course, {"per": per})
 
+    def safety(self, campaign: int, level: float = LEVEL) -> Safety:
+        """Collisions, near misses, MinTTC, DRAC and severity of the episodes so far.
+
+        Args:
+            campaign: its id.
+            level: of VaR and CVaR of severity, between 0 and 1.
+
+        Raises:
+            NotFound: no such campaign.
+            InvalidValue: the level is outside its bounds.
+        """
+        return self._link.get(f"/campaigns/{campaign}/safety", Safety, {"level": str(level)})
+
+    def cost(self, campaign: int) -> CampaignCost:
+        """What failures and modes cost so far, by when, and what the time went into.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        return self._link.get(f"/campaigns/{campaign}/cost", CampaignCost)
+
+    def region(self, campaigns: int | Sequence[int]) -> Region:
+        """Where among the scenario's parameters the episodes so far fail.
+
+        Args:
+            campaigns: one whose parameters vary, or several on one scenario, such as a grid's.
+
+        Raises:
+            NotFound: no such campaign.
+            InvalidValue: none is named, one twice, or they are on different scenarios.
+            UnknownName: the service does not have their scenario.
+        """
+        return self._link.get("/campaigns/region", Region, {"campaigns": listed(campaigns)})
+
     def compare(self, a: int | Sequence[int], b: int | Sequence[int]) -> Comparison:
         """Two campaigns side by side, or two groups of them that differ in their seeds alone.
 
@@ -144,6 +193,42 @@ class Campaigns:
             InvalidValue: a side without a campaign, or a campaign that is named twice.
         """
         return self._link.get("/comparisons", Comparison, {"a": listed(a), "b": listed(b)})
+
+    def shrink(self, campaign: int, episode: int, episodes: int = SHRINK_WITHIN) -> Campaign:
+        """A new campaign that finds out how little noise a failure needs; see `minimal`.
+
+        It runs in the scenario that the episode drew, where its campaign drew one.
+
+        Args:
+            campaign: of the failure.
+            episode: its index.
+            episodes: the budget of replays.
+
+        Raises:
+            NotFound: no such campaign, or the episode has no result.
+            InvalidValue: the episode did not end in a collision.
+        """
+        spec = self.get(campaign).spec
+        failure = self._link.get(f"/campaigns/{campaign}/episodes/{episode}", EpisodeDetail)
+        wanted = msgspec.structs.replace(
+            spec,
+            name=f"{spec.name}: minimal failure of {campaign}/{episode}"[-MAX_NAME:],
+            method="minimal",
+            settings={"campaign": campaign, "episode": episode},
+            episodes=episodes,
+            stop=StopRules(),
+            scenario_parameters={**spec.scenario_parameters, **drawn_for(spec, failure.seed)},
+        )
+        return self.create(wanted)
+
+    def minimal(self, campaign: int) -> MinimalFailure:
+        """How little noise a failure needs, so far: of a campaign of the method `minimal`.
+
+        Raises:
+            NotFound: no such campaign.
+            Conflict: it shrinks no failure, or no replay of it has failed.
+        """
+        return self._link.get(f"/campaigns/{campaign}/minimal", MinimalFailure)
 
     def digest(self, campaign: int) -> str:
         """SHA-256 over the results that are in: equal for equal campaigns.
@@ -162,5 +247,5 @@ def listed(campaigns: int | Sequence[int]) -> str:
     """
     ids = [campaigns] if isinstance(campaigns, int) else campaigns
     if not ids:
-        raise InvalidValue("campaigns", "none is named.", "Name at least one on each side.")
+        raise InvalidValue("campaigns", "none is named.", "Name at least one.")
     return ",".join(map(str, ids))

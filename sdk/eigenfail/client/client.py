@@ -1,5 +1,7 @@
 """The client: one object for one service."""
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -10,8 +12,10 @@ from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.episodes import Episodes
 from eigenfail.client.events import Events
 from eigenfail.client.link import Link
+from eigenfail.client.reports import NOTHING, check_folder, fetch_report, write_report
 from eigenfail.client.suites import Suites
 from eigenfail.values import Page
+from eigenfail.values.report import Report
 from eigenfail.wire.http import PluginInfo
 
 DEFAULT_URL = "http://127.0.0.1:8440"
@@ -53,6 +57,32 @@ class Client:
     def simulators(self) -> tuple[PluginInfo, ...]:
         """The simulators."""
         return self._plugins("simulators")
+
+    def report(
+        self,
+        campaigns: int | Sequence[int],
+        folder: Path,
+        force: bool = False,
+        also: Mapping[str, bytes] = NOTHING,
+    ) -> Report:
+        """Write a report on campaigns into a folder: report.html, and its data beside it.
+
+        The folder has all of it or is not there: nothing is left half-written.
+
+        Args:
+            campaigns: one, or several in the order in which they are told of.
+            folder: that is not there yet, or is empty.
+            force: replace the report that is in the folder.
+            also: further files for the folder, by name.
+
+        Raises:
+            NotFound: no such campaign.
+            InvalidValue: no campaign, too many, one that is named twice, or a folder that would be
+                overwritten.
+            ServiceError: the folder cannot be written.
+        """
+        check_folder(folder, force)
+        return write_report(fetch_report(self._link, campaigns), folder, also)
 
     def health(self) -> bool:
         """Whether the service answers and reaches its database."""

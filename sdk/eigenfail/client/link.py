@@ -54,6 +54,11 @@ class Link:
         """What is at a path; asked again while the service is busy or away for a moment."""
         return http.decode(self._repeatedly("GET", path, params=given(params)), kind)
 
+    def get_bytes(self, path: str, params: httpx2.QueryParams, read_s: float) -> bytes:
+        """The bytes of a file at a path, for which the service may take so many seconds."""
+        timeout = httpx2.Timeout(60.0, connect=3.0, read=read_s)
+        return self._repeatedly("GET", path, params=params, timeout=timeout)
+
     def post(self, path: str, kind: type[Kind], body: object = None) -> Kind:
         """Have something done: asked once."""
         with self._understood():

@@ -10,10 +10,14 @@ from eigenfail.client.campaigns import AT_REST, Campaigns
 from eigenfail.client.link import Link
 from eigenfail.client.waiting import wait_until
 from eigenfail.errors import IllegalTransition
-from eigenfail.suites import Member, Suite
+from eigenfail.suites import Suite
+from eigenfail.suites.standing import ready, recognised
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Summary
 
 PAUSE_WITHIN_S = 60.0
+
+Seen = tuple[Campaign | None, ...]
+"""The campaigns of a suite's members, in order; None where there is none yet."""
 
 
 class Suites:
@@ -26,30 +30,25 @@ class Suites:
         self._link = link
         self._campaigns = campaigns
 
-    def find(self, suite: Suite) -> tuple[Campaign | None, ...]:
+    def find(self, suite: Suite) -> Seen:
         """The campaign of each member, in order; None where there is none yet."""
-        missing = {member.spec.name: member.spec for member in suite.members}
-        found: dict[str, Campaign] = {}
-        for campaign in self._campaigns.list():
-            name = campaign.spec.name
-            if campaign.spec == missing.get(name):
-                found[name] = campaign
-                del missing[name]
-            if not missing:
-                break
-        return tuple(found.get(member.spec.name) for member in suite.members)
+        found = self._found(suite)
+        return tuple(found.get(member.name) for member in suite.members)
 
-    def create(self, suite: Suite) -> tuple[Campaign, ...]:
+    def create(self, suite: Suite) -> Seen:
         """The campaign of each member, in order; those that are missing are queued.
+
+        None for those that build upon members that are not done: see `run`.
 
         Raises:
             UnknownName: a plug-in, setting or parameter that does not exist.
             InvalidValue: a value outside its bounds.
         """
-        found = zip(suite.members, self.find(suite), strict=True)
-        return tuple(campaign or self._created(member) for member, campaign in found)
+        found = self._found(suite)
+        made = {name: self._created(spec) for name, spec in ready(suite, found)}
+        return tuple((found | made).get(member.name) for member in suite.members)
 
-    def start(self, suite: Suite) -> tuple[Campaign, ...]:
+    def start(self, suite: Suite) -> Seen:
         """The same, and those that are paused go on.
 
         Raises:
@@ -57,9 +56,9 @@ class Suites:
             InvalidValue: a value outside its bounds.
             ServiceError: one that is being paused does not come to rest.
         """
-        return tuple(self._awake(campaign) for campaign in self.create(suite))
+        return tuple(campaign and self._awake(campaign) for campaign in self.create(suite))
 
-    def pause(self, suite: Suite) -> tuple[Campaign | None, ...]:
+    def pause(self, suite: Suite) -> Seen:
         """Let those that have not ended rest once their rounds at work are in."""
         for campaign in self.find(suite):
             if campaign is not None and campaign.state not in AT_REST:
@@ -70,10 +69,10 @@ class Suites:
     def wait(
         self,
         suite: Suite,
-        on_progress: Callable[[tuple[Campaign | None, ...]], None] | None = None,
+        on_progress: Callable[[Seen], None] | None = None,
         poll_s: float = 0.3,
         timeout_s: float | None = None,
-    ) -> tuple[Campaign | None, ...]:
+    ) -> Seen:
         """The campaigns once all that exist have ended or are paused.
 
         Args:
@@ -85,13 +84,34 @@ class Suites:
         Raises:
             ServiceError: they did not end in time; they go on all the same.
         """
+        look = telling(lambda: self.find(suite), on_progress)
+        return wait_until(look, are_at_rest, poll_s, timeout_s)
 
-        def look() -> tuple[Campaign | None, ...]:
-            seen = self.find(suite)
-            if on_progress is not None:
-                on_progress(seen)
-            return seen
+    def run(
+        self,
+        suite: Suite,
+        on_progress: Callable[[Seen], None] | None = None,
+        poll_s: float = 0.3,
+        timeout_s: float | None = None,
+    ) -> Seen:
+        """Start all of a suite, members that build upon others once these are done, and wait.
 
+        Where one of those is cancelled or dead, or paused by somebody, there is no campaign of a
+        member that builds upon it.
+
+        Args:
+            suite: whose campaigns.
+            on_progress: told of them at every look, the last one included.
+            poll_s: time between two looks.
+            timeout_s: give up after this time; None waits for ever.
+
+        Raises:
+            UnknownName: a plug-in, setting or parameter that does not exist.
+            InvalidValue: a value outside its bounds.
+            ServiceError: they did not end in time; they go on all the same.
+        """
+        self.start(suite)
+        look = telling(lambda: self.create(suite), on_progress)
         return wait_until(look, are_at_rest, poll_s, timeout_s)
 
     def summaries(self, suite: Suite) -> tuple[Summary | None, ...]:
@@ -101,9 +121,18 @@ class Suites:
             for campaign in self.find(suite)
         )
 
-    def _created(self, member: Member) -> Campaign:
-        key = key_of(member.spec)
-        return self._link.post_once_only("/campaigns", Campaign, member.spec, key)
+    def _found(self, suite: Suite) -> dict[str, Campaign]:
+        """The campaigns of members that have one, by the members' names."""
+        alike: dict[str, list[Campaign]] = {member.spec.name: [] for member in suite.members}
+        for campaign in self._campaigns.list():
+            if campaign.spec.name in alike:
+                alike[campaign.spec.name].append(campaign)
+                if all(alike.values()) and len(found := recognised(suite, alike)) == len(alike):
+                    return found
+        return recognised(suite, alike)
+
+    def _created(self, spec: CampaignSpec) -> Campaign:
+        return self._link.post_once_only("/campaigns", Campaign, spec, key_of(spec))
 
     def _awake(self, campaign: Campaign) -> Campaign:
         if campaign.state is CampaignState.PAUSING:
@@ -112,7 +141,21 @@ class Suites:
         return self._campaigns.resume(campaign.id) if is_paused else campaign
 
 
-def are_at_rest(campaigns: tuple[Campaign | None, ...]) -> bool:
+def telling(
+    see: Callable[[], Seen], on_progress: Callable[[Seen], None] | None
+) -> Callable[[], Seen]:
+    """A look that is told of, if anybody is to be told."""
+
+    def look() -> Seen:
+        seen = see()
+        if on_progress is not None:
+            on_progress(seen)
+        return seen
+
+    return look
+
+
+def are_at_rest(campaigns: Seen) -> bool:
     """Whether none is at work, or about to be."""
     return all(campaign is None or campaign.state in AT_REST for campaign in campaigns)
 

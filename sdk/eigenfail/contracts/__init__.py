@@ -3,7 +3,7 @@
 Each contract has a conformance suite in `eigenfail.testing`.
 """
 
-from eigenfail.contracts.learning import Estimator, Exploiter, Learner, Method
+from eigenfail.contracts.learning import Estimator, Exploiter, Learner, Method, Trained
 from eigenfail.contracts.storage import (
     AnalysisStore,
     CampaignStore,
@@ -46,4 +46,5 @@ __all__ = [
     "Simulator",
     "Situation",
     "Store",
+    "Trained",
 ]

@@ -52,6 +52,15 @@ class Estimator(Protocol):
         """What is known after the last round observed; None before there is anything to tell."""
 
 
+@runtime_checkable
+class Trained(Protocol):
+    """A learner that can tell how many episodes it was trained with. No learner has to."""
+
+    @property
+    def trained_episodes(self) -> int | None:
+        """So far; it stands still once training has ended. None where it cannot be said."""
+
+
 class Method(Protocol):
     """Makes learners; its `Settings` carry defaults and bounds."""
 

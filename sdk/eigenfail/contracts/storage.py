@@ -1,6 +1,6 @@
 """What remembers: ids and frozen values in and out, each verb one transaction."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Protocol
 
 from eigenfail.values import (
@@ -15,8 +15,12 @@ from eigenfail.values import (
     Estimate,
     Event,
     Outcome,
+    Overhead,
     Page,
     PairTotals,
+    SafetyTotals,
+    SpendingTotals,
+    Trials,
 )
 from eigenfail.values.records import (
     Delivery,
@@ -28,6 +32,11 @@ from eigenfail.values.records import (
     Totals,
     Verdict,
 )
+from eigenfail.values.region import MOST_TRIALS
+from eigenfail.values.safety import MOST_POINTS
+from eigenfail.values.spending import MOST_LANDINGS
+
+NOTHING = Overhead()
 
 
 class CampaignStore(Protocol):
@@ -63,8 +72,14 @@ class CampaignStore(Protocol):
             IllegalTransition: its state does not allow it.
         """
 
-    def add_active(self, campaign: int, seconds: float) -> None:
-        """Add to the time during which the campaign was running."""
+    def add_active(self, campaign: int, seconds: float, overhead: Overhead = NOTHING) -> None:
+        """Add to the time during which the campaign was running, and to what that went into.
+
+        The overhead of a campaign of which an older release did not measure it stays unknown.
+
+        Raises:
+            NotFound: no such campaign.
+        """
 
 
 class EpisodeStore(Protocol):
@@ -96,11 +111,35 @@ class EpisodeStore(Protocol):
     def failures(self, campaign: int) -> Failures:
         """The noise of all collisions."""
 
+    def failure_portions(self, campaign: int) -> Iterator[Failures]:
+        """The same, at most `PORTION` at a time, of one moment: for those who keep less of it."""
+
     def totals(self, campaign: int) -> Totals:
         """Sums over all collisions, and episodes counted by class, as `assess` classifies them."""
 
     def course(self, campaign: int, per: int) -> list[BlockTotals]:
         """Sums over blocks of `per` indices, in index order, of those with a completed episode."""
+
+    def safety(self, campaign: int, most: int = MOST_POINTS) -> SafetyTotals:
+        """Safety measures over the completed episodes, with at most so many points.
+
+        Where there are more failures with a severity than `most`, the points are every k-th of
+        them in index order from the first one on, for the smallest k that is enough.
+        """
+
+    def trials(self, campaign: int, most: int = MOST_TRIALS) -> Trials:
+        """Seeds and outcomes of the completed episodes in index order.
+
+        Where there are more than `most`, of every k-th from the first one on, for the smallest k
+        that is enough.
+        """
+
+    def spending(self, campaign: int, most: int = MOST_LANDINGS) -> SpendingTotals:
+        """Worker time in the episodes, and when they landed.
+
+        The landings are every k-th completed episode by the time that it was stored, then by
+        index, for the smallest k that leaves at most so many; and the last one.
+        """
 
     def paired(self, first: int, second: int) -> PairTotals:
         """The episodes that two campaigns both completed, with one seed and kind of source."""
@@ -110,10 +149,22 @@ class EpisodeStore(Protocol):
 
 
 class CheckpointStore(Protocol):
-    """The learner's last state of each campaign, and what it then knew of the probability."""
+    """The learner's last state of each campaign, and what it then told."""
 
-    def save(self, campaign: int, checkpoint: bytes, estimate: Estimate | None = None) -> None:
-        """Replace the checkpoint and the campaign's estimate, both or neither.
+    def save(
+        self,
+        campaign: int,
+        checkpoint: bytes,
+        estimate: Estimate | None = None,
+        trained_episodes: int | None = None,
+    ) -> None:
+        """Replace the checkpoint and what the campaign's learner told, all or nothing.
+
+        Args:
+            campaign: by its id.
+            checkpoint: the learner's state.
+            estimate: of the failure probability.
+            trained_episodes: how many it was trained with.
 
         Raises:
             NotFound: no such campaign.
@@ -155,7 +206,18 @@ class AnalysisStore(Protocol):
         """It cannot be done."""
 
     def link_replay(self, analysis: int, campaign: int) -> None:
-        """Remember the campaign that replays its eigenfailures."""
+        """Remember a campaign that replays what it found; nothing new if it is known.
+
+        Raises:
+            NotFound: no such analysis or campaign.
+        """
+
+    def replays(self, analysis: int) -> tuple[int, ...]:
+        """The campaigns that replay what it found, oldest first.
+
+        Raises:
+            NotFound: no such analysis.
+        """
 
 
 class EventLog(Protocol):

@@ -10,6 +10,7 @@ from eigenfail.errors import InvalidValue
 from eigenfail.settings import convert, read_settings
 from eigenfail.suites.changes import Table, changed
 from eigenfail.suites.plans import MOST_MEMBERS, SuiteFile, variations
+from eigenfail.suites.references import in_order
 from eigenfail.toml_files import read_toml
 from eigenfail.values import CampaignSpec
 from eigenfail.wire.http import refuse_unknown_fields
@@ -24,7 +25,8 @@ class Member(msgspec.Struct, frozen=True):
 
     Attributes:
         name: what sets it apart from the others, such as "alpha=5000".
-        spec: its campaign, named "suite: member".
+        spec: its campaign, named "suite: member"; where it builds upon other members, with their
+            names in place of numbers (see `suites.references`).
     """
 
     name: str
@@ -47,9 +49,10 @@ class Suite(msgspec.Struct, frozen=True):
         """The suite that a TOML file describes; its name is the file's unless it has one.
 
         Raises:
-            UnknownName: a field that suites or campaigns do not have.
+            UnknownName: a field that suites or campaigns do not have, or a member that builds upon
+                one that there is not.
             InvalidValue: not a readable TOML file, a value outside its bounds, an axis without
-                values, two members that are the same, or too many.
+                values, two members that are the same, too many, or some that wait for each other.
         """
         file = Path(path)
         written = read_settings(SuiteFile, read_toml(file, LIKE), file.name)
@@ -63,6 +66,7 @@ class Suite(msgspec.Struct, frozen=True):
             for variation in variations(written, file.name)
         ]
         refuse_twins(members, file.name)
+        in_order({each.name: each.spec for each in members}, file.name)
         return cls(name, tuple(members))
 
 

@@ -20,6 +20,7 @@ from eigenfail.values.campaign import (
     Estimate,
     Interval,
     MeanTime,
+    Overhead,
     Rate,
     Summary,
 )
@@ -60,6 +61,13 @@ from eigenfail.values.episode import (
 )
 from eigenfail.values.event import Event
 from eigenfail.values.explanation import Account, ExplainedEpisode, ExplainedStep
+from eigenfail.values.findings import (
+    AnalysedCampaign,
+    InfluenceShare,
+    Moment,
+    Stability,
+    TrainingInterval,
+)
 from eigenfail.values.learning import (
     Experience,
     LearnerContext,
@@ -67,10 +75,37 @@ from eigenfail.values.learning import (
     Proposal,
     Round,
 )
+from eigenfail.values.minimal import MinimalFailure
 from eigenfail.values.paging import Page
 from eigenfail.values.policy import STATE, Layer, Policy
+from eigenfail.values.proof import (
+    Proof,
+    ProvenMode,
+    ProvenScenario,
+    ReplayedNoise,
+    ReplayKind,
+    Reproduction,
+)
 from eigenfail.values.randomness import episode_seed, learner_seed
+from eigenfail.values.region import Bound, Box, Region, Trials
+from eigenfail.values.safety import (
+    FailurePoint,
+    Figure,
+    MeasureTotals,
+    Safety,
+    SafetyTotals,
+    Scatter,
+    SeverityRisk,
+    Violations,
+)
 from eigenfail.values.scene import Control, Mission, Observation, Perception, Scene, VehicleState
+from eigenfail.values.spending import (
+    CampaignCost,
+    CostPoint,
+    Landing,
+    SpendingTotals,
+    TimeSplit,
+)
 from eigenfail.values.stopping import StopRules
 
 __all__ = [
@@ -78,13 +113,17 @@ __all__ = [
     "FINAL_STATES",
     "STATE",
     "Account",
+    "AnalysedCampaign",
     "Analysis",
     "AnalysisResult",
     "AnalysisSettings",
     "AnalysisState",
     "Assessment",
     "BlockTotals",
+    "Bound",
+    "Box",
     "Campaign",
+    "CampaignCost",
     "CampaignSpec",
     "CampaignState",
     "Comparison",
@@ -94,6 +133,7 @@ __all__ = [
     "Conversion",
     "Correlated",
     "Cost",
+    "CostPoint",
     "Counts",
     "Course",
     "CourseBlock",
@@ -112,19 +152,27 @@ __all__ = [
     "ExplainedEpisode",
     "ExplainedStep",
     "FailureMode",
+    "FailurePoint",
+    "Figure",
     "Floats",
     "HeavyTailed",
+    "InfluenceShare",
     "Interval",
+    "Landing",
     "Layer",
     "LearnerContext",
     "Magnitude",
     "McNemar",
     "MeanTime",
+    "MeasureTotals",
     "Measures",
+    "MinimalFailure",
     "Mission",
+    "Moment",
     "NoiseTrajectory",
     "Observation",
     "Outcome",
+    "Overhead",
     "Page",
     "PairTotals",
     "Perception",
@@ -132,17 +180,34 @@ __all__ = [
     "PolicySource",
     "Predecessor",
     "PriorSource",
+    "Proof",
     "Proposal",
+    "ProvenMode",
+    "ProvenScenario",
     "Rate",
+    "Region",
+    "ReplayKind",
+    "ReplayedNoise",
+    "Reproduction",
     "Round",
+    "Safety",
+    "SafetyTotals",
+    "Scatter",
     "Scene",
+    "SeverityRisk",
     "Shape",
     "Side",
     "Source",
+    "SpendingTotals",
+    "Stability",
     "StopRules",
     "Summary",
+    "TimeSplit",
+    "TrainingInterval",
     "TrajectorySource",
+    "Trials",
     "VehicleState",
+    "Violations",
     "White",
     "assess",
     "episode_seed",

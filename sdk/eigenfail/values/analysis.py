@@ -1,28 +1,52 @@
-"""An analysis: the failures of a campaign, grouped into modes."""
+"""An analysis: the failures of one or several campaigns, grouped into modes."""
 
 from enum import StrEnum
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
 
 from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign import Estimate
 from eigenfail.values.diversity import Diversity
+from eigenfail.values.findings import (
+    STABLE,
+    AnalysedCampaign,
+    InfluenceShare,
+    Moment,
+    Stability,
+    TrainingInterval,
+)
 
 MAX_CLUSTERS = 50
+MAX_CAMPAIGNS = 50
+MAX_RESAMPLES = 1000
+
+CampaignNumber = Annotated[int, msgspec.Meta(ge=1)]
 
 
 class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How failures are analysed.
+    """How failures are analysed; docs/analysis.md says when to use what.
 
     Attributes:
         align: put the trajectories side by side at their first step or at their collision.
         components: k of the PCA.
-        clusters: number of failure modes; None chooses 2 to 8 by silhouette.
+        clusters: number of failure modes; None chooses 2 to 8 by silhouette. `hdbscan` finds the
+            number itself and takes none.
+        axes: of the noise that is analysed: both together, or one apart.
+        clusterer: what finds the modes.
+        campaigns: further ones, whose failures are analysed with those of the first.
+        bootstrap: how often the failures are drawn again to see whether the modes come back; 0
+            leaves it out.
     """
 
     align: Literal["start", "collision"] = "start"
     components: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLUSTERS)] = 3
     clusters: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLUSTERS)] | None = None
+    axes: Literal["joint", "longitudinal", "lateral"] = "joint"
+    clusterer: Literal["kmeans", "hdbscan", "gaussian_mixture"] = "kmeans"
+    campaigns: Annotated[tuple[CampaignNumber, ...], msgspec.Meta(max_length=MAX_CAMPAIGNS)] = ()
+    bootstrap: Annotated[int, msgspec.Meta(ge=0, le=MAX_RESAMPLES)] = 20
 
 
 class AnalysisState(StrEnum):
@@ -42,30 +66,48 @@ class FailureMode(msgspec.Struct, frozen=True, eq=False):
         medoid: index of the real episode nearest to the centre.
         centre: of the cluster in PCA space, shape (components,).
         eigenfailure: the centre taken back to noise space: z, shape (steps, 2), aligned at the
-            start and ready to be injected. [sigma]
+            start and ready to be injected; along an axis that was left out, the mean of its
+            failures. [sigma]
+        medoid_campaign: the campaign of the medoid; None: the one that was analysed.
+        probability: of a failure of this mode under p(x), where the campaign's method can tell;
+            None where it tells none.
     """
 
     failures: int
     medoid: int
     centre: Floats
     eigenfailure: Floats
+    medoid_campaign: int | None = None
+    probability: Estimate | None = None
 
 
 class AnalysisResult(msgspec.Struct, frozen=True, eq=False):
-    """What PCA and K-means found.
+    """What PCA and clustering found. What older releases did not tell has its default.
 
     Attributes:
         episodes: index of the episode in each row of the data.
         explained: share of the variance that each component explains, shape (components,).
-        components: shape (components, steps, 2); signs fixed so that the largest entry is positive.
+        components: shape (components, steps, 2); signs fixed so that the largest entry is positive;
+            zero along an axis that was left out.
         scores: the data in PCA space D* = (D - mu) V_k, shape (failures, components).
         labels: the mode of each failure, by position in `modes`.
         silhouette: of the clustering, from -1 to 1; None with a single mode.
-        noise_silhouette: of the same clustering on structureless data of the same covariance;
-            modes are distinct only where `silhouette` clearly exceeds it.
+        noise_silhouette: the largest that the same clustering reaches on 19 draws of data without
+            groups, of the same covariance and the same distances from the centre.
         influence: how much each step matters, shape (steps, 2): component magnitudes weighted by
             explained variance.
-        diversity: how the failures spread over modes; None in results of older releases.
+        diversity: how the failures spread over modes.
+        campaigns: the campaign of each row; empty: the one that was analysed.
+        stability: of the clusters; None with a single mode, or without bootstrap.
+        outliers: share of the failures that the clusterer left out, before they were put with
+            their nearest neighbour; 0 but for `hdbscan`.
+        moments: the steps of greatest influence along each axis, the greatest first.
+        before_collision: how much influence lies in the last seconds before the collision.
+        training: ten intervals of the episodes, in order.
+        sources: the campaigns, as they stood.
+        words: what each mode is, in words; as many as there are modes.
+        notes: what is to be known of the failures that were put together.
+        digest: SHA-256 over all of it but the words: the same whenever the analysis is repeated.
     """
 
     episodes: tuple[int, ...]
@@ -78,15 +120,56 @@ class AnalysisResult(msgspec.Struct, frozen=True, eq=False):
     silhouette: float | None
     noise_silhouette: float | None
     diversity: Diversity | None = None
+    campaigns: tuple[int, ...] = ()
+    stability: Stability | None = None
+    outliers: float = 0.0
+    moments: tuple[Moment, ...] = ()
+    before_collision: tuple[InfluenceShare, ...] = ()
+    training: tuple[TrainingInterval, ...] = ()
+    sources: tuple[AnalysedCampaign, ...] = ()
+    words: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    digest: str = ""
+
+    @property
+    def cumulative(self) -> Floats:
+        """Share of the variance that each component and those before it explain together."""
+        return np.cumsum(self.explained, dtype=np.float32)
 
     @property
     def distinct(self) -> bool:
-        """Whether the modes are more than what clustering finds in pure noise."""
+        """Whether the modes are more than what clustering finds in data without groups."""
+        return self.above_noise and self.stable
+
+    @property
+    def above_noise(self) -> bool:
+        """Whether the silhouette exceeds that of data without groups."""
         return (
             self.silhouette is not None
             and self.noise_silhouette is not None
             and self.silhouette > self.noise_silhouette
         )
+
+    @property
+    def stable(self) -> bool:
+        """Whether the modes come back under the bootstrap, as far as that was tried."""
+        return self.stability is None or self.stability.median >= STABLE
+
+    @property
+    def verdict(self) -> str:
+        """Whether there are modes, and why."""
+        if self.silhouette is None or self.noise_silhouette is None:
+            return "No distinct modes: the failures make a single group."
+        against = f"silhouette {self.silhouette:.2f}, on data without groups "
+        against += f"{self.noise_silhouette:.2f}"
+        if not self.above_noise:
+            return f"No distinct modes: they are not told apart from noise ({against})."
+        if self.stability is None:
+            return f"{len(self.modes)} distinct modes ({against})."
+        again = f"under the bootstrap the adjusted Rand index is {self.stability.median:.2f}"
+        if not self.stable:
+            return f"No distinct modes: {again}, below {STABLE} ({against})."
+        return f"{len(self.modes)} distinct modes ({against}; {again})."
 
 
 class Analysis(msgspec.Struct, frozen=True, eq=False):
@@ -94,7 +177,6 @@ class Analysis(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         problem: why it failed, with the remedy; empty otherwise.
-        replay_campaign: the campaign that replays its eigenfailures, once one was launched.
     """
 
     id: int
@@ -104,4 +186,3 @@ class Analysis(msgspec.Struct, frozen=True, eq=False):
     created_ms: int
     result: AnalysisResult | None = None
     problem: str = ""
-    replay_campaign: int | None = None

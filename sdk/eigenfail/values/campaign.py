@@ -125,6 +125,21 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     note: str = ""
 
 
+class Overhead(msgspec.Struct, frozen=True):
+    """What a campaign's active time went into beside simulation, as the hub measured it.
+
+    Attributes:
+        learning_s: no episode was with a worker, and the learner worked; its start included.
+        waiting_s: neither: the campaign waited for workers or for the database.
+        discarded_s: worker time in results that were thrown away: second ones of an episode, and
+            those that the store did not want.
+    """
+
+    learning_s: float = 0.0
+    waiting_s: float = 0.0
+    discarded_s: float = 0.0
+
+
 class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     """A campaign as it stands.
 
@@ -133,6 +148,9 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
         active_s: time during which it was running; pauses do not count.
         digest: over all results in index order, once the campaign is done.
         estimate: of the failure probability; None where the method tells none, or none yet.
+        overhead: what of `active_s` was no simulation; None where nobody measured it.
+        trained_episodes: how many its learner was trained with so far; None where the method does
+            not say.
     """
 
     id: int
@@ -146,6 +164,8 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     stopped_because: str = ""
     digest: str | None = None
     estimate: Estimate | None = None
+    overhead: Overhead | None = None
+    trained_episodes: int | None = None
 
 
 class Rate(msgspec.Struct, frozen=True):

@@ -123,8 +123,12 @@ class Totals(msgspec.Struct, frozen=True):
     conflicts: ConflictTotals = ConflictTotals()
 
 
+PORTION = 2_000
+"""How many failures are read at a time at most."""
+
+
 class Failures(msgspec.Struct, frozen=True, eq=False):
-    """The noise of all failures of a campaign.
+    """The noise of failures of a campaign.
 
     Attributes:
         indices: the episodes, in index order.

@@ -5,7 +5,7 @@ included, of whole numbers where the parameter is one; or `{"choice": [1.9, 2.0,
 likely. Nothing is drawn but from the episode's seed, so that nothing has to travel or be kept.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
 from math import isfinite, prod
 from typing import Annotated, Any
@@ -84,8 +84,20 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
 
     def drawn(self, seed: int) -> dict[str, Any]:
         """Those of the episode's parameters that vary, by name."""
+        return self._drawn(seed, self._like())
+
+    def table(self, seeds: Iterable[int]) -> Iterator[dict[str, Any]]:
+        """All parameters of the episodes with these seeds, by name."""
+        like = self._like()
+        shared = msgspec.structs.asdict(like)
+        return (shared | self._drawn(seed, like) for seed in seeds)
+
+    def _like(self) -> Any:
+        """Parameters of the right kinds."""
+        return self._read(next(self._combinations()))
+
+    def _drawn(self, seed: int, like: Any) -> dict[str, Any]:
         random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(VARIATION_STREAM,)))
-        like = self._read(next(self._combinations()))
         return {name: one.draw(random, getattr(like, name)) for name, one in self.varied.items()}
 
     def corners(self) -> Iterator[Any]:
@@ -166,3 +178,17 @@ def read_distribution(given: Mapping[str, Any], field: str) -> Distribution:
             problem = f"[{low}, {high}] is not an interval from a smaller to a larger number."
             raise InvalidValue(f"{field}.uniform", problem)
     return found
+
+
+def in_words(given: Mapping[str, Any]) -> dict[str, str]:
+    """A scenario's parameters as people read them: "uniform 53 … 63", "one of 1.9, 2.0, 2.1"."""
+    return {name: _value_in_words(value) for name, value in given.items()}
+
+
+def _value_in_words(value: Any) -> str:
+    match value:
+        case {"uniform": [low, high]}:
+            return f"uniform {low} … {high}"
+        case {"choice": [*values]}:
+            return f"one of {', '.join(map(str, values))}"
+    return str(value)

@@ -6,18 +6,19 @@ JSON through msgspec, arrays as nested lists; both sides read and write with the
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from typing import Any, TypeVar, get_args
+from typing import Annotated, Any, TypeVar, get_args
 
 import msgspec
 
 from eigenfail.errors import InvalidValue, ProtocolError, UnknownName
 from eigenfail.settings import invalid_value
 from eigenfail.values.arrays import decode_array, encode_array_as_lists
-from eigenfail.values.campaign import Name, Settings
+from eigenfail.values.campaign import Settings
 
 PREFIX = "/api/v1"
 IDEMPOTENCY_KEY = "Idempotency-Key"
 PROBLEM_JSON = "application/problem+json"
+MAX_VARIATIONS = 100
 
 MISSING = re.compile(r"missing required field `(?P<name>[^`]+)`")
 
@@ -26,16 +27,18 @@ StructType = type[msgspec.Struct]
 Kind = TypeVar("Kind")
 
 
-class ReplayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How the replay of an analysis's eigenfailures differs from the campaign it came from.
+class ProofRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """In which scenarios an analysis is to be proven by replay.
 
     Attributes:
-        name: of the new campaign; made from the old one's if None.
-        scenario_parameters: put over the old ones: a variation of the scenario.
+        variations: scenario parameters, each put over those of the analysed campaign; an empty one
+            is the same scenario. None: the same, and its neighbours to both sides.
     """
 
-    name: Name | None = None
-    scenario_parameters: Settings = {}
+    variations: (
+        Annotated[tuple[Settings, ...], msgspec.Meta(min_length=1, max_length=MAX_VARIATIONS)]
+        | None
+    ) = None
 
 
 class Digest(msgspec.Struct, frozen=True):

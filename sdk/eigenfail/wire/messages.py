@@ -142,6 +142,7 @@ class Proposed(Message, frozen=True):
     checkpoint: bytes
     because: str = ""
     estimate: Estimate | None = None
+    trained_episodes: int | None = None
 
 
 class Trouble(Message, frozen=True):

@@ -1,44 +1,36 @@
 """Mode collapse: whether a method keeps finding the same failure.
 
-K-means finds two or more clusters in anything, pure noise too. So clusters count as modes only
-where their silhouette exceeds that of structureless data of the same size and covariance, clustered
-in the same way; otherwise all failures are one mode.
+Clustering finds groups in anything, pure noise too. So clusters count as modes only where the
+analysis calls them distinct; otherwise all failures are one mode.
 """
 
+from collections.abc import Mapping
 from math import exp, log
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.errors import InvalidValue
 from eigenfail.values import AnalysisResult, Diversity
 from eigenfail.values.diversity import COLLAPSED_SHARE, NARROW_SPREAD
-from eigenfail.values.records import Failures
+from eigenfail_services.analysis.alignment import Aligned
+from eigenfail_services.analysis.training import INTERVALS, tenth_of
 
-INTERVALS = 10
 LEAST_FAILURES = 10
 """Of fewer failures no share of 90 % can be told from one of 100 %."""
 
 REMEDY = "try `ensemble`, the reward `dissimilarity`, or a distribution of scenarios."
-SAME = "One mode, or none that can be told from noise"
 
 Labels = NDArray[np.int64]
 
 
-def diversity(failures: Failures, result: AnalysisResult, episodes: int) -> Diversity:
-    """How the failures of a campaign spread over the modes that an analysis found.
+def diversity(failures: Aligned, result: AnalysisResult, episodes: Mapping[int, int]) -> Diversity:
+    """How the failures of campaigns spread over the modes that an analysis found.
 
     Args:
-        failures: those that were analysed, in the same order.
+        failures: those that were analysed.
         result: what the analysis found.
-        episodes: of the campaign, failures or not: what `coverage` takes tenths of.
-
-    Raises:
-        InvalidValue: there is no failure, or the analysis is one of other failures.
+        episodes: how many of each campaign have ended, by its id: `coverage` takes tenths of that.
     """
-    if not failures.indices or failures.indices != result.episodes:
-        problem = "are not the ones that were analysed, or there is none."
-        raise InvalidValue("failures", problem, "Analyse the campaign again.")
     labels = np.array(result.labels if result.distinct else [0] * len(result.labels))
     shares = np.bincount(labels) / len(labels)
     largest, wide = float(shares.max()), spread(failures)
@@ -48,7 +40,7 @@ def diversity(failures: Failures, result: AnalysisResult, episodes: int) -> Dive
         largest_share=largest,
         effective_modes=effective_modes(shares),
         spread=wide,
-        coverage=coverage(labels, np.array(failures.indices), episodes),
+        coverage=coverage(labels, tenth_of(failures, episodes)[failures.order]),
         verdict=verdict(result, shares),
         warning=warning(len(labels), len(shares), largest, wide),
     )
@@ -62,53 +54,45 @@ def effective_modes(shares: NDArray[np.float64]) -> float:
     return exp(-sum(p * log(p) for p in shares.tolist() if p > 0.0))
 
 
-def coverage(labels: Labels, indices: Labels, episodes: int) -> tuple[int, ...]:
+def coverage(labels: Labels, tenths: Labels) -> tuple[int, ...]:
     """How many of the modes had been seen after each tenth of the episodes.
 
     Args:
         labels: the mode of each failure, shape (failures,).
-        indices: its episode, shape (failures,).
-        episodes: of the campaign.
+        tenths: in which tenth of its campaign it was found, from 0, shape (failures,).
     """
-    first = [int(indices[labels == mode].min()) for mode in np.unique(labels)]
-    last = max(episodes, int(indices.max()) + 1)
-    ends = [last * tenth / INTERVALS for tenth in range(1, INTERVALS + 1)]
-    return tuple(sum(index < end for index in first) for end in ends)
+    first = [int(tenths[labels == mode].min()) for mode in np.unique(labels)]
+    return tuple(sum(seen <= tenth for seen in first) for tenth in range(INTERVALS))
 
 
-def spread(failures: Failures) -> float | None:
+def spread(failures: Aligned) -> float | None:
     """How much the failures differ from each other in each step that at least two of them reach.
 
     Root mean square over these steps and both axes of the standard deviation (n − 1) of z. [sigma]
     None where there is no such step.
     """
-    lengths = np.array([len(z) for z in failures.noise])
-    noise = np.full((len(lengths), lengths.max(), 2), np.nan)
-    for row, z in zip(noise, failures.noise, strict=True):
-        row[: len(z)] = z
-    reached = np.isfinite(noise[:, :, 0]).sum(axis=0) >= 2
-    if not reached.any():
+    reached = np.zeros((failures.horizon, 1))
+    sums, squares = (np.zeros((failures.horizon, 2)) for _ in range(2))
+    for noise in failures.runs():
+        reached[: noise.shape[1]] += len(noise)
+        sums[: noise.shape[1]] += noise.sum(axis=0)
+    twice = reached[:, 0] >= 2
+    if not twice.any():
         return None
-    variance = np.nanvar(noise[:, reached], axis=0, ddof=1)
-    return float(np.sqrt(variance.mean()))
+    means = sums / np.maximum(reached, 1.0)
+    for noise in failures.runs():
+        squares[: noise.shape[1]] += ((noise - means[: noise.shape[1]]) ** 2).sum(axis=0)
+    return float(np.sqrt(np.mean(squares[twice] / (reached[twice] - 1.0))))
 
 
 def verdict(result: AnalysisResult, shares: NDArray[np.float64]) -> str:
     """How many modes, and how evenly they were found, in words."""
     if not result.distinct:
-        return f"{SAME}{against_noise(result)}."
+        return result.verdict
     return (
-        f"{len(shares)} modes{against_noise(result)}; the largest holds "
-        f"{100.0 * shares.max():.0f} % of {len(result.labels)} failures. "
-        f"Effective number of modes: {effective_modes(shares):.1f}."
+        f"{result.verdict} The largest holds {100.0 * shares.max():.0f} % of "
+        f"{len(result.labels)} failures. Effective number of modes: {effective_modes(shares):.1f}."
     )
-
-
-def against_noise(result: AnalysisResult) -> str:
-    """The silhouette of the clusters beside that of structureless data, if there are clusters."""
-    if result.silhouette is None or result.noise_silhouette is None:
-        return ""
-    return f" (silhouette {result.silhouette:.2f}, on noise {result.noise_silhouette:.2f})"
 
 
 def warning(failures: int, modes: int, largest: float, wide: float | None) -> str:

@@ -12,7 +12,7 @@ PER = 100
 INTERVALS = 10
 BLOCKS_SHOWN = 50
 
-NOTHING_TO_LEARN = frozenset({"evaluate", "monte_carlo", "replay", "subset"})
+NOTHING_TO_LEARN = frozenset({"evaluate", "minimal", "monte_carlo", "replay", "subset"})
 """Methods of this house whose later episodes do not follow from a model trained on earlier ones."""
 
 

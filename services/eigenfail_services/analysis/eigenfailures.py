@@ -24,10 +24,26 @@ def mode(failures: Aligned, space: ComponentSpace, members: NDArray[np.intp]) ->
     scores = space.scores[members]
     centre = scores.mean(axis=0)
     nearest = members[np.argmin(np.linalg.norm(scores - centre, axis=1))]
-    eigenfailure = failures.injectable(space.invert(centre), members)
+    eigenfailure = failures.injectable(noise_at(centre, failures, space, members), members)
     return FailureMode(
         failures=len(members),
         medoid=int(failures.episodes[nearest]),
         centre=centre.astype(np.float32),
         eigenfailure=eigenfailure.astype(np.float32),
+        medoid_campaign=int(failures.campaigns[nearest]),
     )
+
+
+def noise_at(
+    centre: NDArray[np.float64],
+    failures: Aligned,
+    space: ComponentSpace,
+    members: NDArray[np.intp],
+) -> NDArray[np.float64]:
+    """The noise of a centre, shape (horizon, 2); along an axis left out, its failures' mean.
+
+    A planner fails by both axes together: without any noise along one of them it might not.
+    """
+    noise = np.asarray(failures.noise[members].mean(axis=0, dtype=np.float64))
+    noise[:, failures.columns] = space.invert(centre).reshape(failures.horizon, -1)
+    return noise

@@ -1,99 +1,129 @@
-"""From the failures of a campaign to its failure modes."""
+"""From the failures of campaigns to their failure modes."""
+
+from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec.structs import replace
+from sklearn import config_context
 from threadpoolctl import threadpool_limits
 
-from eigenfail.errors import InvalidValue
-from eigenfail.values import AnalysisResult, AnalysisSettings
+from eigenfail.values import AnalysisResult, AnalysisSettings, InfluenceShare
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.alignment import Aligned, align
+from eigenfail_services.analysis.alignment import Aligned, median_steps
+from eigenfail_services.analysis.clusterers import CLUSTERERS
 from eigenfail_services.analysis.clusters import divide, largest_first, noise_silhouette
-from eigenfail_services.analysis.components import ComponentSpace, fit
+from eigenfail_services.analysis.collapse import diversity
+from eigenfail_services.analysis.components import fit
 from eigenfail_services.analysis.eigenfailures import modes
+from eigenfail_services.analysis.gathering import Portion, gather
 from eigenfail_services.analysis.influence import influence
+from eigenfail_services.analysis.moments import before_collision, moments
+from eigenfail_services.analysis.refusals import check_clusterer
+from eigenfail_services.analysis.stability import stability
+from eigenfail_services.analysis.training import training
+
+LEAN = {"assume_finite": True, "skip_parameter_validation": True}
+"""The noise was checked when it was gathered; clusterers run by the hundred."""
 
 
 def analyse(failures: Failures, horizon: int, settings: AnalysisSettings) -> AnalysisResult:
-    """PCA, K-means and the way back to noise; the same, bit for bit, whenever it is repeated.
-
-    Longitudinal and lateral noise are analysed together. Components and influence stand in the
-    alignment asked for: aligned at the collision, their last step is the one before the impact.
+    """`analyse_portions` of a single campaign, whose id is told as 1, without times.
 
     Args:
         failures: z of each, shape (its steps, 2).
         horizon: steps of a full episode of the campaign.
-        settings: how to go about it; there are never more components or modes than the failures
-            differ in.
+        settings: how to go about it.
 
     Raises:
-        InvalidValue: there is no failure, or one that does not fit the horizon.
+        InvalidValue: there is no failure, or one that does not fit the horizon; or a number of
+            clusters that the clusterer takes none of.
     """
-    check(failures, horizon)
-    order = order_of_content(failures)
-    aligned = align(reordered(failures, order), horizon, settings.align)
+    return analyse_portions([Portion(1, failures)], horizon, settings, None, {})
+
+
+def analyse_portions(
+    portions: Iterable[Portion],
+    horizon: int,
+    settings: AnalysisSettings,
+    step_s: float | None,
+    episodes: Mapping[int, int],
+) -> AnalysisResult:
+    """PCA, clustering and the way back to noise; the same, bit for bit, whenever it is repeated.
+
+    Components and influence stand in the alignment asked for: aligned at the collision, their last
+    step is the one before the impact. Rows come in the order of campaigns and episodes.
+
+    Args:
+        portions: the failures, in any order; they are taken one portion at a time.
+        horizon: steps of a full episode of the campaigns.
+        settings: how to go about it; there are never more components or modes than the failures
+            differ in.
+        step_s: duration of a step; None where it has none. [s]
+        episodes: how many of each campaign have ended, by its id.
+
+    Raises:
+        InvalidValue: there is no failure, or one that does not fit the horizon; or a number of
+            clusters that the clusterer takes none of.
+    """
+    check_clusterer(settings)
+    failures = gather(portions, horizon, settings)
+    return analyse_gathered(failures, settings, step_s, episodes)
+
+
+def analyse_gathered(
+    failures: Aligned,
+    settings: AnalysisSettings,
+    step_s: float | None,
+    episodes: Mapping[int, int],
+) -> AnalysisResult:
+    """`analyse_portions` of failures that were gathered before, with settings that were checked."""
     # A sum over two threads rounds otherwise than over one.
-    with threadpool_limits(limits=1):
-        return found(aligned, settings, np.argsort(order))
+    with threadpool_limits(limits=1), config_context(**LEAN):
+        return found(failures, settings, step_s, episodes)
 
 
-def found(failures: Aligned, settings: AnalysisSettings, back: NDArray[np.intp]) -> AnalysisResult:
-    """The result, its rows in the order `back`."""
-    space = fit(failures.data, settings.components)
-    partition = divide(space.scores, settings.clusters)
+def found(
+    failures: Aligned,
+    settings: AnalysisSettings,
+    step_s: float | None,
+    episodes: Mapping[int, int],
+) -> AnalysisResult:
+    """The result of failures that stand side by side."""
+    data, clusterer = failures.data, CLUSTERERS[settings.clusterer]
+    space = fit(data, settings.components)
+    partition = divide(space.scores, settings.clusters, clusterer)
     labels = largest_first(partition.labels, failures.episodes)
-    components = components_by_step(space)
-    return AnalysisResult(
-        episodes=tuple(failures.episodes[back].tolist()),
+    components = failures.by_step(space.components)
+    weighed = influence(components, space.explained).astype(np.float32)
+    single, order = partition.silhouette is None, failures.order
+    result = AnalysisResult(
+        episodes=tuple(failures.episodes[order].tolist()),
         explained=space.explained.astype(np.float32),
         components=components.astype(np.float32),
-        scores=space.scores[back].astype(np.float32),
-        labels=tuple(labels[back].tolist()),
+        scores=space.scores[order].astype(np.float32),
+        labels=tuple(labels[order].tolist()),
         modes=modes(failures, space, labels),
-        influence=influence(components, space.explained).astype(np.float32),
+        influence=weighed,
         silhouette=partition.silhouette,
         noise_silhouette=(
-            None
-            if partition.silhouette is None
-            else noise_silhouette(space.scores, settings.clusters)
+            None if single else noise_silhouette(space.scores, settings.clusters, clusterer)
         ),
+        campaigns=tuple(failures.campaigns[order].tolist()),
+        stability=stability(data, labels, settings),
+        outliers=partition.outliers,
+        moments=moments(weighed, failures, step_s),
+        before_collision=impending(failures, settings, step_s),
+        training=training(failures, space, episodes),
     )
+    return replace(result, diversity=diversity(failures, result, episodes))
 
 
-def components_by_step(space: ComponentSpace) -> NDArray[np.float64]:
-    """The components, shape (k, steps, 2)."""
-    count, columns = space.components.shape
-    return space.components.reshape(count, columns // 2, 2)
-
-
-def order_of_content(failures: Failures) -> list[int]:
-    """An order that does not depend on when a failure was found, so that its mode does not."""
-
-    def content(row: int) -> tuple[bytes, int]:
-        return failures.noise[row].tobytes(), failures.indices[row]
-
-    return sorted(range(len(failures.indices)), key=content)
-
-
-def reordered(failures: Failures, order: list[int]) -> Failures:
-    """The same failures in another order."""
-    return Failures(
-        tuple(failures.indices[row] for row in order), tuple(failures.noise[row] for row in order)
-    )
-
-
-def check(failures: Failures, horizon: int) -> None:
-    """Refuse what cannot be analysed."""
-    if not failures.indices:
-        raise InvalidValue(
-            "failures",
-            "there is none to analyse.",
-            "Let the campaign run on, or search with a method that looks for them: ast, cem, difs.",
-        )
-    for index, z in zip(failures.indices, failures.noise, strict=True):
-        if z.ndim != 2 or z.shape[1] != 2 or len(z) > horizon or not np.isfinite(z).all():
-            raise InvalidValue(
-                "failures",
-                f"the noise of episode {index} is not finite of shape (at most {horizon}, 2).",
-                "Analyse campaigns of one horizon, and check the store that it came from.",
-            )
+def impending(
+    failures: Aligned, settings: AnalysisSettings, step_s: float | None
+) -> tuple[InfluenceShare, ...]:
+    """What share of the influence the last seconds have, in components of their own."""
+    ending = failures.at_collision()
+    space = fit(ending.data, settings.components)
+    weighed = influence(ending.by_step(space.components), space.explained)
+    steps = median_steps(failures.steps.tolist())
+    return before_collision(weighed.astype(np.float32), steps, step_s)

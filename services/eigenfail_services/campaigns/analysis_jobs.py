@@ -12,8 +12,9 @@ from eigenfail.errors import InputError
 from eigenfail.processes import ONE_THREAD
 from eigenfail.values import Analysis, AnalysisResult
 from eigenfail.values.records import Job
-from eigenfail_services.analysis.collapse import diversity
-from eigenfail_services.campaigns.checks import horizon
+from eigenfail_services.campaigns.analysed import ground, notes, portions
+from eigenfail_services.campaigns.mode_probability import with_probabilities
+from eigenfail_services.campaigns.mode_words import mode_words
 
 LEASE_S = 30.0
 DATABASE_VARIABLE = "EIGENFAIL_DATABASE"
@@ -63,7 +64,11 @@ class AnalysisJobs:
         if status is None:
             self._renew(running)
             return False
-        if status != 0:
+        if status < 0:
+            # Killed, by nobody of this house: whoever claims the job next starts it anew.
+            self._store.jobs.renew(running.job, 0.0)
+            return True
+        if status > 0:
             problem = f"The analysis process ended with status {status}. Launch it again."
             self._store.analyses.fail(running.job.subject, problem)
         self._store.jobs.finish(running.job)
@@ -96,12 +101,23 @@ def found(store: Store, analysis: Analysis) -> AnalysisResult:
     """What an analysis finds in the failures that there are by now.
 
     Raises:
-        InvalidValue: there is no failure, or one that does not fit.
+        InvalidValue: there is no failure, or one that does not fit; or the campaigns do not go
+            together.
     """
-    from eigenfail_services.analysis.job import analyse  # scikit-learn takes a second to load
+    # scikit-learn takes a second to load.
+    from eigenfail_services.analysis.digest import result_digest
+    from eigenfail_services.analysis.gathering import Portion, gather
+    from eigenfail_services.analysis.job import analyse_gathered
 
-    campaign = store.campaigns.get(analysis.campaign)
-    failures = store.episodes.failures(campaign.id)
-    result = analyse(failures, horizon(campaign.spec), analysis.settings)
-    ended = campaign.counts.completed + campaign.counts.failed
-    return msgspec.structs.replace(result, diversity=diversity(failures, result, ended))
+    begun = ground(store, analysis.campaign, analysis.settings)
+    read = (Portion(*each) for each in portions(store, begun.campaigns))
+    failures = gather(read, begun.horizon, analysis.settings)
+    base = begun.recounted(store)
+    result = analyse_gathered(failures, analysis.settings, base.step_s, base.ended)
+    whole = msgspec.structs.replace(
+        with_probabilities(store, base.campaigns, result),
+        sources=base.sources(result.campaigns),
+        notes=notes(base),
+        words=mode_words(store, analysis, result, base.step_s),
+    )
+    return msgspec.structs.replace(whole, digest=result_digest(whole))

@@ -14,6 +14,7 @@ from eigenfail.settings import convert, read_settings
 from eigenfail.values import CampaignSpec
 from eigenfail.values.variation import read_variation
 from eigenfail_services.campaigns.earlier import search
+from eigenfail_services.campaigns.fitness import check_budget, check_estimates
 
 MAX_DEPTH = 20
 LARGEST = 2**63 - 1
@@ -26,14 +27,16 @@ def check_spec(spec: CampaignSpec) -> CampaignSpec:
 
     Raises:
         UnknownName: a plug-in, setting or parameter that does not exist; the known ones are listed.
-        InvalidValue: a value of the wrong type, outside its bounds, or not a finite number.
+        InvalidValue: a value of the wrong type, outside its bounds, or not a finite number; or a
+            budget that the method cannot begin with.
     """
     refuse_what_no_store_keeps(spec)
     convert(msgspec.to_builtins(spec), CampaignSpec)
     if spec.simulator not in functions.simulators():
         raise UnknownName("simulator", spec.simulator, functions.simulators())
     method = plugins.load(plugins.METHODS, spec.method)
-    read_settings(method.Settings, spec.settings, "settings")
+    settings = read_settings(method.Settings, spec.settings, "settings")
+    check_budget(settings, spec.episodes)
     refuse_idle_rules(spec)
     if spec.simulator == functions.SIMULATOR:
         functions.check(spec)
@@ -46,14 +49,8 @@ def check_spec(spec: CampaignSpec) -> CampaignSpec:
 
 def refuse_idle_rules(spec: CampaignSpec) -> None:
     """Raises InvalidValue for a stop rule that could never hold."""
-    searching = search(spec).method
-    estimates = hasattr(plugins.load(plugins.METHODS, searching), "estimate")
-    if spec.stop.cv is not None and not estimates:
-        raise InvalidValue(
-            "stop.cv",
-            f"{searching} estimates no probability.",
-            "Leave this rule out, or take a method that does.",
-        )
+    if spec.stop.cv is not None:
+        check_estimates(search(spec), "stop.cv")
 
 
 def horizon(spec: CampaignSpec) -> int:

@@ -9,7 +9,8 @@ from eigenfail.errors import InvalidValue, ProtocolError
 from eigenfail.values import Campaign, CampaignSpec, Predecessor, learner_seed
 from eigenfail_services.campaigns.checkpoint import read_checkpoint
 from eigenfail_services.campaigns.checks import horizon
-from eigenfail_services.campaigns.earlier import ENSEMBLE, ended, search
+from eigenfail_services.campaigns.earlier import ENSEMBLE, Search, ended, search
+from eigenfail_services.campaigns.fitness import check_estimates
 
 LEARNERS = {"evaluate": "campaign", "ast": "warm_start"}
 """The setting of a method that names the campaign whose learner it starts from."""
@@ -32,6 +33,9 @@ def predecessors(spec: CampaignSpec, store: Store) -> tuple[Predecessor, ...]:
     field = f"{found.field}.{name}"
     before = ended(campaign, field, store)
     CHECKS[found.method](before, field)
+    if spec.stop.cv is not None and spec.method == "evaluate":
+        own = Search(before.spec.method, before.spec.settings)
+        check_estimates(own, "stop.cv", ability="weigh")
     return (predecessor(before, field, store),)
 
 

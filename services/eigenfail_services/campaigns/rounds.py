@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Iterator, Sequence
 
-from eigenfail.contracts import EpisodeEngine, Estimator, Learner
+from eigenfail.contracts import EpisodeEngine, Estimator, Learner, Trained
 from eigenfail.errors import LearnerFailed, ProtocolError
 from eigenfail.values import (
     EpisodeResult,
@@ -75,6 +75,10 @@ class Rounds:
     def estimate(self) -> Estimate | None:
         """The failure probability after the last round observed; None if the learner tells none."""
         return self._learner.estimate() if isinstance(self._learner, Estimator) else None
+
+    def trained_episodes(self) -> int | None:
+        """How many episodes the learner was trained with; None if it does not say."""
+        return self._learner.trained_episodes if isinstance(self._learner, Trained) else None
 
     def open(self) -> tuple[Round, ...]:
         """The open rounds, oldest first, proposing as far as lookahead and budget allow.

@@ -12,13 +12,14 @@ import structlog
 from msgspec.structs import replace
 
 from eigenfail.contracts import Store
-from eigenfail.errors import IllegalTransition, InputError, NotFound
+from eigenfail.errors import IllegalTransition, InputError, NotFound, StoreUnavailable
 from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Counts
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.campaigns import stopping
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.materials import learner_context
 from eigenfail_services.campaigns.summary import campaign_cost
+from eigenfail_services.hub.meter import Meter
 from eigenfail_services.hub.runs import Order
 from eigenfail_services.hub.server import Ended, Hub
 
@@ -37,6 +38,7 @@ class Watch:
 
     def __init__(self, job: Job) -> None:
         self.job = job
+        self.meter = Meter()
         self.billed_s = time.monotonic()
         self.told: Counts | None = None
         self.halting = False
@@ -50,8 +52,13 @@ class Watch:
 
     def bill(self, store: Store) -> None:
         """Add the time since the last bill; it stays open while the store is away."""
+        overhead = self.meter.take()  # before the clock is read: no part is more than the whole
         now_s = time.monotonic()
-        store.campaigns.add_active(self.job.subject, now_s - self.billed_s)
+        try:
+            store.campaigns.add_active(self.job.subject, now_s - self.billed_s, overhead)
+        except StoreUnavailable:
+            self.meter.give_back(overhead)
+            raise
         self.billed_s = now_s
 
 
@@ -132,9 +139,16 @@ class Supervisor:
             self._store.campaigns.move(campaign.id, CampaignState.DEAD, str(error))
             self._store.jobs.finish(job)
             return
-        self._watched[campaign.id] = Watch(job)
+        watch = self._watched[campaign.id] = Watch(job)
         order = Order(
-            campaign.id, spec.setup(), spec.method, spec.settings, spec.seed, context, spec.stop
+            campaign=campaign.id,
+            setup=spec.setup(),
+            method=spec.method,
+            settings=spec.settings,
+            seed=spec.seed,
+            context=context,
+            rules=spec.stop,
+            meter=watch.meter,
         )
         self._hub.launch(order)
         log.info("campaign started", campaign=campaign.id, method=spec.method)

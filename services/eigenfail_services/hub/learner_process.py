@@ -37,7 +37,13 @@ def begin(start: Start) -> Rounds:
 def proposed(rounds: Rounds) -> Proposed:
     """What is open now, and how to come back to it."""
     opened = rounds.open()
-    return Proposed(opened, rounds.checkpoint(), rounds.because, rounds.estimate())
+    return Proposed(
+        rounds=opened,
+        checkpoint=rounds.checkpoint(),
+        because=rounds.because,
+        estimate=rounds.estimate(),
+        trained_episodes=rounds.trained_episodes(),
+    )
 
 
 class LearnerProcess:

@@ -64,6 +64,10 @@ class Leases:
             None if campaign is None or index is None else (campaign, index)
         )
 
+    def busy(self, campaign: int) -> bool:
+        """Whether any episode of a campaign is with a worker."""
+        return any(held == campaign for held, _ in self._holder)
+
     def silent(self, now_s: float, limit_s: float) -> list[bytes]:
         """The workers that were not heard for longer than the limit."""
         return [w for w, seat in self.seats.items() if now_s - seat.heard_s > limit_s]

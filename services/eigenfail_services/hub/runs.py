@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 import msgspec
@@ -13,6 +14,7 @@ from eigenfail.wire.messages import Message, Observed, Proposed, Start, Trouble
 from eigenfail_services.hub.flight import Flight
 from eigenfail_services.hub.learner_link import LearnerLink
 from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.meter import Meter, Phase
 
 MAX_REFUSALS = 3
 MAX_LEARNER_DEATHS = 3
@@ -20,7 +22,7 @@ MAX_LEARNER_DEATHS = 3
 
 
 class Order(msgspec.Struct, frozen=True, eq=False):
-    """What the hub needs to know to run a campaign."""
+    """What the hub needs to know to run a campaign, and where it writes down its time."""
 
     campaign: int
     setup: EpisodeSetup
@@ -29,6 +31,7 @@ class Order(msgspec.Struct, frozen=True, eq=False):
     seed: int
     context: LearnerContext
     rules: StopRules = StopRules()
+    meter: Meter = msgspec.field(default_factory=Meter)
 
 
 class Run:
@@ -74,6 +77,7 @@ class Run:
         self._refused = Counter[int]()
         self._briefed = False
         self._link = LearnerLink()
+        self.look()
 
     def _brief(self) -> None:
         """Tell a new learner what it is to be; without the store nobody can know."""
@@ -103,7 +107,8 @@ class Run:
 
     def _proposed(self, message: Proposed) -> None:
         campaign = self.order.campaign
-        self._store.checkpoints.save(campaign, message.checkpoint, message.estimate)
+        told = message.estimate, message.trained_episodes
+        self._store.checkpoints.save(campaign, message.checkpoint, *told)
         self._learning = False
         if self._handed_back:
             self._deaths = 0
@@ -136,6 +141,8 @@ class Run:
 
     def land(self, result: EpisodeResult, verdict: Verdict) -> None:
         """A result was judged: what is learnt from is what the store keeps, and nothing else."""
+        if verdict is not Verdict.KEPT and 0.0 < result.wall_s < inf:  # it came over the wire
+            self.order.meter.discard(result.wall_s)
         self._landings[verdict](result)
 
     def _count(self, result: EpisodeResult) -> None:
@@ -173,6 +180,12 @@ class Run:
             self._learning = self._handed_back = True
             self._link.say(Observed(results))
 
+    def look(self) -> None:
+        """Write down what the campaign is at from now on."""
+        busy = self._leases.busy(self.order.campaign)
+        idle = Phase.LEARNING if self._learning else Phase.WAITING
+        self.order.meter.look(Phase.SIMULATING if busy else idle)
+
     def policy(self, version: int) -> Policy:
         """A policy that an open round needs."""
         return self._flight.policy(version)
@@ -181,3 +194,4 @@ class Run:
         """Lease nothing more of it and end its learner; what is not finished stays open."""
         self._leases.withdraw(self.order.campaign)
         self._link.stop()
+        self.order.meter.look(None)

@@ -110,6 +110,7 @@ class Hub:
                     self._commit()
                 self._desk.bury_silent()
                 self._desk.assign(self._runs)
+                self._look()
         finally:
             self._close()
 
@@ -147,6 +148,11 @@ class Hub:
             run.tend()
             if run.ended is not None:
                 self._halt(Ended(run.order.campaign, run.ended, run.because))
+
+    def _look(self) -> None:
+        """At the end of a turn: what is seen now lasts until the next one's end."""
+        for run in self._runs.values():
+            run.look()
 
     def _commit(self, *, now: bool = False) -> None:
         for committed in self._commits.flush(now=now):

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from eigenfail import plugins
-from eigenfail.contracts import Estimator, Exploiter, Learner
+from eigenfail.contracts import Estimator, Exploiter, Learner, Trained
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import read_settings
 from eigenfail.values import (
@@ -25,6 +25,7 @@ from eigenfail.values import (
 from eigenfail.values.arrays import decode_array, encode_array
 from eigenfail.values.randomness import MAX_SEED
 from eigenfail_services.methods import archive
+from eigenfail_services.methods.fitness import Budgeted
 from eigenfail_services.statistics.pooled_estimate import pooled
 
 _encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
@@ -53,6 +54,13 @@ class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
             problem = "an ensemble has no ensembles as members."
             raise InvalidValue("settings.method", problem, "Give it more members.")
         self.of_members()
+
+    def check_budget(self, episodes: int) -> None:
+        """Raises InvalidValue if a member's share is nothing, or too small for its method."""
+        smallest = shares(episodes, self.members)[-1]
+        members = self.of_members()
+        if isinstance(members, Budgeted):
+            members.check_budget(smallest)
 
     def of_members(self) -> Any:
         """The members' settings, read."""
@@ -128,6 +136,13 @@ class Ensemble:
         found = [one.estimate() for one in self._members if isinstance(one, Estimator)]
         told = [estimate for estimate in found if estimate is not None]
         return pooled(told) if len(told) == len(self._members) else None
+
+    @property
+    def trained_episodes(self) -> int | None:
+        """How many all members together were trained with; None where they do not say."""
+        told = [one.trained_episodes for one in self._members if isinstance(one, Trained)]
+        known = [count for count in told if count is not None]
+        return sum(known) if len(known) == len(self._members) else None
 
     def state(self) -> bytes:
         """All members, and where the turns stand."""

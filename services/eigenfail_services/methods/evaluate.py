@@ -12,12 +12,15 @@ from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
 from eigenfail.values import (
     EpisodeResult,
+    Estimate,
     LearnerContext,
     Predecessor,
     Proposal,
     TrajectorySource,
 )
 from eigenfail_services.methods import archive
+from eigenfail_services.methods.weighing import Weigher
+from eigenfail_services.statistics.importance import WeightedFailures
 
 
 class Evaluate:
@@ -50,10 +53,11 @@ class Evaluate:
         ] = 20
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """How many episodes have been proposed, and what the earlier learner is by now."""
+        """How many episodes have been proposed, what the earlier learner is by now, and sums."""
 
         proposed: Annotated[int, msgspec.Meta(ge=0)]
         learner: bytes
+        sums: WeightedFailures = WeightedFailures()
 
     lookahead = 3
 
@@ -64,6 +68,7 @@ class Evaluate:
         self._learner = reborn(context, settings.campaign)
         self._exploit = exploitation(self._learner, settings.campaign)
         self._proposed = 0
+        self._sums = WeightedFailures()
 
     def propose(self, n: int) -> Proposal:
         """A round of the best that is known.
@@ -79,11 +84,19 @@ class Evaluate:
         return proposal
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Nothing is learnt from results."""
+        """Weigh them where that can be done; nothing is learnt from them."""
+        if isinstance(self._learner, Weigher):
+            self._sums = self._learner.weigh(self._sums, results)
+
+    def estimate(self) -> Estimate | None:
+        """The failure probability from all episodes so far; None where their density is unknown."""
+        weigher = self._learner
+        return weigher.tell(self._sums, self._horizon) if isinstance(weigher, Weigher) else None
 
     def state(self) -> bytes:
-        """How far it has come, and the earlier learner with it."""
-        return archive.write("evaluate", self._Facts(self._proposed, self._learner.state()), {})
+        """How far it has come, the earlier learner with it, and the sums of the weights."""
+        facts = self._Facts(self._proposed, self._learner.state(), self._sums)
+        return archive.write("evaluate", facts, {})
 
     def restore(self, state: bytes) -> None:
         """Go on from there, bit for bit.
@@ -93,7 +106,7 @@ class Evaluate:
         """
         facts, _ = archive.read("evaluate", state, self._Facts)
         self._learner.restore(facts.learner)
-        self._proposed = facts.proposed
+        self._proposed, self._sums = facts.proposed, facts.sums
 
 
 def reborn(context: LearnerContext, campaign: int) -> Learner:

@@ -6,7 +6,13 @@ from typing import Annotated
 import msgspec
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import EpisodeResult, LearnerContext, Proposal, TrajectorySource
+from eigenfail.values import (
+    EpisodeResult,
+    LearnerContext,
+    Proposal,
+    ReplayKind,
+    TrajectorySource,
+)
 from eigenfail_services.methods import archive
 
 Id = Annotated[int, msgspec.Meta(ge=1)]
@@ -24,11 +30,15 @@ class Replay:
     """
 
     class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-        """Settings of `replay`: name an analysis (its eigenfailures) or a campaign (its noise)."""
+        """Settings of `replay`: name an analysis (its modes) or a campaign (its noise)."""
 
         analysis: Annotated[
-            Id | None, msgspec.Meta(description="replay the eigenfailures of this analysis")
+            Id | None, msgspec.Meta(description="replay what this analysis found")
         ] = None
+        what: Annotated[
+            tuple[ReplayKind, ...],
+            msgspec.Meta(min_length=1, description="of that analysis, mode by mode of each"),
+        ] = (ReplayKind.EIGENFAILURE,)
         campaign: Annotated[
             Id | None, msgspec.Meta(description="replay the noise of this campaign's episodes")
         ] = None

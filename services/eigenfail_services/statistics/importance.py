@@ -5,7 +5,7 @@ is not biased, nor is the mean over rounds (Owen and Zhou 2020, ACM TOMACS 30 (2
 """
 
 from collections.abc import Sequence
-from math import exp, inf, log, sqrt
+from math import exp, inf, isnan, log, sqrt
 
 import msgspec
 import numpy as np
@@ -26,6 +26,15 @@ Annals of Applied Probability 28, 1099–1135). Of half spaces with P = 1e-3 …
 dimensions by thousands, was worth less than 50."""
 
 BLIND = "It knows nothing of failures unlike those that the proposal leads to."
+ADVICE = "Take method subset, or give it more episodes."
+NO_DENSITY = (
+    "A failure was decided on with next to no randomness, so that it has no density to be weighed "
+    "by. Take method subset, or a policy that stays random."
+)
+NOT_YET = "Not known yet: it rests on the second half of the budget; the first is for learning."
+NO_ROUND = (
+    "No round began in the second half of the budget, on which it rests. Take smaller rounds."
+)
 
 
 class WeightedFailures(msgspec.Struct, frozen=True):
@@ -34,7 +43,7 @@ class WeightedFailures(msgspec.Struct, frozen=True):
     Attributes:
         episodes: how many were run.
         failures: how many of them failed.
-        log_first: log of the sum of their weights.
+        log_first: log of the sum of their weights; not a number once one of them is not known.
         log_second: log of the sum of the squares of their weights.
     """
 
@@ -47,7 +56,8 @@ class WeightedFailures(msgspec.Struct, frozen=True):
         """With another round.
 
         Args:
-            log_weights: log p − log q of the round's failures, shape (n,).
+            log_weights: log p − log q of the round's failures, shape (n,); not a number where q has
+                no density.
             episodes: how many of the round were run.
         """
         return WeightedFailures(
@@ -61,13 +71,19 @@ class WeightedFailures(msgspec.Struct, frozen=True):
         """Effective sample size: (sum of weights)² ÷ sum of their squares (Kish 1965)."""
         return exp(2.0 * self.log_first - self.log_second) if self.failures else 0.0
 
-    def estimate(self) -> Estimate:
-        """P with its log-normal interval, or why there is none."""
+    def estimate(self, advice: str = ADVICE, note: str = BLIND) -> Estimate:
+        """P with its log-normal interval, or why there is none.
+
+        Args:
+            advice: what to do where failures are worth too little.
+            note: what neither the number nor its interval can know.
+        """
+        if isnan(self.log_first):
+            return Estimate(by=BY, episodes=int(self.episodes), problem=NO_DENSITY)
         effective, episodes = self.effective(), int(self.episodes)
         if effective < FEWEST_EFFECTIVE:
-            return Estimate(
-                by=BY, episodes=episodes, effective=effective, problem=too_few(self, effective)
-            )
+            problem = too_few(self, effective, advice)
+            return Estimate(by=BY, episodes=episodes, effective=effective, problem=problem)
         probability = exp(min(self.log_first - log(self.episodes), 0.0))
         cv = sqrt(max(1.0 / effective - 1.0 / self.episodes, 0.0))
         return Estimate(
@@ -77,16 +93,28 @@ class WeightedFailures(msgspec.Struct, frozen=True):
             cv=cv,
             interval=log_normal(probability, cv),
             effective=effective,
-            note=BLIND,
+            note=note,
         )
 
 
 def log_sum(logs: Sequence[float]) -> float:
-    """log of the sum of exponentials."""
-    return float(np.logaddexp.reduce(logs))
+    """log of the sum of exponentials; not a number if one of them is none."""
+    with np.errstate(invalid="ignore"):
+        return float(np.logaddexp.reduce(logs))
 
 
-def too_few(sums: WeightedFailures, effective: float) -> str:
+def nothing_counted(seen: int, budget: int) -> Estimate | None:
+    """What there is to tell while no episode of a budget's second half is in; None of none at all.
+
+    Args:
+        seen: episodes observed so far.
+        budget: of the campaign.
+    """
+    problem = NOT_YET if seen < budget else NO_ROUND
+    return Estimate(by=BY, episodes=0, problem=problem) if seen else None
+
+
+def too_few(sums: WeightedFailures, effective: float, advice: str) -> str:
     """Why so few failures make no number, and what to do."""
     if not sums.failures:
         return (
@@ -95,7 +123,5 @@ def too_few(sums: WeightedFailures, effective: float) -> str:
         )
     return (
         f"{sums.failures:.0f} failures are worth {effective:.1f} by their weights, and it takes "
-        f"{FEWEST_EFFECTIVE:.0f}: a number would be far too small. Take method subset, or give it "
-        "more episodes, larger rounds and no narrower noise: batch = 200, min_std = 1, "
-        "mean_smoothing = 0.3."
+        f"{FEWEST_EFFECTIVE:.0f}: a number would be far too small. {advice}"
     )

@@ -36,6 +36,7 @@ class SubsetSimulation:
 
     Attributes:
         levels: those that are known so far.
+        chains: the samples of the last level, once failures were reached; None before that.
     """
 
     def __init__(self, steps: int, settings: SubsetSettings, seed: int | Sequence[int]) -> None:
@@ -43,6 +44,7 @@ class SubsetSimulation:
         self._settings = settings
         self._sampler = ConditionalSampler(np.random.default_rng(seed), settings.acceptance)
         self.levels: list[Level] = []
+        self.chains: Chains | None = None
 
     @property
     def evaluations(self) -> int:
@@ -60,6 +62,7 @@ class SubsetSimulation:
         while threshold is not None and len(levels) < settings.most_levels:
             levels.append(level(chains, threshold))
             if threshold <= 0.0:
+                self.chains = chains
                 return reached(levels, chains, sampler.evaluations)
             most = round(settings.share * settings.samples)
             chains = yield from sampler.below(threshold, chains, most)

@@ -16,7 +16,7 @@ from eigenfail_services.store.events import append
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import finite
 from eigenfail_services.store.refusals import no_analysis
-from eigenfail_services.store.schema import analyses
+from eigenfail_services.store.schema import analyses, replays
 
 UNFINISHED = (AnalysisState.QUEUED, AnalysisState.RUNNING)
 
@@ -27,7 +27,6 @@ BRIEF = (
     analyses.c.state,
     analyses.c.created_ms,
     analyses.c.problem,
-    analyses.c.replay_campaign,
 )
 
 
@@ -104,14 +103,17 @@ class SqlAnalyses:
             give_up(connection, analysis, problem)
 
     def link_replay(self, analysis: int, campaign: int) -> None:
-        """Remember the campaign that replays its eigenfailures."""
-        statement = (
-            update(analyses).where(analyses.c.id == analysis).values(replay_campaign=campaign)
-        )
+        """Remember a campaign that replays what it found."""
+        link = {"analysis": analysis, "campaign": campaign}
         with self._database.writing() as connection:
             one(connection, campaign)
-            if not connection.execute(statement).rowcount:
-                raise no_analysis(analysis)
+            if campaign not in _replays(connection, analysis):
+                connection.execute(insert(replays).values(link))
+
+    def replays(self, analysis: int) -> tuple[int, ...]:
+        """The campaigns that replay what it found, oldest first."""
+        with self._database.reading() as connection:
+            return _replays(connection, analysis)
 
 
 def give_up(connection: Connection, analysis: int, problem: str) -> None:
@@ -132,6 +134,13 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
         return
     if connection.execute(select(analyses.c.id).where(analyses.c.id == analysis)).first() is None:
         raise no_analysis(analysis)
+
+
+def _replays(connection: Connection, analysis: int) -> tuple[int, ...]:
+    if connection.execute(select(analyses.c.id).where(analyses.c.id == analysis)).first() is None:
+        raise no_analysis(analysis)
+    linked = select(replays.c.campaign).where(replays.c.analysis == analysis)
+    return tuple(connection.execute(linked.order_by(replays.c.campaign)).scalars())
 
 
 def _log(connection: Connection, analysis: Analysis) -> None:

@@ -2,7 +2,7 @@
 
 from statistics import fmean
 
-from sqlalchemy import Connection, and_, func, select
+from sqlalchemy import Column, Connection, and_, func, select
 
 from eigenfail.values import BlockTotals, Outcome, PairTotals
 from eigenfail_services.store.episode_pages import Rows, number
@@ -39,18 +39,25 @@ def block(connection: Connection, campaign: int, first: int, per: int) -> BlockT
         log_probability=found.log_p,
         steps=found.steps,
         smallest_robustness_m=found.smallest,
-        median_robustness_m=median(connection, completed(campaign, first, per), found.measured),
+        median_robustness_m=median(
+            connection,
+            completed(campaign, first, per),
+            episodes.c.robustness_m,
+            found.measured,
+        ),
     )
 
 
-def median(connection: Connection, inside: Rows, measured: int) -> float | None:
-    """The median of so many robustnesses, with no more than its middle values read."""
+def median(
+    connection: Connection, inside: Rows, column: Column[float], measured: int
+) -> float | None:
+    """The median of a column that so many of the rows have, with only its middle values read."""
     if not measured:
         return None
     query = (
-        inside.with_only_columns(episodes.c.robustness_m)
-        .where(episodes.c.robustness_m.is_not(None))
-        .order_by(episodes.c.robustness_m)
+        inside.with_only_columns(column)
+        .where(column.is_not(None))
+        .order_by(column)
         .offset((measured - 1) // 2)
         .limit(2 - measured % 2)
     )

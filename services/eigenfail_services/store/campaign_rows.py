@@ -6,7 +6,7 @@ from sqlalchemy import Connection, Select, insert, select, update
 
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Estimate
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import COUNTS, to_campaign, to_json
+from eigenfail_services.store.codec import COUNTS, OVERHEAD, to_campaign, to_json
 from eigenfail_services.store.refusals import no_campaign
 from eigenfail_services.store.schema import campaigns
 
@@ -44,6 +44,7 @@ def add(connection: Connection, spec: CampaignSpec) -> Campaign:
             created_ms=now_ms(),
             active_s=0.0,
             stopped_because="",
+            **dict.fromkeys(OVERHEAD, 0.0),
             **counted(Counts(spec.episodes)),
         )
         .returning(campaigns)
@@ -67,10 +68,16 @@ def write(connection: Connection, campaign: Campaign) -> None:
     )
 
 
-def write_estimate(connection: Connection, campaign: int, estimate: Estimate | None) -> None:
-    """What a locked campaign's learner knows of the failure probability now."""
+def write_told(
+    connection: Connection, campaign: int, estimate: Estimate | None, trained_episodes: int | None
+) -> None:
+    """What a locked campaign's learner knows now of the failure probability and of itself."""
     text = None if estimate is None else to_json(estimate)
-    connection.execute(update(campaigns).where(campaigns.c.id == campaign).values(estimate=text))
+    connection.execute(
+        update(campaigns)
+        .where(campaigns.c.id == campaign)
+        .values(estimate=text, trained_episodes=trained_episodes)
+    )
 
 
 def counted(counts: Counts) -> dict[str, int]:

@@ -4,19 +4,21 @@ from msgspec.structs import replace
 from sqlalchemy import Connection, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Page
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Overhead, Page
 from eigenfail.values.records import JobKind
 from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved
 from eigenfail_services.store import sentences
 from eigenfail_services.store.campaign_rows import add, locked, one, write
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import spec_hash, to_campaign
+from eigenfail_services.store.codec import OVERHEAD, spec_hash, to_campaign
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.episodes import digest
 from eigenfail_services.store.events import append
 from eigenfail_services.store.jobs import enqueue, withdraw
 from eigenfail_services.store.refusals import key_used, no_campaign
 from eigenfail_services.store.schema import campaigns, idempotency_keys
+
+NOTHING = Overhead()
 
 
 class SqlCampaigns:
@@ -74,12 +76,14 @@ class SqlCampaigns:
         with self._database.writing() as connection:
             return change(connection, campaign, to, because)
 
-    def add_active(self, campaign: int, seconds: float) -> None:
-        """Add to the time during which the campaign was running."""
+    def add_active(self, campaign: int, seconds: float, overhead: Overhead = NOTHING) -> None:
+        """Add to the time during which the campaign was running, and to what that went into."""
+        # Where nobody measured from the beginning on, NULL + x stays NULL.
+        more = {name: campaigns.c[name] + getattr(overhead, name) for name in OVERHEAD}
         statement = (
             update(campaigns)
             .where(campaigns.c.id == campaign)
-            .values(active_s=campaigns.c.active_s + seconds)
+            .values(active_s=campaigns.c.active_s + seconds, **more)
         )
         with self._database.writing() as connection:
             if not connection.execute(statement).rowcount:

@@ -3,7 +3,7 @@
 from sqlalchemy import insert, select, update
 
 from eigenfail.values import Estimate
-from eigenfail_services.store.campaign_rows import locked, write_estimate
+from eigenfail_services.store.campaign_rows import locked, write_told
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.schema import checkpoints
@@ -15,8 +15,14 @@ class SqlCheckpoints:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def save(self, campaign: int, checkpoint: bytes, estimate: Estimate | None = None) -> None:
-        """Replace the checkpoint and the campaign's estimate, both or neither.
+    def save(
+        self,
+        campaign: int,
+        checkpoint: bytes,
+        estimate: Estimate | None = None,
+        trained_episodes: int | None = None,
+    ) -> None:
+        """Replace the checkpoint and what the campaign's learner told, all or nothing.
 
         Raises:
             NotFound: no such campaign.
@@ -25,7 +31,7 @@ class SqlCheckpoints:
         replace = update(checkpoints).where(checkpoints.c.campaign == campaign).values(**values)
         with self._database.writing() as connection:
             locked(connection, campaign)
-            write_estimate(connection, campaign, estimate)
+            write_told(connection, campaign, estimate, trained_episodes)
             if not connection.execute(replace).rowcount:
                 connection.execute(insert(checkpoints).values(campaign=campaign, **values))
 

@@ -23,6 +23,7 @@ from eigenfail.values import (
     Measures,
     NoiseTrajectory,
     Outcome,
+    Overhead,
     Scene,
     Shape,
     assess,
@@ -38,6 +39,7 @@ _scenes = msgspec.msgpack.Decoder(Scene, dec_hook=decode_array)
 _analyses = msgspec.msgpack.Decoder(AnalysisResult, dec_hook=decode_array)
 
 COUNTS = Counts.__struct_fields__
+OVERHEAD = Overhead.__struct_fields__
 
 
 def to_json(value: CampaignSpec | AnalysisSettings | Estimate) -> str:
@@ -84,11 +86,13 @@ def to_campaign(found: RowMapping) -> Campaign:
     """A campaign from its row."""
     values: dict[str, Any] = dict(found)
     estimate = values.pop("estimate")
+    spent = [values.pop(name) for name in OVERHEAD]
     return Campaign(
         spec=_specs.decode(values.pop("spec")),
         state=CampaignState(values.pop("state")),
         counts=Counts(**{name: values.pop(name) for name in COUNTS}),
         estimate=None if estimate is None else _estimates.decode(estimate),
+        overhead=None if None in spent else Overhead(*spent),
         **values,
     )
 

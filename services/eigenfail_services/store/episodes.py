@@ -6,8 +6,18 @@ from collections.abc import Iterable, Iterator, Sequence
 import msgspec
 from sqlalchemy import Connection, insert, select
 
-from eigenfail.values import BlockTotals, EpisodeResult, Outcome, Page, PairTotals
+from eigenfail.values import (
+    BlockTotals,
+    EpisodeResult,
+    Outcome,
+    Page,
+    PairTotals,
+    SafetyTotals,
+    SpendingTotals,
+    Trials,
+)
 from eigenfail.values.records import (
+    PORTION,
     Delivery,
     EpisodeOrder,
     EpisodeRow,
@@ -15,6 +25,9 @@ from eigenfail.values.records import (
     Totals,
     Verdict,
 )
+from eigenfail.values.region import MOST_TRIALS
+from eigenfail.values.safety import MOST_POINTS
+from eigenfail.values.spending import MOST_LANDINGS
 from eigenfail_services.store import sentences
 from eigenfail_services.store.blocks import course, paired
 from eigenfail_services.store.campaign_rows import locked, one, write
@@ -25,8 +38,11 @@ from eigenfail_services.store.episode_pages import number, rows
 from eigenfail_services.store.events import append
 from eigenfail_services.store.judging import Kept, judge, row_of
 from eigenfail_services.store.refusals import no_episode
+from eigenfail_services.store.safety import safety
 from eigenfail_services.store.schema import campaigns, episodes, scenes, trajectories
+from eigenfail_services.store.spending import spending
 from eigenfail_services.store.totals import totals
+from eigenfail_services.store.trials import trials
 
 CHUNK = 500
 """How many indices one statement names, and how many rows are fetched at a time."""
@@ -105,17 +121,26 @@ class SqlEpisodes:
 
     def failures(self, campaign: int) -> Failures:
         """The noise of all collisions."""
+        portions = list(self.failure_portions(campaign))
+        return Failures(
+            tuple(index for portion in portions for index in portion.indices),
+            tuple(z for portion in portions for z in portion.noise),
+        )
+
+    def failure_portions(self, campaign: int) -> Iterator[Failures]:
+        """The noise of all collisions, some at a time; all of one transaction."""
         query = (
             select(number, trajectories.c.z)
             .join(trajectories, SAME_TRAJECTORY)
             .where(episodes.c.campaign == campaign, episodes.c.outcome == Outcome.COLLISION)
             .order_by(number)
+            .execution_options(yield_per=PORTION)
         )
         with self._database.reading() as connection:
-            found = connection.execute(query).all()
-        return Failures(
-            tuple(index for index, _ in found), tuple(to_floats(z, 2) for _, z in found)
-        )
+            for rows_ in connection.execute(query).partitions():
+                yield Failures(
+                    tuple(index for index, _ in rows_), tuple(to_floats(z, 2) for _, z in rows_)
+                )
 
     def totals(self, campaign: int) -> Totals:
         """Sums over all collisions, and episodes counted by class."""
@@ -126,6 +151,21 @@ class SqlEpisodes:
         """Sums over blocks of `per` indices, in index order."""
         with self._database.reading() as connection:
             return course(connection, campaign, per)
+
+    def safety(self, campaign: int, most: int = MOST_POINTS) -> SafetyTotals:
+        """Safety measures over the completed episodes, with at most so many points."""
+        with self._database.reading() as connection:
+            return safety(connection, campaign, most)
+
+    def trials(self, campaign: int, most: int = MOST_TRIALS) -> Trials:
+        """Seeds and outcomes of the completed episodes, of at most so many."""
+        with self._database.reading() as connection:
+            return trials(connection, campaign, most)
+
+    def spending(self, campaign: int, most: int = MOST_LANDINGS) -> SpendingTotals:
+        """Worker time in the episodes, and when they landed."""
+        with self._database.reading() as connection:
+            return spending(connection, campaign, most)
 
     def paired(self, first: int, second: int) -> PairTotals:
         """The episodes that two campaigns both completed."""

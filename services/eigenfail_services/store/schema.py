@@ -20,7 +20,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.types import TypeEngine
 
-VERSION = "0003"
+VERSION = "0006"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -88,6 +88,10 @@ campaigns = Table(
     Column("stopped_because", Prose, nullable=False),
     Column("digest", Text),
     Column("estimate", Text),  # JSON
+    Column("trained_episodes", Integer),
+    Column("learning_s", Double),
+    Column("waiting_s", Double),
+    Column("discarded_s", Double),
     CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
     Index(None, "state", "id"),
     sqlite_autoincrement=True,
@@ -172,7 +176,6 @@ analyses = Table(
     Column("state", Text, nullable=False),
     Column("created_ms", BigInteger, nullable=False),
     Column("problem", Prose, nullable=False),
-    Column("replay_campaign", Number, ForeignKey("campaigns.id")),
     Column("failures", Integer),
     Column("modes", Integer),
     Column("silhouette", Double),
@@ -180,6 +183,14 @@ analyses = Table(
     Column("result", LargeBinary),  # MessagePack
     Index(None, "campaign", "id"),
     sqlite_autoincrement=True,
+)
+
+# The campaigns that replay what an analysis found.
+replays = Table(
+    "replays",
+    metadata,
+    Column("analysis", Number, ForeignKey("analyses.id"), primary_key=True, autoincrement=False),
+    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True, autoincrement=False),
 )
 
 events = Table(

@@ -1,8 +1,11 @@
 """Two campaigns side by side, and how diverse failures are, as pages."""
 
+import pytest
 from msgspec.structs import replace
 
-from eigenfail.values import AnalysisSettings, Diversity, Outcome
+from eigenfail.values import AnalysisSettings, Diversity, Outcome, Overhead
+from eigenfail_api.dashboard.views.bill_charts import bill_charts
+from eigenfail_services.campaigns.spending import spending_of
 
 
 def test_the_page_asks_for_campaigns_and_compares_them(http, fields, deliver, result, look):
@@ -20,6 +23,44 @@ def test_the_page_asks_for_campaigns_and_compares_them(http, fields, deliver, re
     assert "differ in more than one thing (scenario, planner)" in text
     assert "scenario_parameters.distance_m default 60.0" in text
     assert "Failure rate, 95 % interval 20.0 %, 5.67 – 51.0 % 40.0 %" in text
+
+
+@pytest.fixture
+def seeds(http, fields, deliver, result):
+    """Campaigns that differ in their seeds alone."""
+    made = [
+        http.post("/api/v1/campaigns", json={**fields, "seed": seed}).json()["id"]
+        for seed in range(3)
+    ]
+    for campaign in made:
+        deliver(campaign, *(result(index, Outcome.COLLISION) for index in range(4)))
+    return made
+
+
+def test_cost_and_time_stand_side_by_side(store, seeds, look):
+    a, b, c = seeds
+    store.campaigns.add_active(a, 3000.0, Overhead(600.0, 300.0, 0.0))
+    store.campaigns.add_active(b, 1500.0, Overhead(0.0, 150.0, 0.0))
+    text = look(f"/comparison?a={a}&b={b},{c}")
+    assert "Spent [USD] 1.00 0.500" in text
+    assert "USD per distinct mode – of one campaign at a time" in text
+    assert "Time: simulation 70.0 % (35 min) 90.0 % (22 min 30 s)" in text
+    assert "Time: learning 20.0 % (10 min) 0.0 % (0 s)" in text
+    assert f"USD A: {a} monte_carlo B: {b} monte_carlo B: {c} monte_carlo 0.100" in text
+
+
+def test_the_curves_tell_what_each_had_found_by_then(store, seeds):
+    long, short, unpaid = seeds
+    for campaign, seconds in ((long, 3000.0), (short, 1500.0)):
+        store.campaigns.add_active(campaign, seconds)
+    costs = [spending_of(store, store.campaigns.get(each)) for each in (long, short)]
+    (chart,) = bill_charts(costs[:1], costs[1:])
+    assert [line["side"] for line in chart.data["lines"]] == [0, 1]
+    assert chart.columns == ("USD", f"A: {long} monte_carlo", f"B: {short} monte_carlo")
+    assert chart.rows[4][2] == chart.rows[9][1] == "4"
+    assert chart.rows[5][2] == "–"
+    nothing = store.campaigns.create(store.campaigns.get(unpaid).spec)
+    assert bill_charts([spending_of(store, nothing)], []) == ()
 
 
 def test_what_cannot_be_compared_is_a_problem_for_people(look, campaign):

@@ -170,18 +170,8 @@ def test_an_analysis_waits_fails_or_shows_its_modes(look, store, campaign, finis
     store.analyses.fail(waiting, "There are no failures to analyse.")
     assert "There are no failures to analyse." in look(f"/analyses/{waiting}")
     text = look(f"/analyses/{finished(2)}")
-    assert "A single mode: there is nothing to tell apart." in text
+    assert "No distinct modes: the failures make a single group." in text
     assert "episode 1" in text
-
-
-def test_a_replay_is_shown_beside_the_modes(http, look, finished, deliver, result):
-    analysis = finished(2)
-    replay = http.post(f"/api/v1/analyses/{analysis}/replay").json()["id"]
-    assert f"campaign {replay} (queued)" in look(f"/analyses/{analysis}")
-    deliver(replay, result(0, Outcome.COLLISION), result(1))
-    text = look(f"/analyses/{analysis}")
-    assert "◆ collision severity 25.0" in text
-    assert "○ safe robustness 3.50 m" in text
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.values import (
-    AnalysisResult,
     Campaign,
     CampaignSpec,
     CampaignState,
@@ -22,8 +21,8 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import EpisodeRow, Totals
 from eigenfail_api.dashboard import formats, samples
-from eigenfail_api.dashboard.views.analysis import peak, verdict
-from eigenfail_api.dashboard.views.campaign import settings
+from eigenfail_api.dashboard.views.analysis import peak
+from eigenfail_api.dashboard.views.campaign import settings, times
 from eigenfail_api.dashboard.views.diversity import diversity_tiles
 from eigenfail_api.dashboard.views.episode import nearest_actor
 from eigenfail_api.dashboard.views.episodes import curve_chart, robustness_chart
@@ -131,19 +130,17 @@ def test_what_is_left_out_is_said():
 
 
 class Rows:
-    """A store's episodes, counted as they are asked for; every third one crashed."""
+    """A store's episodes, counted as they are asked for."""
 
     def __init__(self, count):
         self.count, self.asked = count, 0
 
-    def page(self, campaign, limit, after=None, outcome=None):
+    def page(self, campaign, limit, after=None):
         self.asked += 1
         first = 0 if after is None else after + 1
-        step = 3 if outcome is Outcome.COLLISION else 1
-        indices = [i for i in range(first, min(self.count, first + limit * step)) if i % step == 0]
-        items = tuple(row(index) for index in indices[:limit])
-        more = bool(items) and items[-1].index + step < self.count
-        return Page(items, items[-1].index if more else None)
+        last = min(self.count, first + limit)
+        items = tuple(row(index) for index in range(first, last))
+        return Page(items, items[-1].index if last < self.count else None)
 
 
 class Kept:
@@ -160,14 +157,6 @@ def test_a_sample_is_bounded_and_reaches_over_the_whole_campaign(count, drawn):
     indices = [each.index for each in rows]
     assert indices == sorted(set(indices))
     assert not count or max(indices) >= 0.97 * count - 1
-
-
-def test_many_failures_are_sampled_too():
-    store = Kept(300_000)
-    counts = Counts(300_000, completed=300_000, failures=100_000)
-    rows = samples.sample_failures(store, campaign(counts))
-    assert len(rows) == 5_000
-    assert all(each.index % 3 == 0 for each in rows)
 
 
 def test_bounds_of_nothing_are_not_drawn_on_a_log_axis():
@@ -192,27 +181,6 @@ def test_what_a_replay_cost_is_no_price_of_finding_failures():
 
 def totals(failures):
     return Totals(failures, -200.0 * failures, 100 * failures, 25.0 * failures)
-
-
-def result(silhouette, noise_silhouette):
-    nothing = np.zeros((1, 1), np.float32)
-    return AnalysisResult(
-        episodes=(0,),
-        explained=nothing[0],
-        components=nothing[None],
-        scores=nothing,
-        labels=(0,),
-        modes=(),
-        influence=nothing,
-        silhouette=silhouette,
-        noise_silhouette=noise_silhouette,
-    )
-
-
-def test_modes_are_called_distinct_only_beyond_noise():
-    assert verdict(result(0.4, 0.17)).startswith("The modes are distinct: silhouette 0.40")
-    assert verdict(result(0.17, 0.17)).startswith("The modes are not shown to be distinct")
-    assert "single mode" in verdict(result(None, None))
 
 
 def test_how_diverse_failures_are_in_figures():
@@ -259,6 +227,20 @@ def test_a_campaign_that_stopped_early_is_full_and_says_what_was_left_unrun():
     now = standing(stopped, summarise(stopped, Totals(10, -1.0, 1, 1.0)))
     assert (now.ended, now.planned, now.wanted) == (37, 400, 37)
     assert now.remaining == "363 not run"
+
+
+def test_what_varies_in_the_scenario_stands_in_words():
+    given = {"distance_m": {"uniform": [53, 63]}, "actor_speed_mps": {"choice": [12.0, 16.0]}}
+    asked = campaign(Counts(5))
+    asked = replace(asked, spec=replace(asked.spec, scenario_parameters=given))
+    words = dict(settings(asked))[f"Scenario {asked.spec.scenario}"]
+    assert dict(words) == {"distance_m": "uniform 53 … 63", "actor_speed_mps": "one of 12.0, 16.0"}
+
+
+def test_how_many_episodes_were_trained_with_stands_where_it_is_known():
+    silent = campaign(Counts(5))
+    assert dict(times(replace(silent, trained_episodes=1170)))["Trained with"] == "1,170 episodes"
+    assert "Trained with" not in dict(times(silent))
 
 
 def test_stop_rules_stand_among_the_settings():

@@ -18,6 +18,7 @@ from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
+from eigenfail_services.campaigns.materials import learner_context
 from eigenfail_services.store import open_store
 
 CONTROLLER = """
@@ -87,24 +88,30 @@ class WorkingService(httpx2.BaseTransport):
         first = campaign.counts.planned - campaign.counts.open
         last = min(first + self.episodes_at_once, campaign.spec.episodes)
         engine = plugins.load(plugins.ENGINES, "default")(campaign.spec.setup())
-        tasks = [self.task(campaign.spec, index) for index in range(first, last)]
+        tasks = [self.task(campaign, index) for index in range(first, last)]
         results = [Delivery(result, "by hand") for result in engine.run(tasks)]
         self.store.episodes.commit(campaign.id, results)
         self.store.campaigns.add_active(campaign.id, 0.5)
         if last == campaign.spec.episodes:
             self.store.campaigns.move(campaign.id, "done")
 
-    def task(self, spec, index):
-        source = PriorSource()
+    def task(self, campaign, index):
+        spec, source = campaign.spec, PriorSource()
         if spec.method == "replay":
-            modes = self.store.analyses.get(spec.settings["analysis"]).result.modes
-            source = TrajectorySource(modes[index].eigenfailure)
+            trajectories = learner_context(campaign, self.store).trajectories
+            source = TrajectorySource(trajectories[index])
         return EpisodeTask(index, episode_seed(spec.seed, index), source)
 
     def analyse(self, analysis):
         if analysis.state != "queued":
             return
         run_analysis(self.store, analysis.id)
+
+
+@pytest.fixture(scope="session")
+def working_service():
+    """The class of a service over a store of one's own."""
+    return WorkingService
 
 
 @pytest.fixture

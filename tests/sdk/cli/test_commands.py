@@ -234,15 +234,32 @@ def test_an_episode_is_written_with_a_slash(eigenfail, wrong):
 
 
 def test_failures_are_grouped_replayed_and_counted(eigenfail, done, store):
-    told = eigenfail("analyze", done, "--clusters", 2, "--replay")
+    told = eigenfail("analyze", done, "--clusters", 2, "--prove")
     assert told.exit_code == 0, told.output
     assert "components explain" in told.stdout
     assert "2 eigenfailures reproduced a failure: " in told.stdout
-    replay = store.analyses.get(1).replay_campaign
-    assert store.campaigns.get(replay).counts.completed == 2
+    assert "6 of 6 medoids" not in told.stdout.split("in the same scenario.")[0]
+    replays = store.analyses.replays(1)
+    assert [store.campaigns.get(each).counts.completed for each in replays] == [4, 4, 4]
     found = json.loads(eigenfail("analyze", done, "--clusters", 2, "--json").stdout)
     assert len(found["analysis"]["result"]["modes"]) == 2
-    assert found["replay"] is None
+    assert found["proof"] is None
+
+
+def test_it_is_said_in_which_scenarios_to_replay(eigenfail, done, store):
+    words = ("--prove", "--variation", "distance_m = 55.0", "--variation", "", "--json")
+    told = eigenfail("analyze", done, "--clusters", 2, *words)
+    proof = json.loads(told.stdout)["proof"]
+    assert [each["scenario_parameters"] for each in proof["scenarios"]] == [
+        {"distance_m": 55.0},
+        {},
+    ]
+    assert proof["reproduced"]["rate"]["n"] == 2
+    assert proof["medoids"]["rate"]["n"] == 4
+    for wrong in ("distance_m", "distance_m = 1.0", "distance = 55.0"):
+        refused = eigenfail("analyze", done, "--prove", "--variation", wrong)
+        assert refused.exit_code == 2
+        assert refused.stderr.startswith("eigenfail: ")
 
 
 def test_without_failures_there_is_nothing_to_analyse(eigenfail, spec_file, store):

@@ -2,9 +2,11 @@
 
 import io
 
+import msgspec
 import pytest
 from rich.console import Console
 
+from eigenfail.cli.suite_tables import MemberResult, SuiteResult, suite_table
 from eigenfail.cli.tables import campaign_facts, campaign_table, result_table
 from eigenfail.values import (
     Campaign,
@@ -57,10 +59,43 @@ def test_a_column_of_probabilities_appears_where_one_is_told(tables):
     assert "P(failure)" not in text(tabulate([row(), row()]))
 
 
+def test_a_suites_table_has_that_column_where_a_member_tells_one():
+    def suite(*estimates):
+        members = [
+            MemberResult(f"m{place}", CampaignState.DONE, "", summary(estimate))
+            for place, estimate in enumerate(estimates)
+        ]
+        return SuiteResult("s", 3, (*members, MemberResult("missing")))
+
+    lines = text(suite_table(suite(None, TOLD, REFUSED))).splitlines()
+    assert lines[0].rstrip().endswith("P(failure) [95 %]")
+    assert [line.rstrip().endswith("(n = 9100)") for line in lines[2:6]] == [
+        False,
+        True,
+        False,
+        False,
+    ]
+    assert "P(failure)" not in text(suite_table(suite(None)))
+
+
 def test_a_campaigns_facts_say_what_the_probability_rests_on():
     shown = text(campaign_facts(campaign(TOLD)))
     assert "3.7e-06 [2.2e-06, 5.9e-06] (n = 9100), subset simulation, cv 0.25" in shown
     assert "It knows nothing of the rest." in shown
+
+
+def test_a_campaigns_facts_say_how_many_episodes_were_trained_with():
+    trained = msgspec.structs.replace(campaign(), trained_episodes=170)
+    assert "trained with  170 episodes" in text(campaign_facts(trained))
+    assert "trained with" not in text(campaign_facts(campaign()))
+
+
+def test_what_varies_in_the_scenario_stands_in_words():
+    parameters = {"distance_m": {"uniform": [53, 63]}, "actor_speed_mps": 14.0}
+    found = campaign()
+    spec = msgspec.structs.replace(found.spec, scenario_parameters=parameters)
+    shown = text(campaign_facts(msgspec.structs.replace(found, spec=spec)))
+    assert "cut_in distance_m = uniform 53 … 63, actor_speed_mps = 14.0" in shown
 
 
 def test_a_campaigns_facts_say_why_there_is_no_probability():

@@ -95,6 +95,62 @@ def test_ctrl_c_pauses_all_and_the_same_command_goes_on(eigenfail, suite_file, s
     assert [campaign.counts.completed for campaign in store.campaigns.page(10).items] == [48] * 3
 
 
+CHAIN = """
+[base]
+planner = "idm"
+simulator = "point_mass"
+episodes = 12
+
+[[campaigns]]
+name = "again"
+method = "replay"
+settings.campaign = "searched"
+scenario_parameters.distance_m = 60.0
+settings.episodes = [0, 1]
+episodes = 2
+
+[[campaigns]]
+name = "searched"
+method = "monte_carlo"
+"""
+
+
+def test_a_member_runs_behind_the_one_that_it_names(eigenfail, suite_file, store):
+    suite_file.write_text(CHAIN)
+    assert eigenfail("suite", "run", suite_file, "--dry-run").exit_code == 0
+    run = eigenfail("suite", "run", suite_file)
+    assert run.exit_code == 0, run.output
+    found = [row[:5] for row in rows(run.stdout)]
+    assert found == [
+        ["again", "done", "2", "replay", "2"],
+        ["searched", "done", "1", "monte_carlo", "12"],
+    ]
+    assert store.campaigns.get(2).spec.settings["campaign"] == 1
+    assert "seeds: 2 of 2 campaigns over: 14/14 episodes" in run.stderr
+    again = eigenfail("suite", "run", suite_file)
+    assert again.stdout == run.stdout
+    assert len(store.campaigns.page(10).items) == 2
+
+
+def test_before_what_it_names_is_done_a_member_has_no_campaign(
+    eigenfail, suite_file, service, store
+):
+    class Interrupting(type(service)):
+        def run_some(self, campaign):
+            super().run_some(campaign)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    suite_file.write_text(CHAIN)
+    service.__class__, working = Interrupting, service.__class__
+    stopped = eigenfail("suite", "run", suite_file)
+    assert stopped.exit_code == INTERRUPTED
+    assert [campaign.spec.method for campaign in store.campaigns.page(10).items] == ["monte_carlo"]
+    assert rows(eigenfail("suite", "show", suite_file).stdout)[0] == ["again", *"–" * 10]
+    service.__class__ = working
+    assert eigenfail("suite", "run", suite_file).exit_code == 0
+    assert [campaign.state for campaign in store.campaigns.page(10).items] == ["done"] * 2
+
+
 def test_the_gate_closes_if_any_member_found_failures(eigenfail, suite_file):
     assert eigenfail("suite", "run", suite_file).exit_code == 0
     assert eigenfail("suite", "run", suite_file, "--gate").exit_code == 1

@@ -193,17 +193,22 @@ def test_analyses_are_made_waited_for_and_listed(client, campaign, analysis):
         client.analyses.wait(waiting.id, poll_s=0.0, timeout_s=0.0)
 
 
-def test_eigenfailures_are_replayed(client, campaign, analysis):
+def test_eigenfailures_and_medoids_are_replayed(client, campaign, analysis, store):
     first, second = client.analyses.eigenfailures(analysis)
     assert np.array_equal(second.eigenfailure, -first.eigenfailure)
-    replay = client.analyses.replay(analysis, {"distance_m": 63.0}, name="further")
-    assert replay.spec.name == "further"
-    assert replay.spec.episodes == 2
-    assert replay.spec.scenario_parameters == {"distance_m": 63.0}
-    assert client.analyses.get(analysis).replay_campaign == replay.id
+    asked = client.analyses.prove(analysis, [{}, {"distance_m": 63.0}])
+    assert [each.scenario_parameters for each in asked.scenarios] == [{}, {"distance_m": 63.0}]
+    farther = client.campaigns.get(asked.scenarios[1].campaign).spec
+    assert (farther.episodes, farther.scenario_parameters) == (4, {"distance_m": 63.0})
+    assert not client.analyses.proof(analysis).done
+    with pytest.raises(ServiceError, match="not over"):
+        client.analyses.wait_for_proof(analysis, poll_s=0.0, timeout_s=0.0)
+    for each in asked.scenarios:
+        store.campaigns.move(each.campaign, CampaignState.CANCELLED)
+    assert client.analyses.wait_for_proof(analysis).done
     unfinished = client.analyses.create(campaign.id)
     with pytest.raises(Conflict, match="queued"):
-        client.analyses.replay(unfinished.id)
+        client.analyses.prove(unfinished.id)
 
 
 def test_events_are_followed(client, campaign, store):
@@ -244,7 +249,8 @@ def test_health(client, store, monkeypatch):
         lambda client: client.analyses.create(9),
         lambda client: client.analyses.get(9),
         lambda client: list(client.analyses.list(9)),
-        lambda client: client.analyses.replay(9),
+        lambda client: client.analyses.prove(9),
+        lambda client: client.analyses.proof(9),
     ],
 )
 def test_what_is_not_there_is_not_found(client, ask):

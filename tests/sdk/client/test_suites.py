@@ -61,6 +61,81 @@ def test_members_are_found_over_pages(client, suite, fields, monkeypatch):
     assert ids(client.suites.find(suite(3, 4, 1))) == [3, None, 1]
 
 
+@pytest.fixture
+def chain(fields):
+    """A replay of a replay of the first of its members, written down the other way round."""
+    shared = {**fields, "method": "replay"}
+    given = {
+        "last": {**shared, "settings": {"campaign": "middle"}},
+        "middle": {**shared, "settings": {"campaign": "first"}},
+        "first": fields,
+    }
+    members = [
+        Member(name, CampaignSpec(**{**each, "name": f"chain: {name}"}))
+        for name, each in given.items()
+    ]
+    return Suite("chain", tuple(members))
+
+
+def end(store, campaign, state="done"):
+    between = "cancelling" if state == "cancelled" else "running"
+    for step in ("running", between, state):
+        if store.campaigns.get(campaign).state != step:
+            store.campaigns.move(campaign, step)
+
+
+def test_a_member_is_created_once_what_it_builds_upon_is_done(client, chain, store):
+    assert ids(client.suites.create(chain)) == [None, None, 1]
+    assert ids(client.suites.create(chain)) == [None, None, 1]
+    end(store, 1)
+    assert ids(client.suites.start(chain)) == [None, 2, 1]
+    assert client.campaigns.get(2).spec.settings == {"campaign": 1}
+    end(store, 2)
+    assert ids(client.suites.start(chain)) == [3, 2, 1]
+    assert client.campaigns.get(3).spec.settings == {"campaign": 2}
+    assert ids(client.suites.find(chain)) == [3, 2, 1]
+    assert ids(client.suites.create(chain)) == [3, 2, 1]
+
+
+def test_run_creates_each_in_its_turn_and_tells_of_it(client, chain, store):
+    seen = []
+
+    def watch(campaigns):
+        seen.append(ids(campaigns))
+        for campaign in campaigns:
+            if campaign is not None and campaign.state is CampaignState.QUEUED:
+                end(store, campaign.id)
+
+    ended = client.suites.run(chain, watch, poll_s=0.0)
+    assert [campaign.state for campaign in ended] == ["done"] * 3
+    assert seen[0] == [None, None, 1]
+    assert seen[-1] == [3, 2, 1]
+    assert [None, 2, 1] in seen
+    assert len(list(client.campaigns.list())) == 3
+
+
+@pytest.mark.parametrize("state", ["cancelled", "dead"])
+def test_what_builds_upon_a_campaign_that_came_to_nothing_is_held_back(client, chain, store, state):
+    client.suites.create(chain)
+    end(store, 1, state)
+    ended = client.suites.run(chain, poll_s=0.0, timeout_s=1.0)
+    assert ids(ended) == [None, None, 1]
+
+
+def test_another_campaign_below_makes_another_one_above(client, chain, store):
+    client.suites.create(chain)
+    end(store, 1)
+    client.suites.create(chain)
+    *others, first = chain.members
+    changed = CampaignSpec(**{**asdict(first.spec), "seed": 5})
+    later = Suite("chain", (*others, Member("first", changed)))
+    assert ids(client.suites.find(later)) == [None, None, None]
+    assert ids(client.suites.create(later)) == [None, None, 3]
+    end(store, 3)
+    assert ids(client.suites.create(later)) == [None, 4, 3]
+    assert ids(client.suites.find(chain)) == [None, 2, 1]
+
+
 def test_paused_members_go_on(client, suite, store):
     client.suites.create(suite(1, 2, 3))
     store.campaigns.move(2, CampaignState.RUNNING)

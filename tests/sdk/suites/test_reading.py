@@ -10,6 +10,7 @@ from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.suites import MOST_MEMBERS, Suite
 from eigenfail.suites.changes import changed, leaves, text, value_at
 from eigenfail.suites.plans import SuiteFile, variations
+from eigenfail.suites.references import in_order, references, resolved, with_any_numbers
 from eigenfail.values import Correlated, White
 
 ROOT = Path(__file__).parents[3]
@@ -155,6 +156,58 @@ def test_what_cannot_be_meant_is_refused_in_words(read, written, words):
         read(written)
     assert words in str(caught.value)
     assert caught.value.exit_code == 2
+
+
+CHAIN = (
+    f'{BASE}[[campaigns]]\nname = "here"\nmethod = "evaluate"\n'
+    'settings = { campaign = "trained" }\n'
+    '[[campaigns]]\nname = "trained"\n'
+    '[[campaigns]]\nname = "again"\nmethod = "difs"\nsettings.data_from = ["trained", 7, "here"]\n'
+)
+
+
+def test_members_may_build_upon_others_and_come_behind_them(read):
+    suite = read(CHAIN)
+    specs = {member.name: member.spec for member in suite.members}
+    assert names(suite) == ["here", "trained", "again"]
+    assert [references(specs[name]) for name in specs] == [("trained",), (), ("trained", "here")]
+    assert in_order(specs, "") == ("trained", "here", "again")
+    numbers = {"trained": 3, "here": 4}
+    assert resolved(specs["here"], numbers.get).settings == {"alpha": 10, "campaign": 3}
+    assert resolved(specs["again"], numbers.get).settings["data_from"] == [3, 7, 4]
+    assert specs["again"].settings["data_from"] == ["trained", 7, "here"]
+
+
+def test_members_of_an_ensemble_may_build_upon_others_too(read):
+    suite = read(
+        '[base]\nepisodes = 8\nmethod = "ast"\n[[campaigns]]\nname = "a"\n'
+        '[[campaigns]]\nmethod = "ensemble"\nsettings.settings.warm_start = "a"\n'
+    )
+    spec = suite.members[1].spec
+    assert references(spec) == ("a",)
+    assert with_any_numbers(spec).settings == {"settings": {"warm_start": 1}}
+
+
+def test_numbers_and_other_settings_name_no_member(read):
+    suite = read(f'{BASE}[[campaigns]]\nsettings = {{ campaign = 3, reward = "paper" }}')
+    assert references(suite.members[0].spec) == ()
+
+
+def test_a_member_that_there_is_not_is_refused_with_the_known_ones(read):
+    with pytest.raises(UnknownName) as refused:
+        read(CHAIN.replace('campaign = "trained"', 'campaign = "trainde"'))
+    assert "member 'here': 'trainde' is not known. Did you mean 'trained'?" in str(refused.value)
+    assert refused.value.known == ["again", "here", "trained"]
+
+
+@pytest.mark.parametrize("name", ["here", "trained"])
+def test_members_that_wait_for_each_other_are_refused(read, name):
+    circle = f'name = "trained"\nsettings.warm_start = "{name}"\n'
+    with pytest.raises(InvalidValue, match="members that wait for each other: ") as refused:
+        read(CHAIN.replace('name = "trained"\n', circle))
+    told = refused.value.problem
+    assert told.count("'trained' → ") == 1
+    assert ("'here' → " in told) == (name == "here")
 
 
 def test_a_huge_grid_is_refused_before_it_is_laid_out(read):

@@ -1,14 +1,28 @@
 """Failures side by side, and back to where they can be injected."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from eigenfail.values import AnalysisSettings
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.alignment import align
+from eigenfail_services.analysis.alignment import Aligned
+from eigenfail_services.analysis.gathering import Portion, gather
 
 SHORT = np.array([[1, -1], [2, -2]], np.float32)
 LONG = np.array([[3, -3], [4, -4], [5, -5]], np.float32)
 BOTH = Failures((4, 9), (SHORT, LONG))
+
+
+def align(failures: Failures, horizon: int, how: Any, axes: Any = "joint") -> Aligned:
+    """Gathered, and in the order of the episodes."""
+    asked = AnalysisSettings(align=how, axes=axes)
+    found = gather([Portion(1, failures)], horizon, asked)
+    order = found.order
+    return found._replace(
+        episodes=found.episodes[order], steps=found.steps[order], noise=found.noise[order]
+    )
 
 
 def test_at_the_start_no_noise_follows_the_collision() -> None:
@@ -29,7 +43,7 @@ def test_at_the_collision_the_last_steps_meet() -> None:
 @pytest.mark.parametrize("row", [0, 1])
 def test_the_way_back_gives_the_episode_as_it_was(how: str, row: int) -> None:
     aligned = align(BOTH, 4, how)
-    z = aligned.injectable(aligned.data[row], np.array([row]))
+    z = aligned.injectable(aligned.noise[row], np.array([row]))
     steps = len(BOTH.noise[row])
     assert z.shape == (4, 2)
     assert np.array_equal(z[:steps], BOTH.noise[row])
@@ -40,7 +54,7 @@ def test_of_several_at_the_collision_the_median_length_counts() -> None:
     lengths = (1, 2, 3, 5)
     failures = Failures((0, 1, 2, 3), tuple(np.ones((n, 2), np.float32) for n in lengths))
     aligned = align(failures, 6, "collision")
-    row = np.arange(12.0)
+    row = np.arange(12.0).reshape(6, 2)
     z = aligned.injectable(row, np.arange(4))
     assert z[:3].tolist() == [[6, 7], [8, 9], [10, 11]]
     assert not z[3:].any()
@@ -51,4 +65,4 @@ def test_an_episode_without_a_step_is_a_row_without_noise() -> None:
     for how in ("start", "collision"):
         aligned = align(failures, 3, how)
         assert not aligned.noise.any()
-        assert not aligned.injectable(aligned.data[0], np.array([0])).any()
+        assert not aligned.injectable(aligned.noise[0], np.array([0])).any()

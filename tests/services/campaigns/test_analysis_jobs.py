@@ -1,11 +1,27 @@
-"""Processes of analyses, without what they compute."""
+"""Processes of analyses, and what they make of the failures of one or several campaigns."""
 
 import msgspec
+import pytest
 
+from eigenfail.contracts import Store
+from eigenfail.errors import InvalidValue, NotFound
+from eigenfail.testing.store.examples import collision, deliver, failed, result, running
+from eigenfail.values import (
+    AnalysisResult,
+    AnalysisSettings,
+    AnalysisState,
+    Correlated,
+    DisturbanceModel,
+)
 from eigenfail.values.records import Job, JobKind
+from eigenfail_services.analysis import clusters
+from eigenfail_services.analysis.digest import result_digest
 from eigenfail_services.campaigns import analysis_jobs as module
-from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.campaigns.analysed import ground
+from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs, run_analysis
+from eigenfail_services.store import MemoryStore, open_store
+
+QUICK = AnalysisSettings(bootstrap=2)
 
 
 class Process:
@@ -32,3 +48,166 @@ def test_our_own_lease_that_ran_out_starts_no_second_process(monkeypatch) -> Non
     assert (len(analyses), Process.started) == (1, 1)
     analyses.tend()
     assert renewed == ["new"]
+
+
+@pytest.fixture(autouse=True)
+def few_draws(monkeypatch) -> None:
+    """These tests are not of what is more than noise."""
+    monkeypatch.setattr(clusters, "NOISE_DRAWS", 2)
+
+
+@pytest.fixture
+def store():
+    made = MemoryStore()
+    yield made
+    made.close()
+
+
+def campaign(store: Store, *failures: int, **changes) -> int:
+    """A campaign that runs, with failures at these indices and one episode that was safe."""
+    made = running(store, episodes=60, **changes)
+    crashes = [collision(index, steps=20 + index % 5, salt=made.id) for index in failures]
+    deliver(store, made, result(0), *crashes)
+    return made.id
+
+
+def analysed(store: Store, first: int, settings: AnalysisSettings = QUICK) -> AnalysisResult:
+    analysis = store.analyses.create(first, settings).id
+    run_analysis(store, analysis)
+    done = store.analyses.get(analysis)
+    assert (done.state, done.problem) == (AnalysisState.DONE, "")
+    assert done.result is not None
+    return done.result
+
+
+def problem(store: Store, first: int, settings: AnalysisSettings = QUICK) -> str:
+    analysis = store.analyses.create(first, settings).id
+    run_analysis(store, analysis)
+    refused = store.analyses.get(analysis)
+    assert (refused.state, refused.result) == (AnalysisState.FAILED, None)
+    return refused.problem
+
+
+def test_several_campaigns_are_analysed_together(store: Store) -> None:
+    one, other = campaign(store, *range(5, 25)), campaign(store, *range(1, 31), seed=2)
+    found = analysed(store, one, AnalysisSettings(campaigns=(other, other, one), bootstrap=2))
+    assert found.campaigns == (one,) * 20 + (other,) * 30
+    assert found.episodes == (*range(5, 25), *range(1, 31))
+    assert [(each.campaign, each.failures) for each in found.sources] == [(one, 20), (other, 30)]
+    for position, mode in enumerate(found.modes):
+        row = list(zip(found.campaigns, found.episodes, strict=True)).index(
+            (mode.medoid_campaign, mode.medoid)
+        )
+        assert found.labels[row] == position
+    assert found.diversity is not None
+    assert found.diversity.failures == sum(each.failures for each in found.training) == 50
+
+
+def test_which_campaign_is_named_first_does_not_matter(store: Store) -> None:
+    one, other = campaign(store, *range(1, 20)), campaign(store, *range(1, 20))
+    there = analysed(store, one, AnalysisSettings(campaigns=(other,), bootstrap=2))
+    back = analysed(store, other, AnalysisSettings(campaigns=(one,), bootstrap=2))
+    told = {"sources": ()}
+    digests = {result_digest(msgspec.structs.replace(each, **told)) for each in (there, back)}
+    assert len(digests) == 1
+
+
+def test_a_campaign_that_still_runs_is_a_snapshot_and_it_says_so(store: Store) -> None:
+    one = campaign(store, *range(1, 12))
+    deliver(store, store.campaigns.get(one), failed(40))
+    found = analysed(store, one)
+    (source,) = found.sources
+    assert (source.episodes, source.failures, source.running) == (13, 11, True)
+    assert found.notes == (f"A snapshot: more episodes were to come in campaign {one}.",)
+    store.campaigns.move(one, "cancelling")
+    store.campaigns.move(one, "cancelled")
+    over = analysed(store, one)
+    assert (over.notes, over.sources[0].running) == ((), False)
+
+
+def test_what_lands_while_failures_are_read_is_counted(store: Store, monkeypatch) -> None:
+    one = campaign(store, *range(1, 12))
+    read = store.episodes.failure_portions
+
+    def landing(number: int):
+        deliver(store, store.campaigns.get(one), *map(collision, range(20, 30)))
+        return read(number)
+
+    monkeypatch.setattr(store.episodes, "failure_portions", landing)
+    (source,) = analysed(store, one).sources
+    assert (source.episodes, source.failures) == (22, 21)
+
+
+def test_a_result_has_its_digest_and_it_is_the_same_again(store: Store) -> None:
+    one = campaign(store, *range(1, 12))
+    first, second = analysed(store, one), analysed(store, one)
+    assert first.digest == second.digest == result_digest(first)
+
+
+def test_seconds_come_from_the_scenario(store: Store) -> None:
+    found = analysed(store, campaign(store, *range(1, 12)))
+    # Failures of 20 to 24 steps of 0.1 s; their median is 22.
+    for each in found.moments:
+        assert each.before_collision_s == pytest.approx((22 - each.step) * 0.1)
+    assert [each.seconds for each in found.before_collision] == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"scenario": "lead_brake"}, "episodes of another number of steps"),
+        ({"disturbance": DisturbanceModel(scale=2.0)}, "another disturbance model"),
+        ({"disturbance": DisturbanceModel(shape=Correlated())}, "another disturbance"),
+    ],
+)
+def test_noise_that_cannot_stand_side_by_side_is_refused(store: Store, changes, words) -> None:
+    one, other = campaign(store, 3), campaign(store, 3, **changes)
+    settings = AnalysisSettings(campaigns=(other,))
+    assert words in problem(store, one, settings)
+    with pytest.raises(InvalidValue, match="campaigns: campaign 2 has"):
+        ground(store, one, settings)
+
+
+def test_campaigns_of_different_worlds_are_told(store: Store) -> None:
+    one, other = campaign(store, 3, 4, 5), campaign(store, 3, 6, planner="idm")
+    found = analysed(store, one, AnalysisSettings(campaigns=(other,), bootstrap=0))
+    assert found.notes[0].startswith("The campaigns differ in planner:")
+
+
+def test_campaigns_that_are_not_there_are_refused(store: Store) -> None:
+    one = campaign(store, 3)
+    assert "99" in problem(store, one, AnalysisSettings(campaigns=(99,)))
+    with pytest.raises(NotFound):
+        ground(store, 99, QUICK)
+
+
+def test_without_failures_or_with_settings_of_another_clusterer_it_fails_in_words(
+    store: Store,
+) -> None:
+    assert "none to analyse" in problem(store, campaign(store))
+    wrong = AnalysisSettings(clusters=3, clusterer="hdbscan")
+    assert "hdbscan finds the number" in problem(store, campaign(store, 3), wrong)
+
+
+def test_a_job_that_was_killed_is_started_anew_and_nothing_is_half_written(tmp_path) -> None:
+    url = f"sqlite:///{tmp_path / 'eigenfail.db'}"
+    store = open_store(url)
+    analysis = store.analyses.create(campaign(store, *range(1, 12)), QUICK).id
+    store.jobs.claim("campaigns", 30.0, JobKind.CAMPAIGN)
+    job = store.jobs.claim("one", 30.0, JobKind.ANALYSIS)
+    assert job is not None
+    analyses = AnalysisJobs(store, url)
+    analyses.open(job)
+    (started,) = analyses._running
+    started.process.kill()
+    started.process.wait()
+    analyses.tend()
+    assert len(analyses) == 0
+    left = store.analyses.get(analysis)
+    assert (left.result, left.state in {"queued", "running"}) == (None, True)
+    again = store.jobs.claim("other", 30.0, JobKind.ANALYSIS)
+    assert again is not None
+    assert (again.subject, again.attempts) == (analysis, 2)
+    run_analysis(store, again.subject)
+    assert store.analyses.get(analysis).state is AnalysisState.DONE
+    store.close()

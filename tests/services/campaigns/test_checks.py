@@ -30,7 +30,7 @@ def test_the_horizon_is_the_scenarios():
 
 @pytest.mark.parametrize("method", ["monte_carlo", "ast", "difs", "cem", "replay", "subset"])
 def test_every_method_is_known_with_its_defaults(method):
-    assert check_spec(but(method=method)).method == method
+    assert check_spec(but(method=method, episodes=300)).method == method
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_checking_loads_nothing_heavy():
         "import sys; from eigenfail.values import CampaignSpec\n"
         "from eigenfail_services.campaigns.checks import check_spec\n"
         "for method in ('monte_carlo', 'ast', 'difs', 'cem', 'replay', 'subset'):\n"
-        "    check_spec(CampaignSpec(name='n', method=method, episodes=1))\n"
+        "    check_spec(CampaignSpec(name='n', method=method, episodes=300))\n"
         "heavy = {'torch', 'ray', 'stable_baselines3', 'sklearn', 'highway_env', 'sqlalchemy'}\n"
         "print(*heavy & sys.modules.keys())"
     )
@@ -113,6 +113,36 @@ def test_checking_loads_nothing_heavy():
 def test_a_rule_on_an_estimate_needs_a_method_that_makes_one():
     with pytest.raises(InvalidValue, match=r"stop\.cv: replay estimates no probability\."):
         check_spec(but(method="replay", stop=StopRules(cv=0.1)))
+
+
+def test_a_rule_on_an_estimate_needs_settings_under_which_there_is_one():
+    given = StopRules(cv=0.1)
+    members = {"method": "ast", "members": 2, "settings": {"hold": 5}}
+    with pytest.raises(InvalidValue, match=r"stop\.cv: ast estimates .* held for 10 .* hold = 1"):
+        check_spec(but(method="ast", stop=given))
+    with pytest.raises(InvalidValue, match=r"held for 5 steps has no density under p\(z\)"):
+        check_spec(but(method="ensemble", settings=members, stop=given))
+    spec = but(method="ast", settings={"hold": 1}, stop=given)
+    assert check_spec(spec) is spec
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"method": "subset", "episodes": 100}, r"episodes: 100 are fewer than .* Give more"),
+        (
+            {"method": "ensemble", "episodes": 300, "settings": {"method": "subset"}},
+            r"episodes: 75 are fewer than",
+        ),
+        (
+            {"method": "ensemble", "episodes": 3, "settings": {"members": 4}},
+            r"4 members cannot share 3 episodes\. Ask for fewer members",
+        ),
+    ],
+)
+def test_a_budget_that_a_method_cannot_begin_with_is_refused(changes, words):
+    with pytest.raises(InvalidValue, match=words):
+        check_spec(but(**changes))
 
 
 def test_stop_rules_out_of_bounds_are_refused():

@@ -15,6 +15,7 @@ from eigenfail.values import (
     EpisodeTask,
     Measures,
     PriorSource,
+    StopRules,
     episode_seed,
     learner_seed,
     unrunnable,
@@ -104,6 +105,19 @@ def test_train_evaluate_and_evaluate_in_another_scenario(house: House) -> None:
     assert not earlier & {result.noise.z[0].tobytes() for result in drawn}
     centre = house.begun(trained)._learner.proposal.mean
     assert np.mean([np.sum(result.noise.z * centre[: result.steps]) for result in drawn]) > 0
+
+
+def test_an_evaluation_tells_a_probability_where_the_draws_have_a_density(memory: House) -> None:
+    trained = memory.run(**CEM, episodes=40)
+    found = memory.begun(memory.run(method="evaluate", settings={"campaign": trained})).estimate()
+    assert found.by == "importance sampling"
+    stop = StopRules(cv=0.1)
+    memory.create(method="evaluate", settings={"campaign": trained}, stop=stop)
+    several = {"method": "ensemble", "settings": {"method": "cem", "members": 2}}
+    for before in (memory.run(method="ast", episodes=20), memory.run(**several, episodes=20)):
+        refused = evaluate(memory, before, stop=stop)
+        assert refused.field == "stop.cv"
+        assert "estimates no probability" in refused.problem
 
 
 def test_an_evaluation_that_was_interrupted_goes_on_bit_for_bit(memory: House) -> None:

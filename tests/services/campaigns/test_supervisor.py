@@ -18,6 +18,7 @@ from eigenfail.values import (
 from eigenfail.values.records import Delivery, JobKind
 from eigenfail_services.campaigns import supervisor as module
 from eigenfail_services.campaigns.supervisor import Supervisor
+from eigenfail_services.hub.meter import Phase
 from eigenfail_services.hub.server import Ended
 from eigenfail_services.store import MemoryStore
 
@@ -256,6 +257,28 @@ def test_time_is_billed_although_the_store_was_away(house: House, monkeypatch) -
     now_s[0] = 70.0
     house.supervisor.turn()
     assert house.store.campaigns.get(campaign).active_s == 70.0
+
+
+def test_what_the_time_went_into_is_billed_with_it(house: House, monkeypatch) -> None:
+    orders = []
+    monkeypatch.setattr(house.hub, "launch", orders.append)
+    campaign = house.create()
+    house.supervisor.turn()
+    meter = orders[0].meter
+    meter.discard(0.5)
+    meter.look(Phase.LEARNING)
+
+    def away(*_):
+        raise StoreUnavailable("The disk is full.")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(house.store.campaigns, "add_active", away)
+        with pytest.raises(StoreUnavailable):
+            house.supervisor.release()
+    house.supervisor.release()
+    billed = house.store.campaigns.get(campaign)
+    assert 0.0 < billed.overhead.learning_s <= billed.active_s
+    assert (billed.overhead.waiting_s, billed.overhead.discarded_s) == (0.0, 0.5)
 
 
 class Clock:

@@ -23,6 +23,7 @@ from eigenfail.wire.messages import Observed, Proposed, Start, Trouble
 from eigenfail_services.hub import learner_link, runs
 from eigenfail_services.hub.learner_link import LearnerLink
 from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.meter import Phase
 from eigenfail_services.hub.runs import Order, Run
 from eigenfail_services.store import MemoryStore
 
@@ -135,13 +136,14 @@ def test_a_round_proposed_while_the_store_is_away_is_run(stage: Stage, part, ver
     assert sorted(stage.leased()) == [0, 1]
 
 
-def test_what_a_learner_estimates_is_kept_with_its_checkpoint(stage: Stage) -> None:
+def test_what_a_learner_tells_is_kept_with_its_checkpoint(stage: Stage) -> None:
     told = Estimate(by="subset simulation", episodes=2, problem="Not known yet.")
     stage.run.tend()
-    said = Proposed((Round(0, TASKS),), b"checkpoint", estimate=told)
+    said = Proposed((Round(0, TASKS),), b"checkpoint", estimate=told, trained_episodes=170)
     stage.links[-1].to_say.append(said)
     stage.run.tend()
-    assert stage.store.campaigns.get(stage.campaign).estimate == told
+    found = stage.store.campaigns.get(stage.campaign)
+    assert (found.estimate, found.trained_episodes) == (told, 170)
     assert stage.store.checkpoints.load(stage.campaign) == b"checkpoint"
 
 
@@ -201,6 +203,50 @@ def test_the_last_words_of_a_learner_are_heard(stage: Stage) -> None:
     link.exit_status = die  # type: ignore[method-assign]
     stage.run.tend()
     assert stage.run.ended == "It diverged."
+
+
+def phases(stage: Stage) -> list[Phase | None]:
+    """What the run wrote down, from now on."""
+    seen: list[Phase | None] = []
+    stage.run.order.meter.look = seen.append  # type: ignore[method-assign]
+    return seen
+
+
+def test_what_a_campaign_is_at_is_written_down(stage: Stage) -> None:
+    seen = phases(stage)
+    stage.run.look()
+    stage.run.tend()
+    propose(stage)
+    stage.run.tend()
+    stage.run.look()  # nobody has it yet
+    stage.leased()
+    stage.run.look()
+    stage.deliver(result(0))
+    stage.run.look()
+    stage.deliver(result(1))
+    stage.run.look()  # the round is whole, the learner has it
+    stage.run.stop()
+    work = [Phase.SIMULATING, Phase.SIMULATING]
+    assert seen == [Phase.LEARNING, Phase.WAITING, *work, Phase.LEARNING, None]
+
+
+def test_what_is_thrown_away_is_written_down(stage: Stage) -> None:
+    stage.run.tend()
+    propose(stage)
+    stage.run.tend()
+    stage.leased()
+    kept, again, other, misfit = (
+        msgspec.structs.replace(made, wall_s=wall_s)
+        for made, wall_s in (
+            (result(0), 1.0),
+            (result(0), 2.0),
+            (result(0, "solver"), 4.0),
+            (msgspec.structs.replace(result(1), steps=-1), 8.0),
+        )
+    )
+    stage.deliver(kept, again, other, misfit)
+    stage.deliver(msgspec.structs.replace(again, wall_s=float("nan")))
+    assert stage.run.order.meter.take().discarded_s == 14.0
 
 
 @pytest.fixture

@@ -2,10 +2,15 @@
 
 from types import MappingProxyType
 
-from eigenfail.testing.learner import LearnerSuite
+import numpy as np
+
+from eigenfail.settings import read_settings
+from eigenfail.testing.learner import CORRIDOR, LearnerSuite
+from eigenfail.values import LearnerContext
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
 from eigenfail_services.methods.cem.method import CrossEntropyMethod
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
+from eigenfail_services.methods.minimal.method import Minimal
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.replay import Replay
 from eigenfail_services.methods.subset.method import SubsetMethod
@@ -26,6 +31,16 @@ class TestReplay(LearnerSuite):
     method = Replay
     settings = MappingProxyType({"round_size": 6, "repeats": 2})
     budget = 60
+
+
+class TestMinimal(LearnerSuite):
+    method = Minimal
+    settings = MappingProxyType({"round_size": 2})
+
+    def learner(self, seed=0):
+        noise = np.random.default_rng(seed).normal(1.5, 1.0, (1, CORRIDOR.steps, 2))
+        context = LearnerContext(seed, self.budget, CORRIDOR.steps, noise.astype(np.float32))
+        return Minimal(context, read_settings(Minimal.Settings, self.settings, "settings"))
 
 
 class TestAdaptiveStressTesting(LearnerSuite):

@@ -83,13 +83,14 @@ def test_guidance_scales_what_the_condition_adds_to_the_prior():
         assert samples.std() == pytest.approx(1.0, abs=0.02)
 
 
-def test_the_correction_learns_two_modes_where_the_mean_lies_between_them():
+def test_two_modes_are_two_components_and_the_correction_learns_their_width():
     random = np.random.default_rng(0)
     z = 0.3 * random.standard_normal((400, HORIZON, 2))
     z[:, :, 0] += np.where(random.random(400) < 0.5, -1.5, 1.5)[:, None]
     learner = model()
     learner.train(examples(z), steps=800, draw=1)
     side = learner.sample(np.zeros(1000, np.float32), guidance=0.0, draw=2)[..., 0].mean(axis=1)
+    assert len(learner.mixture.shares) == 2
     assert float(learner._average.trust) > 0.8
     assert np.mean(np.abs(side) > 0.9) > 0.85
     assert 0.35 < np.mean(side > 0.0) < 0.65
@@ -98,12 +99,13 @@ def test_the_correction_learns_two_modes_where_the_mean_lies_between_them():
 def test_the_correction_depends_on_the_condition():
     random = np.random.default_rng(0)
     condition = (np.arange(600) % 2).astype(np.float32)
-    z = random.standard_normal((600, HORIZON, 2)) + np.where(condition, 1.5, -1.5)[:, None, None]
+    z = random.standard_normal((600, HORIZON, 2)) + np.where(condition, 0.25, -0.25)[:, None, None]
     learner = model()
     learner.train(examples(z, condition), steps=400, draw=1)
+    assert len(learner.mixture.shares) == 1
     low, high = (learner.sample(np.full(500, c, np.float32), 0.0, draw=2) for c in (0.0, 1.0))
-    assert low.mean() == pytest.approx(-1.5, abs=0.3)
-    assert high.mean() == pytest.approx(1.5, abs=0.3)
+    assert low.mean() == pytest.approx(-0.25, abs=0.08)
+    assert high.mean() == pytest.approx(0.25, abs=0.08)
 
 
 def test_accidents_of_few_trajectories_are_not_trusted():
@@ -128,18 +130,39 @@ def test_jitter_averages_the_mean_over_time():
     z[:, 2] = 3.0
     learner = model(jitter=1)
     learner.train(examples(z), steps=0, draw=1)
-    mean = learner._average.mean.reshape(HORIZON, 2)[:, 0]
+    mean = learner.mixture.means.reshape(HORIZON, 2)[:, 0]
     assert mean.tolist() == pytest.approx([0.0, 1.0, 1.0, 1.0, 0.0, 0.0])
 
 
 def test_the_elite_are_the_least_robust_and_later_the_likelier_failures(episode):
     trials = Trials(HORIZON, memory=100)
     trials.add([episode(np.ones((6, 2)), r) for r in (3.0, 1.0, 2.0, 4.0)])
-    assert trials.elite(2, likely_share=0.5).tolist() == [1, 2]
+    assert alike(trials, 2, 0.5) == [1, 2]
     trials.add([episode(np.full((6, 2), size)) for size in (3.0, 1.0, 2.0, 4.0, 1.5, 2.5)])
-    assert sorted(trials.elite(2, likely_share=0.5)) == [6, 8]
-    assert sorted(trials.elite(2, likely_share=0.3)) == [5, 8]
-    assert sorted(trials.elite(2, likely_share=1.0)) == [8, 9]
+    assert alike(trials, 2, 0.5) == [6, 8]
+    assert alike(trials, 2, 0.3) == [5, 8]
+    assert alike(trials, 2, 1.0) == [8, 9]
+
+
+def alike(trials, count, likely_share):
+    """The elite where all are of one kind."""
+    return sorted(trials.elite(count, likely_share, np.zeros(len(trials), np.intp)).tolist())
+
+
+def test_every_kind_has_its_elite_until_the_others_have_failed_long_enough(episode):
+    trials = Trials(HORIZON, memory=100)
+    robustness = [0.0, 0.0, 0.0, 0.0, 0.0, 5.0, 4.0, 6.0]
+    trials.add([episode(np.ones((6, 2)), r) for r in robustness])
+    kinds = np.array([0, 0, 0, 0, 0, 1, 1, 1])
+    assert trials.elite(4, 1.0, kinds).tolist() == [3, 4, 6, 5]
+    assert not trials.settled(4, kinds)
+    trials.add([episode(np.ones((6, 2)), 0.0)] * 3)
+    given_up = np.append(kinds, [0, 0, 0])
+    assert trials.elite(4, 1.0, given_up).tolist() == [4, 8, 9, 10]
+    assert trials.settled(4, given_up)
+    both = np.append(kinds, [1, 1, 0])
+    assert trials.elite(4, 1.0, both).tolist() == [4, 10, 8, 9]
+    assert trials.settled(4, both)
 
 
 def test_steps_behind_an_episodes_end_are_unseen(episode):
@@ -163,3 +186,10 @@ def test_measures_without_failures_keep_their_robustness(episode):
     trials = Trials(HORIZON, memory=3)
     trials.add([episode([(0, 0)], measures=Measures(7.5), outcome=Outcome.SAFE)])
     assert trials.robustness.tolist() == [7.5]
+
+
+def test_a_kind_is_as_far_behind_as_its_best(episode):
+    trials = Trials(HORIZON, memory=100)
+    trials.add([episode(np.ones((6, 2)), r) for r in (3.0, 1.0, 2.5, 4.0)])
+    assert trials.behind(np.array([0, 0, 2, 2])).tolist() == [0.0, 0.0, 1.5, 1.5]
+    assert trials.behind(np.zeros(4, np.intp)).tolist() == [0.0] * 4

@@ -19,8 +19,9 @@ from eigenfail.values import (
     PolicySource,
     Proposal,
     TrajectorySource,
+    learner_seed,
 )
-from eigenfail_services.campaigns.rounds import Rounds
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import ensemble as module
 from eigenfail_services.methods.cem.method import CrossEntropyMethod
 from eigenfail_services.methods.ensemble import Ensemble, member_seed, shares
@@ -278,6 +279,21 @@ def test_estimates_are_pooled_once_every_member_has_one(scripted):
 def test_settings_that_cannot_be_are_refused_where_they_stand(settings, error, text):
     with pytest.raises(error, match=text):
         read_settings(Ensemble.Settings, settings, "settings")
+
+
+def test_members_tell_together_how_many_episodes_they_were_trained_with():
+    quick = {"warm_up": 4, "round_size": 4, "gradient_steps": 1, "buffer_size": 70}
+    context = LearnerContext(learner_seed(1), 40, 40, np.zeros((0, 40, 2), np.float32))
+    both = (("ast", quick), ("monte_carlo", {}))
+    ast, plain = (
+        Ensemble(context, Ensemble.Settings(method=name, members=2, settings=settings))
+        for name, settings in both
+    )
+    rounds = Rounds(ast, 1, 40)
+    list(run_in_process(rounds, ToyEngine(Corridor())))
+    assert rounds.trained_episodes() == sum(one.trained_episodes for one in ast._members) == 40
+    assert Rounds(plain, 1, 40).trained_episodes() is None
+    assert Rounds(plain._members[0], 1, 40).trained_episodes() is None
 
 
 def test_too_few_episodes_are_refused_with_a_remedy():

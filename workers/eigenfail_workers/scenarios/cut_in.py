@@ -40,7 +40,13 @@ class CutInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     distance_m: Annotated[
-        float, Meta(ge=52.0, le=70.0, description="Gap at which the car begins to come over [m].")
+        float,
+        Meta(
+            ge=52.0,
+            le=70.0,
+            description="Gap at which the car begins to come over [m].",
+            extra={"nearby": 5.0},
+        ),
     ] = 58.0
     initial_gap_m: Annotated[
         float, Meta(ge=80.0, le=120.0, description="Gap at the start [m].")

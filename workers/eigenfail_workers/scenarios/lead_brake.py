@@ -21,7 +21,9 @@ GOAL_M = 1000.0
 class LeadBrakeParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What can be varied. The gap is between the truck's front and the car's rear bumper."""
 
-    gap_m: Annotated[float, Meta(ge=50.0, le=80.0, description="Gap at the start [m].")] = 60.0
+    gap_m: Annotated[
+        float, Meta(ge=50.0, le=80.0, description="Gap at the start [m].", extra={"nearby": 5.0})
+    ] = 60.0
     speed_mps: Annotated[
         float, Meta(ge=18.0, le=22.0, description="Speed of both at the start [m/s].")
     ] = 20.0

@@ -15,7 +15,7 @@ from eigenfail_workers.scenarios.staging import (
 )
 
 STEPS = 200
-DESIRED_SPEED_MPS = 24.0
+DESIRED_SPEED_MPS = 25.0
 GOAL_M = 2000.0
 MAIN_LANE = 1
 
@@ -32,17 +32,17 @@ class MergeInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     """
 
     gap_s: Annotated[
-        float, Meta(ge=3.0, le=5.0, description="Time gap between the two cars [s].")
-    ] = 3.1
+        float, Meta(ge=2.9, le=5.0, description="Time gap between the two cars [s].")
+    ] = 3.0
     behind_m: Annotated[
         float, Meta(ge=-25.0, le=40.0, description="Second car behind the truck by this [m].")
-    ] = 17.5
+    ] = 20.5
     ego_speed_mps: Annotated[
         float, Meta(ge=18.0, le=22.0, description="Speed of the truck at the start [m/s].")
     ] = 20.5
     traffic_speed_mps: Annotated[
         float, Meta(ge=19.0, le=23.0, description="Speed of the cars [m/s].")
-    ] = 22.0
+    ] = 20.0
     ramp_m: Annotated[
         float, Meta(ge=320.0, le=450.0, description="Length of the ramp's lane that is left [m].")
     ] = 350.0

@@ -1,54 +1,62 @@
-"""One analysis: what PCA and K-means found in the failures, and what became of it."""
+"""One analysis: what was found in the failures, and what became of it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 
 import msgspec
 import numpy as np
 
-from eigenfail.values import Analysis, AnalysisResult, Campaign, FailureMode
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values import (
+    Analysis,
+    AnalysisResult,
+    AnalysisSettings,
+    Campaign,
+    FailureMode,
+    Proof,
+    ProvenMode,
+)
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.charts import Chart
-from eigenfail_api.dashboard.views.diversity import diversity_tiles
-from eigenfail_api.dashboard.views.lists import (
-    AnalysisLine,
-    EpisodeLine,
-    analysis_line,
-    episode_line,
-)
+from eigenfail_api.dashboard.views.findings import Grid, finding_tiles, grids
+from eigenfail_api.dashboard.views.lists import AnalysisLine, analysis_line
 from eigenfail_api.dashboard.views.modes import (
     eigenfailure_chart,
     explained_chart,
     influence_chart,
     scores_chart,
 )
-from eigenfail_api.dashboard.views.summaries import Figure
+from eigenfail_api.dashboard.views.proof import ProofView, proof_view, tried
+from eigenfail_api.dashboard.views.summaries import Figure, probability
+from eigenfail_api.dashboard.views.training import training_charts
 
 
-class ModeLine(msgspec.Struct, frozen=True):
-    """A failure mode in the table.
+class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
+    """A failure mode; modes are counted from 1 for people.
 
     Attributes:
-        peak: the strongest noise of its eigenfailure, in words.
+        words: what it is; of results of older releases its strongest noise.
+        probability: of a failure of this mode, or why it is not told; None where nobody asked.
         strength: root mean square of its eigenfailure [sigma]; noise has 1.
-        replayed: what its eigenfailure did in the replay, once it was replayed.
+        proof: what its eigenfailure and its medoid did in the replays.
     """
 
     number: int
     failures: int
     share: str
+    words: str
+    probability: Figure | None
     medoid: int
+    medoid_campaign: int
     strength: str
-    peak: str
-    replayed: EpisodeLine | None
+    proof: tuple[tuple[str, Figure], ...]
 
 
 class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     """The page of an analysis.
 
     Attributes:
-        diversity: how the failures spread over modes; empty in results of older releases.
-        collapse: that the modes have collapsed, and what to try; empty otherwise.
+        notes: what is to be known of the failures that were put together, or that they collapsed.
+        proof: None before there is a result.
+        asked: its settings, for another like it.
     """
 
     line: AnalysisLine
@@ -57,88 +65,96 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     is_open: bool
     verdict: str
     is_distinct: bool
-    diversity: tuple[tuple[str, Figure], ...]
-    collapse: str
-    modes: tuple[ModeLine, ...]
+    notes: tuple[str, ...]
+    tiles: tuple[tuple[str, Figure], ...]
+    modes: tuple[ModeCard, ...]
+    grids: tuple[Grid, ...]
     charts: tuple[Chart, ...]
-    replay: int | None
-    replay_state: str
+    proof: ProofView | None
+    asked: AnalysisSettings
 
 
-def analysis_view(
-    analysis: Analysis,
-    campaign: Campaign,
-    replay: Campaign | None,
-    replayed: Sequence[EpisodeRow],
-) -> AnalysisView:
-    """The page of an analysis, with the results of its replay as far as they are in."""
+def analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | None) -> AnalysisView:
+    """The page of an analysis, with the results of its replays as far as they are in."""
     result = analysis.result
     return AnalysisView(
         line=analysis_line(analysis),
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
-        is_open=analysis.state in {"queued", "running"}
-        or (replay is not None and replay.ended_ms is None),
-        verdict=verdict(result) if result else "",
+        is_open=analysis.state in {"queued", "running"} or replays(proof),
+        verdict=result.verdict if result else "",
         is_distinct=result is not None and result.distinct,
-        diversity=diversity_tiles(result.diversity) if result and result.diversity else (),
-        collapse=result.diversity.warning if result and result.diversity else "",
-        modes=mode_lines(result, replayed) if result else (),
-        charts=charts(result) if result and result.modes else (),
-        replay=replay.id if replay else None,
-        replay_state=replay.state if replay else "",
+        notes=tuple(notes(result)) if result else (),
+        tiles=finding_tiles(result) if result else (),
+        modes=mode_cards(result, campaign.id, proof) if result else (),
+        grids=grids(result) if result else (),
+        charts=charts(result, campaign.id) if result and result.modes else (),
+        proof=proof_view(proof) if proof else None,
+        asked=analysis.settings,
     )
 
 
-def charts(result: AnalysisResult) -> tuple[Chart, ...]:
+def replays(proof: Proof | None) -> bool:
+    """Whether there are replays that have not ended."""
+    return proof is not None and bool(proof.scenarios) and not proof.done
+
+
+def notes(result: AnalysisResult) -> Iterator[str]:
+    """What is to be known beside the verdict."""
+    yield from result.notes
+    if result.diversity and result.diversity.warning:
+        yield result.diversity.warning
+
+
+def charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]:
     """What was found, drawn."""
     return (
         eigenfailure_chart(result),
-        scores_chart(result),
+        scores_chart(result, campaign),
         explained_chart(result),
         influence_chart(result),
+        *training_charts(result),
     )
 
 
-def verdict(result: AnalysisResult) -> str:
-    """Whether the modes are real, in words."""
-    if result.silhouette is None or result.noise_silhouette is None:
-        return "A single mode: there is nothing to tell apart."
-    against = (
-        f"silhouette {formats.number(result.silhouette, 2)} against "
-        f"{formats.number(result.noise_silhouette, 2)} for structureless data of the same "
-        "covariance"
-    )
-    if result.distinct:
-        return f"The modes are distinct: {against}."
-    return (
-        f"The modes are not shown to be distinct: {against}. Read them as a summary of the "
-        "failures, not as separate causes."
-    )
-
-
-def mode_lines(result: AnalysisResult, replayed: Sequence[EpisodeRow]) -> tuple[ModeLine, ...]:
-    """The modes; the replay's episode i injects the eigenfailure of mode i."""
-    rows = {row.index: episode_line(row) for row in replayed}
-    total = len(result.episodes)
+def mode_cards(result: AnalysisResult, campaign: int, proof: Proof | None) -> tuple[ModeCard, ...]:
+    """The modes, each with what was proven of it."""
+    proven = {each.mode: each for each in proof.modes} if proof and proof.scenarios else {}
     return tuple(
-        mode_line(position, mode, total, rows.get(position))
-        for position, mode in enumerate(result.modes)
+        mode_card(place, result, campaign, proven.get(place)) for place in range(len(result.modes))
     )
 
 
-def mode_line(
-    position: int, mode: FailureMode, total: int, replayed: EpisodeLine | None
-) -> ModeLine:
-    """One mode; modes are counted from 1 for people."""
-    return ModeLine(
-        number=position + 1,
+def mode_card(
+    place: int, result: AnalysisResult, campaign: int, proven: ProvenMode | None
+) -> ModeCard:
+    """One mode."""
+    mode = result.modes[place]
+    return ModeCard(
+        number=place + 1,
         failures=mode.failures,
-        share=formats.percent(mode.failures / total),
+        share=formats.percent(mode.failures / len(result.episodes)),
+        words=words(result, place),
+        probability=probability(mode.probability),
         medoid=mode.medoid,
+        medoid_campaign=mode.medoid_campaign or campaign,
         strength=formats.number(float(np.sqrt(np.mean(np.square(mode.eigenfailure))))),
-        peak=peak(mode),
-        replayed=replayed,
+        proof=proof_of(proven) if proven else (),
+    )
+
+
+def words(result: AnalysisResult, place: int) -> str:
+    """What a mode is; its number stands above it already."""
+    if not result.words:
+        return f"Strongest noise: {peak(result.modes[place])}."
+    return result.words[place].removeprefix(f"Mode {place + 1}: ")
+
+
+def proof_of(proven: ProvenMode) -> tuple[tuple[str, Figure], ...]:
+    """What a mode's two trajectories did in all scenarios."""
+    return (
+        ("Eigenfailure reproduced", tried(proven.eigenfailure)),
+        ("Medoid reproduced", tried(proven.medoid)),
     )
 
 

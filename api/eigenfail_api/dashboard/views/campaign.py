@@ -1,23 +1,29 @@
 """One campaign: where it stands, what it found, what it was asked."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import msgspec
 
 from eigenfail.functions import disturbance_in_words, drives
-from eigenfail.values import Analysis, Campaign, CampaignState, Course, Event, Page, Summary
+from eigenfail.values import (
+    Analysis,
+    AnalysisSettings,
+    Campaign,
+    CampaignState,
+    Course,
+    Event,
+    Page,
+    Summary,
+)
 from eigenfail.values.records import EpisodeRow
+from eigenfail.values.variation import in_words
 from eigenfail_api import steering
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.samples import ended
 from eigenfail_api.dashboard.views.charts import Chart
 from eigenfail_api.dashboard.views.conflicts import Tiles, conflict_tiles
-from eigenfail_api.dashboard.views.episodes import (
-    curve_chart,
-    likelihood_chart,
-    robustness_chart,
-)
+from eigenfail_api.dashboard.views.episodes import curve_chart, robustness_chart
 from eigenfail_api.dashboard.views.lists import (
     AnalysisLine,
     EpisodeList,
@@ -37,7 +43,6 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
         summary: of its results.
         course: how its figures moved.
         rows: a sample of its episodes.
-        failures: a sample of its failures.
         listed: the first failures of the list.
         analyses: newest first.
         events: newest first.
@@ -47,7 +52,6 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
     summary: Summary
     course: Course
     rows: Sequence[EpisodeRow]
-    failures: Sequence[EpisodeRow]
     listed: Page[EpisodeRow]
     analyses: tuple[Analysis, ...]
     events: tuple[Event, ...]
@@ -59,6 +63,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         wishes: what a user may ask of it now: pause, resume, cancel.
         conflicts: episodes by class; empty before the first one, and where nothing drives.
+        asked: how the form analyses unless its user says otherwise.
         settings: groups of names and values.
     """
 
@@ -69,6 +74,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     charts: tuple[Chart, ...]
     failures: EpisodeList
     analyses: tuple[AnalysisLine, ...]
+    asked: AnalysisSettings
     events: tuple[Event, ...]
     times: tuple[tuple[str, str], ...]
     settings: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
@@ -87,6 +93,7 @@ def campaign_view(found: Findings) -> CampaignView:
         charts=charts(found),
         failures=episode_list(campaign, found.listed, None),
         analyses=tuple(map(analysis_line, found.analyses)),
+        asked=AnalysisSettings(),
         events=found.events,
         times=times(campaign),
         settings=settings(campaign),
@@ -96,11 +103,9 @@ def campaign_view(found: Findings) -> CampaignView:
 
 def charts(found: Findings) -> tuple[Chart, ...]:
     """What can be drawn of what there is."""
-    campaign, course, rows, failures = found.campaign, found.course, found.rows, found.failures
-    drawn = (curve_chart(course), robustness_chart(rows, course, ended(campaign)))
-    some = drawn if rows else ()
-    severe = any(row.severity is not None for row in failures)
-    return (*some, likelihood_chart(failures, campaign.counts.failures)) if severe else some
+    course, rows = found.course, found.rows
+    drawn = (curve_chart(course), robustness_chart(rows, course, ended(found.campaign)))
+    return drawn if rows else ()
 
 
 def wishes(state: CampaignState) -> tuple[str, ...]:
@@ -130,7 +135,14 @@ def times(campaign: Campaign) -> tuple[tuple[str, str], ...]:
         ("Active", formats.duration(campaign.active_s)),
         ("Not runnable", f"{formats.integer(campaign.counts.failed)} episodes"),
         ("Duplicates", formats.integer(campaign.counts.duplicates)),
+        *trained(campaign),
     )
+
+
+def trained(campaign: Campaign) -> Iterator[tuple[str, str]]:
+    """How many episodes its learner was trained with; nothing where the method does not say."""
+    if campaign.trained_episodes is not None:
+        yield "Trained with", f"{formats.integer(campaign.trained_episodes)} episodes"
 
 
 def settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
@@ -148,7 +160,7 @@ def settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]
     return (
         ("Campaign", pairs(general)),
         (f"Method {spec.method}", pairs(spec.settings)),
-        (f"Scenario {spec.scenario}", pairs(spec.scenario_parameters)),
+        (f"Scenario {spec.scenario}", pairs(in_words(spec.scenario_parameters))),
         (f"Planner {spec.planner}", pairs(spec.planner_settings)),
         ("Disturbance model", pairs(disturbance_in_words(spec))),
     )

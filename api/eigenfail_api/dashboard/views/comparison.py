@@ -2,8 +2,12 @@
 
 import msgspec
 
-from eigenfail.values import Comparison, Distinction, Rate, Side
+from eigenfail.values import CampaignCost, Comparison, Distinction, Rate, Side
 from eigenfail_api.dashboard import formats
+from eigenfail_api.dashboard.views.bill_charts import bill_charts
+from eigenfail_api.dashboard.views.bills import NAMES as BILL_NAMES
+from eigenfail_api.dashboard.views.bills import bill
+from eigenfail_api.dashboard.views.charts import Chart
 
 
 class ComparisonLine(msgspec.Struct, frozen=True):
@@ -27,19 +31,33 @@ class ComparisonView(msgspec.Struct, frozen=True, kw_only=True):
     sentences: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     lines: tuple[ComparisonLine, ...] = ()
+    charts: tuple[Chart, ...] = ()
     distinctions: tuple[Distinction, ...] = ()
 
 
-def comparison_view(found: Comparison | None, a: str, b: str) -> ComparisonView:
+class Bills(msgspec.Struct, frozen=True):
+    """What each campaign of each side cost."""
+
+    a: tuple[CampaignCost, ...]
+    b: tuple[CampaignCost, ...]
+
+
+def comparison_view(
+    found: Comparison | None, bills: Bills | None, a: str, b: str
+) -> ComparisonView:
     """The page; without a comparison it asks for one."""
-    if found is None:
+    if found is None or bills is None:
         return ComparisonView(a=a, b=b)
     return ComparisonView(
         a=a,
         b=b,
         sentences=found.sentences,
         warnings=found.warnings,
-        lines=tuple(map(ComparisonLine, NAMES, column(found.a), column(found.b))),
+        lines=(
+            *map(ComparisonLine, NAMES, column(found.a), column(found.b)),
+            *map(ComparisonLine, BILL_NAMES, bill(bills.a), bill(bills.b)),
+        ),
+        charts=bill_charts(bills.a, bills.b),
         distinctions=found.distinctions,
     )
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from eigenfail.values import Course, CourseBlock, Outcome
 from eigenfail.values.records import EpisodeRow
 from eigenfail_api.dashboard import formats
-from eigenfail_api.dashboard.views.charts import MOST_ROWS, Chart, rounded
+from eigenfail_api.dashboard.views.charts import Chart, rounded
 
 
 def curve_chart(course: Course) -> Chart:
@@ -78,31 +78,6 @@ def robustness_chart(rows: Sequence[EpisodeRow], course: Course, ended: int) -> 
             for block in course.blocks
         ),
         note="By blocks of episodes; each episode by itself is in the API.",
-    )
-
-
-def likelihood_chart(failures: Sequence[EpisodeRow], count: int) -> Chart:
-    """How likely the failures are, and how bad."""
-    likelihood = [row.log_probability / max(row.steps, 1) for row in failures]
-    return Chart(
-        id="likelihood-chart",
-        kind="likelihood",
-        title="Likelihood and severity of failures",
-        caption=(
-            "Each failure: log-probability of its noise per step, and severity [m²/s²]. Up and to "
-            f"the right are the likely and severe ones. {coverage(failures, count)}"
-        ),
-        data={
-            "index": [row.index for row in failures],
-            "likelihood": rounded(likelihood),
-            "severity": rounded(row.severity for row in failures),
-        },
-        columns=("Episode", "log p per step", "Severity [m²/s²]"),
-        rows=tuple(
-            (str(row.index), formats.number(value), formats.number(row.severity))
-            for row, value in zip(failures[:MOST_ROWS], likelihood, strict=False)
-        ),
-        note=f"The first {MOST_ROWS}." if len(failures) > MOST_ROWS else "",
     )
 
 

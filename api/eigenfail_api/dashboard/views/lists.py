@@ -1,11 +1,19 @@
 """Rows of lists: episodes and analyses."""
 
+from collections.abc import Iterator
+
 import msgspec
 
-from eigenfail.values import Analysis, Campaign, Page
+from eigenfail.values import Analysis, AnalysisSettings, Campaign, Page
 from eigenfail.values.records import EpisodeRow
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.states import ANALYSIS_BADGES, OUTCOME_BADGES, Badge
+
+CLUSTERERS = {
+    "kmeans": "K-means",
+    "gaussian_mixture": "Gaussian mixture",
+    "hdbscan": "HDBSCAN",
+}
 
 
 class EpisodeLine(msgspec.Struct, frozen=True):
@@ -85,12 +93,23 @@ def episode_line(row: EpisodeRow) -> EpisodeLine:
 
 def analysis_line(analysis: Analysis) -> AnalysisLine:
     """One analysis."""
-    asked = analysis.settings
-    clusters = "chosen by silhouette" if asked.clusters is None else str(asked.clusters)
     return AnalysisLine(
         id=analysis.id,
         badge=ANALYSIS_BADGES[analysis.state],
-        settings=f"aligned at {asked.align}, {asked.components} components, modes: {clusters}",
+        settings=", ".join(asked(analysis.settings)),
         created=formats.moment(analysis.created_ms),
         problem=analysis.problem,
     )
+
+
+def asked(settings: AnalysisSettings) -> Iterator[str]:
+    """How failures are analysed, in words."""
+    both = settings.axes == "joint"
+    yield f"aligned at {settings.align}"
+    yield "both axes" if both else f"the {settings.axes} axis alone"
+    yield f"{settings.components} components"
+    yield CLUSTERERS[settings.clusterer]
+    yield "modes: by itself" if settings.clusters is None else f"modes: {settings.clusters}"
+    yield f"bootstrap {settings.bootstrap}" if settings.bootstrap else "no bootstrap"
+    if settings.campaigns:
+        yield f"with campaigns {', '.join(map(str, settings.campaigns))}"

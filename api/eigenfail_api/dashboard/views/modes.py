@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from eigenfail.values import AXES, AnalysisResult, Floats
+from eigenfail.values import AXES, AnalysisResult, Floats, Moment
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.charts import MOST_ROWS, Chart, rounded
 
@@ -28,18 +28,19 @@ def eigenfailure_chart(result: AnalysisResult) -> Chart:
     )
 
 
-def scores_chart(result: AnalysisResult) -> Chart:
-    """The failures in PCA space."""
+def scores_chart(result: AnalysisResult, campaign: int) -> Chart:
+    """The failures in PCA space; `campaign` is theirs unless the result names others."""
     chosen = evenly(len(result.episodes), MOST_POINTS)
     second = 1 if result.scores.shape[1] > 1 else 0
     centres = np.stack([mode.centre for mode in result.modes])
+    addresses = places(result, campaign)
     return Chart(
         id="scores-chart",
         kind="scores",
         title="Failures in PCA space",
         caption="Each failure by its first two scores; colour and shape tell the mode, + its mean.",
         data={
-            "episode": [result.episodes[row] for row in chosen],
+            "episode": [addresses[row] for row in chosen],
             "mode": [result.labels[row] for row in chosen],
             "x": numbers(result.scores[chosen, 0]),
             "y": numbers(result.scores[chosen, second]),
@@ -48,7 +49,7 @@ def scores_chart(result: AnalysisResult) -> Chart:
         columns=("Episode", "Mode", "First score", "Second score"),
         rows=tuple(
             (
-                str(result.episodes[row]),
+                addresses[row],
                 str(result.labels[row] + 1),
                 formats.number(float(result.scores[row, 0])),
                 formats.number(float(result.scores[row, second])),
@@ -85,11 +86,28 @@ def influence_chart(result: AnalysisResult) -> Chart:
         id="influence-chart",
         kind="influence",
         title="Influence over time",
-        caption="How much noise at each step matters: components weighted by explained variance.",
-        data={axis: numbers(result.influence[:, way]) for way, axis in enumerate(AXES)},
+        caption="How much noise at each step matters: components weighted by explained variance. "
+        "Marks: the moments of greatest influence.",
+        data={
+            **{axis: numbers(result.influence[:, way]) for way, axis in enumerate(AXES)},
+            "moments": [marked(each) for each in result.moments],
+        },
         columns=("Step", *(axis.capitalize() for axis in AXES)),
         rows=by_step(result.influence),
     )
+
+
+def marked(found: Moment) -> dict[str, object]:
+    """A moment as it is drawn."""
+    before_s = found.before_collision_s
+    told = "" if before_s is None else f"{before_s:.1f} s before the collision"
+    return {"axis": found.axis, "step": found.step, "told": told}
+
+
+def places(result: AnalysisResult, campaign: int) -> list[str]:
+    """Each failure as campaign/episode."""
+    owners = result.campaigns or (campaign,) * len(result.episodes)
+    return [f"{owner}/{index}" for owner, index in zip(owners, result.episodes, strict=True)]
 
 
 def by_step(columns: Floats) -> tuple[tuple[str, ...], ...]:

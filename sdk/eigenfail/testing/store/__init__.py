@@ -19,6 +19,7 @@ from eigenfail.testing.store import (
     episodes,
     jobs,
     records,
+    safety,
 )
 
 STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
@@ -27,6 +28,7 @@ STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *episode_lists.CHECKS,
     *conflicts.CHECKS,
     *blocks.CHECKS,
+    *safety.CHECKS,
     *jobs.CHECKS,
     *records.CHECKS,
     *crowds.CHECKS,

@@ -18,6 +18,7 @@ from eigenfail.testing.store.examples import (
     running,
 )
 from eigenfail.values import Outcome
+from eigenfail.values.records import PORTION
 
 
 def lists_rows(store: Store) -> None:
@@ -76,6 +77,19 @@ def gathers_failures(store: Store) -> None:
     alike(found.noise[1], collision(8, steps=5).noise.z, "z of the second")
 
 
+def hands_out_failures_in_portions(store: Store) -> None:
+    """All of them, in index order, each once, a bounded number at a time."""
+    campaign = running(store, episodes=5_000)
+    equal(list(store.episodes.failure_portions(campaign.id)), [], "Portions of none")
+    count = PORTION + 3
+    deliver(store, campaign, result(1), *(collision(2 * n, steps=2) for n in range(count)))
+    portions = list(store.episodes.failure_portions(campaign.id))
+    equal([len(portion.indices) for portion in portions], [PORTION, 3], "Sizes of the portions")
+    indices = [index for portion in portions for index in portion.indices]
+    equal(indices, list(range(0, 2 * count, 2)), "Their indices")
+    alike(portions[1].noise[2], collision(indices[-1], steps=2).noise.z, "z of the last")
+
+
 def sums_up_failures(store: Store) -> None:
     """Totals are sums over collisions alone."""
     campaign = running(store)
@@ -119,6 +133,7 @@ CHECKS = (
     pages_in_index_order,
     finds_the_finished,
     gathers_failures,
+    hands_out_failures_in_portions,
     sums_up_failures,
     digests_in_index_order,
     finds_no_strangers,

@@ -72,6 +72,16 @@ def keeps_the_last_estimate(store: Store) -> None:
     equal(store.campaigns.get(one.id).estimate, None, "The estimate after none was told")
 
 
+def keeps_how_many_episodes_were_trained_with(store: Store) -> None:
+    """A campaign carries what its learner told with the last checkpoint."""
+    one, other = running(store), running(store)
+    equal(store.campaigns.get(one.id).trained_episodes, None, "Before the first checkpoint")
+    for count in (0, 170):
+        store.checkpoints.save(one.id, b"state", trained_episodes=count)
+        equal(store.campaigns.get(one.id).trained_episodes, count, "Episodes trained with")
+    equal(store.campaigns.get(other.id).trained_episodes, None, "Another campaign's")
+
+
 def creates_queued_analyses(store: Store) -> None:
     """A new analysis waits, with a job and an event."""
     campaign = running(store)
@@ -80,7 +90,7 @@ def creates_queued_analyses(store: Store) -> None:
     found = store.analyses.get(analysis.id)
     equal((found.campaign, found.settings), (campaign.id, settings), "What was asked for")
     equal((found.state, found.result), (AnalysisState.QUEUED, None), "A new analysis")
-    equal((found.problem, found.replay_campaign), ("", None), "A new analysis")
+    equal((found.problem, store.analyses.replays(analysis.id)), ("", ()), "A new analysis")
     equal(store.jobs.waiting(JobKind.ANALYSIS), 1, "Jobs for one analysis")
     event = store.events.after(0, 10)[-1]
     equal((event.kind, event.campaign), ("analysis.state", campaign.id), "The event")
@@ -132,11 +142,13 @@ def first_end_counts(store: Store) -> None:
 
 
 def links_replays(store: Store) -> None:
-    """An analysis remembers who replays its eigenfailures."""
-    campaign, replay = running(store), running(store)
-    number = store.analyses.create(campaign.id, AnalysisSettings()).id
-    store.analyses.link_replay(number, replay.id)
-    equal(store.analyses.get(number).replay_campaign, replay.id, "The replay")
+    """An analysis remembers who replays what it found, each once."""
+    campaign, first, second = (running(store).id for _ in range(3))
+    number, other = (store.analyses.create(campaign, AnalysisSettings()).id for _ in range(2))
+    for replay in (second, first, second):
+        store.analyses.link_replay(number, replay)
+    equal(store.analyses.replays(number), (first, second), "The replays")
+    equal(store.analyses.replays(other), (), "The replays of another analysis")
 
 
 def pages_analyses(store: Store) -> None:
@@ -167,6 +179,8 @@ def knows_no_strange_analyses(store: Store) -> None:
             store.analyses.fail(stranger, "It cannot.")
         with expect_error(NotFound, f"Analysis {stranger} was linked."):
             store.analyses.link_replay(stranger, campaign.id)
+        with expect_error(NotFound, f"Analysis {stranger} has replays."):
+            store.analyses.replays(stranger)
         with expect_error(NotFound, f"Campaign {stranger} replays."):
             store.analyses.link_replay(number, stranger)
 
@@ -176,6 +190,7 @@ CHECKS = (
     logs_without_a_campaign,
     keeps_the_last_checkpoint,
     keeps_the_last_estimate,
+    keeps_how_many_episodes_were_trained_with,
     creates_queued_analyses,
     finishes_analyses,
     first_end_counts,

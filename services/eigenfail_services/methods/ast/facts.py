@@ -5,6 +5,8 @@ from typing import Annotated
 
 import msgspec
 
+from eigenfail_services.statistics.importance import WeightedFailures
+
 Count = Annotated[int, msgspec.Meta(ge=0)]
 
 WINDOW = 100
@@ -25,6 +27,8 @@ class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         fresh: decisions not yet trained on.
         recent: whether they failed, of the last episodes learnt from.
         converged: training has ended.
+        sums: of the weights of failures, where they have any.
+        under: the policies of the rounds that are open and will be weighed, encoded.
     """
 
     amplitude: float
@@ -37,6 +41,8 @@ class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fresh: Count = 0
     recent: tuple[bool, ...] = ()
     converged: bool = False
+    sums: WeightedFailures = WeightedFailures()
+    under: bytes = b""
 
     def reaching(self, amplitude: float) -> "Facts":
         """With that amplitude, in a version of its own: workers keep one as it first came."""

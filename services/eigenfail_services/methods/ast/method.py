@@ -4,15 +4,17 @@ from collections.abc import Sequence
 
 from msgspec import structs
 
-from eigenfail.values import EpisodeResult, LearnerContext, PolicySource, Proposal
+from eigenfail.values import EpisodeResult, Estimate, LearnerContext, Policy, PolicySource, Proposal
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.ast.amplitudes import Amplitudes
 from eigenfail_services.methods.ast.decisions import decisions, usable
 from eigenfail_services.methods.ast.facts import WINDOW, Facts
+from eigenfail_services.methods.ast.probability import PolicyProbability, read_open
 from eigenfail_services.methods.ast.rewards import make_reward
 from eigenfail_services.methods.ast.settings import AstSettings
 from eigenfail_services.methods.ast.trainer import make_trainer
 from eigenfail_services.methods.ast.warm_start import begin_from
+from eigenfail_services.statistics.importance import WeightedFailures
 
 
 class AdaptiveStressTesting:
@@ -43,6 +45,8 @@ class AdaptiveStressTesting:
         first = settings.first_amplitude or settings.amplitude
         self._amplitudes = Amplitudes(first, settings.amplitude, context.episodes)
         self._facts = Facts(amplitude=first)
+        self._horizon = context.horizon
+        self._probability = PolicyProbability(settings.hold, settings.amplitude, context.episodes)
         if settings.warm_start is not None:
             begin_from(self._trainer, context, settings.warm_start)
 
@@ -56,11 +60,25 @@ class AdaptiveStressTesting:
         count, facts = min(n, self._settings.round_size), self._facts
         facts = facts.reaching(self._amplitudes.at(facts.proposed))
         self._facts = structs.replace(facts, proposed=facts.proposed + count)
-        return self._under(facts, count)
+        policy = self._policy(facts)
+        self._probability.begin(facts.proposed, policy)
+        return under(policy, count)
 
     def exploit(self, n: int) -> Proposal:
         """Exactly n episodes under the newest policy, at its last amplitude; nothing is learnt."""
-        return self._under(self._facts.reaching(self._amplitudes.last), n)
+        return under(self._exploiting(), n)
+
+    def weigh(self, sums: WeightedFailures, results: Sequence[EpisodeResult]) -> WeightedFailures:
+        """With episodes that `exploit` proposed; the sums as they are where hold > 1."""
+        return self._probability.weigh(sums, results, self._exploiting())
+
+    def tell(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
+        """A lower bound of the failure probability by importance sampling; None over no episode."""
+        return self._probability.tell(sums, horizon)
+
+    def estimate(self) -> Estimate | None:
+        """The same over the second half of the budget; None where hold > 1."""
+        return self._probability.estimate(self._facts.observed, self._horizon)
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Learn from the episodes that were run to their end, until training has converged.
@@ -70,15 +88,18 @@ class AdaptiveStressTesting:
         """
         first = self._facts.observed
         self._facts = structs.replace(self._facts, observed=first + len(results))
+        self._probability.end(first, results)
         if not self._facts.converged:
             self._keep([result for result in results if usable(result)], first)
             self._facts = structs.replace(self._facts, converged=self._has_converged())
             self._train()
 
     def state(self) -> bytes:
-        """Networks, targets, optimizers, replay buffer, what the reward knows, and counters."""
+        """Networks, targets, optimizers, replay buffer, what the reward knows, counters, sums."""
         arrays = {**self._trainer.arrays(), **self._reward.arrays()}
-        return archive.write("ast", self._facts, arrays)
+        weighed = self._probability
+        facts = structs.replace(self._facts, sums=weighed.sums, under=weighed.open())
+        return archive.write("ast", facts, arrays)
 
     def restore(self, state: bytes) -> None:
         """Go on from there, bit for bit.
@@ -88,15 +109,19 @@ class AdaptiveStressTesting:
         """
         facts, arrays = archive.read("ast", state, Facts)
         with archive.refusing("ast"):
+            policies = read_open(facts.under)
             reward = self._reward.loaded(arrays)
             self._trainer.load(arrays)
+        self._probability.load(facts.sums, policies)
         self._reward, self._facts = reward, facts
 
-    def _under(self, facts: Facts, count: int) -> Proposal:
-        """Episodes under the actor as it stands, with the version and reach of these facts."""
+    def _exploiting(self) -> Policy:
+        return self._policy(self._facts.reaching(self._amplitudes.last))
+
+    def _policy(self, facts: Facts) -> Policy:
+        """The actor as it stands, with the version and reach of these facts."""
         actor = self._trainer.policy(facts.version)
-        policy = structs.replace(actor, amplitude=facts.amplitude)
-        return Proposal((PolicySource(facts.version),) * count, policy)
+        return structs.replace(actor, amplitude=facts.amplitude)
 
     def _keep(self, results: Sequence[EpisodeResult], first: int) -> None:
         """Put a round into the replay buffer; `first` is its first episode's number."""
@@ -129,3 +154,8 @@ class AdaptiveStressTesting:
                 trained=facts.kept,
                 fresh=0,
             )
+
+
+def under(policy: Policy, count: int) -> Proposal:
+    """Episodes of a policy."""
+    return Proposal((PolicySource(policy.version),) * count, policy)

@@ -127,6 +127,15 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         msgspec.Meta(description="the same soft actor-critic, in numpy or stable-baselines3's"),
     ] = "fast"
 
+    def no_estimate(self) -> str:
+        """Why no failure probability will be told, and what to do; empty where one will be."""
+        if self.hold == 1:
+            return ""
+        return (
+            f"noise that is held for {self.hold} steps has no density under p(z), where every step "
+            "is drawn anew. Set hold = 1, or take method subset."
+        )
+
     def process(self) -> DecisionProcess:
         """How steps make decisions, and decisions make transitions."""
         return DecisionProcess(hold=self.hold, n_step=self.n_step, gamma=self.gamma)

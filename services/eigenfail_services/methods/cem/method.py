@@ -29,11 +29,11 @@ from eigenfail_services.methods.cem.proposal import (
     log_weights,
     prior,
 )
-from eigenfail_services.statistics.importance import BY, WeightedFailures
+from eigenfail_services.statistics.importance import WeightedFailures, nothing_counted
 
-NOT_YET = "Not known yet: it rests on the second half of the budget; the first is for learning."
-NO_ROUND = (
-    "No round began in the second half of the budget, on which it rests. Take a smaller batch."
+ADVICE = (
+    "Take method subset, or give it more episodes, larger rounds and no narrower noise: "
+    "batch = 200, min_std = 1, mean_smoothing = 0.3."
 )
 BLANK = (0.0, *astuple(WeightedFailures()))
 NO_SUMS: dict[str, archive.Array] = {"sums": np.array(BLANK)}
@@ -127,18 +127,23 @@ class CrossEntropyMethod:
         all.
         """
         if self._seen >= self._budget // 2:
-            ran = [result for result in results if result.outcome is not Outcome.FAILED]
-            failures = [result.noise.z for result in ran if result.is_failure]
-            weights = log_weights(failures, self.proposal)
-            self._sums = self._sums.after(weights, len(ran))
+            self._sums = self.weigh(self._sums, results)
         self._seen += len(results)
 
+    def weigh(self, sums: WeightedFailures, results: Sequence[EpisodeResult]) -> WeightedFailures:
+        """With episodes that were drawn from the proposal as it stands."""
+        ran = [result for result in results if result.outcome is not Outcome.FAILED]
+        failures = [result.noise.z for result in ran if result.is_failure]
+        return sums.after(log_weights(failures, self.proposal), len(ran))
+
+    def tell(self, sums: WeightedFailures, _horizon: int) -> Estimate | None:
+        """The failure probability by importance sampling; None over no episode."""
+        return sums.estimate(ADVICE) if sums.episodes else None
+
     def estimate(self) -> Estimate | None:
-        """The failure probability by importance sampling over the second half of the budget."""
-        if self._sums.episodes:
-            return self._sums.estimate()
-        problem = NOT_YET if self._seen < self._budget else NO_ROUND
-        return Estimate(by=BY, episodes=0, problem=problem) if self._seen else None
+        """The same over the second half of the budget."""
+        told = self.tell(self._sums, len(self.proposal.mean))
+        return told or nothing_counted(self._seen, self._budget)
 
     def state(self) -> bytes:
         """The proposal, how many rounds it took, and the sums of the weights."""

@@ -7,15 +7,19 @@ from torch import Tensor
 
 
 class Trajectories(NamedTuple):
-    """See `Examples`: z of shape (n, horizon, 2), unseen (n, horizon), condition (n,)."""
+    """See `Examples`: z of shape (n, horizon, 2), unseen (n, horizon), condition (n,).
+
+    `mean` is that of the component of the mixture that a trajectory is of, shape (n, size).
+    """
 
     z: Tensor
     unseen: Tensor
     condition: Tensor
+    mean: Tensor
 
     def only(self, rows: Tensor) -> "Trajectories":
         """Some of them, by their numbers or by whether they are wanted."""
-        return Trajectories(self.z[rows], self.unseen[rows], self.condition[rows])
+        return Trajectories(self.z[rows], self.unseen[rows], self.condition[rows], self.mean[rows])
 
 
 class Noised(NamedTuple):
@@ -25,7 +29,7 @@ class Noised(NamedTuple):
         x: x_t, shape (n, size).
         angle: t, shape (n,).
         condition: robustness ÷ scale, shape (n,).
-        left: the velocity without what the mean explains, shape (n, size).
+        left: the velocity without what the mixture explains, shape (n, size).
     """
 
     x: Tensor

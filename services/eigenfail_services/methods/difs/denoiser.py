@@ -14,25 +14,24 @@ def time_features(angle: Tensor) -> Tensor:
 
 
 class Denoiser(nn.Module):
-    """v(x_t, t, r) = -sin(t) · mean + trust · correction(x_t, t, r), zero before training.
+    """v(x_t, t, r) = -sin(t) · m + trust · correction(x_t, t, r), zero before training.
 
     For a standard normal v is zero, so the untrained network samples the prior exactly; for a
-    normal with its mean moved by m, v = -sin(t) · m exactly. The first term is that mean, which has
-    a closed form. The second term learns what it does not explain: widths, several modes, how they
-    depend on robustness. It counts as far as it holds for trajectories that it was not trained on:
-    of a few dozen with hundreds of components it would else learn the accidents.
+    normal with its mean moved by m, v = -sin(t) · m exactly. The first term is that mean, given by
+    the component of the mixture that a sample was drawn for. The second term learns what the
+    mixture does not explain: widths, and how they depend on robustness. It counts as far as it
+    holds for trajectories that it was not trained on: of a few dozen with hundreds of numbers it
+    would else learn the accidents.
 
     Args:
-        size: number of components of a trajectory.
+        size: how many numbers a trajectory has.
         width: of the hidden layers.
     """
 
-    mean: Tensor
     trust: Tensor
 
     def __init__(self, size: int, width: int) -> None:
         super().__init__()
-        self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("trust", torch.zeros(()))
         self.correction = nn.Sequential(
             nn.Linear(size + FEATURES, width),
@@ -44,10 +43,10 @@ class Denoiser(nn.Module):
         for parameter in self.correction[-1].parameters():
             nn.init.zeros_(parameter)
 
-    def forward(self, x: Tensor, angle: Tensor, condition: Tensor) -> Tensor:
-        """v for x of shape (n, size), angle and condition of shape (n,); shape (n, size)."""
+    def forward(self, x: Tensor, angle: Tensor, condition: Tensor, mean: Tensor) -> Tensor:
+        """v for x and mean of shape (n, size), angle and condition of shape (n,); (n, size)."""
         corrected = self.correct(x, angle, condition)
-        return self.trust * corrected - torch.sin(angle)[:, None] * self.mean
+        return self.trust * corrected - torch.sin(angle)[:, None] * mean
 
     def correct(self, x: Tensor, angle: Tensor, condition: Tensor) -> Tensor:
         """The correction alone, shape (n, size)."""

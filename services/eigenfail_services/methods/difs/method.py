@@ -17,6 +17,7 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail_services.methods import archive
+from eigenfail_services.methods.difs.mixture import Mixture, Rows
 from eigenfail_services.methods.difs.options import Examples
 from eigenfail_services.methods.difs.schedules import SCHEDULES, planned
 from eigenfail_services.methods.difs.settings import DifsSettings
@@ -80,7 +81,8 @@ class DiffusionFailureSampling:
             self._begin()
             count = min(n, plan.round_size, plan.final - proposed)
             conditions = self._conditions(count)
-            sources = self._sampled(conditions, self._facts.guidance, self._next_draw())
+            mixture, guidance = self._model.mixture, self._facts.guidance
+            sources = self._sampled(conditions, guidance, self._next_draw(), mixture)
         else:
             self._begin()
             sources = self._at_zero(n, self._next_draw())
@@ -157,11 +159,11 @@ class DiffusionFailureSampling:
             self._note(threshold_m=min(before, reached))
 
     def _steer(self, rate: float) -> None:
-        """Once the elite are failures: guidance down where more fail than need to, else up.
+        """Once each kind's elite are failures: guidance down where more fail than need to, else up.
 
         The samples stay as likely as the failure rate aimed at allows.
         """
-        if np.count_nonzero(self._trials.robustness <= 0.0) >= self._settings.elite:
+        if self._trials.settled(self._settings.elite, self._kinds()):
             change = exp(GUIDANCE_GAIN * (self._settings.target_rate - rate))
             moved = (1.0 + self._facts.guidance) * change - 1.0
             most = max(LARGEST_GUIDANCE, self._settings.guidance)
@@ -174,25 +176,34 @@ class DiffusionFailureSampling:
         return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
 
     def _at_zero(self, n: int, draw: int) -> tuple[TrajectorySource, ...]:
+        """Of the components that have failed, once there are failures."""
         given = self._settings.final_guidance
         guidance = self._facts.guidance if given is None else given
-        return self._sampled(np.zeros(n, np.float32), guidance, draw)
+        failed = self._kinds()[self._trials.robustness <= 0.0]
+        mixture = self._model.mixture.among(np.unique(failed))
+        return self._sampled(np.zeros(n, np.float32), guidance, draw, mixture)
 
     def _sampled(
-        self, conditions: Floats, guidance: float, draw: int
+        self, conditions: Floats, guidance: float, draw: int, mixture: Mixture
     ) -> tuple[TrajectorySource, ...]:
-        samples = self._model.sample(conditions, guidance, draw)
+        samples = self._model.sample(conditions, guidance, draw, mixture)
         return tuple(TrajectorySource(z) for z in samples)
 
     def _examples(self) -> Examples:
-        trials, facts = self._trials, self._facts
-        rows = self._schedule.chosen(trials, facts.threshold_m or 0.0, self._settings)
+        trials, facts, kinds = self._trials, self._facts, self._kinds()
+        rows = self._schedule.chosen(trials, kinds, facts.threshold_m or 0.0, self._settings)
+        robustness = trials.robustness - trials.behind(kinds)
         return Examples(
             z=trials.z[rows],
             unseen=trials.unseen()[rows],
-            condition=trials.robustness[rows] / np.float32(facts.scale_m),
+            condition=robustness[rows] / np.float32(facts.scale_m),
             held_out=rows % HELD_OUT_EVERY == 0,
         )
+
+    def _kinds(self) -> Rows:
+        """The component of the mixture that each trajectory is most likely of, shape (n,)."""
+        kinds: Rows = self._model.mixture.components(self._trials.z, self._trials.unseen())
+        return kinds
 
     def _next_draw(self) -> int:
         self._note(draws=self._facts.draws + 1)

@@ -12,10 +12,12 @@ from torch import Tensor
 from eigenfail.errors import LearnerFailed
 from eigenfail.values import Floats
 from eigenfail_services.methods import tensors
-from eigenfail_services.methods.archive import Arrays
+from eigenfail_services.methods.archive import Arrays, take
 from eigenfail_services.methods.difs import diffusion
 from eigenfail_services.methods.difs.batches import Noised, Trajectories, shifted
 from eigenfail_services.methods.difs.denoiser import Denoiser
+from eigenfail_services.methods.difs.mixture import Mixture, one_normal
+from eigenfail_services.methods.difs.modes import elite, fit
 from eigenfail_services.methods.difs.options import DiffusionOptions, Examples
 from eigenfail_services.methods.difs.samplers import SAMPLERS
 
@@ -27,6 +29,9 @@ class DiffusionModel:
     """Learns p(x | r) from examples and samples from it.
 
     Every use takes the number of a draw, on which its randomness depends alone.
+
+    Attributes:
+        mixture: what is known in closed form.
     """
 
     def __init__(self, options: DiffusionOptions) -> None:
@@ -35,6 +40,7 @@ class DiffusionModel:
         self._device = _device(options.device)
         with tensors.own_randomness(options.seed, 0):
             self._denoiser = Denoiser(options.horizon * 2, options.width).to(self._device)
+        self.mixture = one_normal(options.horizon * 2)
         self._average = deepcopy(self._denoiser).requires_grad_(requires_grad=False)
         self._optimizer = _optimizer(self._denoiser, options)
 
@@ -44,10 +50,10 @@ class DiffusionModel:
         Raises:
             LearnerFailed: a weight became NaN or infinite.
         """
-        generator = self._generator(draw)
-        given = self._tensors(examples)
+        generator = self._generator(self._random(draw))
         held_out = torch.from_numpy(examples.held_out).to(self._device)
-        self._centre(given)
+        self.mixture = fit(elite(examples.z, examples.unseen, self._options.jitter))
+        given = self._tensors(examples)
         self._correct(given.only(~held_out), steps, generator)
         self._judge(given.only(held_out), generator)
         if not tensors.all_finite(chain(self._average.parameters(), self._average.buffers())):
@@ -56,7 +62,9 @@ class DiffusionModel:
                 "Lower learning_rate and start the campaign anew.",
             )
 
-    def sample(self, condition: Floats, guidance: float, draw: int) -> Floats:
+    def sample(
+        self, condition: Floats, guidance: float, draw: int, mixture: Mixture | None = None
+    ) -> Floats:
         """Trajectories for conditions (robustness ÷ scale), shape (n, horizon, 2). [sigma]
 
         The weight w of classifier-free guidance gives (1 + w) · v(r) - w · v(nothing known); the
@@ -66,14 +74,18 @@ class DiffusionModel:
             condition: one for each trajectory, shape (n,).
             guidance: w, at least -1.
             draw: number of the draw.
+            mixture: whose samples they are, instead of the model's own.
 
         Raises:
             LearnerFailed: the model does not give finite numbers.
         """
-        generator, wanted = self._generator(draw), self._tensor(condition)
+        random, wanted = self._random(draw), self._tensor(condition)
+        generator = self._generator(random)
+        given = mixture or self.mixture
+        means = self._tensor(given.means[given.drawn(len(condition), random)])
 
         def velocity(x: Tensor, angle: Tensor) -> Tensor:
-            guided: Tensor = (1.0 + guidance) * self._average(x, angle, wanted)
+            guided: Tensor = (1.0 + guidance) * self._average(x, angle, wanted, means)
             return guided
 
         options = self._options
@@ -84,8 +96,10 @@ class DiffusionModel:
         return _finite(x.cpu().numpy().reshape(len(condition), options.horizon, 2))
 
     def arrays(self) -> Arrays:
-        """Weights, their averages and the optimizer's moments."""
+        """Mixture, weights, their averages and the optimizer's moments."""
         return {
+            "shares": self.mixture.shares,
+            "means": self.mixture.means,
             **tensors.module_arrays("denoiser", self._denoiser),
             **tensors.module_arrays("average", self._average),
             **tensors.adam_arrays("optimizer", self._optimizer),
@@ -97,24 +111,16 @@ class DiffusionModel:
         Raises:
             ValueError: an array is missing or has another shape.
         """
+        shape = (len(arrays["shares"]), self._options.horizon * 2)
+        self.mixture = Mixture(arrays["shares"], take(arrays, "means", shape))
         tensors.load_module("denoiser", self._denoiser, arrays)
         tensors.load_module("average", self._average, arrays)
         tensors.load_adam("optimizer", self._optimizer, arrays)
 
-    def _centre(self, given: Trajectories) -> None:
-        """The mean over all trajectories and shifts; where nothing was seen it is the prior's."""
-        most = self._options.jitter
-        total = torch.zeros_like(given.z[0])
-        for by in range(-most, most + 1):
-            z, unseen = shifted(
-                given.z, given.unseen, torch.full_like(given.condition[:, None], by)
-            )
-            total += torch.where(unseen[..., None], 0.0, z).mean(dim=0)
-        for network in (self._denoiser, self._average):
-            network.mean.copy_(total.flatten() / (2 * most + 1))
-
     def _correct(self, given: Trajectories, steps: int, generator: torch.Generator) -> None:
         """Gradient steps of the velocity's mean squared error, and the averages' behind them."""
+        averages: list[Tensor] = list(self._average.parameters())
+        weights: list[Tensor] = list(self._denoiser.parameters())
         for _ in range(steps if len(given.z) else 0):
             noised = self._noised(given, self._options.batch_size, generator)
             predicted = self._denoiser.correct(noised.x, noised.angle, noised.condition)
@@ -123,11 +129,7 @@ class DiffusionModel:
             torch.autograd.backward(loss)
             self._optimizer.step()
             with torch.no_grad():
-                torch._foreach_lerp_(
-                    list(self._average.parameters()),
-                    list(self._denoiser.parameters()),
-                    1.0 - self._options.ema,
-                )
+                torch._foreach_lerp_(averages, weights, 1.0 - self._options.ema)
 
     def _judge(self, held_out: Trajectories, generator: torch.Generator) -> None:
         """Trust the correction as far as it explains trajectories that it never saw.
@@ -154,21 +156,26 @@ class DiffusionModel:
         x0 = torch.where(unseen[..., None], self._randn(z.shape, generator), z).flatten(1)
         eps = self._randn(x0.shape, generator)
         angle = torch.rand(count, generator=generator, device=self._device) * (pi / 2)
-        left = diffusion.velocity(x0, eps, angle) + torch.sin(angle)[:, None] * self._denoiser.mean
+        left = diffusion.velocity(x0, eps, angle) + torch.sin(angle)[:, None] * drawn.mean
         return Noised(diffusion.diffuse(x0, eps, angle), angle, drawn.condition, left)
 
     def _tensors(self, examples: Examples) -> Trajectories:
         unseen = torch.from_numpy(examples.unseen).to(self._device)
-        return Trajectories(self._tensor(examples.z), unseen, self._tensor(examples.condition))
+        each = self.mixture.components(examples.z, examples.unseen)
+        condition = self._tensor(examples.condition)
+        means = self._tensor(self.mixture.means[each])
+        return Trajectories(self._tensor(examples.z), unseen, condition, means)
 
-    def _generator(self, draw: int) -> torch.Generator:
-        random = np.random.default_rng([self._options.seed, draw])
+    def _random(self, draw: int) -> np.random.Generator:
+        return np.random.default_rng([self._options.seed, draw])
+
+    def _generator(self, random: np.random.Generator) -> torch.Generator:
         return torch.Generator(self._device).manual_seed(int(random.integers(2**63)))
 
     def _randn(self, shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
         return torch.randn(shape, generator=generator, device=self._device)
 
-    def _tensor(self, array: Floats) -> Tensor:
+    def _tensor(self, array: NDArray[np.floating]) -> Tensor:
         return torch.from_numpy(np.array(array, np.float32)).to(self._device)
 
 

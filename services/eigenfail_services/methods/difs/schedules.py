@@ -4,8 +4,8 @@ from typing import Protocol
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from eigenfail_services.methods.difs.mixture import Rows
 from eigenfail_services.methods.difs.settings import DifsSettings
 from eigenfail_services.methods.difs.trials import Trials
 
@@ -41,9 +41,9 @@ class Schedule(Protocol):
         """The division of a budget, where the settings leave it open."""
 
     def chosen(
-        self, trials: Trials, threshold_m: float, settings: DifsSettings
-    ) -> NDArray[np.intp]:
-        """Which trajectories the next training is on."""
+        self, trials: Trials, kinds: Rows, threshold_m: float, settings: DifsSettings
+    ) -> Rows:
+        """Which trajectories the next training is on, by what they are like so far: `kinds`."""
 
 
 class ManyRounds:
@@ -56,10 +56,10 @@ class ManyRounds:
         return Plan(max(round(FIRST_SHARE * episodes), fewest), round_size, episodes)
 
     def chosen(
-        self, trials: Trials, _threshold_m: float, settings: DifsSettings
-    ) -> NDArray[np.intp]:
-        """The elite of all; once failures are more than that, the likelier of the newest."""
-        return trials.elite(settings.elite, settings.likely_share)
+        self, trials: Trials, kinds: Rows, _threshold_m: float, settings: DifsSettings
+    ) -> Rows:
+        """The elite of each kind; once failures are more than that, the likelier of the newest."""
+        return trials.elite(settings.elite, settings.likely_share, kinds)
 
 
 class Paper:
@@ -71,8 +71,8 @@ class Paper:
         return Plan(half, PAPERS_SIZE, min(2 * PAPERS_SIZE, episodes))
 
     def chosen(
-        self, trials: Trials, threshold_m: float, _settings: DifsSettings
-    ) -> NDArray[np.intp]:
+        self, trials: Trials, _kinds: Rows, threshold_m: float, _settings: DifsSettings
+    ) -> Rows:
         """All at or below the threshold."""
         return np.flatnonzero(trials.robustness <= np.float32(threshold_m))
 

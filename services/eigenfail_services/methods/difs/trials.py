@@ -7,6 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.values import EpisodeResult, Experience, Floats, Outcome
+from eigenfail_services.methods.difs.mixture import Rows
+
+PATIENCE = 2
+"""Elites of failures found elsewhere, after which a kind without one is given up."""
 
 
 class Trials:
@@ -46,24 +50,36 @@ class Trials:
         """The robustness below which that share of the trajectories lies; inf without any. [m]"""
         return float(np.quantile(self.robustness, share)) if len(self) else float("inf")
 
-    def elite(self, count: int, likely_share: float) -> NDArray[np.intp]:
-        """The least robust; once failures are more than `count`, the likelier of the newest.
+    def elite(self, count: int, likely_share: float, kinds: Rows) -> Rows:
+        """The best of each kind, of all kinds that are kept alike many.
 
-        Which of two failures is likelier is read along their common mean m, by -z·m: that is
-        log p - log q for a proposal q = N(m, 1), up to a constant. By log p alone the noise in
-        directions that do not matter would decide. The newest come from proposals that have
-        lost more of what does not matter.
+        Which kind holds more of p(z | failure) a few dozen failures do not tell, and what had found
+        more by chance would soon hold all.
 
         Args:
             count: how many there shall be.
-            likely_share: what share of the newest failures they are.
+            likely_share: what share of a kind's newest failures they are.
+            kinds: of each trajectory, shape (n,).
         """
-        failures = np.flatnonzero(self.robustness <= 0.0)
-        if len(failures) <= count:
-            return np.argsort(self.robustness, kind="stable")[:count]
-        newest = failures[-ceil(count / likely_share) :]
-        z = self.z[newest].reshape(len(newest), -1)
-        return newest[np.argsort(z @ z.mean(axis=0), kind="stable")[:count]]
+        kept = self._kept(count, kinds)
+        each = ceil(count / len(kept))
+        return np.concatenate([self._best(rows, each, likely_share) for rows in kept])
+
+    def behind(self, kinds: Rows) -> Floats:
+        """How far the best of each trajectory's kind is from the best of all, shape (n,). [m]
+
+        Less this, what is best in a kind is what is asked for at the lowest robustness of all.
+        Otherwise the model would be asked for more than a kind has shown, and leave it.
+        """
+        best = np.full(kinds.max(initial=0) + 1, np.inf, np.float32)
+        np.minimum.at(best, kinds, self.robustness)
+        late: Floats = best[kinds] - self.robustness.min()
+        return late
+
+    def settled(self, count: int, kinds: Rows) -> bool:
+        """Whether failures suffice for an elite of that many, in each kind that is kept."""
+        kept = self._kept(count, kinds)
+        return all(len(self._failures(rows)) >= count / len(kept) for rows in kept)
 
     def unseen(self) -> NDArray[np.bool_]:
         """Which steps lie behind an episode's end, shape (n, horizon).
@@ -73,6 +89,31 @@ class Trials:
         teach the model to be too narrow there.
         """
         return np.arange(self.z.shape[1]) >= self.steps[:, None]
+
+    def _kept(self, count: int, kinds: Rows) -> list[Rows]:
+        """The trajectories of each kind; in the end of those that have failed at all."""
+        each = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
+        if np.count_nonzero(self.robustness <= 0.0) < PATIENCE * count:
+            return each
+        return [rows for rows in each if len(self._failures(rows))]
+
+    def _failures(self, rows: Rows) -> Rows:
+        return rows[self.robustness[rows] <= 0.0]
+
+    def _best(self, rows: Rows, count: int, likely_share: float) -> Rows:
+        """The least robust; once failures are more than `count`, the likelier of the newest.
+
+        Which of two failures is likelier is read along their common mean m, by -z·m: that is
+        log p - log q for a proposal q = N(m, 1), up to a constant. By log p alone the noise in
+        directions that do not matter would decide. The newest come from proposals that have
+        lost more of what does not matter.
+        """
+        failures = self._failures(rows)
+        if len(failures) <= count:
+            return rows[np.argsort(self.robustness[rows], kind="stable")[:count]]
+        newest = failures[-ceil(count / likely_share) :]
+        z = self.z[newest].reshape(len(newest), -1)
+        return newest[np.argsort(z @ z.mean(axis=0), kind="stable")[:count]]
 
     def _append(self, z: Floats, steps: NDArray[np.number], robustness: Floats) -> None:
         self.z = np.concatenate([self.z, z.astype(np.float32)])

@@ -40,6 +40,10 @@ class SubsetMethodSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
         int, Meta(ge=1, le=100_000, description="episodes in a round at most")
     ] = 10_000
 
+    def check_budget(self, episodes: int) -> None:
+        """Raises InvalidValue if the budget allows too few samples."""
+        self.within(episodes)
+
     def within(self, episodes: int) -> SubsetSettings:
         """Settings of one run within a budget of all of them.
 

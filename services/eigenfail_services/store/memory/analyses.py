@@ -59,11 +59,17 @@ class MemoryAnalyses:
         self._change(analysis, state=AnalysisState.FAILED, problem=problem)
 
     def link_replay(self, analysis: int, campaign: int) -> None:
-        """Remember the campaign that replays its eigenfailures."""
+        """Remember a campaign that replays what it found."""
         with self._tables.lock:
             self._tables.campaign(campaign)
-            before = self._tables.analysis(analysis)
-            self._tables.analyses[analysis] = replace(before, replay_campaign=campaign)
+            self._tables.analysis(analysis)
+            self._tables.replays.setdefault(analysis, set()).add(campaign)
+
+    def replays(self, analysis: int) -> tuple[int, ...]:
+        """The campaigns that replay what it found, oldest first."""
+        with self._tables.lock:
+            self._tables.analysis(analysis)
+            return tuple(sorted(self._tables.replays.get(analysis, ())))
 
     def _change(self, analysis: int, **changes: Any) -> None:
         with self._tables.lock:

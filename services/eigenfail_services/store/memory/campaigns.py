@@ -2,7 +2,15 @@
 
 from msgspec.structs import replace
 
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Estimate, Page
+from eigenfail.values import (
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    Counts,
+    Estimate,
+    Overhead,
+    Page,
+)
 from eigenfail.values.records import JobKind
 from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved
 from eigenfail_services.store import sentences
@@ -10,6 +18,8 @@ from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.memory.episodes import digest
 from eigenfail_services.store.memory.tables import Tables
 from eigenfail_services.store.refusals import key_used
+
+NOTHING = Overhead()
 
 
 class MemoryCampaigns:
@@ -41,6 +51,7 @@ class MemoryCampaigns:
             state=CampaignState.QUEUED,
             counts=Counts(spec.episodes),
             created_ms=now_ms(),
+            overhead=Overhead(),
         )
         self._tables.campaigns[campaign.id] = campaign
         self._tables.episodes[campaign.id] = {}
@@ -88,12 +99,24 @@ class MemoryCampaigns:
             if CampaignState.DEAD in MOVES[self._tables.campaign(campaign).state]:
                 self.move(campaign, CampaignState.DEAD, because)
 
-    def add_active(self, campaign: int, seconds: float) -> None:
-        """Add to the time during which the campaign was running."""
+    def add_active(self, campaign: int, seconds: float, overhead: Overhead = NOTHING) -> None:
+        """Add to the time during which the campaign was running, and to what that went into."""
         with self._tables.lock:
             before = self._tables.campaign(campaign)
-            after = replace(before, active_s=before.active_s + seconds)
-            self._tables.campaigns[campaign] = after
+            self._tables.campaigns[campaign] = replace(
+                before,
+                active_s=before.active_s + seconds,
+                overhead=before.overhead and added(before.overhead, overhead),
+            )
+
+
+def added(one: Overhead, other: Overhead) -> Overhead:
+    """Both together."""
+    return Overhead(
+        one.learning_s + other.learning_s,
+        one.waiting_s + other.waiting_s,
+        one.discarded_s + other.discarded_s,
+    )
 
 
 class MemoryCheckpoints:
@@ -102,11 +125,19 @@ class MemoryCheckpoints:
     def __init__(self, tables: Tables) -> None:
         self._tables = tables
 
-    def save(self, campaign: int, checkpoint: bytes, estimate: Estimate | None = None) -> None:
-        """Replace the checkpoint and the campaign's estimate, both or neither."""
+    def save(
+        self,
+        campaign: int,
+        checkpoint: bytes,
+        estimate: Estimate | None = None,
+        trained_episodes: int | None = None,
+    ) -> None:
+        """Replace the checkpoint and what the campaign's learner told, all or nothing."""
         with self._tables.lock:
             before = self._tables.campaign(campaign)
-            self._tables.campaigns[campaign] = replace(before, estimate=estimate)
+            self._tables.campaigns[campaign] = replace(
+                before, estimate=estimate, trained_episodes=trained_episodes
+            )
             self._tables.checkpoints[campaign] = checkpoint
 
     def load(self, campaign: int) -> bytes | None:

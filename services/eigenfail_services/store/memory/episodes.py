@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 
 from msgspec.structs import replace
@@ -14,8 +14,12 @@ from eigenfail.values import (
     Outcome,
     Page,
     PairTotals,
+    SafetyTotals,
+    SpendingTotals,
+    Trials,
 )
 from eigenfail.values.records import (
+    PORTION,
     ConflictTotals,
     Delivery,
     EpisodeOrder,
@@ -24,11 +28,17 @@ from eigenfail.values.records import (
     Totals,
     Verdict,
 )
+from eigenfail.values.region import MOST_TRIALS
+from eigenfail.values.safety import MOST_POINTS
+from eigenfail.values.spending import MOST_LANDINGS
 from eigenfail_services.store import sentences
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.judging import judge, row_of
 from eigenfail_services.store.memory.blocks import course, paired
+from eigenfail_services.store.memory.safety import safety
+from eigenfail_services.store.memory.spending import spending
 from eigenfail_services.store.memory.tables import Tables
+from eigenfail_services.store.memory.trials import trials
 from eigenfail_services.store.refusals import no_episode
 
 
@@ -96,6 +106,13 @@ class MemoryEpisodes:
         found = [r for _, r in ordered(self._tables, campaign) if r.is_failure]
         return Failures(tuple(r.index for r in found), tuple(r.noise.z for r in found))
 
+    def failure_portions(self, campaign: int) -> Iterator[Failures]:
+        """The noise of all collisions, some at a time."""
+        whole = self.failures(campaign)
+        for first in range(0, len(whole.indices), PORTION):
+            last = first + PORTION
+            yield Failures(whole.indices[first:last], whole.noise[first:last])
+
     def totals(self, campaign: int) -> Totals:
         """Sums over all collisions, and episodes counted by class."""
         rows = [row for row, _ in ordered(self._tables, campaign)]
@@ -112,6 +129,18 @@ class MemoryEpisodes:
     def course(self, campaign: int, per: int) -> list[BlockTotals]:
         """Sums over blocks of `per` indices, in index order."""
         return course([row for row, _ in ordered(self._tables, campaign)], per)
+
+    def safety(self, campaign: int, most: int = MOST_POINTS) -> SafetyTotals:
+        """Safety measures over the completed episodes, with at most so many points."""
+        return safety([row for row, _ in ordered(self._tables, campaign)], most)
+
+    def trials(self, campaign: int, most: int = MOST_TRIALS) -> Trials:
+        """Seeds and outcomes of the completed episodes, of at most so many."""
+        return trials([row for row, _ in ordered(self._tables, campaign)], most)
+
+    def spending(self, campaign: int, most: int = MOST_LANDINGS) -> SpendingTotals:
+        """Worker time in the episodes, and when they landed."""
+        return spending([row for row, _ in ordered(self._tables, campaign)], most)
 
     def paired(self, first: int, second: int) -> PairTotals:
         """The episodes that two campaigns both completed."""

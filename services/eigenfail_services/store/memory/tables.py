@@ -35,6 +35,7 @@ class Tables:
         self.episodes: dict[int, dict[int, tuple[EpisodeRow, EpisodeResult]]] = {}
         self.checkpoints: dict[int, bytes] = {}
         self.analyses: dict[int, Analysis] = {}
+        self.replays: dict[int, set[int]] = {}
         self.events: dict[int, Event] = {}
         self.jobs: dict[int, QueuedJob] = {}
         self.job_ids = count(1)

@@ -41,8 +41,10 @@ function settle(form, done, answer) {
 
 function fieldsOf(form) {
   const filled = [...form.elements].filter((element) => element.name && element.value !== "");
-  return Object.fromEntries(filled.map((element) => [
-    element.name,
-    "number" in element.dataset ? Number(element.value) : element.value,
-  ]));
+  return Object.fromEntries(filled.map((element) => [element.name, valueOf(element)]));
+}
+
+function valueOf({ dataset, value }) {
+  if ("number" in dataset) return Number(value);
+  return "numbers" in dataset ? value.split(",").map(Number) : value;
 }

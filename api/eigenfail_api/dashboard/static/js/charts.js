@@ -3,9 +3,11 @@ import { cost } from "./charts_cost.js";
 import { curve, likelihood, robustness } from "./charts_campaign.js";
 import { eigenfailures, explained, influence, scores } from "./charts_analysis.js";
 import { noise } from "./charts_noise.js";
+import { bills, spending } from "./charts_spending.js";
+import { training } from "./charts_training.js";
 import { onThemeChange } from "./theme.js";
 
-const KINDS = { cost, curve, eigenfailures, explained, influence, likelihood, noise, robustness, scores };
+const KINDS = { bills, cost, curve, eigenfailures, explained, influence, likelihood, noise, robustness, scores, spending, training };
 
 const drawn = new WeakMap();
 const resized = new ResizeObserver((entries) => {

@@ -35,7 +35,9 @@ export function scores({ episode, mode, x, y, centres }) {
     symbol: symbol(number),
     symbolSize: 8,
     itemStyle: { color: mark(number), opacity: 0.8 },
-    data: episode.map((index, row) => [x[row], y[row], index]).filter((_, row) => mode[row] === number),
+    data: episode
+      .map((address, row) => ({ value: [x[row], y[row]], link: address.replace("/", "/episodes/"), address }))
+      .filter((_, row) => mode[row] === number),
   }));
   const middles = {
     name: "centre",
@@ -51,7 +53,7 @@ export function scores({ episode, mode, x, y, centres }) {
     legend: legend(),
     xAxis: axis("First score", { scale: true }),
     yAxis: yAxis("Second score", { scale: true }),
-    tooltip: tooltip(({ data, seriesName }) => tip(seriesName, data.value ? [] : [`episode ${data[2]}`])),
+    tooltip: tooltip(({ data, seriesName }) => tip(seriesName, data.address ? [`campaign/episode ${data.address}`] : [])),
     series: [...series, middles],
   };
 }
@@ -76,8 +78,8 @@ export function influence(values) {
     legend: legend({ itemWidth: 30 }),
     xAxis: axis("Step"),
     yAxis: yAxis("Influence", { min: 0 }),
-    tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`step ${data[0]}: ${compact(data[1])}`])),
-    series: AXES.map((name, position) => ({
+    tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`step ${data[0]}: ${compact(data[1])}`, data[2] ?? ""])),
+    series: [...AXES.map((name, position) => ({
       name,
       type: "line",
       data: values[name].map((value, step) => [step, value]),
@@ -86,6 +88,19 @@ export function influence(values) {
       showSymbol: false,
       itemStyle: { color: mark(position) },
       lineStyle: { color: mark(position), type: dash(position), width: 2 },
-    })),
+    })), ...AXES.map((name, position) => moments(name, position, values))],
+  };
+}
+
+function moments(name, position, values) {
+  return {
+    name,
+    type: "scatter",
+    symbol: symbol(position + 2),
+    symbolSize: 11,
+    itemStyle: { color: mark(position) },
+    data: values.moments
+      .filter((moment) => moment.axis === name)
+      .map((moment) => [moment.step, values[name][moment.step], moment.told]),
   };
 }

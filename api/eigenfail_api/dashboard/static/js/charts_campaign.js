@@ -42,20 +42,30 @@ export function robustness({ index, robustness: distance, collision }) {
   };
 }
 
-export function likelihood({ index, likelihood: logP, severity }) {
+const LOOKS = {
+  "planner failure": { symbol: "diamond", mark: "mark-1" },
+  unavoidable: { symbol: "triangle", mark: "mark-0" },
+  "not classified": { symbol: "circle", mark: "mark-7" },
+};
+
+export function likelihood({ index, likelihood: logP, severity, kind }) {
+  const points = index.map((episode, row) => [logP[row], severity[row], episode]);
+  const kinds = Object.keys(LOOKS).filter((name) => kind.includes(name));
   return {
-    grid: grid({ top: 14 }),
+    grid: grid(),
+    legend: legend(),
     xAxis: axis("log p per step", { scale: true }),
     yAxis: yAxis("Severity [m²/s²]", { min: 0 }),
-    tooltip: tooltip(({ data }) => tip(`Episode ${data[2]}`, [
-      `log p per step ${compact(data[0])}`, `severity ${compact(data[1])} m²/s²`,
+    tooltip: tooltip(({ data, seriesName }) => tip(`Episode ${data[2]}`, [
+      seriesName, `log p per step ${compact(data[0])}`, `severity ${compact(data[1])} m²/s²`,
     ])),
-    series: [{
+    series: kinds.map((name) => ({
+      name,
       type: "scatter",
-      symbol: "diamond",
+      symbol: LOOKS[name].symbol,
       symbolSize: 8,
-      itemStyle: { color: colour("mark-1"), opacity: 0.8 },
-      data: index.map((episode, row) => [logP[row], severity[row], episode]),
-    }],
+      itemStyle: { color: colour(LOOKS[name].mark), opacity: 0.8 },
+      data: points.filter((_, row) => kind[row] === name),
+    })),
   };
 }

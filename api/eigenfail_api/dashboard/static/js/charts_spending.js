@@ -1,0 +1,51 @@
+// What had been found once so much was spent.
+import { axis, compact, grid, legend, tip, tooltip, yAxis } from "./parts.js";
+import { dash, mark, symbol } from "./theme.js";
+
+const WHOLE = { min: 0, minInterval: 1 };
+
+const spent = () => axis("USD", { min: 0, axisLabel: { ...axis("").axisLabel, formatter: compact } });
+
+export function spending({ usd, failures, modes }) {
+  return {
+    grid: grid({ right: modes ? 52 : 18 }),
+    legend: legend({ itemWidth: 30 }),
+    xAxis: spent(),
+    yAxis: [
+      yAxis("Failures", WHOLE),
+      ...(modes ? [yAxis("Distinct modes", { ...WHOLE, max: ({ max }) => max + 1, nameGap: 30, splitLine: { show: false } })] : []),
+    ],
+    tooltip: tooltip(({ seriesName, data }) => tip(`${compact(data[0])} USD`, [`${compact(data[1])} ${seriesName}`])),
+    series: [
+      steps("failures", usd, failures, 0),
+      ...(modes ? [{ ...steps("modes", usd, modes, 1), yAxisIndex: 1 }] : []),
+    ],
+  };
+}
+
+const SIDES = ["A", "B"];
+
+export function bills({ what, lines }) {
+  return {
+    grid: grid(),
+    legend: legend({ itemWidth: 30 }),
+    xAxis: spent(),
+    yAxis: yAxis(what, WHOLE),
+    tooltip: tooltip(({ data }) => tip(data[2], [`${compact(data[0])} USD: ${compact(data[1])}`])),
+    series: lines.map(({ name, side, usd, found }) => steps(SIDES[side], usd, found, side, name)),
+  };
+}
+
+function steps(name, usd, counts, position, title) {
+  return {
+    name,
+    type: "line",
+    step: "end",
+    data: usd.map((sum, point) => [sum, counts[point], title]),
+    symbol: symbol(position),
+    symbolSize: 6,
+    showSymbol: usd.length < 60,
+    itemStyle: { color: mark(position) },
+    lineStyle: { color: mark(position), type: dash(position), width: 2 },
+  };
+}

@@ -1,0 +1,88 @@
+// Intervals of the training, one below the other: each line swings about a row of its own.
+import { axis, compact, legend, tip, tooltip } from "./parts.js";
+import { colour, dash, mark } from "./theme.js";
+
+const AXES = ["longitudinal", "lateral"];
+const NARROW_PX = 620;
+const PANEL_PX = 380;
+const HEADING_PX = 22;
+const SWING = 0.9;
+
+export function training(values, width) {
+  const stacked = width < NARROW_PX;
+  const top = topOf(values, stacked);
+  return {
+    height: top + (stacked ? 2 * PANEL_PX : PANEL_PX),
+    legend: legend({
+      data: values.names.length > 1 ? values.names : [],
+      selected: Object.fromEntries(values.names.map((name, position) => [name, !position])),
+      itemWidth: 30,
+      inactiveColor: colour("muted"),
+      inactiveBorderColor: colour("muted"),
+    }),
+    grid: AXES.map((_, panel) => place(panel, stacked, top)),
+    xAxis: AXES.map((_, panel) => axis("Step", { gridIndex: panel, nameGap: 26, max: "dataMax" })),
+    yAxis: AXES.map((name, panel) => rows(name, panel, values)),
+    title: AXES.map((name, panel) => heading(name, panel, values, stacked, top)),
+    tooltip: tooltip(({ seriesName, data }) => tip(`Episodes ${data[3]}`, [
+      seriesName, `step ${data[0]}: ${compact(data[2])}`,
+    ])),
+    series: AXES.flatMap((name, panel) => lines(name, panel, values)),
+  };
+}
+
+// Below the legend, which takes two lines where there is little room.
+function topOf({ names }, stacked) {
+  if (names.length < 2) return 14;
+  return stacked ? 48 : 28;
+}
+
+function place(panel, stacked, top) {
+  const height = PANEL_PX - HEADING_PX - 50;
+  if (stacked) return { left: 74, right: 12, top: top + HEADING_PX + panel * PANEL_PX, height };
+  return { left: panel ? "59%" : 74, width: "38%", top: top + HEADING_PX, height };
+}
+
+function heading(name, panel, values, stacked, top) {
+  return {
+    text: `${name}: a row is ${compact(scaleOf(values[name]))} high`,
+    textStyle: { color: colour("muted"), fontSize: 12, fontWeight: "normal" },
+    padding: 0,
+    left: stacked || !panel ? 74 : "59%",
+    top: top + (stacked ? panel * PANEL_PX : 0),
+  };
+}
+
+function rows(name, panel, { spans }) {
+  const last = spans.length - 1;
+  return axis("", {
+    gridIndex: panel,
+    inverse: true,
+    min: -1,
+    max: last + 1,
+    interval: 1,
+    axisLabel: { color: colour("muted"), fontSize: 11, formatter: (row) => spans[row] ?? "", hideOverlap: true },
+    axisTick: { show: false },
+  });
+}
+
+function lines(name, panel, { names, steps, spans, ...values }) {
+  const scale = scaleOf(values[name]);
+  return values[name].flatMap((interval, row) => interval.map((line, position) => ({
+    name: names[position],
+    type: "line",
+    xAxisIndex: panel,
+    yAxisIndex: panel,
+    data: line.map((value, point) => [steps[point], row - (SWING * value) / scale, value, spans[row]]),
+    symbol: "circle",
+    symbolSize: 6,
+    showSymbol: false,
+    itemStyle: { color: mark(position) },
+    lineStyle: { color: mark(position), type: dash(position), width: 1.5 },
+  })));
+}
+
+// The largest swing of an axis: what the distance between two rows stands for.
+function scaleOf(intervals) {
+  return Math.max(...intervals.flat(2).map(Math.abs), 1e-9);
+}

@@ -1,0 +1,115 @@
+"""The paper's experiments at full scale: figures, pictures, and docs/reproduction.md from both."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import msgspec
+from crew import Crew
+from figures import ROOT, Figure
+from samples import COMMAND
+
+from eigenfail.cli.local_service import Plan, local_service
+from eigenfail.client import Client
+from eigenfail.reproduction.claims import claims
+from eigenfail.reproduction.evidence import reproduction
+from eigenfail.reproduction.page import page
+from eigenfail.reproduction.programme import programme
+from eigenfail.reproduction.results import Reproduction
+from eigenfail.suites import Suite
+
+FILE = ROOT / "docs" / "reproduction.json"
+PAGE = ROOT / "docs" / "reproduction.md"
+FOLDER = "reproduction"
+"""Of the pictures, beside the page."""
+
+LEARNT, SHOWN, OTHER = "ast", "ast evaluation", "difs evaluation"
+
+PICTURES = {
+    "likelihood-severity": ("", "Likelihood against severity of failures, AST and DiFS"),
+    "explained-variance": ("", "Variance explained by each principal component"),
+    "scores": (SHOWN, "Failures of AST by their first two components"),
+    "eigenfailures": (SHOWN, "Eigenfailures of AST, and how far its failures lie from them"),
+    "influence": (SHOWN, "Influence of each step, aligned at the start"),
+    "training": (LEARNT, "Mean disturbance through AST's training, in ten intervals"),
+}
+"""Of a report on three campaigns, with the campaign that a picture is of, if it is of one."""
+
+
+class Run(NamedTuple):
+    """What was found, and SVG pictures by name."""
+
+    found: Reproduction
+    pictures: Mapping[str, bytes]
+
+
+def reproduced(seed: int, scale: str = "full") -> Run:
+    """What `eigenfail reproduce` finds, on a service of its own."""
+    suite = programme(scale, seed)
+    with (
+        TemporaryDirectory() as folder,
+        local_service(Plan(Path(folder), port=0)) as service,
+        Client(service.address.url) as client,
+    ):
+        client.suites.run(suite, on_progress=lambda _: service.check())
+        found = reproduction(client, suite, scale)
+        return Run(found, dict(drawn(client, suite, Path(folder) / "report")))
+
+
+def drawn(client: Client, suite: Suite, folder: Path) -> Iterator[tuple[str, bytes]]:
+    """Pictures of a report."""
+    campaigns = zip(suite.members, client.suites.find(suite), strict=True)
+    ids = {member.name: campaign.id for member, campaign in campaigns if campaign}
+    trained = client.analyses.create(ids[LEARNT])
+    client.analyses.wait(trained.id)
+    other = client.analyses.create(ids[OTHER])
+    client.analyses.wait(other.id)
+    client.report([ids[name] for name in (LEARNT, SHOWN, OTHER)], folder)
+    for name, (of, _) in PICTURES.items():
+        file = f"{name}-campaign-{ids[of]}.svg" if of else f"{name}.svg"
+        yield name, (folder / "pictures" / file).read_bytes()
+
+
+def find(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure | Run]]:
+    """The run, and every number of it; a service has workers of its own."""
+    run = reproduced(seed)
+    yield "reproduction", run
+    yield from figures(run.found)
+
+
+def figures(found: Reproduction) -> Iterator[tuple[str, Figure]]:
+    """Every number of it."""
+    for name, claim in claims(found).items():
+        ends = claim.interval and (claim.interval.low, claim.interval.high)
+        yield (
+            name,
+            Figure(
+                value=claim.value,
+                unit=claim.unit,
+                n=claim.n,
+                interval=ends,
+                paper=claim.paper,
+                command=COMMAND,
+            ),
+        )
+
+
+def read(path: Path = FILE) -> Reproduction:
+    """What is kept."""
+    return msgspec.json.decode(path.read_bytes(), type=Reproduction)
+
+
+def write(run: Run, path: Path = FILE) -> None:
+    """Replace what is kept, and the pictures beside it."""
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(run.found), indent=2) + b"\n")
+    folder = path.with_name(FOLDER)
+    folder.mkdir(exist_ok=True)
+    for name, picture in run.pictures.items():
+        (folder / f"{name}.svg").write_bytes(picture)
+
+
+def illustrated(found: Reproduction) -> str:
+    """The page, with the pictures of the same run behind the tables."""
+    pictures = (f"![{title}]({FOLDER}/{name}.svg)\n" for name, (_, title) in PICTURES.items())
+    return "\n".join((page(found), "## Pictures\n", *pictures))

@@ -1,0 +1,134 @@
+"""The known failures of a baseline, as a service knows them."""
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+from eigenfail.cli.run import Place
+from eigenfail.client import Client
+from eigenfail.client.analyses import OVER
+from eigenfail.client.waiting import wait_until
+from eigenfail.gate.known import (
+    KnownReplay,
+    Under,
+    proven,
+    replay_of_minimal,
+    replays_of_modes,
+    shrinks,
+)
+from eigenfail.gate.reruns import outcome_of
+from eigenfail.gate.versions import run_of
+from eigenfail.suites import Member, Suite
+from eigenfail.values import (
+    Analysis,
+    AnalysisState,
+    Campaign,
+    CampaignState,
+    Outcome,
+    episode_seed,
+)
+from eigenfail.values.records import EpisodeRow
+from eigenfail.values.variation import KINDS
+from eigenfail.variations import drawn_for
+
+POLL_S = 0.3
+
+
+class Replay(NamedTuple):
+    """Known failures injected into the new planner, and into the baseline's own."""
+
+    now: KnownReplay
+    before: KnownReplay
+
+
+class Known(NamedTuple):
+    """The known failures of a member's baseline, and what keeps others from being known."""
+
+    replays: tuple[Replay, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+class KnownFailures:
+    """Finds the known failures of campaigns, analysing those that were not.
+
+    Args:
+        client: of the service.
+        place: where it is.
+    """
+
+    def __init__(self, client: Client, place: Place) -> None:
+        self._client = client
+        self._place = place
+
+    def of(self, run: str, member: Member, before: Campaign) -> Known:
+        """Those of a baseline's campaign.
+
+        Args:
+            run: the name of the run in which they are replayed.
+            member: whose planner they are injected into.
+            before: the campaign.
+        """
+        if not before.counts.failures:
+            return Known()
+        if varies(before) and not drawn(before, 0):
+            problem = f"scenario '{before.spec.scenario}' is not installed here."
+            return Known(notes=(f"Known failures are not replayed: {problem}",))
+        analysis = self._analysis(before)
+        new = Under(run, member)
+        old = Under(run_of(before, member), Member(member.name, before.spec))
+        replays = zip(
+            self._replays(new, before, analysis), self._replays(old, before, analysis), strict=True
+        )
+        notes = () if analysis.result else (f"It has no failure modes: {analysis.problem}",)
+        return Known(tuple(Replay(*both) for both in replays), notes)
+
+    def proven(self, replay: Replay) -> KnownReplay:
+        """What is injected, knowing what came of it when the baseline's version was gated."""
+        (found,) = self._client.suites.find(Suite("", (replay.before.member,)))
+        if found is None or found.state is not CampaignState.DONE:
+            return replay.now
+        return proven(replay.now, outcome_of(rows(self._client, found)))
+
+    def _replays(self, under: Under, before: Campaign, analysis: Analysis) -> Iterator[KnownReplay]:
+        """The modes of a campaign, and what was shrunk of it, for one planner."""
+        yield from replays_of_modes(under, before, analysis, partial(drawn, before))
+        for campaign in self._client.campaigns.list(CampaignState.DONE):
+            if shrinks(campaign, before, analysis):
+                failures = [*self._client.episodes.list(campaign.id, Outcome.COLLISION)]
+                yield from replay_of_minimal(under, campaign, failures, partial(drawn, campaign))
+
+    def _analysis(self, before: Campaign) -> Analysis:
+        """The first analysis of a campaign alone that did not fail; a new one if there is none.
+
+        The first, so that later ones change nothing of what a gate knows.
+        """
+        alone = (each for each in self._client.analyses.list(before.id) if is_of_one(each))
+        kept = [each for each in alone if each.state is not AnalysisState.FAILED]
+        analysis = kept[-1] if kept else self._client.analyses.create(before.id)
+
+        def look() -> Analysis:
+            self._place.check()
+            return self._client.analyses.get(analysis.id)
+
+        return wait_until(look, lambda each: each.state in OVER, POLL_S, None)
+
+
+def is_of_one(analysis: Analysis) -> bool:
+    """Whether it is of the failures of a single campaign."""
+    return not analysis.settings.campaigns
+
+
+def rows(client: Client, campaign: Campaign) -> dict[int, EpisodeRow]:
+    """The episodes of a campaign that have a result, by index."""
+    return {row.index: row for row in client.episodes.list(campaign.id)}
+
+
+def varies(campaign: Campaign) -> bool:
+    """Whether its episodes draw parameters of their scenario."""
+    given = campaign.spec.scenario_parameters.values()
+    return any(isinstance(each, dict) and KINDS.keys() & each.keys() for each in given)
+
+
+def drawn(campaign: Campaign, index: int) -> Mapping[str, Any]:
+    """What an episode drew of its scenario's parameters, by name."""
+    return drawn_for(campaign.spec, episode_seed(campaign.spec.seed, index))

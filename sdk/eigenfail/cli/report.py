@@ -1,0 +1,38 @@
+"""`eigenfail report`: what campaigns found, as files that can be handed on."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eigenfail.cli.options import DEFAULT_URL, AsJson, Url
+from eigenfail.cli.output import show
+from eigenfail.cli.surroundings import client_at
+
+app = typer.Typer(add_completion=False)
+
+CampaignIds = Annotated[
+    list[int], typer.Argument(metavar="CAMPAIGN...", min=1, help="Ids of campaigns.")
+]
+Output = Annotated[
+    Path, typer.Option("--output", "-o", help="Folder of the report; made if it is not there.")
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace the report that is in the folder.")]
+
+
+@app.command()
+def report(
+    context: typer.Context,
+    campaigns: CampaignIds,
+    output: Output = Path("report"),
+    force: Force = False,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Write a report on campaigns: one HTML file that needs nothing else, and its data.
+
+    The folder holds report.html, report.json, tables/*.csv and pictures/*.svg.
+    """
+    with client_at(context, url) as client:
+        made = client.report(campaigns, output, force)
+    show(made, as_json, lambda: f"The report is in {output / 'report.html'}.")

@@ -1,0 +1,185 @@
+"""Known failures of a baseline, and the campaigns that inject them into another planner."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import msgspec
+from msgspec.structs import replace
+
+from eigenfail.suites import Member
+from eigenfail.values import Analysis, Campaign, CampaignSpec, FailureMode, Outcome, StopRules
+from eigenfail.values.records import EpisodeRow
+
+REPLAY = "replay"
+MINIMAL = "minimal"
+"""The method whose campaigns shrink a failure; its settings name a campaign and an episode."""
+
+Drawn = Callable[[int], Mapping[str, Any]]
+"""The scenario parameters that the baseline's episode of an index drew, by name."""
+
+
+class KnownFailure(msgspec.Struct, frozen=True):
+    """Noise under which the baseline failed, or is thought to have: one of three kinds.
+
+    An eigenfailure is the centre of a failure mode; a medoid is the real failure nearest to it; a
+    minimal failure is the likeliest that is left of a failure that was shrunk.
+
+    Attributes:
+        what: it is, in words.
+        was: the baseline's episode, as CAMPAIGN/INDEX; empty of an eigenfailure.
+        before: what came of it with the baseline's planner; None where that was never tried.
+    """
+
+    what: str
+    was: str = ""
+    before: Outcome | None = None
+
+
+class KnownReplay(msgspec.Struct, frozen=True):
+    """A campaign that injects known failures.
+
+    Attributes:
+        member: of a suite; named after the member whose baseline's failures these are.
+        known: the known failure of each episode, by index; others are of no interest.
+    """
+
+    member: Member
+    known: dict[int, KnownFailure]
+
+
+class Under(msgspec.Struct, frozen=True):
+    """The planner that known failures are injected into, and the run that this belongs to.
+
+    Attributes:
+        run: name of the run.
+        member: whose planner it is.
+    """
+
+    run: str
+    member: Member
+
+    def replay(self, title: str, like: CampaignSpec, **varied: Any) -> Member:
+        """A campaign that replays noise in the world of another, with this planner."""
+        name = f"{self.member.name}: {title}"
+        spec = replace(
+            like,
+            name=f"{self.run}: {name}",
+            method=REPLAY,
+            planner=self.member.spec.planner,
+            planner_settings=self.member.spec.planner_settings,
+            stop=StopRules(),
+            scene_every=1,
+            **varied,
+        )
+        return Member(name, spec)
+
+
+def replays_of_modes(
+    under: Under, before: Campaign, analysis: Analysis, drawn: Drawn
+) -> Iterator[KnownReplay]:
+    """The eigenfailures and medoids of an analysis, each in its own scenario.
+
+    Where the scenario's parameters vary, an eigenfailure's own scenario is that of its medoid:
+    modes whose medoids drew the same share a campaign.
+
+    Args:
+        under: the planner.
+        before: the campaign that was analysed.
+        analysis: done, with at least one mode.
+        drawn: see `Drawn`.
+    """
+    modes = analysis.result.modes if analysis.result else ()
+    for parameters, places in by_scenario(modes, drawn):
+        world = in_scenario(before.spec, parameters)
+        where = f" as in {before.id}/{modes[places[0]].medoid}" if parameters else ""
+        eigenfailures = under.replay(
+            f"eigenfailures of analysis {analysis.id}{where}",
+            world,
+            settings={"analysis": analysis.id},
+            episodes=len(modes),
+        )
+        yield KnownReplay(eigenfailures, {n: eigenfailure(analysis.id, n) for n in places})
+        medoids = [modes[place].medoid for place in places]
+        again = under.replay(
+            f"medoids of analysis {analysis.id}{where}",
+            world,
+            settings={"campaign": before.id, "episodes": medoids},
+            episodes=len(medoids),
+        )
+        known = {n: medoid(place, before.id, modes[place]) for n, place in enumerate(places)}
+        yield KnownReplay(again, known)
+
+
+def in_scenario(spec: CampaignSpec, drawn: Mapping[str, Any]) -> CampaignSpec:
+    """The campaign in the scenario that one of its episodes drew."""
+    return replace(spec, scenario_parameters={**spec.scenario_parameters, **drawn})
+
+
+def by_scenario(
+    modes: Sequence[FailureMode], drawn: Drawn
+) -> Iterator[tuple[Mapping[str, Any], list[int]]]:
+    """The modes by what their medoids drew, in order."""
+    groups: dict[bytes, tuple[Mapping[str, Any], list[int]]] = {}
+    for place, mode in enumerate(modes):
+        parameters = drawn(mode.medoid)
+        key = msgspec.json.encode(dict(parameters), order="sorted")
+        groups.setdefault(key, (parameters, []))[1].append(place)
+    yield from groups.values()
+
+
+def eigenfailure(analysis: int, place: int) -> KnownFailure:
+    """The eigenfailure of a mode: nobody knows yet whether it fails."""
+    return KnownFailure(f"eigenfailure {place + 1} of analysis {analysis}")
+
+
+def medoid(place: int, campaign: int, mode: FailureMode) -> KnownFailure:
+    """The medoid of a mode: an episode that did fail."""
+    was = f"{campaign}/{mode.medoid}"
+    return KnownFailure(f"medoid {place + 1}, {was}", was, Outcome.COLLISION)
+
+
+def replay_of_minimal(
+    under: Under, minimal: Campaign, failures: Sequence[EpisodeRow], drawn: Drawn
+) -> Iterator[KnownReplay]:
+    """The likeliest failure of a campaign that shrank one; nothing if none failed any more.
+
+    Args:
+        under: the planner.
+        minimal: the campaign.
+        failures: its episodes that failed.
+        drawn: what its episodes drew of their scenario; see `Drawn`.
+    """
+    if not failures:
+        return
+    likeliest = max(failures, key=lambda row: row.log_probability)
+    was = f"{minimal.id}/{likeliest.index}"
+    again = under.replay(
+        f"minimal failure {was}",
+        in_scenario(minimal.spec, drawn(likeliest.index)),
+        settings={"campaign": minimal.id, "episodes": [likeliest.index]},
+        episodes=1,
+    )
+    yield KnownReplay(again, {0: KnownFailure(f"minimal failure {was}", was, Outcome.COLLISION)})
+
+
+def shrinks(campaign: Campaign, before: Campaign, analysis: Analysis) -> bool:
+    """Whether a campaign shrank a failure of another, or a mode of its analysis.
+
+    With the same planner: otherwise what is left of it is no failure of the baseline's.
+    """
+    spec, planner = campaign.spec, (before.spec.planner, before.spec.planner_settings)
+    named = {"campaign": before.id, "analysis": analysis.id}
+    return (
+        spec.method == MINIMAL
+        and (spec.planner, spec.planner_settings) == planner
+        and any(spec.settings.get(name) == number for name, number in named.items())
+    )
+
+
+def proven(replay: KnownReplay, outcomes: Mapping[int, Outcome]) -> KnownReplay:
+    """The same, knowing what came of it with the baseline's own planner."""
+    known = {
+        index: replace(failure, before=outcomes.get(index, failure.before))
+        for index, failure in replay.known.items()
+    }
+    return replace(replay, known=known)

@@ -1,0 +1,108 @@
+"""A proof by replay: what an analysis found, injected again in the same and in other scenarios."""
+
+from enum import StrEnum
+
+import msgspec
+
+from eigenfail.values.campaign import CampaignState, Rate, Settings
+from eigenfail.values.episode import Outcome
+
+
+class ReplayKind(StrEnum):
+    """What is replayed of an analysis: one noise trajectory for each of its modes."""
+
+    EIGENFAILURE = "eigenfailure"
+    MEDOID = "medoid"
+
+
+class ReplayedNoise(msgspec.Struct, frozen=True, kw_only=True):
+    """One noise trajectory, injected again.
+
+    Attributes:
+        what: which of its mode's two it is.
+        mode: position in `AnalysisResult.modes`, from 0.
+        campaign: the replay's; with `index` its episode.
+        outcome: None while it is not in.
+        steps: that it lasted.
+        log_probability: of the noise injected, summed over these steps.
+        log_probability_per_step: the same ÷ steps.
+        expected_log_probability: that noise of p(x) has on average over the same steps, at the same
+            sigma: how far below it `log_probability` lies is how unlikely the noise is.
+    """
+
+    what: ReplayKind
+    mode: int
+    campaign: int
+    index: int
+    outcome: Outcome | None = None
+    steps: int | None = None
+    robustness_m: float | None = None
+    log_probability: float | None = None
+    log_probability_per_step: float | None = None
+    expected_log_probability: float | None = None
+
+    @property
+    def reproduced(self) -> bool:
+        """Whether it ended in a collision again."""
+        return self.outcome is Outcome.COLLISION
+
+
+class Reproduction(msgspec.Struct, frozen=True):
+    """How many of some replays failed again.
+
+    Attributes:
+        rate: failed again ÷ tried, with Wilson's interval; None before the first result. A replay
+            that could not be run was not tried.
+        smallest_robustness_m: of those tried; 0 once one has failed again.
+    """
+
+    rate: Rate | None = None
+    smallest_robustness_m: float | None = None
+
+
+class ProvenScenario(msgspec.Struct, frozen=True, kw_only=True):
+    """The replays in one scenario.
+
+    Attributes:
+        scenario_parameters: those that differ from the analysed campaign's; none: the same
+            scenario.
+        campaign: that replays; `state` is its own.
+    """
+
+    scenario_parameters: Settings
+    campaign: int
+    state: CampaignState
+    eigenfailures: Reproduction
+    medoids: Reproduction
+    replays: tuple[ReplayedNoise, ...]
+
+    @property
+    def is_same(self) -> bool:
+        """Whether it is the scenario in which the failures were found."""
+        return not self.scenario_parameters
+
+
+class ProvenMode(msgspec.Struct, frozen=True):
+    """What one mode's two trajectories did, over all scenarios; `mode` counts from 0."""
+
+    mode: int
+    eigenfailure: Reproduction
+    medoid: Reproduction
+
+
+class Proof(msgspec.Struct, frozen=True, kw_only=True):
+    """How far replays bear an analysis out, with the results that are in.
+
+    Attributes:
+        done: whether there are replays, and all have ended.
+        reproduced: the eigenfailures in the same scenario.
+        eigenfailures: in all scenarios together; `medoids` likewise.
+    """
+
+    analysis: int
+    done: bool
+    reproduced: Reproduction
+    eigenfailures: Reproduction
+    medoids: Reproduction
+    modes: tuple[ProvenMode, ...]
+    scenarios: tuple[ProvenScenario, ...]

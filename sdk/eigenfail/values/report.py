@@ -1,0 +1,102 @@
+"""A report: what campaigns found, as tables, sentences and pictures that can be handed on."""
+
+from typing import Annotated
+
+import msgspec
+
+from eigenfail.values.campaign import Campaign
+
+MOST_CAMPAIGNS = 20
+"""How many campaigns one report tells of at most."""
+
+Cell = str | bool | int | float | None
+"""What stands in a table: unrounded; None where something is not known."""
+
+Slug = Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$", max_length=80)]
+"""A name that is a file's, too."""
+
+
+class ReportColumn(msgspec.Struct, frozen=True):
+    """A column of a table.
+
+    Attributes:
+        name: in CSV and in code; one of its kind in the table.
+        title: what people read.
+        unit: empty where there is none; a "share" is of one.
+    """
+
+    name: str
+    title: str
+    unit: str = ""
+
+
+class ReportTable(msgspec.Struct, frozen=True, kw_only=True):
+    """Numbers of a report.
+
+    Attributes:
+        name: one of its kind in the report; its CSV file is called so.
+        rows: a cell for each column.
+        note: what the table leaves out; empty if nothing.
+    """
+
+    name: Slug
+    title: str
+    columns: tuple[ReportColumn, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+
+
+class ReportPicture(msgspec.Struct, frozen=True, kw_only=True):
+    """A picture of a report, in words.
+
+    Attributes:
+        name: one of its kind in the report; its SVG file is called so.
+        alternative: what is to be seen, for who does not see it.
+        table: which holds its numbers.
+        campaigns: whose rows of that table it shows.
+        note: what it leaves out; empty if nothing.
+    """
+
+    name: Slug
+    title: str
+    alternative: str
+    table: Slug
+    campaigns: tuple[int, ...]
+    note: str = ""
+
+
+class ReportSection(msgspec.Struct, frozen=True, kw_only=True):
+    """A part of a report.
+
+    Attributes:
+        words: sentences: what was found, and how to read it.
+    """
+
+    name: Slug
+    title: str
+    words: tuple[str, ...] = ()
+    tables: tuple[ReportTable, ...] = ()
+    pictures: tuple[ReportPicture, ...] = ()
+
+
+class Report(msgspec.Struct, frozen=True, kw_only=True):
+    """What campaigns found, as it stood when the report was made.
+
+    Attributes:
+        made_ms: when; the only thing that differs between two reports on the same results.
+        command: what makes it again.
+        warnings: what keeps its figures from saying more.
+        campaigns: all that was asked for, and what became of it.
+    """
+
+    title: str
+    made_ms: int
+    command: str
+    warnings: tuple[str, ...]
+    campaigns: tuple[Campaign, ...]
+    sections: tuple[ReportSection, ...]
+
+    @property
+    def tables(self) -> tuple[ReportTable, ...]:
+        """Those of all sections."""
+        return tuple(table for section in self.sections for table in section.tables)

@@ -1,0 +1,156 @@
+"""The safety measures of a campaign's episodes together, and how severe its failures are."""
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.values.assessment import ConflictClass
+from eigenfail.values.campaign import Conflicts, Interval, Rate
+
+MOST_POINTS = 2_000
+"""How many failures a scatter shows at most."""
+
+LEVEL = 0.95
+"""Of VaR and CVaR, unless asked for another."""
+
+
+class MeasureTotals(msgspec.Struct, frozen=True):
+    """A measure over the completed episodes that have one.
+
+    Attributes:
+        n: how many have it: one that never closed in on anybody has neither MinTTC nor DRAC.
+        violations: how many are beyond the threshold.
+        median: of two middle ones their mean; None over none.
+        worst: the smallest MinTTC, or the largest DRAC; None over none.
+    """
+
+    n: int = 0
+    violations: int = 0
+    median: float | None = None
+    worst: float | None = None
+
+
+class FailurePoint(msgspec.Struct, frozen=True):
+    """A failure by likelihood and severity.
+
+    Attributes:
+        index: of the episode.
+        log_probability_per_step: sum of log p over its steps ÷ steps.
+        severity: [m²/s²].
+        conflict: its class; None where too little was measured.
+    """
+
+    index: int
+    log_probability_per_step: float
+    severity: float
+    conflict: ConflictClass | None
+
+
+class SafetyTotals(msgspec.Struct, frozen=True, eq=False):
+    """What the store makes of a campaign's completed episodes for its safety measures.
+
+    Attributes:
+        completed: episodes.
+        failures: collisions among them.
+        ttc: of MinTTC [s].
+        drac: of the largest DRAC [m/s²].
+        severities: of the failures that have one, in index order, shape (n,). [m²/s²]
+        points: every k-th of those failures, in index order.
+    """
+
+    completed: int
+    failures: int
+    ttc: MeasureTotals
+    drac: MeasureTotals
+    severities: NDArray[np.float64]
+    points: tuple[FailurePoint, ...]
+
+
+class Violations(msgspec.Struct, frozen=True, kw_only=True):
+    """A measure over the completed episodes that have one; a row of the paper's table.
+
+    Attributes:
+        threshold: beyond it lies danger: below it for MinTTC, above it for DRAC.
+        beyond: episodes beyond it ÷ completed episodes; None before the first one.
+        n: how many episodes have the measure; median and worst are over these.
+        worst: the smallest MinTTC, or the largest DRAC.
+    """
+
+    threshold: float
+    beyond: Rate | None
+    n: int
+    median: float | None
+    worst: float | None
+
+
+class Figure(msgspec.Struct, frozen=True):
+    """A number with its 95 % interval; the interval is None where too little is known for one."""
+
+    value: float
+    interval: Interval | None = None
+
+
+class SeverityRisk(msgspec.Struct, frozen=True, kw_only=True):
+    """How severe the failures are: on average, and at their worst.
+
+    Attributes:
+        level: of VaR and CVaR.
+        n: failures that it rests on.
+        beyond: how many of them the level leaves above VaR: n · (1 − level).
+        mean: None without a failure.
+        var: value at risk: the smallest severity that a share `level` of the failures does not
+            exceed; None where too few are beyond it.
+        cvar: conditional value at risk: the mean of the worst share 1 − level; None with `var`.
+        problem: why a number or an interval is missing, and what to do; empty otherwise.
+    """
+
+    level: float
+    n: int
+    beyond: float
+    mean: Figure | None = None
+    var: Figure | None = None
+    cvar: Figure | None = None
+    problem: str = ""
+
+
+class Scatter(msgspec.Struct, frozen=True):
+    """Likelihood against severity.
+
+    Attributes:
+        points: in index order.
+        of: how many failures they stand for; where there are more than points, every k-th is shown.
+        rank_correlation: Spearman's ρ over the points: below 0 where the severe are the rarer;
+            None over fewer than ten points, or where one axis does not vary.
+    """
+
+    points: tuple[FailurePoint, ...]
+    of: int
+    rank_correlation: Figure | None = None
+
+
+class Safety(msgspec.Struct, frozen=True, kw_only=True):
+    """The safety measures of a campaign (paper, section on safety measures).
+
+    Attributes:
+        collisions: ÷ completed episodes; None before the first one, as `near_misses`.
+        near_misses: MinTTC < 1.5 s without a collision ÷ completed episodes.
+        conflicts: unavoidable versus planner's failure, and the mean lead times.
+        ttc: of MinTTC [s].
+        drac: of the largest DRAC [m/s²].
+        severity: of the failures [m²/s²], each counted once, however likely it is under p(x).
+        scatter: likelihood against severity of the failures.
+        notes: what the numbers cannot know.
+    """
+
+    campaign: int
+    name: str
+    method: str
+    completed: int
+    collisions: Rate | None
+    near_misses: Rate | None
+    conflicts: Conflicts
+    ttc: Violations
+    drac: Violations
+    severity: SeverityRisk
+    scatter: Scatter
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,95 @@
+"""The safety measures of a campaign as a table (paper, section on safety measures)."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from eigenfail.values import (
+    Campaign,
+    Conflicts,
+    Figure,
+    MeasureTotals,
+    Rate,
+    Safety,
+    SafetyTotals,
+    Scatter,
+    Violations,
+)
+from eigenfail.values.assessment import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
+from eigenfail.values.safety import LEVEL, FailurePoint
+from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.statistics.rank_correlation import rank_correlation
+from eigenfail_services.statistics.tail_risk import tail_risk
+
+FROM_PRIOR = "monte_carlo"
+"""The method whose episodes are as likely as p(x) says."""
+
+
+def safety(
+    campaign: Campaign, totals: SafetyTotals, conflicts: Conflicts, level: float = LEVEL
+) -> Safety:
+    """The table of a campaign, from what the store made of its completed episodes.
+
+    Args:
+        campaign: as it stands.
+        totals: over its completed episodes.
+        conflicts: these by class.
+        level: of VaR and CVaR of severity.
+
+    Raises:
+        InvalidValue: the level is not between 0 and 1.
+    """
+    return Safety(
+        campaign=campaign.id,
+        name=campaign.spec.name,
+        method=campaign.spec.method,
+        completed=totals.completed,
+        collisions=share(totals.failures, totals.completed),
+        near_misses=share(conflicts.near_misses, totals.completed),
+        conflicts=conflicts,
+        ttc=violations(totals.ttc, NEAR_MISS_TTC_S, totals.completed),
+        drac=violations(totals.drac, PEAK_BRAKING_MPS2, totals.completed),
+        severity=tail_risk(totals.severities, level),
+        scatter=Scatter(totals.points, len(totals.severities), correlation(totals.points)),
+        notes=tuple(notes(campaign, totals)),
+    )
+
+
+def share(k: int, n: int) -> Rate | None:
+    """k of n with its interval; None of nothing."""
+    return rate(min(k, n), n) if n else None
+
+
+def violations(totals: MeasureTotals, threshold: float, completed: int) -> Violations:
+    """A row of the table."""
+    return Violations(
+        threshold=threshold,
+        beyond=share(totals.violations, completed),
+        n=totals.n,
+        median=totals.median,
+        worst=totals.worst,
+    )
+
+
+def correlation(points: Sequence[FailurePoint]) -> Figure | None:
+    """How severity goes with likelihood, over the points that are shown."""
+    return rank_correlation(
+        np.array([point.log_probability_per_step for point in points]),
+        np.array([point.severity for point in points]),
+    )
+
+
+def notes(campaign: Campaign, totals: SafetyTotals) -> Iterator[str]:
+    """What the numbers cannot know."""
+    if campaign.spec.method != FROM_PRIOR and totals.failures:
+        yield (
+            f"The episodes are those that {campaign.spec.method} chose: shares, medians and "
+            "severities are of these, not of what p(x) would bring."
+        )
+    if missing := totals.failures - len(totals.severities):
+        yield f"{missing} of {totals.failures} failures have no severity and are left out of it."
+    if len(totals.points) < len(totals.severities):
+        yield (
+            f"The scatter shows {len(totals.points)} of {len(totals.severities)} failures, evenly "
+            "spread in index order."
+        )

@@ -1,0 +1,182 @@
+"""Words for noise: which way it pushes what is perceived, how strongly, and when. Plain templates.
+
+Times are counted back from the impact, the end of the last step: what is injected in the last of
+steps that take 0.1 s is told as during 0.1 … 0.0 s before it.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from typing import NamedTuple
+
+import numpy as np
+
+from eigenfail.values import AXES, Floats
+
+TELLING = 0.5
+"""Share of an axis's strongest noise from which a step is told of, where noise is everywhere."""
+
+FAINT = 0.5
+"""Noise that is everywhere but nowhere above this says nothing. [sigma]"""
+
+JOINED = 3
+"""Steps of less noise between two pushes the same way that make them one."""
+
+MOST_PUSHES = 3
+MOST_NEEDED = 8
+"""Pushes that are told of along an axis; of the others it is said that there are some."""
+
+WAYS = (("ahead", "back"), ("to the left", "to the right"))
+"""Of positive and of negative noise along each axis: where the nearest vehicle seems to be."""
+
+
+class Push(NamedTuple):
+    """Noise of one sign along one axis.
+
+    Attributes:
+        first: its first step; `last` its last, included.
+        steps: those between the two that push at least as strongly as was asked for.
+        mean: of z over these steps; `peak` the strongest of them. [sigma]
+    """
+
+    first: int
+    last: int
+    steps: int
+    mean: float
+    peak: float
+
+
+class Clock(NamedTuple):
+    """When a step is, seen from the impact.
+
+    Attributes:
+        impact: number of steps until it; what comes after does not count.
+        step_s: duration of a step; None where it has none. [s]
+        event: what comes at its end.
+    """
+
+    impact: int
+    step_s: float | None
+    event: str = "the impact"
+
+    def moment(self, step: int) -> str:
+        """When a step begins."""
+        before = self.impact - step
+        if self.step_s is None:
+            return f"{before} steps before {self.event}"
+        return f"{before * self.step_s:.1f} s before {self.event}"
+
+    def window(self, first: int, last: int) -> str:
+        """From a step to another, both included; without what comes after them."""
+        before = self.impact - first, self.impact - last - 1
+        if self.step_s is None:
+            return f"{before[0]} … {before[1]} steps"
+        since_s, until_s = (count * self.step_s for count in before)
+        return f"{since_s:.1f} … {until_s:.1f} s"
+
+
+def describe(z: Floats, clock: Clock) -> str:
+    """What noise that is everywhere does in the main: its strong moments along each axis.
+
+    Args:
+        z: shape (steps, 2). [sigma]
+        clock: when the impact is.
+    """
+    levels = tuple(_strong(noise) for noise in z[: clock.impact].T)
+    return _sentence(z, clock, levels, MOST_PUSHES)
+
+
+def describe_needed(z: Floats, clock: Clock) -> str:
+    """What noise does of which every step counts, as in a minimal failure: all there is of it.
+
+    Args:
+        z: shape (steps, 2), zero where nothing is needed. [sigma]
+        clock: when the impact is.
+    """
+    if not z[: clock.impact].any():
+        return "It needs no noise at all."
+    return _sentence(z, clock, (0.0, 0.0), MOST_NEEDED)
+
+
+def pushes(noise: Floats, level: float) -> list[Push]:
+    """The moments along one axis in which noise reaches a level, the strongest first.
+
+    Args:
+        noise: shape (steps,). [sigma]
+        level: steps below it are left out; noise of 0 always is.
+    """
+    told = [
+        (step, value) for step, value in enumerate(noise.tolist()) if value and abs(value) >= level
+    ]
+    found = [_push(run) for run in _runs(told)]
+    return sorted(found, key=lambda push: (-_impulse(push), push.first))
+
+
+def _runs(told: Sequence[tuple[int, float]]) -> Iterator[list[tuple[int, float]]]:
+    """Steps of one sign that are next to each other, or nearly."""
+    for _, same in groupby(told, key=lambda step: step[1] > 0.0):
+        run: list[tuple[int, float]] = []
+        for step in same:
+            if run and step[0] - run[-1][0] > JOINED + 1:
+                yield run
+                run = []
+            run.append(step)
+        yield run
+
+
+def _push(run: Sequence[tuple[int, float]]) -> Push:
+    values = [value for _, value in run]
+    return Push(run[0][0], run[-1][0], len(run), float(np.mean(values)), max(values, key=abs))
+
+
+def _strong(noise: Floats) -> float:
+    """The level from which noise along an axis is told of."""
+    strongest = float(np.abs(noise).max(initial=0.0))
+    return float("inf") if strongest < FAINT else TELLING * strongest
+
+
+def _sentence(z: Floats, clock: Clock, levels: Sequence[float], most: int) -> str:
+    """Both axes, the one that pushes more first."""
+    axes = z[: clock.impact].T
+    found = [pushes(noise, level) for noise, level in zip(axes, levels, strict=True)]
+    order = sorted(range(len(axes)), key=lambda axis: -sum(map(_impulse, found[axis])))
+    told = "; ".join(
+        _part(axis, axes[axis], found[axis][:most], clock) + _weaker(len(found[axis]) - most)
+        for axis in order
+    )
+    return f"{told[:1].upper()}{told[1:]}."
+
+
+def _impulse(push: Push) -> float:
+    """How much it pushes in all."""
+    return abs(push.mean) * push.steps
+
+
+def _weaker(count: int) -> str:
+    """That there is more than is told."""
+    return f", and {count} weaker" if count > 0 else ""
+
+
+def _part(axis: int, noise: Floats, found: Sequence[Push], clock: Clock) -> str:
+    """What noise does along one axis."""
+    if not noise.any():
+        return f"{AXES[axis]} noise plays no part"
+    if not found:
+        return f"{AXES[axis]} noise stays within {_within(noise)} sigma"
+    in_time = sorted(found, key=lambda push: push.first)
+    told = ", ".join(_words(push, axis, clock) for push in in_time)
+    return f"{AXES[axis]} {told} before {clock.event}"
+
+
+def _within(noise: Floats) -> str:
+    """Rounded up, so that it is true."""
+    return f"{np.ceil(10.0 * float(np.abs(noise).max())) / 10.0:.1f}"
+
+
+def _words(push: Push, axis: int, clock: Clock) -> str:
+    """One push; its strongest moment only where that says more than its mean."""
+    way = WAYS[axis][push.mean < 0.0]
+    mean, peak = f"{push.mean:+.1f}", f"{push.peak:+.1f}"
+    length = push.last - push.first + 1
+    some = "" if push.steps == length else f" in {push.steps} of {length} steps"
+    more = "" if peak == mean else f", peak {peak},"
+    return f"{mean} sigma ({way}){more}{some} during {clock.window(push.first, push.last)}"

@@ -1,0 +1,106 @@
+"""The minimal failure that a campaign has come to, out of its learner's last state."""
+
+import numpy as np
+
+from eigenfail.contracts import Store
+from eigenfail.errors import Conflict
+from eigenfail.values import (
+    FINAL_STATES,
+    Campaign,
+    EpisodeResult,
+    Floats,
+    MinimalFailure,
+    Outcome,
+)
+from eigenfail_services.analysis.words import Clock, describe_needed
+from eigenfail_services.campaigns.checkpoint import read_checkpoint
+from eigenfail_services.methods.minimal.blocks import energy
+from eigenfail_services.methods.minimal.method import Facts, known
+from eigenfail_services.methods.minimal.search import Phase
+
+METHOD = "minimal"
+
+
+def minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
+    """What a campaign of `minimal` has shrunk its failure to, so far.
+
+    Raises:
+        Conflict: it is one of another method, or no replay has failed yet.
+        ProtocolError: its checkpoint cannot be read.
+    """
+    facts, z = knowledge(store, campaign)
+    if facts.best is None:
+        raise nothing_yet(campaign)
+    found = store.episodes.get(campaign.id, facts.best)
+    full = first_failure(store, campaign, facts.best)
+    return MinimalFailure(
+        campaign=campaign.id,
+        index=found.index,
+        done=facts.phase is Phase.OVER,
+        because=reason(facts, z, campaign),
+        words=describe_needed(found.noise.z, Clock(found.steps, step_s(found))),
+        needed=int(np.count_nonzero(found.noise.z)),
+        injected=int(np.count_nonzero(full.noise.z)),
+        energy=energy(found.noise.z),
+        full_energy=energy(full.noise.z),
+        log_probability=found.noise.log_probability,
+        full_log_probability=full.noise.log_probability,
+        log_probability_per_step=found.noise.log_probability / found.steps,
+        full_log_probability_per_step=full.noise.log_probability / full.steps,
+    )
+
+
+def knowledge(store: Store, campaign: Campaign) -> tuple[Facts, Floats]:
+    """What the campaign's learner knew after its last whole round, and its noise.
+
+    Raises:
+        Conflict: it is one of another method, or has not finished a round.
+        ProtocolError: its checkpoint cannot be read.
+    """
+    if campaign.spec.method != METHOD:
+        raise Conflict(
+            f"Campaign {campaign.id} is one of {campaign.spec.method}, which shrinks no failure.",
+            f"Launch one of {METHOD}, with settings that name a failure.",
+        )
+    checkpoint = store.checkpoints.load(campaign.id)
+    if checkpoint is None:
+        raise nothing_yet(campaign)
+    return known(read_checkpoint(checkpoint).learner)
+
+
+def nothing_yet(campaign: Campaign) -> Conflict:
+    """There is no failing replay so far, or there was none."""
+    return Conflict(
+        f"Campaign {campaign.id} is {campaign.state}, and no replay of it has failed. "
+        f"{campaign.stopped_because}".strip(),
+        "Wait for its first round."
+        if campaign.state not in FINAL_STATES
+        else "Shrink a failure in the scenario, and with the planner, of its own campaign.",
+    )
+
+
+def first_failure(store: Store, campaign: Campaign, best: int) -> EpisodeResult:
+    """The failure at full strength: the first replay that could be run."""
+    before = store.episodes.finished(campaign.id, range(best + 1))
+    return next(result for result in before if result.outcome is Outcome.COLLISION)
+
+
+def step_s(result: EpisodeResult) -> float | None:
+    """The duration of a step; None of a function, whose steps have none. [s]"""
+    return result.scene.dt_s if result.scene else None
+
+
+def reason(facts: Facts, z: Floats, campaign: Campaign) -> str:
+    """Why the search stands where it does."""
+    if facts.phase is not Phase.OVER:
+        goes_on = "The search goes on" if campaign.state not in FINAL_STATES else "It was cut short"
+        return f"{goes_on} at blocks of {facts.width} steps: less noise may do."
+    if not z.any():
+        return "It fails without any noise."
+    told = ["No step of one axis can be left out."]
+    if facts.low:
+        share = f"{100.0 * facts.low / facts.high:.0f} %"
+        told.append(f"At {share} of its strength it is no failure.")
+    if facts.not_run:
+        told.append(f"{facts.not_run} of the replays that show it could not be run.")
+    return " ".join(told)

@@ -1,0 +1,148 @@
+"""The probability of each mode, where the campaign's method can tell it; else none."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import nan
+from typing import Any, NamedTuple
+
+from msgspec.structs import replace
+
+from eigenfail import plugins
+from eigenfail.contracts import Store
+from eigenfail.settings import read_settings
+from eigenfail.values import (
+    FINAL_STATES,
+    AnalysisResult,
+    Campaign,
+    EpisodeResult,
+    Estimate,
+    Outcome,
+)
+from eigenfail.values.records import EpisodeRow
+from eigenfail_services.campaigns.materials import learner_context
+from eigenfail_services.methods.subset.modes import by_mode
+from eigenfail_services.methods.subset.settings import SubsetMethodSettings
+from eigenfail_services.methods.subset.waves import Dialogue
+from eigenfail_services.statistics import importance, independent_runs
+from eigenfail_services.statistics.importance import WeightedFailures
+
+PAGE = 1_000
+
+UNDERWAY = (
+    "Its campaign had not ended when the failures were read. Analyse it again once it has ended."
+)
+
+Told = Sequence[Estimate | None]
+
+
+def with_probabilities(
+    store: Store, campaigns: Sequence[Campaign], result: AnalysisResult
+) -> AnalysisResult:
+    """The result, its modes with their probabilities.
+
+    None are told of modes that are not distinct, nor of several campaigns together: their episodes
+    are drawn from different proposals. Of a campaign that had not ended it is said why there is
+    none: episodes go on to land, and their failures have no mode.
+
+    Args:
+        store: where the episodes are.
+        campaigns: those of the result, as they stood before their failures were read.
+        result: what was found in their failures.
+    """
+    (first, *others) = campaigns
+    teller = TELLERS.get(first.spec.method)
+    if others or teller is None or not result.distinct:
+        return result
+    told = told_by(teller, store, first, result)
+    modes = zip(result.modes, told, strict=True)
+    return replace(result, modes=tuple(replace(mode, probability=one) for mode, one in modes))
+
+
+def told_by(teller: "Teller", store: Store, campaign: Campaign, result: AnalysisResult) -> Told:
+    """What the campaign's method tells of each mode."""
+    modes = len(result.modes)
+    if campaign.state not in FINAL_STATES:
+        return [Estimate(by=teller.by, episodes=0, problem=UNDERWAY)] * modes
+    mode_of = dict(zip(result.episodes, result.labels, strict=True))
+    return teller.tell(store, campaign, mode_of, modes)
+
+
+def by_levels(store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int) -> Told:
+    """By the last level of the simulations of `subset`."""
+    settings = read_settings(SubsetMethodSettings, campaign.spec.settings, "settings")
+    context = learner_context(campaign, store)
+    each = settings.within(context.episodes)
+    runs = range(settings.runs)
+    dialogues = [Dialogue(context.horizon, each, (context.seed, run)) for run in runs]
+    robustness = [robustness_m(row) for row in rows(store, campaign.id)]
+    return by_mode(dialogues, robustness, mode_of, modes) or [None] * modes
+
+
+def robustness_m(row: EpisodeRow) -> float:
+    """0 on a collision, not a number where the episode could not be run. [m]"""
+    if row.outcome is Outcome.COLLISION:
+        return 0.0
+    ran = row.outcome is not Outcome.FAILED and row.robustness_m is not None
+    return float(row.robustness_m or 0.0) if ran else nan
+
+
+def rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
+    """The episodes of a campaign in index order."""
+    page = store.episodes.page(campaign, PAGE)
+    yield from page.items
+    while page.next is not None:
+        page = store.episodes.page(campaign, PAGE, page.next)
+        yield from page.items
+
+
+def by_weights(store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int) -> Told:
+    """By the weights of `cem`: its learner goes through the campaign again, round by round."""
+    context = learner_context(campaign, store)
+    method = plugins.load(plugins.METHODS, campaign.spec.method)
+    settings = read_settings(method.Settings, campaign.spec.settings, "settings")
+    learner = method(context, settings)
+    sums, seen = [WeightedFailures()] * modes, 0
+    for results in rounds(store, campaign, learner):
+        if seen >= context.episodes // 2:
+            sums = [
+                learner.weigh(one, alone(results, mode_of, mode)) for mode, one in enumerate(sums)
+            ]
+        learner.observe(results)
+        seen += len(results)
+    return [learner.tell(one, context.horizon) for one in sums]
+
+
+def rounds(store: Store, campaign: Campaign, learner: Any) -> Iterator[list[EpisodeResult]]:
+    """The rounds that have ended whole, in order; the learner observes each before the next."""
+    first, budget = 0, campaign.spec.episodes
+    while first < budget:
+        last = first + len(learner.propose(budget - first).sources)
+        results = store.episodes.finished(campaign.id, range(first, last))
+        if len(results) < last - first:
+            return
+        yield results
+        first = last
+
+
+def alone(
+    results: Sequence[EpisodeResult], mode_of: Mapping[int, int], mode: int
+) -> list[EpisodeResult]:
+    """The results as they would be if failures of other modes were none."""
+    return [
+        replace(result, outcome=Outcome.SAFE)
+        if result.is_failure and mode_of.get(result.index) != mode
+        else result
+        for result in results
+    ]
+
+
+class Teller(NamedTuple):
+    """How a method tells a probability, by name and in deed."""
+
+    by: str
+    tell: Callable[[Store, Campaign, Mapping[int, int], int], Told]
+
+
+TELLERS = {
+    "cem": Teller(importance.BY, by_weights),
+    "subset": Teller(independent_runs.BY, by_levels),
+}

@@ -1,0 +1,1 @@
+"""Minimal failures: as little noise as still makes the ego collide."""

@@ -1,0 +1,97 @@
+"""A report as a whole: gathered, told, drawn, and bundled for whoever takes it away."""
+
+import io
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+
+from eigenfail.contracts import Store
+from eigenfail.values.report import Report
+from eigenfail.wire.http import encode
+from eigenfail_services.reports import material as materials
+from eigenfail_services.reports.page import page
+from eigenfail_services.reports.parts import Part
+from eigenfail_services.reports.pictures import draw
+from eigenfail_services.reports.sections import PARTS
+from eigenfail_services.reports.tables import to_csv
+
+PAGE, DATA = "report.html", "report.json"
+LONG_AGO = (1980, 1, 1, 0, 0, 0)
+
+
+class Made:
+    """A report, and how people see its sections."""
+
+    def __init__(self, report: Report, parts: tuple[Part, ...]) -> None:
+        self.report = report
+        self._parts = parts
+
+    @cached_property
+    def drawn(self) -> Mapping[str, str]:
+        """An SVG file for each picture, by name."""
+        return {
+            picture.name: draw(
+                picture.name,
+                picture.title,
+                picture.alternative,
+                part.drawings[picture.name],
+            )
+            for part in self._parts
+            for picture in part.section.pictures
+        }
+
+    def json(self) -> bytes:
+        """Its data."""
+        return encode(self.report)
+
+    def html(self) -> bytes:
+        """One page that needs nothing else."""
+        return page(self.report, self._parts, self.drawn)
+
+    def bundle(self) -> bytes:
+        """A zip file of everything; the same bytes for the same report."""
+        file = io.BytesIO()
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as bundle:
+            for name, content in self._files():
+                bundle.writestr(zipfile.ZipInfo(name, LONG_AGO), content, zipfile.ZIP_DEFLATED)
+        return file.getvalue()
+
+    def _files(self) -> Iterator[tuple[str, bytes]]:
+        yield PAGE, self.html()
+        yield DATA, self.json()
+        for table in self.report.tables:
+            yield f"tables/{table.name}.csv", to_csv(table)
+        for name, svg in self.drawn.items():
+            yield f"pictures/{name}.svg", svg.encode()
+
+
+def make(store: Store, campaigns: Sequence[int], made_ms: int) -> Made:
+    """A report on these campaigns as they stand.
+
+    Args:
+        store: where they are.
+        campaigns: their ids, in the order in which they are told of.
+        made_ms: now.
+
+    Raises:
+        InvalidValue: no campaign, too many, or one that is named twice.
+        NotFound: no such campaign.
+    """
+    material = materials.gather(store, campaigns)
+    parts = tuple(part for make_part in PARTS if (part := make_part(material)) is not None)
+    ids = " ".join(map(str, campaigns))
+    report = Report(
+        title=title(material),
+        made_ms=made_ms,
+        command=f"eigenfail report {ids}",
+        warnings=tuple(materials.unfinished(material)),
+        campaigns=tuple(subject.campaign for subject in material.subjects),
+        sections=tuple(part.section for part in parts),
+    )
+    return Made(report, parts)
+
+
+def title(material: materials.Material) -> str:
+    """What the report is on."""
+    names = [subject.campaign.spec.name for subject in material.subjects]
+    return f"Search for failures: {names[0] if len(names) == 1 else f'{len(names)} campaigns'}"

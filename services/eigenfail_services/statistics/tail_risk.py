@@ -1,0 +1,123 @@
+"""Mean, VaR and CVaR of what was found (Rockafellar and Uryasev 2000, Journal of Risk 2, 21–41)."""
+
+from math import ceil, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.errors import InvalidValue
+from eigenfail.values import Figure, Interval, SeverityRisk
+from eigenfail_services.statistics.intervals import ERROR
+
+Array = NDArray[np.float64]
+
+LEAST_BEYOND = 5
+"""Values above VaR with fewer of which neither VaR nor CVaR is told."""
+
+LEAST_FOR_INTERVAL = 15
+"""Values above VaR with fewer of which no interval is told: of normal, uniform, exponential and
+log-normal samples the bootstrap's 95 % interval of CVaR held the truth in 52 to 76 % of cases with
+2 or 3 above VaR, 78 to 86 % with 5, 86 to 91 % with 10, 88 % with 15 and 91 to 94 % with 20."""
+
+RESAMPLES = 1_000
+SEED = 0
+ROUNDING = 1e-9
+
+
+def tail_risk(values: Array, level: float) -> SeverityRisk:
+    """What the values are on average, and beyond their quantile.
+
+    VaR is the smallest value x with F(x) ≥ level, CVaR = VaR + Σ max(xᵢ − VaR, 0) ÷ ((1 − level)·n)
+    (equation 10 of the paper, at its minimum), both of the empirical distribution. The interval of
+    the mean is Student's; those of VaR and CVaR are percentiles of a seeded bootstrap.
+
+    Args:
+        values: finite and not negative, in any order, shape (n,).
+        level: between 0 and 1, both excluded.
+
+    Raises:
+        InvalidValue: another level.
+    """
+    if not 0.0 < level < 1.0:
+        raise InvalidValue("level", f"{level} is not between 0 and 1.", "Take 0.95.")
+    n, beyond = len(values), len(values) * (1.0 - level)
+    risk = SeverityRisk(level=level, n=n, beyond=beyond)
+    if n == 0:
+        return SeverityRisk(level=level, n=0, beyond=0.0, problem="There is no failure yet.")
+    ordered = np.sort(values)
+    middle = mean(ordered)
+    if beyond < LEAST_BEYOND - ROUNDING:
+        problem = too_few(risk, LEAST_BEYOND, "VaR and CVaR")
+        return SeverityRisk(level=level, n=n, beyond=beyond, mean=middle, problem=problem)
+    var, cvar = tail(ordered, level)
+    told = beyond >= LEAST_FOR_INTERVAL - ROUNDING
+    spread = bootstrap(ordered, level) if told else (None, None)
+    return SeverityRisk(
+        level=level,
+        n=n,
+        beyond=beyond,
+        mean=middle,
+        var=Figure(var, spread[0]),
+        cvar=Figure(cvar, spread[1]),
+        problem="" if told else too_few(risk, LEAST_FOR_INTERVAL, "their intervals"),
+    )
+
+
+def mean(values: Array) -> Figure:
+    """The mean with Student's 95 % interval, cut at 0; without one of a single value."""
+    from scipy.special import stdtrit  # the API starts sooner without it
+
+    n, centre = len(values), float(values.mean())
+    if n < 2:
+        return Figure(centre)
+    error = float(stdtrit(n - 1, 1.0 - ERROR / 2.0)) * float(values.std(ddof=1)) / sqrt(n)
+    return Figure(centre, Interval(max(centre - error, 0.0), centre + error))
+
+
+def rank(n: int, level: float) -> int:
+    """How many of n ordered values VaR is the last of."""
+    return max(1, ceil(n * level - ROUNDING))
+
+
+def tail(ordered: Array, level: float) -> tuple[float, float]:
+    """VaR and CVaR of ascending values."""
+    n, k = len(ordered), rank(len(ordered), level)
+    var = float(ordered[k - 1])
+    return var, var + float((ordered[k:] - var).sum()) / ((1.0 - level) * n)
+
+
+def bootstrap(ordered: Array, level: float) -> tuple[Interval, Interval]:
+    """Percentile intervals of VaR and CVaR over resamples of ascending values.
+
+    A resample of n is x[⌊n·u⌋] of n uniform numbers u. Only those from the k-th smallest on count:
+    that one is Beta(k, n − k + 1), and given it those above are uniform between it and 1. So a
+    resample costs as many draws as there are values beyond VaR, and is exact.
+    """
+    n, k = len(ordered), rank(len(ordered), level)
+    random = np.random.default_rng(SEED)
+    cuts = random.beta(k, n - k + 1, RESAMPLES)
+    drawn = (tail_of_resample(ordered, cut, n - k, level, random) for cut in cuts)
+    found = np.array(list(drawn))
+    low, high = np.quantile(found, [ERROR / 2.0, 1.0 - ERROR / 2.0], axis=0)
+    var, cvar = (Interval(float(a), float(b)) for a, b in zip(low, high, strict=True))
+    return var, cvar
+
+
+def tail_of_resample(
+    ordered: Array, cut: float, above: int, level: float, random: np.random.Generator
+) -> tuple[float, float]:
+    """VaR and CVaR of one resample, of which `above` values lie above the quantile `cut`."""
+    n = len(ordered)
+    var = float(ordered[min(int(n * cut), n - 1)])
+    places = (n * (cut + (1.0 - cut) * random.random(above))).astype(np.intp)
+    excess = float((ordered[np.minimum(places, n - 1)] - var).sum())
+    return var, var + excess / ((1.0 - level) * n)
+
+
+def too_few(risk: SeverityRisk, least: int, what: str) -> str:
+    """Why so few values say nothing, and what to do."""
+    needed = ceil(least / (1.0 - risk.level) - ROUNDING)
+    return (
+        f"{risk.n} failures leave {risk.beyond:.3g} beyond the quantile of {risk.level:g}, and "
+        f"{what} take {least}: {needed} failures. Let it run on, or ask for a lower level."
+    )

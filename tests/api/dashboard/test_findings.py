@@ -1,0 +1,194 @@
+"""What an analysis found, as its page tells it."""
+
+import re
+
+import msgspec
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from eigenfail.values import (
+    AnalysedCampaign,
+    AnalysisSettings,
+    Estimate,
+    InfluenceShare,
+    Interval,
+    Moment,
+    Stability,
+    TrainingInterval,
+)
+from eigenfail_api.dashboard.views.findings import finding_tiles, grids
+from eigenfail_api.dashboard.views.lists import asked
+from eigenfail_api.dashboard.views.modes import scores_chart
+from eigenfail_api.dashboard.views.training import MOST_STEPS, training_charts
+
+HTML = {"Accept": "text/html"}
+
+
+@pytest.fixture
+def found(store, finished):
+    """What a small analysis of two modes found."""
+    return store.analyses.get(finished(2)).result
+
+
+@pytest.fixture
+def show(store, campaign, http, text_of):
+    """The text of the page of an analysis with a result."""
+
+    def shown(result):
+        analysis = store.analyses.create(campaign, AnalysisSettings()).id
+        store.analyses.start(analysis)
+        store.analyses.finish(analysis, result)
+        return text_of(http.get(f"/analyses/{analysis}", headers=HTML))
+
+    return shown
+
+
+def interval(place, failures, steps=4, components=2):
+    shapes = np.full((components if failures else 0, steps, 2), 0.5, np.float32)
+    return TrainingInterval(
+        start=place / 10.0,
+        end=(place + 1) / 10.0,
+        failures=failures,
+        mean=np.full((steps, 2), float(place), np.float32),
+        components=shapes,
+        explained=np.full(len(shapes), 0.25, np.float32),
+        likeness=np.full(len(shapes), 0.5, np.float32),
+    )
+
+
+def test_modes_that_come_back_are_told_with_their_interval(found):
+    stability = Stability(resamples=20, rows=40, median=0.91, interval=Interval(0.75, 1.0))
+    tile = dict(finding_tiles(replace(found, stability=stability)))["Adjusted Rand index"]
+    assert (tile.value, *tile.notes[:2]) == ("0.910", "0.750 – 1.00", "20 draws of 40 failures")
+
+
+def test_why_there_is_no_stability(found):
+    tiles = dict(finding_tiles(found))
+    assert tiles["Adjusted Rand index"].notes == ("not tried: no bootstrap",)
+    single = replace(found, modes=found.modes[:1])
+    assert dict(finding_tiles(single))["Adjusted Rand index"].notes == (
+        "not tried: a single group",
+    )
+
+
+def test_outliers_stand_there_only_if_there_are_any(found):
+    assert "Near no mode" not in dict(finding_tiles(found))
+    assert dict(finding_tiles(replace(found, outliers=0.125)))["Near no mode"].value == "12.5 %"
+
+
+def test_moments_are_told_in_seconds_or_in_steps(found):
+    moments = (Moment("lateral", 3, 0.8, 0.25), Moment("longitudinal", 1, None, 0.125))
+    (grid,) = grids(replace(found, moments=moments))
+    assert grid.rows[0] == ("Lateral", "0.8 s before the collision", "0.250")
+    assert grid.rows[1] == ("Longitudinal", "at step 1", "0.125")
+
+
+def test_the_share_of_the_last_seconds_stands_beside_that_of_the_time(found):
+    share = InfluenceShare(seconds=2.0, time=0.25, longitudinal=0.5, lateral=None, both=0.5)
+    (grid,) = grids(replace(found, before_collision=(share,)))
+    assert grid.rows == (("Last 2 s", "25.0 %", "50.0 %", "–", "50.0 %"),)
+
+
+def test_a_snapshot_says_so(found, show):
+    source = AnalysedCampaign(campaign=1, episodes=7, failures=2, running=True)
+    notes = ("A snapshot: more episodes were to come in campaign 1.",)
+    text = show(replace(found, sources=(source,), notes=notes))
+    assert "A snapshot: more episodes were to come in campaign 1." in text
+    assert "1 2 7 running: a snapshot" in text
+
+
+def test_doubtful_modes_are_called_groups(found, show):
+    text = show(found)
+    assert "No distinct modes" in text
+    assert "Read what follows as a summary of the failures" in text
+    assert "Group 1" in text
+    assert "Mode 1" not in text.split("Proof by replay")[0]
+
+
+def test_distinct_modes_are_called_so(found, show):
+    text = show(replace(found, silhouette=0.5, noise_silhouette=0.2))
+    assert "2 distinct modes (silhouette 0.50, on data without groups 0.20)" in text
+    assert "Mode 1" in text
+    assert "Group 1" not in text
+
+
+def test_a_mode_has_its_words_once_its_probability_and_its_medoid(found, show):
+    told = Estimate(
+        by="subset simulation", episodes=900, probability=3e-6, interval=Interval(1e-6, 9e-6)
+    )
+    refused = Estimate(by="subset simulation", episodes=900, problem="Too few lineages.")
+    first, second = found.modes
+    modes = (
+        replace(first, probability=told, medoid=7, medoid_campaign=9),
+        replace(second, probability=refused),
+    )
+    text = show(replace(found, modes=modes, words=("Mode 1: It pushes.", "Mode 2: It pulls.")))
+    assert "Group 1 It pushes. Failures 1 (50.0 %)" in text
+    assert "Probability under p(x) 3.00×10⁻⁶ 1.00×10⁻⁶ – 9.00×10⁻⁶" in text
+    assert "campaign 9, episode 7" in text
+    assert "Too few lineages." in text
+
+
+def test_a_result_of_an_older_release_has_its_peak_for_words(show, found):
+    assert "Strongest noise: 1.0 sigma" in show(found)
+
+
+def test_failures_of_several_campaigns_lead_to_their_own(found):
+    chart = scores_chart(replace(found, campaigns=(4, 5)), 4)
+    assert chart.data["episode"] == ["4/0", "5/1"]
+    assert scores_chart(found, 3).data["episode"] == ["3/0", "3/1"]
+
+
+def test_training_is_drawn_by_interval_with_its_table(found):
+    intervals = (interval(0, 0), *(interval(place, 3) for place in range(1, 10)))
+    mean, components = training_charts(replace(found, training=intervals))
+    assert mean.data["lateral"][0] == []
+    assert mean.data["lateral"][3] == [[3.0] * 4]
+    assert mean.columns[:2] == ("Step", "longitudinal 0 – 10 %")
+    assert len(mean.rows[0]) == len(mean.columns) == 21
+    assert mean.rows[2][4] == "3.00"
+    assert components.data["names"] == ("component 1", "component 2")
+    assert components.rows[0] == ("0 – 10 %", "0", "–", "–", "–")
+    assert components.rows[1] == ("10 – 20 %", "3", "1", "25.0 %", "0.500")
+
+
+def test_long_episodes_are_thinned_for_the_screen(found):
+    long = tuple(interval(place, 3, steps=5_000) for place in range(10))
+    mean, _ = training_charts(replace(found, training=long))
+    assert len(mean.data["steps"]) == len(mean.data["lateral"][0][0]) == MOST_STEPS
+    assert len(mean.rows) == 5_000
+
+
+def test_nothing_is_drawn_of_training_that_was_not_looked_at(found):
+    assert training_charts(found) == ()
+
+
+def test_what_was_asked_for_in_words():
+    words = ", ".join(asked(AnalysisSettings(align="collision", axes="lateral", campaigns=(2, 3))))
+    assert words == (
+        "aligned at collision, the lateral axis alone, 3 components, K-means, modes: by itself, "
+        "bootstrap 20, with campaigns 2, 3"
+    )
+    assert "no bootstrap" in tuple(asked(AnalysisSettings(bootstrap=0)))
+
+
+def test_the_form_has_every_setting_and_the_analysis_its_own_in_it(http, campaign, store):
+    settings = AnalysisSettings(axes="lateral", clusterer="hdbscan", bootstrap=7, campaigns=(8,))
+    again = store.analyses.create(campaign, settings).id
+    for address in (f"/campaigns/{campaign}", f"/analyses/{again}"):
+        html = http.get(address, headers=HTML).text
+        names = re.findall(r' name="(\w+)"', html.partition('action="/api/v1/campaigns/1/ana')[2])
+        assert set(names) == {field.name for field in msgspec.structs.fields(AnalysisSettings)}
+    assert '<option value="hdbscan" selected>' in html
+    assert '<option value="lateral" selected>' in html
+    assert 'data-numbers pattern="[0-9]+( *, *[0-9]+)*" value="8"' in html
+
+
+def test_a_failed_analysis_says_why(http, store, campaign, look):
+    analysis = store.analyses.create(campaign, AnalysisSettings()).id
+    store.analyses.fail(analysis, "There is none to analyse.")
+    text = look(f"/analyses/{analysis}")
+    assert "There is none to analyse." in text
+    assert "Analyse otherwise" in text
+    assert "Proof by replay" not in text

@@ -1,0 +1,126 @@
+"""Safety and cost of a campaign, as a part of its page and a page by itself."""
+
+import pytest
+from msgspec.structs import replace
+
+from eigenfail.values import (
+    CampaignSpec,
+    Figure,
+    Interval,
+    Measures,
+    Outcome,
+    Overhead,
+    SeverityRisk,
+)
+from eigenfail.values.safety import FailurePoint, Scatter
+from eigenfail_api.dashboard.views.safety import figure, kind, scatter_chart
+from eigenfail_services.campaigns.safety import safety_of
+
+HTML = {"Accept": "text/html"}
+
+
+@pytest.fixture
+def driven(campaign, deliver, result, store):
+    """A campaign of ten episodes, three of them collisions, that cost 1 USD."""
+    crash = Measures(0.0, 25.0, 0.5, 9.0, 1.0, 2.75, 4.0, collided_s=3.0)
+    deliver(
+        campaign,
+        *(replace(result(index, Outcome.COLLISION), measures=crash) for index in range(3)),
+        replace(result(3), measures=Measures(0.5, min_ttc_s=1.2, max_drac_mps2=2.0)),
+        *(result(index) for index in range(4, 10)),
+    )
+    store.campaigns.add_active(campaign, 3000.0, Overhead(600.0, 300.0, 0.0))
+    return campaign
+
+
+def test_a_campaign_page_links_its_parts_and_its_report(http, driven):
+    html = http.get(f"/campaigns/{driven}", headers=HTML).text
+    assert f'hx-get="/campaigns/{driven}/measures"' in html
+    assert f'<a href="/campaigns/{driven}/measures">' in html
+    assert f'href="/api/v1/report?campaign={driven}&amp;format=html" download' in html
+
+
+def test_the_table_of_the_paper(look, driven):
+    text = look(f"/campaigns/{driven}/measures")
+    assert "Collision 3 30.0 % (10.8 – 60.3 %) – –" in text
+    assert "Near miss 1 10.0 % (1.79 – 40.4 %)" in text
+    assert "MinTTC below 1.5 s 4 40.0 % (16.8 – 68.7 %) 0.500 s 0.500 s 4" in text
+    assert "DRAC above 7 m/s² 3 30.0 % (10.8 – 60.3 %) 9.00 m/s² 9.00 m/s² 4" in text
+
+
+def test_severity_and_why_its_tail_is_not_told(look, driven):
+    text = look(f"/campaigns/{driven}/measures")
+    assert "Mean severity [m²/s²] 25.0 25.0 – 25.0 n = 3" in text
+    assert "VaR 95 % [m²/s²] – too few failures" in text
+    assert "3 failures leave 0.15 beyond the quantile of 0.95" in text
+
+
+def test_cost_and_time_sum_to_what_was_billed(look, driven):
+    text = look(f"/campaigns/{driven}/measures")
+    assert "Spent 1.00 USD 0.833 instance-hours at 1.20 USD/h × 1" in text
+    assert "Per failure 0.333 USD 3 failures" in text
+    assert "Per distinct mode – no distinct modes are known" in text
+    assert f"No analysis is done: eigenfail analyze {driven} makes one." in text
+    assert "70.0 % 35 min" in text
+    assert "20.0 % 10 min" in text
+    assert "10.0 % 5 min" in text
+    assert "results that were thrown away 0.0 %" in text
+
+
+def test_an_analysis_that_finds_distinct_modes_prices_them(look, store, driven, finished):
+    first = store.analyses.get(finished(2)).result
+    analysis = store.analyses.create(driven, store.analyses.get(1).settings).id
+    store.analyses.start(analysis)
+    store.analyses.finish(analysis, replace(first, silhouette=0.5, noise_silhouette=0.2))
+    text = look(f"/campaigns/{driven}/measures")
+    assert "Per distinct mode 0.500 USD 2 distinct modes" in text
+    assert f"Analysis {analysis}" in text
+
+
+def test_before_the_first_episode_there_is_nothing_to_tell(look, campaign):
+    assert "once an episode has ended" in look(f"/campaigns/{campaign}/measures")
+
+
+def test_a_campaign_that_is_not_there_is_a_problem(look):
+    assert "Not found" in look("/campaigns/7/measures", 404)
+
+
+def test_a_function_has_a_price_but_no_traffic(look, store, deliver, result):
+    spec = CampaignSpec(name="f", method="monte_carlo", episodes=2, simulator="function")
+    campaign = store.campaigns.create(replace(spec, scenario="function")).id
+    deliver(campaign, result(0))
+    text = look(f"/campaigns/{campaign}/measures")
+    assert "Safety measures Measure" not in text
+    assert "Spent" in text
+
+
+@pytest.mark.parametrize("address", ["/campaigns/{}", "/campaigns/{}/measures"])
+def test_no_page_reads_all_episodes(http, store, driven, monkeypatch, address):
+    def refuse(*_):
+        raise AssertionError("all episodes were asked for")
+
+    for question in ("failures", "failure_portions", "digest"):
+        monkeypatch.setattr(store.episodes, question, refuse)
+    assert http.get(address.format(driven), headers=HTML).status_code == 200
+
+
+def test_a_figure_has_its_interval_or_says_that_it_has_none():
+    told = figure(Figure(2.0, Interval(1.0, 3.0)), "n = 4")
+    assert (told.value, *told.notes) == ("2.00", "1.00 – 3.00", "n = 4")
+    assert figure(Figure(2.0), "n = 4").notes == ("no interval", "n = 4")
+    assert figure(None, "n = 4").notes == ("too few failures", "n = 4")
+
+
+def test_the_scatter_tells_classes_and_what_it_leaves_out():
+    points = (FailurePoint(3, -2.5, 25.0, None), FailurePoint(5, -2.0, 9.0, "unavoidable"))
+    assert [kind(point) for point in points] == ["not classified", "unavoidable"]
+    chart = scatter_chart(Scatter(points, 40))
+    assert chart.caption.endswith("2 of 40.")
+    assert chart.rows[1] == ("5", "−2.00", "9.00", "unavoidable")
+
+
+def test_severity_without_failures_says_nothing(store, campaign, deliver, result):
+    deliver(campaign, result(0))
+    risk = safety_of(store, store.campaigns.get(campaign)).severity
+    assert isinstance(risk, SeverityRisk)
+    assert risk.n == 0

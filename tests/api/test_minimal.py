@@ -1,0 +1,88 @@
+"""How little noise a failure needs, over HTTP, to clients and on the command line."""
+
+import pytest
+from starlette.testclient import TestClient
+from typer.testing import CliRunner
+
+from eigenfail import plugins
+from eigenfail.cli.main import app as commands
+from eigenfail.cli.surroundings import Surroundings
+from eigenfail.client import Client
+from eigenfail.errors import Conflict, InvalidValue, NotFound
+from eigenfail.settings import read_settings
+from eigenfail.values import Outcome
+from eigenfail.values.records import Delivery
+from eigenfail_services.campaigns.materials import learner_context
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+
+
+@pytest.fixture
+def client(app):
+    return Client("http://127.0.0.1:8440", TestClient(app)._transport)
+
+
+@pytest.fixture
+def finish(store):
+    """Runs a campaign here, to its end."""
+
+    def run(number):
+        campaign = store.campaigns.move(number, "running")
+        spec = campaign.spec
+        method = plugins.load(plugins.METHODS, spec.method)
+        settings = read_settings(method.Settings, spec.settings, "settings")
+        rounds = Rounds(method(learner_context(campaign, store), settings), 0, spec.episodes)
+        engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
+        for result in run_in_process(rounds, engine):
+            store.episodes.commit(number, [Delivery(result, "w")])
+        store.checkpoints.save(number, rounds.checkpoint())
+        store.campaigns.move(number, "done")
+        return number
+
+    return run
+
+
+@pytest.fixture
+def crash(client, fields, finish):
+    """A failure of a campaign over scenarios: the campaign's id and the episode's index."""
+    varied = {"scenario_parameters": {"distance_m": {"uniform": [56.0, 58.0]}}, "episodes": 12}
+    campaign = finish(client.campaigns.create(**fields | varied).id)
+    failures = client.episodes.list(campaign, outcome=Outcome.COLLISION)
+    return campaign, next(iter(failures)).index
+
+
+def test_a_failure_is_shrunk_in_the_very_scenario_that_it_drew(client, crash, finish):
+    shrinking = client.campaigns.shrink(*crash, episodes=400)
+    drawn = shrinking.spec.scenario_parameters["distance_m"]
+    assert 56.0 <= drawn <= 58.0
+    assert shrinking.spec.settings == {"campaign": crash[0], "episode": crash[1]}
+    assert shrinking.spec.name.endswith(f"minimal failure of {crash[0]}/{crash[1]}")
+    told = client.campaigns.minimal(finish(shrinking.id))
+    assert told.done
+    assert told.needed < told.injected
+    assert client.episodes.get(told.campaign, told.index).is_failure
+
+
+def test_it_stands_on_the_page_of_its_campaign(app, client, crash, finish):
+    number = finish(client.campaigns.shrink(*crash, episodes=40).id)
+    transport = TestClient(app)._transport
+    surroundings = Surroundings(connect=lambda url: Client(url, transport))
+    shown = CliRunner().invoke(commands, ["campaign", "show", str(number)], obj=surroundings)
+    assert shown.exit_code == 0, shown.output
+    told = client.campaigns.minimal(number)
+    for words in (f"Minimal failure {number}/{told.index}", told.words, told.because):
+        assert words in " ".join(shown.stdout.split())
+
+
+def test_what_is_no_failure_or_not_there_is_refused(client, crash, finish, fields):
+    campaign, _ = crash
+    safe = next(iter(client.episodes.list(campaign, outcome=Outcome.SAFE)), None)
+    if safe is not None:
+        with pytest.raises(InvalidValue, match="not in a collision"):
+            client.campaigns.shrink(campaign, safe.index)
+    with pytest.raises(NotFound):
+        client.campaigns.shrink(campaign, 99)
+    with pytest.raises(Conflict, match="shrinks no failure"):
+        client.campaigns.minimal(campaign)
+    waiting = client.campaigns.shrink(*crash)
+    with pytest.raises(Conflict, match="no replay of it has failed"):
+        client.campaigns.minimal(waiting.id)

@@ -1,0 +1,54 @@
+"""docs/analysis.md tells of every setting and every number of an analysis."""
+
+import re
+
+import pytest
+
+from eigenfail.values import AnalysisResult, AnalysisSettings, FailureMode
+from eigenfail.values.findings import STABLE
+from eigenfail_services.analysis import clusters, components, moments, stability
+from eigenfail_services.methods.subset.modes import FEWEST_LINEAGES
+from eigenfail_services.statistics.importance import FEWEST_EFFECTIVE
+
+# Rows and their labels, which say what they are.
+PLAIN = {"episodes", "labels", "campaigns", "notes", "failures", "centre", "medoid_campaign"}
+
+
+@pytest.fixture(scope="module")
+def page(root):
+    return (root / "docs/analysis.md").read_text()
+
+
+def test_every_setting_has_its_row_with_the_default(page):
+    section = page.split("## Settings")[1].split("\n## ")[0]
+    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \|", section, re.MULTILINE))
+    defaults = {name: getattr(AnalysisSettings(), name) for name in rows if name in fields()}
+    assert sorted(defaults) == sorted(fields())
+    said = {name: rows[name].strip("` ") for name in defaults}
+    words = {"clusters": "by silhouette", "campaigns": "none"}
+    assert said == {name: words.get(name, str(value)) for name, value in defaults.items()}
+
+
+def fields():
+    return AnalysisSettings.__struct_fields__
+
+
+def test_every_number_is_explained(page):
+    names = {*AnalysisResult.__struct_fields__, *FailureMode.__struct_fields__} - PLAIN
+    assert [name for name in sorted(names) if f"`{name}`" not in page] == []
+
+
+def test_the_numbers_on_the_page_are_those_of_the_code(page):
+    for number, words in (
+        (components.SMALL_ENTRIES, "{:,} entries"),
+        (components.WIDEST, "more than {} columns"),
+        (clusters.CLUSTERED_ROWS, "Of more than {} failures"),
+        (stability.ROWS, "silhouettes and bootstrap take {} drawn"),
+        (clusters.SILHOUETTE_ROWS, "silhouettes and bootstrap take {} drawn"),
+        (clusters.NOISE_DRAWS, "largest of {} draws"),
+        (moments.APART, "at least {} steps apart"),
+        (STABLE, "Rand index is {} or more"),
+        (FEWEST_LINEAGES, "fewer than {:.0f} first draws"),
+        (FEWEST_EFFECTIVE, "less than {:.0f} independent ones"),
+    ):
+        assert words.format(number) in " ".join(page.split())

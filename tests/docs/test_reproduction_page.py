@@ -1,0 +1,47 @@
+"""docs/reproduction.md is what the kept run says, and so are the claims."""
+
+from importlib import import_module
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+
+from eigenfail.reproduction.claims import claims
+from eigenfail.reproduction.programme import SCALES
+
+
+@pytest.fixture
+def benchmark(monkeypatch, root):
+    monkeypatch.syspath_prepend(root / "benchmarks")
+    return import_module("reproduction")
+
+
+def test_the_page_is_that_of_the_kept_run(benchmark, root):
+    page = (root / "docs" / "reproduction.md").read_text()
+    assert page == benchmark.illustrated(benchmark.read()), "run `make pictures`"
+    for name in benchmark.PICTURES:
+        assert f"(reproduction/{name}.svg)" in page
+        assert "<svg" in (root / "docs" / "reproduction" / f"{name}.svg").read_text()
+
+
+def test_it_is_a_run_at_full_scale(benchmark):
+    found = benchmark.read()
+    assert found.scale == "full"
+    trained = {row.name: row.numbers[1].n for table in found.tables[2:3] for row in table.rows}
+    assert set(trained.values()) == {SCALES["full"].training}
+
+
+def test_its_numbers_are_the_claims(benchmark, root):
+    stated = msgspec.json.decode((root / "docs" / "claims.json").read_bytes())
+    kept = claims(benchmark.read())
+    assert {name: stated[name].get("value") for name in kept} == {
+        name: claim.value for name, claim in kept.items()
+    }
+    assert {name for name in stated if name.startswith("paper.")} == set(kept)
+
+
+def test_a_run_is_written_with_its_pictures(benchmark, tmp_path):
+    run = SimpleNamespace(found=benchmark.read(), pictures={"scores": b"<svg/>"})
+    benchmark.write(run, tmp_path / "reproduction.json")
+    assert benchmark.read(tmp_path / "reproduction.json") == run.found
+    assert (tmp_path / "reproduction" / "scores.svg").read_bytes() == b"<svg/>"

@@ -1,0 +1,104 @@
+"""`eigenfail analyze`: its options, and what it says besides the modes."""
+
+import json
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from eigenfail.cli.finding_words import finding_words, moment, share_words
+from eigenfail.values import AnalysisResult, InfluenceShare, Interval, Moment, Stability
+
+NOTHING = np.zeros((0, 2), np.float32)
+BARE = AnalysisResult(
+    episodes=(),
+    explained=NOTHING,
+    components=NOTHING,
+    scores=NOTHING,
+    labels=(),
+    modes=(),
+    influence=NOTHING,
+    silhouette=None,
+    noise_silhouette=None,
+)
+
+
+def test_every_option_reaches_the_analysis(eigenfail, done, spec_file, store):
+    also = json.loads(eigenfail("run", spec_file, "--seed", 5, "--json").stdout)["campaign"]
+    asked = eigenfail(
+        *("analyze", done, "--axes", "longitudinal", "--clusterer", "gaussian_mixture"),
+        *("--also", also, "--bootstrap", 3, "--clusters", 2, "--json"),
+    )
+    assert asked.exit_code == 0, asked.output
+    settings = json.loads(asked.stdout)["analysis"]["settings"]
+    assert settings | {"align": "start", "components": 3} == settings
+    assert (settings["axes"], settings["clusterer"]) == ("longitudinal", "gaussian_mixture")
+    assert (settings["campaigns"], settings["bootstrap"], settings["clusters"]) == ([also], 3, 2)
+    result = json.loads(asked.stdout)["analysis"]["result"]
+    assert set(result["campaigns"]) == {done, also}
+    assert result["stability"]["resamples"] == 3
+
+
+def test_what_was_found_is_said(eigenfail, done):
+    told = " ".join(eigenfail("analyze", done, "--clusters", 2, "--bootstrap", 2).stdout.split())
+    assert "No distinct modes: " in told
+    assert "Drawn again 2 times, the modes have an adjusted Rand index of " in told
+    assert "noise matters most" in told
+    assert "s before the collision" in told
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--also", 99), "99"),
+        (("--clusterer", "hdbscan", "--clusters", 3), "hdbscan finds the number"),
+        (("--bootstrap", -1), "bootstrap"),
+        (("--clusterer", "ward"), "kmeans"),
+    ],
+)
+def test_wrong_options_are_refused_in_words(eigenfail, done, options, words):
+    refused = eigenfail("analyze", done, *options)
+    assert refused.exit_code == 2
+    assert words in refused.stderr
+
+
+def test_an_older_result_has_nothing_more_to_say():
+    assert list(finding_words(BARE)) == []
+    assert BARE.verdict == "No distinct modes: the failures make a single group."
+
+
+def test_findings_in_words():
+    found = replace(
+        BARE,
+        notes=("A snapshot.",),
+        stability=Stability(20, 300, 0.91, Interval(0.4, 1.0)),
+        outliers=0.124,
+        moments=(Moment("lateral", 4, 1.2, 0.5), Moment("lateral", 9, 0.7, 0.4)),
+    )
+    assert list(finding_words(found)) == [
+        "A snapshot.",
+        (
+            "Drawn again 20 times, the modes have an adjusted Rand index of 0.91 [0.40, 1.00]; "
+            "1 is the same modes, 0 is chance."
+        ),
+        "12 % of the failures were near no mode.",
+        "Lateral noise matters most 1.2 s before the collision, 0.7 s before the collision.",
+    ]
+    assert moment(Moment("lateral", 4, None, 0.5)) == "at step 4"
+
+
+def test_the_share_of_the_last_seconds_in_words():
+    share = InfluenceShare(seconds=2.0, time=0.25, longitudinal=0.5, lateral=None, both=0.5)
+    assert share_words(share) == (
+        "The last 2 s before the collision, 25 % of the time, hold 50 % of the influence "
+        "(longitudinal 50 %)."
+    )
+    assert "any influence" in share_words(replace(share, both=None))
+
+
+def test_a_verdict_says_which_test_failed():
+    modes = replace(BARE, silhouette=0.5, noise_silhouette=0.3, stability=None)
+    unstable = replace(modes, stability=Stability(20, 300, 0.5, Interval(0.1, 0.9)))
+    assert (modes.distinct, unstable.distinct) == (True, False)
+    assert "adjusted Rand index is 0.50, below 0.8" in unstable.verdict
+    assert "not told apart from noise" in replace(modes, noise_silhouette=0.6).verdict

@@ -1,0 +1,57 @@
+"""Campaigns and episodes as a service tells of them, made by hand."""
+
+import pytest
+
+from eigenfail.suites import Member, Suite
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Outcome
+from eigenfail.values.records import EpisodeRow
+
+
+@pytest.fixture
+def spec():
+    return CampaignSpec(name="trio: a", method="monte_carlo", episodes=10, planner="idm")
+
+
+@pytest.fixture
+def suite(spec):
+    return Suite("trio", (Member("a", spec),))
+
+
+@pytest.fixture
+def campaign(spec):
+    """Makes a campaign that is done."""
+
+    def make(number=1, completed=10, failures=0, failed=0, spec=spec, **fields):
+        counts = Counts(spec.episodes, completed, failures, failed)
+        given = {"state": CampaignState.DONE, "created_ms": 0, **fields}
+        return Campaign(id=number, spec=spec, counts=counts, **given)
+
+    return make
+
+
+@pytest.fixture
+def row():
+    """Makes an episode in a list."""
+
+    def make(index, outcome=Outcome.COLLISION, campaign=2, log_probability=-1.0, problem=""):
+        return EpisodeRow(
+            campaign=campaign,
+            index=index,
+            seed=index,
+            outcome=outcome,
+            steps=10,
+            source="prior",
+            worker="w",
+            robustness_m=0.0,
+            log_probability=log_probability,
+            severity=None,
+            min_ttc_s=None,
+            max_drac_mps2=None,
+            wall_s=0.5,
+            finished_ms=0,
+            digest="",
+            has_scene=False,
+            problem=problem,
+        )
+
+    return make

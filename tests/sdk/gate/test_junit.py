@@ -1,0 +1,107 @@
+"""JUnit XML, read back as Jenkins, GitLab and GitHub read it."""
+
+from xml.etree import ElementTree as ET
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eigenfail.gate.junit import plain, to_junit
+from eigenfail.gate.report import By, Figures, Finding, Gate, MemberReport, Rerun, report
+from eigenfail.gate.verdicts import Verdict
+
+
+def finding(became, what="a failure", **fields):
+    return Finding(verdict=became, what=what, replay="eigenfail episode replay 2/1", **fields)
+
+
+def document(strict=False, by=By.EPISODE):
+    sides = [Figures(campaign=n, completed=9, failures=n, failed=0) for n in (1, 2)]
+    rerun = Rerun(
+        before=sides[0],
+        now=sides[1],
+        verdict=Verdict.NEW,
+        by=by,
+        words="9 pairs",
+        counts={Verdict.NEW: 1, Verdict.STILL_FAILING: 1},
+        findings=(finding(Verdict.NEW, "episode 1"), finding(Verdict.STILL_FAILING, "episode 2")),
+        wall_s=2.0,
+    )
+    known = (
+        finding(Verdict.FIXED, "fixed one", wall_s=0.25),
+        finding(Verdict.STILL_FAILING, "old one"),
+        finding(Verdict.CANNOT_RUN, "broken one", problem="planner: <boom> & \x00\x1b[31m"),
+    )
+    members = [
+        MemberReport(member="a", baseline=sides[0], known=known, rerun=rerun),
+        MemberReport(member="b", notes=("It is not in the baseline.",)),
+    ]
+    gate = Gate(suite="s", version="v2", run="s @ v2", baseline="v1", strict=strict)
+    return ET.fromstring(to_junit(report(gate, members)))
+
+
+def test_the_document_has_a_suite_for_each_member_with_its_properties():
+    root = document()
+    assert root.tag == "testsuites"
+    assert [suite.get("name") for suite in root] == ["s: a", "s: b"]
+    properties = {each.get("name"): each.get("value") for each in root[0].iter("property")}
+    assert properties["baseline"] == "v1"
+    assert properties["version"] == "v2"
+    assert (properties["failures"], properties["failures before"]) == ("2 of 9", "1 of 9")
+    assert properties["new"] == "1"
+
+
+def ended(case):
+    tags = {child.tag for child in case} - {"system-out"}
+    return tags.pop() if tags else "passed"
+
+
+def test_what_closes_the_gate_fails_and_what_was_there_is_skipped():
+    cases = {case.get("name"): ended(case) for case in document().iter("testcase")}
+    assert cases == {
+        "fixed one": "passed",
+        "old one": "skipped",
+        "broken one": "error",
+        "campaign 1": "failure",
+        "episode 1": "failure",
+        "It is not in the baseline.": "skipped",
+    }
+    strict = {case.get("name"): ended(case) for case in document(strict=True).iter("testcase")}
+    assert strict["old one"] == "failure"
+
+
+def test_the_totals_are_those_of_the_cases():
+    for group in (document(), *document()):
+        cases = list(group.iter("testcase"))
+        counted = {"failures": "failure", "errors": "error", "skipped": "skipped"}
+        assert group.get("tests") == str(len(cases))
+        for name, tag in counted.items():
+            assert group.get(name) == str(sum(ended(case) == tag for case in cases))
+    assert document().get("time") == "2.250"
+
+
+def test_a_failure_says_how_to_see_it():
+    (failure,) = document().findall(".//testcase[@name='episode 1']/failure")
+    assert failure.get("type") == failure.get("message") == "new"
+    assert "eigenfail episode replay 2/1" in failure.text
+    (whole,) = document().findall(".//testcase[@name='campaign 1']/failure")
+    assert "9 pairs" in whole.text
+
+
+def test_judged_as_a_whole_its_episodes_are_no_cases():
+    names = {case.get("name") for case in document(by=By.RATE).iter("testcase")}
+    assert "campaign 1" in names
+    assert "episode 1" not in names
+
+
+def test_characters_that_xml_cannot_hold_are_left_out():
+    (error,) = document().findall(".//error")
+    assert error.text.startswith("planner: <boom> & [31m")
+
+
+@given(text=st.text(st.characters(codec="utf-8")))
+def test_any_text_can_be_read_back(text):
+    root = ET.fromstring("<a/>")
+    root.text = plain(text)
+    again = ET.fromstring(ET.tostring(root, encoding="utf-8"))
+    assert (again.text or "") == plain(text)
+    assert set(text) - set(plain(text)) <= {chr(code) for code in (*range(32), 0xFFFE, 0xFFFF)}

@@ -1,0 +1,222 @@
+"""What became of failures: every case by hand, and what holds of any two campaigns."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from eigenfail.gate.report import By, Figures, Gate, MemberReport, Rerun, report
+from eigenfail.gate.reruns import Side, rerun
+from eigenfail.gate.verdicts import CLOSING, Outcomes, Verdict, paired, verdict
+from eigenfail.values import Comparison as Found
+from eigenfail.values import Estimate, Interval, Outcome, PairTotals
+from eigenfail_services.statistics.comparison import difference, mcnemar
+
+HIT, SAFE, FAILED = Outcome.COLLISION, Outcome.SAFE, Outcome.FAILED
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "became"),
+    [
+        (SAFE, HIT, "new"),
+        (HIT, HIT, "still failing"),
+        (None, HIT, "unproven"),
+        (HIT, SAFE, "fixed"),
+        (SAFE, SAFE, "safe"),
+        (None, SAFE, "safe"),
+        (HIT, FAILED, "cannot be run"),
+        (SAFE, None, "cannot be run"),
+    ],
+)
+def test_every_pair_of_outcomes_has_one_verdict(before, now, became):
+    assert verdict(before, now) == became
+
+
+def outcomes(row, found, campaign=2):
+    """Of a list of outcomes in index order."""
+    rows = {index: row(index, outcome, campaign) for index, outcome in enumerate(found)}
+    return Outcomes(
+        episodes=len(found),
+        collisions={index: each for index, each in rows.items() if each.outcome is HIT},
+        failed={index: each for index, each in rows.items() if each.outcome is FAILED},
+    )
+
+
+lists = st.lists(st.sampled_from([HIT, SAFE, FAILED]), max_size=8)
+
+
+@pytest.fixture(scope="module")
+def any_row():
+    from types import SimpleNamespace
+
+    return lambda index, outcome, campaign: SimpleNamespace(index=index, outcome=outcome)
+
+
+@given(before=lists, now=lists)
+def test_pairs_are_judged_as_a_table_of_both_would(any_row, before, now):
+    found = paired(outcomes(any_row, before), outcomes(any_row, now))
+    for index in range(max(len(before), len(now))):
+        was = before[index] if index < len(before) else None
+        was = None if was is FAILED else was
+        is_now = now[index] if index < len(now) else None
+        left_out = is_now is None or (is_now is FAILED and was is None)
+        expected = Verdict.SAFE if left_out else verdict(was, is_now)
+        assert found.get(index, Verdict.SAFE) == expected
+
+
+@given(found=lists)
+def test_a_planner_against_itself_has_nothing_new(any_row, found):
+    same = outcomes(any_row, found)
+    assert set(paired(same, same).values()) <= {Verdict.STILL_FAILING}
+
+
+@given(before=lists, now=lists)
+def test_nothing_is_fixed_that_did_not_fail_and_new_that_did(any_row, before, now):
+    was = outcomes(any_row, before)
+    for index, became in paired(was, outcomes(any_row, now)).items():
+        assert (became is Verdict.NEW) <= (was.of(index) is SAFE)
+        assert (became in {Verdict.FIXED, Verdict.STILL_FAILING}) <= (was.of(index) is HIT)
+
+
+@pytest.fixture
+def compared(campaign, row):
+    """Two campaigns as a service compares them, from the outcomes of both in index order."""
+
+    def make(before, now, is_paired=True, by=By.EPISODE, estimates=(None, None)):
+        sides = []
+        for number, found in ((1, before), (2, now)):
+            hits, broken = found.count(HIT), found.count(FAILED)
+            told = campaign(
+                number, len(found) - broken, hits, broken, estimate=estimates[number - 1]
+            )
+            sides.append(Side(told, outcomes(row, found, number)))
+        return rerun(*sides, comparison(before, now, is_paired), "http://service", by)
+
+    return make
+
+
+def comparison(before, now, is_paired):
+    """What the service makes of two lists of outcomes."""
+    both = list(zip(before, now, strict=False))
+    totals = PairTotals(*(both.count(each) for each in ((HIT, HIT), (HIT, SAFE), (SAFE, HIT))))
+    totals = replace(totals, neither=both.count((SAFE, SAFE)))
+    ran = [len(found) - found.count(FAILED) for found in (before, now)]
+    rates = (before.count(HIT), ran[0], now.count(HIT), ran[1])
+    return Found(
+        a=None,
+        b=None,
+        difference=difference(*rates) if all(ran) else None,
+        pairs=mcnemar(totals) if is_paired else None,
+        unpaired_because="" if is_paired else "it learns.",
+        effect=None,
+        distinctions=(),
+        warnings=("beware",),
+    )
+
+
+def test_where_noise_is_the_same_each_new_episode_counts(compared):
+    found = compared([SAFE, HIT, HIT, SAFE], [HIT, HIT, SAFE, SAFE])
+    assert found.verdict == "new"
+    assert found.counts == {"new": 1, "still failing": 1, "fixed": 1}
+    assert [(each.verdict, each.episode, each.was) for each in found.findings] == [
+        ("new", "2/0", "1/0"),
+        ("still failing", "2/1", "1/1"),
+    ]
+    assert found.findings[0].replay == "eigenfail episode replay 2/0"
+    assert found.findings[0].link == "http://service/campaigns/2/episodes/0"
+    assert "4 pairs" in found.words
+    assert "McNemar's exact test on 2: p = 1" in found.words
+    assert found.warnings == ("beware",)
+
+
+def test_by_rate_a_swap_of_failures_is_chance(compared):
+    swapped = ([HIT] * 5 + [SAFE] * 15, [SAFE] * 4 + [HIT] * 3 + [SAFE] * 13)
+    assert compared(*swapped).verdict == "new"
+    by_rate = compared(*swapped, by=By.RATE)
+    assert by_rate.verdict == "still failing"
+    assert by_rate.counts["new"] == 2
+    one = [*[SAFE] * 19, HIT]
+    assert compared(one, [HIT] * 6 + one[6:], by=By.RATE).verdict == "new"
+    assert compared(one, [HIT] * 5 + one[5:], by=By.RATE).verdict == "still failing"
+    assert compared([SAFE] * 20, one, by=By.RATE).verdict == "new"
+    assert compared([HIT] * 6 + [SAFE] * 14, [SAFE] * 20, by=By.RATE).verdict == "fixed"
+    assert compared([SAFE] * 3, [SAFE] * 3, by=By.RATE).verdict == "safe"
+    assert compared([SAFE] * 3, [SAFE, SAFE, FAILED], by=By.RATE).verdict == "cannot be run"
+
+
+def test_a_search_is_new_beyond_chance_alone(compared):
+    # Newcombe's interval of 5/50 to 10/50 holds 0, that of 5/50 to 20/50 does not.
+    def search(failures, is_now):
+        found = [[HIT] * count + [SAFE] * (50 - count) for count in (failures, is_now)]
+        return compared(*found, is_paired=False)
+
+    assert search(5, 10).verdict == "still failing"
+    assert search(5, 20).verdict == "new"
+    assert search(20, 5).verdict == "fixed"
+    assert search(5, 0).verdict == "fixed"
+    assert search(0, 0).verdict == "safe"
+    assert search(0, 1).verdict == "new"
+    assert "found none" in search(0, 1).words
+    assert search(5, 20).unpaired_because == "it learns."
+    assert search(5, 20).counts == {}
+    assert {each.verdict for each in search(5, 20).findings} == {"unproven"}
+
+
+def test_a_search_that_cannot_be_run_any_more_closes(compared):
+    found = compared([SAFE] * 3, [FAILED] * 3, is_paired=False)
+    assert found.verdict == "cannot be run"
+    assert len(found.findings) == 3
+    assert compared([FAILED, SAFE], [FAILED, SAFE], is_paired=False).verdict == "safe"
+
+
+def test_estimates_are_compared_rather_than_the_rates_of_what_was_searched(compared):
+    def estimate(low, high):
+        return Estimate(by="subset simulation", episodes=9, interval=Interval(low, high))
+
+    def judged(before, now):
+        searched = ([HIT] * 5 + [SAFE] * 5, [HIT] * 5 + [SAFE] * 5)
+        return compared(*searched, is_paired=False, estimates=(before, now)).verdict
+
+    assert judged(estimate(1e-4, 3e-4), estimate(2e-4, 9e-4)) == "still failing"
+    assert judged(estimate(1e-4, 3e-4), estimate(4e-4, 9e-4)) == "new"
+    assert judged(estimate(4e-4, 9e-4), estimate(1e-4, 3e-4)) == "fixed"
+    assert judged(None, estimate(4e-4, 9e-4)) == "still failing"
+
+
+def gate_of(*verdicts, strict=False, problem=""):
+    known = tuple(finding_of(each, problem) for each in verdicts)
+    gate = Gate(suite="s", version="v2", run="s @ v2", baseline="v1", strict=strict)
+    return report(gate, [MemberReport(member="m", known=known)])
+
+
+def finding_of(became, problem):
+    from eigenfail.gate.report import Finding
+
+    return Finding(verdict=became, what="a failure", problem=problem)
+
+
+@given(verdicts=st.lists(st.sampled_from(Verdict), max_size=6))
+def test_a_gate_is_open_unless_something_closes_it(verdicts):
+    found = gate_of(*verdicts)
+    assert found.open == (not CLOSING & set(verdicts))
+    assert sum(found.counts.values()) == len(verdicts)
+    strict = gate_of(*verdicts, strict=True)
+    assert strict.open == (set(verdicts) <= {Verdict.FIXED, Verdict.SAFE})
+
+
+def test_lost_episodes_alone_are_trouble_of_the_machinery():
+    lost = "infrastructure: the worker was lost"
+    assert gate_of(Verdict.CANNOT_RUN, problem=lost).in_trouble
+    assert not gate_of(Verdict.CANNOT_RUN, problem="planner: ValueError").in_trouble
+    assert not gate_of(Verdict.CANNOT_RUN, Verdict.NEW, problem=lost).in_trouble
+    assert not gate_of(Verdict.FIXED, problem=lost).in_trouble
+    assert not gate_of().in_trouble
+
+
+def test_a_rerun_judged_as_a_whole_counts_once():
+    sides = [Figures(campaign=n, completed=9, failures=5, failed=0) for n in (1, 2)]
+    base = {"before": sides[0], "now": sides[1], "verdict": Verdict.NEW, "words": ""}
+    whole = Rerun(**base, by=By.RATE, counts={Verdict.NEW: 3})
+    each = Rerun(**base, by=By.EPISODE, counts={Verdict.NEW: 3, Verdict.FIXED: 1})
+    assert list(MemberReport(member="m", rerun=whole).verdicts()) == ["new"]
+    assert list(MemberReport(member="m", rerun=each).verdicts()) == ["new"] * 3 + ["fixed"]

@@ -1,0 +1,75 @@
+"""Runs by version, and what can be judged against what."""
+
+import pytest
+from msgspec.structs import replace
+
+from eigenfail.errors import Conflict, InvalidValue
+from eigenfail.gate.versions import (
+    MAY_DIFFER,
+    at_version,
+    check_baseline,
+    counterpart,
+    differences,
+    run_of,
+)
+from eigenfail.suites import Member
+from eigenfail.values import CampaignSpec, CampaignState, DisturbanceModel, StopRules
+
+OTHER = {
+    "name": "other",
+    "method": "cem",
+    "episodes": 11,
+    "seed": 9,
+    "settings": {"batch": 3},
+    "scenario": "lead_brake",
+    "scenario_parameters": {"distance_m": 53.0},
+    "planner": "rulebook",
+    "planner_settings": {"x": 1},
+    "simulator": "point_mass",
+    "disturbance": DisturbanceModel(scale=2.0),
+    "stop": StopRules(failures=1),
+    "price_usd_per_hour": 9.0,
+    "instances": 7,
+    "scene_every": 3,
+}
+
+
+def test_versions_are_runs_of_their_own(suite, campaign):
+    old, new = at_version(suite, "v1"), at_version(suite, "v2")
+    assert new.name == "trio @ v2"
+    assert new.members[0].spec.name == "trio @ v2: a"
+    assert new.members[0].name == "a"
+    assert differences(old.members[0].spec, new.members[0].spec) == ()
+    assert run_of(campaign(spec=old.members[0].spec), old.members[0]) == "trio @ v1"
+
+
+@pytest.mark.parametrize("field", CampaignSpec.__struct_fields__)
+def test_the_planner_may_differ_and_the_question_may_not(spec, suite, campaign, field):
+    changed = campaign(spec=replace(spec, **{field: OTHER[field]}))
+    if field in MAY_DIFFER:
+        check_baseline(suite, {"a": changed}, "v1")
+        return
+    with pytest.raises(InvalidValue, match=rf"member 'a': {field} of campaign 1"):
+        check_baseline(suite, {"a": changed}, "v1")
+
+
+def test_a_baseline_must_be_there_and_done(suite, campaign):
+    check_baseline(suite, {"a": campaign(failures=1)}, "v1")
+    with pytest.raises(InvalidValue, match="'v1' holds none of the members of trio"):
+        check_baseline(suite, {}, "v1")
+    with pytest.raises(Conflict, match="Campaign 1 of the baseline is paused"):
+        check_baseline(suite, {"a": campaign(state=CampaignState.PAUSED)}, "v1")
+    with pytest.raises(Conflict, match="completed no episode"):
+        check_baseline(suite, {"a": campaign(completed=0, failed=10)}, "v1")
+
+
+def test_campaigns_belong_to_members_by_name_or_else_by_question(spec, campaign):
+    member = Member("a", spec)
+    by_name = campaign(3, spec=replace(spec, name="old: a", seed=5))
+    alike = campaign(4, spec=replace(spec, name="anything", planner="rulebook"))
+    unlike = campaign(5, spec=replace(spec, name="anything", seed=5))
+    assert counterpart(member, [unlike, alike, by_name]) == by_name
+    assert counterpart(member, [unlike, alike]) == alike
+    assert counterpart(member, [unlike]) is None
+    with pytest.raises(InvalidValue, match="campaigns 4, 6 could all be that of member 'a'"):
+        counterpart(member, [alike, campaign(6, spec=alike.spec)])

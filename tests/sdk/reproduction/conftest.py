@@ -1,0 +1,75 @@
+"""Summaries as a service would tell them, from a few numbers."""
+
+import pytest
+
+from eigenfail.reproduction.programme import programme
+from eigenfail.values import Conflicts, Cost, Counts, Interval, Rate, Safety, Summary
+from eigenfail.values.safety import FailurePoint, Scatter, SeverityRisk, Violations
+
+
+def make_summary(
+    number, name, failures, completed=300, *, per_step=-2.0, severity=100.0, spread=0.03
+):
+    """A campaign with so many failures."""
+    share = failures / completed
+    interval = Interval(max(share - spread, 0.0), min(share + spread, 1.0))
+    return Summary(
+        campaign=number,
+        name=name,
+        method="ast",
+        counts=Counts(planned=completed, completed=completed, failures=failures),
+        failure_rate=Rate(share, failures, completed, interval),
+        mean_log_probability=per_step * 80 if failures else None,
+        log_probability_per_step=per_step if failures else None,
+        mean_severity=severity if failures else None,
+        episodes_per_s=20.0,
+        cost=Cost(0.01, 0.01, 0.001 if failures else None, None, 0.0001),
+    )
+
+
+@pytest.fixture
+def summary():
+    return make_summary
+
+
+@pytest.fixture
+def summaries():
+    """All members, each with 150 failures of 300 but for Monte Carlo of the planner."""
+    found = {
+        member.name: make_summary(number, member.name, 150)
+        for number, member in enumerate(programme("full").members, start=1)
+    }
+    found["monte_carlo rulebook"] = make_summary(1, "monte_carlo rulebook", 0, 2000, spread=0.001)
+    return found
+
+
+def make_safety(summary, wide=0.01):
+    """The failures of a summary one by one, alternately a little above and below its means."""
+    points = tuple(
+        FailurePoint(
+            index,
+            summary.log_probability_per_step + wide * (-1) ** index,
+            summary.mean_severity + wide * (-1) ** index,
+            None,
+        )
+        for index in range(summary.counts.failures)
+    )
+    nothing = Violations(threshold=1.5, beyond=None, n=0, median=None, worst=None)
+    return Safety(
+        campaign=summary.campaign,
+        name=summary.name,
+        method=summary.method,
+        completed=summary.counts.completed,
+        collisions=summary.failure_rate,
+        near_misses=None,
+        conflicts=Conflicts(),
+        ttc=nothing,
+        drac=nothing,
+        severity=SeverityRisk(level=0.95, n=len(points), beyond=0.0),
+        scatter=Scatter(points, len(points)),
+    )
+
+
+@pytest.fixture
+def safety():
+    return make_safety

@@ -1,0 +1,154 @@
+"""The paper's statements on causes, and the tables behind them."""
+
+import numpy as np
+import pytest
+
+from eigenfail.reproduction.causes import of_causes
+from eigenfail.reproduction.diagnosis import component_table, replay_table, safety_table
+from eigenfail.values import (
+    AnalysisResult,
+    CampaignState,
+    Conflicts,
+    Interval,
+    Proof,
+    Rate,
+    Safety,
+)
+from eigenfail.values.findings import InfluenceShare, Stability
+from eigenfail.values.proof import ProvenScenario, Reproduction
+from eigenfail.values.safety import Figure, Scatter, SeverityRisk, Violations
+
+NAME = "ast evaluation"
+SURE = Interval(0.9, 1.0)
+
+
+def analysis(*explained, late=0.5, silhouette=0.6, modes=3):
+    """What is looked at of an analysis of 30 failures; `late` is the longitudinal influence."""
+    shares = (
+        InfluenceShare(seconds=1.0, time=0.2, longitudinal=late, lateral=None, both=late),
+        InfluenceShare(seconds=2.0, time=0.4, longitudinal=0.9, lateral=None, both=0.9),
+    )
+    nothing = np.zeros((0, 100, 2), np.float32)
+    return AnalysisResult(
+        episodes=tuple(range(30)),
+        explained=np.array(explained, np.float32),
+        components=nothing,
+        scores=np.zeros((30, 0), np.float32),
+        labels=(0,) * 30,
+        modes=(None,) * modes,
+        influence=nothing,
+        silhouette=silhouette,
+        noise_silhouette=0.2,
+        stability=Stability(20, 30, 0.9, SURE),
+        before_collision=shares,
+    )
+
+
+def rate(k, n=4):
+    return Rate(k / n, k, n, Interval(0.1, 0.9))
+
+
+def proof(*failed_again):
+    """A proof of 4 eigenfailures in each scenario; the first is the same one."""
+    scenarios = tuple(
+        ProvenScenario(
+            scenario_parameters={"distance_m": 58.0 + 5.0 * place} if place else {},
+            campaign=place + 1,
+            state=CampaignState.DONE,
+            eigenfailures=Reproduction(rate(k)),
+            medoids=Reproduction(rate(4)),
+            replays=(),
+        )
+        for place, k in enumerate(failed_again)
+    )
+    everywhere = Reproduction(rate(sum(failed_again), 4 * len(failed_again)))
+    same = scenarios[0].eigenfailures
+    return Proof(
+        analysis=1,
+        done=True,
+        reproduced=same,
+        eigenfailures=everywhere,
+        medoids=everywhere,
+        modes=(),
+        scenarios=scenarios,
+    )
+
+
+def safety(correlation, low, high):
+    """The safety measures of 300 episodes."""
+    ttc = Violations(threshold=1.5, beyond=rate(19, 300), n=290, median=3.5, worst=0.1)
+    return Safety(
+        campaign=7,
+        name=NAME,
+        method="evaluate",
+        completed=300,
+        collisions=rate(9, 300),
+        near_misses=rate(10, 300),
+        conflicts=Conflicts(),
+        ttc=ttc,
+        drac=ttc,
+        severity=SeverityRisk(level=0.95, n=9, beyond=0.45),
+        scatter=Scatter((), 9, Figure(correlation, Interval(low, high))),
+    )
+
+
+def judged(words, *, along=None, across=None, proven=None, measured=None):
+    """What becomes of the statement with these words."""
+    analyses = {
+        (NAME, "longitudinal"): along or analysis(0.2, 0.1, 0.1),
+        (NAME, "lateral"): across or analysis(0.5, 0.2, 0.1),
+    }
+    proofs = {NAME: proven or proof(4, 4)}
+    found = of_causes(analyses, proofs, {NAME: measured or safety(-0.5, -0.7, -0.2)})
+    (one,) = [statement for statement in found if words in statement.paper]
+    return one.holds
+
+
+@pytest.mark.parametrize(
+    ("words", "given", "expected"),
+    [
+        ("more components", {}, True),
+        ("more components", {"along": analysis(0.9, 0.05, 0.01)}, False),
+        ("just before the collision", {}, True),
+        ("just before the collision", {"along": analysis(0.2, late=0.1)}, False),
+        ("just before the collision", {"along": analysis(late=None)}, None),
+        ("distinct failure modes", {}, True),
+        ("distinct failure modes", {"along": analysis(0.2, silhouette=0.1)}, False),
+        ("distinct failure modes", {"along": analysis(0.2, modes=2)}, False),
+        ("reproduce failures in all", {}, True),
+        ("reproduce failures in all", {"proven": proof(4, 3)}, False),
+        ("rarer than minor", {}, True),
+        ("rarer than minor", {"measured": safety(0.5, 0.2, 0.7)}, False),
+        ("rarer than minor", {"measured": safety(0.1, -0.2, 0.4)}, None),
+    ],
+)
+def test_a_statement_holds_fails_or_stays_open(words, given, expected):
+    assert judged(words, **given) is expected
+
+
+def test_safety_measures_stand_beside_the_papers():
+    collision, ttc, _ = safety_table({NAME: safety(0.0, -1.0, 1.0)}).rows
+    assert (collision.numbers[0].value, collision.numbers[0].paper) == (0.03, 0.03)
+    assert collision.numbers[1].value is None
+    assert [number.paper for number in ttc.numbers] == [19 / 300, 3.50, 0.015]
+    assert ttc.numbers[1].n == 290
+
+
+def test_modes_count_only_where_they_are_distinct():
+    found = {(NAME, "longitudinal"): analysis(0.2, 0.2), (NAME, "lateral"): analysis(0.3)}
+    table = component_table(found)
+    explained, modes = table.rows[0].numbers[:2]
+    assert (explained.value, explained.paper) == (pytest.approx(0.4), 0.40)
+    assert (modes.value, modes.paper) == (3.0, 3)
+    assert table.rows[1].numbers[0].paper is None
+    blob = component_table({(NAME, "lateral"): analysis(0.3, silhouette=0.1)})
+    assert blob.rows[0].numbers[1].value == 1.0
+
+
+def test_replays_are_told_by_scenario():
+    rows = replay_table({NAME: proof(4, 3)}).rows
+    assert [row.name for row in rows] == [
+        f"{NAME}: the same scenario",
+        f"{NAME}: distance_m 63",
+    ]
+    assert [row.numbers[0].value for row in rows] == [1.0, 0.75]

@@ -1,0 +1,53 @@
+"""A reproduction in Markdown, and its numbers as claims."""
+
+import re
+
+import pytest
+
+from eigenfail.reproduction.claims import claims
+from eigenfail.reproduction.page import page
+from eigenfail.reproduction.results import Column, Number, PaperTable, Reproduction, Row, Statement
+from eigenfail.values import Interval
+
+MARK = re.compile(r"(\S+) %? ?(\[[^]]*\])?<!-- claim (\S+) -->")
+
+
+@pytest.fixture
+def found():
+    columns = (Column("failure_rate", "failure rate", "share"), Column("log_p", "log p", "nat"))
+    row = Row(
+        "ast evaluation",
+        (Number(0.9471, 300, Interval(0.91, 0.97), paper=0.946), Number(-212.34, 284)),
+        campaign=3,
+    )
+    none = Row("monte_carlo rulebook", (Number(0.0, 2000, paper=0.0), Number(None, 0)))
+    table = PaperTable("evaluation", "Evaluation", columns, (row, none), "By step.")
+    statement = Statement("AST fails more.", None, "nobody knows")
+    return Reproduction("full", 5, (table,), (statement,))
+
+
+def test_every_number_is_a_claim(found):
+    names = claims(found)
+    assert set(names) == {
+        "paper.evaluation.ast_evaluation.failure_rate",
+        "paper.evaluation.ast_evaluation.log_p",
+        "paper.evaluation.monte_carlo_rulebook.failure_rate",
+    }
+    rate = names["paper.evaluation.ast_evaluation.failure_rate"]
+    assert (rate.value, rate.unit, rate.n, rate.paper) == (0.9471, "share", 300, 0.946)
+
+
+def test_the_page_marks_each_number_and_sets_the_papers_beside_it(found):
+    text = page(found)
+    assert "--scale full" in text
+    assert "seed 5" in text
+    assert "| | failure rate [%] | paper | log p [nat] |" in text
+    assert (
+        "| ast evaluation | 94.7 % [91.0, 97.0]<!-- claim "
+        "paper.evaluation.ast_evaluation.failure_rate --> | 94.6 | -212<!-- claim "
+        "paper.evaluation.ast_evaluation.log_p --> |" in text
+    )
+    assert "| monte_carlo rulebook | 0.0 %<!-- claim " in text
+    assert text.count("| – |") == 1
+    assert "| AST fails more. | cannot be told | nobody knows |" in text
+    assert "By step." in text

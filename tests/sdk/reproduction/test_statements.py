@@ -1,0 +1,122 @@
+"""The paper's statements, held against numbers that make them true, false, or open."""
+
+import pytest
+
+from eigenfail.reproduction.differences import greater
+from eigenfail.reproduction.statements import NEEDED, of_campaigns
+from eigenfail.values import Comparison, Cost, Difference, Interval, Side
+
+NOTHING = Side(
+    campaigns=(1,),
+    completed=0,
+    failures=0,
+    failure_rate=None,
+    rates=(None,),
+    log_probability_per_step=None,
+    mean_severity=None,
+    cost=Cost(0.0, 0.0, None, None, None),
+)
+
+
+def comparing(summaries):
+    """B minus A, as sure as plus or minus 5 %."""
+
+    def compare(a, b):
+        value = summaries[b].failure_rate.value - summaries[a].failure_rate.value
+        return Comparison(
+            a=NOTHING,
+            b=NOTHING,
+            difference=Difference(value, Interval(value - 0.05, value + 0.05), 300, 300),
+            pairs=None,
+            unpaired_because="",
+            effect=None,
+            distinctions=(),
+        )
+
+    return compare
+
+
+@pytest.fixture
+def judged(summaries, safety):
+    """What becomes of the statement with these words."""
+
+    def judge(of):
+        safeties = {name: safety(summaries[name]) for name in NEEDED}
+        found = of_campaigns(summaries, safeties, comparing(summaries))
+        return next(statement for statement in found if of in statement.paper)
+
+    return judge
+
+
+def test_planners_and_rare_failures_hold_as_in_the_paper(judged):
+    assert judged("less often than IDM").holds is True
+    assert judged("Monte Carlo finds no failure").holds is True
+    assert "0 of 2000" in judged("Monte Carlo finds no failure").figures
+
+
+def test_a_search_that_finds_nothing_refutes(judged, summaries, summary):
+    summaries["difs_paper evaluation"] = summary(9, "", 0)
+    assert judged("Monte Carlo finds no failure").holds is False
+
+
+@pytest.mark.parametrize(
+    ("small", "expected"),
+    [
+        ({"failures": 280, "per_step": -1.5, "severity": 150.0}, True),
+        ({"failures": 280, "per_step": -2.5, "severity": 150.0}, False),
+        ({"failures": 100, "per_step": -1.5, "severity": 150.0}, False),
+        ({"failures": 155, "per_step": -1.5, "severity": 150.0}, None),
+        ({"failures": 155, "per_step": -2.5, "severity": 150.0}, False),
+    ],
+)
+def test_a_small_batch_must_be_better_in_all_three(judged, summaries, summary, small, expected):
+    failures = small.pop("failures")
+    summaries["sweep batch_size=16"] = summary(9, "", failures, **small)
+    assert judged("small batch").holds is expected
+
+
+def test_a_small_alpha_trades_failures_for_likelihood(judged, summaries, summary):
+    summaries["sweep alpha=500"] = summary(9, "", 60, per_step=-1.5)
+    assert judged("small alpha").holds is True
+    summaries["sweep alpha=500"] = summary(9, "", 280, per_step=-1.5)
+    assert judged("small alpha").holds is False
+
+
+def test_what_changes_nothing_tells_nothing(judged, summaries, summary):
+    assert judged("small tau").holds is None
+    summaries["sweep tau=0.001"] = summary(9, "", 150, per_step=-1.5)
+    assert judged("small tau").holds is None, "the buffer still changes nothing"
+    summaries["sweep buffer_size=1000000"] = summary(9, "", 150, per_step=-1.5)
+    assert judged("small tau").holds is True
+    summaries["sweep tau=0.001"] = summary(9, "", 150, per_step=-2.5)
+    assert judged("small tau").holds is False
+
+
+def test_difs_is_likelier_only_where_both_fail(judged, summaries, summary):
+    summaries["difs evaluation"] = summary(9, "", 30, per_step=-1.9)
+    assert judged("likelier failures than AST").holds is True
+    summaries["difs evaluation"] = summary(9, "", 0)
+    assert judged("likelier failures than AST").holds is None
+    summaries["difs evaluation"] = summary(9, "", 9, per_step=-1.0)
+    assert judged("likelier failures than AST").holds is None, "too few"
+
+
+def test_a_policy_that_moves_badly_is_told(judged, summaries, summary):
+    summaries["ast plus5"] = summary(9, "", 270, 300)
+    summaries["ast minus5"] = summary(9, "", 270, 300)
+    summaries["ast evaluation"] = summary(9, "", 290, 300)
+    assert judged("other distances").holds is True
+    summaries["ast minus5"] = summary(9, "", 60, 300)
+    assert judged("other distances").holds is False
+    summaries["ast minus5"] = summary(9, "", 150, 300)
+    assert judged("other distances").holds is None
+
+
+def test_a_difference_within_its_interval_is_none():
+    near, far = [-2.0, -2.2] * 20, [-1.9, -2.1] * 20
+    assert greater(near, far) is True
+    assert greater(far, near) is False
+    assert greater([-2.0, -2.8] * 5, [-1.9, -2.7] * 5) is None, "so wide, it may be chance"
+    assert greater(near, near) is None
+    assert greater(near, far[:9]) is None
+    assert greater([1.0] * 10, [1.0] * 10) is None

@@ -1,0 +1,87 @@
+"""The safety table: the paper's own numbers, and what it says where it knows little."""
+
+import numpy as np
+import pytest
+
+from eigenfail.values import (
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    ConflictClass,
+    Conflicts,
+    Counts,
+    FailurePoint,
+    MeanTime,
+    MeasureTotals,
+    SafetyTotals,
+)
+from eigenfail_services.analysis.safety import safety
+from eigenfail_services.statistics.intervals import rate
+
+PAPER = Conflicts(4, 5, 0, 10, MeanTime(2.24, 9), MeanTime(0.23, 4))
+
+
+def campaign(method: str = "difs") -> Campaign:
+    spec = CampaignSpec(name="truck", method=method, episodes=300)
+    return Campaign(
+        id=7, spec=spec, state=CampaignState.DONE, counts=Counts(300, 300, 9), created_ms=1
+    )
+
+
+def totals(severities=(), points=(), failures=9) -> SafetyTotals:
+    return SafetyTotals(
+        completed=300,
+        failures=failures,
+        ttc=MeasureTotals(300, 19, 3.5, 0.015),
+        drac=MeasureTotals(300, 4, 0.4, 43.633),
+        severities=np.array(severities, np.float64),
+        points=tuple(points),
+    )
+
+
+def point(index: int) -> FailurePoint:
+    return FailurePoint(index, -2.0 - index, 100.0 + index, ConflictClass.PLANNER_FAILURE)
+
+
+def test_the_paper_s_table() -> None:
+    found = safety(campaign(), totals([100.0] * 9, map(point, range(9))), PAPER)
+    assert (found.campaign, found.name, found.method, found.completed) == (7, "truck", "difs", 300)
+    assert found.collisions == rate(9, 300)
+    assert found.near_misses == rate(10, 300)
+    assert found.ttc.beyond == rate(19, 300)
+    assert (found.ttc.threshold, found.ttc.median, found.ttc.worst) == (1.5, 3.5, 0.015)
+    assert found.drac.beyond == rate(4, 300)
+    assert (found.drac.threshold, found.drac.median, found.drac.worst) == (7.0, 0.4, 43.633)
+    assert found.conflicts == PAPER
+    assert found.severity.mean.value == 100.0
+    assert found.severity.cvar is None
+    assert "9 failures leave 0.45" in found.severity.problem
+
+
+def test_failures_that_a_search_chose_are_said_to_be_chosen() -> None:
+    chosen = safety(campaign(), totals([1.0] * 9, map(point, range(9))), PAPER).notes
+    drawn = safety(campaign("monte_carlo"), totals([1.0] * 9, map(point, range(9))), PAPER).notes
+    assert "those that difs chose" in " ".join(chosen)
+    assert drawn == ()
+
+
+def test_what_is_left_out_is_said() -> None:
+    found = safety(campaign("monte_carlo"), totals([1.0] * 7, map(point, range(4))), PAPER)
+    assert found.scatter.of == 7
+    assert found.notes == (
+        "2 of 9 failures have no severity and are left out of it.",
+        "The scatter shows 4 of 7 failures, evenly spread in index order.",
+    )
+
+
+def test_severe_failures_that_are_rarer_show() -> None:
+    found = safety(campaign(), totals([1.0] * 12, map(point, range(12)), 12), PAPER)
+    assert found.scatter.rank_correlation.value == pytest.approx(-1.0)
+
+
+def test_before_the_first_episode_nothing_is_known() -> None:
+    nothing = SafetyTotals(0, 0, MeasureTotals(), MeasureTotals(), np.zeros(0), ())
+    found = safety(campaign(), nothing, Conflicts())
+    assert found.collisions is found.near_misses is found.ttc.beyond is found.drac.median is None
+    assert found.severity.problem == "There is no failure yet."
+    assert found.notes == ()

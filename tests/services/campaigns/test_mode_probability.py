@@ -1,0 +1,211 @@
+"""The probability of each mode against closed forms, and where it is refused."""
+
+from math import erfc, sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eigenfail import plugins
+from eigenfail.settings import read_settings
+from eigenfail.testing.store.examples import deliver, running
+from eigenfail.values import (
+    AnalysisResult,
+    Campaign,
+    CampaignState,
+    EpisodeResult,
+    FailureMode,
+    Measures,
+    NoiseTrajectory,
+    Outcome,
+)
+from eigenfail_services.campaigns.materials import learner_context
+from eigenfail_services.campaigns.mode_probability import (
+    by_levels,
+    by_weights,
+    with_probabilities,
+)
+from eigenfail_services.methods.subset.modes import by_mode
+from eigenfail_services.methods.subset.waves import Dialogue, Waves
+from eigenfail_services.statistics.subset_estimate import SubsetSettings
+from eigenfail_services.store import MemoryStore
+
+HIGH, LOW = 3.0, 3.4
+
+
+def tail(threshold: float) -> float:
+    """P(x > threshold) of a standard normal x."""
+    return 0.5 * erfc(threshold / sqrt(2.0))
+
+
+def robustness(x: np.ndarray) -> np.ndarray:
+    """0 beyond HIGH on one side and LOW on the other: two modes of known probability."""
+    return np.maximum(np.minimum(HIGH - x, LOW + x), 0.0)
+
+
+def simulated(samples: int, seed: int) -> tuple[list[float], dict[int, int]]:
+    """Robustness of all episodes of two simulations, and the mode of each failure."""
+    waves, values, sides = Waves(dialogues(samples, seed)), [], []
+    while len(waves.wave):
+        x = waves.wave[:, 0, 0]
+        found = robustness(x).tolist()
+        values += found
+        sides += (x < 0.0).tolist()
+        waves.hear(found)
+    failures = [index for index, value in enumerate(values) if value <= 0.0]
+    return values, {index: int(sides[index]) for index in failures}
+
+
+def dialogues(samples: int, seed: int) -> list[Dialogue]:
+    settings = SubsetSettings(samples=samples)
+    return [Dialogue(1, settings, (seed, run)) for run in range(2)]
+
+
+def test_the_intervals_of_two_modes_hold_their_probabilities() -> None:
+    held = 0
+    for seed in range(10):
+        values, mode_of = simulated(1000, seed)
+        told = by_mode(dialogues(1000, seed), values, mode_of, 2)
+        assert told is not None
+        for found, truth in zip(told, (tail(HIGH), tail(LOW)), strict=True):
+            assert found.interval is not None
+            held += found.interval.low <= truth <= found.interval.high
+    assert held >= 17
+
+
+def test_the_modes_add_up_to_the_whole() -> None:
+    values, mode_of = simulated(500, 1)
+    apart = by_mode(dialogues(500, 1), values, mode_of, 2)
+    together = by_mode(dialogues(500, 1), values, dict.fromkeys(mode_of, 0), 1)
+    assert apart is not None
+    assert together is not None
+    assert apart[0].probability is not None
+    assert apart[1].probability is not None
+    assert together[0].probability == pytest.approx(apart[0].probability + apart[1].probability)
+
+
+def test_few_lineages_make_no_number() -> None:
+    values, mode_of = simulated(40, 0)
+    told = by_mode(dialogues(40, 0), values, mode_of, 2)
+    assert told is not None
+    assert told[1].probability is None
+    assert "independent first draws" in told[1].problem
+
+
+def test_before_the_simulations_have_ended_there_is_none() -> None:
+    values, mode_of = simulated(500, 1)
+    assert by_mode(dialogues(500, 1), values[:-1], mode_of, 2) is None
+    assert by_mode(dialogues(500, 1), [], {}, 2) is None
+
+
+@pytest.fixture
+def store():
+    made = MemoryStore()
+    yield made
+    made.close()
+
+
+def ran(store: MemoryStore, method: str, episodes: int, **settings: Any) -> tuple[Campaign, Any]:
+    """A campaign that failed where the mean longitudinal noise was far off; its learner."""
+    made = running(store, method=method, episodes=episodes, settings=settings, seed=3)
+    kind = plugins.load(plugins.METHODS, method)
+    context = learner_context(made, store)
+    learner = kind(context, read_settings(kind.Settings, settings, "settings"))
+    first = 0
+    while first < episodes:
+        sources = learner.propose(episodes - first).sources
+        results = [episode(first + row, source.z) for row, source in enumerate(sources)]
+        if not results:
+            break
+        deliver(store, made, *results)
+        learner.observe(results)
+        first += len(results)
+    return store.campaigns.get(made.id), learner
+
+
+def episode(index: int, z: np.ndarray) -> EpisodeResult:
+    off = float(z[:, 0].sum()) / sqrt(len(z))
+    collided = abs(off) > 1.0
+    return EpisodeResult(
+        index=index,
+        seed=index,
+        outcome=Outcome.COLLISION if collided else Outcome.SAFE,
+        steps=len(z),
+        noise=NoiseTrajectory(z, np.ones_like(z)),
+        source="trajectory",
+        measures=Measures(0.0 if collided else 1.0 - abs(off)),
+    )
+
+
+def sides(store: MemoryStore, campaign: Campaign) -> dict[int, int]:
+    failures = store.episodes.failures(campaign.id)
+    each = zip(failures.indices, failures.noise, strict=True)
+    return {index: int(z[:, 0].sum() < 0.0) for index, z in each}
+
+
+def test_the_weights_of_cem_are_shared_among_the_modes(store: MemoryStore) -> None:
+    campaign, learner = ran(store, "cem", 1600, batch=200, min_std=1.0, mean_smoothing=0.05)
+    told = by_weights(store, campaign, sides(store, campaign), 2)
+    for found in told:
+        assert found is not None
+        assert found.interval is not None
+        assert found.interval.low <= tail(1.0) <= found.interval.high
+    whole = learner.estimate().probability
+    assert sum(each.probability for each in told if each) == pytest.approx(whole, rel=1e-6)
+
+
+def test_the_levels_of_a_stored_campaign_are_gone_through_again(store: MemoryStore) -> None:
+    campaign, learner = ran(store, "subset", 800, samples=200, runs=2)
+    told = by_levels(store, campaign, sides(store, campaign), 2)
+    whole = learner.estimate().probability
+    assert sum(each.probability for each in told if each) == pytest.approx(whole, rel=1e-9)
+
+
+def result(campaign: Campaign, mode_of: dict[int, int], silhouette: float) -> AnalysisResult:
+    nothing = np.zeros((0, 0), np.float32)
+    return AnalysisResult(
+        episodes=tuple(mode_of),
+        explained=nothing[0:0].ravel(),
+        components=nothing,
+        scores=nothing,
+        labels=tuple(mode_of.values()),
+        modes=(FailureMode(1, 0, nothing, nothing),) * 2,
+        influence=nothing,
+        silhouette=silhouette,
+        noise_silhouette=0.3,
+    )
+
+
+@pytest.mark.parametrize(
+    ("method", "episodes", "settings"),
+    [("cem", 1600, {"batch": 200, "min_std": 1.0}), ("subset", 800, {"samples": 200, "runs": 2})],
+)
+def test_failures_that_landed_after_the_reading_are_not_taken_for_none(
+    store: MemoryStore, method: str, episodes: int, settings: dict[str, Any]
+) -> None:
+    begun, _ = ran(store, method, episodes, **settings)
+    read = {index: mode for index, mode in sides(store, begun).items() if index < episodes // 2}
+    for mode in with_probabilities(store, [begun], result(begun, read, 0.6)).modes:
+        assert mode.probability is not None
+        assert mode.probability.probability is None
+        assert "had not ended when the failures were read" in mode.probability.problem
+    ended = over(store, begun)
+    told = with_probabilities(store, [ended], result(ended, sides(store, ended), 0.6))
+    assert all(mode.probability and mode.probability.probability for mode in told.modes)
+
+
+def over(store: MemoryStore, campaign: Campaign) -> Campaign:
+    store.checkpoints.save(campaign.id, b"state")
+    return store.campaigns.move(campaign.id, CampaignState.DONE)
+
+
+def test_only_distinct_modes_of_one_campaign_have_a_probability(store: MemoryStore) -> None:
+    campaign = over(store, ran(store, "subset", 800, samples=200, runs=2)[0])
+    found = result(campaign, sides(store, campaign), 0.6)
+    told = with_probabilities(store, [campaign], found)
+    assert all(mode.probability is not None for mode in told.modes)
+    doubtful = result(campaign, sides(store, campaign), 0.2)
+    other = running(store)
+    for campaigns, given in (([campaign], doubtful), ([campaign, other], found), ([other], found)):
+        same = with_probabilities(store, campaigns, given)
+        assert all(mode.probability is None for mode in same.modes)

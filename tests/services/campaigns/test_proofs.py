@@ -1,0 +1,314 @@
+"""Proof by replay, minimal failures and words for modes, on campaigns that are run here."""
+
+from collections.abc import Iterator
+from threading import Event
+
+import numpy as np
+import pytest
+
+from eigenfail import plugins
+from eigenfail.errors import Conflict, InvalidValue, LearnerFailed
+from eigenfail.values import (
+    AnalysisSettings,
+    CampaignSpec,
+    CampaignState,
+    DisturbanceModel,
+    ExplainedEpisode,
+    ExplainedStep,
+    HeavyTailed,
+    LearnerContext,
+    NoiseTrajectory,
+)
+from eigenfail.values.disturbance.shapes import Correlated
+from eigenfail.values.records import Delivery
+from eigenfail_services.campaigns import mode_words as words_module
+from eigenfail_services.campaigns.analysis_jobs import run_analysis
+from eigenfail_services.campaigns.materials import check_references, learner_context
+from eigenfail_services.campaigns.minimal_failures import minimal_failure
+from eigenfail_services.campaigns.nearby import nearby
+from eigenfail_services.campaigns.proofs import proof, prove
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.methods.minimal.method import Minimal, known
+from eigenfail_services.statistics.expected_likelihood import expected_log_probability
+from eigenfail_services.store import MemoryStore
+
+WORLD = {"planner": "idm", "simulator": "point_mass"}
+
+
+class House:
+    """A store, and campaigns that are run in this process as the service runs them."""
+
+    def __init__(self) -> None:
+        self.store = MemoryStore()
+
+    def create(self, **fields) -> int:
+        given = {"name": "t", "method": "monte_carlo", "episodes": 30} | WORLD | fields
+        spec = check_references(CampaignSpec(**given), self.store)
+        return self.store.campaigns.create(spec).id
+
+    def finish(self, number: int, episodes: int | None = None) -> int:
+        campaign = self.store.campaigns.move(number, CampaignState.RUNNING)
+        spec = campaign.spec
+        method = plugins.load(plugins.METHODS, spec.method)
+        settings = method.Settings(**spec.settings)
+        learner = method(learner_context(campaign, self.store), settings)
+        rounds = Rounds(learner, spec.seed, episodes or spec.episodes)
+        engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
+        for result in run_in_process(rounds, engine):
+            self.store.episodes.commit(number, [Delivery(result, "w")])
+        self.store.checkpoints.save(number, rounds.checkpoint())
+        self.store.campaigns.move(number, CampaignState.DONE)
+        return number
+
+    def run(self, **fields) -> int:
+        return self.finish(self.create(**fields))
+
+    def analysed(self, campaign: int, **settings) -> int:
+        few = AnalysisSettings(**{"clusters": 2, "bootstrap": 0} | settings)
+        analysis = self.store.analyses.create(campaign, few).id
+        run_analysis(self.store, analysis)
+        return analysis
+
+    def failures(self, campaign: int) -> list:
+        every = self.store.episodes.finished(campaign, range(1000))
+        return [result for result in every if result.is_failure]
+
+
+@pytest.fixture(scope="module")
+def house() -> Iterator[House]:
+    """Thirty-odd failures of a planner that fails often, analysed once for all tests."""
+    house = House()
+    house.campaign = house.run(episodes=40, seed=3)
+    house.analysis = house.analysed(house.campaign)
+    analysis = house.store.analyses.get(house.analysis)
+    for scenario in prove(house.store, analysis, None).scenarios:
+        house.finish(scenario.campaign)
+    yield house
+    house.store.close()
+
+
+def test_every_medoid_fails_again_where_it_was_found_and_everything_is_told(house) -> None:
+    analysis = house.store.analyses.get(house.analysis)
+    told = proof(house.store, analysis)
+    assert told.done
+    assert [each.scenario_parameters for each in told.scenarios] == [
+        {},
+        {"distance_m": 53.0},
+        {"distance_m": 63.0},
+    ]
+    same = told.scenarios[0]
+    assert (same.medoids.rate.k, same.medoids.rate.n) == (2, 2)
+    assert told.eigenfailures.rate.n == told.medoids.rate.n == 6
+    for replay in same.replays[2:]:
+        medoid = analysis.result.modes[replay.mode].medoid
+        stored = house.store.episodes.get(house.campaign, medoid)
+        again = house.store.episodes.get(replay.campaign, replay.index)
+        assert again.digest() == stored.digest()
+        assert replay.log_probability == stored.noise.log_probability
+
+
+def test_the_words_of_a_mode_name_its_medoid_and_agree_with_its_noise(house) -> None:
+    result = house.store.analyses.get(house.analysis).result
+    assert len(result.words) == len(result.modes) == 2
+    for number, (mode, words) in enumerate(zip(result.modes, result.words, strict=True), start=1):
+        assert words.startswith(f"Mode {number}: L")
+        assert f"Its medoid is episode {house.campaign}/{mode.medoid}" in words
+        assert "before its medoid's impact" in words or "stays within" in words
+
+
+def explained_by_rule(monkeypatch) -> None:
+    """Planners give an account from now on."""
+    real = plugins.load
+
+    def told(setup, task):
+        (result,) = real(plugins.ENGINES, "default")(setup).run([task])
+        step = ExplainedStep(0.0, 0.0, 0.0, {"rule": "keep_gap"}, (0.0, 0.0))
+        return ExplainedEpisode(result, (step,) * result.steps)
+
+    def load(group, name):
+        return told if group == plugins.EXPLAINERS else real(group, name)
+
+    monkeypatch.setattr(words_module.plugins, "load", load)
+
+
+def test_the_account_of_the_planner_stands_there_where_it_gives_one(house, monkeypatch) -> None:
+    explained_by_rule(monkeypatch)
+    analysis = house.store.analyses.get(house.analysis)
+    told_words = words_module.mode_words(house.store, analysis, analysis.result, 0.1)
+    assert all("what decided: keep gap in " in words for words in told_words)
+
+
+def test_without_workers_there_are_words_without_the_planner(house, monkeypatch) -> None:
+    def load(group, name):
+        raise InvalidValue("explainer", "'default' cannot be loaded: No module named 'osqp'.")
+
+    monkeypatch.setattr(words_module.plugins, "load", load)
+    analysis = house.store.analyses.get(house.analysis)
+    for words in words_module.mode_words(house.store, analysis, analysis.result, 0.1):
+        assert words.endswith(f"{house.campaign}/{words.rsplit('/', 1)[1]}")
+        assert "what decided" not in words
+
+
+def test_a_planner_that_never_answers_is_asked_once_and_not_waited_for(house, monkeypatch) -> None:
+    forever, asked = Event(), []
+
+    def ask(_setup, task):
+        asked.append(task.index)
+        forever.wait(5.0)
+
+    monkeypatch.setattr(words_module, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(words_module.plugins, "load", lambda *_: ask)
+    analysis = house.store.analyses.get(house.analysis)
+    words = words_module.mode_words(house.store, analysis, analysis.result, 0.1)
+    forever.set()
+    assert (len(words), asked) == (2, [analysis.result.modes[0].medoid])
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_account_that_cannot_be_told_fails_no_analysis(house, monkeypatch) -> None:
+    def broken(*_):
+        raise ZeroDivisionError
+
+    explained_by_rule(monkeypatch)
+    monkeypatch.setattr(words_module, "describe_account", broken)
+    analysis = house.store.analyses.get(house.analysis)
+    for words in words_module.mode_words(house.store, analysis, analysis.result, 0.1):
+        assert "Its medoid is episode" in words
+
+
+def test_a_failure_is_shrunk_to_what_it_needs(house) -> None:
+    failure = house.failures(house.campaign)[0]
+    settings = {"campaign": house.campaign, "episode": failure.index}
+    number = house.run(method="minimal", settings=settings, episodes=3_000)
+    told = minimal_failure(house.store, house.store.campaigns.get(number))
+    assert told.done
+    assert told.needed < told.injected == np.count_nonzero(failure.noise.z)
+    assert told.energy < told.full_energy
+    assert told.full_log_probability == failure.noise.log_probability
+    least = min(house.failures(number), key=lambda r: float(np.sum(np.float64(r.noise.z) ** 2)))
+    assert told.index == least.index
+    assert house.store.episodes.get(number, told.index).is_failure
+    assert told.because.startswith(("No step of one axis can be left out.", "It fails without"))
+
+
+def test_an_eigenfailure_is_shrunk_too_and_a_short_budget_is_told(house) -> None:
+    modes = house.store.analyses.get(house.analysis).result.modes
+    known = proof(house.store, house.store.analyses.get(house.analysis)).scenarios[0].replays
+    mode = next(each.mode for each in known[: len(modes)] if each.reproduced)
+    settings = {"analysis": house.analysis, "mode": mode + 1}
+    number = house.run(method="minimal", settings=settings, episodes=5)
+    told = minimal_failure(house.store, house.store.campaigns.get(number))
+    assert not told.done
+    assert told.because.startswith("It was cut short at blocks of ")
+
+
+@pytest.mark.parametrize(
+    ("changes", "field", "problem"),
+    [
+        ({"episode": 999}, "settings.episode", "has no result"),
+        ({"campaign": 99}, "settings.campaign", "no campaign 99"),
+        ({"campaign": None, "analysis": 1, "mode": 9}, "settings.mode", "has 2 modes"),
+        ({"campaign": None, "analysis": 9, "mode": 1}, "settings.analysis", "no analysis 9"),
+    ],
+)
+def test_what_cannot_be_shrunk_is_refused_by_its_field(house, changes, field, problem) -> None:
+    given = {"campaign": house.campaign} | changes
+    settings = {name: value for name, value in given.items() if value is not None}
+    with pytest.raises(InvalidValue, match=problem) as refused:
+        house.create(method="minimal", settings=settings)
+    assert refused.value.field == field
+
+
+def test_what_did_not_crash_is_no_failure_to_shrink(house) -> None:
+    every = house.store.episodes.finished(house.campaign, range(1000))
+    safe = next(result for result in every if not result.is_failure)
+    settings = {"campaign": house.campaign, "episode": safe.index}
+    with pytest.raises(InvalidValue, match=r"ended safe, not in a collision.*--outcome collision"):
+        house.create(method="minimal", settings=settings)
+
+
+def test_a_failure_of_another_world_is_refused_and_there_is_no_minimal_one(house) -> None:
+    failure = house.failures(house.campaign)[0]
+    settings = {"campaign": house.campaign, "episode": failure.index}
+    number = house.create(
+        method="minimal", settings=settings, scenario_parameters={"distance_m": 70.0}
+    )
+    with pytest.raises(LearnerFailed, match="does not reproduce at full strength"):
+        house.finish(number)
+    with pytest.raises(Conflict, match="no replay of it has failed"):
+        minimal_failure(house.store, house.store.campaigns.get(number))
+
+
+def test_other_methods_shrink_nothing(house) -> None:
+    with pytest.raises(Conflict, match=r"one of monte_carlo, which shrinks no failure"):
+        minimal_failure(house.store, house.store.campaigns.get(house.campaign))
+
+
+def spec(**fields) -> CampaignSpec:
+    return CampaignSpec(name="t", method="ast", episodes=1, **fields)
+
+
+@pytest.mark.parametrize(
+    ("fields", "wanted"),
+    [
+        ({}, ({}, {"distance_m": 53.0}, {"distance_m": 63.0})),
+        (
+            {"scenario_parameters": {"distance_m": 54.0}},
+            ({}, {"distance_m": 52.0}, {"distance_m": 59.0}),
+        ),
+        ({"scenario_parameters": {"distance_m": 52.0}}, ({}, {"distance_m": 57.0})),
+        ({"scenario_parameters": {"distance_m": {"uniform": [54.0, 60.0]}}}, ({},)),
+        ({"scenario": "lead_brake"}, ({}, {"gap_m": 55.0}, {"gap_m": 65.0})),
+        (
+            {
+                "simulator": "function",
+                "scenario": "function",
+                "planner": "m:f",
+                "scenario_parameters": {"steps": 4},
+            },
+            ({},),
+        ),
+    ],
+)
+def test_neighbours_of_a_scenario_lie_within_its_bounds(fields, wanted) -> None:
+    assert nearby(spec(**fields)) == wanted
+
+
+def test_a_scenario_that_names_no_neighbours_has_some_all_the_same() -> None:
+    same, below, above = nearby(spec(scenario="merge_in"))
+    assert same == {}
+    assert below.keys() == above.keys()
+    ((low,), (high,)) = below.values(), above.values()
+    assert low < high
+
+
+@pytest.mark.parametrize("shape", [DisturbanceModel().shape, Correlated(), HeavyTailed()])
+def test_the_likelihood_to_be_expected_is_that_of_drawn_noise(shape) -> None:
+    random = np.random.default_rng(5)
+    sigma = random.uniform(0.5, 3.0, (30, 2)).astype(np.float32)
+    drawn = [
+        NoiseTrajectory(random.standard_normal((30, 2)).astype(np.float32), sigma, shape)
+        for _ in range(400)
+    ]
+    found = np.array([noise.log_probability for noise in drawn])
+    expected = {round(expected_log_probability(noise), 6) for noise in drawn[:3]}
+    assert len(expected) == 1
+    assert abs(found.mean() - expected.pop()) < 4.0 * found.std() / np.sqrt(len(found))
+
+
+def test_a_crash_of_the_rulebook_comes_down_to_some_of_its_longitudinal_noise() -> None:
+    held = np.zeros((100, 2), np.float32)
+    held[:, 0] = np.repeat(np.random.default_rng(3085).choice([-3.0, 3.0], 10), 10)
+    held[:, 1] = 0.5
+    learner = Minimal(LearnerContext(0, 40, 100, held[None]), Minimal.Settings())
+    setup = CampaignSpec(name="t", method="minimal", episodes=40).setup()
+    engine = plugins.load(plugins.ENGINES, "default")(setup)
+    results = list(run_in_process(Rounds(learner, 0, 40), engine))
+    engine.close()
+    facts, _ = known(learner.state())
+    found = results[facts.best]
+    assert results[0].is_failure
+    assert found.is_failure
+    assert not found.noise.z[:, 1].any()
+    assert facts.best_energy < 0.5 * facts.first_energy
+    assert found.noise.log_probability > results[0].noise.log_probability

@@ -1,0 +1,91 @@
+"""What a report says of proofs, minimal failures and failing regions, once there are any."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from eigenfail.contracts import Store
+from eigenfail.values import AnalysisSettings
+from eigenfail_services.campaigns.analysis_jobs import run_analysis
+from eigenfail_services.campaigns.minimal_failures import minimal_failure
+from eigenfail_services.campaigns.proofs import proof, prove
+from eigenfail_services.campaigns.region import region_of
+from eigenfail_services.reports.material import Material, gather
+from eigenfail_services.reports.parts import Part
+from eigenfail_services.reports.sections import minimal as minimal_section
+from eigenfail_services.reports.sections import proof as proof_section
+from eigenfail_services.reports.sections import region as region_section
+from eigenfail_services.store import MemoryStore
+
+VARIED = {"scenario_parameters": {"distance_m": {"uniform": [52.0, 70.0]}}, "episodes": 80}
+
+
+@pytest.fixture(scope="module")
+def store(run: Callable[..., int], finish: Callable[..., int]) -> Store:
+    """Campaign 1 varies its scenario and is analysed and proven, 2 shrinks a failure of it."""
+    store = MemoryStore()
+    run(store, name="Varied", **VARIED)
+    failure = store.episodes.failures(1).indices[0]
+    settings = {"campaign": 1, "episode": failure}
+    run(store, name="Minimal", method="minimal", settings=settings, episodes=120)
+    analysis = store.analyses.create(1, AnalysisSettings(clusters=2, bootstrap=0))
+    run_analysis(store, analysis.id)
+    for scenario in prove(store, store.analyses.get(analysis.id), ({},)).scenarios:
+        finish(store, scenario.campaign)
+    return store
+
+
+@pytest.fixture(scope="module")
+def material(store: Store) -> Material:
+    return gather(store, (1, 2))
+
+
+def rows(part: Part, name: str) -> list[dict[str, Any]]:
+    (table,) = [each for each in part.section.tables if each.name == name]
+    names = [column.name for column in table.columns]
+    return [dict(zip(names, row, strict=True)) for row in table.rows]
+
+
+def test_the_proof_is_that_of_the_analysis(material: Material, store: Store) -> None:
+    part = proof_section.part(material)
+    assert part is not None
+    proven = proof(store, store.analyses.get(1))
+    eigenfailures, medoids = rows(part, "proof")
+    assert proven.eigenfailures.rate is not None
+    assert proven.medoids.rate is not None
+    assert eigenfailures["reproduced"] == proven.eigenfailures.rate.k
+    assert medoids["share_low"] == proven.medoids.rate.interval.low
+    assert eigenfailures["scenario"] == "the same"
+    assert len(rows(part, "replays")) == eigenfailures["tried"] + medoids["tried"] == 4
+    told = f"of its eigenfailures {proven.eigenfailures.rate.k} of 2 (95 %: "
+    assert told in " ".join(part.section.words)
+
+
+def test_the_minimal_failure_is_the_one_that_was_found(material: Material, store: Store) -> None:
+    part = minimal_section.part(material)
+    assert part is not None
+    found = minimal_failure(store, store.campaigns.get(2))
+    (row,) = rows(part, "minimal")
+    assert (row["campaign"], row["episode"]) == (2, found.index)
+    assert (row["needed"], row["injected"]) == (found.needed, found.injected)
+    assert row["needed"] < row["injected"]
+    assert found.words in " ".join(part.section.words)
+
+
+def test_the_region_is_the_one_that_was_found(material: Material, store: Store) -> None:
+    part = region_section.part(material)
+    assert part is not None
+    found = region_of(store, (1, 2))
+    assert "distance_m vary" in " ".join(part.section.words)
+    assert len({row["box"] for row in rows(part, "region")}) == len(found.boxes)
+    if not found.boxes:
+        assert found.problem in " ".join(part.section.words)
+
+
+def test_nothing_is_said_where_there_is_nothing(run: Callable[..., int]) -> None:
+    store = MemoryStore()
+    run(store, name="Plain", first=3)
+    material = gather(store, (1,))
+    for section in (proof_section, minimal_section, region_section):
+        assert section.part(material) is None

@@ -1,0 +1,128 @@
+"""Pieces of reports, by hand-worked cases."""
+
+import numpy as np
+import pytest
+
+from eigenfail.values import Cost, Estimate, Interval
+from eigenfail_services.reports import formats
+from eigenfail_services.reports.analysed import side_by_side, spread
+from eigenfail_services.reports.page import templates
+from eigenfail_services.reports.parts import Drawing
+from eigenfail_services.reports.pictures import INK, MARKS, MUTED, draw, inline
+from eigenfail_services.reports.samples import evenly, in_groups, sample_note
+
+
+def luminance(colour):
+    channels = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(one, other):
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_everything_stands_out_from_what_it_lies_on():
+    for colour in (INK, MUTED, *(mark.colour for mark in MARKS)):
+        assert contrast(colour, "#ffffff") >= 4.5
+    source, _, _ = templates().loader.get_source(templates(), "report.css")
+    css = dict(
+        line.strip(" ;").removeprefix("--").split(": ")
+        for line in source.splitlines()
+        if line.strip().startswith("--")
+    )
+    for text in ("ink", "muted", "accent"):
+        for ground in ("#ffffff", css["sunken"]):
+            assert contrast(css[text], ground) >= 4.5
+    assert contrast(css["ink"], css["note"]) >= 4.5
+
+
+@pytest.mark.parametrize("trait", ["line", "marker", "hatch"])
+def test_marks_differ_without_their_colours(trait):
+    assert len({getattr(mark, trait) for mark in MARKS}) == len(MARKS)
+
+
+def drawn(name="a-picture"):
+    return draw(name, "A < B", 'Say "so"', Drawing(lambda figure: figure.subplots().plot([1, 2])))
+
+
+def test_a_picture_is_the_same_every_time_and_tells_what_it_shows():
+    svg = drawn()
+    assert svg == drawn()
+    assert svg.startswith("<svg ")
+    assert '<title id="a-picture-title">A &lt; B</title>' in svg
+    assert '<desc id="a-picture-desc">Say &quot;so&quot;</desc>' in svg
+    assert "<metadata" not in svg
+    assert 'xmlns="http://www.w3.org/2000/svg"' in svg
+    assert "http" not in inline(svg)
+
+
+def test_names_inside_pictures_do_not_meet():
+    def names(svg):
+        return {part.split('"')[0] for part in svg.split(' id="')[1:]}
+
+    assert names(drawn("one"))
+    assert names(drawn("one")).isdisjoint(names(drawn("two")))
+
+
+def test_noise_stands_side_by_side_at_the_start_or_at_the_median_collision():
+    short, long = np.array([[1.0, 0.0], [2.0, 0.0]]), np.full((4, 2), 9.0)
+    noise = [short, short, long]
+    start = side_by_side(noise, 5, at_collision=False)
+    assert start[0, :, 0].tolist()[:2] == [1.0, 2.0]
+    assert np.isnan(start[0, 2:]).all()
+    end = side_by_side(noise, 5, at_collision=True)
+    assert end[0, :2, 0].tolist() == [1.0, 2.0]
+    assert end[2, :2, 0].tolist() == [9.0, 9.0]
+    assert np.isnan(end[2, 2:]).all()
+
+
+def test_mean_and_deviation_count_only_those_that_are_there():
+    rows = np.array([[[1.0, 0.0], [4.0, 0.0]], [[3.0, 0.0], [np.nan, np.nan]]])
+    reached, mean, deviation = spread(rows)
+    assert reached.tolist() == [2, 1]
+    assert mean[:, 0].tolist() == [2.0, 4.0]
+    assert deviation[0, 0] == pytest.approx(2.0**0.5)
+    assert np.isnan(deviation[1, 0])
+
+
+def test_samples_are_even_and_say_so():
+    assert evenly(range(10), 5) == [0, 2, 4, 6, 8]
+    assert evenly(range(3), 5) == [0, 1, 2]
+    assert evenly([], 5) == []
+    assert [list(group) for group in in_groups([1, 2, 3], 2)] == [[1, 2], [3]]
+    assert sample_note(5, 5, "failures") == ""
+    assert sample_note(2000, 12345, "failures").startswith("A sample of 2,000 of 12,345 failures")
+
+
+def test_money_is_never_a_power_of_ten():
+    assert formats.usd(0.0000566) == "0.0000566 USD"
+    assert formats.usd(1234.5) == "1,234.50 USD"
+    assert formats.usd(0.0) == "0.00 USD"
+    assert formats.usd(None) == "–"
+
+
+def test_a_cost_has_its_interval_or_its_lower_bound():
+    known = Cost(1.0, 1.0, 0.5, Interval(0.25, 1.0), 0.25)
+    assert formats.cost_per_failure(known) == ("0.500 USD", "95 %: 0.250 – 1.00 USD")
+    bound = Cost(1.0, 1.0, None, None, 0.25)
+    assert formats.cost_per_failure(bound)[0] == "≥ 0.250 USD"
+    assert formats.cost_per_failure(Cost(0.0, 0.0, None, None, None))[0] == "–"
+
+
+def test_a_probability_has_its_interval_and_note_or_its_refusal():
+    refused = Estimate(by="subset simulation", episodes=600, problem="The budget ended.")
+    assert formats.probability(refused)[:2] == ("not told", "The budget ended.")
+    told = Estimate(
+        by="importance sampling",
+        episodes=600,
+        probability=1.2e-5,
+        cv=0.3,
+        interval=Interval(5e-6, 3e-5),
+        note="A mode may be missing.",
+    )
+    lines = formats.probability(told)
+    assert lines[0] == "1.20×10⁻⁵"
+    assert lines[-1] == "A mode may be missing."
+    assert formats.probability(None)[0] == "–"

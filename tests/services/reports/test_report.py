@@ -1,0 +1,218 @@
+"""A report on small real campaigns: complete, self-contained, and true to the store."""
+
+import csv
+import io
+import re
+import zipfile
+from typing import Any
+
+import msgspec
+import pytest
+
+from eigenfail.contracts import Store
+from eigenfail.errors import InvalidValue, NotFound
+from eigenfail.values.report import Report, ReportTable
+from eigenfail.wire.http import decode
+from eigenfail_services.campaigns.safety import safety_of
+from eigenfail_services.campaigns.summary import summarise
+from eigenfail_services.reports import formats
+from eigenfail_services.reports.page import MOST_ROWS
+from eigenfail_services.reports.report import Made, make
+from eigenfail_services.reports.tables import to_csv, written
+
+NOW_MS = 1_760_000_000_000
+
+ALWAYS = ("results", "setup", "safety", "learning", "likelihood", "cost", "modes", "provenance")
+WITH_MODES = ("eigenfailures", "collisions", "influence", "variance", "training")
+
+
+def table(report: Report, name: str) -> ReportTable:
+    return next(table for table in report.tables if table.name == name)
+
+
+def records(table: ReportTable) -> list[dict[str, Any]]:
+    names = [column.name for column in table.columns]
+    return [dict(zip(names, row, strict=True)) for row in table.rows]
+
+
+def test_every_section_is_there_and_in_the_contents(made: Made, page: Any) -> None:
+    names = [section.name for section in made.report.sections]
+    assert set(names) >= {*ALWAYS, *WITH_MODES}
+    assert [each["id"] for each in page.all("section")] == names
+    assert {f"#{name}" for name in names} <= {each["href"] for each in page.all("a")}
+
+
+def test_a_campaign_without_failures_has_no_section_on_modes(store: Store, parse: Any) -> None:
+    made = make(store, (2,), NOW_MS)
+    names = {section.name for section in made.report.sections}
+    assert names >= set(ALWAYS)
+    assert names.isdisjoint(WITH_MODES)
+    (row,) = records(table(made.report, "results"))
+    assert (row["failures"], row["cost_per_failure"], row["log_p_per_step"]) == (0, None, None)
+    text = parse(made.html()).text
+    assert "Campaign 2: no failure, so there is no mode." in text
+    cost = summarise(store.campaigns.get(2), store.episodes.totals(2)).cost
+    assert row["cost_per_failure_at_least"] == cost.at_least_usd
+    assert f"≥ {formats.usd(cost.at_least_usd)}" in text
+
+
+def test_a_campaign_that_runs_or_waits_is_told_as_such(made: Made, page: Any) -> None:
+    assert made.report.warnings == (
+        "Campaign 3 is running: its figures may still change.",
+        "Campaign 4 is running: its figures may still change.",
+    )
+    assert all(warning in page.text for warning in made.report.warnings)
+    assert "Campaign 4, Queued (monte_carlo, idm in cut_in): no episode has ended yet." in page.text
+
+
+def test_the_numbers_are_those_of_the_store(made: Made, store: Store) -> None:
+    for row in records(table(made.report, "results")):
+        campaign = store.campaigns.get(row["campaign"])
+        summary = summarise(campaign, store.episodes.totals(campaign.id))
+        assert row["failures"] == summary.counts.failures
+        assert row["severity"] == summary.mean_severity
+        assert row["log_p_per_step"] == summary.log_probability_per_step
+        assert row["cost"] == summary.cost.total_usd
+        rate = summary.failure_rate
+        assert row["failure_rate"] == (rate.value if rate else None)
+        assert row["failure_rate_high"] == (rate.interval.high if rate else None)
+    safety = safety_of(store, store.campaigns.get(1))
+    (worst,) = [
+        row
+        for row in records(table(made.report, "safety"))
+        if row["campaign"] == 1 and row["measure"] == "MinTTC worst"
+    ]
+    assert (worst["value"], worst["n"]) == (safety.ttc.worst, safety.ttc.n)
+
+
+def test_modes_and_their_bands_are_those_of_the_analysis(made: Made, store: Store) -> None:
+    result = store.analyses.get(1).result
+    assert result is not None
+    modes = records(table(made.report, "modes"))
+    assert [row["failures"] for row in modes] == [mode.failures for mode in result.modes]
+    first = [row for row in records(table(made.report, "eigenfailures")) if row["mode"] == 1]
+    z = [row["eigenfailure_lateral"] for row in first]
+    assert z == result.modes[0].eigenfailure[:, 1].astype(float).tolist()
+    members = [e for e, label in zip(result.episodes, result.labels, strict=True) if label == 0]
+    noise = [store.episodes.get(1, index).noise.z for index in members]
+    assert first[0]["members"] == len(members)
+    assert first[0]["mean_longitudinal"] == pytest.approx(
+        sum(float(each[0, 0]) for each in noise) / len(noise), abs=1e-6
+    )
+
+
+def test_the_page_needs_nothing_and_runs_nothing(html: bytes, page: Any) -> None:
+    text = html.decode()
+    assert not re.search(r"https?:|@import|url\((?!#)|\bsrc=", text)
+    assert not page.all("script")
+    assert not page.all("link")
+    assert not [name for _, each in page.elements for name in each if name.startswith("on")]
+    assert {each.get("href", "#")[:1] for each in page.all("a")} == {"#"}
+    assert page.open == []
+
+
+def test_names_of_users_are_text(html: bytes, page: Any, made: Made, parse: Any) -> None:
+    assert b"<script" not in html
+    assert "=A $b$ <script>alert(1)</script> & c" in page.text
+    labels = [text for svg in made.drawn.values() for text in parse(svg.encode()).texts]
+    assert ("text", "1: =A $b$ <script>alert(1)</script> & c") in labels
+
+
+def test_every_picture_has_words_and_numbers(made: Made, page: Any) -> None:
+    pictures = [picture for section in made.report.sections for picture in section.pictures]
+    assert len(pictures) >= 8
+    drawn = page.all("svg")
+    assert [each["role"] for each in drawn] == ["img"] * len(pictures)
+    for picture in pictures:
+        assert len(picture.alternative) > 20
+        assert set(picture.campaigns) <= {
+            row["campaign"] for row in records(table(made.report, picture.table))
+        }
+    named = [each["id"] for _, each in page.elements if each.get("id")]
+    assert len(named) == len(set(named))
+    for each in drawn:
+        assert set((each["aria-labelledby"] or "").split()) <= set(named)
+
+
+def test_long_tables_are_cut_with_a_word_on_it(made: Made, page: Any) -> None:
+    rows = len(table(made.report, "eigenfailures").rows)
+    assert rows > MOST_ROWS
+    assert f"The first {MOST_ROWS} of {rows:,} rows." in page.text
+
+
+def test_the_same_results_give_the_same_bytes(store: Store, made: Made, html: bytes) -> None:
+    again = make(store, (1, 2, 3, 4), NOW_MS)
+    assert again.html() == html
+    later = make(store, (1, 2, 3, 4), NOW_MS + 86_400_000)
+    assert later.report != made.report
+    assert msgspec.structs.replace(later.report, made_ms=NOW_MS) == made.report
+    assert html.decode().count(formats.moment(NOW_MS)) == 1
+
+
+def test_the_bundle_has_page_data_tables_and_pictures(made: Made, html: bytes) -> None:
+    bundle = made.bundle()
+    with zipfile.ZipFile(io.BytesIO(bundle)) as packed:
+        names = packed.namelist()
+        report = decode(packed.read("report.json"), Report)
+        assert packed.read("report.html") == html
+        told = packed.read("tables/results.csv")
+    assert report == made.report
+    assert {f"tables/{each.name}.csv" for each in report.tables} <= set(names)
+    assert {f"pictures/{name}.svg" for name in made.drawn} <= set(names)
+    row, *_ = csv.DictReader(io.StringIO(told.decode()))
+    same, *_ = records(table(report, "results"))
+    assert row["name"] == "'" + same["name"]
+    assert float(row["failure_rate"]) == same["failure_rate"]
+    assert int(row["failures"]) == same["failures"]
+    assert row["probability"] == ""
+    assert made.bundle() == bundle
+
+
+def test_csv_holds_every_number_as_exact_as_json(made: Made) -> None:
+    for each in made.report.tables:
+        lines = [*csv.reader(io.StringIO(to_csv(each).decode()))]
+        assert lines[0] == [column.name for column in each.columns]
+        for row, cells in zip(each.rows, lines[1:], strict=True):
+            for cell, text in zip(row, cells, strict=True):
+                assert text == written(cell)
+                if isinstance(cell, float):
+                    assert float(text) == cell
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\tx"])
+def test_no_text_is_a_formula(text: str) -> None:
+    assert written(text) == f"'{text}"
+    assert written(-1.5) == "-1.5"
+
+
+def test_set_up_tells_what_was_given_and_what_was_not(made: Made, page: Any) -> None:
+    given = {
+        (row["campaign"], row["setting"]): row["value"]
+        for row in records(table(made.report, "setup"))
+    }
+    assert given[1, "Seed"] == "1"
+    assert given[2, "Disturbance: scale"] == "both sigmas × 0.01"
+    assert given[1, "Ended because"] == "The budget was spent."
+    defaults = {(row["plugin"], row["setting"]) for row in records(table(made.report, "defaults"))}
+    assert ("idm", "time_headway_s") in defaults
+    assert made.report.campaigns[0].spec.seed == 1
+
+
+def test_provenance_has_versions_seeds_and_digests(made: Made, store: Store) -> None:
+    evidence = {row["campaign"]: row for row in records(table(made.report, "evidence"))}
+    assert evidence[1]["digest"] == store.campaigns.get(1).digest
+    assert evidence[3]["digest"] == "not done"
+    programs = {row["thing"] for row in records(table(made.report, "programs"))}
+    assert {"eigenfail", "schema of the database", "Python", "numpy", "matplotlib"} <= programs
+    assert made.report.command == "eigenfail report 1 2 3 4"
+
+
+@pytest.mark.parametrize("campaigns", [(), (1, 1), tuple(range(1, 30))])
+def test_what_no_report_can_be_made_of_is_refused(store: Store, campaigns: tuple[int, ...]) -> None:
+    with pytest.raises(InvalidValue):
+        make(store, campaigns, NOW_MS)
+
+
+def test_a_campaign_that_is_not_there_is_named(store: Store) -> None:
+    with pytest.raises(NotFound, match="99"):
+        make(store, (1, 99), NOW_MS)
