@@ -62,10 +62,6 @@ TARGETS = {
 }
 
 
-UNREACHED = frozenset({"merge_in.ast.failures", "merge_in.difs.failures"})
-"""Targets that are missed and stay in sight: docs/methods.md says why, and `make claims` fails."""
-
-
 def aimed(name: str, figure: Figure, seed: int) -> Figure:
     """A figure with its target, the paper's number and the seed of its noise."""
     target = TARGETS.get(name, Target())

@@ -106,6 +106,7 @@ def test_what_the_campaign_has_anyway_is_no_variation(http, finished):
     [
         ([{"distance": 63.0}], "scenario_parameters"),
         ([{"distance_m": 60.0}, {"distance_m": 1.0}], "scenario_parameters.distance_m"),
+        ([{"distance_m": {"uniform": [52, 60]}}], "variations[0].distance_m"),
         ([], "variations"),
         ([3], "variations[0]"),
     ],

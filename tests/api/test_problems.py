@@ -210,6 +210,14 @@ def test_a_replay_of_what_is_not_there_is_refused(http, problem, fields, what):
     )
 
 
+@pytest.mark.parametrize("method", ["minimal", "replay"])
+def test_a_campaign_without_noise_to_inject_is_refused(http, problem, fields, method):
+    wrong = {"method": method, "settings": {}}
+    told = problem(http.post("/api/v1/campaigns", json=fields | wrong), 422)
+    assert told["field"] == "settings"
+    assert told["remedy"]
+
+
 @pytest.mark.parametrize(
     "query", ["limit=0", "limit=1001", "limit=x", "before=0", "before=-1", "state=idle", "limit="]
 )

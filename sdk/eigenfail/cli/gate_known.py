@@ -1,6 +1,7 @@
 """The known failures of a baseline, as a service knows them."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -8,6 +9,7 @@ from eigenfail.cli.run import Place
 from eigenfail.client import Client
 from eigenfail.client.analyses import OVER
 from eigenfail.client.waiting import wait_until
+from eigenfail.errors import Conflict
 from eigenfail.gate.known import (
     KnownReplay,
     Under,
@@ -24,7 +26,7 @@ from eigenfail.values import (
     AnalysisState,
     Campaign,
     CampaignState,
-    Outcome,
+    MinimalFailure,
     episode_seed,
 )
 from eigenfail.values.records import EpisodeRow
@@ -46,6 +48,13 @@ class Known(NamedTuple):
 
     replays: tuple[Replay, ...] = ()
     notes: tuple[str, ...] = ()
+
+
+class Shrunk(NamedTuple):
+    """A campaign that shrank a failure, and what it came down to."""
+
+    campaign: Campaign
+    failure: MinimalFailure
 
 
 class KnownFailures:
@@ -76,8 +85,11 @@ class KnownFailures:
         analysis = self._analysis(before)
         new = Under(run, member)
         old = Under(run_of(before, member), Member(member.name, before.spec))
+        shrunk = [*self._shrunk(before, analysis)]
         replays = zip(
-            self._replays(new, before, analysis), self._replays(old, before, analysis), strict=True
+            replays_of(new, before, analysis, shrunk),
+            replays_of(old, before, analysis, shrunk),
+            strict=True,
         )
         notes = () if analysis.result else (f"It has no failure modes: {analysis.problem}",)
         return Known(tuple(Replay(*both) for both in replays), notes)
@@ -89,13 +101,12 @@ class KnownFailures:
             return replay.now
         return proven(replay.now, outcome_of(rows(self._client, found)))
 
-    def _replays(self, under: Under, before: Campaign, analysis: Analysis) -> Iterator[KnownReplay]:
-        """The modes of a campaign, and what was shrunk of it, for one planner."""
-        yield from replays_of_modes(under, before, analysis, partial(drawn, before))
+    def _shrunk(self, before: Campaign, analysis: Analysis) -> Iterator[Shrunk]:
+        """What was shrunk of a campaign; nothing of what failed no more."""
         for campaign in self._client.campaigns.list(CampaignState.DONE):
             if shrinks(campaign, before, analysis):
-                failures = [*self._client.episodes.list(campaign.id, Outcome.COLLISION)]
-                yield from replay_of_minimal(under, campaign, failures, partial(drawn, campaign))
+                with suppress(Conflict):
+                    yield Shrunk(campaign, self._client.campaigns.minimal(campaign.id))
 
     def _analysis(self, before: Campaign) -> Analysis:
         """The first analysis of a campaign alone that did not fail; a new one if there is none.
@@ -111,6 +122,15 @@ class KnownFailures:
             return self._client.analyses.get(analysis.id)
 
         return wait_until(look, lambda each: each.state in OVER, POLL_S, None)
+
+
+def replays_of(
+    under: Under, before: Campaign, analysis: Analysis, shrunk: Sequence[Shrunk]
+) -> Iterator[KnownReplay]:
+    """The modes of a campaign, and what was shrunk of it, for one planner."""
+    yield from replays_of_modes(under, before, analysis, partial(drawn, before))
+    for campaign, failure in shrunk:
+        yield replay_of_minimal(under, campaign, failure.index, partial(drawn, campaign))
 
 
 def is_of_one(analysis: Analysis) -> bool:

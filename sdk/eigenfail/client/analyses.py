@@ -87,9 +87,9 @@ class Analyses:
 
         Raises:
             NotFound: no such analysis.
-            Conflict: it is not done, or found no failure mode.
+            Conflict: it is not done, found no failure mode, or is of several worlds.
             UnknownName: a parameter that the scenario does not have.
-            InvalidValue: a parameter outside its bounds, or no variation.
+            InvalidValue: a parameter outside its bounds, a distribution, or no variation.
         """
         given = None if variations is None else tuple(dict(each) for each in variations)
         return self._link.post_once_only(f"/analyses/{analysis}/proof", Proof, ProofRequest(given))

@@ -8,7 +8,6 @@ from msgspec.structs import replace
 
 from eigenfail.suites import Member
 from eigenfail.values import Analysis, Campaign, CampaignSpec, FailureMode, Outcome, StopRules
-from eigenfail.values.records import EpisodeRow
 
 REPLAY = "replay"
 MINIMAL = "minimal"
@@ -22,7 +21,7 @@ class KnownFailure(msgspec.Struct, frozen=True):
     """Noise under which the baseline failed, or is thought to have: one of three kinds.
 
     An eigenfailure is the centre of a failure mode; a medoid is the real failure nearest to it; a
-    minimal failure is the likeliest that is left of a failure that was shrunk.
+    minimal failure is what is left of a failure that was shrunk.
 
     Attributes:
         what: it is, in words.
@@ -138,28 +137,23 @@ def medoid(place: int, campaign: int, mode: FailureMode) -> KnownFailure:
     return KnownFailure(f"medoid {place + 1}, {was}", was, Outcome.COLLISION)
 
 
-def replay_of_minimal(
-    under: Under, minimal: Campaign, failures: Sequence[EpisodeRow], drawn: Drawn
-) -> Iterator[KnownReplay]:
-    """The likeliest failure of a campaign that shrank one; nothing if none failed any more.
+def replay_of_minimal(under: Under, minimal: Campaign, index: int, drawn: Drawn) -> KnownReplay:
+    """What a campaign shrank its failure to.
 
     Args:
         under: the planner.
         minimal: the campaign.
-        failures: its episodes that failed.
+        index: of its minimal failure.
         drawn: what its episodes drew of their scenario; see `Drawn`.
     """
-    if not failures:
-        return
-    likeliest = max(failures, key=lambda row: row.log_probability)
-    was = f"{minimal.id}/{likeliest.index}"
+    was = f"{minimal.id}/{index}"
     again = under.replay(
         f"minimal failure {was}",
-        in_scenario(minimal.spec, drawn(likeliest.index)),
-        settings={"campaign": minimal.id, "episodes": [likeliest.index]},
+        in_scenario(minimal.spec, drawn(index)),
+        settings={"campaign": minimal.id, "episodes": [index]},
         episodes=1,
     )
-    yield KnownReplay(again, {0: KnownFailure(f"minimal failure {was}", was, Outcome.COLLISION)})
+    return KnownReplay(again, {0: KnownFailure(f"minimal failure {was}", was, Outcome.COLLISION)})
 
 
 def shrinks(campaign: Campaign, before: Campaign, analysis: Analysis) -> bool:

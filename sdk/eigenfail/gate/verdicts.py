@@ -16,8 +16,9 @@ class Verdict(StrEnum):
     """What became of a failure under the new planner.
 
     `new`: it fails, and the baseline did not. `still failing`: both fail. `fixed`: the baseline
-    failed. `safe`: it does not fail, and nobody knows that the baseline did. `unproven`: it fails,
-    and what the baseline did is not known. `cannot be run`: the episode did not get to its end.
+    failed. `safe`: it does not fail, and nobody knows that the baseline did, or it may have been
+    chance. `unproven`: it fails, and what the baseline did is not known. `cannot be run`: the
+    episode did not get to its end.
     """
 
     NEW = "new"
@@ -91,17 +92,17 @@ def paired(before: Outcomes, now: Outcomes) -> dict[int, Verdict]:
 def by_rate(before: Campaign, now: Campaign, comparison: Comparison) -> Verdict:
     """What became of the failures of a campaign whose noise depends on what its planner does.
 
-    New where the baseline found none, or where the failure rate rose by more than chance: where
-    Newcombe's 95 % interval of the difference lies above 0; where both campaigns estimate the
-    failure probability, where the two 95 % intervals do not meet. Fixed, if it fell so far.
+    New where the baseline found none, however few there are now, or where the failure rate rose by
+    more than chance: where Newcombe's 95 % interval of the difference lies above 0; where both
+    campaigns estimate the failure probability, where the two 95 % intervals do not meet. Fixed, if
+    it fell so far; safe, if there is no failure now, and by chance there may have been none before.
     """
     if broke(before.counts, now.counts):
         return Verdict.CANNOT_RUN
-    if not now.counts.failures:
-        return Verdict.FIXED if before.counts.failures else Verdict.SAFE
     if not before.counts.failures:
-        return Verdict.NEW
-    return CHANGES[change(before.estimate, now.estimate, comparison)]
+        return Verdict.NEW if now.counts.failures else Verdict.SAFE
+    changed = change(before.estimate, now.estimate, comparison)
+    return CHANGES[changed] if changed or now.counts.failures else Verdict.SAFE
 
 
 def broke(before: Counts, now: Counts) -> bool:
@@ -113,7 +114,8 @@ def by_chance(comparison: Comparison, counts: Mapping[Verdict, int]) -> Verdict:
     """What became of all pairs of episodes together.
 
     New where none failed before, or where more of them fail newly than no longer, by more than
-    chance: where McNemar's exact test on them gives p < 0.05. Fixed, if it is the other way round.
+    chance: where McNemar's exact test on them gives p < 0.05. Fixed, if it is the other way round;
+    safe, if none fails now, and no fewer than chance explains.
     """
     pairs = comparison.pairs
     if counts.get(Verdict.CANNOT_RUN) or pairs is None:
@@ -121,7 +123,8 @@ def by_chance(comparison: Comparison, counts: Mapping[Verdict, int]) -> Verdict:
     if not (pairs.both or pairs.only_a):
         return Verdict.NEW if pairs.only_b else Verdict.SAFE
     beyond = pairs.p_value < ERROR
-    return CHANGES[beyond * ((pairs.only_b > pairs.only_a) - (pairs.only_b < pairs.only_a))]
+    changed = beyond * ((pairs.only_b > pairs.only_a) - (pairs.only_b < pairs.only_a))
+    return CHANGES[changed] if changed or pairs.both or pairs.only_b else Verdict.SAFE
 
 
 CHANGES = {1: Verdict.NEW, 0: Verdict.STILL_FAILING, -1: Verdict.FIXED}

@@ -1,13 +1,21 @@
 """What a gate says, in sentences."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from math import prod
 
-from eigenfail.gate.report import By, GateReport, MemberReport
+from eigenfail.gate.report import By, GateReport, MemberReport, Rerun
 from eigenfail.gate.verdicts import STRICTLY_CLOSING, Verdict
 from eigenfail.values import Campaign, Comparison
 
-FALSE_ALARM = 0.025
+RISEN = 0.025
 """How often a rate that did not rise is taken for one that did, at most: one side of 95 %."""
+
+FIRST = 0.25
+"""How often there is no failure in a campaign and one in the next, at most: with q the probability
+of none, q (1 - q)."""
+
+FIRST_OF_PAIRS = 0.5
+"""The same where only pairs in which one side failed matter: of a single one, each side's turn."""
 
 RATE_WORDS = {
     Verdict.NEW: "more than chance explains",
@@ -41,6 +49,8 @@ def of_rates(verdict: Verdict, before: Campaign, now: Campaign, comparison: Comp
     shares = f"{counts.failures} of {counts.completed} fail, {was.failures} of {was.completed} did"
     if verdict is Verdict.NEW and not was.failures:
         return f"{shares}: the baseline found none, so whatever is found is new."
+    if verdict is Verdict.SAFE and was.failures:
+        return f"{shares}: none now, though no fewer than chance explains{interval(comparison)}."
     return f"{shares}: {RATE_WORDS[verdict]}{interval(comparison)}."
 
 
@@ -85,14 +95,9 @@ def found(report: GateReport) -> str:
 
 def caveats(report: GateReport) -> Iterator[str]:
     """What an open or a closed gate does not mean."""
-    by_rate = [each for each in report.members if each.rerun and each.rerun.by is By.RATE]
-    if by_rate:
-        share = 100.0 * (1.0 - (1.0 - FALSE_ALARM) ** len(by_rate))
-        yield (
-            f"{len(by_rate)} judged by rate: even if nothing changed, one of them or more is"
-            f" called new in up to about {share:.1f} % of runs; a new mode at an equal rate is not"
-            " noticed."
-        )
+    reruns = [each.rerun for each in report.members if each.rerun]
+    if by_rate := [rerun for rerun in reruns if rerun.by is By.RATE]:
+        yield false_alarms(by_rate)
     if within := sum(within_chance(member) for member in report.members):
         yield f"Within chance, yet new: {within} episodes that did not fail before."
     if Verdict.UNPROVEN in report.counts:
@@ -103,6 +108,25 @@ def caveats(report: GateReport) -> Iterator[str]:
     if report.open and report.gate.baseline and STRICTLY_CLOSING & report.counts.keys():
         yield "Failures that were there before do not close the gate without --strict."
     yield from (note for member in report.members for note in notes(member))
+
+
+def false_alarms(by_rate: Sequence[Rerun]) -> str:
+    """How often campaigns that are judged by rate are called new though nothing changed."""
+    share = 100.0 * (1.0 - prod(1.0 - false_alarm(rerun) for rerun in by_rate))
+    none = sum(not rerun.before.failures for rerun in by_rate)
+    first = f" (the baseline found none in {none}: there one failure will do)" if none else ""
+    return (
+        f"{len(by_rate)} judged by rate: even if failures became no likelier, one of them or more"
+        f" is called new in up to about {share:.1f} % of runs{first}; a new mode at an equal rate"
+        " is not noticed."
+    )
+
+
+def false_alarm(rerun: Rerun) -> float:
+    """How often a campaign like this is called new though failures became no likelier, at most."""
+    if rerun.before.failures:
+        return RISEN
+    return FIRST if rerun.unpaired_because else FIRST_OF_PAIRS
 
 
 def within_chance(member: MemberReport) -> int:

@@ -64,8 +64,10 @@ class ProvenScenario(msgspec.Struct, frozen=True, kw_only=True):
     """The replays in one scenario.
 
     Attributes:
-        scenario_parameters: those that differ from the analysed campaign's; none: the same
-            scenario.
+        scenario_parameters: those that differ from the scenario in which the failures happened;
+            none: the same scenario. Where the analysed campaign's parameters vary, the scenario of
+            a mode, and of its eigenfailure, is the one that its medoid drew, and there is an entry
+            for each scenario that medoids drew.
         campaign: that replays; `state` is its own.
     """
 
@@ -78,7 +80,7 @@ class ProvenScenario(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_same(self) -> bool:
-        """Whether it is the scenario in which the failures were found."""
+        """Whether it is the scenario in which the failures, or the medoids, were found."""
         return not self.scenario_parameters
 
 

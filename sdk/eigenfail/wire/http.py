@@ -31,8 +31,9 @@ class ProofRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """In which scenarios an analysis is to be proven by replay.
 
     Attributes:
-        variations: scenario parameters, each put over those of the analysed campaign; an empty one
-            is the same scenario. None: the same, and its neighbours to both sides.
+        variations: scenario parameters with plain values, each put over those of the scenario in
+            which the failures happened; an empty one is the same scenario. None: the same, and its
+            neighbours to both sides.
     """
 
     variations: (

@@ -53,9 +53,9 @@ def divide(scores: Scores, clusters: int | None, clusterer: Clusterer = KMEANS) 
 def noise_silhouette(scores: Scores, clusters: int | None, clusterer: Clusterer = KMEANS) -> float:
     """The largest silhouette that `divide` reaches on several draws of data without groups.
 
-    Scores of components are uncorrelated, so their spreads are all of their covariance. An
-    elliptical cloud exceeds the largest of the draws in one case of twenty; one that is skewed or bent does so
-    more often, without having groups.
+    Scores of components are uncorrelated, so their spreads are all of their covariance. One
+    elliptical cloud exceeds the largest of the draws in one case of twenty; one that is skewed or
+    bent does so more often, without having groups.
     """
     generator = np.random.default_rng(SEED)
     draws = (without_groups(scores, generator) for _ in range(NOISE_DRAWS))

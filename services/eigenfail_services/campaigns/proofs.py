@@ -7,9 +7,8 @@ from typing import Any
 
 import msgspec
 
-from eigenfail import functions, plugins
 from eigenfail.contracts import Store
-from eigenfail.errors import Conflict
+from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.values import (
     FINAL_STATES,
     Analysis,
@@ -29,6 +28,15 @@ from eigenfail.values import (
 )
 from eigenfail_services.campaigns.checks import check_spec
 from eigenfail_services.campaigns.nearby import nearby
+from eigenfail_services.campaigns.worlds import (
+    World,
+    defaults,
+    in_scenario,
+    is_distribution,
+    refuse_several,
+    varied,
+    worlds,
+)
 from eigenfail_services.statistics.expected_likelihood import expected_log_probability
 from eigenfail_services.statistics.intervals import rate
 
@@ -44,23 +52,26 @@ def prove(store: Store, analysis: Analysis, variations: Sequence[Parameters] | N
     Args:
         store: where campaigns are.
         analysis: that is done.
-        variations: scenario parameters put over those of the analysed campaign; None: its own
+        variations: scenario parameters put over those in which the failures happened; None: that
             scenario and its neighbours.
 
     Raises:
-        Conflict: the analysis is not done, or found no failure mode.
+        Conflict: the analysis is not done, found no failure mode, or is of several worlds.
         UnknownName: a parameter that the scenario does not have.
-        InvalidValue: a parameter outside its bounds.
+        InvalidValue: a parameter outside its bounds, or a distribution.
     """
-    if not findings(analysis).modes:
+    result = findings(analysis)
+    if not result.modes:
         raise Conflict(
             f"Analysis {analysis.id} found no failure mode, so there is nothing to replay.",
             "Let the campaign run until it has failures, and analyse it again.",
         )
+    refuse_several(store, analysis)
+    refuse_distributions(variations or ())
     analysed = store.campaigns.get(analysis.campaign).spec
     wanted = nearby(analysed) if variations is None else variations
-    changes = [without_idle(analysed, each) for each in wanted]
-    specs = [check_spec(replay_of(analysis, analysed, each)) for each in changes]
+    pairs = product(wanted, worlds(store, analysis, result))
+    specs = [check_spec(replay_of(analysis, analysed, *pair)) for pair in pairs]
     for spec in specs:
         launch(store, analysis.id, spec)
     return proof(store, analysis)
@@ -80,37 +91,39 @@ def findings(analysis: Analysis) -> AnalysisResult:
     return analysis.result
 
 
-def without_idle(analysed: CampaignSpec, variation: Parameters) -> dict[str, Any]:
-    """A variation without what the analysed campaign has anyway, given or by default."""
-    there = defaults(analysed) | analysed.scenario_parameters
+def refuse_distributions(variations: Sequence[Parameters]) -> None:
+    """Raises InvalidValue for a variation in which each replay would draw a scenario of its own."""
+    for place, variation in enumerate(variations):
+        for name, value in variation.items():
+            if is_distribution(value):
+                problem = "is a distribution: each replay would draw a scenario of its own."
+                remedy = "Give it a value, and a variation for each further value."
+                raise InvalidValue(f"variations[{place}].{name}", problem, remedy)
+
+
+def without_idle(world: CampaignSpec, variation: Parameters) -> dict[str, Any]:
+    """A variation without what a world has anyway, given or by default."""
+    there = defaults(world) | world.scenario_parameters
     absent = object()
     return {name: value for name, value in variation.items() if there.get(name, absent) != value}
 
 
-def defaults(spec: CampaignSpec) -> dict[str, Any]:
-    """What the scenario's parameters are unless a campaign says otherwise."""
-    if spec.simulator == functions.SIMULATOR:
-        return {}
-    kind = plugins.load(plugins.SCENARIOS, spec.scenario).Parameters
-    return {
-        each.name: each.default
-        for each in msgspec.structs.fields(kind)
-        if each.default is not msgspec.NODEFAULT
-    }
-
-
-def replay_of(analysis: Analysis, analysed: CampaignSpec, variation: Parameters) -> CampaignSpec:
-    """The campaign that replays an analysis in a variation of the world that it analysed."""
-    told = ", ".join(f"{name}={value}" for name, value in variation.items())
+def replay_of(
+    analysis: Analysis, analysed: CampaignSpec, variation: Parameters, home: World
+) -> CampaignSpec:
+    """The campaign that replays the modes of a world in a variation of it."""
+    spec = in_scenario(home.spec, without_idle(home.spec, variation))
+    told = ", ".join(f"{name}={value}" for name, value in differing(analysed, spec).items())
     name = f"{analysed.name}: replay of analysis {analysis.id}" + (told and f", {told}")
+    settings = {"analysis": analysis.id, "what": [kind.value for kind in ReplayKind]}
+    some = {"modes": [place + 1 for place in home.modes]} if varied(analysed) else {}
     return msgspec.structs.replace(
-        analysed,
+        spec,
         name=name[-MAX_NAME:],
         method="replay",
-        settings={"analysis": analysis.id, "what": [kind.value for kind in ReplayKind]},
-        episodes=len(ReplayKind) * len(findings(analysis).modes),
+        settings=settings | some,
+        episodes=len(ReplayKind) * len(home.modes),
         stop=StopRules(),
-        scenario_parameters={**analysed.scenario_parameters, **variation},
         scene_every=1,
     )
 
@@ -134,10 +147,10 @@ def proof(store: Store, analysis: Analysis) -> Proof:
     Raises:
         Conflict: the analysis is not done.
     """
-    count = len(findings(analysis).modes)
-    analysed = store.campaigns.get(analysis.campaign).spec
+    result = findings(analysis)
+    homes = worlds(store, analysis, result)
     replays = [store.campaigns.get(each) for each in store.analyses.replays(analysis.id)]
-    scenarios = tuple(proven(store, analysed, each, count) for each in latest(replays))
+    scenarios = tuple(proven(store, home_of(each, homes), each) for each in latest(replays))
     everything = [replay for scenario in scenarios for replay in scenario.replays]
     same = [replay for scenario in scenarios if scenario.is_same for replay in scenario.replays]
     return Proof(
@@ -146,32 +159,47 @@ def proof(store: Store, analysis: Analysis) -> Proof:
         reproduced=reproduction(of_kind(same, ReplayKind.EIGENFAILURE)),
         eigenfailures=reproduction(of_kind(everything, ReplayKind.EIGENFAILURE)),
         medoids=reproduction(of_kind(everything, ReplayKind.MEDOID)),
-        modes=tuple(proven_mode(everything, mode) for mode in range(count)),
+        modes=tuple(proven_mode(everything, mode) for mode in range(len(result.modes))),
         scenarios=scenarios,
     )
 
 
 def latest(replays: Iterable[Campaign]) -> list[Campaign]:
-    """The newest replay in each scenario, so that no trajectory counts twice in one."""
+    """The newest replay of each mode in each scenario, so that no trajectory counts twice in one.
+
+    Replays that drew a scenario of their own each say nothing of one.
+    """
     newest = {
-        msgspec.json.encode(each.spec.scenario_parameters, order="deterministic"): each
+        msgspec.json.encode((spec.scenario_parameters, modes_of(spec)), order="deterministic"): each
         for each in replays
+        if not varied(spec := each.spec)
     }
     return list(newest.values())
 
 
-def proven(store: Store, analysed: CampaignSpec, replay: Campaign, modes: int) -> ProvenScenario:
+def modes_of(replay: CampaignSpec) -> list[int]:
+    """The modes that a replay names, counted from 1; none: all."""
+    return list(replay.settings.get("modes", ()))
+
+
+def home_of(replay: Campaign, homes: Sequence[World]) -> World:
+    """The world whose modes are replayed."""
+    named = modes_of(replay.spec)
+    return next((home for home in homes if home.modes[0] + 1 in named), homes[0])
+
+
+def proven(store: Store, home: World, replay: Campaign) -> ProvenScenario:
     """The replays of one campaign, as far as they are in."""
     results = store.episodes.finished(replay.id, range(replay.spec.episodes))
     by_index = {result.index: result for result in results}
     kinds = replay.spec.settings.get("what") or (ReplayKind.EIGENFAILURE,)
-    order = product(map(ReplayKind, kinds), range(modes))
+    order = product(map(ReplayKind, kinds), home.modes)
     replays = tuple(
         replayed(ReplayedNoise(what=what, mode=mode, campaign=replay.id, index=index), by_index)
         for index, (what, mode) in enumerate(order)
     )
     return ProvenScenario(
-        scenario_parameters=differing(analysed, replay.spec),
+        scenario_parameters=differing(home.spec, replay.spec),
         campaign=replay.id,
         state=replay.state,
         eigenfailures=reproduction(of_kind(replays, ReplayKind.EIGENFAILURE)),
@@ -180,9 +208,9 @@ def proven(store: Store, analysed: CampaignSpec, replay: Campaign, modes: int) -
     )
 
 
-def differing(analysed: CampaignSpec, replay: CampaignSpec) -> dict[str, Any]:
-    """The scenario parameters in which a replay differs from the campaign that was analysed."""
-    before = analysed.scenario_parameters
+def differing(world: CampaignSpec, replay: CampaignSpec) -> dict[str, Any]:
+    """The scenario parameters in which a replay differs from a world."""
+    before = world.scenario_parameters
     return {
         name: value
         for name, value in replay.scenario_parameters.items()

@@ -39,6 +39,10 @@ class Replay:
             tuple[ReplayKind, ...],
             msgspec.Meta(min_length=1, description="of that analysis, mode by mode of each"),
         ] = (ReplayKind.EIGENFAILURE,)
+        modes: Annotated[
+            tuple[Id, ...],
+            msgspec.Meta(description="of that analysis, counted from 1; none given: all"),
+        ] = ()
         campaign: Annotated[
             Id | None, msgspec.Meta(description="replay the noise of this campaign's episodes")
         ] = None

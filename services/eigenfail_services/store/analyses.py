@@ -8,7 +8,7 @@ from sqlalchemy import Connection, RowMapping, insert, select, update
 from eigenfail.values import Analysis, AnalysisResult, AnalysisSettings, AnalysisState, Page
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import sentences
-from eigenfail_services.store.campaign_rows import one
+from eigenfail_services.store.campaign_rows import locked, one
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_analysis_result, to_json, to_settings
 from eigenfail_services.store.engine import Database
@@ -106,7 +106,7 @@ class SqlAnalyses:
         """Remember a campaign that replays what it found."""
         link = {"analysis": analysis, "campaign": campaign}
         with self._database.writing() as connection:
-            one(connection, campaign)
+            locked(connection, campaign)
             if campaign not in _replays(connection, analysis):
                 connection.execute(insert(replays).values(link))
 

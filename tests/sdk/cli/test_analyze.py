@@ -74,6 +74,7 @@ def test_findings_in_words():
         stability=Stability(20, 300, 0.91, Interval(0.4, 1.0)),
         outliers=0.124,
         moments=(Moment("lateral", 4, 1.2, 0.5), Moment("lateral", 9, 0.7, 0.4)),
+        digest="5eed",
     )
     assert list(finding_words(found)) == [
         "A snapshot.",
@@ -83,6 +84,7 @@ def test_findings_in_words():
         ),
         "12 % of the failures were near no mode.",
         "Lateral noise matters most 1.2 s before the collision, 0.7 s before the collision.",
+        "Digest of every number (SHA-256): 5eed",
     ]
     assert moment(Moment("lateral", 4, None, 0.5)) == "at step 4"
 

@@ -11,12 +11,20 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
+from msgspec.structs import replace
 from typer.testing import CliRunner
 
+from eigenfail import plugins
 from eigenfail.cli.interruption import INTERRUPTED
 from eigenfail.cli.main import app
 from eigenfail.cli.surroundings import Surroundings
 from eigenfail.client import Client
+from eigenfail.client.campaigns import Campaigns
+from eigenfail.values.records import Delivery
+from eigenfail_services.campaigns.materials import learner_context
+from eigenfail_services.campaigns.minimal_failures import minimal_failure
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.methods.minimal.method import Minimal
 from eigenfail_services.store import open_store
 from eigenfail_workers.planners.idm import IntelligentDriver
 
@@ -240,52 +248,47 @@ def test_a_suite_that_was_run_is_a_baseline_whose_eigenfailures_are_unproven(
     assert len(store.analyses.page(10).items) == 4
 
 
-def test_a_minimal_failure_is_replayed_too(eigenfail, gate, baseline, suite, store):
-    medoid = next(k["was"] for k in baseline["members"][0]["known"] if k["was"])
-    campaign, index = map(int, medoid.split("/"))
-    # As the method `minimal` leaves it: a campaign whose settings name the failure it shrank.
-    spec = json.loads(eigenfail("campaign", "show", 1, "--json").stdout)["spec"]
-    shrunk = {"method": "minimal", "settings": {"campaign": campaign, "episode": index}}
-    file = suite(USUAL, "minimal.toml")
-    file.write_text(
-        f'method = "replay"\nplanner = "idm"\nsimulator = "point_mass"\nepisodes = 1\nseed = 1\n'
-        f"planner_settings.lane_half_width_m = {USUAL}\n"
-        f"settings.campaign = {campaign}\nsettings.episodes = [{index}]\n"
-    )
-    made = eigenfail("run", file, "--json")
-    assert made.exit_code == 0, made.output
-    number = json.loads(made.stdout)["campaign"]
-    assert spec["planner_settings"] == {"lane_half_width_m": USUAL}
-    told = store.campaigns.get
+def shrunk(store, was):
+    """A finished campaign of `minimal` that shrank an episode, run here; its id."""
+    campaign, index = map(int, was.split("/"))
+    settings = {"campaign": campaign, "episode": index}
+    fields = {"method": "minimal", "settings": settings, "episodes": 60, "name": "shrunk"}
+    spec = replace(store.campaigns.get(campaign).spec, **fields)
+    number = store.campaigns.create(spec).id
+    running = store.campaigns.move(number, "running")
+    learner = Minimal(learner_context(running, store), Minimal.Settings(**settings))
+    rounds = Rounds(learner, spec.seed, spec.episodes)
+    engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
+    for result in run_in_process(rounds, engine):
+        store.episodes.commit(number, [Delivery(result, "by hand")])
+    store.checkpoints.save(number, rounds.checkpoint())
+    store.campaigns.move(number, "done")
+    return number
 
-    def get_as_minimal(wanted):
-        seen = told(wanted)
-        return seen if wanted != number else as_minimal(seen, shrunk)
 
-    with pytest.MonkeyPatch.context() as patch:
-        page = store.campaigns.page
-        patch.setattr(store.campaigns, "get", get_as_minimal)
-        patch.setattr(
-            store.campaigns,
-            "page",
-            lambda *words: page_as_minimal(page(*words), number, shrunk),
-        )
-        report = report_of(gate(BETTER, "--json"))
+def medoid_of(baseline):
+    return next(each["was"] for each in baseline["members"][0]["known"] if each["was"])
+
+
+def test_a_minimal_failure_is_replayed_too(gate, baseline, store):
+    number = shrunk(store, medoid_of(baseline))
+    index = minimal_failure(store, store.campaigns.get(number)).index
+    report = report_of(gate(BETTER, "--json"))
     known = {each["what"]: each["verdict"] for each in report["members"][0]["known"]}
-    assert known[f"minimal failure {number}/0"] == "fixed"
+    assert known[f"minimal failure {number}/{index}"] == "fixed"
 
 
-def as_minimal(campaign, fields):
-    from msgspec.structs import replace
+def test_what_is_shrunk_while_a_gate_begins_does_not_stop_it(gate, baseline, store, monkeypatch):
+    listed = Campaigns.list
 
-    return replace(campaign, spec=replace(campaign.spec, **fields))
+    def list_and_shrink(self, state=None):
+        found = [*listed(self, state)]
+        if state == "done":
+            shrunk(store, medoid_of(baseline))
+        return iter(found)
 
-
-def page_as_minimal(page, number, fields):
-    from msgspec.structs import replace
-
-    items = tuple(as_minimal(each, fields) if each.id == number else each for each in page.items)
-    return replace(page, items=items)
+    monkeypatch.setattr(Campaigns, "list", list_and_shrink)
+    assert gate(BETTER, "--json").exit_code == 0
 
 
 def test_a_planner_that_breaks_closes_the_gate(eigenfail, baseline, suite):

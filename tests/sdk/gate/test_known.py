@@ -95,14 +95,13 @@ def test_where_parameters_vary_each_failure_is_replayed_as_its_medoid_drew_them(
     assert len({each.member.name for each in found}) == 4
 
 
-def test_the_minimal_failure_is_the_likeliest_that_still_fails(under, campaign, row, spec):
+def test_the_minimal_failure_is_the_one_that_its_campaign_tells(under, campaign, spec):
     minimal = campaign(8, spec=replace(spec, method="minimal", settings={"campaign": 1}))
-    failures = [row(n, campaign=8, log_probability=p) for n, p in ((0, -9.0), (3, -2.0), (5, -4.0))]
-    (found,) = replay_of_minimal(under, minimal, failures, nothing)
+    found = replay_of_minimal(under, minimal, 3, lambda index: {"distance_m": 50.0 + index})
+    assert found.member.spec.scenario_parameters == {"distance_m": 53.0}
     assert found.member.spec.settings == {"campaign": 8, "episodes": [3]}
     assert found.member.spec.planner == "mine"
     assert found.known[0].was == "8/3"
-    assert list(replay_of_minimal(under, minimal, [], nothing)) == []
 
 
 def test_what_was_shrunk_of_the_baseline_is_known(campaign, analysis, spec):

@@ -8,6 +8,7 @@ from msgspec.structs import replace
 from eigenfail.gate.report import By, Figures, Gate, MemberReport, Rerun, report
 from eigenfail.gate.reruns import Side, rerun
 from eigenfail.gate.verdicts import CLOSING, Outcomes, Verdict, paired, verdict
+from eigenfail.gate.words import false_alarms
 from eigenfail.values import Comparison as Found
 from eigenfail.values import Estimate, Interval, Outcome, PairTotals
 from eigenfail_services.statistics.comparison import difference, mcnemar
@@ -141,6 +142,8 @@ def test_by_rate_a_swap_of_failures_is_chance(compared):
     assert compared([SAFE] * 20, one, by=By.RATE).verdict == "new"
     assert compared([HIT] * 6 + [SAFE] * 14, [SAFE] * 20, by=By.RATE).verdict == "fixed"
     assert compared([SAFE] * 3, [SAFE] * 3, by=By.RATE).verdict == "safe"
+    assert compared(one, [SAFE] * 20, by=By.RATE).verdict == "safe"
+    assert compared([HIT] * 5 + [SAFE] * 15, [SAFE] * 20, by=By.RATE).verdict == "safe"
     assert compared([SAFE] * 3, [SAFE, SAFE, FAILED], by=By.RATE).verdict == "cannot be run"
 
 
@@ -155,6 +158,9 @@ def test_a_search_is_new_beyond_chance_alone(compared):
     assert search(20, 5).verdict == "fixed"
     assert search(5, 0).verdict == "fixed"
     assert search(0, 0).verdict == "safe"
+    # The interval of 1/50 to 0/50 holds 0.
+    assert search(1, 0).verdict == "safe"
+    assert "1 of 50 did: none now, though no fewer than chance" in search(1, 0).words
     assert search(0, 1).verdict == "new"
     assert "found none" in search(0, 1).words
     assert search(5, 20).unpaired_because == "it learns."
@@ -181,6 +187,26 @@ def test_estimates_are_compared_rather_than_the_rates_of_what_was_searched(compa
     assert judged(estimate(1e-4, 3e-4), estimate(4e-4, 9e-4)) == "new"
     assert judged(estimate(4e-4, 9e-4), estimate(1e-4, 3e-4)) == "fixed"
     assert judged(None, estimate(4e-4, 9e-4)) == "still failing"
+
+
+@pytest.mark.parametrize(
+    ("reruns", "told"),
+    [
+        ([("it learns.", 3)], "in up to about 2.5 % of runs; a new"),
+        ([("it learns.", 3)] * 3, "in up to about 7.3 % of runs; a new"),
+        ([("it learns.", 0)], "25.0 % of runs (the baseline found none in 1: there one failure"),
+        ([("", 0)], "in up to about 50.0 % of runs (the baseline"),
+        ([("", 3), ("it learns.", 0)], "in up to about 26.9 % of runs (the baseline found none in"),
+    ],
+)
+def test_it_is_told_how_often_nothing_is_called_new(reruns, told):
+    assert told in false_alarms([judged_by_rate(*each) for each in reruns])
+
+
+def judged_by_rate(unpaired_because, failures):
+    before = Figures(campaign=1, completed=9, failures=failures, failed=0)
+    base = {"before": before, "now": before, "verdict": Verdict.NEW, "words": "", "by": By.RATE}
+    return Rerun(**base, unpaired_because=unpaired_because)
 
 
 def gate_of(*verdicts, strict=False, problem=""):

@@ -169,7 +169,7 @@ def test_the_account_says_what_decided_what_overrode_it_and_what_was_lost():
 def test_what_is_no_number_counts_as_none_lost():
     steps = ({"lost_tracks": "none"}, {"lost_tracks": "1"}, {"lost_tracks": None}, {})
     assert describe_account(explained(*steps), Clock(4, 0.1)) == (
-        "it lost a track once, 0.2 s before the impact."
+        "it lost a track once, 0.3 s before the impact."
     )
 
 

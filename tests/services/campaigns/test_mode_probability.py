@@ -178,7 +178,10 @@ def result(campaign: Campaign, mode_of: dict[int, int], silhouette: float) -> An
 
 @pytest.mark.parametrize(
     ("method", "episodes", "settings"),
-    [("cem", 1600, {"batch": 200, "min_std": 1.0}), ("subset", 800, {"samples": 200, "runs": 2})],
+    [
+        ("cem", 1600, {"batch": 200, "min_std": 1.0, "mean_smoothing": 0.05}),
+        ("subset", 800, {"samples": 200, "runs": 2}),
+    ],
 )
 def test_failures_that_landed_after_the_reading_are_not_taken_for_none(
     store: MemoryStore, method: str, episodes: int, settings: dict[str, Any]

@@ -24,10 +24,11 @@ from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns import mode_words as words_module
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.materials import check_references, learner_context
-from eigenfail_services.campaigns.minimal_failures import minimal_failure
+from eigenfail_services.campaigns.minimal_failures import knowledge, minimal_failure
 from eigenfail_services.campaigns.nearby import nearby
 from eigenfail_services.campaigns.proofs import proof, prove
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.methods.minimal.blocks import energy
 from eigenfail_services.methods.minimal.method import Minimal, known
 from eigenfail_services.statistics.expected_likelihood import expected_log_probability
 from eigenfail_services.store import MemoryStore
@@ -185,8 +186,10 @@ def test_a_failure_is_shrunk_to_what_it_needs(house) -> None:
     assert told.needed < told.injected == np.count_nonzero(failure.noise.z)
     assert told.energy < told.full_energy
     assert told.full_log_probability == failure.noise.log_probability
-    least = min(house.failures(number), key=lambda r: float(np.sum(np.float64(r.noise.z) ** 2)))
-    assert told.index == least.index
+    _, z = knowledge(house.store, house.store.campaigns.get(number))
+    found = house.store.episodes.get(number, told.index).noise.z
+    np.testing.assert_array_equal(found, z[: len(found)])
+    assert not z[len(found) :].any()
     assert house.store.episodes.get(number, told.index).is_failure
     assert told.because.startswith(("No step of one axis can be left out.", "It fails without"))
 
@@ -200,6 +203,121 @@ def test_an_eigenfailure_is_shrunk_too_and_a_short_budget_is_told(house) -> None
     told = minimal_failure(house.store, house.store.campaigns.get(number))
     assert not told.done
     assert told.because.startswith("It was cut short at blocks of ")
+
+
+VARIED = {"distance_m": {"choice": [53.0, 58.0, 63.0]}}
+
+
+@pytest.fixture(scope="module")
+def varied() -> Iterator[House]:
+    """Failures of a scenario whose distance varies, analysed and replayed."""
+    house = House()
+    house.campaign = house.run(episodes=40, seed=3, scenario_parameters=VARIED)
+    house.analysis = house.store.analyses.get(house.analysed(house.campaign, clusters=6))
+    for scenario in prove(house.store, house.analysis, [{}, {"lane_change_s": 3.1}]).scenarios:
+        house.finish(scenario.campaign)
+    yield house
+    house.store.close()
+
+
+def test_where_the_scenario_varies_each_mode_is_replayed_in_what_its_medoid_drew(varied) -> None:
+    told = proof(varied.store, varied.analysis)
+    assert told.done
+    same = [each for each in told.scenarios if each.is_same]
+    assert len(same) == len(told.scenarios) / 2 > 1
+    again = [replay for each in same for replay in each.replays if replay.what == "medoid"]
+    assert sorted(replay.mode for replay in again) == list(range(6))
+    for replay in again:
+        medoid = varied.analysis.result.modes[replay.mode].medoid
+        stored = varied.store.episodes.get(varied.campaign, medoid)
+        result = varied.store.episodes.get(replay.campaign, replay.index)
+        assert (result.steps, result.measures) == (stored.steps, stored.measures)
+    assert told.reproduced.rate.n == 6
+    others = [each.scenario_parameters for each in told.scenarios if not each.is_same]
+    assert others == [{"lane_change_s": 3.1}] * len(same)
+    mode = again[0].mode
+    assert told.modes[mode].medoid.rate.n == told.modes[mode].eigenfailure.rate.n == 2
+    before = len(varied.store.campaigns.page(100).items)
+    assert prove(varied.store, varied.analysis, None) == told
+    assert len(varied.store.campaigns.page(100).items) == before
+
+
+@pytest.mark.parametrize("given", [{"uniform": [52, 60]}, VARIED["distance_m"]])
+def test_a_variation_that_draws_is_refused(house, varied, given) -> None:
+    for analysis in (house.store.analyses.get(house.analysis), varied.analysis):
+        store = varied.store if analysis is varied.analysis else house.store
+        with pytest.raises(InvalidValue, match=r"is a distribution.*Give it a value") as refused:
+            prove(store, analysis, [{}, {"distance_m": given}])
+        assert refused.value.field == "variations[1].distance_m"
+
+
+@pytest.mark.parametrize(
+    ("fields", "told"),
+    [
+        ({"scenario_parameters": {"distance_m": 52.0}}, "scenario_parameters"),
+        ({"planner_settings": {"lane_half_width_m": 2.5}}, "planner_settings"),
+    ],
+)
+def test_an_analysis_of_several_worlds_is_not_proven(fields, told) -> None:
+    house = House()
+    one, other = house.run(seed=3), house.run(seed=4, **fields)
+    analysis = house.store.analyses.get(house.analysed(one, campaigns=(other,)))
+    with pytest.raises(Conflict, match=f"differ in {told}.*Analyse each campaign by itself"):
+        prove(house.store, analysis, None)
+    house.store.close()
+
+
+def test_campaigns_of_one_world_are_proven_together_whatever_they_spell_out() -> None:
+    house = House()
+    other = house.run(seed=4, scenario_parameters={"distance_m": 58.0})
+    analysis = house.analysed(house.run(seed=3), campaigns=(other,))
+    (same,) = prove(house.store, house.store.analyses.get(analysis), [{}]).scenarios
+    house.finish(same.campaign)
+    told = proof(house.store, house.store.analyses.get(analysis))
+    assert (told.medoids.rate.k, told.medoids.rate.n) == (2, 2)
+    house.store.close()
+
+
+def test_a_varying_scenario_is_none_to_shrink_in(varied) -> None:
+    failure = varied.failures(varied.campaign)[0]
+    for settings in (
+        {"campaign": varied.campaign, "episode": failure.index},
+        {"analysis": varied.analysis.id, "mode": 1},
+    ):
+        with pytest.raises(InvalidValue, match="eigenfail episode shrink") as refused:
+            varied.create(method="minimal", settings=settings, scenario_parameters=VARIED)
+        assert refused.value.field == "scenario_parameters.distance_m"
+
+
+@pytest.mark.parametrize(
+    ("method", "settings", "field"),
+    [
+        ("minimal", {}, "settings"),
+        ("minimal", {"campaign": 1}, "settings"),
+        ("minimal", {"analysis": 1}, "settings"),
+        ("minimal", {"episode": 3}, "settings"),
+        ("minimal", {"mode": 3}, "settings"),
+        ("minimal", {"campaign": 1, "episode": 3, "analysis": 1}, "settings"),
+        ("replay", {}, "settings"),
+        ("replay", {"campaign": 1, "episodes": [5000]}, "settings.episodes"),
+        ("replay", {"analysis": 1, "modes": [1, 9]}, "settings.modes"),
+    ],
+)
+def test_a_campaign_without_noise_to_inject_is_refused(house, method, settings, field) -> None:
+    with pytest.raises(InvalidValue) as refused:
+        house.create(method=method, settings=settings)
+    assert refused.value.field == field
+    assert refused.value.remedy
+
+
+def test_an_analysis_to_come_is_not_replayed_yet_but_failures_to_come_are() -> None:
+    house = House()
+    campaign = house.create()
+    assert house.create(method="replay", settings={"campaign": campaign})
+    analysis = house.store.analyses.create(campaign, AnalysisSettings()).id
+    with pytest.raises(InvalidValue, match=r"is queued and has no eigenfailures.*Wait"):
+        house.create(method="replay", settings={"analysis": analysis})
+    house.store.close()
 
 
 @pytest.mark.parametrize(
@@ -310,5 +428,5 @@ def test_a_crash_of_the_rulebook_comes_down_to_some_of_its_longitudinal_noise() 
     assert results[0].is_failure
     assert found.is_failure
     assert not found.noise.z[:, 1].any()
-    assert facts.best_energy < 0.5 * facts.first_energy
+    assert energy(found.noise.z) < 0.5 * energy(results[0].noise.z)
     assert found.noise.log_probability > results[0].noise.log_probability

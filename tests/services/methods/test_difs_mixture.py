@@ -21,7 +21,7 @@ def seen(z):
 
 
 def fitted(z, shift=0, unseen=None):
-    return fit(elite(z, seen(z) if unseen is None else unseen, shift))
+    return fit(elite(z, seen(z) if unseen is None else unseen, shift), most=4)
 
 
 @pytest.mark.parametrize(
@@ -92,6 +92,14 @@ def test_each_mode_is_found_with_its_share_and_its_mean(modes):
         np.testing.assert_allclose(found.means[nearest], mean, atol=0.6)
 
 
+def test_one_long_mode_without_a_gap_is_not_taken_apart():
+    for seed in range(5):
+        random = np.random.default_rng(seed)
+        z = 0.3 * random.standard_normal((40, 1, 2))
+        z[:, 0, 0] += 2.0 * random.standard_normal(40)
+        assert len(fitted(z).shares) == 1
+
+
 def test_modes_nearer_than_two_sigma_are_one():
     z = 0.1 * np.random.default_rng(0).standard_normal((40, 1, 2))
     z[::2, 0, 0] += 1.8
@@ -155,3 +163,15 @@ def test_at_robustness_zero_only_the_modes_that_have_failed_are_sampled(episode)
     assert len(one._model.mixture.shares) == 2
     assert (noise_of(one.exploit(6)).mean(axis=(1, 2)) < 0.0).all()
     assert np.count_nonzero(noise_of(one.propose(10)).mean(axis=(1, 2)) > 0.0) == 5
+
+
+def test_once_the_elite_are_failures_no_more_modes_are_sought(episode):
+    random, found = np.random.default_rng(1), []
+    sides = np.where(np.arange(40) % 2, 2.0, -2.0)
+    noise = random.standard_normal((40, 5, 2)) + sides[:, None, None]
+    for robustness in (1.0, 0.0):
+        one = learner()
+        one.propose(100)
+        one.observe([episode(z, robustness) for z in noise])
+        found.append(len(one._model.mixture.shares))
+    assert found == [2, 1]

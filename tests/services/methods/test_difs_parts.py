@@ -57,6 +57,7 @@ def examples(z, condition=None, unseen=None):
         unseen=np.zeros(z.shape[:2], bool) if unseen is None else unseen,
         condition=np.zeros(count, np.float32) if condition is None else condition,
         held_out=np.arange(count) % 5 == 0,
+        modes=4,
     )
 
 

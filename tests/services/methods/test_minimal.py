@@ -57,7 +57,7 @@ def test_what_is_needed_is_left_and_nothing_else(shrink, seed):
     best = results[facts.best]
     assert best.is_failure
     np.testing.assert_array_equal(best.noise.z, z)
-    assert facts.best_energy == pytest.approx(3 * weakest**2)
+    assert parts.energy(best.noise.z) == pytest.approx(3 * weakest**2)
     likeliest = max((r for r in results if r.is_failure), key=lambda r: r.noise.log_probability)
     assert likeliest.index == best.index
     assert len(results) < 400
@@ -85,7 +85,6 @@ def test_a_planner_that_fails_undisturbed_needs_no_noise(shrink):
     results, (facts, z) = shrink(noise(), lambda z: -np.ones(len(z)))
     assert facts.phase is Phase.OVER
     assert not z.any()
-    assert facts.best_energy == 0.0
     assert not results[facts.best].noise.z.any()
 
 
@@ -107,6 +106,29 @@ def test_a_sum_is_shrunk_to_steps_none_of_which_can_go(shrink):
     assert enough(found[None] * (1.0 - 2.0 * RESOLUTION))[0] > 0.0
 
 
+@pytest.mark.parametrize("seed", [198, 767, 2984])
+def test_what_is_told_was_shown_to_be_minimal_though_another_replay_had_less(shrink, seed):
+    """Any of three causes will do; with these seeds the search passes by the weakest."""
+    rng = np.random.default_rng(seed)
+    z = rng.normal(size=(6, 2)) * rng.choice([0.3, 3.0], size=(6, 2))
+    causes = [rng.choice(12, size=rng.integers(1, 5), replace=False) for _ in range(3)]
+    strong = np.abs(np.float32(z)).reshape(-1) * np.float32(0.999)
+
+    def any_cause(tried):
+        there = np.abs(tried.reshape(len(tried), -1)) >= strong
+        failing = [there.all(axis=1), *(there[:, cause].all(axis=1) for cause in causes)]
+        return np.where(np.any(failing, axis=0), -1.0, 1.0)
+
+    results, (facts, found) = shrink(z, any_cause)
+    told = results[facts.best].noise.z
+    assert facts.phase is Phase.OVER
+    np.testing.assert_array_equal(told, found)
+    for mask in parts.blocks(told, 1):
+        assert any_cause(parts.without(told, mask)[None])[0] > 0.0
+    least = min(parts.energy(result.noise.z) for result in results if result.is_failure)
+    assert least < parts.energy(told)
+
+
 def test_a_failure_that_is_none_is_refused_with_what_to_do(shrink):
     with pytest.raises(LearnerFailed, match=r"does not reproduce at full strength.*own campaign"):
         shrink(noise(level=0.5), all_needed)
@@ -125,6 +147,7 @@ def test_a_failure_that_could_not_be_run_is_tried_again(noise_engine):
 
 def test_the_budget_may_end_it_at_any_point_with_what_there_is(shrink):
     whole, (last, _) = shrink(noise(), all_needed)
+    whole_energy = parts.energy(whole[last.best].noise.z)
     energies = []
     for episodes in (1, 2, 7, 40, len(whole) - 1):
         results, (facts, _) = shrink(noise(), all_needed, episodes=episodes)
@@ -132,9 +155,9 @@ def test_the_budget_may_end_it_at_any_point_with_what_there_is(shrink):
         assert facts.phase is not Phase.OVER
         assert [r.digest() for r in results] == [r.digest() for r in whole[:episodes]]
         assert results[facts.best].is_failure
-        energies.append(facts.best_energy)
+        energies.append(parts.energy(results[facts.best].noise.z))
     assert energies == sorted(energies, reverse=True)
-    assert energies[-1] >= last.best_energy
+    assert energies[-1] >= whole_energy
 
 
 @pytest.mark.parametrize("round_size", [1, 7, 500])

@@ -76,11 +76,17 @@ def merge() -> ExplainedEpisode:
     return explain(setup("merge_in", "rulebook", "highway"), CALM)
 
 
-@pytest.mark.parametrize("planner", ["rulebook", "idm"])
-def test_at_the_defaults_both_planners_merge_undisturbed(planner):
-    result = explain(setup("merge_in", planner, "highway"), CALM).result
+def test_at_the_defaults_the_rulebook_merges_undisturbed(merge):
+    assert not merge.result.is_failure
+    assert has_merged(merge.result)
+
+
+def test_at_the_defaults_the_baseline_waits_until_both_cars_have_passed():
+    result = explain(setup("merge_in", "idm", "highway"), CALM).result
     assert not result.is_failure
-    assert has_merged(result)
+    y, x = result.scene.vehicles[:, 0, 1], result.scene.vehicles[:, :, 0]
+    assert np.all(x[y > 0.5, 1:] > x[y > 0.5, :1] + (TRUCK_M + CAR_M) / 2)
+    assert y[-1] > 0.5
 
 
 def test_nobody_drives_beside_the_rulebook_in_the_default_merge(merge):

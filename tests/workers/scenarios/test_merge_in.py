@@ -47,6 +47,6 @@ def test_the_cars_keep_speed_and_lane_whatever_the_truck_does():
 
 def test_parameters_are_refused_by_name():
     with pytest.raises(InvalidValue, match="gap_s"):
-        situation(gap_s=2.9)
+        situation(gap_s=2.8)
     with pytest.raises(UnknownName, match="behind_m"):
         situation(behind=0.0)

@@ -36,10 +36,10 @@ class MergeInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     ] = 3.0
     behind_m: Annotated[
         float, Meta(ge=-25.0, le=40.0, description="Second car behind the truck by this [m].")
-    ] = 20.5
+    ] = 19.5
     ego_speed_mps: Annotated[
         float, Meta(ge=18.0, le=22.0, description="Speed of the truck at the start [m/s].")
-    ] = 20.5
+    ] = 20.7
     traffic_speed_mps: Annotated[
         float, Meta(ge=19.0, le=23.0, description="Speed of the cars [m/s].")
     ] = 20.0

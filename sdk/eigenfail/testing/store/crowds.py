@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from threading import Barrier
 from typing import TypeVar
 
@@ -11,7 +12,7 @@ from eigenfail.contracts import Store
 from eigenfail.errors import IllegalTransition
 from eigenfail.testing.expectations import expect
 from eigenfail.testing.store.examples import deliver, equal, result, running, spec
-from eigenfail.values import CampaignState, Counts, Event
+from eigenfail.values import AnalysisSettings, CampaignState, Counts, Event
 from eigenfail.values.records import Verdict
 
 CROWD = 8
@@ -59,6 +60,20 @@ def one_key_makes_one_campaign(store: Store) -> None:
     ids = at_once(lambda _: store.campaigns.create(spec(), "key").id)
     equal(len(set(ids)), 1, "Campaigns of one key")
     equal(len(store.campaigns.page(100).items), 1, "Campaigns in the store")
+
+
+def one_replay_is_linked_once(store: Store) -> None:
+    """One replay, linked by everybody at once, is linked once, and nobody is refused."""
+    for _ in range(3):
+        campaign, replay = running(store).id, running(store).id
+        analysis = store.analyses.create(campaign, AnalysisSettings()).id
+        at_once(partial(link, store, analysis, replay))
+        equal(store.analyses.replays(analysis), (replay,), "The replays")
+
+
+def link(store: Store, analysis: int, replay: int, _number: int) -> None:
+    """What each of a crowd does."""
+    store.analyses.link_replay(analysis, replay)
 
 
 def results_are_kept_once(store: Store) -> None:
@@ -138,6 +153,7 @@ def followers_miss_nothing(store: Store) -> None:
 CHECKS = (
     moves_have_one_winner,
     one_key_makes_one_campaign,
+    one_replay_is_linked_once,
     results_are_kept_once,
     counts_hold_while_everybody_writes,
     jobs_go_to_one_each,

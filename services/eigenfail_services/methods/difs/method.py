@@ -33,6 +33,9 @@ SMALLEST_GUIDANCE, LARGEST_GUIDANCE = -0.7, 0.2
 
 HELD_OUT_EVERY = 5
 
+MOST_MODES = 4
+"""Sought until each mode's elite are failures: later, one mode's failures would be taken apart."""
+
 EXPLOITS = 2**32
 """Draws from here on are those of `exploit`: learning goes on as if there had been none."""
 
@@ -193,11 +196,13 @@ class DiffusionFailureSampling:
         trials, facts, kinds = self._trials, self._facts, self._kinds()
         rows = self._schedule.chosen(trials, kinds, facts.threshold_m or 0.0, self._settings)
         robustness = trials.robustness - trials.behind(kinds)
+        known = len(self._model.mixture.shares)
         return Examples(
             z=trials.z[rows],
             unseen=trials.unseen()[rows],
             condition=robustness[rows] / np.float32(facts.scale_m),
             held_out=rows % HELD_OUT_EVERY == 0,
+            modes=known if trials.settled(self._settings.elite, kinds) else MOST_MODES,
         )
 
     def _kinds(self) -> Rows:

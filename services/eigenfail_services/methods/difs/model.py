@@ -52,7 +52,7 @@ class DiffusionModel:
         """
         generator = self._generator(self._random(draw))
         held_out = torch.from_numpy(examples.held_out).to(self._device)
-        self.mixture = fit(elite(examples.z, examples.unseen, self._options.jitter))
+        self.mixture = fit(elite(examples.z, examples.unseen, self._options.jitter), examples.modes)
         given = self._tensors(examples)
         self._correct(given.only(~held_out), steps, generator)
         self._judge(given.only(held_out), generator)

@@ -8,20 +8,18 @@ from numpy.typing import NDArray
 from eigenfail.values import Floats
 from eigenfail_services.methods.difs.mixture import Array, Mixture
 
-MOST = 4
-"""Components at most."""
-
 FOLDS = 5
 
 ITERATIONS = 10
 
 SURE = 0.5
-GAP = 0.25
-"""Largest spread of modes that are apart."""
 """Standard errors by which one component more must foretell better."""
 
 APART = 2.0
 """Nearer means make no two modes: their normals of unit variance have one common peak."""
+
+GAP = 0.25
+"""Most that `scatter` may be; of one normal that is cut in two it is 1 - 2 / pi = 0.36."""
 
 NARROWEST, WIDEST = 1e-2, 1.0
 """Bounds of the variance: what is wider than the prior needs more components."""
@@ -70,12 +68,12 @@ class Fits(NamedTuple):
     variance: Array
 
 
-def fit(given: Elite) -> Mixture:
-    """The mixture of as many components as foretell held-out trajectories best.
+def fit(given: Elite, most: int) -> Mixture:
+    """The mixture of as many components, `most` at most, as foretell held-out trajectories best.
 
-    One component more must do so by half a standard error. For this comparison components share a
-    variance that is fitted: in the directions that matter an elite is narrower than the prior, and
-    normals of unit variance would see its modes too late to keep them all.
+    One component more must do so by half a standard error, and leave a gap. For this comparison
+    components share a variance that is fitted: in the directions that matter an elite is narrower
+    than the prior, and normals of unit variance would see its modes too late to keep them all.
     """
     count = len(given.z)
     fold = np.arange(count) % FOLDS
@@ -83,11 +81,11 @@ def fit(given: Elite) -> Mixture:
     trained[fold, np.arange(count)] = 0.0
     belongs, fits = trained, maximised(trained, given)
     scores = foretold(given, fits, fold)
-    for _ in range(1, MOST if count >= 2 * FOLDS else 1):
+    for _ in range(1, most if count >= 2 * FOLDS else 1):
         belongs, more = learnt(split(belongs, fits, given), trained, given)
         gain = foretold(given, more, fold) - scores
         sure = gain.mean() > SURE * gain.std() / np.sqrt(count)
-        if not sure or nearest(more.means[-1]) <= APART or spread(given, more, fold) > GAP:
+        if not (sure and distinct(given, more, fold)):
             break
         fits, scores = more, scores + gain
     return Mixture(fits.shares[-1], fits.means[-1])
@@ -101,11 +99,15 @@ def foretold(given: Elite, fits: Fits, fold: NDArray[np.intp]) -> Array:
     return score
 
 
-def spread(given: Elite, fits: Fits, fold: NDArray[np.intp]) -> float:
-    """How far trajectories held out scatter about the middle between their two nearest means.
+def distinct(given: Elite, fits: Fits, fold: NDArray[np.intp]) -> bool:
+    """Whether the means lie apart, and few held-out trajectories in the middle of two."""
+    return nearest(fits.means[-1]) > APART and scatter(given, fits, fold) <= GAP
 
-    Var |y| / E[y²] for distances y from it, along the line of the means: near 0 for two modes with
-    a gap, 1 - 2 / pi = 0.36 for one normal that was cut in two.
+
+def scatter(given: Elite, fits: Fits, fold: NDArray[np.intp]) -> float:
+    """Var |y| / E[y²] of held-out trajectories, near 0 where there is a gap.
+
+    y is the distance from the middle of the two means that fit best, along their line.
     """
     each = np.arange(len(fold))
     order = log_densities(given, fits)[fold, each].argsort(axis=1)

@@ -31,9 +31,11 @@ class Examples(msgspec.Struct, frozen=True, eq=False):
         unseen: whether a trajectory has no noise of its own in a step, shape (n, horizon).
         condition: robustness ÷ scale, shape (n,).
         held_out: whether the network shall not be trained on it, but judged by it, shape (n,).
+        modes: how many components the mixture may have.
     """
 
     z: Floats
     unseen: NDArray[np.bool_]
     condition: Floats
     held_out: NDArray[np.bool_]
+    modes: int

@@ -71,7 +71,7 @@ class ChangeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         braking_mps2: hardest braking to get beside a gap.
     """
 
-    ahead: Owed = Owed(margin_m=5.0, headway_s=0.7, braking_mps2=1.5)
+    ahead: Owed = Owed(margin_m=5.0, headway_s=0.6, braking_mps2=1.5)
     behind: Owed = Owed(margin_m=4.0, headway_s=0.4, braking_mps2=0.5)
     begun_share: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.5
     spare_m: Metres = 3.0
