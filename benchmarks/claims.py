@@ -58,7 +58,7 @@ TRIALS = (
     ),
     Trial(("cut_in.ast.",), ast),
     Trial(("cut_in.ast_", "cut_in.heuristic."), likely_ast),
-    Trial(("cut_in.difs.",), difs),
+    Trial(("cut_in.difs", "cut_in.cem_held_back."), difs),
     Trial(("cut_in.cem.",), cem),
     Trial(("merge_in.rulebook.mc2000.",), partial(calm, "merge_in")),
     Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
