@@ -1,8 +1,6 @@
 """`eigenfail gate`: what is new, fixed and still failing under another version of a planner."""
 
 import re
-import shlex
-import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -19,7 +17,7 @@ from eigenfail.cli.planner_code import fingerprint
 from eigenfail.cli.run import MaybeUrl, somewhere
 from eigenfail.cli.signals import interruptible
 from eigenfail.cli.suite import refuse_early
-from eigenfail.cli.surroundings import client_at
+from eigenfail.cli.surroundings import client_at, this_command
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.gate.junit import to_junit
 from eigenfail.gate.report import By, Gate, GateReport
@@ -94,7 +92,7 @@ def gate(
         client_at(context, place.url) as client,
     ):
         refuse_early(suite, place)
-        report = judged(Runner(client, place, command()), suite, asked)
+        report = judged(Runner(client, place, this_command()), suite, asked)
     if junit:
         write(junit, to_junit(report))
     show(report, as_json, lambda: gate_page(report))
@@ -106,13 +104,8 @@ def judged(runner: Runner, suite: Suite, asked: Gate) -> GateReport:
     try:
         return runner.run(suite, asked)
     except KeyboardInterrupt:
-        typer.echo(f"Interrupted. To go on: {command()}", err=True)
+        typer.echo(f"Interrupted. To go on: {this_command()}", err=True)
         raise typer.Exit(INTERRUPTED) from None
-
-
-def command() -> str:
-    """The command that was given."""
-    return shlex.join(["eigenfail", *sys.argv[1:]])
 
 
 def named(baseline: str | None) -> str:
