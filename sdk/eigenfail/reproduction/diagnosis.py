@@ -28,9 +28,9 @@ MEASURES = (
 COMPONENTS = (
     Column("first_three", "variance of the first three", "share"),
     Column("modes", "distinct modes", "modes"),
-    Column("silhouette", "silhouette", ""),
-    Column("noise_silhouette", "of noise", ""),
-    Column("stability", "adjusted Rand index", ""),
+    Column("silhouette", "silhouette", "index"),
+    Column("noise_silhouette", "of noise", "index"),
+    Column("stability", "adjusted Rand index", "index"),
     Column("late_influence", "influence just before the collision", "share"),
     Column("late_time", "share of the time", "share"),
 )

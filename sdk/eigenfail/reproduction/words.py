@@ -3,7 +3,7 @@
 from eigenfail.reproduction.results import Column, Number, Statement
 
 UNKNOWN = "–"
-SIGNS = {"share": "%", "modes": ""}
+SIGNS = {"share": "%", "modes": "", "index": ""}
 
 
 def heading(column: Column) -> str:
