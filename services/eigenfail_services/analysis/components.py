@@ -6,6 +6,7 @@ less than 1e-7 of the largest spread. Only data that are wide besides are decomp
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -77,7 +78,10 @@ def fit(data: Data, wanted: int) -> ComponentSpace:
 def directions(data: Data, mean: Array, count: int) -> Directions:
     """The directions of largest variance, in the way that suits the size of the data."""
     if data.size <= SMALL_ENTRIES:
-        return decomposed(data, count, svd_solver="full")
+        # LAPACK's fastest way (gesdd) now and then finds no end on rows that come twice.
+        with suppress(np.linalg.LinAlgError):
+            return decomposed(data, count, svd_solver="full")
+        return accumulated(data, mean, count)
     if data.shape[1] <= WIDEST:
         return accumulated(data, mean, count)
     return decomposed(

@@ -76,3 +76,18 @@ def test_influence_weighs_entries_by_what_their_component_explains() -> None:
 
 def test_without_components_nothing_has_influence() -> None:
     assert influence(np.zeros((0, 4, 2)), np.zeros(0)).tolist() == np.zeros((4, 2)).tolist()
+
+
+def test_where_lapack_finds_no_end_the_directions_are_the_same(monkeypatch) -> None:
+    data = np.random.default_rng(4).standard_normal((30, 12)) * np.linspace(3.0, 1.0, 12)
+    found = fit(data, 4)
+
+    def endless(*_: object, **__: object) -> None:
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr("scipy.linalg.svd", endless)
+    monkeypatch.setattr("sklearn.decomposition._pca.linalg.svd", endless)
+    again = fit(data, 4)
+    assert again.components == pytest.approx(found.components, abs=1e-9)
+    assert again.explained == pytest.approx(found.explained, abs=1e-9)
+    assert again.scores == pytest.approx(found.scores, abs=1e-9)
