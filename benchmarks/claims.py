@@ -64,7 +64,7 @@ TRIALS = (
     Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
     Trial(("merge_in.ast.",), partial(merge, "ast")),
     Trial(("merge_in.difs.",), partial(merge, "difs")),
-    Trial(("paper.",), reproduction.find),
+    Trial(("paper.", "cut_in.eigenfailures."), reproduction.find),
 )
 
 

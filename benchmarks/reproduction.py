@@ -76,6 +76,18 @@ def find(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure | Run]]:
     run = reproduced(seed)
     yield "reproduction", run
     yield from figures(run.found)
+    yield proven(run.found)
+
+
+def proven(found: Reproduction) -> tuple[str, Figure]:
+    """The eigenfailures of AST's failures that fail again in the scenario that they came from."""
+    name, claim = next(
+        (name, claim)
+        for name, claim in figures(found)
+        if name == "paper.eigenfailures.ast_evaluation_the_same_scenario.eigenfailures"
+    )
+    note = f"as {name}"
+    return "cut_in.eigenfailures.reproduced", msgspec.structs.replace(claim, note=note)
 
 
 def figures(found: Reproduction) -> Iterator[tuple[str, Figure]]:
