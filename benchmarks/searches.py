@@ -13,6 +13,7 @@ from crew import Crew, horizon
 
 from eigenfail import plugins
 from eigenfail.contracts import Learner
+from eigenfail.reproduction.programme import FRESH
 from eigenfail.settings import read_settings
 from eigenfail.values import (
     CampaignSpec,
@@ -29,10 +30,6 @@ from eigenfail_workers.engine import Engine
 
 EARLIER = 1
 """The id that a campaign which is evaluated goes by."""
-
-
-FRESH = 1000
-"""Added to a seed: what was learnt is evaluated on draws that training never saw."""
 
 
 class Crash(NamedTuple):

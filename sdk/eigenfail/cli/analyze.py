@@ -54,7 +54,7 @@ Clusters = Annotated[int | None, typer.Option(help="Failure modes; by silhouette
 AxesChoice = Annotated[Axes, typer.Option(help="Both axes together, or one apart.")]
 ClustererChoice = Annotated[Clusterer, typer.Option(help="What finds the modes.")]
 Also = Annotated[
-    list[int],
+    list[int] | None,
     typer.Option(
         "--also", metavar="CAMPAIGN", help="Another campaign to analyse with it; may be repeated."
     ),
@@ -74,10 +74,10 @@ def analyze(
     clusters: Clusters = None,
     axes: AxesChoice = Axes.JOINT,
     clusterer: ClustererChoice = Clusterer.KMEANS,
-    also: Also = [],  # noqa: B006 - typer reads it, nobody writes to it
+    also: Also = None,
     bootstrap: Bootstrap = 20,
     prove: Prove = False,
-    variation: Variations = [],  # noqa: B006 - typer reads it, nobody writes to it
+    variation: Variations = None,
     as_json: AsJson = False,
 ) -> None:
     """Group the failures of a campaign into failure modes.
@@ -91,13 +91,13 @@ def analyze(
         "clusters": clusters,
         "axes": axes.value,
         "clusterer": clusterer.value,
-        "campaigns": also,
+        "campaigns": also or [],
         "bootstrap": bootstrap,
     }
     settings = convert(given, AnalysisSettings)
     with interruptible(), client_at(context, url) as client:
         analysis = finished(client, campaign, settings)
-        proof = proven(client, analysis.id, variation) if prove else None
+        proof = proven(client, analysis.id, variation or ()) if prove else None
     if as_json:
         typer.echo(to_json({"analysis": analysis, "proof": proof}))
     elif analysis.result:

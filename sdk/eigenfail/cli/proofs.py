@@ -19,7 +19,7 @@ Prove = Annotated[
     bool, typer.Option("--prove", help="Replay eigenfailures and medoids, here and in variations.")
 ]
 Variations = Annotated[
-    list[str],
+    list[str] | None,
     typer.Option(
         "--variation",
         metavar="PARAMETERS",
