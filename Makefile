@@ -4,14 +4,16 @@ PYTHON ?= python3.11
 BIN := .venv/bin
 SOURCES := sdk api services workers migrations deploy tests examples benchmarks
 MINUTES ?= 5
+PROCESSES ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup chromium demo test lint format bench claims intervals pictures soak lock clean
+.PHONY: help setup chromium demo test coverage lint format bench claims intervals pictures openapi screens vendor soak lock clean
 
 help: ## this list
 	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 .venv/installed: pyproject.toml constraints.txt
+	@echo "Fetching packages into .venv: some minutes, once."
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
@@ -25,10 +27,13 @@ chromium: ## Debian's browser, for the browser tests
 demo: setup ## a short campaign of each method, analysed, replayed, priced
 	$(BIN)/python examples/demo.py
 
-test: setup chromium lint ## every check and every test, with coverage
+test: setup chromium lint ## every check and every test
+	$(BIN)/python -m pytest -q tests/test_full_loop.py
+	$(BIN)/python -m pytest tests --numprocesses $(PROCESSES) --dist loadfile
+
+coverage: setup chromium ## which lines the tests reach; takes half as long again
 	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest -q tests/test_full_loop.py
-	$(BIN)/coverage run -m pytest tests
+	$(BIN)/coverage run -m pytest tests --numprocesses $(PROCESSES) --dist loadfile
 	@$(BIN)/coverage combine --quiet
 	@$(BIN)/coverage report
 
@@ -53,6 +58,16 @@ intervals: setup ## how often the failure probabilities that methods print hold 
 
 pictures: setup ## draw docs/pictures
 	$(BIN)/python benchmarks/pictures.py
+
+openapi: setup ## write docs/openapi.json and the table of routes in docs/rest.md
+	$(BIN)/python -m eigenfail_api.openapi --output docs/openapi.json
+	$(BIN)/python tests/docs/rest_table.py
+
+screens: setup chromium ## pictures of a running service's pages, into docs/pictures/screens
+	$(BIN)/python benchmarks/screenshots.py
+
+vendor: setup ## the dashboard's libraries anew, from npm
+	$(BIN)/python deploy/vendor.py
 
 soak: setup ## kill parts of a running service for MINUTES=5, then check that nothing was lost
 	$(BIN)/python tests/soak/soak.py --minutes $(MINUTES)

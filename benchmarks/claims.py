@@ -8,64 +8,22 @@ others as they are. Exit code 1 if a target is missed, 2 if no figure has the na
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import curves
 import msgspec
 import reproduction
 import typer
-from crew import Crew, crew
-from curves import Curve
+from crew import crew
 from figures import ROOT, Figure, write
-from learning import ast, cem, difs, likely_ast, merge
-from monte_carlo import calm, frail
-from probability import p_fail
 from reproduction import Run
-from shaped import shaped
 from targets import TARGETS, aimed, missed
+from trials import TRIALS, Finding
 
 SEED = 20261122
 """Used for nothing else: no part of the world was chosen by what it shows."""
-
-Finding = Figure | tuple[Curve, ...] | Run
-Find = Callable[[Crew, int], Iterable[tuple[str, Finding]]]
-
-
-class Trial(NamedTuple):
-    """Episodes that give figures, and how the names of these begin."""
-
-    prefixes: tuple[str, ...]
-    find: Find
-
-    def concerns(self, prefix: str) -> bool:
-        """Whether one of its figures may begin like this."""
-        return any(own.startswith(prefix) or prefix.startswith(own) for own in self.prefixes)
-
-
-TRIALS = (
-    Trial(("cut_in.rulebook.mc2000.",), partial(calm, "cut_in")),
-    Trial(("cut_in.idm.mc2000.",), partial(frail, "cut_in")),
-    Trial(("cut_in.rulebook.p_fail",), partial(p_fail, "cut_in")),
-    Trial(
-        (
-            *("cut_in.rulebook.held", "cut_in.rulebook.white", "cut_in.rulebook.square3."),
-            *("cut_in.rulebook.wave2", "cut_in.shaped."),
-        ),
-        shaped,
-    ),
-    Trial(("cut_in.ast.",), ast),
-    Trial(("cut_in.ast_", "cut_in.heuristic."), likely_ast),
-    Trial(("cut_in.difs", "cut_in.cem_held_back."), difs),
-    Trial(("cut_in.cem.",), cem),
-    Trial(("merge_in.rulebook.mc2000.",), partial(calm, "merge_in")),
-    Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
-    Trial(("merge_in.ast.",), partial(merge, "ast")),
-    Trial(("merge_in.difs.",), partial(merge, "difs")),
-    Trial(("paper.", "cut_in.eigenfailures."), reproduction.find),
-)
 
 
 def found(prefix: str, seed: int) -> dict[str, Finding]:

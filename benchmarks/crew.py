@@ -90,7 +90,7 @@ def kept(result: EpisodeResult, told: list[Told]) -> Played:
     """The part of a result that figures rest on."""
     if result.measures is None:
         raise EpisodeError(f"Episode {result.index} of seed {result.seed} failed: {result.fault}.")
-    _, _, account = told[-1]
+    _, _, account, *_ = told[-1]
     return Played(result.is_failure, result.measures, float(account.get("lost_tracks", 0.0)))
 
 

@@ -30,10 +30,19 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 def commit() -> str:
-    """The commit that was measured; marked if the working tree differs from it."""
-    described = ["git", "describe", "--always", "--dirty", "--exclude=*"]
-    done = subprocess.run(described, cwd=ROOT, capture_output=True, text=True, check=False)
-    return done.stdout.strip() or "unknown"
+    """The commit that was measured; marked if what is measured differs from it.
+
+    Documents and their figures do not count: they are what the measuring writes.
+    """
+    head = said_by_git("rev-parse", "--short", "HEAD")
+    changed = said_by_git("status", "--porcelain", "--untracked-files=no", ":!docs")
+    return f"{head}-dirty" if changed else head or "unknown"
+
+
+def said_by_git(*words: str) -> str:
+    """What git says of this tree; nothing where there is none."""
+    done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False)
+    return done.stdout.strip()
 
 
 def write(path: Path, figures: dict[str, Figure]) -> None:

@@ -15,24 +15,28 @@ beforehand: `spread` says how many of them a method reaches.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
 from crew import Crew, crew, horizon, staged
-from figures import ROOT
+from figures import ROOT, Figure
 from numpy.typing import NDArray
+from samples import COMMAND
 
 from eigenfail import plugins
 from eigenfail.values import Floats
 from eigenfail_services.analysis import clusters, components
+from eigenfail_services.statistics.intervals import rate
 
 Array = NDArray[np.float64]
 
 COMPONENTS = 5
 LEAST_SHARE = 0.05
 """A mode counts as found if it holds that share of a method's failures."""
+
+LEAST = "of the draws, only those that once crashed it were run again"
 
 
 class BruteForce(msgspec.Struct, frozen=True):
@@ -95,10 +99,31 @@ class Reference(NamedTuple):
         return self.spread(failures) if self.modes > 1 else float(len(failures) > 0)
 
 
+def brute_force() -> BruteForce:
+    """What is kept of the draws."""
+    kept = (ROOT / "benchmarks" / "true_failures.json").read_bytes()
+    return msgspec.json.decode(kept, type=BruteForce)
+
+
+def confirmed(crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
+    """How many of the draws crash `rulebook`: no fewer than these, whose noise is run again."""
+    found = brute_force()
+    z = found.noise(horizon(found.scenario))
+    played = crew.inject(staged(found.scenario, "rulebook"), z)
+    crashes = [one for one in played if one.is_failure]
+    share, n = rate(len(crashes), found.draws), found.draws
+    ends = (share.interval.low, share.interval.high)
+    count = Figure(value=len(crashes), unit="episodes", n=n, command=COMMAND)
+    yield "cut_in.true_failures.count", count
+    least = Figure(
+        value=share.value, unit="probability", n=n, interval=ends, command=COMMAND, note=LEAST
+    )
+    yield "cut_in.true_failures.p_fail_at_least", least
+
+
 def reference(crew: Crew) -> Reference:
     """The reference for `rulebook` in `cut_in` at its defaults."""
-    kept = (ROOT / "benchmarks" / "true_failures.json").read_bytes()
-    found = msgspec.json.decode(kept, type=BruteForce)
+    found = brute_force()
     z = found.noise(horizon(found.scenario))
     played = crew.inject(staged(found.scenario, "rulebook"), z)
     ends_s = [one.measures.collided_s for one in played]

@@ -10,8 +10,8 @@ from crew import Crew
 from figures import ROOT, Figure
 from samples import COMMAND
 
-from eigenfail.cli.local_service import Plan, local_service
 from eigenfail.client import Client
+from eigenfail.hosting.service import Plan, local_service
 from eigenfail.reproduction.claims import claims
 from eigenfail.reproduction.evidence import reproduction
 from eigenfail.reproduction.page import page

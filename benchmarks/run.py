@@ -3,6 +3,7 @@
 from analysis import analysis_figures
 from difs_sampling import difs_sampling_figures
 from figures import ROOT, show, write
+from pages import page_figures
 from planner import planner_figures
 from sac import sac_figures
 from service import service_figures
@@ -16,6 +17,7 @@ def main() -> None:
         "cli_help_s": cli_help(),
         "worker_ready_s": worker_ready(),
         **analysis_figures(),
+        **page_figures(),
         **planner_figures(),
         **sac_figures(),
         **difs_sampling_figures(),

@@ -13,8 +13,8 @@ from statistics import median
 
 from figures import ROOT, Figure
 
-from eigenfail.cli.local_service import Launcher, LocalService, Plan, local_service
 from eigenfail.client import Client
+from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
 from eigenfail.processes import ONE_THREAD
 
 EPISODES = 500

@@ -17,8 +17,8 @@ from pathlib import Path
 import psutil
 from service import bare
 
-from eigenfail.cli.local_service import Launcher, LocalService, Plan, local_service
 from eigenfail.client import Client
+from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
 
 EPISODES = 500
 SEED = 7

@@ -60,6 +60,23 @@ TARGETS = {
     "merge_in.difs.failures": Target(low=1.0),
     "merge_in.rulebook.mc2000.failures": Target(high=0.0),
     "merge_in.idm.mc2000.failure_rate": Target(low=0.05),
+    "cut_in.noise.white.rulebook.failure_rate": Target(high=0.005),
+    "cut_in.noise.white.idm.failure_rate": Target(low=0.20),
+    "cut_in.rulebook.undisturbed.hardest_braking": Target(high=2.0),
+    "cut_in.rulebook.undisturbed.largest_jerk": Target(high=4.01),
+    "cut_in.rulebook.undisturbed.slowest_mps": Target(low=10.0),
+    "cut_in.rulebook.undisturbed.steps_not_as_planned": Target(high=0.0),
+    **{
+        f"{place}.undisturbed.collisions": Target(high=0.0)
+        for place in (
+            "cut_in.rulebook",
+            "cut_in.idm",
+            *("merge_in.rulebook", "merge_in.idm"),
+            *("lead_brake.rulebook", "lead_brake.idm"),
+        )
+    },
+    "fuzz.messages": Target(low=100_000.0),
+    "fuzz.escapes": Target(high=0.0),
 }
 
 

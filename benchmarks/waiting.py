@@ -5,8 +5,8 @@ from pathlib import Path
 
 from figures import Figure
 
-from eigenfail.cli.local_service import Launcher, Plan, local_service
 from eigenfail.client import Client
+from eigenfail.hosting.service import Launcher, Plan, local_service
 
 EPISODES = 300
 COMMAND = "make bench"

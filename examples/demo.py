@@ -7,7 +7,6 @@ import sys
 import time
 from pathlib import Path
 
-from eigenfail.cli.local_service import Plan, local_service
 from eigenfail.cli.mode_tables import (
     component_words,
     distinctness_words,
@@ -17,11 +16,12 @@ from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL
 from eigenfail.cli.output import console
 from eigenfail.cli.progress import follow
 from eigenfail.cli.proofs import proof_words, proven
-from eigenfail.cli.signals import interruptible
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.cli.tables import result_table
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError
+from eigenfail.hosting.service import Plan, local_service
+from eigenfail.hosting.signals import interruptible
 from eigenfail.values import AnalysisSettings, AnalysisState, CampaignSpec, Summary
 
 HERE = Path(__file__).parent

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from pydantic_settings import SettingsError
 
 from eigenfail.errors import EigenfailError, InvalidValue, PortTaken
+from eigenfail.processes import end_now
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings, refuse_open_door
 from eigenfail_services.store import open_store
@@ -99,13 +100,17 @@ def listen(host: str, port: int) -> socket.socket:
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        return socket.create_server((host, port), family=family, backlog=BACKLOG)
+        listener = socket.create_server((host, port), family=family, backlog=BACKLOG)
     except OSError as error:
         where = f"{host}:{port}"
         if error.errno == errno.EADDRINUSE:
             remedy = "Stop what listens there, or choose another with --port."
             raise PortTaken(f"Port {port} of {host} is taken.", remedy) from error
         raise InvalidValue("host", f"{where} cannot be listened on: {error.strerror}.") from error
+    # What it accepts inherits it. A body that waited for the acknowledgement of its headers would
+    # come 40 ms late: asyncio itself sets it for sockets that name their protocol alone.
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return listener
 
 
 class Server(uvicorn.Server):
@@ -124,5 +129,14 @@ class Server(uvicorn.Server):
         super().handle_exit(sig, frame)
 
 
+def status_of() -> int:
+    """How it ended, as an exit code."""
+    try:
+        return main()
+    except SystemExit as end:
+        return int(end.code or 0)
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    # Who asked for what is still worked on aside has been let go; the work dies with this process.
+    end_now(status_of())

@@ -39,7 +39,7 @@ class Guard:
             detail = f"'{host}' is not a name of this service."
             remedy = "Ask for 127.0.0.1 or localhost."
             await answer(untyped_problem(400, detail, scope["path"], remedy))(scope, receive, send)
-        elif origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+        elif origin is not None and place_of(origin) != host.lower():
             detail = f"Pages of '{origin}' may not ask here."
             remedy = "Use the service's own pages, or a client that is no browser."
             await answer(untyped_problem(403, detail, scope["path"], remedy))(scope, receive, send)
@@ -49,3 +49,11 @@ class Guard:
     def _is_ours(self, host: str) -> bool:
         match = HOST.fullmatch(host.lower())
         return match is not None and (self._hosts is None or match["name"] in self._hosts)
+
+
+def place_of(origin: str) -> str | None:
+    """Host and port of an origin; None where it is no address."""
+    try:
+        return urlsplit(origin).netloc.lower()
+    except ValueError:
+        return None

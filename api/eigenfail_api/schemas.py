@@ -19,17 +19,25 @@ from eigenfail.values import (
     Comparison,
     Course,
     Event,
+    Explanation,
     FailureMode,
     MinimalFailure,
     Page,
+    Policy,
     Proof,
     Region,
     Safety,
     Summary,
 )
+from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey
+from eigenfail.values.export import Export, ExportRequest
+from eigenfail.values.pool import PeerCosts
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.report import Report
+from eigenfail.values.suite import SuiteStanding, SuiteTable
+from eigenfail.values.worker import WorkerShare
 from eigenfail.wire import http
+from eigenfail.wire.drafts import MOST_AT_ONCE, CampaignCheck
 from eigenfail.wire.problems import Problem
 
 REF = "#/components/schemas/{name}"
@@ -38,29 +46,46 @@ STREAM = "text/event-stream"
 BODIES = (
     Analysis,
     AnalysisSettings,
+    ApiKey,
+    AuditEntry,
     Campaign,
+    CampaignCheck,
     CampaignCost,
     CampaignSpec,
     Comparison,
     Course,
     EpisodeDetail,
     Event,
+    Explanation,
+    Export,
+    ExportRequest,
+    KeyRequest,
     MinimalFailure,
+    NewKey,
     Page[Analysis],
+    Page[ApiKey],
+    Page[AuditEntry],
     Page[Campaign],
     Page[EpisodeRow],
+    Page[Event],
     Page[FailureMode],
+    Page[PeerCosts],
     Page[Summary],
+    Page[WorkerShare],
+    Page[SuiteStanding],
     Page[http.PluginInfo],
+    Policy,
     Problem,
     Proof,
     Region,
     Report,
     Safety,
+    SuiteTable,
     Summary,
     http.Digest,
     http.Health,
     http.ProofRequest,
+    http.ReplayRequest,
 )
 NUMBERS = {
     "description": "Numbers, or equally long rows of them: an array, row by row.",
@@ -68,7 +93,18 @@ NUMBERS = {
     "items": {"anyOf": [{"type": "number"}, {"$ref": REF.format(name="Numbers")}]},
 }
 
+FIELDS = {
+    "description": "Fields of a CampaignSpec: those that are to be other than they are.",
+    "type": "object",
+}
+SPECS = {
+    "type": "array",
+    "maxItems": MOST_AT_ONCE,
+    "items": {"$ref": REF.format(name="CampaignSpec")},
+}
+
 Body = TypeVar("Body", bound=msgspec.Struct)
+Plain = TypeVar("Plain", dict[str, Any], list[Any])
 
 
 class Json(JSONResponse):
@@ -87,6 +123,18 @@ def body_of(kind: type[Body]) -> Callable[[Request], Awaitable[Body]]:
 
     async def read(request: Request) -> Body:
         return http.read_body(await read_within(request), kind)
+
+    return read
+
+
+def plain_body(kind: type[Plain]) -> Callable[[Request], Awaitable[Plain]]:
+    """A dependency: the body of the request as plain data; nothing at all stands for none.
+
+    It raises ProtocolError for what is no JSON, and InvalidValue for JSON of another kind.
+    """
+
+    async def read(request: Request) -> Plain:
+        return http.read_plain(await read_within(request), kind)
 
     return read
 
@@ -126,6 +174,12 @@ def documented(
     return told
 
 
+def documented_plain(answer: Any, status: int, body: dict[str, Any]) -> dict[str, Any]:
+    """The same of a route whose body is told by a schema, since no struct stands for it."""
+    request = {"content": {JSON: {"schema": body}}, "required": body["type"] == "array"}
+    return {**documented(answer, status), "openapi_extra": {"requestBody": request}}
+
+
 def documented_stream() -> dict[str, Any]:
     """What OpenAPI is told of a stream of events; version 3.1 cannot say more than it is text."""
     told = "Server-sent events. The data of each is the JSON of an Event, its id the Event's id."
@@ -135,7 +189,7 @@ def documented_stream() -> dict[str, Any]:
 
 def refusal() -> dict[str, Any]:
     """The answer to whatever cannot be done."""
-    return {"description": "A problem", "content": {http.PROBLEM_JSON: schema(Problem)}}
+    return {"description": "A problem.", "content": {http.PROBLEM_JSON: schema(Problem)}}
 
 
 def required(kind: type[msgspec.Struct]) -> list[str]:

@@ -6,7 +6,9 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from eigenfail.contracts import KeyStore
 from eigenfail.errors import InvalidValue
+from eigenfail_services.store.clock import now_ms
 
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 
@@ -18,6 +20,8 @@ class ApiSettings(BaseSettings):
         database: URL of the store.
         host: address to listen on.
         port: to listen on; 0 takes a free one.
+        require_keys: ask for a key even before there is one; then, and with the key of an
+            administrator, other machines may reach the address.
         trust_network: listen for other machines although nobody has to show a key. For containers
             behind a private network, and nothing else.
         hosts: names under which this machine may be asked, against DNS rebinding.
@@ -30,6 +34,7 @@ class ApiSettings(BaseSettings):
     database: str = "sqlite:///eigenfail-data/eigenfail.db"
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8440
+    require_keys: bool = False
     trust_network: bool = False
     hosts: tuple[str, ...] = LOOPBACK_NAMES
     max_body_bytes: Annotated[int, Field(ge=1)] = 1_000_000
@@ -48,12 +53,28 @@ def refuse_open_door(settings: ApiSettings) -> None:
     """An address that strangers can reach.
 
     Raises:
-        InvalidValue: it is one, and nobody vouched for the network.
+        InvalidValue: it is one, no key is asked for, and nobody vouched for the network.
     """
-    if not (settings.is_private or settings.trust_network):
+    if not (settings.is_private or settings.require_keys or settings.trust_network):
         raise InvalidValue(
             "host",
-            f"'{settings.host}' can be reached from other machines, and keys are not available "
-            "yet.",
-            "Listen on 127.0.0.1, or set EIGENFAIL_TRUST_NETWORK=1 where the network is private.",
+            f"'{settings.host}' can be reached from other machines, and nobody has to show a key.",
+            "Listen on 127.0.0.1, or make an administrator's key with `eigenfail key create` and "
+            "set EIGENFAIL_REQUIRE_KEYS=1. EIGENFAIL_TRUST_NETWORK=1 vouches for a private "
+            "network instead.",
+        )
+
+
+def refuse_without_keys(settings: ApiSettings, keys: KeyStore) -> None:
+    """An address that strangers can reach, where nobody could show a key.
+
+    Raises:
+        InvalidValue: it is one, and no administrator has a valid key.
+    """
+    if not (settings.is_private or settings.trust_network or keys.admins(now_ms())):
+        raise InvalidValue(
+            "host",
+            f"'{settings.host}' can be reached from other machines, and no administrator has a "
+            "valid key.",
+            "Make one: `eigenfail key create NAME --scope admin --database URL`.",
         )

@@ -80,6 +80,6 @@ def step(store: Store, campaign: int, wish: Wish) -> Campaign:
     if target is None:
         raise IllegalTransition(
             f"Campaign {campaign} is {seen.state} and cannot be {wish.done}.",
-            f"Only {', '.join(wish.steps)} campaigns can.",
+            f"Only one that is {' or '.join(wish.steps)} can.",
         )
     return store.campaigns.move(campaign, target, "A user asked for it.")

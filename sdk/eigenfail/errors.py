@@ -4,6 +4,8 @@ EigenfailError
 ├── InputError               what was asked for cannot be done as asked
 │   ├── UnknownName          no plug-in, setting or parameter of that name
 │   └── InvalidValue         a value outside its type or bounds
+├── Unauthorized             no key was shown, or none that is valid
+├── Forbidden                the key that was shown does not allow it
 ├── NotFound                 no campaign, episode or analysis of that id
 ├── Conflict                 the thing exists, but its state forbids the request
 │   ├── IllegalTransition    a campaign cannot go from its state to the one asked for
@@ -66,6 +68,20 @@ class UnknownName(InputError):
 
 class InvalidValue(InputError):
     """A value outside its type or bounds."""
+
+
+class Unauthorized(EigenfailError):
+    """No key was shown, or none that is valid."""
+
+    http_status = 401
+    exit_code = 2
+
+
+class Forbidden(EigenfailError):
+    """The key that was shown does not allow it."""
+
+    http_status = 403
+    exit_code = 2
 
 
 class NotFound(EigenfailError):

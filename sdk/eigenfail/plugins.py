@@ -55,7 +55,7 @@ def load_class(path: str) -> Any:
     Raises:
         InvalidValue: not a path of that form, or nothing there.
     """
-    if not CLASS_PATH.fullmatch(path):
+    if not CLASS_PATH.fullmatch(str(path)):
         raise InvalidValue(
             "plug-in",
             f"'{path}' is not of the form module:Class.",

@@ -21,5 +21,6 @@ def read_toml(file: Path, like: str) -> dict[str, Any]:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise InvalidValue(str(file), f"cannot be read: {error.strerror}.", like) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    # tomllib gives up on deep nesting and on endless integers in errors of its own.
+    except (ValueError, RecursionError) as error:
         raise InvalidValue(str(file), f"is not TOML: {error}.", like) from error

@@ -9,11 +9,13 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from threading import Event
+from typing import NoReturn
 
 import structlog
 
 from eigenfail.errors import EigenfailError, InvalidValue, StoreUnavailable
-from eigenfail.processes import die_with_parent
+from eigenfail.processes import die_with_parent, end_now
+from eigenfail_services.access import tool
 from eigenfail_services.campaigns.analysis_jobs import (
     DATABASE_VARIABLE,
     AnalysisJobs,
@@ -54,6 +56,7 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     database.add_argument("action", choices=SCHEMA_TOOLS)
     database.add_argument("--database", default=argparse.SUPPRESS, help="URL")
     database.set_defaults(command=tend_schema)
+    tool.add_arguments(commands.add_parser("key", help="keys, and who changed what"))
     return parser.parse_args(words)
 
 
@@ -90,12 +93,27 @@ def tend_schema(arguments: argparse.Namespace) -> None:
     sys.stdout.write(SCHEMA_TOOLS[arguments.action](arguments.database) + "\n")
 
 
-def analyse_one(arguments: argparse.Namespace) -> None:
-    """Work on one analysis, for as long as the supervisor that asked for it lives."""
+def analyse_one(arguments: argparse.Namespace) -> NoReturn:
+    """Work on one analysis, for as long as the supervisor that asked for it lives.
+
+    The process ends with it, whatever threads a planner left behind that was asked for an account.
+    """
     die_with_parent()
-    store = open_store(arguments.database)
-    run_analysis(store, arguments.analysis)
-    store.close()
+    end_now(status_of(arguments))
+
+
+def status_of(arguments: argparse.Namespace) -> int:
+    """How the analysis ended, as an exit code; what went wrong is on standard error."""
+    try:
+        store = open_store(arguments.database)
+        run_analysis(store, arguments.analysis)
+        store.close()
+    except EigenfailError as error:
+        return _complain(error)
+    except Exception:
+        log.exception("analysis broke off", analysis=arguments.analysis)
+        return 1
+    return 0
 
 
 def check_exposure(address: str) -> None:

@@ -199,3 +199,29 @@ def put_in_state(store, campaign):
         return campaign
 
     return move
+
+
+def test_campaigns_are_found_by_method_and_name(http, fields):
+    for name, method in (("Night drive", "monte_carlo"), ("night", "ast"), ("day", "ast")):
+        http.post("/api/v1/campaigns", json={**fields, "name": name, "method": method})
+
+    def found(asked):
+        return [c["id"] for c in http.get(f"/api/v1/campaigns?{asked}").json()["items"]]
+
+    assert found("method=ast") == [3, 2]
+    assert found("search=NIGHT") == [2, 1]
+    assert found("search=night&method=ast") == [2]
+    assert found("search=%25") == []
+
+
+def test_no_campaign_can_be_steered_against_its_state(http, problem, finished):
+    campaign = f"/api/v1/campaigns/{finished()}"
+    http.post(f"{campaign}/cancel")
+    told = problem(http.post(f"{campaign}/pause"), 409)
+    assert told["remedy"] == "Only one that is queued or running can."
+
+
+def test_an_empty_list_of_campaigns_asks_for_one(http, problem):
+    assert problem(http.post("/api/v1/campaigns/bulk", json=[]), 422)["remedy"] == (
+        "Name at least one."
+    )

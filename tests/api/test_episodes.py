@@ -70,10 +70,10 @@ def test_the_worst_come_first(http, campaign, deliver, result):
         for row, severity in zip(rows, severities, strict=True)
     ]
     deliver(campaign, *worst, result(4))
-    asked = {"sort": "severity", "limit": 2}
+    asked = {"sort": "-severity", "limit": 2}
     first = http.get(f"{URL}/{campaign}/episodes", params=asked).json()
     second = http.get(f"{URL}/{campaign}/episodes", params={**asked, "after": first["next"]}).json()
-    assert [row["index"] for row in first["items"] + second["items"]] == [1, 3, 2, 0]
+    assert [row["index"] for row in first["items"] + second["items"]] == [3, 1, 2, 0]
     rest = http.get(f"{URL}/{campaign}/episodes", params={**asked, "after": second["next"]}).json()
     assert [row["index"] for row in rest["items"]] == [4]
     assert rest["next"] is None
@@ -82,7 +82,7 @@ def test_the_worst_come_first(http, campaign, deliver, result):
 def test_an_unknown_order_is_refused_with_the_known_ones(http, campaign, problem):
     told = problem(http.get(f"{URL}/{campaign}/episodes", params={"sort": "worst"}), 422)
     assert told["field"] == "sort"
-    assert "severity" in told["detail"]
+    assert "severity" in told["known"]
 
 
 CRASH = Measures(
@@ -106,3 +106,35 @@ def test_an_episode_is_told_with_its_class_and_lead_times(http, campaign, delive
     summary = http.get(f"{URL}/{campaign}/summary").json()
     assert summary["conflicts"]["planner_failures"] == 1
     assert summary["conflicts"]["ttc_lead"] == {"mean_s": 2.0, "n": 1}
+
+
+def test_a_filter_and_an_outcome_hold_together(http, filled):
+    asked = {"filter": "index != 5 and severity > 20", "outcome": "collision", "sort": "-index"}
+    rows = http.get(f"{URL}/{filled}/episodes", params=asked).json()["items"]
+    assert [row["index"] for row in rows] == [6]
+
+
+def test_a_filter_that_cannot_be_read_is_refused_with_the_place(http, filled, problem):
+    told = problem(http.get(f"{URL}/{filled}/episodes", params={"filter": "sevrity > 8"}), 422)
+    assert told["field"] == "filter, character 1"
+    assert "Did you mean 'severity'?" in told["remedy"]
+
+
+def test_fields_leave_the_rest_away(http, filled):
+    asked = {"fields": "index,class,severity", "filter": "index >= 5"}
+    rows = http.get(f"{URL}/{filled}/episodes", params=asked).json()["items"]
+    assert rows == [
+        {"index": 5, "class": None, "severity": 25.0},
+        {"index": 6, "class": None, "severity": 25.0},
+        {"index": 7, "class": None, "severity": None},
+    ]
+
+
+def test_unknown_fields_are_refused(http, filled, problem):
+    told = problem(http.get(f"{URL}/{filled}/episodes", params={"fields": "index,sevrity"}), 422)
+    assert told["field"] == "fields"
+    assert "severity" in told["known"]
+
+
+def test_an_index_is_not_a_file(http, filled, problem):
+    problem(http.get(f"{URL}/{filled}/episodes.xls"), 404)

@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from eigenfail.values import Event
+from eigenfail_api import feed as feed_module
 from eigenfail_api.feed import BATCH, Feed
 
 URL = "/api/v1/events"
@@ -145,22 +146,86 @@ async def close_soon(feed):
     feed.close()
 
 
-def test_many_followers_look_at_the_log_as_often_as_one(store, monkeypatch):
-    looks = []
-    last = store.events.last
-    monkeypatch.setattr(store.events, "last", lambda: looks.append(1) or last())
+@pytest.fixture
+def questions(store, monkeypatch):
+    """The names of the questions that the event log was asked."""
+    asked = []
+    for name in ("last", "after"):
+        verb = getattr(store.events, name)
 
-    async def listen(feed):
-        async for _ in feed.follow(0, None):
-            pass
+        def ask(*given, name=name, verb=verb):
+            asked.append(name)
+            return verb(*given)
+
+        monkeypatch.setattr(store.events, name, ask)
+    return asked
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The seconds that the feed believes in; a list of one."""
+    seconds = [0.0]
+    monkeypatch.setattr(feed_module, "monotonic", lambda: seconds[0])
+    monkeypatch.setattr(feed_module, "sleep", lambda _s: anyio.sleep(0.001))
+    return seconds
+
+
+FOLLOWERS = 50
+LOOKS = 4
+
+
+def test_fifty_followers_ask_the_log_as_often_as_one(store, told, questions, clock):
+    seen = [[] for _ in range(FOLLOWERS)]
+
+    async def listen(feed, place):
+        async for event in feed.follow(0, None):
+            seen[place].append(event.id)
+
+    async def all_have(count):
+        with anyio.fail_after(30):
+            while any(len(each) < count for each in seen):
+                await anyio.sleep(0.001)
 
     async def crowd():
-        feed = Feed(store, poll_s=0.05)
+        feed = Feed(store, poll_s=1.0)
+        await feed.newest()
         async with anyio.create_task_group() as group:
-            for _ in range(50):
-                group.start_soon(partial(listen, feed))
-            await anyio.sleep(0.5)
+            for place in range(FOLLOWERS):
+                group.start_soon(partial(listen, feed, place))
+            for look in range(LOOKS):
+                clock[0] += 1.0
+                await anyio.sleep(0.01)
+                told(None, None)
+                clock[0] += 1.0
+                await all_have(2 * look + 2)
             feed.close()
 
     anyio.run(crowd)
-    assert 1 <= len(looks) <= 12
+    assert all(each == [*range(1, 2 * LOOKS + 1)] for each in seen)
+    assert questions.count("last") == 1
+    assert questions.count("after") <= 2 * LOOKS
+
+
+def test_who_was_away_for_long_is_brought_up_to_the_others(store, told, monkeypatch, clock):
+    monkeypatch.setattr(feed_module, "KEPT", 3)
+    ids = told(*[None] * 5)
+
+    async def take(feed, after, count):
+        found = []
+        async for event in feed.follow(after, None):
+            found.append(event.id)
+            if len(found) == count:
+                break
+        return found
+
+    async def visits():
+        feed = Feed(store, poll_s=1.0)
+        first = await take(feed, 0, 5)
+        late = told(*[None] * 5)
+        clock[0] += 1.0
+        return first, late, await take(feed, 0, 10), await take(feed, late[2], 2)
+
+    first, late, everything, behind = anyio.run(visits)
+    assert first == ids
+    assert everything == [*ids, *late]
+    assert behind == late[3:]

@@ -21,9 +21,9 @@ def start(tmp_path):
     """Starts the API on a database of its own; ends what is left at the end."""
     started = []
 
-    def run(*arguments, **environment):
+    def run(*arguments, program=("-m", "eigenfail_api"), **environment):
         process = subprocess.Popen(
-            [sys.executable, "-m", "eigenfail_api", *arguments],
+            [sys.executable, *program, *arguments],
             env={**os.environ, "EIGENFAIL_DATABASE": f"sqlite:///{tmp_path}/e.db", **environment},
             cwd=tmp_path,
             stdout=subprocess.PIPE,
@@ -82,6 +82,21 @@ def test_it_stops_when_told_to_with_a_follower_listening(running, stop):
     assert time.monotonic() - began < 4.0
     assert process.returncode == 0
     assert "Traceback" not in process.stderr.read()
+
+
+WITH_WORK_ASIDE = """
+import runpy, time
+from eigenfail_api.routes.explanations import ASIDE
+ASIDE._pool.submit(time.sleep, 60.0)
+runpy.run_module("eigenfail_api", run_name="__main__", alter_sys=True)
+"""
+
+
+def test_it_does_not_wait_for_work_aside_when_told_to_stop(start):
+    process = start("--port", "0", program=("-c", WITH_WORK_ASIDE))
+    assert process.stdout.readline().startswith("eigenfail API on")
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=20) == 0
 
 
 def test_a_taken_port_is_one_sentence(refusal):

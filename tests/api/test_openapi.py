@@ -1,12 +1,20 @@
 """The OpenAPI document: complete, sound, and true."""
 
+import json
+from pathlib import Path
+
 import jsonschema
 import pytest
 from referencing import Registry, Resource
 from referencing.jsonschema import DRAFT202012
 
+from eigenfail.errors import EigenfailError
 from eigenfail.values import Outcome
+from eigenfail.wire.problems import slug, tree
 from eigenfail_api.app import ROUTERS
+from eigenfail_api.openapi import main, told_fields
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -21,7 +29,7 @@ def conforms(document):
 
     def check(response, path, method="get"):
         told = document["paths"][path][method]["responses"]
-        answer = told.get(str(response.status_code), told["default"])
+        answer = resolved(document, told.get(str(response.status_code), told["default"]))
         kind = response.headers["content-type"]
         reference = answer["content"][kind]["schema"]["$ref"]
         jsonschema.Draft202012Validator({"$ref": f"doc:{reference}"}, registry=registry).validate(
@@ -51,7 +59,7 @@ def references(node):
 
 def test_every_route_is_in_it_once(document):
     routes = {
-        (route.path, method.lower())
+        (route.path_format, method.lower())
         for router in ROUTERS
         for route in router.routes
         if route.include_in_schema
@@ -64,7 +72,11 @@ def test_every_route_is_in_it_once(document):
 
 
 def test_every_reference_resolves(document):
-    names = {f"#/components/schemas/{name}" for name in document["components"]["schemas"]}
+    names = {
+        f"#/components/{kind}/{name}"
+        for kind, all_of in document["components"].items()
+        for name in all_of
+    }
     used = set(references(document))
     assert used <= names
     assert "#/components/schemas/CampaignSpec" in used
@@ -75,16 +87,77 @@ def test_every_schema_is_sound(document):
         jsonschema.Draft202012Validator.check_schema(schema)
 
 
+def resolved(document, response):
+    name = response.get("$ref", "").removeprefix("#/components/responses/")
+    return document["components"]["responses"][name] if name else response
+
+
 def test_every_answer_and_every_refusal_has_a_schema(document):
     for path, method, operation in operations(document):
         responses = operation["responses"]
         assert any(status.startswith("2") for status in responses), (path, method)
-        for response in responses.values():
+        for response in (resolved(document, each) for each in responses.values()):
             for media in response["content"].values():
                 assert "schema" in media, (path, method)
-        assert operation["description"]
-        if path != "/metrics":
-            assert "application/problem+json" in responses["default"]["content"]
+
+
+def test_everything_is_described(document):
+    assert document["tags"]
+    known = {tag["name"] for tag in document["tags"] if tag["description"]}
+    for path, method, operation in operations(document):
+        assert set(operation["tags"]) <= known, path
+        assert operation["description"].endswith("."), (path, method)
+        for parameter in operation.get("parameters", []):
+            assert parameter.get("description"), (path, parameter["name"])
+        for status, response in operation["responses"].items():
+            words = resolved(document, response)["description"]
+            assert words not in {"", "Successful Response"}, (path, status)
+
+
+def test_every_refusal_names_the_types_of_its_problems(document):
+    for _, _, operation in operations(document):
+        assert {"400", "401", "403", "406", "422", "503"} <= operation["responses"].keys()
+    for status, response in document["components"]["responses"].items():
+        assert "application/problem+json" in response["content"]
+        assert ("urn:eigenfail:" in response["description"]) is (
+            status in {"400", "401", "403", "404", "409", "422", "503"}
+        )
+    told = " ".join(each["description"] for each in document["components"]["responses"].values())
+    for kind in tree(EigenfailError):
+        if kind.http_status != 500:
+            assert f"`urn:eigenfail:{slug(kind)}`" in told
+
+
+def test_fields_have_the_words_of_their_docstrings(document):
+    spec = document["components"]["schemas"]["CampaignSpec"]
+    assert spec["properties"]["instances"]["description"] == (
+        "how many instances the campaign occupies while it runs."
+    )
+    assert "Attributes" not in spec["description"]
+
+
+def test_a_long_entry_of_a_docstring_is_one():
+    text = "    a: the first,\n        with more: of it.\n    b: the second.\n"
+    assert [*told_fields(text)] == [("a", "the first, with more: of it."), ("b", "the second.")]
+
+
+def test_parameters_cannot_be_null(document):
+    told = [p for _, _, each in operations(document) for p in each.get("parameters", [])]
+    assert told
+    assert [p["name"] for p in told if {"type": "null"} in p["schema"].get("anyOf", [])] == []
+
+
+def test_the_file_in_the_repository_is_it(document):
+    kept = json.loads((ROOT / "docs" / "openapi.json").read_text())
+    assert kept == document, "Run `make openapi`."
+
+
+def test_it_is_written_by_a_command(document, tmp_path, capsys):
+    main(["--output", str(tmp_path / "it.json")])
+    main([])
+    text = (tmp_path / "it.json").read_text()
+    assert text == capsys.readouterr().out
+    assert json.loads(text) == document
 
 
 def test_bodies_are_described_where_they_are_read(document):
@@ -93,8 +166,14 @@ def test_bodies_are_described_where_they_are_read(document):
     }
     assert with_bodies == {
         "/api/v1/campaigns",
+        "/api/v1/campaigns/bulk",
+        "/api/v1/campaigns/check",
+        "/api/v1/campaigns/{campaign}/clone",
+        "/api/v1/campaigns/{campaign}/exports",
         "/api/v1/campaigns/{campaign}/analyses",
+        "/api/v1/campaigns/{campaign}/episodes/{index}/replay",
         "/api/v1/analyses/{analysis}/proof",
+        "/api/v1/keys",
     }
 
 
@@ -117,6 +196,11 @@ def test_answers_are_what_it_says(*, http, conforms, campaign, deliver, result, 
         f"{url}/analyses/{{analysis}}": {},
         f"{url}/analyses/{{analysis}}/eigenfailures": {},
         f"{url}/analyses/{{analysis}}/proof": {},
+        f"{url}/events/list": {},
+        f"{url}/methods/{{name}}": {"name": "monte_carlo"},
+        f"{url}/planners/{{name}}": {"name": "idm"},
+        f"{url}/scenarios/{{name}}": {"name": "cut_in"},
+        f"{url}/simulators/{{name}}": {"name": "highway"},
         f"{url}/methods": {},
         f"{url}/planners": {},
         f"{url}/scenarios": {},

@@ -25,7 +25,7 @@ from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.proofs import prove
+from eigenfail_services.campaigns.proving import prove
 from eigenfail_services.store import open_store
 
 CHROMIUM = "/usr/bin/chromium"
@@ -41,7 +41,7 @@ ARGUMENTS = [
     "--disable-sync",
 ]
 STEPS, HORIZON, DT_S = 70, 100, 0.1
-PATIENCE_MS = 20_000
+PATIENCE_MS = 60_000
 
 expect.set_options(timeout=PATIENCE_MS)
 
@@ -206,8 +206,9 @@ def bare_address(tmp_path):
     opened.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser():
+    """Chromium; not for the session, since Playwright's event loop runs for as long as it does."""
     assert Path(CHROMIUM).exists(), HOW_TO_INSTALL
     with sync_playwright() as playwright:
         launched = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)

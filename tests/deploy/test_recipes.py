@@ -8,8 +8,19 @@ from pathlib import Path
 import pytest
 import yaml
 
+from eigenfail_services.exports.shelf import KEPT, folder_beside
+
 DEPLOY = Path(__file__).parents[2] / "deploy"
 BIN = Path(sys.executable).parent
+TOO_LARGE = """
+import resource, sys
+import pyarrow as pa, pyarrow.parquet as pq
+resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
+try:
+    pq.write_table(pa.table({"a": range(100_000)}), sys.argv[1])
+except OSError as error:
+    print(error)
+"""
 PROGRAMS = {"eigenfail_api", "eigenfail_services", "eigenfail_workers"}
 
 
@@ -93,6 +104,26 @@ def test_every_role_runs_a_program_of_ours_with_few_rights(ours):
         assert service["command"][0] in PROGRAMS
         assert service["read_only"] is True
         assert service["cap_drop"] == ["ALL"]
+
+
+def test_exports_are_on_a_bounded_volume_and_not_in_memory(monkeypatch, services):
+    controller = services["controller"]
+    home = controller["environment"]["TMPDIR"]
+    assert controller["volumes"] == [f"exports:{home}"]
+    assert f"--mode=0700 {home}\n" in (DEPLOY / "Dockerfile").read_text()
+    monkeypatch.setattr("tempfile.tempdir", home)
+    assert folder_beside(controller["environment"]["EIGENFAIL_DATABASE"]).parent == Path(home)
+    assert controller["ulimits"]["fsize"] * KEPT == 40 * 2**30
+
+
+def test_a_file_beyond_the_limit_fails_with_words_and_ends_no_process(tmp_path):
+    done = lint(sys.executable, "-c", TOO_LARGE, tmp_path / "a.parquet")
+    assert done.returncode == 0, done.stderr
+    assert "File too large" in done.stdout
+
+
+def test_memory_for_temporary_files_is_bounded(ours):
+    assert all(service["tmpfs"] == ["/tmp:size=512m"] for service in ours.values())
 
 
 def test_whatever_stays_up_has_a_health_check(services):

@@ -65,14 +65,10 @@ def noise_page():
 
 @pytest.fixture(scope="session")
 def documents(readme, quickstart, changelog, planner_page, own_planner):
-    names = (
-        "analysis",
-        "any_function",
-        "methods",
-        "noise",
-        "own_scenario",
-        "performance",
-        "suites",
-    )
-    others = [document(f"docs/{name}.md") for name in names]
-    return (readme, quickstart, changelog, planner_page, own_planner, *others)
+    named = {
+        document.path for document in (readme, quickstart, changelog, planner_page, own_planner)
+    }
+    others = [path for path in sorted((ROOT / "docs").glob("*.md")) if path not in named]
+    assert len(others) > 15
+    pages = [document(str(path.relative_to(ROOT))) for path in others]
+    return (readme, quickstart, changelog, planner_page, own_planner, *pages)

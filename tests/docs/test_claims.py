@@ -3,6 +3,8 @@
 A figure in a document is marked by a comment right behind it, with the claim's name:
 `35.6 % [33.6, 37.8]<!-- claim cut_in.idm.mc2000.failure_rate -->`. The number is the claim's value
 to the digits printed, the bracket its interval; with a % before the mark both are per cent.
+`95.3, 93.4, 94.7 %<!-- seeds cut_in.ast.train1000.failure_rate -->` are the values of each seed, as
+the claim's note tells them.
 """
 
 import re
@@ -19,6 +21,9 @@ MARK = re.compile(
     rf"(?:\[(?P<low>{NUMBER}), (?P<high>{NUMBER})[^\d\]]*\][^\d|\n\[]*)?"
     r"<!-- claim (?P<name>\S+) -->"
 )
+SEEDS = re.compile(
+    rf"(?P<values>(?:{NUMBER}, )+{NUMBER})(?P<unit>[^\d|\n\[]*)<!-- seeds (?P<name>\S+) -->"
+)
 ANY_MARK = re.compile(r"<!-- claim (\S+) -->")
 
 
@@ -30,6 +35,7 @@ class Claim(msgspec.Struct):
     commit: str
     interval: tuple[float, float] | None = None
     target: str = ""
+    note: str = ""
 
 
 class Marked(NamedTuple):
@@ -66,6 +72,21 @@ def wrong(text, claims):
             yield f"{figure.name}: printed {figure.printed}, found {scaled}"
 
 
+def wrong_seeds(text, claims):
+    """What a text states of seeds otherwise than the notes of the claims do."""
+    found = list(SEEDS.finditer(text))
+    assert len(found) == text.count("<!-- seeds "), "a mark without figures"
+    for marks in found:
+        note = getattr(claims.get(marks["name"]), "note", "")
+        values = re.findall(NUMBER, note.partition(" seeds: ")[2].partition(";")[0])
+        scale = 100.0 if "%" in marks["unit"] else 1.0
+        printed = marks["values"].split(", ")
+        if len(printed) != len(values) or not all(
+            agree(one, scale * float(value)) for one, value in zip(printed, values, strict=True)
+        ):
+            yield f"{marks['name']}: printed {printed}, found {values}"
+
+
 def held(claim):
     """Whether a claim is within the target that it names."""
     kind, *bounds = re.findall(rf"^(?:=|<=|>=)|{NUMBER}", claim.target)
@@ -84,7 +105,8 @@ def claims(root):
 
 def test_every_marked_figure_is_the_claim_that_it_names(claims, root):
     for document in (root / "README.md", *sorted((root / "docs").glob("*.md"))):
-        assert list(wrong(document.read_text(), claims)) == [], document.name
+        text = document.read_text()
+        assert [*wrong(text, claims), *wrong_seeds(text, claims)] == [], document.name
 
 
 def test_every_target_has_been_measured(claims, root, monkeypatch):
@@ -96,9 +118,10 @@ def test_every_target_has_been_measured(claims, root, monkeypatch):
     }
 
 
-@pytest.mark.parametrize("target", ["cut_in.", "merge_in."])
+@pytest.mark.parametrize("target", ["cut_in.", "merge_in.", "lead_brake."])
 def test_whatever_has_a_target_is_told_in_claims(claims, root, target):
-    pages = ((root / "docs" / name).read_text() for name in ("world.md", "methods.md"))
+    names = ("world.md", "methods.md", "planner.md", "noise.md")
+    pages = ((root / "docs" / name).read_text() for name in names)
     told = {figure.name for page in pages for figure in marked(page)}
     aimed_at = {name for name, claim in claims.items() if claim.target and name.startswith(target)}
     assert aimed_at <= told
@@ -147,6 +170,19 @@ def test_small_probabilities_are_compared_by_their_digits():
 )
 def test_a_figure_that_differs_is_found(text):
     assert len(list(wrong(text, RATE))) == 1
+
+
+OF_SEEDS = {"a.rate": Claim(0.9, 3, "share", "make claims", "0", note="median of 2 seeds: 1, 0.8")}
+
+
+def test_the_values_of_each_seed_are_those_of_the_note():
+    for right in ("100, 80 %<!-- seeds a.rate -->", "(1.0, 0.80<!-- seeds a.rate -->)"):
+        assert list(wrong_seeds(right, OF_SEEDS)) == []
+    for other in ("100, 81 %", "80, 100 %", "100, 80", "100, 80, 80 %"):
+        assert len(list(wrong_seeds(f"{other}<!-- seeds a.rate -->", OF_SEEDS))) == 1
+    assert len(list(wrong_seeds("1, 0.8<!-- seeds a.rat -->", OF_SEEDS))) == 1
+    with pytest.raises(AssertionError, match="without figures"):
+        list(wrong_seeds("80 %<!-- seeds a.rate -->", OF_SEEDS))
 
 
 def test_a_mark_without_a_figure_is_found():

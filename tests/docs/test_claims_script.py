@@ -36,8 +36,8 @@ def test_targets_say_what_is_missed():
 
     name, other = "cut_in.idm.mc2000.failure_rate", "cut_in.rulebook.mc2000.failures"
     figures = {name: figure(0.24), other: figure(0), "cut_in.rulebook.held2.rate": figure(0.3)}
-    assert missed(figures, "cut_in.idm.") == [name]
-    assert missed(figures | {name: figure(0.25)}, "cut_in.idm.") == []
+    assert missed(figures, "cut_in.idm.mc") == [name]
+    assert missed(figures | {name: figure(0.25)}, "cut_in.idm.mc") == []
     assert missed(figures, other) == []
     assert "cut_in.rulebook.p_fail" in missed(figures, "cut_in.rulebook."), "it was not found"
     told = aimed(name, figures[name], seed=5)

@@ -59,7 +59,7 @@ def test_every_file_in_the_documents_exists(documents, root):
         for target in LINK.findall(document.text):
             if not target.startswith("http"):
                 assert (document.path.parent / target).exists(), target
-        for name in re.findall(r"\b(?:examples|deploy)/[\w.]+", document.text):
+        for name in re.findall(r"(?<![\w/])(?:examples|deploy)/[\w.]+", document.text):
             if name != "deploy/.env":
                 assert (root / name).exists(), name
 
@@ -126,5 +126,5 @@ def test_addresses_of_the_service_in_the_documents_answer(documents):
     assert paths
     store = open_store("memory://")
     with TestClient(create_app(store, ApiSettings()), base_url="http://127.0.0.1:8440") as browser:
-        assert {path: browser.get(path).status_code for path in paths} == dict.fromkeys(paths, 200)
+        assert {path: browser.head(path).status_code for path in paths} == dict.fromkeys(paths, 200)
     store.close()

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import eigenfail.client
-from eigenfail.cli.local_service import Plan, local_service
+from eigenfail.hosting.service import Plan, local_service
 
 pytestmark = pytest.mark.service
 

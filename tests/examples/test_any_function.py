@@ -15,10 +15,10 @@ from rich.console import Console
 from starlette.testclient import TestClient
 
 from eigenfail.cli.course_tables import campaign_page
-from eigenfail.cli.replays import explain_episode, replay_episode, same_noise
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.functions import simulators
+from eigenfail.stories.replays import explain_episode, replay_episode, same_noise
 from eigenfail.values import Correlated, DisturbanceModel
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
@@ -113,7 +113,7 @@ def test_what_a_function_has_not_reads_as_a_dash(spec, results):
     assert "Near misses" not in whole
     assert "sigma 1 at every step" in whole
     assert "|dx|" not in whole
-    assert "Class not classified Robustness 0 m Severity – MinTTC –" in one
+    assert "Class not classified Robustness 0 m Severity –" in one
     assert "Scene from above" not in one
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from eigenfail.cli.local_service import Launcher, LocalService, Plan, local_service
 from eigenfail.client import Client
+from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
 
 
 class Worker:

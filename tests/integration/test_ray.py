@@ -5,8 +5,8 @@ import time
 import psutil
 import pytest
 
-from eigenfail.cli.local_service import Launcher
 from eigenfail.client import Client
+from eigenfail.hosting.service import Launcher
 from eigenfail.values import CampaignState
 
 pytestmark = pytest.mark.service

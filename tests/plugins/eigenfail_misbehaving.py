@@ -1,5 +1,6 @@
 """Planners that break every rule, as plug-ins that a stranger might install."""
 
+import contextlib
 import os
 import time
 
@@ -28,6 +29,16 @@ class Hangs(Planner):
 class Dies(Planner):
     def act(self, perception):
         os._exit(7)
+
+
+class Scribbles(Planner):
+    """Writes what is no message into every pipe and file that its process has open."""
+
+    def act(self, perception):
+        for descriptor in range(3, 64):
+            with contextlib.suppress(OSError):
+                os.write(descriptor, b"\xff" * 64)
+        time.sleep(60)
 
 
 class Raises(Planner):

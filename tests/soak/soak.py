@@ -14,8 +14,8 @@ from pathlib import Path
 
 import psutil
 
-from eigenfail.cli.local_service import Launcher, LocalService, Plan, local_service
 from eigenfail.client import Client
+from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
 from eigenfail.values import FINAL_STATES
 
 WORKERS = 2

@@ -146,3 +146,49 @@ def test_an_episode_that_breaks_off_is_explained_up_to_there(plugged):
     assert explained.result.outcome is Outcome.FAILED
     assert len(explained.steps) == 30
     assert {(step.account["mode"], step.gap_m) for step in explained.steps} == {("awake", None)}
+
+
+def test_the_path_of_the_rulebook_leads_ahead_from_where_the_truck_is(crash):
+    for step, scene in zip(crash.steps, crash.result.scene.vehicles, strict=False):
+        path = np.array(step.path)
+        assert path.shape == (11, 2)
+        assert path[0] == pytest.approx(scene[0, :2], abs=1e-3)
+        assert np.all(np.diff(path[:, 0]) >= 0.0)
+        assert path[1:, 1] == pytest.approx(np.zeros(10), abs=1e-9)
+
+
+def test_the_path_of_a_change_of_lane_crosses_the_road():
+    calm = TrajectorySource(np.zeros((1, 2), np.float32))
+    merge = EpisodeSetup("highway", "merge_in", {}, "rulebook", {}, DisturbanceModel(), 50)
+    steps = explain(merge, EpisodeTask(0, 1, calm)).steps
+    across = [step.path[-1][1] - step.path[0][1] for step in steps]
+    changing = [
+        y for y, step in zip(across, steps, strict=True) if step.account.get("phase") == "changing"
+    ]
+    assert max(changing) > 2.0
+    assert across[0] == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_planner_without_a_path_is_not_asked(plugged):
+    explained = explain(plugged(Plain), EpisodeTask(0, 0, PriorSource()))
+    assert {step.path for step in explained.steps} == {()}
+
+
+def test_a_long_path_is_told_in_twenty_points_with_its_ends(plugged):
+    class Farsighted(Plain):
+        def path(self):
+            return [(float(n), 0.5) for n in range(1001)]
+
+    path = explain(plugged(Farsighted), EpisodeTask(0, 0, PriorSource())).steps[0].path
+    assert len(path) == 20
+    assert (path[0], path[-1]) == ((0.0, 0.5), (1000.0, 0.5))
+
+
+def test_a_path_that_raises_is_the_planner_s_fault(plugged):
+    class Lost(Plain):
+        def path(self):
+            raise KeyError("lane")
+
+    result = explain(plugged(Lost), EpisodeTask(0, 0, PriorSource())).result
+    assert result.fault.kind == "planner"
+    assert "path" in result.fault.message

@@ -1,6 +1,7 @@
 """One episode with the planner's own account of each step. Registered as an explainer."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import msgspec
 
@@ -16,6 +17,7 @@ from eigenfail.values import (
     ExplainedEpisode,
     ExplainedStep,
     Mission,
+    Path,
     Perception,
     Scene,
     VehicleState,
@@ -25,7 +27,22 @@ from eigenfail_workers.engine import Engine
 from eigenfail_workers.faults import blamed_on
 from eigenfail_workers.measures.geometry import nearest, velocity
 
-Told = tuple[float, Control, Account]
+MOST_POINTS = 20
+"""Of a path: more are left out, evenly."""
+
+
+class Told(NamedTuple):
+    """What was decided in a step, and what the planner says of it."""
+
+    time_s: float
+    control: Control
+    account: Account
+    path: Path
+
+
+def nowhere() -> Sequence[tuple[float, float]]:
+    """The path of a planner that tells none."""
+    return ()
 
 
 def nothing() -> Mapping[str, str | float]:
@@ -37,14 +54,16 @@ class Witness:
     """Drives as its planner does, and keeps what it tells of each step. Implements `Planner`.
 
     Args:
-        planner: an `ExplainingPlanner`, or any other.
-        told: filled with time, control and account of each step of the last episode.
+        planner: an `ExplainingPlanner`, a `PlottingPlanner`, both, or any other.
+        told: filled with each step of the last episode.
     """
 
     def __init__(self, planner: Planner, told: list[Told]) -> None:
         self._planner = planner
         self._explain: Callable[[], Mapping[str, str | float]]
         self._explain = getattr(planner, "explain", nothing)
+        self._path: Callable[[], Sequence[tuple[float, float]]]
+        self._path = getattr(planner, "path", nowhere)
         self._told = told
 
     def reset(self, mission: Mission) -> None:
@@ -57,13 +76,24 @@ class Witness:
         control = checked(self._planner.act(perception))
         with blamed_on(PlannerError, "The planner's account", "Look into its `explain`."):
             account = {str(name): plain(value) for name, value in self._explain().items()}
-        self._told.append((perception.time_s, control, account))
+        with blamed_on(PlannerError, "The planner's path", "Look into its `path`."):
+            path = thinned(self._path())
+        self._told.append(Told(perception.time_s, control, account, path))
         return control
 
 
 def plain(value: object) -> str | float:
     """A number as a float, anything else as text."""
     return float(value) if isinstance(value, (int, float)) else str(value)
+
+
+def thinned(path: Sequence[tuple[float, float]]) -> Path:
+    """A path of at most so many points, its ends included."""
+    last = len(path) - 1
+    kept: Sequence[int] = range(last + 1)
+    if last >= MOST_POINTS:
+        kept = [place * last // (MOST_POINTS - 1) for place in range(MOST_POINTS)]
+    return tuple((float(path[place][0]), float(path[place][1])) for place in kept)
 
 
 def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
@@ -90,17 +120,17 @@ def refuse_functions(setup: EpisodeSetup) -> None:
 
 
 def _step(number: int, told: Told, result: EpisodeResult) -> ExplainedStep:
-    time_s, control, account = told
     longitudinal, lateral = result.noise.standardised[number].tolist()
     gap_m, closing_mps = _truth(result.scene, number) if result.scene else (None, None)
     return ExplainedStep(
-        time_s=time_s,
-        acceleration_mps2=control.acceleration_mps2,
-        steering_rad=control.steering_rad,
-        account=account,
+        time_s=told.time_s,
+        acceleration_mps2=told.control.acceleration_mps2,
+        steering_rad=told.control.steering_rad,
+        account=told.account,
         disturbance=(longitudinal, lateral),
         gap_m=gap_m,
         closing_mps=closing_mps,
+        path=told.path,
     )
 
 

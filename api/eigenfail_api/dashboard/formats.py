@@ -6,6 +6,7 @@ from eigenfail_services.reports.formats import NONE, bounds, integer, moment, nu
 __all__ = [
     "NONE",
     "cost_per_failure",
+    "counted",
     "duration",
     "integer",
     "interval",
@@ -16,6 +17,11 @@ __all__ = [
 ]
 
 DURATIONS = ((86_400, "d"), (3_600, "h"), (60, "min"), (1, "s"))
+
+
+def counted(count: int, noun: str) -> str:
+    """So many of a thing: 1 failure, 2 failures."""
+    return f"{integer(count)} {noun}{'' if count == 1 else 's'}"
 
 
 def rate_interval(rate: Rate) -> str:

@@ -1,129 +1,108 @@
-"""The addresses of the dashboard."""
+"""The addresses of the dashboard: all campaigns, and one."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Header, Query
 from fastapi.responses import HTMLResponse
+from starlette.background import BackgroundTask
 
-from eigenfail import plugins
 from eigenfail.contracts import Store
-from eigenfail.errors import EigenfailError
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    Mission,
-    Outcome,
-    Page,
-    Summary,
-)
-from eigenfail.values.records import EpisodeRow
-from eigenfail.values.variation import read_variation
-from eigenfail_api.dashboard import samples
+from eigenfail.values import Campaign, CampaignState, Summary
+from eigenfail_api.dashboard.episodes_page import failures_of
 from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.views.analysis import analysis_view
 from eigenfail_api.dashboard.views.campaign import Findings, campaign_view
-from eigenfail_api.dashboard.views.episode import episode_view
-from eigenfail_api.dashboard.views.lists import episode_list
-from eigenfail_api.dashboard.views.measures import measures_view
-from eigenfail_api.dashboard.views.overview import overview
-from eigenfail_api.parameters import (
-    LARGEST,
-    AnalysisId,
-    Before,
-    CampaignId,
-    EpisodeIndex,
-    Stored,
+from eigenfail_api.dashboard.views.campaign_costs import REPLAY
+from eigenfail_api.dashboard.views.crew import crew_view
+from eigenfail_api.dashboard.views.measures import MeasuresView, measures_view
+from eigenfail_api.dashboard.views.overview import Known, Wanted, overview
+from eigenfail_api.parameters import Before, CampaignId, Stored
+from eigenfail_services.campaigns.ahead import (
+    Measured,
+    begin,
+    finish,
+    is_done,
+    measured,
+    remembered,
 )
 from eigenfail_services.campaigns.course import course_of
-from eigenfail_services.campaigns.proofs import proof
-from eigenfail_services.campaigns.safety import safety_of
-from eigenfail_services.campaigns.spending import spending_of
-from eigenfail_services.campaigns.summary import summarise
+from eigenfail_services.campaigns.crew import ACTIVE_S, lately
+from eigenfail_services.campaigns.peers import methods_of, peer_costs
+from eigenfail_services.campaigns.summary import summaries_of, summarise
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 CAMPAIGNS_ON_A_PAGE = 50
-FAILURES_ON_A_PAGE = 25
 ANALYSES_ON_A_PAGE = 20
+EVENTS_SHOWN = 30
 
-AfterFailure = Annotated[int | None, Query(ge=0, le=LARGEST)]
+# A form sends what is empty, too.
+State = Annotated[CampaignState | Literal[""], Query()]
+Words = Annotated[str, Query(max_length=200)]
+
+# An open page sends it when it asks for itself again.
+Again = Annotated[str | None, Header(alias="HX-Request", include_in_schema=False)]
 
 
 @router.get("/")
-def show_overview(store: Stored, before: Before = None) -> HTMLResponse:
-    """All campaigns, newest first."""
-    listed = store.campaigns.page(CAMPAIGNS_ON_A_PAGE, before)
-    summaries = [summary_of(store, campaign) for campaign in listed.items]
-    return page("overview.html", overview(listed, summaries, before))
+def show_overview(
+    store: Stored, state: State = "", method: Words = "", search: Words = "", before: Before = None
+) -> HTMLResponse:
+    """Campaigns, newest first."""
+    wanted = Wanted(state or None, method or None, search.strip() or None, before)
+    return page("overview.html", overview(known(store, wanted), wanted))
+
+
+def known(store: Store, wanted: Wanted) -> Known:
+    """What the first page tells of."""
+    latest, pools = store.events.last(), store.figures.pools()
+    found = store.campaigns.page(
+        CAMPAIGNS_ON_A_PAGE, wanted.before, wanted.state, where=wanted.where
+    )
+    return Known(
+        page=found,
+        summaries=summaries_of(store, found.items),
+        groups=peer_costs(pools),
+        methods=methods_of(pools),
+        replays=sum(pool.campaigns for pool in pools if pool.method == REPLAY),
+        lately=lately(store, ACTIVE_S),
+        within_s=ACTIVE_S,
+        latest=latest,
+    )
 
 
 @router.get("/campaigns/{campaign}")
-def show_campaign(store: Stored, campaign: CampaignId) -> HTMLResponse:
-    """One campaign."""
-    seen = store.campaigns.get(campaign)
+def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> HTMLResponse:
+    """One campaign; its later part is begun beside it, and in it if that is known already."""
+    latest, seen = store.events.last(), store.campaigns.get(campaign)
+    begun = () if again else begin(store, seen)
     found = Findings(
         campaign=seen,
         summary=summary_of(store, seen),
         course=course_of(store, seen),
-        rows=samples.sample_episodes(store, seen),
+        rows=store.figures.samples(campaign),
         listed=failures_of(store, campaign, None),
         analyses=store.analyses.page(ANALYSES_ON_A_PAGE, None, campaign).items,
-        events=tuple(samples.latest_events(store, campaign)),
+        events=tuple(store.events.latest(EVENTS_SHOWN, campaign)),
+        latest=latest,
     )
-    return page("campaign.html", campaign_view(found))
+    measures = measures_of(seen, remembered(store, seen)) if begun and is_done(begun) else None
+    response = page("campaign.html", campaign_view(found), measures=measures)
+    response.background = BackgroundTask(finish, begun)
+    return response
 
 
 @router.get("/campaigns/{campaign}/measures")
 def show_measures(store: Stored, campaign: CampaignId) -> HTMLResponse:
-    """Safety and cost of a campaign: its page asks for them once it stands."""
+    """Safety, cost and workers of a campaign: its page asks for them once it stands."""
     seen = store.campaigns.get(campaign)
-    view = measures_view(seen, safety_of(store, seen), spending_of(store, seen))
-    return page("measures.html", view)
+    return page("measures.html", measures_of(seen, measured(store, seen)))
 
 
-@router.get("/campaigns/{campaign}/failures")
-def show_failures(store: Stored, campaign: CampaignId, after: AfterFailure = None) -> HTMLResponse:
-    """Rows of the list of failures: a piece of a page."""
-    seen = store.campaigns.get(campaign)
-    view = episode_list(seen, failures_of(store, campaign, after), after)
-    return page("failures.html", view)
-
-
-@router.get("/campaigns/{campaign}/episodes/{index}")
-def show_episode(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLResponse:
-    """One episode."""
-    seen = store.campaigns.get(campaign)
-    result = store.episodes.get(campaign, index)
-    following = store.episodes.page(campaign, 1, index, Outcome.COLLISION).items
-    next_failure = following[0].index if following else None
-    view = episode_view(seen, result, mission_of(seen.spec, result.seed), next_failure)
-    return page("episode.html", view)
-
-
-@router.get("/analyses/{analysis}")
-def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
-    """One analysis."""
-    seen = store.analyses.get(analysis)
-    proven = proof(store, seen) if seen.result else None
-    return page("analysis.html", analysis_view(seen, store.campaigns.get(seen.campaign), proven))
+def measures_of(campaign: Campaign, found: Measured) -> MeasuresView:
+    """Safety, cost and workers of a campaign."""
+    return measures_view(campaign, found.safety, found.cost, crew_view(found.workers))
 
 
 def summary_of(store: Store, campaign: Campaign) -> Summary:
     """The figures of a campaign so far."""
     return summarise(campaign, store.episodes.totals(campaign.id))
-
-
-def failures_of(store: Store, campaign: int, after: int | None) -> Page[EpisodeRow]:
-    """The next failures of the list."""
-    return store.episodes.page(campaign, FAILURES_ON_A_PAGE, after, Outcome.COLLISION)
-
-
-def mission_of(spec: CampaignSpec, seed: int) -> Mission | None:
-    """Lanes and time step as the scenario tells them; None where it is not installed here."""
-    try:
-        plugin = plugins.load(plugins.SCENARIOS, spec.scenario)
-        variation = read_variation(plugin.Parameters, spec.scenario_parameters)
-        mission: Mission = plugin()(variation.draw(seed), seed).mission
-    except EigenfailError:
-        return None
-    return mission

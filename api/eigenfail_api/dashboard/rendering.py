@@ -1,5 +1,7 @@
 """From view data to HTML; everything is escaped unless a template is its author."""
 
+import re
+from functools import cache
 from os import PathLike, stat_result
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,8 @@ from eigenfail_api.dashboard.views.lists import CLUSTERERS
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
+
+IMPORTED = re.compile(r'(?:from|import) "\./(\w+\.js)"')
 
 
 class Assets(StaticFiles):
@@ -51,6 +55,17 @@ def to_json(value: object) -> str:
     return http.encode(value).decode()
 
 
+@cache
+def modules_of(script: str) -> list[str]:
+    """The scripts that one needs, itself included: a browser would find out bit by bit."""
+    found, new = set[str](), {script}
+    while new:
+        found |= new
+        texts = [(STATIC / "js" / name).read_text("utf-8") for name in new]
+        new = {name for text in texts for name in IMPORTED.findall(text)} - found
+    return sorted(found)
+
+
 def environment() -> Environment:
     """Where the templates live, and what they can say."""
     made = Environment(
@@ -61,7 +76,11 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     made.filters.update(FILTERS, json=to_json)
-    made.globals |= {"version": __version__, "clusterers": CLUSTERERS}
+    made.globals |= {
+        "version": __version__,
+        "clusterers": CLUSTERERS,
+        "modules_of": modules_of,
+    }
     return made
 
 

@@ -1,16 +1,18 @@
 """A bounded number of a campaign's episodes, in a bounded number of questions to the store."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from eigenfail.contracts import Store
-from eigenfail.values import Campaign, Event
+from eigenfail.filters import Condition, Conditions, Operator
+from eigenfail.values import Campaign
 from eigenfail.values.records import EpisodeRow
 
 MOST = 5_000
 PAGE = 1_000
 WINDOW = 100
-EVENTS_LOOKED_AT = 1_000
-EVENTS_SHOWN = 30
+LINES = 2_000
+STRETCHES = 40
 
 
 def sample_episodes(store: Store, campaign: Campaign) -> list[EpisodeRow]:
@@ -43,7 +45,25 @@ def first_rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
             return
 
 
-def latest_events(store: Store, campaign: int) -> list[Event]:
-    """The newest events of a campaign, newest first, as far as its first thousand reach."""
-    events = store.events.after(0, EVENTS_LOOKED_AT, campaign)
-    return events[: -EVENTS_SHOWN - 1 : -1]
+class Spread(NamedTuple):
+    """Episodes that match some conditions: all of them, or a sample."""
+
+    rows: tuple[EpisodeRow, ...]
+    is_all: bool
+
+
+def spread(store: Store, campaign: Campaign, where: Conditions) -> Spread:
+    """All that match or, beyond `LINES`, the first of each of many stretches of the campaign."""
+    page = store.episodes.page(campaign.id, LINES, None, where)
+    if page.next is None:
+        return Spread(page.items, is_all=True)
+    reach, each = ended(campaign), LINES // STRETCHES
+    rows: list[EpisodeRow] = []
+    for stretch in range(STRETCHES):
+        first, last = (reach * n // STRETCHES for n in (stretch, stretch + 1))
+        within = (
+            Condition("index", Operator.AT_LEAST, first),
+            Condition("index", Operator.BELOW, last),
+        )
+        rows += store.episodes.page(campaign.id, each, None, (*where, *within)).items
+    return Spread(tuple(rows), is_all=False)

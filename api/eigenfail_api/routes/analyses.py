@@ -9,7 +9,8 @@ from eigenfail.wire.http import PREFIX, ProofRequest
 from eigenfail_api.parameters import AnalysisId, Before, CampaignId, Limit, Stored
 from eigenfail_api.schemas import Json, body_of, documented
 from eigenfail_services.campaigns.analysed import ground
-from eigenfail_services.campaigns.proofs import findings, proof, prove
+from eigenfail_services.campaigns.proofs import findings, proof
+from eigenfail_services.campaigns.proving import prove
 
 router = APIRouter(prefix=PREFIX, tags=["analyses"])
 
@@ -54,7 +55,8 @@ def prove_analysis(
     request: Annotated[ProofRequest, Depends(body_of(ProofRequest))],
 ) -> Json:
     """Queue a replay of eigenfailures and medoids in each scenario that has none yet."""
-    return Json(prove(store, store.analyses.get(analysis), request.variations), 202)
+    proven = prove(store, store.analyses.get(analysis), request.variations)
+    return Json(proven, 202, {"Location": f"{PREFIX}/analyses/{analysis}/proof"})
 
 
 @router.get("/analyses/{analysis}/proof", **documented(Proof))

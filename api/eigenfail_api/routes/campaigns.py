@@ -1,6 +1,6 @@
 """Campaigns: create, list, look at, steer, sum up."""
 
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 from fastapi import APIRouter, Depends, Query
 
@@ -13,7 +13,10 @@ from eigenfail.values import (
     Page,
     Summary,
 )
+from eigenfail.values.campaign_filter import CampaignFilter
+from eigenfail.wire.drafts import CampaignCheck
 from eigenfail.wire.http import PREFIX, Digest
+from eigenfail.wire.problems import problem_of
 from eigenfail_api import steering
 from eigenfail_api.parameters import (
     LARGEST,
@@ -23,12 +26,24 @@ from eigenfail_api.parameters import (
     Limit,
     Stored,
 )
-from eigenfail_api.schemas import Json, body_of, documented
+from eigenfail_api.schemas import (
+    FIELDS,
+    SPECS,
+    Json,
+    body_of,
+    documented,
+    documented_plain,
+    plain_body,
+)
+from eigenfail_services.campaigns.bulk import read_many
 from eigenfail_services.campaigns.checks import check_spec
+from eigenfail_services.campaigns.clones import clone
 from eigenfail_services.campaigns.course import course_of
+from eigenfail_services.campaigns.drafts import completed, problems_of, read_draft
 from eigenfail_services.campaigns.materials import check_references
 from eigenfail_services.campaigns.minimal_failures import minimal_failure
-from eigenfail_services.campaigns.summary import summarise
+from eigenfail_services.campaigns.stop_notes import stop_notes
+from eigenfail_services.campaigns.summary import summaries_of, summarise
 
 router = APIRouter(prefix=f"{PREFIX}/campaigns", tags=["campaigns"])
 
@@ -36,7 +51,30 @@ Per = Annotated[
     int | None,
     Query(ge=1, le=LARGEST, description="Episodes of a block; by the budget if not given."),
 ]
-WITH_LOCATION = {"Location": {"schema": {"type": "string"}, "description": "Its address."}}
+Search = Annotated[
+    str | None,
+    Query(description="Only those whose name contains this, in small or large letters."),
+]
+Fields = Annotated[dict[str, Any], Depends(plain_body(dict))]
+Items = Annotated[list[Any], Depends(plain_body(list))]
+
+
+class Chosen(NamedTuple):
+    """Which campaigns are listed."""
+
+    state: CampaignState | None
+    suite: str | None
+    where: CampaignFilter
+
+
+def chosen_by(
+    state: Annotated[CampaignState | None, Query(description="Only in this state.")] = None,
+    suite: Annotated[str | None, Query(description="Only of this suite.")] = None,
+    method: Annotated[str | None, Query(description="Only of this method.")] = None,
+    search: Search = None,
+) -> Chosen:
+    """The campaigns of which all that is given holds."""
+    return Chosen(state, suite, CampaignFilter(method, search))
 
 
 def created(campaign: Campaign) -> Json:
@@ -55,29 +93,53 @@ def create_campaign(
     return created(store.campaigns.create(spec, idempotency_key))
 
 
+@router.post("/check", **documented_plain(CampaignCheck, 200, FIELDS))
+def check_campaign(store: Stored, fields: Fields) -> Json:
+    """What a new campaign would be, or everything that is wrong with it; nothing is launched."""
+    if problems := problems_of(fields, store):
+        return Json(CampaignCheck(None, tuple(map(problem_of, problems))))
+    spec = completed(read_draft(fields, store))
+    return Json(CampaignCheck(spec, notes=tuple(stop_notes(spec))))
+
+
+@router.post("/bulk", **documented_plain(Page[Campaign], 201, SPECS))
+def create_campaigns(store: Stored, specs: Items, idempotency_key: IdempotencyKey = None) -> Json:
+    """Queue many new campaigns in the order of the list: all of them, or none."""
+    made = store.campaigns.create_many(read_many(specs, store), idempotency_key)
+    return Json(Page(made), 201)
+
+
 @router.get("", **documented(Page[Campaign]))
 def list_campaigns(
     store: Stored,
+    chosen: Annotated[Chosen, Depends(chosen_by)],
     limit: Limit = 50,
     before: Before = None,
-    state: Annotated[CampaignState | None, Query(description="Only in this state.")] = None,
 ) -> Json:
     """Campaigns, newest first."""
-    return Json(store.campaigns.page(limit, before, state))
+    return Json(store.campaigns.page(limit, before, *chosen))
 
 
 @router.get("/summaries", **documented(Page[Summary]))
 def list_summaries(store: Stored, limit: Limit = 50, before: Before = None) -> Json:
     """Failures, rate, likelihood and cost of campaigns, newest first."""
     page = store.campaigns.page(limit, before)
-    summaries = tuple(summarise(seen, store.episodes.totals(seen.id)) for seen in page.items)
-    return Json(Page(summaries, page.next))
+    return Json(Page(tuple(summaries_of(store, page.items)), page.next))
 
 
 @router.get("/{campaign}", **documented(Campaign))
 def get_campaign(store: Stored, campaign: CampaignId) -> Json:
     """A campaign as it stands."""
     return Json(store.campaigns.get(campaign))
+
+
+@router.post("/{campaign}/clone", **documented_plain(Campaign, 201, FIELDS))
+def clone_campaign(
+    store: Stored, campaign: CampaignId, changes: Fields, idempotency_key: IdempotencyKey = None
+) -> Json:
+    """Queue a new campaign like an earlier one, with other values for some of its fields."""
+    spec = clone(store.campaigns.get(campaign).spec, changes, store)
+    return created(store.campaigns.create(spec, idempotency_key))
 
 
 @router.post("/{campaign}/pause", **documented(Campaign))

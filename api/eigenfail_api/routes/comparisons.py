@@ -6,17 +6,19 @@ from fastapi import APIRouter, Query
 
 from eigenfail.values import Comparison
 from eigenfail.wire.http import PREFIX
-from eigenfail_api.parameters import Stored
+from eigenfail_api.parameters import IDS, Stored
 from eigenfail_api.schemas import Json, documented
 from eigenfail_services.campaigns.comparison import compare
 
 router = APIRouter(prefix=f"{PREFIX}/comparisons", tags=["campaigns"])
 
-IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18}){0,99}$"
-
 Ids = Annotated[
     str,
-    Query(pattern=IDS, description="Ids of campaigns, one for each seed, with commas in between."),
+    Query(
+        pattern=IDS,
+        description="Ids of campaigns, one for each seed, with commas in between.",
+        examples=["1"],
+    ),
 ]
 
 

@@ -1,50 +1,93 @@
 """Episodes of a campaign: a list without trajectories, one with all that is kept of it."""
 
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
+import msgspec
 from fastapi import APIRouter, Depends, Query
 
+from eigenfail.filters import Conditions, Sort, outcome_is, parse_fields, parse_filter, parse_sort
+from eigenfail.filters.parser import LONGEST
 from eigenfail.values import Outcome, Page
-from eigenfail.values.records import EpisodeDetail, EpisodeOrder, EpisodeRow, detailed
+from eigenfail.values.records import EpisodeDetail, EpisodeRow, detailed
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.parameters import LARGEST, CampaignId, EpisodeIndex, Limit, Stored
 from eigenfail_api.schemas import Json, documented
+from eigenfail_services.exports.selection import picked
 
 router = APIRouter(prefix=f"{PREFIX}/campaigns/{{campaign}}/episodes", tags=["episodes"])
 
 After = Annotated[
     int | None,
-    Query(ge=0, le=LARGEST, description="Only those behind this index: `next` of a page."),
+    Query(
+        ge=0,
+        le=LARGEST,
+        description="Only those behind this index in the order: `next` of a page.",
+    ),
 ]
-OnlyOutcome = Annotated[Outcome | None, Query(description="Only of this outcome.")]
-Sort = Annotated[
-    EpisodeOrder, Query(description="`severity`: worst collision first, no collision last.")
+OnlyOutcome = Annotated[
+    Outcome | None, Query(description="Only of this outcome: one more condition of the filter.")
+]
+Filter = Annotated[
+    str,
+    Query(
+        alias="filter",
+        max_length=LONGEST,
+        description="Conditions joined by and, such as `severity > 80 and min_ttc_s < 1.5`.",
+    ),
+]
+SortBy = Annotated[
+    str,
+    Query(
+        alias="sort",
+        description="A column, or -column for the largest first; without a value they come last.",
+    ),
+]
+Fields = Annotated[
+    str,
+    Query(
+        description="Names of columns with commas in between: each item holds these alone, and "
+        "is no EpisodeRow."
+    ),
 ]
 
 
-class Selection(NamedTuple):
-    """Which episodes are wanted, and in which order."""
+class Wanted(msgspec.Struct, frozen=True):
+    """Which episodes are wanted, in which order, and which columns; none stand for all."""
 
-    outcome: Outcome | None
-    order: EpisodeOrder
+    where: Conditions
+    sort: Sort
+    columns: tuple[str, ...]
 
 
-async def selection(outcome: OnlyOutcome = None, sort: Sort = EpisodeOrder.INDEX) -> Selection:
+async def wanted_of(
+    outcome: OnlyOutcome = None,
+    conditions: Filter = "",
+    sort: SortBy = "index",
+    fields: Fields = "",
+) -> Wanted:
     """What was asked for."""
-    return Selection(outcome, sort)
+    where = (*outcome_is(outcome), *parse_filter(conditions))
+    return Wanted(where, parse_sort(sort), parse_fields(fields))
+
+
+WantedEpisodes = Annotated[Wanted, Depends(wanted_of)]
 
 
 @router.get("", **documented(Page[EpisodeRow]))
 def list_episodes(
     store: Stored,
     campaign: CampaignId,
-    wanted: Annotated[Selection, Depends(selection)],
+    wanted: WantedEpisodes,
     limit: Limit = 100,
     after: After = None,
 ) -> Json:
-    """Finished episodes, in index order or with the worst collisions first."""
+    """Finished episodes that fulfil a filter, in index order or another."""
     store.campaigns.get(campaign)
-    return Json(store.episodes.page(campaign, limit, after, wanted.outcome, wanted.order))
+    found = store.episodes.page(campaign, limit, after, wanted.where, wanted.sort)
+    if not wanted.columns:
+        return Json(found)
+    items = tuple(picked(row, wanted.columns) for row in found.items)
+    return Json(Page(items, found.next))
 
 
 @router.get("/{index}", **documented(EpisodeDetail))

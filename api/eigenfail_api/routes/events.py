@@ -1,4 +1,4 @@
-"""What happens, as server-sent events that resume where they were cut."""
+"""What happens: as server-sent events that resume where they were cut, and as pages."""
 
 from collections.abc import AsyncIterator
 from typing import Annotated
@@ -6,10 +6,11 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Header, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
+from eigenfail.values import Event, Page
 from eigenfail.wire import http
 from eigenfail_api.feed import Feed
-from eigenfail_api.parameters import LARGEST, Stored
-from eigenfail_api.schemas import documented_stream
+from eigenfail_api.parameters import LARGEST, Limit, Stored
+from eigenfail_api.schemas import Json, documented, documented_stream
 
 router = APIRouter(prefix=http.PREFIX, tags=["events"])
 
@@ -25,6 +26,9 @@ After = Annotated[
         le=LARGEST,
         description="Begin behind this event; 0 begins with the oldest. Without it: from now on.",
     ),
+]
+Behind = Annotated[
+    int, Query(ge=0, le=LARGEST, description="Only those behind this event: `next` of a page.")
 ]
 LastEventId = Annotated[
     int | None,
@@ -50,6 +54,18 @@ def known_campaign(store: Stored, campaign: CampaignFilter = None) -> int | None
         NotFound: it does not.
     """
     return None if campaign is None else store.campaigns.get(campaign).id
+
+
+@router.get("/events/list", **documented(Page[Event]))
+def list_events(
+    store: Stored,
+    campaign: Annotated[int | None, Depends(known_campaign)],
+    limit: Limit = 100,
+    after: Behind = 0,
+) -> Json:
+    """Events that happened, oldest first: `next` of a page is what `after` takes."""
+    events = tuple(store.events.after(after, limit, campaign))
+    return Json(Page(events, events[-1].id if len(events) == limit else None))
 
 
 @router.get("/events", response_class=EventSourceResponse, **documented_stream())

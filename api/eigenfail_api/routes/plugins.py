@@ -1,14 +1,14 @@
 """What campaigns can name: methods, planners, scenarios, simulators."""
 
 import inspect
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Annotated, Any
 
 import msgspec
-from fastapi import APIRouter
+from fastapi import APIRouter, Path
 
 from eigenfail import functions, plugins
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.values import Page
 from eigenfail.wire.http import PREFIX, PluginInfo
 from eigenfail_api.schemas import Json, documented
@@ -16,6 +16,8 @@ from eigenfail_api.schemas import Json, documented
 router = APIRouter(prefix=PREFIX, tags=["plug-ins"])
 
 Listed = documented(Page[PluginInfo])
+One = documented(PluginInfo)
+Name = Annotated[str, Path(max_length=200, description="Its name, as the list has it.")]
 
 
 @router.get("/methods", **Listed)
@@ -42,6 +44,30 @@ def list_simulators() -> Json:
     return Json(Page(tuple(map(PluginInfo, functions.simulators()))))
 
 
+@router.get("/methods/{name}", **One)
+def get_method(name: Name) -> Json:
+    """A method, with the JSON schema of its settings."""
+    return Json(single(plugins.METHODS, name, settings_of))
+
+
+@router.get("/planners/{name}", **One)
+def get_planner(name: Name) -> Json:
+    """A planner, with the JSON schema of its settings."""
+    return Json(single(plugins.PLANNERS, name, settings_of))
+
+
+@router.get("/scenarios/{name}", **One)
+def get_scenario(name: Name) -> Json:
+    """A scenario, with the JSON schema of its parameters."""
+    return Json(single(plugins.SCENARIOS, name, parameters_of))
+
+
+@router.get("/simulators/{name}", **One)
+def get_simulator(name: Name) -> Json:
+    """A simulator, by its name alone."""
+    return Json(PluginInfo(known("simulator", name, functions.simulators())))
+
+
 def settings_of(plugin: Any) -> Any:
     """The settings of a method or a planner."""
     return plugin.Settings
@@ -55,6 +81,27 @@ def parameters_of(plugin: Any) -> Any:
 def listing(group: str, kind: Callable[[Any], Any]) -> Json:
     """All plug-ins of a group."""
     return Json(Page(tuple(described(group, name, kind) for name in plugins.names(group))))
+
+
+def single(group: str, name: str, kind: Callable[[Any], Any]) -> PluginInfo:
+    """One plug-in of a group.
+
+    Raises:
+        NotFound: the group has none of that name.
+    """
+    what = group.removeprefix("eigenfail.").removesuffix("s")
+    return described(group, known(what, name, plugins.names(group)), kind)
+
+
+def known(what: str, name: str, names: Iterable[str]) -> str:
+    """A name that is among those that there are.
+
+    Raises:
+        NotFound: it is not.
+    """
+    if name not in (there := sorted(names)):
+        raise NotFound(f"There is no {what} '{name}'.", f"Known: {', '.join(there)}.")
+    return name
 
 
 def described(group: str, name: str, kind: Callable[[Any], Any]) -> PluginInfo:

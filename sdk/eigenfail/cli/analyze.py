@@ -15,10 +15,10 @@ from eigenfail.cli.mode_tables import (
 from eigenfail.cli.options import DEFAULT_URL, AsJson, CampaignId, Url
 from eigenfail.cli.output import console, to_json
 from eigenfail.cli.proofs import Prove, Variations, proof_table, proof_words, proven
-from eigenfail.cli.signals import interruptible
 from eigenfail.cli.surroundings import client_at
 from eigenfail.client import Client
 from eigenfail.errors import Conflict
+from eigenfail.hosting.signals import interruptible
 from eigenfail.settings import convert
 from eigenfail.values import Analysis, AnalysisResult, AnalysisSettings, AnalysisState, Proof
 
@@ -56,7 +56,10 @@ ClustererChoice = Annotated[Clusterer, typer.Option(help="What finds the modes."
 Also = Annotated[
     list[int] | None,
     typer.Option(
-        "--also", metavar="CAMPAIGN", help="Another campaign to analyse with it; may be repeated."
+        "--also",
+        metavar="CAMPAIGN",
+        min=1,
+        help="Another campaign to analyse with it; may be repeated.",
     ),
 ]
 Bootstrap = Annotated[

@@ -1,60 +1,52 @@
 """`eigenfail campaign`: create, follow and steer campaigns."""
 
-from itertools import islice
 from typing import Annotated
 
 import typer
 
+from eigenfail.cli import completion
 from eigenfail.cli.costs import cost
 from eigenfail.cli.course_tables import campaign_page, course_table
+from eigenfail.cli.crew import workers
+from eigenfail.cli.launching import add_launching
 from eigenfail.cli.minimal_words import shrunk, with_words
 from eigenfail.cli.options import (
     DEFAULT_URL,
     AsJson,
     CampaignId,
-    Episodes,
     Gate,
     Limit,
-    Seed,
-    SpecFile,
     Url,
+    Watched,
 )
 from eigenfail.cli.output import show
 from eigenfail.cli.progress import follow
 from eigenfail.cli.regions import region
 from eigenfail.cli.safety import safety
-from eigenfail.cli.signals import interruptible
-from eigenfail.cli.specs import read_spec
+from eigenfail.cli.steering import add_steering
 from eigenfail.cli.surroundings import client_at
-from eigenfail.cli.tables import campaign_facts, campaign_table, result_table
+from eigenfail.cli.tables import campaign_table, result_table
 from eigenfail.cli.verdict import judge
-from eigenfail.values import Campaign, CampaignState
+from eigenfail.cli.watching import View
+from eigenfail.hosting.signals import interruptible
+from eigenfail.values import CampaignState
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, help="Create, follow and steer campaigns."
 )
 
-app.command()(safety)
-app.command()(region)
-app.command()(cost)
-
 State = Annotated[CampaignState | None, typer.Option(help="Only campaigns in this state.")]
+Method = Annotated[
+    str | None,
+    typer.Option(help="Only campaigns of this method.", autocompletion=completion.methods),
+]
+Search = Annotated[
+    str | None,
+    typer.Option(help="Only campaigns whose name contains this, in small or large letters."),
+]
 
 
-@app.command()
-def create(
-    context: typer.Context,
-    file: SpecFile,
-    url: Url = DEFAULT_URL,
-    episodes: Episodes = None,
-    seed: Seed = None,
-    as_json: AsJson = False,
-) -> None:
-    """Launch the campaign that a TOML file describes, and print its id."""
-    spec = read_spec(file, episodes=episodes, seed=seed)
-    with client_at(context, url) as client:
-        created = client.campaigns.create(spec)
-    show_one(created, as_json)
+add_launching(app)
 
 
 @app.command("list")
@@ -62,13 +54,21 @@ def list_campaigns(
     context: typer.Context,
     url: Url = DEFAULT_URL,
     state: State = None,
+    method: Method = None,
+    search: Search = None,
     limit: Limit = 20,
+    watched: Watched = False,
     as_json: AsJson = False,
 ) -> None:
     """List campaigns, newest first."""
-    with client_at(context, url) as client:
-        found = list(islice(client.campaigns.list(state), limit))
-    show(found, as_json, lambda: campaign_table(found))
+    with interruptible(), client_at(context, url) as client:
+        page = View(
+            look=lambda: client.campaigns.list(state, None, method, search).first(limit),
+            campaigns=lambda seen: seen,
+            told=lambda seen: seen,
+            draw=campaign_table,
+        )
+        page.watch(as_json) if watched else page.show(as_json)
 
 
 @app.command("show")
@@ -76,14 +76,18 @@ def show_campaign(
     context: typer.Context,
     campaign: CampaignId,
     url: Url = DEFAULT_URL,
+    watched: Watched = False,
     as_json: AsJson = False,
 ) -> None:
     """Show a campaign as it stands: its settings, and its episodes by conflict class."""
-    with client_at(context, url) as client:
-        found = client.campaigns.get(campaign)
-        summary = client.campaigns.summary(campaign)
-        words = shrunk(client, found)
-    show(found, as_json, lambda: with_words(campaign_page(found, summary), words))
+    with interruptible(), client_at(context, url) as client:
+        page = View(
+            look=lambda: (client.campaigns.get(campaign), client.campaigns.summary(campaign)),
+            campaigns=lambda seen: seen[:1],
+            told=lambda seen: seen[0],
+            draw=lambda seen: with_words(campaign_page(*seen), shrunk(client, seen[0])),
+        )
+        page.watch(as_json) if watched else page.show(as_json)
 
 
 @app.command()
@@ -100,40 +104,7 @@ def course(
     show(found, as_json, lambda: course_table(found))
 
 
-@app.command()
-def pause(
-    context: typer.Context,
-    campaign: CampaignId,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
-    """Pause a campaign; what is running is finished first."""
-    with client_at(context, url) as client:
-        show_one(client.campaigns.pause(campaign), as_json)
-
-
-@app.command()
-def resume(
-    context: typer.Context,
-    campaign: CampaignId,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
-    """Go on with a paused campaign, where it stopped."""
-    with client_at(context, url) as client:
-        show_one(client.campaigns.resume(campaign), as_json)
-
-
-@app.command()
-def cancel(
-    context: typer.Context,
-    campaign: CampaignId,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
-    """End a campaign for good; its finished episodes are kept."""
-    with client_at(context, url) as client:
-        show_one(client.campaigns.cancel(campaign), as_json)
+add_steering(app)
 
 
 @app.command()
@@ -166,6 +137,5 @@ def watch(
     judge(ended, gate)
 
 
-def show_one(campaign: Campaign, as_json: bool) -> None:
-    """Print one campaign."""
-    show(campaign, as_json, lambda: campaign_facts(campaign))
+for page in (safety, region, cost, workers):
+    app.command()(page)

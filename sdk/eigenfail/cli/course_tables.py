@@ -4,8 +4,9 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from eigenfail.cli.campaign_facts import campaign_facts, conflict_facts
 from eigenfail.cli.figures import cost_per_failure, number, rate
-from eigenfail.cli.tables import campaign_facts, conflict_facts, facts, table
+from eigenfail.cli.tables import facts, table
 from eigenfail.functions import drives
 from eigenfail.values import Campaign, Course, Summary
 

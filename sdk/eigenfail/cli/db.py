@@ -4,10 +4,10 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.cli.data_folder import DataFolder
-from eigenfail.cli.local_service import database_tool
 from eigenfail.cli.options import DEFAULT_DATA, AsJson, Data
 from eigenfail.cli.output import to_json
+from eigenfail.hosting.folder import DataFolder
+from eigenfail.hosting.service import database_tool
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, help="Create, upgrade and check a database."
@@ -41,7 +41,18 @@ def check(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson 
     tell("check", database, data, as_json)
 
 
+WORDS = {
+    "upgrade": "The database's schema is at revision {}, which is this program's.",
+    "check": "The database's schema is this program's: revision {}.",
+}
+"""What is said of a revision; of others, it alone."""
+
+
 def tell(action: str, database: str | None, data: Data, as_json: bool) -> None:
-    """Run the database's own tool, and print what it says."""
+    """Run the database's own tool, and print the revision that it says."""
     said = database_tool(action, database or DataFolder(data).database)
-    typer.echo(to_json({"action": action, "said": said}) if as_json else said)
+    typer.echo(
+        to_json({"action": action, "said": said})
+        if as_json
+        else WORDS.get(action, "{}").format(said)
+    )

@@ -11,13 +11,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from eigenfail import plugins
+from eigenfail.cli import completion
 from eigenfail.cli.checkups import Verdict, check_table, check_up
-from eigenfail.cli.data_folder import DataFolder
 from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL, AsJson, Data, Url
 from eigenfail.cli.output import show
 from eigenfail.cli.surroundings import client_at
 from eigenfail.cli.tables import table
 from eigenfail.errors import InvalidValue
+from eigenfail.hosting.folder import DataFolder
 
 PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")
 GROUPS = (plugins.SCENARIOS, plugins.PLANNERS, plugins.SIMULATORS, plugins.METHODS)
@@ -29,10 +30,19 @@ app = typer.Typer(add_completion=False)
 
 
 PlannerPlugin = Annotated[
-    str | None, typer.Option("--planner", metavar=PLACE, help="Check this planner.")
+    str | None,
+    typer.Option(
+        "--planner", metavar=PLACE, help="Check this planner.", autocompletion=completion.planners
+    ),
 ]
 ScenarioPlugin = Annotated[
-    str | None, typer.Option("--scenario", metavar=PLACE, help="Check this scenario.")
+    str | None,
+    typer.Option(
+        "--scenario",
+        metavar=PLACE,
+        help="Check this scenario.",
+        autocompletion=completion.scenarios,
+    ),
 ]
 
 

@@ -1,16 +1,13 @@
 """`eigenfail episode`: look at episodes, and run them again."""
 
 from itertools import islice
-from math import inf
+from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Group
-from rich.text import Text
 
-from eigenfail.cli.episode_tables import episode_facts, episode_table
-from eigenfail.cli.explanations import Window, drawn, explanation_of
-from eigenfail.cli.minimal_words import minimal_words
+from eigenfail.cli.episode_runs import explain, replay, shrink, stored_episode
+from eigenfail.cli.episode_tables import episode_facts, episode_table, picked_table
 from eigenfail.cli.options import (
     DEFAULT_URL,
     AsJson,
@@ -20,32 +17,35 @@ from eigenfail.cli.options import (
     Url,
     episode_id,
 )
-from eigenfail.cli.output import show
-from eigenfail.cli.progress import follow
-from eigenfail.cli.replays import Replayed, explain_episode, replay_episode
-from eigenfail.cli.signals import interruptible
+from eigenfail.cli.output import show, to_json
 from eigenfail.cli.surroundings import client_at
-from eigenfail.cli.tables import facts
-from eigenfail.cli.verdict import judge
-from eigenfail.client.campaigns import SHRINK_WITHIN
+from eigenfail.filters import parse_fields
+from eigenfail.hosting.signals import interruptible
 from eigenfail.values import Outcome
-from eigenfail.values.records import EpisodeOrder
+from eigenfail.values.export import ExportFormat
 from eigenfail.variations import drawn_for
-
-DIFFERENT = 1
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, help="Look at episodes, and run them again."
 )
 
-Every = Annotated[int, typer.Option(min=1, help="Show every n-th step only.")]
-From = Annotated[float, typer.Option("--from", help="Show steps from this time on. [s]")]
-To = Annotated[
-    float, typer.Option("--to", show_default="the end", help="Show steps up to this time. [s]")
-]
-Replays = Annotated[int, typer.Option("--episodes", min=1, help="Budget of replays.")]
 OnlyOutcome = Annotated[Outcome | None, typer.Option(help="Only episodes that ended like this.")]
-Sort = Annotated[EpisodeOrder, typer.Option(help="By index, or the worst collision first.")]
+Filter = Annotated[
+    str,
+    typer.Option("--filter", help='Conditions, such as "severity > 80 and min_ttc_s < 1.5".'),
+]
+Sort = Annotated[str, typer.Option(help="A column, or -column for the largest first.")]
+Fields = Annotated[
+    str, typer.Option(show_default="all", help="Only these columns, with commas in between.")
+]
+Output = Annotated[
+    Path, typer.Option("--output", "-o", help="File to write; its name says as what.")
+]
+Format = Annotated[
+    ExportFormat | None,
+    typer.Option("--format", show_default="by the file's name", help="As what to write it."),
+]
+Noise = Annotated[bool, typer.Option("--noise", help="With each episode's noise; in Parquet.")]
 
 
 @app.command("list")
@@ -54,14 +54,53 @@ def list_episodes(
     campaign: CampaignId,
     url: Url = DEFAULT_URL,
     outcome: OnlyOutcome = None,
-    sort: Sort = EpisodeOrder.INDEX,
+    conditions: Filter = "",
+    sort: Sort = "index",
+    fields: Fields = "",
     limit: Limit = 20,
     as_json: AsJson = False,
 ) -> None:
     """List the episodes of a campaign."""
+    columns = parse_fields(fields)
+    asked = {"filter": conditions, "sort": sort}
     with client_at(context, url) as client:
-        found = list(islice(client.episodes.list(campaign, outcome, sort), limit))
+        if columns:
+            picked = client.episodes.list(campaign, outcome, **asked, fields=columns)
+            lines = list(islice(picked, limit))
+            show(lines, as_json, lambda: picked_table(columns, lines))
+            return
+        found = list(islice(client.episodes.list(campaign, outcome, **asked), limit))
     show(found, as_json, lambda: episode_table(found))
+
+
+@app.command()
+def export(
+    context: typer.Context,
+    campaign: CampaignId,
+    output: Output,
+    url: Url = DEFAULT_URL,
+    form: Format = None,
+    conditions: Filter = "",
+    sort: Sort = "index",
+    fields: Fields = "",
+    noise: Noise = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write episodes of a campaign to a file: CSV, NDJSON or Parquet."""
+    with interruptible(), client_at(context, url) as client:
+        client.episodes.export(
+            campaign,
+            output,
+            form,
+            filter=conditions,
+            sort=sort,
+            fields=parse_fields(fields),
+            noise=noise,
+        )
+    if as_json:
+        typer.echo(to_json({"file": str(output), "size_bytes": output.stat().st_size}))
+        return
+    typer.echo(f"{output} is written.", err=True)
 
 
 @app.command("show")
@@ -72,81 +111,10 @@ def show_episode(
     as_json: AsJson = False,
 ) -> None:
     """Show one episode; with --json its noise and scene, too."""
-    campaign, index = episode_id(episode)
-    with client_at(context, url) as client:
-        found = client.episodes.get(campaign, index)
-        spec = client.campaigns.get(campaign).spec
+    found, spec = stored_episode(context, url, episode)
     drawn_here = drawn_for(spec, found.seed)
-    show(found, as_json, lambda: episode_facts(campaign, found, drawn_here))
+    show(found, as_json, lambda: episode_facts(episode_id(episode)[0], found, drawn_here))
 
 
-@app.command()
-def replay(
-    context: typer.Context,
-    episode: EpisodeId,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
-    """Run a stored episode again, here, and compare; exit with 1 if it differs."""
-    campaign, index = episode_id(episode)
-    with client_at(context, url) as client:
-        stored = client.episodes.get(campaign, index)
-        spec = client.campaigns.get(campaign).spec
-    replayed = replay_episode(spec, stored)
-    show(replayed, as_json, lambda: facts(rows(episode, replayed)))
-    if not replayed.same:
-        raise typer.Exit(DIFFERENT)
-
-
-@app.command()
-def explain(
-    context: typer.Context,
-    episode: EpisodeId,
-    url: Url = DEFAULT_URL,
-    every: Every = 1,
-    since_s: From = 0.0,
-    until_s: To = inf,
-    as_json: AsJson = False,
-) -> None:
-    """Run a stored episode again, and let the planner say why it did what it did.
-
-    Exits with 1 if the run differs from the stored one.
-    """
-    campaign, index = episode_id(episode)
-    with client_at(context, url) as client:
-        stored = client.episodes.get(campaign, index)
-        spec = client.campaigns.get(campaign).spec
-    replayed, explained = explain_episode(spec, stored)
-    window = Window(since_s, until_s, every)
-    explanation = explanation_of(episode, spec.planner, replayed, explained, window)
-    show(explanation, as_json, lambda: drawn(explanation))
-    if not replayed.same:
-        raise typer.Exit(DIFFERENT)
-
-
-@app.command()
-def shrink(
-    context: typer.Context,
-    episode: EpisodeId,
-    url: Url = DEFAULT_URL,
-    replays: Replays = SHRINK_WITHIN,
-    as_json: AsJson = False,
-) -> None:
-    """Launch a campaign that finds how little noise a failure needs, and tell what it found."""
-    campaign, index = episode_id(episode)
-    with interruptible(), client_at(context, url) as client:
-        ended = follow(client, client.campaigns.shrink(campaign, index, replays).id)
-        judge(ended, gate=False)
-        found = client.campaigns.minimal(ended.id)
-    show(found, as_json, lambda: Group(*map(Text, minimal_words(found))))
-
-
-def rows(episode: str, replayed: Replayed) -> list[tuple[str, str]]:
-    """What the comparison says."""
-    verdict = "the same, bit for bit" if replayed.same else "DIFFERENT"
-    return [
-        ("episode", episode),
-        ("stored", f"{replayed.stored_outcome} {replayed.stored_digest}"),
-        ("replayed", f"{replayed.outcome} {replayed.digest}"),
-        ("result", verdict),
-    ]
+for page in (replay, explain, shrink):
+    app.command()(page)

@@ -1,6 +1,6 @@
 """Tables of episodes: a list, and one with what was measured."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rich.markup import escape
@@ -8,6 +8,8 @@ from rich.table import Table
 
 from eigenfail.cli.figures import UNKNOWN, number
 from eigenfail.cli.tables import facts, table
+from eigenfail.client.episodes import Picked
+from eigenfail.filters import COLUMNS, Value
 from eigenfail.values import Assessment, Measures
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 
@@ -35,6 +37,22 @@ def episode_table(rows: Iterable[EpisodeRow]) -> Table:
             escape(row.worker),
         )
     return grid
+
+
+def picked_table(columns: Sequence[str], rows: Iterable[Picked]) -> Table:
+    """Some columns of episodes, under their names."""
+    figures = [name for name in columns if COLUMNS[name].is_ordered]
+    grid = table(*columns, right=figures)
+    for row in rows:
+        grid.add_row(*(figure(row[name]) for name in columns))
+    return grid
+
+
+def figure(value: Value | None) -> str:
+    """A value of any kind; whole numbers with all of their digits."""
+    if value is None:
+        return UNKNOWN
+    return number(value) if isinstance(value, float) else escape(str(value))
 
 
 def class_of(assessed: Assessment) -> str:

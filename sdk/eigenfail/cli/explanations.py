@@ -2,80 +2,16 @@
 
 from collections.abc import Callable, Sequence
 
-import msgspec
 from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
 from eigenfail.cli.figures import UNKNOWN, number
-from eigenfail.cli.replays import Replayed
-from eigenfail.cli.stories import story
 from eigenfail.cli.tables import table
-from eigenfail.values import ExplainedEpisode, ExplainedStep
+from eigenfail.values import ExplainedStep, Explanation
 
 Cell = Callable[[ExplainedStep], str]
-
-
-class Window(msgspec.Struct, frozen=True):
-    """Which steps are shown: every n-th of those between two times, both included [s]."""
-
-    since_s: float
-    until_s: float
-    every: int
-
-    def of(self, steps: Sequence[ExplainedStep]) -> tuple[ExplainedStep, ...]:
-        """The steps shown."""
-        picked = steps[:: self.every]
-        return tuple(step for step in picked if self.since_s <= step.time_s <= self.until_s)
-
-
-class Explanation(msgspec.Struct, frozen=True):
-    """What `eigenfail episode explain` says.
-
-    Attributes:
-        verdict: whether the replay is the stored episode.
-        note: what must be known about the planner's account; may be empty.
-        steps: those asked for; the story is of all.
-    """
-
-    episode: str
-    planner: str
-    replayed: Replayed
-    verdict: str
-    note: str
-    steps: tuple[ExplainedStep, ...]
-    story: tuple[str, ...]
-
-
-def explanation_of(
-    episode: str, planner: str, replayed: Replayed, explained: ExplainedEpisode, window: Window
-) -> Explanation:
-    """Everything that is said of an episode."""
-    silent = not any(step.account for step in explained.steps)
-    return Explanation(
-        episode=episode,
-        planner=planner,
-        replayed=replayed,
-        verdict=verdict(replayed),
-        note=f"The planner '{planner}' explains nothing: {NO_ACCOUNT}" if silent else "",
-        steps=window.of(explained.steps),
-        story=tuple(story(explained)),
-    )
-
-
-NO_ACCOUNT = "it has no `explain`, or says nothing there. What follows are its controls alone."
-
-
-def verdict(replayed: Replayed) -> str:
-    """Whether the replay is the stored episode, in a sentence."""
-    if replayed.same:
-        return f"The replay is the stored episode, bit for bit: digest {replayed.digest}."
-    return (
-        f"DIFFERENT: the replay ({replayed.outcome}, digest {replayed.digest}) is not the stored"
-        f" episode ({replayed.stored_outcome}, digest {replayed.stored_digest}); what follows is of"
-        " the replay. Use the versions and the type of machine that the campaign ran on."
-    )
 
 
 def drawn(explanation: Explanation) -> Group:

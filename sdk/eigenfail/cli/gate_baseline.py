@@ -9,6 +9,7 @@ from eigenfail.gate.report import Gate
 from eigenfail.gate.versions import counterpart, run_name
 from eigenfail.suites import Suite
 from eigenfail.values import Campaign
+from eigenfail.values.suite import suite_of
 
 IDS = re.compile(r"[1-9]\d*(,[1-9]\d*)*")
 FILE = ".toml"
@@ -58,7 +59,7 @@ def of_run(client: Client, suite: Suite, run: str) -> Found:
     """The newest campaigns of a run's name."""
     wanted = {f"{run}: {member.name}": member.name for member in suite.members}
     found: dict[str, Campaign] = {}
-    for campaign in client.campaigns.list():
+    for campaign in client.campaigns.list(suite=suite_of(next(iter(wanted)))):
         if name := wanted.pop(campaign.spec.name, None):
             found[name] = campaign
         if not wanted:

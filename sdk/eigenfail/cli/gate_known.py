@@ -5,25 +5,23 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
-from eigenfail.cli.run import Place
+from eigenfail.cli.gate_analyses import analysed_alone
+from eigenfail.cli.places import Place
 from eigenfail.client import Client
-from eigenfail.client.analyses import OVER
-from eigenfail.client.waiting import wait_until
 from eigenfail.errors import Conflict
 from eigenfail.gate.known import (
     KnownReplay,
     Under,
+    outcome_of,
     proven,
     replay_of_minimal,
-    replays_of_modes,
     shrinks,
 )
-from eigenfail.gate.reruns import outcome_of
+from eigenfail.gate.known_modes import replays_of_modes
 from eigenfail.gate.versions import run_of
 from eigenfail.suites import Member, Suite
 from eigenfail.values import (
     Analysis,
-    AnalysisState,
     Campaign,
     CampaignState,
     MinimalFailure,
@@ -32,8 +30,6 @@ from eigenfail.values import (
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.variation import KINDS
 from eigenfail.variations import drawn_for
-
-POLL_S = 0.3
 
 
 class Replay(NamedTuple):
@@ -82,7 +78,7 @@ class KnownFailures:
         if varies(before) and not drawn(before, 0):
             problem = f"scenario '{before.spec.scenario}' is not installed here."
             return Known(notes=(f"Known failures are not replayed: {problem}",))
-        analysis = self._analysis(before)
+        analysis = analysed_alone(self._client, self._place, before.id)
         new = Under(run, member)
         old = Under(run_of(before, member), Member(member.name, before.spec))
         shrunk = [*self._shrunk(before, analysis)]
@@ -108,21 +104,6 @@ class KnownFailures:
                 with suppress(Conflict):
                     yield Shrunk(campaign, self._client.campaigns.minimal(campaign.id))
 
-    def _analysis(self, before: Campaign) -> Analysis:
-        """The first analysis of a campaign alone that did not fail; a new one if there is none.
-
-        The first, so that later ones change nothing of what a gate knows.
-        """
-        alone = (each for each in self._client.analyses.list(before.id) if is_of_one(each))
-        kept = [each for each in alone if each.state is not AnalysisState.FAILED]
-        analysis = kept[-1] if kept else self._client.analyses.create(before.id)
-
-        def look() -> Analysis:
-            self._place.check()
-            return self._client.analyses.get(analysis.id)
-
-        return wait_until(look, lambda each: each.state in OVER, POLL_S, None)
-
 
 def replays_of(
     under: Under, before: Campaign, analysis: Analysis, shrunk: Sequence[Shrunk]
@@ -131,11 +112,6 @@ def replays_of(
     yield from replays_of_modes(under, before, analysis, partial(drawn, before))
     for campaign, failure in shrunk:
         yield replay_of_minimal(under, campaign, failure.index, partial(drawn, campaign))
-
-
-def is_of_one(analysis: Analysis) -> bool:
-    """Whether it is of the failures of a single campaign."""
-    return not analysis.settings.campaigns
 
 
 def rows(client: Client, campaign: Campaign) -> dict[int, EpisodeRow]:

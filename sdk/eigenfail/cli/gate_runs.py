@@ -2,15 +2,19 @@
 
 from collections.abc import Mapping
 
+from eigenfail.cli.gate_analyses import analysed_together
 from eigenfail.cli.gate_baseline import Found, find_baseline
 from eigenfail.cli.gate_known import Known, KnownFailures, rows
 from eigenfail.cli.options import DEFAULT_URL
-from eigenfail.cli.run import Place
+from eigenfail.cli.places import Place
 from eigenfail.cli.together import run_together
 from eigenfail.client import Client
 from eigenfail.errors import ServiceError
-from eigenfail.gate.report import By, Finding, Gate, GateReport, MemberReport, Rerun, report
-from eigenfail.gate.reruns import Side, figures, of_known, rerun
+from eigenfail.gate.found import By, Finding, Rerun
+from eigenfail.gate.known import of_known
+from eigenfail.gate.modes import asks_for_modes, with_modes
+from eigenfail.gate.report import Gate, GateReport, MemberReport, report
+from eigenfail.gate.reruns import Side, figures, rerun
 from eigenfail.gate.verdicts import Outcomes
 from eigenfail.gate.versions import at_version, check_baseline
 from eigenfail.suites import Member, Suite
@@ -94,7 +98,12 @@ class Runner:
     def _rerun(self, was: Campaign, now: Campaign, by: By) -> Rerun:
         """What became of a campaign that was run again."""
         comparison = self._client.campaigns.compare(was.id, now.id)
-        return rerun(self._side(was), self._side(now), comparison, self._pages, by)
+        side = self._side(now)
+        judged = rerun(self._side(was), side, comparison, self._pages, by)
+        if not asks_for_modes(judged):
+            return judged
+        together = analysed_together(self._client, self._place, was.id, now.id)
+        return with_modes(judged, together, side, self._pages)
 
     def _side(self, campaign: Campaign) -> Side:
         """A campaign with what came of its episodes."""

@@ -9,12 +9,13 @@ from rich.text import Text
 
 from eigenfail.cli.figures import UNKNOWN
 from eigenfail.cli.tables import table
-from eigenfail.gate.report import Figures, Finding, GateReport, Rerun
+from eigenfail.gate.conclusions import conclusions
+from eigenfail.gate.found import Figures, Finding, Rerun
+from eigenfail.gate.report import GateReport
 from eigenfail.gate.verdicts import CLOSING, Verdict
-from eigenfail.gate.words import conclusions
 
 SHOWN = 5
-"""How many failures of each member are printed; --json and JUnit have more of them."""
+"""How many failures of each member that close the gate are printed; --json and JUnit have more."""
 
 
 def gate_page(report: GateReport) -> Group:
@@ -62,7 +63,7 @@ def rerun_row(rerun: Rerun) -> tuple[str, ...]:
     told = (Verdict.NEW, Verdict.FIXED, Verdict.STILL_FAILING)
     nothing = UNKNOWN if rerun.unpaired_because else "0"
     counts = (str(rerun.counts.get(each, nothing)) for each in told)
-    return (*sides[0], *sides[1], *counts, rerun.verdict, rerun.words)
+    return (*sides[0], *sides[1], *counts, rerun.verdict, rerun.told)
 
 
 def of_side(figures: Figures) -> tuple[str, str]:
@@ -71,13 +72,14 @@ def of_side(figures: Figures) -> tuple[str, str]:
 
 
 def to_look_at(report: GateReport) -> Iterator[tuple[str, Finding]]:
-    """Some of what closes the gate, with its member; of reruns as a whole, what was found."""
+    """New modes, and some of what closes the gate; of reruns as a whole, what was found."""
     for member in report.members:
-        found = [each for each in member.known if each.verdict in CLOSING]
+        closing = [each for each in member.known if each.verdict in CLOSING]
         if rerun := member.rerun:
+            yield from ((member.member, each) for each in rerun.new_modes)
             whole = rerun.unpaired_because and rerun.verdict in CLOSING
-            found += [each for each in rerun.findings if whole or each.verdict in CLOSING]
-        yield from ((member.member, each) for each in found[:SHOWN])
+            closing += [each for each in rerun.findings if whole or each.verdict in CLOSING]
+        yield from ((member.member, each) for each in closing[:SHOWN])
 
 
 def finding_table(told: list[tuple[str, Finding]]) -> Table:

@@ -1,4 +1,4 @@
-"""`eigenfail`: every command, and the one place where errors become exit codes.
+"""`eigenfail`: every command.
 
 0 done, 1 failures found (with --gate), 2 wrong usage, 3 service trouble, 130 interrupted.
 """
@@ -10,7 +10,7 @@ from typer.core import TyperGroup
 
 from eigenfail import __version__
 from eigenfail.cli.lazy import DeferredCommand
-from eigenfail.errors import EigenfailError
+from eigenfail.cli.refusals import JSON, told
 
 COMMANDS = {
     "up": "Start the service on this machine, on an embedded database.",
@@ -24,7 +24,8 @@ COMMANDS = {
     "gate": "Judge a new version of a planner by the failures of an earlier one.",
     "report": "Write a report on campaigns: one HTML file that needs nothing else, and its data.",
     "reproduce": "Run the paper's experiments, and print its tables with our numbers beside them.",
-    "worker": "Run one worker for a service that runs elsewhere.",
+    "worker": "Run one worker for a service that runs elsewhere, or list those that it has.",
+    "key": "Make, list and revoke keys; read who changed what.",
     "db": "Create, upgrade and check a database.",
     "doctor": "Say what is installed, what answers and what is missing.",
 }
@@ -38,16 +39,25 @@ class Commands(TyperGroup):
         for name, text in COMMANDS.items():
             self.add_command(DeferredCommand(name, text, f"eigenfail.cli.{name}"))
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read what stands before the command."""
+        ctx.meta[JSON] = JSON in args
+        with told(ctx.meta[JSON]):
+            return super().parse_args(ctx, args)
+
     def invoke(self, ctx: Any) -> Any:
         """Run the command that was asked for."""
-        try:
+        with told(ctx.meta[JSON]):
             return super().invoke(ctx)
-        except EigenfailError as error:
-            typer.echo(f"eigenfail: {error}", err=True)
-            raise typer.Exit(error.exit_code) from error
 
 
-app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False)
+EPILOG = (
+    "To begin: eigenfail doctor, eigenfail up and, in another terminal, eigenfail run FILE.toml. "
+    "Every command takes --json. Exit codes: 0 done, 1 failures found or something differs, "
+    "2 wrong usage, 3 service trouble, 130 interrupted."
+)
+
+app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False, epilog=EPILOG)
 
 
 def show_version(wanted: bool) -> None:

@@ -9,16 +9,14 @@ from rich.table import Table
 from rich.text import Text
 
 from eigenfail.cli.figures import UNKNOWN
-from eigenfail.cli.local_service import Plan
 from eigenfail.cli.options import DEFAULT_DATA, AsJson, Data, Seed, SpecFile, Workers
 from eigenfail.cli.output import show
-from eigenfail.cli.run import MaybeUrl, Place, somewhere
-from eigenfail.cli.signals import interruptible
+from eigenfail.cli.places import MaybeUrl, Place, client_somewhere
 from eigenfail.cli.specs import read_spec
-from eigenfail.cli.surroundings import client_at
 from eigenfail.cli.tables import table
 from eigenfail.cli.together import run_together
 from eigenfail.client import Client
+from eigenfail.hosting.service import Plan
 from eigenfail.margin import (
     Margin,
     Range,
@@ -29,16 +27,23 @@ from eigenfail.margin import (
     step_of,
     step_suite,
 )
-from eigenfail.settings import convert
+from eigenfail.margin.bisection import FINEST, LARGEST_SCALE
 from eigenfail.values import CampaignSpec
 
 app = typer.Typer(add_completion=False)
 
-Low = Annotated[float, typer.Option(help="Smallest scale of the noise to try.")]
-High = Annotated[float, typer.Option(help="Largest scale of the noise to try.")]
-Tolerance = Annotated[float, typer.Option(help="How near failing and safe scales must be.")]
+Low = Annotated[
+    float, typer.Option(min=FINEST, max=LARGEST_SCALE, help="Smallest scale of the noise to try.")
+]
+High = Annotated[
+    float, typer.Option(min=FINEST, max=LARGEST_SCALE, help="Largest scale of the noise to try.")
+]
+Tolerance = Annotated[
+    float,
+    typer.Option(min=FINEST, max=LARGEST_SCALE, help="How near failing and safe scales must be."),
+]
 Budget = Annotated[
-    int | None, typer.Option(help="Of each scale, instead of the file's. [episodes]")
+    int | None, typer.Option(min=1, help="Of each scale, instead of the file's. [episodes]")
 ]
 
 
@@ -77,13 +82,9 @@ def margin(
     its first failure. What the service has tried before is not tried again, so that a search that
     was interrupted goes on where it stopped. Where it runs is decided as by `eigenfail run`.
     """
-    searched = convert({"low": low, "high": high, "tolerance": tolerance}, Range, "search")
+    searched = Range(low, high, tolerance)
     spec = read_spec(file, episodes=budget, seed=seed)
-    with (
-        interruptible(),
-        somewhere(context, spec, url, Plan(data, 0, workers)) as place,
-        client_at(context, place.url) as client,
-    ):
+    with client_somewhere(context, spec, url, Plan(data, 0, workers)) as (client, place):
         found = find_margin(
             lambda scale: measure(client, place, spec, scale), searched, known_steps(client, spec)
         )

@@ -5,9 +5,10 @@ from typing import Annotated
 
 import typer
 
+from eigenfail.cli import completion
 from eigenfail.errors import InvalidValue
+from eigenfail.hosting.folder import HOST
 
-HOST = "127.0.0.1"
 PORT = 8440
 DEFAULT_URL = f"http://{HOST}:{PORT}"
 DEFAULT_DATA = Path("eigenfail-data")
@@ -18,7 +19,12 @@ Data = Annotated[
     Path,
     typer.Option("--data", envvar="EIGENFAIL_DATA", help="Folder of the database and the logs."),
 ]
-CampaignId = Annotated[int, typer.Argument(metavar="CAMPAIGN", min=1, help="Id of a campaign.")]
+CampaignId = Annotated[
+    int,
+    typer.Argument(
+        metavar="CAMPAIGN", min=1, help="Id of a campaign.", autocompletion=completion.campaigns
+    ),
+]
 EpisodeId = Annotated[
     str, typer.Argument(metavar="CAMPAIGN/INDEX", help="An episode, such as 3/17.")
 ]
@@ -27,11 +33,12 @@ SpecFile = Annotated[
     typer.Argument(metavar="FILE.toml", help="The campaign: fields of a CampaignSpec, as TOML."),
 ]
 Episodes = Annotated[
-    int | None, typer.Option("--episodes", help="Budget, instead of the file's. [episodes]")
+    int | None, typer.Option("--episodes", min=1, help="Budget, instead of the file's. [episodes]")
 ]
-Seed = Annotated[int | None, typer.Option("--seed", help="Seed, instead of the file's.")]
+Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed, instead of the file's.")]
 StopFailures = Annotated[
-    int | None, typer.Option("--stop-failures", help="Stop at so many failures. [stop.failures]")
+    int | None,
+    typer.Option("--stop-failures", min=1, help="Stop at so many failures. [stop.failures]"),
 ]
 StopHalfWidth = Annotated[
     float | None,
@@ -56,6 +63,9 @@ StopCost = Annotated[
 ]
 Gate = Annotated[
     bool, typer.Option("--gate", help="Exit with 1 if failures were found, for pipelines.")
+]
+Watched = Annotated[
+    bool, typer.Option("--watch", help="Draw it again until no campaign in it is at work.")
 ]
 Limit = Annotated[int, typer.Option(min=1, help="How many to list at most.")]
 Workers = Annotated[int, typer.Option(min=0, help="How many workers to start; 0: one per core.")]

@@ -8,7 +8,8 @@ import numpy as np
 import typer
 from rich.console import Console, RenderableType
 
-PLAIN_WIDTH = 200
+PLAIN_WIDTH = 1_000
+"""Of pipes and files: no row is broken there. [characters]"""
 
 
 def plain(value: Any) -> Any:

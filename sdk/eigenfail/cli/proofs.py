@@ -61,15 +61,9 @@ def proof_table(proof: Proof) -> Table:
     figures = ("robustness", "log p", "log p/step", "of p(x)")
     grid = table("scenario", "mode", "replayed", "outcome", *figures, "episode", right=figures)
     for scenario in proof.scenarios:
-        words = scenario_words(scenario.scenario_parameters)
         for replay in scenario.replays:
-            grid.add_row(escape(words), str(replay.mode + 1), replay.what, *cells(replay))
+            grid.add_row(escape(scenario.words), str(replay.mode + 1), replay.what, *cells(replay))
     return grid
-
-
-def scenario_words(parameters: dict[str, Any]) -> str:
-    """Which scenario."""
-    return ", ".join(f"{name} = {value}" for name, value in parameters.items()) or "the same"
 
 
 def cells(replay: ReplayedNoise) -> Iterator[str]:

@@ -6,17 +6,16 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.cli.local_service import Plan
 from eigenfail.cli.options import DEFAULT_DATA, AsJson, Data, Workers
 from eigenfail.cli.output import show
+from eigenfail.cli.places import MaybeUrl, client_of_suite
 from eigenfail.cli.report import Force
 from eigenfail.cli.reproduction_tables import page
-from eigenfail.cli.run import MaybeUrl, somewhere
-from eigenfail.cli.signals import interruptible
-from eigenfail.cli.surroundings import client_at, this_command
+from eigenfail.cli.surroundings import this_command
 from eigenfail.cli.together import run_together
 from eigenfail.client import Client
 from eigenfail.client.reports import check_folder
+from eigenfail.hosting.service import Plan
 from eigenfail.reproduction.evidence import reproduction
 from eigenfail.reproduction.files import files
 from eigenfail.reproduction.programme import programme
@@ -70,11 +69,7 @@ def reproduce(
     suite = programme(scale, seed)
     if output is not None:
         check_folder(output, force)
-    with (
-        interruptible(),
-        somewhere(context, suite.members[0].spec, url, Plan(data, 0, workers)) as place,
-        client_at(context, place.url) as client,
-    ):
+    with client_of_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
         run_together(client, suite, place.check, this_command())
         found = reproduction(client, suite, scale)
         if output is not None:

@@ -9,11 +9,12 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from eigenfail.cli.campaign_facts import mean
 from eigenfail.cli.figures import UNKNOWN, number, rate
 from eigenfail.cli.options import DEFAULT_URL, AsJson, CampaignId, Url
 from eigenfail.cli.output import show
 from eigenfail.cli.surroundings import client_at
-from eigenfail.cli.tables import facts, mean, table
+from eigenfail.cli.tables import facts, table
 from eigenfail.values import Figure, Rate, Safety, Violations
 from eigenfail.values.safety import LEVEL
 

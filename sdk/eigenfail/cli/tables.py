@@ -1,24 +1,16 @@
 """Tables: one function for each noun."""
 
-from collections.abc import Iterable, Iterator
-from datetime import UTC, datetime
+from collections.abc import Iterable
 
 from rich import box
+from rich.console import JustifyMethod
 from rich.markup import escape
 from rich.table import Table
 
-from eigenfail.cli.figures import UNKNOWN, cost_per_failure, number, probability, rate
-from eigenfail.functions import disturbance_in_words
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    Conflicts,
-    Counts,
-    Estimate,
-    MeanTime,
-    Summary,
-)
-from eigenfail.values.variation import in_words
+from eigenfail.cli.figures import cost_per_failure, number, probability, rate
+from eigenfail.cli.fitting import Fitting
+from eigenfail.cli.moments import moment
+from eigenfail.values import Campaign, Summary
 
 RESULT_COLUMNS = (
     *("id", "method", "episodes", "failures", "failure rate [95 %]", "log p/step", "severity"),
@@ -30,11 +22,13 @@ PROBABILITY = ("P(failure) [95 %]",)
 
 
 def table(*columns: str, right: Iterable[str] = ()) -> Table:
-    """An empty table; the columns named in `right` hold figures."""
-    grid = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=0, header_style="bold")
+    """An empty table that fits the screen; the columns named in `right` hold figures."""
+    grid = Fitting(box=box.SIMPLE_HEAD, show_edge=False, padding=0, header_style="bold")
     figures = frozenset(right)
     for column in columns:
-        grid.add_column(escape(column), justify="right" if column in figures else "left")
+        is_figure = column in figures
+        justify: JustifyMethod = "right" if is_figure else "left"
+        grid.add_column(escape(column), justify=justify, no_wrap=is_figure)
     return grid
 
 
@@ -91,92 +85,3 @@ def campaign_table(campaigns: Iterable[Campaign]) -> Table:
         cells = (str(campaign.id), *names, progress, *found, moment(campaign.created_ms))
         grid.add_row(*map(escape, cells))
     return grid
-
-
-def campaign_facts(campaign: Campaign) -> Table:
-    """One campaign as it stands."""
-    spec, counts = campaign.spec, campaign.counts
-    rows = [
-        ("campaign", f"{campaign.id}: {spec.name}"),
-        ("state", " ".join(filter(None, (campaign.state, campaign.stopped_because)))),
-        ("method", f"{spec.method} {spec.settings or ''}"),
-        ("scenario", " ".join((spec.scenario, parameters(spec)))),
-        ("planner", f"{spec.planner} {spec.planner_settings or ''}"),
-        ("simulator", f"{spec.simulator}, seed {spec.seed}"),
-        ("disturbance", "; ".join(map(" ".join, disturbance_in_words(spec).items()))),
-        ("budget", f"{spec.episodes} episodes{rules(spec)}"),
-        ("episodes", ", ".join(episodes(counts))),
-        ("failures", str(counts.failures)),
-        *estimate_facts(campaign.estimate),
-        *training_facts(campaign),
-        ("created", moment(campaign.created_ms)),
-        ("active", f"{campaign.active_s:.1f} s"),
-        ("digest", campaign.digest or UNKNOWN),
-    ]
-    return facts(rows)
-
-
-def parameters(spec: CampaignSpec) -> str:
-    """What was said of the scenario; a distribution in words."""
-    said = in_words(spec.scenario_parameters).items()
-    return ", ".join(f"{name} = {value}" for name, value in said)
-
-
-def estimate_facts(estimate: Estimate | None) -> Iterator[tuple[str, str]]:
-    """The failure probability with what it rests on, or why it is not told; nothing of none."""
-    if estimate is None:
-        return
-    how = f"{probability(estimate)}, {estimate.by}, cv {number(estimate.cv)}"
-    yield "P(failure)", how if estimate.probability is not None else f"unknown, {estimate.by}"
-    if remark := estimate.problem or estimate.note:
-        yield "", remark
-
-
-def training_facts(campaign: Campaign) -> Iterator[tuple[str, str]]:
-    """How many episodes were trained with; nothing where the method does not say."""
-    if campaign.trained_episodes is not None:
-        yield "trained with", f"{campaign.trained_episodes} episodes"
-
-
-def rules(spec: CampaignSpec) -> str:
-    """What may end a campaign before its budget is spent."""
-    limits = [f"{name} = {limit}" for name, limit in spec.stop.given().items()]
-    return f"; stops at {', '.join(limits)}" if limits else ""
-
-
-def episodes(counts: Counts) -> Iterator[str]:
-    """What became of a campaign's episodes."""
-    yield f"{counts.completed} completed of {counts.planned}"
-    yield f"{counts.failed} failed"
-    if counts.cancelled:
-        yield f"{counts.cancelled} not run"
-
-
-def conflict_facts(campaign: Campaign, conflicts: Conflicts) -> Table:
-    """The episodes of a campaign by class, and how early its collisions showed."""
-    collisions, late = campaign.counts.failures, conflicts.unclassified
-    classes = (
-        f"{conflicts.unavoidable} unavoidable",
-        f"{conflicts.planner_failures} planner failures",
-        *([f"{late} not classified"] if late else []),
-    )
-    return facts(
-        [
-            ("collisions", f"{collisions} of {campaign.counts.completed}: {', '.join(classes)}"),
-            ("near misses", f"{conflicts.near_misses} with MinTTC < 1.5 s"),
-            (
-                "mean lead time",
-                f"{mean(conflicts.ttc_lead)} MinTTC, {mean(conflicts.drac_lead)} DRAC",
-            ),
-        ]
-    )
-
-
-def mean(time: MeanTime) -> str:
-    """A mean time, and what it rests on."""
-    return f"{number(time.mean_s)} s (n = {time.n})" if time.n else UNKNOWN
-
-
-def moment(at_ms: int) -> str:
-    """A time in the reader's zone."""
-    return datetime.fromtimestamp(at_ms / 1000, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")

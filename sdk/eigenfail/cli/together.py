@@ -1,18 +1,15 @@
 """Campaigns run together: one progress display, one way out by Ctrl-C, one way on."""
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from eigenfail.cli.interruption import INTERRUPTED, PAUSE_WITHIN_S
-from eigenfail.cli.progress import LINE_EVERY_S
 from eigenfail.client import Client
 from eigenfail.client.campaigns import AT_REST
 from eigenfail.errors import ServiceError
+from eigenfail.progress import Standing, display
 from eigenfail.suites import Suite
 from eigenfail.values import Campaign, Counts
 
@@ -67,58 +64,24 @@ def pause_together(client: Client, suite: Suite) -> Seen:
 @contextmanager
 def reporter(name: str) -> Iterator[Report]:
     """Where progress goes: standard error, so that standard output holds results alone."""
-    screen = Console(stderr=True, highlight=False)
-    if not screen.is_terminal:
-        yield Lines(name)
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    ends = (TextColumn("{task.fields[failures]} failures"), TimeRemainingColumn())
-    with Progress(*columns, *ends, console=screen, transient=True) as bar:
-        yield Bar(name, bar)
+    with display() as show:
+        yield lambda seen: show(standing(name, seen))
 
 
-class Bar:
-    """One bar over the episodes of all of them."""
-
-    def __init__(self, name: str, progress: Progress) -> None:
-        self.name = name
-        self.progress = progress
-        self.task = progress.add_task("", failures=0)
-
-    def __call__(self, seen: Seen) -> None:
-        """Draw them as they stand."""
-        counts = counted(seen)
-        self.progress.update(
-            self.task,
-            description=headline(self.name, seen),
-            completed=counts.completed + counts.failed,
-            total=counts.planned - counts.cancelled,
-            failures=counts.failures,
-        )
-
-
-class Lines:
-    """A line whenever one of them ended, and every few seconds between."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.headline = ""
-        self.last_s = 0.0
-
-    def __call__(self, seen: Seen) -> None:
-        """Print a line, if one is due."""
-        now_s, now = time.monotonic(), headline(self.name, seen)
-        if now == self.headline and now_s - self.last_s < LINE_EVERY_S:
-            return
-        self.headline, self.last_s = now, now_s
-        typer.echo(line(self.name, seen), err=True)
+def standing(name: str, seen: Seen) -> Standing:
+    """How far they are together."""
+    counts = counted(seen)
+    done, total = counts.completed + counts.failed, counts.planned - counts.cancelled
+    return Standing(headline(name, seen), done, total, counts.failures)
 
 
 def line(name: str, seen: Seen) -> str:
     """How far they came."""
     counts = counted(seen)
-    done = f"{counts.completed + counts.failed}/{counts.planned - counts.cancelled} episodes"
-    return f"{headline(name, seen)}: {done}, {counts.failures} failures"
+    done = counts.completed + counts.failed
+    episodes = so_many(counts.planned - counts.cancelled, "episode")
+    failures = so_many(counts.failures, "failure")
+    return f"{headline(name, seen)}: {done}/{episodes}, {failures}"
 
 
 def headline(name: str, seen: Seen) -> str:
@@ -126,7 +89,12 @@ def headline(name: str, seen: Seen) -> str:
     resting = [campaign for campaign in seen if campaign and campaign.state in AT_REST]
     paused = sum(campaign.state == "paused" for campaign in resting)
     rests = f", {paused} paused" if paused else ""
-    return f"{name}: {len(resting) - paused} of {len(seen)} campaigns over{rests}"
+    return f"{name}: {len(resting) - paused} of {so_many(len(seen), 'campaign')} over{rests}"
+
+
+def so_many(count: int, noun: str) -> str:
+    """1 failure, 2 failures."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def counted(seen: Seen) -> Counts:

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.cli.local_service import Launcher, LocalService, Plan, local_service
 from eigenfail.cli.options import DEFAULT_DATA, PORT, AsJson, Data, Workers
 from eigenfail.cli.output import to_json
-from eigenfail.cli.signals import interruptible
+from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
+from eigenfail.hosting.signals import interruptible
 
 LOOK_EVERY_S = 0.2
 

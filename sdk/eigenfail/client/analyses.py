@@ -1,10 +1,11 @@
 """Analyses, as a client sees them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from eigenfail.client.link import Link
 from eigenfail.client.waiting import wait_until
+from eigenfail.rows import Rows
 from eigenfail.values import (
     Analysis,
     AnalysisSettings,
@@ -13,10 +14,9 @@ from eigenfail.values import (
     Page,
     Proof,
 )
-from eigenfail.wire.http import ProofRequest
+from eigenfail.wire.http import ProofRequest, read_fields
 
 OVER = frozenset({AnalysisState.DONE, AnalysisState.FAILED})
-DEFAULTS = AnalysisSettings()
 
 
 class Analyses:
@@ -28,15 +28,24 @@ class Analyses:
     def __init__(self, link: Link) -> None:
         self._link = link
 
-    def create(self, campaign: int, settings: AnalysisSettings = DEFAULTS) -> Analysis:
+    def create(
+        self, campaign: int, settings: AnalysisSettings | None = None, **fields: Any
+    ) -> Analysis:
         """A new analysis of a campaign's failures, queued.
+
+        Args:
+            campaign: its id.
+            settings: all of them; or give those that are not as usual by name.
+            fields: of AnalysisSettings, as plain data.
 
         Raises:
             NotFound: no such campaign.
+            UnknownName: a setting that does not exist.
             InvalidValue: a setting outside its bounds, or further campaigns that are not there or
                 do not go together with this one.
         """
-        return self._link.post(f"/campaigns/{campaign}/analyses", Analysis, settings)
+        wanted = settings or read_fields(fields, AnalysisSettings)
+        return self._link.post(f"/campaigns/{campaign}/analyses", Analysis, wanted)
 
     def get(self, analysis: int) -> Analysis:
         """The analysis, with its result once it is done.
@@ -46,7 +55,7 @@ class Analyses:
         """
         return self._link.get(f"/analyses/{analysis}", Analysis)
 
-    def list(self, campaign: int) -> Iterator[Analysis]:
+    def list(self, campaign: int) -> Rows[Analysis]:
         """The analyses of a campaign, newest first, without their results.
 
         Raises:
@@ -91,8 +100,8 @@ class Analyses:
             UnknownName: a parameter that the scenario does not have.
             InvalidValue: a parameter outside its bounds, a distribution, or no variation.
         """
-        given = None if variations is None else tuple(dict(each) for each in variations)
-        return self._link.post_once_only(f"/analyses/{analysis}/proof", Proof, ProofRequest(given))
+        asked = read_fields({"variations": variations}, ProofRequest)
+        return self._link.post_once_only(f"/analyses/{analysis}/proof", Proof, asked)
 
     def proof(self, analysis: int) -> Proof:
         """How many replays failed again, in which scenarios, as far as results are in.

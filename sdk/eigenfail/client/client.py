@@ -11,11 +11,13 @@ from eigenfail.client.analyses import Analyses
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.episodes import Episodes
 from eigenfail.client.events import Events
+from eigenfail.client.keys import Keys, token_of
 from eigenfail.client.link import Link
 from eigenfail.client.reports import NOTHING, check_folder, fetch_report, write_report
 from eigenfail.client.suites import Suites
 from eigenfail.values import Page
 from eigenfail.values.report import Report
+from eigenfail.values.worker import WorkerShare
 from eigenfail.wire.http import PluginInfo
 
 DEFAULT_URL = "http://127.0.0.1:8440"
@@ -30,17 +32,27 @@ class Client:
     Args:
         base_url: address of the service.
         transport: instead of sockets, for tests and for services in this process.
+        key: what the service asks for, `ef_…`; None takes that of EIGENFAIL_KEY, if it is set.
     """
 
     def __init__(
-        self, base_url: str = DEFAULT_URL, transport: httpx2.BaseTransport | None = None
+        self,
+        base_url: str = DEFAULT_URL,
+        transport: httpx2.BaseTransport | None = None,
+        key: str | None = None,
     ) -> None:
-        self._link = Link(base_url, transport)
+        self._link = Link(base_url, transport, token_of(key))
         self.campaigns = Campaigns(self._link)
         self.suites = Suites(self._link, self.campaigns)
         self.episodes = Episodes(self._link)
         self.analyses = Analyses(self._link)
         self.events = Events(self._link)
+        self.keys = Keys(self._link)
+
+    @property
+    def url(self) -> str:
+        """Address of the service; its dashboard is there."""
+        return self._link.base_url
 
     def methods(self) -> tuple[PluginInfo, ...]:
         """The methods that campaigns can use, with the JSON schema of their settings."""
@@ -58,10 +70,15 @@ class Client:
         """The simulators."""
         return self._plugins("simulators")
 
+    def workers(self, within_s: int = 600) -> tuple[WorkerShare, ...]:
+        """Who brought results in the last seconds, and of which campaigns; only these count."""
+        found = self._link.get("/workers", Page[WorkerShare], {"within_s": within_s})
+        return found.items
+
     def report(
         self,
         campaigns: int | Sequence[int],
-        folder: Path,
+        folder: Path | str,
         force: bool = False,
         also: Mapping[str, bytes] = NOTHING,
     ) -> Report:
@@ -81,8 +98,8 @@ class Client:
                 overwritten.
             ServiceError: the folder cannot be written.
         """
-        check_folder(folder, force)
-        return write_report(fetch_report(self._link, campaigns), folder, also)
+        check_folder(Path(folder), force)
+        return write_report(fetch_report(self._link, campaigns), Path(folder), also)
 
     def health(self) -> bool:
         """Whether the service answers and reaches its database."""
@@ -91,6 +108,10 @@ class Client:
     def close(self) -> None:
         """Let go of all connections."""
         self._link.close()
+
+    def __repr__(self) -> str:
+        """Where the service is."""
+        return f"Client({self.url!r})"
 
     def __enter__(self) -> Self:
         """The client itself."""

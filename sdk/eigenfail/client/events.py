@@ -1,11 +1,11 @@
 """Events, as a client follows them."""
 
 from collections.abc import Iterator
-from time import sleep
 
 import httpx2
 
 from eigenfail.client.link import Link
+from eigenfail.client.waiting import patience
 from eigenfail.values import Event
 from eigenfail.wire import http
 
@@ -40,7 +40,7 @@ class Events:
                 failures += 1
                 if failures == MOST_FAILURES:
                     raise self._link.unreachable(error) from error
-            sleep(RECONNECT_S)
+            patience.get().rest(RECONNECT_S)
 
     def _connected(self, after: int, campaign: int | None) -> Iterator[Event]:
         """The events of one connection; those without data only mark a place."""

@@ -1,35 +1,34 @@
 """Requests, tried again where that is safe; answers, raising what the service raised."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from ipaddress import ip_address
+from socket import SHUT_RDWR
 from typing import Any, TypeVar
 from uuid import uuid4
 
 import httpx2
-import msgspec
-import stamina
 
 from eigenfail import __version__
-from eigenfail.errors import EigenfailError, ServiceUnreachable
+from eigenfail.client.asking import ask_again
+from eigenfail.client.refusals import refusal
+from eigenfail.client.waiting import patience
+from eigenfail.errors import InvalidValue, ServiceUnreachable
+from eigenfail.rows import Rows
 from eigenfail.values import Page
 from eigenfail.wire import http
-from eigenfail.wire.problems import UNTYPED, Problem, error_of
 
 TIMEOUT = httpx2.Timeout(60.0, connect=3.0)
 STREAM_TIMEOUT = httpx2.Timeout(60.0, connect=3.0, read=45.0)
 """The service breaks the silence of a stream every 15 s."""
 
-BUSY = frozenset({429, 502, 503, 504})
-LONGEST_PAUSE_S = 30.0
+SCHEMES = ("http://", "https://")
+LIKE = "http://127.0.0.1:8440"
 PAGE = 200
 
 Kind = TypeVar("Kind")
 Params = Mapping[str, int | str | None]
-
-send_again = stamina.RetryingCaller(
-    attempts=4, timeout=LONGEST_PAUSE_S, wait_initial=0.1, wait_max=2.0, wait_jitter=0.1
-)
 
 
 class Link:
@@ -38,16 +37,27 @@ class Link:
     Args:
         base_url: of the service, without /api/v1.
         transport: instead of sockets.
+        key: what is shown to the service, if anything.
+
+    Raises:
+        InvalidValue: the address is none of HTTP.
     """
 
-    def __init__(self, base_url: str, transport: httpx2.BaseTransport | None = None) -> None:
+    def __init__(
+        self,
+        base_url: str,
+        transport: httpx2.BaseTransport | None = None,
+        key: str | None = None,
+    ) -> None:
+        if not base_url.startswith(SCHEMES):
+            raise InvalidValue("url", f"'{base_url}' is not an address.", f"Write it like {LIKE}.")
         self.base_url = base_url
         self._http = httpx2.Client(
             base_url=base_url,
             transport=transport,
             timeout=TIMEOUT,
             trust_env=not is_loopback(base_url),
-            headers={"User-Agent": f"eigenfail/{__version__}"},
+            headers={"User-Agent": f"eigenfail/{__version__}", **shown(key)},
         )
 
     def get(self, path: str, kind: type[Kind], params: Params | None = None) -> Kind:
@@ -58,6 +68,15 @@ class Link:
         """The bytes of a file at a path, for which the service may take so many seconds."""
         timeout = httpx2.Timeout(60.0, connect=3.0, read=read_s)
         return self._repeatedly("GET", path, params=params, timeout=timeout)
+
+    def chunks(self, path: str, params: Params) -> Iterator[bytes]:
+        """The bytes of a file of any size, as they come; asked for once."""
+        asked = given(params)
+        with self._understood(), self._http.stream("GET", http.PREFIX + path, params=asked) as file:
+            if file.is_error:
+                file.read()
+            file.raise_for_status()
+            yield from file.iter_bytes()
 
     def post(self, path: str, kind: type[Kind], body: object = None) -> Kind:
         """Have something done: asked once."""
@@ -79,9 +98,13 @@ class Link:
         answer = self._repeatedly("POST", path, content=content(body), headers=headers)
         return http.decode(answer, kind)
 
+    def delete(self, path: str, kind: type[Kind]) -> Kind:
+        """Have something taken away, which is the same however often it is asked."""
+        return http.decode(self._repeatedly("DELETE", path), kind)
+
     def pages(
         self, path: str, kind: type[Page[Kind]], cursor: str, params: Params | None = None
-    ) -> Iterator[Kind]:
+    ) -> Rows[Kind]:
         """All items of a list, page by page as they are wanted.
 
         Args:
@@ -90,13 +113,17 @@ class Link:
             cursor: the parameter that asks for the next page.
             params: further ones.
         """
-        asked: dict[str, int | str | None] = {"limit": PAGE, **(params or {})}
-        while True:
-            page = self.get(path, kind, asked)
-            yield from page.items
-            if page.next is None:
-                return
-            asked[cursor] = page.next
+
+        def fetch() -> Iterator[Kind]:
+            asked: dict[str, int | str | None] = {"limit": PAGE, **(params or {})}
+            while True:
+                page = self.get(path, kind, asked)
+                yield from page.items
+                if page.next is None:
+                    return
+                asked[cursor] = page.next
+
+        return Rows(fetch)
 
     @contextmanager
     def stream(
@@ -110,7 +137,8 @@ class Link:
             if source.response.is_error:
                 source.response.read()
                 raise refusal(source.response)
-            yield iter(source)
+            with patience.get().cutting(partial(cut, source.response)):
+                yield iter(source)
 
     def answers(self, path: str) -> bool:
         """Whether a path outside the API is well, as far as one request can tell."""
@@ -133,7 +161,7 @@ class Link:
 
     def _repeatedly(self, method: str, path: str, **request: Any) -> bytes:
         with self._understood():
-            return send_again(worth_another_try, lambda: self._once(method, path, **request))
+            return ask_again(partial(self._once, method, path, **request))
 
     def _once(self, method: str, path: str, **request: Any) -> bytes:
         return self._http.request(method, http.PREFIX + path, **request).raise_for_status().content
@@ -141,6 +169,9 @@ class Link:
     @contextmanager
     def _understood(self) -> Iterator[None]:
         """Turn what the transport raises into what users are promised."""
+        if self._http.is_closed:
+            problem = f"This client of {self.base_url} is closed, maybe with its service."
+            raise ServiceUnreachable(problem, "Make another one.")
         try:
             yield
         except httpx2.HTTPStatusError as error:
@@ -149,25 +180,17 @@ class Link:
             raise self.unreachable(error) from error
 
 
-def worth_another_try(error: Exception) -> bool | float:
-    """Whether to ask again, and how many seconds from now if the service said so."""
-    if isinstance(error, httpx2.HTTPStatusError):
-        pause = error.response.headers.get("Retry-After", "")
-        busy = error.response.status_code in BUSY
-        return min(float(pause), LONGEST_PAUSE_S) if busy and pause.isdecimal() else busy
-    return isinstance(error, httpx2.TransportError)
+def cut(response: httpx2.Response) -> None:
+    """End a response from another thread than the one that reads it."""
+    stream = response.extensions.get("network_stream")
+    if stream is not None:
+        with suppress(OSError):
+            stream.get_extra_info("socket").shutdown(SHUT_RDWR)
 
 
-def refusal(response: httpx2.Response) -> EigenfailError:
-    """The error that a response tells of."""
-    try:
-        return error_of(msgspec.json.decode(response.content, type=Problem))
-    except msgspec.DecodeError:
-        status = response.status_code
-        detail = f"{response.url} answered with status {status} and no reason."
-        remedy = "Make sure that an eigenfail service of this version listens there."
-        untold = Problem(type=UNTYPED, title="", status=status, detail=detail, remedy=remedy)
-        return error_of(untold)
+def shown(key: str | None) -> dict[str, str]:
+    """The header that shows a key."""
+    return {} if key is None else {"Authorization": f"Bearer {key}"}
 
 
 def content(body: object) -> bytes:

@@ -3,14 +3,15 @@
 import io
 import re
 import shutil
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import mkdtemp
 from types import MappingProxyType
+from zipfile import is_zipfile
 
 import httpx2
 
+from eigenfail.client.bundles import unpack
 from eigenfail.client.link import Link
 from eigenfail.errors import InvalidValue, ProtocolError, ServiceError
 from eigenfail.values.report import Report
@@ -77,14 +78,12 @@ def unpacked(bundle: bytes) -> dict[str, bytes]:
     """The files of a bundle by name.
 
     Raises:
-        ProtocolError: it is no bundle of a report.
+        ProtocolError: it is no bundle of a report, is damaged, or unpacks to more than any has.
     """
-    try:
-        with zipfile.ZipFile(io.BytesIO(bundle)) as packed:
-            files = {name: packed.read(name) for name in packed.namelist()}
-    except zipfile.BadZipFile as error:
-        raise not_a_report() from error
-    if DATA not in files or not all(map(FILE.fullmatch, files)):
+    if not is_zipfile(io.BytesIO(bundle)):
+        raise not_a_report()
+    files = unpack(bundle, FILE.fullmatch)
+    if DATA not in files:
         raise not_a_report()
     return files
 

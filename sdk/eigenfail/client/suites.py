@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from contextlib import suppress
 from hashlib import sha256
+from itertools import chain
+from urllib.parse import quote
 
 import msgspec
 
@@ -10,9 +12,11 @@ from eigenfail.client.campaigns import AT_REST, Campaigns
 from eigenfail.client.link import Link
 from eigenfail.client.waiting import wait_until
 from eigenfail.errors import IllegalTransition
+from eigenfail.rows import Rows
 from eigenfail.suites import Suite
 from eigenfail.suites.standing import ready, recognised
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Summary
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Page, Summary
+from eigenfail.values.suite import SuiteStanding, SuiteTable, suite_of
 
 PAUSE_WITHIN_S = 60.0
 
@@ -121,10 +125,23 @@ class Suites:
             for campaign in self.find(suite)
         )
 
+    def list(self) -> Rows[SuiteStanding]:
+        """All suites that have campaigns, those with the newest ones first."""
+        return self._link.pages("/suites", Page[SuiteStanding], "before")
+
+    def table(self, name: str) -> SuiteTable:
+        """A suite by its name: the newest campaign of each member, and what differs between them.
+
+        Raises:
+            NotFound: no campaign belongs to such a suite.
+        """
+        return self._link.get(f"/suites/{quote(name, safe='')}", SuiteTable)
+
     def _found(self, suite: Suite) -> dict[str, Campaign]:
         """The campaigns of members that have one, by the members' names."""
         alike: dict[str, list[Campaign]] = {member.spec.name: [] for member in suite.members}
-        for campaign in self._campaigns.list():
+        named = dict.fromkeys(suite_of(name) for name in alike)
+        for campaign in chain.from_iterable(self._campaigns.list(suite=name) for name in named):
             if campaign.spec.name in alike:
                 alike[campaign.spec.name].append(campaign)
                 if all(alike.values()) and len(found := recognised(suite, alike)) == len(alike):

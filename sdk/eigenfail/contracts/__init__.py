@@ -3,6 +3,7 @@
 Each contract has a conformance suite in `eigenfail.testing`.
 """
 
+from eigenfail.contracts.access import AuditLog, KeyStore
 from eigenfail.contracts.learning import Estimator, Exploiter, Learner, Method, Trained
 from eigenfail.contracts.storage import (
     AnalysisStore,
@@ -10,6 +11,7 @@ from eigenfail.contracts.storage import (
     CheckpointStore,
     EpisodeStore,
     EventLog,
+    FigureStore,
     JobQueue,
     Store,
 )
@@ -19,6 +21,7 @@ from eigenfail.contracts.world import (
     ExplainingPlanner,
     Planner,
     PlannerPlugin,
+    PlottingPlanner,
     Scenario,
     Simulation,
     Simulator,
@@ -27,6 +30,7 @@ from eigenfail.contracts.world import (
 
 __all__ = [
     "AnalysisStore",
+    "AuditLog",
     "CampaignStore",
     "CheckpointStore",
     "EpisodeEngine",
@@ -36,11 +40,14 @@ __all__ = [
     "Explainer",
     "ExplainingPlanner",
     "Exploiter",
+    "FigureStore",
     "JobQueue",
+    "KeyStore",
     "Learner",
     "Method",
     "Planner",
     "PlannerPlugin",
+    "PlottingPlanner",
     "Scenario",
     "Simulation",
     "Simulator",

@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Protocol
 
+from eigenfail.contracts.access import AuditLog, KeyStore
+from eigenfail.filters import BY_INDEX, Conditions, Sort
 from eigenfail.values import (
     Analysis,
     AnalysisResult,
@@ -14,7 +16,6 @@ from eigenfail.values import (
     EpisodeResult,
     Estimate,
     Event,
-    Outcome,
     Overhead,
     Page,
     PairTotals,
@@ -22,9 +23,10 @@ from eigenfail.values import (
     SpendingTotals,
     Trials,
 )
+from eigenfail.values.campaign_filter import ANY_CAMPAIGN, CampaignFilter
+from eigenfail.values.pool import Pool
 from eigenfail.values.records import (
     Delivery,
-    EpisodeOrder,
     EpisodeRow,
     Failures,
     Job,
@@ -34,7 +36,10 @@ from eigenfail.values.records import (
 )
 from eigenfail.values.region import MOST_TRIALS
 from eigenfail.values.safety import MOST_POINTS
+from eigenfail.values.sample import MOST_SAMPLES, EpisodeSample
 from eigenfail.values.spending import MOST_LANDINGS
+from eigenfail.values.suite import SuiteStanding
+from eigenfail.values.worker import WorkerShare
 
 NOTHING = Overhead()
 
@@ -49,6 +54,17 @@ class CampaignStore(Protocol):
             IdempotencyMismatch: the key was used for another spec.
         """
 
+    def create_many(
+        self, specs: Sequence[CampaignSpec], idempotency_key: str | None = None
+    ) -> tuple[Campaign, ...]:
+        """New campaigns in this order, all of them or none; the same ones again for the same key.
+
+        Keys of single campaigns are not known here, nor these there.
+
+        Raises:
+            IdempotencyMismatch: the key was used for another list of specs; none is new.
+        """
+
     def get(self, campaign: int) -> Campaign:
         """The campaign as it stands.
 
@@ -57,9 +73,17 @@ class CampaignStore(Protocol):
         """
 
     def page(
-        self, limit: int, before: int | None = None, state: CampaignState | None = None
+        self,
+        limit: int,
+        before: int | None = None,
+        state: CampaignState | None = None,
+        suite: str | None = None,
+        where: CampaignFilter = ANY_CAMPAIGN,
     ) -> Page[Campaign]:
-        """Campaigns, newest first, with ids below `before`."""
+        """Campaigns, newest first, with ids below `before`; of one state, of one suite."""
+
+    def suites(self, limit: int, before: int | None = None) -> Page[SuiteStanding]:
+        """Suites by their newest campaigns, newest first, of those with ids below `before`."""
 
     def move(self, campaign: int, to: CampaignState, because: str = "") -> Campaign:
         """Change the state, and log the event.
@@ -100,10 +124,14 @@ class EpisodeStore(Protocol):
         campaign: int,
         limit: int,
         after: int | None = None,
-        outcome: Outcome | None = None,
-        order: EpisodeOrder = EpisodeOrder.INDEX,
+        where: Conditions = (),
+        sort: Sort = BY_INDEX,
     ) -> Page[EpisodeRow]:
-        """Episodes in an order, those behind the index `after` in it; by index above it."""
+        """Episodes that fulfil all conditions, in an order, behind the index `after` in it.
+
+        By index, `after` may be any number; in another order it is that of an episode with a
+        result, behind which rows follow each other without gap or overlap, whatever comes in.
+        """
 
     def finished(self, campaign: int, indices: Iterable[int]) -> list[EpisodeResult]:
         """Those of the episodes that have a result, in index order, without their scenes."""
@@ -146,6 +174,32 @@ class EpisodeStore(Protocol):
 
     def digest(self, campaign: int) -> str:
         """SHA-256 over the digests of all results in index order, one line "index digest" each."""
+
+
+class FigureStore(Protocol):
+    """Sums over campaigns and their episodes, for those who look at much at once.
+
+    Each verb asks a fixed number of questions, however many campaigns there are.
+    """
+
+    def totals(self, campaigns: Sequence[int]) -> dict[int, Totals]:
+        """What `EpisodeStore.totals` says, of some campaigns by their ids."""
+
+    def samples(self, campaign: int, most: int = MOST_SAMPLES) -> tuple[EpisodeSample, ...]:
+        """At most so many of the completed episodes, evenly spread, in index order.
+
+        Those whose index is a multiple of k, for the smallest k that is enough up to the largest
+        index that has a result.
+        """
+
+    def workers(self, campaign: int) -> tuple[WorkerShare, ...]:
+        """Who ran the episodes of a campaign; who ran most comes first, then by name."""
+
+    def workers_since(self, at_ms: int) -> tuple[WorkerShare, ...]:
+        """Who brought results since a moment, and of which campaigns; only these are counted."""
+
+    def pools(self) -> tuple[Pool, ...]:
+        """All campaigns by what they have in common and by method, the newest first."""
 
 
 class CheckpointStore(Protocol):
@@ -229,6 +283,9 @@ class EventLog(Protocol):
     def after(self, event: int, limit: int, campaign: int | None = None) -> list[Event]:
         """Events with ids above `event`, oldest first."""
 
+    def latest(self, limit: int, campaign: int | None = None) -> list[Event]:
+        """The newest events, newest first."""
+
     def last(self) -> int:
         """The id of the newest event, 0 if there is none."""
 
@@ -257,10 +314,13 @@ class Store(Protocol):
 
     campaigns: CampaignStore
     episodes: EpisodeStore
+    figures: FigureStore
     checkpoints: CheckpointStore
     analyses: AnalysisStore
     events: EventLog
     jobs: JobQueue
+    keys: KeyStore
+    audit: AuditLog
 
     def ping(self) -> None:
         """Raises StoreUnavailable, within seconds, if the database does not answer."""

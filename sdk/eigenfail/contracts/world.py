@@ -13,6 +13,7 @@ from eigenfail.values import (
     ExplainedEpisode,
     Mission,
     Observation,
+    Path,
     Perception,
     Policy,
     VehicleState,
@@ -41,6 +42,13 @@ class ExplainingPlanner(Planner, Protocol):
         ("nobody" if it heeds none), with `gap_m` and `closing_mps` as it believes them; `tracks`,
         the states of all it tracks; `lost_tracks`, how many it lost since the reset.
         """
+
+
+class PlottingPlanner(Planner, Protocol):
+    """A planner that can say where it means to drive. No planner has to."""
+
+    def path(self) -> Path:
+        """Where it means to drive after the last step, at most 20 positions; it changes nothing."""
 
 
 class PlannerPlugin(Protocol):

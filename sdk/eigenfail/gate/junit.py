@@ -1,16 +1,19 @@
 """A gate's report as JUnit XML, as Jenkins, GitLab and GitHub read it.
 
 One `testsuite` for each member of the suite, one `testcase` for each known failure, for each
-campaign that was run again and for each of its new failures. What closes the gate is a `failure`,
-what cannot be run an `error`; what was there before, and what cannot be judged, is `skipped`.
+campaign that was run again, and for each of its new failure modes and new failures. What closes
+the gate is a `failure`, what cannot be run an `error`; what was there before, and what cannot be
+judged, is `skipped`.
 """
 
 import re
 from collections.abc import Iterator
+from functools import partial
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
-from eigenfail.gate.report import By, Finding, Gate, GateReport, MemberReport, Rerun
+from eigenfail.gate.found import By, Finding, Rerun
+from eigenfail.gate.report import Gate, GateReport, MemberReport
 from eigenfail.gate.verdicts import CLOSING, Verdict
 
 ILLEGAL = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -75,14 +78,22 @@ def cases(member: MemberReport) -> Iterator[Case]:
         yield Case(
             "rerun", f"campaign {rerun.before.campaign}", rerun.verdict, whole(rerun), rerun.wall_s
         )
+        yield from map(partial(of_mode, rerun), rerun.new_modes)
         for each in rerun.findings:
             if rerun.by is By.EPISODE and each.verdict in CLOSING:
                 yield Case("rerun", each.what, each.verdict, details(each), each.wall_s)
 
 
+def of_mode(rerun: Rerun, found: Finding) -> Case:
+    """A failure mode that is new: judged only where it counts."""
+    verdict = found.verdict if rerun.judges_modes else None
+    told = f"{details(found)}\n{rerun.modes}"
+    return Case("new modes", found.what, verdict, told, found.wall_s)
+
+
 def whole(rerun: Rerun) -> str:
     """The rerun in words, with the replays of what was found."""
-    return "\n".join([rerun.words, *(f"{each.what}: {details(each)}" for each in rerun.findings)])
+    return "\n".join([rerun.told, *(f"{each.what}: {details(each)}" for each in rerun.findings)])
 
 
 def details(finding: Finding) -> str:

@@ -1,13 +1,16 @@
 """Known failures of a baseline, and the campaigns that inject them into another planner."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import msgspec
 from msgspec.structs import replace
 
+from eigenfail.gate.found import Finding, finding
+from eigenfail.gate.verdicts import verdict
 from eigenfail.suites import Member
-from eigenfail.values import Analysis, Campaign, CampaignSpec, FailureMode, Outcome, StopRules
+from eigenfail.values import Analysis, Campaign, CampaignSpec, Outcome, StopRules
+from eigenfail.values.records import EpisodeRow
 
 REPLAY = "replay"
 MINIMAL = "minimal"
@@ -73,68 +76,9 @@ class Under(msgspec.Struct, frozen=True):
         return Member(name, spec)
 
 
-def replays_of_modes(
-    under: Under, before: Campaign, analysis: Analysis, drawn: Drawn
-) -> Iterator[KnownReplay]:
-    """The eigenfailures and medoids of an analysis, each in its own scenario.
-
-    Where the scenario's parameters vary, an eigenfailure's own scenario is that of its medoid:
-    modes whose medoids drew the same share a campaign.
-
-    Args:
-        under: the planner.
-        before: the campaign that was analysed.
-        analysis: done, with at least one mode.
-        drawn: see `Drawn`.
-    """
-    modes = analysis.result.modes if analysis.result else ()
-    for parameters, places in by_scenario(modes, drawn):
-        world = in_scenario(before.spec, parameters)
-        where = f" as in {before.id}/{modes[places[0]].medoid}" if parameters else ""
-        eigenfailures = under.replay(
-            f"eigenfailures of analysis {analysis.id}{where}",
-            world,
-            settings={"analysis": analysis.id},
-            episodes=len(modes),
-        )
-        yield KnownReplay(eigenfailures, {n: eigenfailure(analysis.id, n) for n in places})
-        medoids = [modes[place].medoid for place in places]
-        again = under.replay(
-            f"medoids of analysis {analysis.id}{where}",
-            world,
-            settings={"campaign": before.id, "episodes": medoids},
-            episodes=len(medoids),
-        )
-        known = {n: medoid(place, before.id, modes[place]) for n, place in enumerate(places)}
-        yield KnownReplay(again, known)
-
-
 def in_scenario(spec: CampaignSpec, drawn: Mapping[str, Any]) -> CampaignSpec:
     """The campaign in the scenario that one of its episodes drew."""
     return replace(spec, scenario_parameters={**spec.scenario_parameters, **drawn})
-
-
-def by_scenario(
-    modes: Sequence[FailureMode], drawn: Drawn
-) -> Iterator[tuple[Mapping[str, Any], list[int]]]:
-    """The modes by what their medoids drew, in order."""
-    groups: dict[bytes, tuple[Mapping[str, Any], list[int]]] = {}
-    for place, mode in enumerate(modes):
-        parameters = drawn(mode.medoid)
-        key = msgspec.json.encode(dict(parameters), order="sorted")
-        groups.setdefault(key, (parameters, []))[1].append(place)
-    yield from groups.values()
-
-
-def eigenfailure(analysis: int, place: int) -> KnownFailure:
-    """The eigenfailure of a mode: nobody knows yet whether it fails."""
-    return KnownFailure(f"eigenfailure {place + 1} of analysis {analysis}")
-
-
-def medoid(place: int, campaign: int, mode: FailureMode) -> KnownFailure:
-    """The medoid of a mode: an episode that did fail."""
-    was = f"{campaign}/{mode.medoid}"
-    return KnownFailure(f"medoid {place + 1}, {was}", was, Outcome.COLLISION)
 
 
 def replay_of_minimal(under: Under, minimal: Campaign, index: int, drawn: Drawn) -> KnownReplay:
@@ -177,3 +121,26 @@ def proven(replay: KnownReplay, outcomes: Mapping[int, Outcome]) -> KnownReplay:
         for index, failure in replay.known.items()
     }
     return replace(replay, known=known)
+
+
+def of_known(
+    replay: KnownReplay, rows: Mapping[int, EpisodeRow], pages: str
+) -> tuple[Finding, ...]:
+    """What became of each known failure of a replay.
+
+    Args:
+        replay: what was injected.
+        rows: what came of it with the new planner, by index.
+        pages: address of the service's pages.
+    """
+    found = []
+    for index, known in replay.known.items():
+        row = rows.get(index)
+        became = verdict(known.before, row.outcome if row else None)
+        found.append(finding(became, known.what, known.was, row, pages))
+    return tuple(found)
+
+
+def outcome_of(rows: Mapping[int, EpisodeRow]) -> dict[int, Outcome]:
+    """What came of episodes that were run to their end, by index."""
+    return {index: row.outcome for index, row in rows.items() if row.outcome is not Outcome.FAILED}

@@ -2,86 +2,11 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from enum import StrEnum
 
 import msgspec
 
+from eigenfail.gate.found import By, Figures, Finding, Rerun
 from eigenfail.gate.verdicts import CLOSING, INFRASTRUCTURE, STRICTLY_CLOSING, Verdict
-from eigenfail.values import Difference
-
-
-class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """An episode of the new planner, and what became of it.
-
-    Attributes:
-        what: was injected, in words.
-        was: the baseline's episode, as CAMPAIGN/INDEX; empty where there is none.
-        episode: the new planner's, as CAMPAIGN/INDEX; empty if it was never run.
-        replay: the command that runs it again.
-        link: its page.
-        problem: why it could not be run; empty otherwise.
-        wall_s: what it took [s].
-    """
-
-    verdict: Verdict
-    what: str
-    was: str = ""
-    episode: str = ""
-    replay: str = ""
-    link: str = ""
-    problem: str = ""
-    wall_s: float = 0.0
-
-
-class By(StrEnum):
-    """By what campaigns under the same noise are judged.
-
-    `episode`: each episode that fails and did not is new. `rate`: they are new together, where more
-    of them fail newly than no longer, by more than chance.
-    """
-
-    EPISODE = "episode"
-    RATE = "rate"
-
-
-class Figures(msgspec.Struct, frozen=True, kw_only=True):
-    """What a campaign found, in numbers."""
-
-    campaign: int
-    completed: int
-    failures: int
-    failed: int
-
-
-class Rerun(msgspec.Struct, frozen=True, kw_only=True):
-    """A campaign that was run again with the new planner.
-
-    Attributes:
-        before: the baseline's.
-        now: the new planner's.
-        verdict: of all of it.
-        by: whether its episodes count one by one, or all of it together.
-        words: what it rests on, in a sentence.
-        unpaired_because: why episodes cannot be held against each other one by one; empty where
-            they were.
-        counts: how many failing episodes there are of each verdict; empty where unpaired.
-        findings: some of them, the new ones first; where unpaired, the likeliest failures.
-        difference: of the failure rates; None before both completed an episode.
-        warnings: what keeps the comparison from saying more.
-        wall_s: how long it was running [s].
-    """
-
-    before: Figures
-    now: Figures
-    verdict: Verdict
-    by: By
-    words: str
-    unpaired_because: str = ""
-    counts: dict[Verdict, int] = {}
-    findings: tuple[Finding, ...] = ()
-    difference: Difference | None = None
-    warnings: tuple[str, ...] = ()
-    wall_s: float = 0.0
 
 
 class MemberReport(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,19 +1,20 @@
-"""Campaigns run again with the new planner, and known failures replayed, judged: pure."""
+"""Campaigns run again with the new planner, judged: pure."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
 import msgspec
 
-from eigenfail.gate.known import KnownReplay
-from eigenfail.gate.report import By, Figures, Finding, Rerun
-from eigenfail.gate.verdicts import Outcomes, Verdict, by_chance, by_rate, paired, verdict
+from eigenfail.gate.found import By, Figures, Finding, Rerun, finding
+from eigenfail.gate.verdicts import Outcomes, Verdict, by_chance, by_rate, paired
 from eigenfail.gate.words import of_pairs, of_rates
-from eigenfail.values import Campaign, Comparison, Outcome
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values import Campaign, Comparison
 
 TOLD = 20
 """How many episodes of a rerun are told with their replays, of each verdict."""
+
+SAME = "A and B were asked for the same thing"
+"""How a comparison warns of campaigns that differ in nothing but what it cannot see."""
 
 WORST_FIRST = (
     Verdict.NEW,
@@ -35,49 +36,6 @@ class Side(msgspec.Struct, frozen=True):
     def id(self) -> int:
         """Of the campaign."""
         return self.campaign.id
-
-
-def finding(found: Verdict, what: str, was: str, row: EpisodeRow | None, pages: str) -> Finding:
-    """What became of one episode.
-
-    Args:
-        found: the verdict.
-        what: was injected.
-        was: the baseline's episode.
-        row: of the new planner; None if it was never run.
-        pages: address of the service's pages.
-    """
-    if row is None:
-        return Finding(verdict=found, what=what, was=was, problem="It was never run.")
-    episode = f"{row.campaign}/{row.index}"
-    return Finding(
-        verdict=found,
-        what=what,
-        was=was,
-        episode=episode,
-        replay=f"eigenfail episode replay {episode}",
-        link=f"{pages}/campaigns/{row.campaign}/episodes/{row.index}",
-        problem=row.problem,
-        wall_s=row.wall_s,
-    )
-
-
-def of_known(
-    replay: KnownReplay, rows: Mapping[int, EpisodeRow], pages: str
-) -> tuple[Finding, ...]:
-    """What became of each known failure of a replay.
-
-    Args:
-        replay: what was injected.
-        rows: what came of it with the new planner, by index.
-        pages: address of the service's pages.
-    """
-    found = []
-    for index, known in replay.known.items():
-        row = rows.get(index)
-        became = verdict(known.before, row.outcome if row else None)
-        found.append(finding(became, known.what, known.was, row, pages))
-    return tuple(found)
 
 
 def rerun(before: Side, now: Side, comparison: Comparison, pages: str, by: By) -> Rerun:
@@ -103,13 +61,14 @@ def by_pairs(before: Side, now: Side, comparison: Comparison, pages: str, by: By
     return Rerun(
         before=figures(before.campaign),
         now=figures(now.campaign),
+        method=now.campaign.spec.method,
         verdict=worst if by is By.EPISODE else by_chance(comparison, counts),
         by=by,
         words=of_pairs(counts, comparison),
         counts={each: counts[each] for each in WORST_FIRST if counts[each]},
         findings=tuple(told_pairs(verdicts, before.id, now, pages)),
         difference=comparison.difference,
-        warnings=comparison.warnings,
+        warnings=warnings_of(comparison),
         wall_s=now.campaign.active_s,
     )
 
@@ -132,13 +91,14 @@ def as_a_whole(before: Side, now: Side, comparison: Comparison, pages: str) -> R
     return Rerun(
         before=figures(before.campaign),
         now=figures(now.campaign),
+        method=now.campaign.spec.method,
         verdict=became,
         by=By.RATE,
         words=of_rates(became, before.campaign, now.campaign, comparison),
         unpaired_because=comparison.unpaired_because or "its episodes are not paired.",
         findings=tuple(told_of_all(now, pages)),
         difference=comparison.difference,
-        warnings=comparison.warnings,
+        warnings=warnings_of(comparison),
         wall_s=now.campaign.active_s,
     )
 
@@ -154,6 +114,13 @@ def told_of_all(now: Side, pages: str) -> Iterator[Finding]:
         yield finding(Verdict.UNPROVEN, f"episode {row.index}", "", row, pages)
 
 
+def warnings_of(comparison: Comparison) -> tuple[str, ...]:
+    """What keeps it from saying more; not that nothing differs, since the planner's code may."""
+    unseen = () if comparison.distinctions else (SAME,)
+    left = (each for each in comparison.warnings if not each.startswith(unseen))
+    return tuple(each.replace("A and B", "Baseline and rerun") for each in left)
+
+
 def figures(campaign: Campaign) -> Figures:
     """What a campaign found."""
     counts = campaign.counts
@@ -163,8 +130,3 @@ def figures(campaign: Campaign) -> Figures:
         failures=counts.failures,
         failed=counts.failed,
     )
-
-
-def outcome_of(rows: Mapping[int, EpisodeRow]) -> dict[int, Outcome]:
-    """What came of episodes that were run to their end, by index."""
-    return {index: row.outcome for index, row in rows.items() if row.outcome is not Outcome.FAILED}

@@ -6,12 +6,17 @@ from msgspec.structs import asdict, replace
 
 from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.suites import Member, Suite
+from eigenfail.suites.references import resolved
 from eigenfail.values import Campaign, CampaignSpec, CampaignState
 
 MAY_DIFFER = frozenset(
     {"name", "planner", "planner_settings", "price_usd_per_hour", "instances", "scene_every"}
 )
 """Fields in which a baseline may differ: the planner itself, and what changes no episode."""
+
+
+NOBODY = 0
+"""No campaign has this number."""
 
 
 def run_name(suite: str, version: str) -> str:
@@ -61,13 +66,18 @@ def check_baseline(suite: Suite, found: Mapping[str, Campaign], baseline: str) -
         raise InvalidValue("baseline", problem, WAYS_TO_NAME)
     for member in suite.members:
         if before := found.get(member.name):
-            check_same_question(member, before)
+            check_same_question(member, before, found)
             check_done(before)
 
 
-def check_same_question(member: Member, before: Campaign) -> None:
-    """Raises InvalidValue if something else than the planner differs."""
-    if differing := differences(member.spec, before.spec):
+def check_same_question(member: Member, before: Campaign, found: Mapping[str, Campaign]) -> None:
+    """Raises InvalidValue if something else than the planner differs.
+
+    A member that builds upon another asks the same if its baseline builds upon the other's.
+    """
+    ids = {name: campaign.id for name, campaign in found.items()}
+    asked = resolved(member.spec, lambda name: ids.get(name, NOBODY))
+    if differing := differences(asked, before.spec):
         raise InvalidValue(
             f"member '{member.name}'",
             f"{', '.join(differing)} of campaign {before.id}, its baseline, differ.",

@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import msgspec
 
@@ -56,17 +56,35 @@ class Suite(msgspec.Struct, frozen=True):
         """
         file = Path(path)
         written = read_settings(SuiteFile, read_toml(file, LIKE), file.name)
+        return cls._written(written, written.name or file.stem, file.name)
+
+    @classmethod
+    def of(cls, name: str, **tables: Any) -> Self:
+        """The suite that a file with these tables would describe.
+
+        Args:
+            name: of the suite.
+            tables: base, and one of sweep, grid and campaigns, as dicts and lists.
+
+        Raises:
+            UnknownName: as for `read`.
+            InvalidValue: as for `read`.
+        """
+        return cls._written(read_settings(SuiteFile, {**tables, "name": name}, name), name, name)
+
+    @classmethod
+    def _written(cls, written: SuiteFile, name: str, where: str) -> Self:
+        """The suite of this name; errors say where it was written."""
         if "name" in written.base:
             raise InvalidValue(
-                f"{file.name}: base.name", "cannot be given.", "The suite names its campaigns."
+                f"{where}: base.name", "cannot be given.", "The suite names its campaigns."
             )
-        name = written.name or file.stem
         members = [
-            member(name, variation.name, changed(written.base, variation.changes), file.name)
-            for variation in variations(written, file.name)
+            member(name, variation.name, changed(written.base, variation.changes), where)
+            for variation in variations(written, where)
         ]
-        refuse_twins(members, file.name)
-        in_order({each.name: each.spec for each in members}, file.name)
+        refuse_twins(members, where)
+        in_order({each.name: each.spec for each in members}, where)
         return cls(name, tuple(members))
 
 

@@ -108,9 +108,12 @@ def decides_in_time(make: MakePlanner) -> None:
 
 
 def explains_without_a_trace(make: MakePlanner) -> None:
-    """If it explains itself, then in plain words and numbers, and drives on as if not asked."""
+    """If it explains itself, then in plain words and numbers, and drives on as if not asked.
+
+    The same for its path, if it tells one: pairs of finite numbers.
+    """
     asked = make()
-    explain = getattr(asked, "explain", dict)
+    explain, path = getattr(asked, "explain", dict), getattr(asked, "path", tuple)
     asked.reset(msgspec.structs.replace(MISSION))
     answers = []
     for perception in cut_in_drive():
@@ -118,6 +121,9 @@ def explains_without_a_trace(make: MakePlanner) -> None:
         for name, value in explain().items():
             plain = isinstance(name, str) and isinstance(value, (str, int, float))
             expect(plain, f"Its account holds {name!r}: {value!r}, not a name and a plain value.")
+        for x_m, y_m in path():
+            drawn = isfinite(x_m) and isfinite(y_m)
+            expect(drawn, f"Its path holds {(x_m, y_m)}, not two finite numbers.")
     same = _alike(answers, drive(make(), cut_in_drive()))
     expect(
         same, "A planner that was asked to explain itself drives otherwise than one that was not."

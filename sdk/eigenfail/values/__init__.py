@@ -60,7 +60,14 @@ from eigenfail.values.episode import (
     unrunnable,
 )
 from eigenfail.values.event import Event
-from eigenfail.values.explanation import Account, ExplainedEpisode, ExplainedStep
+from eigenfail.values.explanation import (
+    Account,
+    ExplainedEpisode,
+    ExplainedStep,
+    Explanation,
+    Path,
+    Replayed,
+)
 from eigenfail.values.findings import (
     AnalysedCampaign,
     InfluenceShare,
@@ -151,6 +158,7 @@ __all__ = [
     "Experience",
     "ExplainedEpisode",
     "ExplainedStep",
+    "Explanation",
     "FailureMode",
     "FailurePoint",
     "Figure",
@@ -175,6 +183,7 @@ __all__ = [
     "Overhead",
     "Page",
     "PairTotals",
+    "Path",
     "Perception",
     "Policy",
     "PolicySource",
@@ -187,6 +196,7 @@ __all__ = [
     "Rate",
     "Region",
     "ReplayKind",
+    "Replayed",
     "ReplayedNoise",
     "Reproduction",
     "Round",

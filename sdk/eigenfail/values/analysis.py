@@ -17,6 +17,7 @@ from eigenfail.values.findings import (
     Stability,
     TrainingInterval,
 )
+from eigenfail.values.showing import Brief, Shown, Tabular
 
 MAX_CLUSTERS = 50
 MAX_CAMPAIGNS = 50
@@ -58,7 +59,7 @@ class AnalysisState(StrEnum):
     FAILED = "failed"
 
 
-class FailureMode(msgspec.Struct, frozen=True, eq=False):
+class FailureMode(Brief, msgspec.Struct, frozen=True, eq=False):
     """A cluster of failures in PCA space.
 
     Attributes:
@@ -71,6 +72,9 @@ class FailureMode(msgspec.Struct, frozen=True, eq=False):
         medoid_campaign: the campaign of the medoid; None: the one that was analysed.
         probability: of a failure of this mode under p(x), where the campaign's method can tell;
             None where it tells none.
+        band: from the 10 % to the 90 % quantile of its failures' z at each step, of those that
+            lasted so long, shape (2, steps, 2), aligned as `eigenfailure`; None in results of older
+            releases. [sigma]
     """
 
     failures: int
@@ -79,9 +83,10 @@ class FailureMode(msgspec.Struct, frozen=True, eq=False):
     eigenfailure: Floats
     medoid_campaign: int | None = None
     probability: Estimate | None = None
+    band: Floats | None = None
 
 
-class AnalysisResult(msgspec.Struct, frozen=True, eq=False):
+class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
     """What PCA and clustering found. What older releases did not tell has its default.
 
     Attributes:
@@ -107,7 +112,8 @@ class AnalysisResult(msgspec.Struct, frozen=True, eq=False):
         sources: the campaigns, as they stood.
         words: what each mode is, in words; as many as there are modes.
         notes: what is to be known of the failures that were put together.
-        digest: SHA-256 over all of it but the words: the same whenever the analysis is repeated.
+        digest: SHA-256 over all of it but words and bands: the same whenever the analysis is
+            repeated.
     """
 
     episodes: tuple[int, ...]
@@ -172,7 +178,7 @@ class AnalysisResult(msgspec.Struct, frozen=True, eq=False):
         return f"{len(self.modes)} distinct modes ({against}; {again})."
 
 
-class Analysis(msgspec.Struct, frozen=True, eq=False):
+class Analysis(Shown, Tabular, msgspec.Struct, frozen=True, eq=False):
     """An analysis as it stands.
 
     Attributes:

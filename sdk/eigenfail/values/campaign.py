@@ -8,6 +8,7 @@ import msgspec
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.episode import EpisodeSetup
 from eigenfail.values.randomness import MAX_SEED
+from eigenfail.values.showing import Shown
 from eigenfail.values.stopping import StopRules
 
 MAX_EPISODES = 10_000_000
@@ -140,7 +141,7 @@ class Overhead(msgspec.Struct, frozen=True):
     discarded_s: float = 0.0
 
 
-class Campaign(msgspec.Struct, frozen=True, kw_only=True):
+class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
     """A campaign as it stands.
 
     Attributes:
@@ -222,7 +223,7 @@ class Conflicts(msgspec.Struct, frozen=True):
     drac_lead: MeanTime = MeanTime()
 
 
-class Summary(msgspec.Struct, frozen=True):
+class Summary(Shown, msgspec.Struct, frozen=True):
     """The row of a campaign in a result table.
 
     Attributes:

@@ -5,6 +5,7 @@ from enum import StrEnum
 import msgspec
 
 from eigenfail.values.campaign import Cost, Interval, Rate
+from eigenfail.values.showing import Shown, Tabular
 
 
 class PairTotals(msgspec.Struct, frozen=True):
@@ -113,7 +114,7 @@ class Distinction(msgspec.Struct, frozen=True):
     b: str
 
 
-class Comparison(msgspec.Struct, frozen=True, kw_only=True):
+class Comparison(Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     """Two groups of campaigns, side by side.
 
     Attributes:

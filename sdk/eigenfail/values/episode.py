@@ -11,6 +11,7 @@ import numpy as np
 from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory, White
 from eigenfail.values.scene import Scene
+from eigenfail.values.showing import Brief
 
 FIRST_MEASURES = 4
 """How many measures the first release had."""
@@ -133,7 +134,7 @@ class Measures(msgspec.Struct, frozen=True):
         )
 
 
-class EpisodeResult(msgspec.Struct, frozen=True, eq=False):
+class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False):
     """What came of one episode.
 
     Attributes:

@@ -2,9 +2,13 @@
 
 import msgspec
 
-from eigenfail.values.episode import EpisodeResult
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.scene import Scene
 
 Account = dict[str, str | float]
+
+Path = tuple[tuple[float, float], ...]
+"""Positions of a vehicle's centre (x, y), in the order in which it means to pass them [m]."""
 
 
 class ExplainedStep(msgspec.Struct, frozen=True):
@@ -16,6 +20,8 @@ class ExplainedStep(msgspec.Struct, frozen=True):
         disturbance: a_t / sigma_t of this step, (longitudinal, lateral) [sigma].
         gap_m: from the truck's front to the nearest vehicle's rear bumper along the road, in truth.
         closing_mps: speed at which this gap closes, in truth.
+        path: where the planner means to drive from here, the present position first; empty for a
+            planner that tells none.
     """
 
     time_s: float
@@ -25,6 +31,7 @@ class ExplainedStep(msgspec.Struct, frozen=True):
     disturbance: tuple[float, float]
     gap_m: float | None = None
     closing_mps: float | None = None
+    path: Path = ()
 
 
 class ExplainedEpisode(msgspec.Struct, frozen=True, eq=False):
@@ -37,3 +44,37 @@ class ExplainedEpisode(msgspec.Struct, frozen=True, eq=False):
 
     result: EpisodeResult
     steps: tuple[ExplainedStep, ...]
+
+
+class Replayed(msgspec.Struct, frozen=True):
+    """What was stored beside what came of it now."""
+
+    index: int
+    stored_outcome: Outcome
+    stored_digest: str
+    outcome: Outcome
+    digest: str
+    same: bool
+
+
+class Explanation(msgspec.Struct, frozen=True, eq=False):
+    """A stored episode, run again and accounted for.
+
+    Attributes:
+        episode: as campaign/index.
+        planner: its name.
+        verdict: whether the replay is the stored episode.
+        note: what must be known about the planner's account; may be empty.
+        steps: those asked for; the story is of all.
+        story: what happened, a sentence for each thing of note, in the order of time.
+        scene: of the replay, where the stored episode kept none and the replay is the same.
+    """
+
+    episode: str
+    planner: str
+    replayed: Replayed
+    verdict: str
+    note: str
+    steps: tuple[ExplainedStep, ...]
+    story: tuple[str, ...]
+    scene: Scene | None = None

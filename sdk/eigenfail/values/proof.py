@@ -6,6 +6,7 @@ import msgspec
 
 from eigenfail.values.campaign import CampaignState, Rate, Settings
 from eigenfail.values.episode import Outcome
+from eigenfail.values.showing import Shown
 
 
 class ReplayKind(StrEnum):
@@ -68,6 +69,7 @@ class ProvenScenario(msgspec.Struct, frozen=True, kw_only=True):
             none: the same scenario. Where the analysed campaign's parameters vary, the scenario of
             a mode, and of its eigenfailure, is the one that its medoid drew, and there is an entry
             for each scenario that medoids drew.
+        drawn: of those that vary, what the medoids of its modes drew, as far as it is in effect.
         campaign: that replays; `state` is its own.
     """
 
@@ -77,11 +79,25 @@ class ProvenScenario(msgspec.Struct, frozen=True, kw_only=True):
     eigenfailures: Reproduction
     medoids: Reproduction
     replays: tuple[ReplayedNoise, ...]
+    drawn: Settings = {}
+
+    @property
+    def words(self) -> str:
+        """In what it differs from the one that was analysed, and which draw it is."""
+        differs = ", ".join(f"{name} = {value}" for name, value in self.scenario_parameters.items())
+        drawn = ", ".join(f"{name} = {_short(value)}" for name, value in self.drawn.items())
+        told = differs or "the same"
+        return f"{told} (drawn: {drawn})" if drawn else told
 
     @property
     def is_same(self) -> bool:
         """Whether it is the scenario in which the failures, or the medoids, were found."""
         return not self.scenario_parameters
+
+
+def _short(value: object) -> str:
+    """A value that was drawn: six digits tell it apart."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 class ProvenMode(msgspec.Struct, frozen=True):
@@ -92,7 +108,7 @@ class ProvenMode(msgspec.Struct, frozen=True):
     medoid: Reproduction
 
 
-class Proof(msgspec.Struct, frozen=True, kw_only=True):
+class Proof(Shown, msgspec.Struct, frozen=True, kw_only=True):
     """How far replays bear an analysis out, with the results that are in.
 
     Attributes:

@@ -30,17 +30,6 @@ class Verdict(StrEnum):
     UNWANTED = "unwanted"
 
 
-class EpisodeOrder(StrEnum):
-    """How a list of episodes is sorted.
-
-    `index`: as they were proposed. `severity`: worst collision first, then by index; episodes
-    without a collision come last.
-    """
-
-    INDEX = "index"
-    SEVERITY = "severity"
-
-
 class EpisodeRow(msgspec.Struct, frozen=True, kw_only=True):
     """An episode in a list: what happened, without its trajectories; measures as in `Measures`.
 

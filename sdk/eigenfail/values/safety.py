@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from eigenfail.values.assessment import ConflictClass
 from eigenfail.values.campaign import Conflicts, Interval, Rate
+from eigenfail.values.showing import Shown, Tabular
 
 MOST_POINTS = 2_000
 """How many failures a scatter shows at most."""
@@ -128,7 +129,7 @@ class Scatter(msgspec.Struct, frozen=True):
     rank_correlation: Figure | None = None
 
 
-class Safety(msgspec.Struct, frozen=True, kw_only=True):
+class Safety(Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     """The safety measures of a campaign (paper, section on safety measures).
 
     Attributes:

@@ -3,6 +3,7 @@
 import msgspec
 
 from eigenfail.values.arrays import Floats
+from eigenfail.values.showing import Brief
 
 
 class VehicleState(msgspec.Struct, frozen=True, gc=False):
@@ -77,7 +78,7 @@ class Observation(msgspec.Struct, frozen=True):
     off_road: bool = False
 
 
-class Scene(msgspec.Struct, frozen=True, eq=False):
+class Scene(Brief, msgspec.Struct, frozen=True, eq=False):
     """The course of one episode.
 
     Attributes:

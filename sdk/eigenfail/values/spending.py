@@ -3,6 +3,7 @@
 import msgspec
 
 from eigenfail.values.campaign import Cost
+from eigenfail.values.showing import Shown, Tabular
 
 MOST_LANDINGS = 200
 """How many points a curve of cost has at most, beside its ends."""
@@ -83,7 +84,7 @@ class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
     problem: str = ""
 
 
-class CampaignCost(msgspec.Struct, frozen=True, kw_only=True):
+class CampaignCost(Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     """What a campaign cost, and what that bought.
 
     Attributes:

@@ -20,11 +20,15 @@ IDEMPOTENCY_KEY = "Idempotency-Key"
 PROBLEM_JSON = "application/problem+json"
 MAX_VARIATIONS = 100
 
+NOT_JSON = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
+"""What is raised where bytes are no JSON, no text, or nested too deeply."""
+
 MISSING = re.compile(r"missing required field `(?P<name>[^`]+)`")
 
 Body = TypeVar("Body", bound=msgspec.Struct)
 StructType = type[msgspec.Struct]
 Kind = TypeVar("Kind")
+Plain = TypeVar("Plain", dict[str, Any], list[Any])
 
 
 class ProofRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -40,6 +44,12 @@ class ProofRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Annotated[tuple[Settings, ...], msgspec.Meta(min_length=1, max_length=MAX_VARIATIONS)]
         | None
     ) = None
+
+
+class ReplayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How the noise of an episode is injected again: multiplied by `scale`."""
+
+    scale: Annotated[float, msgspec.Meta(ge=0.1, le=2.0)] = 1.0
 
 
 class Digest(msgspec.Struct, frozen=True):
@@ -111,11 +121,27 @@ def read_body(data: bytes, kind: type[Body]) -> Body:
     try:
         return msgspec.json.decode(data or b"{}", type=kind)
     except msgspec.ValidationError as error:
-        with suppress(msgspec.DecodeError, RecursionError):
+        with suppress(*NOT_JSON):
             refuse_unknown_fields(msgspec.json.decode(data or b"{}"), kind)
         raise complaint(error) from None
-    except (msgspec.DecodeError, RecursionError) as error:
+    except NOT_JSON as error:
         raise ProtocolError(f"The body is not JSON: {error}.", "Send a JSON object.") from None
+
+
+def read_plain(data: bytes, kind: type[Plain]) -> Plain:
+    """The body of a request as plain data; nothing at all stands for an empty one.
+
+    Raises:
+        ProtocolError: it is not JSON.
+        InvalidValue: it is JSON of another kind.
+    """
+    try:
+        found: Plain = msgspec.convert(msgspec.json.decode(data) if data else kind(), kind)
+    except msgspec.ValidationError as error:
+        raise complaint(error) from None
+    except NOT_JSON as error:
+        raise ProtocolError(f"The body is not JSON: {error}.", "Send JSON.") from None
+    return found
 
 
 def read_fields(given: Mapping[str, Any], kind: type[Body]) -> Body:

@@ -4,7 +4,7 @@ MessagePack through tagged structs; arrays as shape and little-endian float32 by
 does not decode is a ProtocolError and nothing else: nothing in it can run code.
 """
 
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -19,7 +19,7 @@ from eigenfail.values import (
     Round,
     StopRules,
 )
-from eigenfail.values.arrays import decode_array, encode_array
+from eigenfail.values.arrays import Floats, PackedArray, encode_array, unpack
 
 PROTOCOL = 3
 """Counts up with every change that an older peer would not understand."""
@@ -44,7 +44,7 @@ class Hello(Message, frozen=True):
 class Welcome(Message, frozen=True):
     """Hub: you are in; be heard every `heartbeat_s`."""
 
-    heartbeat_s: float
+    heartbeat_s: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)]
 
 
 class Refusal(Message, frozen=True):
@@ -160,6 +160,11 @@ _encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
 def encode(message: Message) -> bytes:
     """The bytes of a message."""
     return _encoder.encode(message)
+
+
+def decode_array(_kind: Any, value: Any) -> Floats:
+    """The array of its packed form; a list, as in JSON, would be unbounded and untyped."""
+    return unpack(msgspec.convert(value, PackedArray))
 
 
 class Reader:

@@ -9,9 +9,11 @@ import msgspec
 from eigenfail.errors import (
     Conflict,
     EigenfailError,
+    Forbidden,
     InputError,
     NotFound,
     ServiceError,
+    Unauthorized,
     UnknownName,
 )
 
@@ -89,7 +91,12 @@ def error_of(problem: Problem) -> EigenfailError:
 
 def by_status(status: int) -> type[EigenfailError]:
     """The error to raise for a problem without a type that is known here."""
-    exact: dict[int, type[EigenfailError]] = {404: NotFound, 409: Conflict}
+    exact: dict[int, type[EigenfailError]] = {
+        401: Unauthorized,
+        403: Forbidden,
+        404: NotFound,
+        409: Conflict,
+    }
     return exact.get(status, ServiceError if status >= SERVER_SIDE else InputError)
 
 

@@ -3,9 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import FailureMode
+from eigenfail.values import AXES, FailureMode, Floats
 from eigenfail_services.analysis.alignment import Aligned
 from eigenfail_services.analysis.components import ComponentSpace
+
+BAND = (0.1, 0.9)
 
 
 def modes(
@@ -31,7 +33,24 @@ def mode(failures: Aligned, space: ComponentSpace, members: NDArray[np.intp]) ->
         centre=centre.astype(np.float32),
         eigenfailure=eigenfailure.astype(np.float32),
         medoid_campaign=int(failures.campaigns[nearest]),
+        band=band(failures, members),
     )
+
+
+def band(failures: Aligned, members: NDArray[np.intp]) -> Floats:
+    """How the noise of these failures spreads about their eigenfailure, shape (2, horizon, 2).
+
+    At each step from the 10 % to the 90 % quantile over those that lasted so long, taken back to
+    the start; zero where none did.
+    """
+    lasted = np.zeros((len(members), failures.horizon), np.bool_)
+    for row, steps in zip(lasted, failures.steps[members].tolist(), strict=True):
+        row[failures.alignment.place(steps, failures.horizon)] = True
+    bounds = np.zeros((len(BAND), failures.horizon, len(AXES)))
+    for step in np.flatnonzero(lasted.any(axis=0)):
+        there = members[lasted[:, step]]
+        bounds[:, step] = np.quantile(failures.noise[there, step].astype(np.float64), BAND, axis=0)
+    return np.stack([failures.injectable(each, members) for each in bounds]).astype(np.float32)
 
 
 def noise_at(

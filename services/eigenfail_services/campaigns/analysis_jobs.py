@@ -19,6 +19,11 @@ from eigenfail_services.campaigns.mode_words import mode_words
 LEASE_S = 30.0
 DATABASE_VARIABLE = "EIGENFAIL_DATABASE"
 
+LOOK = (
+    "services.log in the data folder tells how it came to that (in a container: its standard"
+    " error). Launch it again."
+)
+
 
 class RunningAnalysis(msgspec.Struct):
     """A process, the job that it works on, and when that job's lease is to be renewed."""
@@ -69,7 +74,7 @@ class AnalysisJobs:
             self._store.jobs.renew(running.job, 0.0)
             return True
         if status > 0:
-            problem = f"The analysis process ended with status {status}. Launch it again."
+            problem = f"The analysis process ended with status {status}. {LOOK}"
             self._store.analyses.fail(running.job.subject, problem)
         self._store.jobs.finish(running.job)
         return True
@@ -95,6 +100,10 @@ def run_analysis(store: Store, analysis_id: int) -> None:
         store.analyses.finish(analysis_id, found(store, analysis))
     except InputError as error:
         store.analyses.fail(analysis_id, str(error))
+    except Exception as error:
+        problem = f"The analysis broke off with {type(error).__name__}: {error}."
+        store.analyses.fail(analysis_id, f"{problem} {LOOK}")
+        raise
 
 
 def found(store: Store, analysis: Analysis) -> AnalysisResult:

@@ -1,7 +1,8 @@
 """The probability of each mode, where the campaign's method can tell it; else none."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from math import nan
+from math import nan, sqrt
 from typing import Any, NamedTuple
 
 from msgspec.structs import replace
@@ -24,8 +25,15 @@ from eigenfail_services.methods.subset.settings import SubsetMethodSettings
 from eigenfail_services.methods.subset.waves import Dialogue
 from eigenfail_services.statistics import importance, independent_runs
 from eigenfail_services.statistics.importance import WeightedFailures
+from eigenfail_services.statistics.intervals import rate
 
 PAGE = 1_000
+
+COUNTING = "Monte Carlo"
+SAME_FAILURES = (
+    "The modes were found in the failures that are counted: which failures belong together is not"
+    " in the interval."
+)
 
 UNDERWAY = (
     "Its campaign had not ended when the failures were read. Analyse it again once it has ended."
@@ -50,7 +58,7 @@ def with_probabilities(
     """
     (first, *others) = campaigns
     teller = TELLERS.get(first.spec.method)
-    if others or teller is None or not result.distinct:
+    if others or teller is None or not teller.can(first) or not result.distinct:
         return result
     told = told_by(teller, store, first, result)
     modes = zip(result.modes, told, strict=True)
@@ -135,14 +143,65 @@ def alone(
     ]
 
 
+def by_known_proposal(
+    store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
+) -> Told:
+    """By the weights of `evaluate`: one learner for each mode, to whom other failures are none.
+
+    Nothing is learnt from results, so that each proposes what was proposed.
+    """
+    context = learner_context(campaign, store)
+    method = plugins.load(plugins.METHODS, campaign.spec.method)
+    settings = read_settings(method.Settings, campaign.spec.settings, "settings")
+    first, *others = learners = [method(context, settings) for _ in range(modes)]
+    for results in rounds(store, campaign, first):
+        for learner in others:
+            learner.propose(len(results))
+        for mode, learner in enumerate(learners):
+            learner.observe(alone(results, mode_of, mode))
+    return [learner.estimate() for learner in learners]
+
+
+def by_counts(_store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int) -> Told:
+    """By counting, where all noise is drawn from p(x): failures of the mode ÷ episodes."""
+    counted = Counter(mode_of.values())
+    return [share(counted[mode], campaign.counts.completed) for mode in range(modes)]
+
+
+def share(failures: int, episodes: int) -> Estimate:
+    """The estimate that k of n make."""
+    found = rate(failures, episodes)
+    return Estimate(
+        by=COUNTING,
+        episodes=episodes,
+        probability=found.value,
+        cv=sqrt((1.0 - found.value) / failures) if failures else None,
+        interval=found.interval,
+        note=SAME_FAILURES,
+    )
+
+
+def always(_campaign: Campaign) -> bool:
+    """A method that tells of every campaign."""
+    return True
+
+
+def tells_itself(campaign: Campaign) -> bool:
+    """A method that tells of a mode where it tells of failures at all."""
+    return campaign.estimate is not None
+
+
 class Teller(NamedTuple):
-    """How a method tells a probability, by name and in deed."""
+    """How a method tells a probability, by name and in deed, and of which campaigns."""
 
     by: str
     tell: Callable[[Store, Campaign, Mapping[int, int], int], Told]
+    can: Callable[[Campaign], bool] = always
 
 
 TELLERS = {
     "cem": Teller(importance.BY, by_weights),
+    "evaluate": Teller(importance.BY, by_known_proposal, tells_itself),
+    "monte_carlo": Teller(COUNTING, by_counts),
     "subset": Teller(independent_runs.BY, by_levels),
 }

@@ -1,21 +1,19 @@
-"""Proof by replay: an analysis's eigenfailures and medoids, again, here and in other scenarios."""
+"""Proof by replay: what came of eigenfailures and medoids that were injected again."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from hashlib import sha256
 from itertools import product
 from typing import Any
 
 import msgspec
 
 from eigenfail.contracts import Store
-from eigenfail.errors import Conflict, InvalidValue
+from eigenfail.errors import Conflict
 from eigenfail.values import (
     FINAL_STATES,
     Analysis,
     AnalysisResult,
     Campaign,
     CampaignSpec,
-    CampaignState,
     EpisodeResult,
     Outcome,
     Proof,
@@ -24,57 +22,21 @@ from eigenfail.values import (
     ReplayedNoise,
     ReplayKind,
     Reproduction,
-    StopRules,
 )
-from eigenfail_services.campaigns.checks import check_spec
-from eigenfail_services.campaigns.nearby import nearby
+from eigenfail_services.campaigns.remembered import Remembered
 from eigenfail_services.campaigns.worlds import (
     World,
-    defaults,
-    in_scenario,
-    is_distribution,
-    refuse_several,
     varied,
     worlds,
 )
 from eigenfail_services.statistics.expected_likelihood import expected_log_probability
 from eigenfail_services.statistics.intervals import rate
 
-MAX_NAME = 200
-CAME_TO_NOTHING = frozenset({CampaignState.CANCELLED, CampaignState.DEAD})
+MOST_SCENARIOS = 1_000
+MOST_ANALYSES = 100
 
-Parameters = Mapping[str, Any]
-
-
-def prove(store: Store, analysis: Analysis, variations: Sequence[Parameters] | None) -> Proof:
-    """Queue a replay in each scenario in which there is none yet, and tell how things stand.
-
-    Args:
-        store: where campaigns are.
-        analysis: that is done.
-        variations: scenario parameters put over those in which the failures happened; None: that
-            scenario and its neighbours.
-
-    Raises:
-        Conflict: the analysis is not done, found no failure mode, or is of several worlds.
-        UnknownName: a parameter that the scenario does not have.
-        InvalidValue: a parameter outside its bounds, or a distribution.
-    """
-    result = findings(analysis)
-    if not result.modes:
-        raise Conflict(
-            f"Analysis {analysis.id} found no failure mode, so there is nothing to replay.",
-            "Let the campaign run until it has failures, and analyse it again.",
-        )
-    refuse_several(store, analysis)
-    refuse_distributions(variations or ())
-    analysed = store.campaigns.get(analysis.campaign).spec
-    wanted = nearby(analysed) if variations is None else variations
-    pairs = product(wanted, worlds(store, analysis, result))
-    specs = [check_spec(replay_of(analysis, analysed, *pair)) for pair in pairs]
-    for spec in specs:
-        launch(store, analysis.id, spec)
-    return proof(store, analysis)
+KNOWN_SCENARIOS: Remembered[ProvenScenario] = Remembered(MOST_SCENARIOS)
+KNOWN_WORLDS: Remembered[list[World]] = Remembered(MOST_ANALYSES)
 
 
 def findings(analysis: Analysis) -> AnalysisResult:
@@ -91,56 +53,6 @@ def findings(analysis: Analysis) -> AnalysisResult:
     return analysis.result
 
 
-def refuse_distributions(variations: Sequence[Parameters]) -> None:
-    """Raises InvalidValue for a variation in which each replay would draw a scenario of its own."""
-    for place, variation in enumerate(variations):
-        for name, value in variation.items():
-            if is_distribution(value):
-                problem = "is a distribution: each replay would draw a scenario of its own."
-                remedy = "Give it a value, and a variation for each further value."
-                raise InvalidValue(f"variations[{place}].{name}", problem, remedy)
-
-
-def without_idle(world: CampaignSpec, variation: Parameters) -> dict[str, Any]:
-    """A variation without what a world has anyway, given or by default."""
-    there = defaults(world) | world.scenario_parameters
-    absent = object()
-    return {name: value for name, value in variation.items() if there.get(name, absent) != value}
-
-
-def replay_of(
-    analysis: Analysis, analysed: CampaignSpec, variation: Parameters, home: World
-) -> CampaignSpec:
-    """The campaign that replays the modes of a world in a variation of it."""
-    spec = in_scenario(home.spec, without_idle(home.spec, variation))
-    told = ", ".join(f"{name}={value}" for name, value in differing(analysed, spec).items())
-    name = f"{analysed.name}: replay of analysis {analysis.id}" + (told and f", {told}")
-    settings = {"analysis": analysis.id, "what": [kind.value for kind in ReplayKind]}
-    some = {"modes": [place + 1 for place in home.modes]} if varied(analysed) else {}
-    return msgspec.structs.replace(
-        spec,
-        name=name[-MAX_NAME:],
-        method="replay",
-        settings=settings | some,
-        episodes=len(ReplayKind) * len(home.modes),
-        stop=StopRules(),
-        scene_every=1,
-    )
-
-
-def launch(store: Store, analysis: int, spec: CampaignSpec) -> None:
-    """Queue a replay, unless there is one like it that did not come to nothing.
-
-    Who asks twice, or at the same time as somebody else, gets one campaign: a replay is the same
-    whenever it is run, and its key is made of what it is.
-    """
-    before = [store.campaigns.get(each) for each in store.analyses.replays(analysis)]
-    lost = sum(each.spec == spec and each.state in CAME_TO_NOTHING for each in before)
-    content = sha256(msgspec.json.encode(spec, order="deterministic")).hexdigest()
-    key = f"replay {lost} of analysis {analysis}: {content}"
-    store.analyses.link_replay(analysis, store.campaigns.create(spec, key).id)
-
-
 def proof(store: Store, analysis: Analysis) -> Proof:
     """What the replays of an analysis have shown so far.
 
@@ -148,9 +60,10 @@ def proof(store: Store, analysis: Analysis) -> Proof:
         Conflict: the analysis is not done.
     """
     result = findings(analysis)
-    homes = worlds(store, analysis, result)
+    # A result that is there changes no more, and its campaigns' specs never do.
+    homes = KNOWN_WORLDS.get(store, analysis.id, None, lambda: worlds(store, analysis, result))
     replays = [store.campaigns.get(each) for each in store.analyses.replays(analysis.id)]
-    scenarios = tuple(proven(store, home_of(each, homes), each) for each in latest(replays))
+    scenarios = tuple(known(store, analysis, homes, each) for each in latest(replays))
     everything = [replay for scenario in scenarios for replay in scenario.replays]
     same = [replay for scenario in scenarios if scenario.is_same for replay in scenario.replays]
     return Proof(
@@ -161,6 +74,21 @@ def proof(store: Store, analysis: Analysis) -> Proof:
         medoids=reproduction(of_kind(everything, ReplayKind.MEDOID)),
         modes=tuple(proven_mode(everything, mode) for mode in range(len(result.modes))),
         scenarios=scenarios,
+    )
+
+
+def known(
+    store: Store, analysis: Analysis, homes: Sequence[World], replay: Campaign
+) -> ProvenScenario:
+    """The replays of one campaign, read anew only where more of them are in.
+
+    Results stay as they are for good, and the counts change with each that comes in.
+    """
+    return KNOWN_SCENARIOS.get(
+        store,
+        (analysis.id, replay.id),
+        (replay.state, replay.counts),
+        lambda: proven(store, home_of(replay, homes), replay),
     )
 
 
@@ -200,6 +128,7 @@ def proven(store: Store, home: World, replay: Campaign) -> ProvenScenario:
     )
     return ProvenScenario(
         scenario_parameters=differing(home.spec, replay.spec),
+        drawn=still_drawn(home, replay.spec),
         campaign=replay.id,
         state=replay.state,
         eigenfailures=reproduction(of_kind(replays, ReplayKind.EIGENFAILURE)),
@@ -216,6 +145,12 @@ def differing(world: CampaignSpec, replay: CampaignSpec) -> dict[str, Any]:
         for name, value in replay.scenario_parameters.items()
         if name not in before or before[name] != value
     }
+
+
+def still_drawn(home: World, replay: CampaignSpec) -> dict[str, Any]:
+    """What the medoids of a world drew of its scenario, but for what a replay puts over it."""
+    given = replay.scenario_parameters
+    return {name: value for name, value in home.drawn.items() if given.get(name) == value}
 
 
 def replayed(planned: ReplayedNoise, results: Mapping[int, EpisodeResult]) -> ReplayedNoise:

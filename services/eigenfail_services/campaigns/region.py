@@ -2,14 +2,16 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import chain
+from typing import Annotated
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail import functions, plugins
+from eigenfail import functions, plugins, side_process
 from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Campaign, Region
+from eigenfail.values import Campaign, CampaignSpec, Region
 from eigenfail.values.region import MOST_TRIALS
 from eigenfail.values.variation import read_variation
 from eigenfail_services.campaigns.comparison_words import unfinished
@@ -18,8 +20,37 @@ from eigenfail_services.campaigns.pairing import PAIRABLE
 
 Parameters = dict[str, object]
 
+MODULE = "eigenfail_services.campaigns.region_process"
+
 APART = frozenset({"method", "planner", "simulator", "disturbance model"})
 """What else may make the failure rates of campaigns differ."""
+
+
+PATIENCE_S = 120.0
+
+Numbers = Annotated[bytes, "int64, little-endian"]
+Flags = Annotated[bytes, "a byte each, 0 or 1"]
+
+
+class Tried(msgspec.Struct, frozen=True):
+    """Episodes of a campaign by seed, and which of them collided."""
+
+    spec: CampaignSpec
+    seeds: Numbers
+    failed: Flags
+
+
+class Wanted(msgspec.Struct, frozen=True):
+    """All that a region is made of, as a process can be told it.
+
+    Attributes:
+        warnings: what keeps the region from saying more.
+    """
+
+    campaigns: tuple[int, ...]
+    scenario: str
+    tried: tuple[Tried, ...]
+    warnings: tuple[str, ...]
 
 
 def region_of(store: Store, ids: Sequence[int], most: int = MOST_TRIALS) -> Region:
@@ -35,21 +66,57 @@ def region_of(store: Store, ids: Sequence[int], most: int = MOST_TRIALS) -> Regi
         InvalidValue: none is named, one twice, or they are on different scenarios.
         UnknownName: their scenario is not installed here.
     """
+    return region_in(wanted(store, ids, most))
+
+
+def region_aside(store: Store, ids: Sequence[int], most: int = MOST_TRIALS) -> Region:
+    """The same, made in a process of its own: it keeps a processor busy for seconds.
+
+    Raises:
+        NotFound: no such campaign.
+        InvalidValue: none is named, one twice, or they are on different scenarios.
+        UnknownName: their scenario is not installed here.
+        ServiceError: the process gave no answer.
+    """
+    question = msgspec.msgpack.encode(wanted(store, ids, most))
+    answer = side_process.ask(MODULE, question, PATIENCE_S)
+    return msgspec.msgpack.decode(answer, type=Region)
+
+
+def wanted(store: Store, ids: Sequence[int], most: int) -> Wanted:
+    """What the store holds of it; raises as `region_of` does."""
+    refuse_repeats(ids)
+    campaigns = [store.campaigns.get(campaign) for campaign in ids]
+    scenario = the_scenario(campaigns)
+    tried = [tried_in(store, one, max(1, most // len(ids))) for one in campaigns]
+    warnings = caveats(campaigns, sum(len(each.failed) for each in tried))
+    return Wanted(tuple(ids), scenario, tuple(tried), tuple(warnings))
+
+
+def tried_in(store: Store, campaign: Campaign, most: int) -> Tried:
+    """The episodes of a campaign."""
+    trials = store.episodes.trials(campaign.id, most)
+    return Tried(campaign.spec, trials.seeds.astype("<i8").tobytes(), trials.failed.tobytes())
+
+
+def region_in(asked: Wanted) -> Region:
+    """The failing region among these episodes.
+
+    Raises:
+        UnknownName: their scenario is not installed here.
+    """
     from eigenfail_services.analysis.region import (  # scikit-learn takes a second to load
         Question,
         failing_region,
     )
 
-    refuse_repeats(ids)
-    campaigns = [store.campaigns.get(campaign) for campaign in ids]
-    scenario = the_scenario(campaigns)
-    trials = [store.episodes.trials(one.id, max(1, most // len(ids))) for one in campaigns]
-    tables = (parameters(one, each.seeds) for one, each in zip(campaigns, trials, strict=True))
+    tables = (parameters(one.spec, np.frombuffer(one.seeds, "<i8")) for one in asked.tried)
     names, values, left_out = columns(list(chain.from_iterable(tables)))
-    failed = np.concatenate([each.failed for each in trials])
-    warnings = (*left_out, *caveats(campaigns, len(failed)))
-    asked = Question(tuple(ids), scenario, names, values, failed, warnings)
-    return failing_region(asked)
+    failed = np.frombuffer(b"".join(one.failed for one in asked.tried), np.bool_)
+    warnings = (*left_out, *asked.warnings)
+    return failing_region(
+        Question(asked.campaigns, asked.scenario, names, values, failed, warnings)
+    )
 
 
 def refuse_repeats(ids: Sequence[int]) -> None:
@@ -75,9 +142,8 @@ def the_scenario(campaigns: Sequence[Campaign]) -> str:
     return names[0]
 
 
-def parameters(campaign: Campaign, seeds: NDArray[np.int64]) -> Iterator[Parameters]:
+def parameters(spec: CampaignSpec, seeds: NDArray[np.int64]) -> Iterator[Parameters]:
     """The scenario parameters of episodes; a function under test has what its campaign set."""
-    spec = campaign.spec
     if not functions.drives(spec):
         return (dict(spec.scenario_parameters) for _ in seeds)
     kind = plugins.load(plugins.SCENARIOS, spec.scenario).Parameters

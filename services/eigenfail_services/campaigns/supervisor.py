@@ -9,17 +9,14 @@ from collections.abc import Callable
 from queue import Empty
 
 import structlog
-from msgspec.structs import replace
 
 from eigenfail.contracts import Store
-from eigenfail.errors import IllegalTransition, InputError, NotFound, StoreUnavailable
-from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Counts
+from eigenfail.errors import IllegalTransition, InputError, NotFound
+from eigenfail.values import FINAL_STATES, Campaign, CampaignState
 from eigenfail.values.records import Job, JobKind
-from eigenfail_services.campaigns import stopping
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.materials import learner_context
-from eigenfail_services.campaigns.summary import campaign_cost
-from eigenfail_services.hub.meter import Meter
+from eigenfail_services.campaigns.watch import Watch, spent
 from eigenfail_services.hub.runs import Order
 from eigenfail_services.hub.server import Ended, Hub
 
@@ -31,35 +28,6 @@ ROOM = {JobKind.CAMPAIGN: 4, JobKind.ANALYSIS: 2}
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
 
 log = structlog.get_logger()
-
-
-class Watch:
-    """A campaign that runs on our hub, the job that says it is ours, and the time it is billed."""
-
-    def __init__(self, job: Job) -> None:
-        self.job = job
-        self.meter = Meter()
-        self.billed_s = time.monotonic()
-        self.told: Counts | None = None
-        self.halting = False
-        self.lost = False
-        self.spent = ""
-
-    def so_far(self, campaign: Campaign) -> Campaign:
-        """The campaign with the time that is not yet billed."""
-        unbilled_s = time.monotonic() - self.billed_s
-        return replace(campaign, active_s=campaign.active_s + unbilled_s)
-
-    def bill(self, store: Store) -> None:
-        """Add the time since the last bill; it stays open while the store is away."""
-        overhead = self.meter.take()  # before the clock is read: no part is more than the whole
-        now_s = time.monotonic()
-        try:
-            store.campaigns.add_active(self.job.subject, now_s - self.billed_s, overhead)
-        except StoreUnavailable:
-            self.meter.give_back(overhead)
-            raise
-        self.billed_s = now_s
 
 
 class Supervisor:
@@ -221,10 +189,3 @@ class Supervisor:
         if watch.halting and not watch.spent:
             return self._wishes[state], "A user asked for it."
         return CampaignState.DONE, ended.because or watch.spent
-
-
-def spent(campaign: Campaign) -> str:
-    """Why the campaign's rules on time and cost end it; empty if they do not."""
-    return stopping.by_time(
-        campaign.spec.stop, campaign.active_s, campaign_cost(campaign).total_usd
-    )

@@ -1,6 +1,6 @@
 """The scenarios in which an analysis's failures happened, so that replays can be run in them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import msgspec
@@ -15,10 +15,17 @@ from eigenfail_services.campaigns.analysed import WORLD
 
 
 class World(NamedTuple):
-    """The analysed campaign in one scenario, and the modes that are at home there, from 0."""
+    """The analysed campaign in one scenario.
+
+    Attributes:
+        spec: of the campaign, in that scenario.
+        modes: that are at home there, from 0.
+        drawn: the scenario's parameters that its modes' medoids drew; none where none vary.
+    """
 
     spec: CampaignSpec
     modes: tuple[int, ...]
+    drawn: Mapping[str, Any]
 
 
 def worlds(store: Store, analysis: Analysis, result: AnalysisResult) -> list[World]:
@@ -29,12 +36,12 @@ def worlds(store: Store, analysis: Analysis, result: AnalysisResult) -> list[Wor
     """
     analysed = store.campaigns.get(analysis.campaign).spec
     if not varied(analysed):
-        return [World(analysed, tuple(range(len(result.modes))))]
+        return [World(analysed, tuple(range(len(result.modes))), {})]
     found: dict[bytes, World] = {}
     for place, mode in enumerate(result.modes):
         drawn = drawn_by_medoid(store, analysis, mode)
         key = msgspec.json.encode(drawn, order="deterministic")
-        before = found.get(key, World(in_scenario(analysed, drawn), ()))
+        before = found.get(key, World(in_scenario(analysed, drawn), (), drawn))
         found[key] = before._replace(modes=(*before.modes, place))
     return list(found.values())
 

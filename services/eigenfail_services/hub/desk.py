@@ -72,6 +72,8 @@ class Desk:
             self._send(worker, Refusal(f"The {versions}: install the same eigenfail on both."))
             return
         log.info("worker joined", worker=message.worker, host=message.host, pid=message.pid)
+        if self._leases.heard(worker, time.monotonic()):  # who speaks has not died of anything
+            self._leases.running(worker, None, None)
         self._lose(worker)
         self._leases.join(worker, message.worker, message.credit, time.monotonic())
         self._setups[worker] = set()

@@ -1,6 +1,6 @@
 """Who runs which episode: a state machine without a socket. Events in, assignments out."""
 
-from collections import Counter, deque
+from collections import Counter, OrderedDict
 from math import ceil, inf
 
 import msgspec
@@ -13,6 +13,8 @@ WORK_AHEAD_S = 2.0
 UNKNOWN_PACE_S = 0.1
 PACE_SMOOTHING = 0.2
 MAX_LOSSES = 3
+IDLE_BEATS = 10
+"""Who says so often in a row that they run nothing has never got what they were given."""
 
 Key = tuple[int, int]
 """Campaign and index of an episode."""
@@ -34,7 +36,12 @@ class Seat:
         self.credit = credit
         self.heard_s = now_s
         self.running: Key | None = None
+        self.idle_beats = 0
         self.held: dict[Key, EpisodeTask] = {}
+
+    def is_hungry(self, target: int) -> bool:
+        """Whether it holds no more than half of what it should, or may."""
+        return len(self.held) <= min(target, self.credit) // 2 and self.credit > 0
 
 
 class Leases:
@@ -43,7 +50,7 @@ class Leases:
     def __init__(self) -> None:
         self.seats: dict[bytes, Seat] = {}
         self._holder: dict[Key, bytes] = {}
-        self._waiting: dict[int, deque[EpisodeTask]] = {}
+        self._waiting: dict[int, OrderedDict[int, EpisodeTask]] = {}
         self._pace_s: dict[int, float] = {}
         self._losses: dict[Key, int] = {}
 
@@ -59,10 +66,15 @@ class Leases:
         return seat
 
     def running(self, worker: bytes, campaign: int | None, index: int | None) -> None:
-        """A worker says which episode it is running, if any: the one to blame if it is lost."""
-        self.seats[worker].running = (
-            None if campaign is None or index is None else (campaign, index)
-        )
+        """A worker says which episode it is running, if any: the one to blame if it is lost.
+
+        What it holds and does not run, for long, is free again: a lease or a result went astray.
+        """
+        seat = self.seats[worker]
+        seat.running = None if campaign is None or index is None else (campaign, index)
+        seat.idle_beats = 0 if seat.running else seat.idle_beats + 1
+        if seat.idle_beats >= IDLE_BEATS:
+            self._free(seat)
 
     def busy(self, campaign: int) -> bool:
         """Whether any episode of a campaign is with a worker."""
@@ -88,10 +100,15 @@ class Leases:
         if seat is None:
             return []
         given_up = self._blame(seat)
-        for key, task in reversed(seat.held.items()):
-            del self._holder[key]
-            self._waiting[key[0]].appendleft(task)
+        self._free(seat)
         return given_up
+
+    def _free(self, seat: Seat) -> None:
+        while seat.held:
+            key, task = seat.held.popitem()
+            del self._holder[key]
+            self._waiting[key[0]][task.index] = task
+            self._waiting[key[0]].move_to_end(task.index, last=False)
 
     def _blame(self, seat: Seat) -> list[tuple[int, EpisodeTask]]:
         key = seat.running
@@ -105,7 +122,8 @@ class Leases:
 
     def offer(self, campaign: int, tasks: tuple[EpisodeTask, ...]) -> None:
         """These episodes are to be run."""
-        self._waiting.setdefault(campaign, deque()).extend(tasks)
+        waiting = self._waiting.setdefault(campaign, OrderedDict())
+        waiting.update((task.index, task) for task in tasks)
 
     def withdraw(self, campaign: int) -> None:
         """Nothing of this campaign is to be run any more."""
@@ -120,8 +138,7 @@ class Leases:
         if (holder := self._holder.pop((campaign, index), None)) is not None:
             del self.seats[holder].held[campaign, index]
         elif campaign in self._waiting:
-            left = (task for task in self._waiting[campaign] if task.index != index)
-            self._waiting[campaign] = deque(left)
+            self._waiting[campaign].pop(index, None)
         if campaign in self._waiting and 0.0 < wall_s < inf:  # it came over the wire
             pace_s = self._pace_s.get(campaign, wall_s)
             self._pace_s[campaign] = pace_s + PACE_SMOOTHING * (wall_s - pace_s)
@@ -138,7 +155,7 @@ class Leases:
         if campaign is None:
             return None
         target = self._target(campaign)
-        hungry = [w for w, s in self.seats.items() if len(s.held) <= min(target, s.credit) // 2]
+        hungry = [w for w, s in self.seats.items() if s.is_hungry(target)]
         if not hungry:
             return None
         worker = min(hungry, key=lambda w: len(self.seats[w].held))
@@ -157,10 +174,12 @@ class Leases:
 
     def _take(self, campaign: int, worker: bytes, target: int) -> tuple[EpisodeTask, ...]:
         seat, waiting = self.seats[worker], self._waiting[campaign]
+        seat.idle_beats = 0
         campaigns = sum(bool(tasks) for tasks in self._waiting.values())
         room = ceil((min(target, seat.credit) - len(seat.held)) / campaigns)
         share = ceil(len(waiting) / (2 * len(self.seats)))
-        tasks = tuple(waiting.popleft() for _ in range(max(1, min(room, share))))
+        n = max(1, min(room, share))
+        tasks = tuple(waiting.popitem(last=False)[1] for _ in range(n))
         for task in tasks:
             seat.held[campaign, task.index] = task
             self._holder[campaign, task.index] = worker

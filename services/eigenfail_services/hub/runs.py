@@ -146,6 +146,8 @@ class Run:
         self._landings[verdict](result)
 
     def _count(self, result: EpisodeResult) -> None:
+        # It may have been proposed after it was brought, while its commit was still to come.
+        self._leases.settle(self.order.campaign, result.index, wall_s=0.0)
         self._flight.land(msgspec.structs.replace(result, scene=None))
         self._hand_back()
 

@@ -103,16 +103,20 @@ class Hub:
         try:
             while not self._stopping.is_set():
                 self._wait()
-                self._obey()
-                self._hear_workers()
-                with self._patience():
-                    self._tend_runs()
-                    self._commit()
-                self._desk.bury_silent()
-                self._desk.assign(self._runs)
-                self._look()
+                self.turn()
         finally:
             self._close()
+
+    def turn(self) -> None:
+        """Do what is to be done now; never waits. Its own thread alone may call it."""
+        self._obey()
+        self._hear_workers()
+        with self._patience():
+            self._tend_runs()
+            self._commit()
+        self._desk.bury_silent()
+        self._desk.assign(self._runs)
+        self._look()
 
     def _wait(self) -> None:
         poller = zmq.Poller()

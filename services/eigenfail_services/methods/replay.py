@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Annotated
 
 import msgspec
+import numpy as np
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import (
@@ -53,6 +54,9 @@ class Replay:
         repeats: Annotated[
             int, msgspec.Meta(ge=1, le=100_000, description="passes through the trajectories")
         ] = 1
+        scale: Annotated[
+            float, msgspec.Meta(ge=0.0, le=10.0, description="the noise is multiplied by this")
+        ] = 1.0
         round_size: Annotated[
             int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
         ] = 100
@@ -71,7 +75,7 @@ class Replay:
                 "there is no noise trajectory to replay.",
                 "Name an analysis with failure modes, or a campaign with failures.",
             )
-        self._trajectories = context.trajectories
+        self._trajectories = [np.float32(settings.scale) * z for z in context.trajectories]
         self._round_size = settings.round_size
         self._total = len(context.trajectories) * settings.repeats
         self._proposed = 0

@@ -43,7 +43,7 @@ def tail_risk(values: Array, level: float) -> SeverityRisk:
     n, beyond = len(values), len(values) * (1.0 - level)
     risk = SeverityRisk(level=level, n=n, beyond=beyond)
     if n == 0:
-        return SeverityRisk(level=level, n=0, beyond=0.0, problem="There is no failure yet.")
+        return SeverityRisk(level=level, n=0, beyond=0.0, problem="There is no failure.")
     ordered = np.sort(values)
     middle = mean(ordered)
     if beyond < LEAST_BEYOND - ROUNDING:
@@ -117,7 +117,8 @@ def tail_of_resample(
 def too_few(risk: SeverityRisk, least: int, what: str) -> str:
     """Why so few values say nothing, and what to do."""
     needed = ceil(least / (1.0 - risk.level) - ROUNDING)
+    leave = "failure leaves" if risk.n == 1 else "failures leave"
     return (
-        f"{risk.n} failures leave {risk.beyond:.3g} beyond the quantile of {risk.level:g}, and "
-        f"{what} take {least}: {needed} failures. Let it run on, or ask for a lower level."
+        f"{risk.n} {leave} {risk.beyond:.3g} beyond the quantile of {risk.level:g}, and {what} "
+        f"take {least}: {needed} failures. They need more episodes, or a lower level."
     )

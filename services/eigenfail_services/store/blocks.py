@@ -1,75 +1,48 @@
 """Sums over blocks of episodes, and over pairs of them, made by the database."""
 
-from statistics import fmean
-
-from sqlalchemy import Column, Connection, and_, func, select
+import numpy as np
+from sqlalchemy import Connection, and_, func, select
 
 from eigenfail.values import BlockTotals, Outcome, PairTotals
-from eigenfail_services.store.episode_pages import Rows, number
+from eigenfail_services.store.columns import COLLIDED, Column, columns
+from eigenfail_services.store.episode_pages import number
 from eigenfail_services.store.schema import episodes
 
 
 def course(connection: Connection, campaign: int, per: int) -> list[BlockTotals]:
     """Sums over blocks of `per` indices, in index order, of those with a completed episode."""
-    last = connection.execute(
-        select(func.coalesce(func.max(number), -1)).where(episodes.c.campaign == campaign)
-    ).scalar_one()
-    blocks = (block(connection, campaign, first, per) for first in range(0, last + 1, per))
-    return [each for each in blocks if each.completed]
-
-
-def block(connection: Connection, campaign: int, first: int, per: int) -> BlockTotals:
-    """Sums over the completed episodes from an index on."""
-    # In index order: sums of floats depend on theirs, and reports must not change with it.
-    inside = completed(campaign, first, per).order_by(number).subquery().c
-    collided = inside.outcome == Outcome.COLLISION
-    query = select(
-        func.count().label("completed"),
-        func.count().filter(collided).label("failures"),
-        func.coalesce(func.sum(inside.log_probability).filter(collided), 0.0).label("log_p"),
-        func.coalesce(func.sum(inside.steps).filter(collided), 0).label("steps"),
-        func.min(inside.robustness_m).label("smallest"),
-        func.count(inside.robustness_m).label("measured"),
+    query = (
+        select(number, COLLIDED, episodes.c.robustness_m, episodes.c.log_probability)
+        .add_columns(episodes.c.steps)
+        .where(episodes.c.campaign == campaign, episodes.c.outcome != Outcome.FAILED)
+        .order_by(episodes.c.finished_ms, number)
     )
-    found = connection.execute(query).one()
+    landed = columns(connection, query)
+    # In index order: sums of floats depend on theirs, and reports must not change with it.
+    index, *measured = (column[np.argsort(landed[0])] for column in landed)
+    blocks, begins = np.unique(index // per, return_index=True)
+    if not len(blocks):
+        return []
+    parts = zip(*(np.split(column, begins[1:]) for column in measured), strict=True)
+    return [
+        block(int(place) * per, *part) for place, part in zip(blocks.tolist(), parts, strict=True)
+    ]
+
+
+def block(
+    first: int, collided: Column, robustness_m: Column, log_probability: Column, steps: Column
+) -> BlockTotals:
+    """Sums over the completed episodes of one block."""
+    crashes = collided == 1.0
+    known_m = robustness_m[~np.isnan(robustness_m)]
     return BlockTotals(
         first=first,
-        completed=found.completed,
-        failures=found.failures,
-        log_probability=found.log_p,
-        steps=found.steps,
-        smallest_robustness_m=found.smallest,
-        median_robustness_m=median(
-            connection,
-            completed(campaign, first, per),
-            episodes.c.robustness_m,
-            found.measured,
-        ),
-    )
-
-
-def median(
-    connection: Connection, inside: Rows, column: Column[float], measured: int
-) -> float | None:
-    """The median of a column that so many of the rows have, with only its middle values read."""
-    if not measured:
-        return None
-    query = (
-        inside.with_only_columns(column)
-        .where(column.is_not(None))
-        .order_by(column)
-        .offset((measured - 1) // 2)
-        .limit(2 - measured % 2)
-    )
-    return fmean(connection.execute(query).scalars())
-
-
-def completed(campaign: int, first: int, per: int) -> Rows:
-    """The completed episodes of a block."""
-    return select(episodes).where(
-        episodes.c.campaign == campaign,
-        number.between(first, first + per - 1),
-        episodes.c.outcome != Outcome.FAILED,
+        completed=len(collided),
+        failures=int(crashes.sum()),
+        log_probability=sum(log_probability[crashes].tolist(), 0.0),
+        steps=int(steps[crashes].sum()),
+        smallest_robustness_m=float(known_m.min()) if len(known_m) else None,
+        median_robustness_m=float(np.median(known_m)) if len(known_m) else None,
     )
 
 

@@ -5,6 +5,7 @@ from typing import Any
 from sqlalchemy import Connection, Select, insert, select, update
 
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Estimate
+from eigenfail.values.suite import suite_of
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import COUNTS, OVERHEAD, to_campaign, to_json
 from eigenfail_services.store.refusals import no_campaign
@@ -44,6 +45,7 @@ def add(connection: Connection, spec: CampaignSpec) -> Campaign:
             created_ms=now_ms(),
             active_s=0.0,
             stopped_because="",
+            suite=suite_of(spec.name),
             **dict.fromkeys(OVERHEAD, 0.0),
             **counted(Counts(spec.episodes)),
         )

@@ -1,24 +1,36 @@
 """Campaigns in SQL."""
 
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
+
 from msgspec.structs import replace
-from sqlalchemy import Connection, insert, select, update
+from sqlalchemy import ColumnElement, Connection, func, select, update
 from sqlalchemy.exc import IntegrityError
 
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Overhead, Page
+from eigenfail.values.campaign_filter import ANY_CAMPAIGN, CampaignFilter
 from eigenfail.values.records import JobKind
+from eigenfail.values.suite import SuiteStanding
 from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved
 from eigenfail_services.store import sentences
-from eigenfail_services.store.campaign_rows import add, locked, one, write
+from eigenfail_services.store.campaign_rows import locked, one, write
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import OVERHEAD, spec_hash, to_campaign
+from eigenfail_services.store.codec import OVERHEAD, to_campaign
+from eigenfail_services.store.creation import create, create_many
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.episodes import digest
 from eigenfail_services.store.events import append
 from eigenfail_services.store.jobs import enqueue, withdraw
-from eigenfail_services.store.refusals import key_used, no_campaign
-from eigenfail_services.store.schema import campaigns, idempotency_keys
+from eigenfail_services.store.refusals import no_campaign
+from eigenfail_services.store.schema import campaigns
+from eigenfail_services.store.spec_fields import spec_field
+from eigenfail_services.store.suites import suites_page
 
 NOTHING = Overhead()
+
+Asked = TypeVar("Asked")
+Made = TypeVar("Made")
+Maker = Callable[[Connection, Asked, str | None], Made]
 
 
 class SqlCampaigns:
@@ -29,28 +41,22 @@ class SqlCampaigns:
 
     def create(self, spec: CampaignSpec, idempotency_key: str | None = None) -> Campaign:
         """A new campaign, queued with a job for it; the same one again for the same key."""
+        return self._once(create, spec, idempotency_key)
+
+    def create_many(
+        self, specs: Sequence[CampaignSpec], idempotency_key: str | None = None
+    ) -> tuple[Campaign, ...]:
+        """New campaigns, all or none; the same ones again for the same key."""
+        return self._once(create_many, specs, idempotency_key)
+
+    def _once(self, make: Maker[Asked, Made], asked: Asked, key: str | None) -> Made:
         try:
-            return self._create(spec, idempotency_key)
+            with self._database.writing() as connection:
+                return make(connection, asked, key)
         except IntegrityError:
             # Somebody else used the key at the same time: now theirs can be seen.
-            return self._create(spec, idempotency_key)
-
-    def _create(self, spec: CampaignSpec, key: str | None) -> Campaign:
-        with self._database.writing() as connection:
-            if key is not None and (earlier := _created_with(connection, key, spec)):
-                return earlier
-            campaign = add(connection, spec)
-            if key is not None:
-                connection.execute(
-                    insert(idempotency_keys).values(
-                        key=key, spec_hash=spec_hash(spec), campaign=campaign.id
-                    )
-                )
-            enqueue(connection, JobKind.CAMPAIGN, campaign.id)
-            append(
-                connection, "campaign.created", sentences.campaign_created(campaign), campaign.id
-            )
-        return campaign
+            with self._database.writing() as connection:
+                return make(connection, asked, key)
 
     def get(self, campaign: int) -> Campaign:
         """The campaign as it stands."""
@@ -58,18 +64,31 @@ class SqlCampaigns:
             return one(connection, campaign)
 
     def page(
-        self, limit: int, before: int | None = None, state: CampaignState | None = None
+        self,
+        limit: int,
+        before: int | None = None,
+        state: CampaignState | None = None,
+        suite: str | None = None,
+        where: CampaignFilter = ANY_CAMPAIGN,
     ) -> Page[Campaign]:
-        """Campaigns, newest first, with ids below `before`."""
+        """Campaigns, newest first, with ids below `before`; of one state, of one suite."""
         query = select(campaigns).order_by(campaigns.c.id.desc()).limit(limit + 1)
         if before is not None:
             query = query.where(campaigns.c.id < before)
         if state is not None:
             query = query.where(campaigns.c.state == state)
+        if suite is not None:
+            query = query.where(campaigns.c.suite == suite)
+        query = query.where(*fulfilled(where))
         with self._database.reading() as connection:
             found = [to_campaign(row) for row in connection.execute(query).mappings()]
         items = tuple(found[:limit])
         return Page(items, items[-1].id if len(found) > limit else None)
+
+    def suites(self, limit: int, before: int | None = None) -> Page[SuiteStanding]:
+        """Suites by their newest campaigns, newest first, of those with ids below `before`."""
+        with self._database.reading() as connection:
+            return suites_page(connection, limit, before)
 
     def move(self, campaign: int, to: CampaignState, because: str = "") -> Campaign:
         """Change the state, and log the event."""
@@ -88,6 +107,17 @@ class SqlCampaigns:
         with self._database.writing() as connection:
             if not connection.execute(statement).rowcount:
                 raise no_campaign(campaign)
+
+
+def fulfilled(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
+    """The conditions of a filter."""
+    if where.method is not None:
+        yield spec_field("method") == where.method
+    if where.besides is not None:
+        yield spec_field("method") != where.besides
+    if where.search is not None:
+        words = where.search.lower().replace("\x00", "�")  # which no database takes
+        yield func.lower(spec_field("name")).contains(words, autoescape=True)
 
 
 def change(connection: Connection, campaign: int, to: CampaignState, because: str) -> Campaign:
@@ -111,14 +141,3 @@ def give_up(connection: Connection, campaign: int, because: str) -> None:
     """Let a campaign die, unless it has ended or rests."""
     if CampaignState.DEAD in MOVES[locked(connection, campaign).state]:
         change(connection, campaign, CampaignState.DEAD, because)
-
-
-def _created_with(connection: Connection, key: str, spec: CampaignSpec) -> Campaign | None:
-    found = connection.execute(
-        select(idempotency_keys).where(idempotency_keys.c.key == key)
-    ).one_or_none()
-    if found is None:
-        return None
-    if found.spec_hash != spec_hash(spec):
-        raise key_used(found.campaign)
-    return one(connection, found.campaign)

@@ -86,6 +86,7 @@ def to_campaign(found: RowMapping) -> Campaign:
     """A campaign from its row."""
     values: dict[str, Any] = dict(found)
     estimate = values.pop("estimate")
+    values.pop("suite")  # it is in the name
     spent = [values.pop(name) for name in OVERHEAD]
     return Campaign(
         spec=_specs.decode(values.pop("spec")),

@@ -1,52 +1,69 @@
-"""How lists of episodes are asked for, page by page."""
+"""How lists of episodes are asked for, page by page, whatever is wanted in whatever order."""
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, and_, func, or_, select
+from sqlalchemy import Connection, Select, select, tuple_
 
-from eigenfail.values import Outcome
-from eigenfail.values.records import EpisodeOrder
+from eigenfail.filters import Conditions, Sort
+from eigenfail_services.store.episode_columns import Expression, expression, fulfilled
 from eigenfail_services.store.schema import episodes
 
 number = episodes.c["index"]
-NO_SEVERITY = -1.0
-"""Behind every collision."""
+
+INDEXED = {
+    index.columns.keys()[1]
+    for index in episodes.indexes
+    if index.columns.keys()[::2] == ["campaign", "index"]
+}
+"""Columns that an index of the database sorts."""
 
 Rows = Select[*tuple[Any, ...]]
+Indices = Select[int]
 
 
-def rows(campaign: int, after: int | None, outcome: Outcome | None, order: EpisodeOrder) -> Rows:
-    """The episodes behind `after` in an order."""
-    query = select(episodes).where(episodes.c.campaign == campaign)
-    if outcome is not None:
-        query = query.where(episodes.c.outcome == outcome)
-    return ORDERS[order](query, campaign, after)
+def pages(
+    connection: Connection, campaign: int, after: int | None, where: Conditions, sort: Sort
+) -> Iterator[Indices]:
+    """The questions whose answers, one after the other, are the indices behind `after`.
 
-
-def by_index(query: Rows, _campaign: int, after: int | None) -> Rows:
-    """In index order."""
-    behind = query if after is None else query.where(number > after)
-    return behind.order_by(number)
-
-
-def by_severity(query: Rows, campaign: int, after: int | None) -> Rows:
-    """Worst first; as rows never change, an index stands for its place in the order."""
-    severity = func.coalesce(episodes.c.severity, NO_SEVERITY)
+    Without an index of the database all of them are sorted: so they are asked for alone.
+    """
+    query = select(number).where(episodes.c.campaign == campaign, *fulfilled(where, sort))
+    if sort.column == "index":
+        yield by_index(query, after, sort)
+        return
+    column = expression(sort.column)
+    missing = query.where(column.is_(None))
     if after is not None:
-        last = severity_of(campaign, after)
-        query = query.where(or_(severity < last, and_(severity == last, number > after)))
-    return query.order_by(severity.desc(), number)
+        last = select(column).where(episodes.c.campaign == campaign, number == after)
+        found = connection.execute(last).one_or_none()
+        if found is None:
+            return
+        if found[0] is None:
+            yield by_index(missing, after, sort)
+            return
+        # Rows never change: an index stands for its place in the order.
+        query = query.where(beyond(tuple_(column, number), tuple_(found[0], after), sort))
+    yield by_value(query, column, sort)
+    if all(condition.column != sort.column for condition in where):
+        yield by_index(missing, None, sort)
 
 
-def severity_of(campaign: int, index: int) -> ColumnElement[float]:
-    """The severity of an episode, as a part of a question."""
-    other = episodes.alias()
-    found = select(other.c.severity).where(other.c.campaign == campaign, other.c["index"] == index)
-    return func.coalesce(found.scalar_subquery(), NO_SEVERITY)
+def by_index(query: Indices, after: int | None, sort: Sort) -> Indices:
+    """In the order of indices."""
+    behind = query if after is None else query.where(beyond(number, after, sort))
+    return behind.order_by(number.desc() if sort.descending else number)
 
 
-ORDERS: dict[EpisodeOrder, Callable[[Rows, int, int | None], Rows]] = {
-    EpisodeOrder.INDEX: by_index,
-    EpisodeOrder.SEVERITY: by_severity,
-}
+def by_value(query: Indices, column: Expression, sort: Sort) -> Indices:
+    """Those with a value, by it and then by index: an index of the database goes both ways."""
+    order = (column.desc(), number.desc()) if sort.descending else (column, number)
+    known = query.where(column.is_not(None)).order_by(*order)
+    # Where all are sorted, SQLite would read them in the order of whatever index comes first.
+    return known if sort.column in INDEXED else known.where(number >= 0)
+
+
+def beyond(place: Any, last: Any, sort: Sort) -> Any:
+    """Whether something comes behind the last one in an order."""
+    return place < last if sort.descending else place > last

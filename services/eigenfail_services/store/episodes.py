@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import msgspec
 from sqlalchemy import Connection, insert, select
 
+from eigenfail.filters import BY_INDEX, Conditions, Sort
 from eigenfail.values import (
     BlockTotals,
     EpisodeResult,
@@ -19,7 +20,6 @@ from eigenfail.values import (
 from eigenfail.values.records import (
     PORTION,
     Delivery,
-    EpisodeOrder,
     EpisodeRow,
     Failures,
     Totals,
@@ -34,14 +34,14 @@ from eigenfail_services.store.campaign_rows import locked, one, write
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_blob, to_floats, to_result, to_row
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.episode_pages import number, rows
+from eigenfail_services.store.episode_pages import number, pages
 from eigenfail_services.store.events import append
 from eigenfail_services.store.judging import Kept, judge, row_of
 from eigenfail_services.store.refusals import no_episode
+from eigenfail_services.store.remembered import Remembered
 from eigenfail_services.store.safety import safety
 from eigenfail_services.store.schema import campaigns, episodes, scenes, trajectories
 from eigenfail_services.store.spending import spending
-from eigenfail_services.store.totals import totals
 from eigenfail_services.store.trials import trials
 
 CHUNK = 500
@@ -63,8 +63,9 @@ RESULTS = (
 class SqlEpisodes:
     """Results, read and written."""
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, remembered: Remembered) -> None:
         self._database = database
+        self._remembered = remembered
 
     def commit(self, campaign: int, deliveries: Sequence[Delivery]) -> list[Verdict]:
         """Keep results, update the counts, and log alarms; one verdict for each delivery."""
@@ -99,13 +100,17 @@ class SqlEpisodes:
         campaign: int,
         limit: int,
         after: int | None = None,
-        outcome: Outcome | None = None,
-        order: EpisodeOrder = EpisodeOrder.INDEX,
+        where: Conditions = (),
+        sort: Sort = BY_INDEX,
     ) -> Page[EpisodeRow]:
-        """Episodes in an order, those behind `after`."""
-        query = rows(campaign, after, outcome, order).limit(limit + 1)
+        """Episodes that fulfil all conditions, in an order, those behind `after`."""
+        found: list[EpisodeRow] = []
         with self._database.reading() as connection:
-            found = [to_row(row) for row in connection.execute(query).mappings()]
+            for query in pages(connection, campaign, after, where, sort):
+                keys = query.limit(limit + 1 - len(found))
+                found += _rows(connection, campaign, connection.execute(keys).scalars().all())
+                if len(found) > limit:
+                    break
         items = tuple(found[:limit])
         return Page(items, items[-1].index if len(found) > limit else None)
 
@@ -144,18 +149,15 @@ class SqlEpisodes:
 
     def totals(self, campaign: int) -> Totals:
         """Sums over all collisions, and episodes counted by class."""
-        with self._database.reading() as connection:
-            return totals(connection, campaign)
+        return self._remembered.totals([campaign])[campaign]
 
     def course(self, campaign: int, per: int) -> list[BlockTotals]:
         """Sums over blocks of `per` indices, in index order."""
-        with self._database.reading() as connection:
-            return course(connection, campaign, per)
+        return self._remembered.once(course, campaign, per)
 
     def safety(self, campaign: int, most: int = MOST_POINTS) -> SafetyTotals:
         """Safety measures over the completed episodes, with at most so many points."""
-        with self._database.reading() as connection:
-            return safety(connection, campaign, most)
+        return self._remembered.once(safety, campaign, most)
 
     def trials(self, campaign: int, most: int = MOST_TRIALS) -> Trials:
         """Seeds and outcomes of the completed episodes, of at most so many."""
@@ -164,8 +166,7 @@ class SqlEpisodes:
 
     def spending(self, campaign: int, most: int = MOST_LANDINGS) -> SpendingTotals:
         """Worker time in the episodes, and when they landed."""
-        with self._database.reading() as connection:
-            return spending(connection, campaign, most)
+        return self._remembered.once(spending, campaign, most)
 
     def paired(self, first: int, second: int) -> PairTotals:
         """The episodes that two campaigns both completed."""
@@ -196,6 +197,17 @@ def _chunks(indices: set[int]) -> Iterator[list[int]]:
     ordered = sorted(indices)
     for start in range(0, len(ordered), CHUNK):
         yield ordered[start : start + CHUNK]
+
+
+def _rows(connection: Connection, campaign: int, indices: Sequence[int]) -> list[EpisodeRow]:
+    """The rows of some episodes, in the order of these."""
+    query = select(episodes).where(episodes.c.campaign == campaign)
+    found = {
+        row["index"]: to_row(row)
+        for chunk in _chunks(set(indices))
+        for row in connection.execute(query.where(number.in_(chunk))).mappings()
+    }
+    return [found[index] for index in indices]
 
 
 def _digests(connection: Connection, campaign: int, indices: set[int]) -> dict[int, str]:

@@ -52,6 +52,14 @@ class SqlEventLog:
         with self._database.reading() as connection:
             return [Event(**found) for found in connection.execute(query).mappings()]
 
+    def latest(self, limit: int, campaign: int | None = None) -> list[Event]:
+        """The newest events, newest first."""
+        query = select(events).order_by(events.c.id.desc()).limit(limit)
+        if campaign is not None:
+            query = query.where(events.c.campaign == campaign)
+        with self._database.reading() as connection:
+            return [Event(**found) for found in connection.execute(query).mappings()]
+
     def last(self) -> int:
         """The id of the newest event, 0 if there is none."""
         with self._database.reading() as connection:

@@ -3,6 +3,9 @@
 KEPT_EVENTS = 200_000
 """The event log forgets what is older."""
 
+KEPT_CHANGES = 1_000_000
+"""The audit log forgets what is older."""
+
 MAX_ATTEMPTS = 5
 """Claims of one job in a row without progress, before it is buried."""
 

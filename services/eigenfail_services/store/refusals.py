@@ -21,6 +21,11 @@ def no_analysis(analysis: int) -> NotFound:
     return NotFound(f"There is no analysis {analysis}.", "`eigenfail analyze` starts one.")
 
 
+def no_key(key: int) -> NotFound:
+    """No key has the id."""
+    return NotFound(f"There is no key {key}.", "`eigenfail key list` lists them.")
+
+
 def key_used(campaign: int) -> IdempotencyMismatch:
     """The key was used for another spec."""
     return IdempotencyMismatch(

@@ -20,7 +20,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.types import TypeEngine
 
-VERSION = "0006"
+VERSION = "0010"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -92,8 +92,10 @@ campaigns = Table(
     Column("learning_s", Double),
     Column("waiting_s", Double),
     Column("discarded_s", Double),
+    Column("suite", Prose),
     CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
     Index(None, "state", "id"),
+    Index(None, "suite", "id"),
     sqlite_autoincrement=True,
 )
 
@@ -134,8 +136,24 @@ episodes = Table(
     Column("has_scene", Boolean, nullable=False),
     Column("fault_kind", Prose),
     Column("fault_message", Prose),
-    Index(None, "campaign", "outcome", "index"),
     Index(None, "campaign", "outcome", "min_ttc_s"),
+    # These two hold all that sums over a campaign, or over its failures, are made of.
+    Index(
+        "ix_episodes_landed",
+        *("campaign", "finished_ms", "index", "outcome", "robustness_m", "log_probability"),
+        *("steps", "wall_s"),
+    ),
+    Index(
+        "ix_episodes_ended",
+        *("campaign", "outcome", "index", "log_probability", "steps", "severity", "collided_s"),
+        *("ttc_violated_s", "drac_violated_s", "drac_at_warning_mps2"),
+    ),
+    # Orders that a page of a list must not sort a million rows for.
+    Index(None, "campaign", "robustness_m", "index"),
+    Index(None, "campaign", "log_probability", "index"),
+    Index(None, "campaign", "severity", "index"),
+    Index(None, "campaign", "min_ttc_s", "index", "outcome"),
+    Index(None, "campaign", "max_drac_mps2", "index", "outcome"),
 )
 
 # Blobs of little-endian float32, row-major: z and sigma with 2 columns, states with len(STATE).
@@ -226,5 +244,35 @@ jobs = Table(
     Column("progress", BigInteger, nullable=False),
     Column("buried_because", Prose),
     UniqueConstraint("kind", "subject"),
+    sqlite_autoincrement=True,
+)
+
+# Of a key's secret, its SHA-256 alone.
+keys = Table(
+    "keys",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("name", Prose, nullable=False),
+    Column("scope", Text, nullable=False),
+    Column("digest", Text, nullable=False),
+    Column("created_ms", BigInteger, nullable=False),
+    Column("expires_ms", BigInteger),
+    Column("revoked_ms", BigInteger),
+    Column("last_used_ms", BigInteger),
+    sqlite_autoincrement=True,
+)
+
+audit = Table(
+    "audit",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("at_ms", BigInteger, nullable=False),
+    Column("who", Prose, nullable=False),
+    Column("key", Number),
+    Column("method", Prose, nullable=False),
+    Column("route", Prose, nullable=False),
+    Column("subject", Prose, nullable=False),
+    Column("address", Prose, nullable=False),
+    Column("status", Integer, nullable=False),
     sqlite_autoincrement=True,
 )

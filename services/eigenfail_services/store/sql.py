@@ -4,21 +4,27 @@ from sqlalchemy import select
 
 from eigenfail.contracts import (
     AnalysisStore,
+    AuditLog,
     CampaignStore,
     CheckpointStore,
     EpisodeStore,
     EventLog,
+    FigureStore,
     JobQueue,
+    KeyStore,
 )
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import analyses, campaigns
+from eigenfail_services.store.access import SqlAuditLog, SqlKeys
 from eigenfail_services.store.analyses import SqlAnalyses
 from eigenfail_services.store.campaigns import SqlCampaigns
 from eigenfail_services.store.checkpoints import SqlCheckpoints
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.episodes import SqlEpisodes
 from eigenfail_services.store.events import SqlEventLog
+from eigenfail_services.store.figures import SqlFigures
 from eigenfail_services.store.jobs import SqlJobQueue
+from eigenfail_services.store.remembered import Remembered
 from eigenfail_services.store.schema import event_counter
 
 
@@ -27,15 +33,20 @@ class SqlStore:
 
     campaigns: CampaignStore
     episodes: EpisodeStore
+    figures: FigureStore
     checkpoints: CheckpointStore
     analyses: AnalysisStore
     events: EventLog
     jobs: JobQueue
+    keys: KeyStore
+    audit: AuditLog
 
     def __init__(self, database: Database) -> None:
         self._database = database
         self.campaigns = SqlCampaigns(database)
-        self.episodes = SqlEpisodes(database)
+        remembered = Remembered(database)
+        self.episodes = SqlEpisodes(database, remembered)
+        self.figures = SqlFigures(database, remembered)
         self.checkpoints = SqlCheckpoints(database)
         self.analyses = SqlAnalyses(database)
         self.events = SqlEventLog(database)
@@ -43,6 +54,8 @@ class SqlStore:
             database,
             {JobKind.CAMPAIGN: campaigns.give_up, JobKind.ANALYSIS: analyses.give_up},
         )
+        self.keys = SqlKeys(database)
+        self.audit = SqlAuditLog(database)
 
     def ping(self) -> None:
         """Raises StoreUnavailable, within seconds, if the database does not answer."""

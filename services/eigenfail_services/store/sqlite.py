@@ -69,9 +69,16 @@ class Sqlite:
             connection.isolation_level = None
             for pragma in (*PRAGMAS, *pragmas):
                 patiently(connection, f"PRAGMA {pragma}")
+            # SQLite's own knows the letters of English alone.
+            connection.create_function("lower", 1, lower, deterministic=True)
 
         event.listen(engine, "begin", begin)
         return engine
+
+
+def lower(text: str | None) -> str | None:
+    """Text in small letters."""
+    return None if text is None else text.lower()
 
 
 def patiently(connection: sqlite3.Connection, statement: str) -> None:

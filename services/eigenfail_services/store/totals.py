@@ -1,20 +1,41 @@
-"""Sums over the episodes of a campaign, made by the database."""
+"""Sums over the episodes of campaigns, made by the database."""
 
-from sqlalchemy import Connection, and_, func, or_, select
+from collections.abc import Sequence
+
+from sqlalchemy import Connection, Row, and_, func, or_, select
 
 from eigenfail.values import Outcome
 from eigenfail.values.assessment import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail.values.records import ConflictTotals, Totals
-from eigenfail_services.store.schema import episodes
+from eigenfail_services.store.schema import campaigns, episodes
+
+SUMMED = tuple(
+    episodes.c[name]
+    for name in (
+        *("campaign", "index", "log_probability", "steps", "severity", "collided_s"),
+        *("ttc_violated_s", "drac_violated_s", "drac_at_warning_mps2"),
+    )
+)
+"""An index holds just these."""
 
 
-def totals(connection: Connection, campaign: int) -> Totals:
-    """Sums over all collisions, and episodes counted by class, as `assess` classifies them."""
+def results(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
+    """How many results each of some campaigns has; those that do not exist are left out."""
+    query = select(campaigns.c.id, campaigns.c.completed + campaigns.c.failed)
+    found = connection.execute(query.where(campaigns.c.id.in_(chosen)))
+    return {row[0]: row[1] for row in found}
+
+
+def totals(connection: Connection, chosen: Sequence[int]) -> dict[int, Totals]:
+    """Sums over all collisions, and episodes counted by class, as `assess` classifies them.
+
+    Two questions, however many campaigns.
+    """
     # In index order: sums of floats depend on theirs, and reports must not change with it.
     collisions = (
-        select(episodes)
-        .where(episodes.c.campaign == campaign, episodes.c.outcome == Outcome.COLLISION)
-        .order_by(episodes.c["index"])
+        select(*SUMMED)
+        .where(episodes.c.campaign.in_(chosen), episodes.c.outcome == Outcome.COLLISION)
+        .order_by(episodes.c.campaign, episodes.c["index"])
         .subquery()
         .c
     )
@@ -26,6 +47,7 @@ def totals(connection: Connection, campaign: int) -> Totals:
     ttc_lead_s = collisions.collided_s - collisions.ttc_violated_s
     drac_lead_s = collisions.collided_s - collisions.drac_violated_s
     query = select(
+        collisions.campaign,
         func.count().label("failures"),
         func.coalesce(func.sum(collisions.log_probability), 0.0).label("log_probability"),
         func.coalesce(func.sum(collisions.steps), 0).label("steps"),
@@ -36,8 +58,18 @@ def totals(connection: Connection, campaign: int) -> Totals:
         func.count(ttc_lead_s).label("ttc_leads"),
         func.coalesce(func.sum(drac_lead_s), 0.0).label("drac_lead_s"),
         func.count(drac_lead_s).label("drac_leads"),
-    )
-    found = connection.execute(query).one()
+    ).group_by(collisions.campaign)
+    crashes = {found.campaign: found for found in connection.execute(query)}
+    near = near_misses(connection, chosen)
+    return {
+        campaign: totals_of(crashes.get(campaign), near.get(campaign, 0)) for campaign in chosen
+    }
+
+
+def totals_of(found: Row[*tuple[object, ...]] | None, near: int) -> Totals:
+    """From the sums over a campaign's collisions, where it has one, and its near misses."""
+    if found is None:
+        return Totals(0, 0.0, 0, None, ConflictTotals(near_misses=near))
     return Totals(
         failures=found.failures,
         log_probability=found.log_probability,
@@ -47,7 +79,7 @@ def totals(connection: Connection, campaign: int) -> Totals:
             unavoidable=found.unavoidable,
             planner_failures=found.failures - found.unavoidable - found.unclassified,
             unclassified=found.unclassified,
-            near_misses=near_misses(connection, campaign),
+            near_misses=near,
             ttc_lead_s=found.ttc_lead_s,
             ttc_leads=found.ttc_leads,
             drac_lead_s=found.drac_lead_s,
@@ -56,11 +88,15 @@ def totals(connection: Connection, campaign: int) -> Totals:
     )
 
 
-def near_misses(connection: Connection, campaign: int) -> int:
+def near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
     """How many episodes came near without a collision; an index holds just these."""
-    query = select(func.count()).where(
-        episodes.c.campaign == campaign,
-        episodes.c.outcome == Outcome.SAFE,
-        episodes.c.min_ttc_s < NEAR_MISS_TTC_S,
+    query = (
+        select(episodes.c.campaign, func.count())
+        .where(
+            episodes.c.campaign.in_(chosen),
+            episodes.c.outcome == Outcome.SAFE,
+            episodes.c.min_ttc_s < NEAR_MISS_TTC_S,
+        )
+        .group_by(episodes.c.campaign)
     )
-    return connection.execute(query).scalar_one()
+    return {row[0]: row[1] for row in connection.execute(query)}

@@ -77,8 +77,34 @@ def test_an_analysis_that_finds_distinct_modes_prices_them(look, store, driven, 
     assert f"Analysis {analysis}" in text
 
 
-def test_before_the_first_episode_there_is_nothing_to_tell(look, campaign):
+def test_without_an_episode_there_is_nothing_to_tell_now_or_ever(look, store, campaign):
     assert "once an episode has ended" in look(f"/campaigns/{campaign}/measures")
+    assert "appear with the first results" in look(f"/campaigns/{campaign}")
+    store.campaigns.move(campaign, "cancelled")
+    assert "No episode was completed: there are no" in look(f"/campaigns/{campaign}/measures")
+    text = look(f"/campaigns/{campaign}")
+    assert "there is nothing to draw" in text
+    assert "yet" not in text.split("Failures Search")[0]
+
+
+def test_figures_that_lag_say_of_how_many_episodes_they_are(look, store, driven):
+    address = f"/campaigns/{driven}/measures"
+    assert "Over the first 10 completed episodes: worked out less often" in look(address)
+    assert "Cost so far" in look(f"/campaigns/{driven}")
+    store.campaigns.move(driven, "done")
+    assert "Over all episodes that were completed: 10." in look(address)
+    assert "Cost in all" in look(f"/campaigns/{driven}")
+
+
+@pytest.mark.parametrize(
+    "moves", [(), ("pausing", "paused"), ("done",), ("cancelling", "cancelled"), ("dead",)]
+)
+def test_what_a_tail_takes_is_true_in_every_state(look, store, driven, moves):
+    for state in moves:
+        store.campaigns.move(driven, state)
+    text = look(f"/campaigns/{driven}/measures")
+    assert "take 5: 100 failures. They need more episodes, or a lower level." in text
+    assert "Let it run on" not in text
 
 
 def test_a_campaign_that_is_not_there_is_a_problem(look):

@@ -110,8 +110,10 @@ def test_an_episode_says_when_it_was_in_danger_and_how_it_was_driven(
     deliver(campaign, replace(result(0, Outcome.COLLISION), measures=crash))
     text = look(f"/campaigns/{campaign}/episodes/0")
     assert "Class collision, planner failure" in text
-    assert "TTC below 1.5 s at 1.50 s, 2.25 s before the collision" in text
-    assert "DRAC at that moment 6.50 m/s² DRAC above 7 m/s² never" in text
+    assert "MinTTC 0.100 s < 1.5 s 1.50 s 2.25 s" in text
+    assert "> 7 m/s² never –" in text
+    assert "first fell below 1.5 s, DRAC was 6.50 m/s²" in text
+    assert "1.5 s TTC below 1.5 s 3.8 s collision" in text
     assert "Left the road never Largest jerk 12.5 m/s³ Hard brakings 2" in text
     assert "Controls clipped 0 steps" in text
 
@@ -147,7 +149,9 @@ def test_a_campaign_counts_its_conflicts(look, campaign, deliver, result):
 
 def test_an_episode_without_a_scene_says_why(look, campaign, deliver, result):
     deliver(campaign, result(3))
-    assert "only collisions and a sample" in look(f"/campaigns/{campaign}/episodes/3")
+    text = look(f"/campaigns/{campaign}/episodes/3")
+    assert "those of all collisions and every 50th of the others" in text
+    assert "Replay now" in text
 
 
 def test_an_episode_that_could_not_be_run_says_why(look, campaign, deliver, failed):
@@ -192,7 +196,8 @@ def test_problems_are_pages_for_browsers(look, address, status, words):
 
 def test_problems_stay_problems_for_programs(http, problem):
     problem(http.get("/campaigns/7"), 404)
-    problem(http.get("/api/v1/campaigns/7", headers=HTML), 404)
+    problem(http.get("/api/v1/campaigns/7", headers={"accept": "text/html,*/*;q=0.8"}), 404)
+    problem(http.get("/api/v1/campaigns/7", headers=HTML), 406)
 
 
 @pytest.mark.parametrize("address", ["/", "/campaigns/7", "/static/js/main.js"])

@@ -32,6 +32,16 @@ def test_vendored_files_have_the_hashes_of_the_manifest(library):
         assert hashlib.sha256((VENDOR / name).read_bytes()).hexdigest() == expected, name
 
 
+def test_every_series_that_our_charts_draw_was_built_in():
+    entry = (VENDOR / "echarts.entry.js").read_text().lower()
+    scripts = [path.read_text() for path in (STATIC / "js").iterdir()]
+    axes = {"value", "category", "log", "plain"}
+    drawn = {kind for text in scripts for kind in re.findall(r'\btype: "(\w+)"', text)} - axes
+    series = {kind for kind in drawn if kind.islower()}
+    assert series >= {"line", "scatter", "bar", "parallel"}
+    assert all(f"{kind}chart" in entry for kind in series)
+
+
 def test_our_files_name_no_other_host():
     for path in OURS:
         text = path.read_text().replace(XML_NAMESPACE, "")

@@ -23,11 +23,11 @@ from eigenfail.values.records import EpisodeRow, Totals
 from eigenfail_api.dashboard import formats, samples
 from eigenfail_api.dashboard.views.analysis import peak
 from eigenfail_api.dashboard.views.campaign import settings, times
+from eigenfail_api.dashboard.views.campaign_costs import cost_chart
 from eigenfail_api.dashboard.views.diversity import diversity_tiles
-from eigenfail_api.dashboard.views.episode import nearest_actor
 from eigenfail_api.dashboard.views.episodes import curve_chart, robustness_chart
 from eigenfail_api.dashboard.views.modes import evenly
-from eigenfail_api.dashboard.views.overview import cost_chart, tiles
+from eigenfail_api.dashboard.views.scene import nearest_actor
 from eigenfail_api.dashboard.views.summaries import standing
 from eigenfail_services.campaigns.summary import summarise
 from eigenfail_services.statistics.intervals import rate
@@ -48,6 +48,13 @@ from eigenfail_services.statistics.intervals import rate
 )
 def test_figures_have_three_digits(value, text):
     assert formats.number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("count", "text"), [(0, "0 failures"), (1, "1 failure"), (1234, "1,234 failures")]
+)
+def test_one_thing_is_not_called_several(count, text):
+    assert formats.counted(count, "failure") == text
 
 
 @pytest.mark.parametrize(
@@ -176,7 +183,6 @@ def test_what_a_replay_cost_is_no_price_of_finding_failures():
     summaries = [summarise(each, totals(5)) for each in (replay, found)]
     (point,) = cost_chart(summaries).data["campaigns"]
     assert point["method"] == found.spec.method
-    assert dict(tiles([replay, found], summaries))["Failures"].value == "5"
 
 
 def totals(failures):

@@ -9,10 +9,10 @@ from starlette.testclient import TestClient
 from typer.testing import CliRunner
 
 from eigenfail import plugins
-from eigenfail.cli import local_service
 from eigenfail.cli.main import app
 from eigenfail.cli.surroundings import Surroundings
 from eigenfail.client import Client
+from eigenfail.hosting import service as local_service
 from eigenfail.values import EpisodeTask, PriorSource, TrajectorySource, episode_seed
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
@@ -133,7 +133,8 @@ def eigenfail(service):
     surroundings = Surroundings(connect=lambda url: Client(url, service))
 
     def run(*words):
-        return CliRunner().invoke(app, [str(word) for word in words], obj=surroundings)
+        given = [str(word) for word in words]
+        return CliRunner().invoke(app, given, obj=surroundings, prog_name="eigenfail")
 
     return run
 

@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import httpx2
 import pytest
 
-from eigenfail.cli import replays
-from eigenfail.cli import run as run_module
+from eigenfail.cli import places as places_module
 from eigenfail.cli.interruption import INTERRUPTED
-from eigenfail.cli.local_service import Plan
 from eigenfail.cli.options import DEFAULT_URL
 from eigenfail.errors import InvalidValue
+from eigenfail.hosting.service import Plan
+from eigenfail.stories import replays
 
 
 def test_run_prints_the_result_table(eigenfail, spec_file):
@@ -144,7 +144,7 @@ def test_episodes_are_listed_and_shown(eigenfail, done):
 
 
 def test_episodes_have_a_class_and_lead_times(eigenfail, done):
-    asked = ("episode", "list", done, "--sort", "severity", "--limit", 100)
+    asked = ("episode", "list", done, "--sort", "-severity", "--limit", 100)
     rows = json.loads(eigenfail(*asked, "--json").stdout)
     severities = [row["severity"] for row in rows if row["outcome"] == "collision"]
     assert severities == sorted(severities, reverse=True)
@@ -381,4 +381,4 @@ def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
 ):
     found = SimpleNamespace(name=source)
     context = SimpleNamespace(get_parameter_source=lambda _: found)
-    assert list(run_module.nearby(context, Plan(tmp_path, 0))) == places
+    assert list(places_module.nearby(context, Plan(tmp_path, 0))) == places

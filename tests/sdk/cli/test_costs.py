@@ -5,6 +5,7 @@ import json
 import msgspec
 import pytest
 
+from eigenfail.filters import outcome_is
 from eigenfail.values import CampaignCost, Outcome
 
 
@@ -47,7 +48,7 @@ def test_without_a_failure_there_is_a_bound(eigenfail, spec_file, costs):
 
 def test_it_costs_what_it_found(done, costs, store):
     (found,) = costs(done)
-    crashes = store.episodes.page(done, 100, outcome=Outcome.COLLISION).items
+    crashes = store.episodes.page(done, 100, where=outcome_is(Outcome.COLLISION)).items
     assert found.curve[-1].failures == found.failures == len(crashes)
     assert found.curve[-1].usd == pytest.approx(found.cost.total_usd)
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from eigenfail import plugins
-from eigenfail.cli import replays
-from eigenfail.cli.stories import story
 from eigenfail.errors import InvalidValue
+from eigenfail.stories import replays
+from eigenfail.stories.sentences import story
 from eigenfail.values import (
     CampaignSpec,
     EpisodeFault,

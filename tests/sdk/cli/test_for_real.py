@@ -2,16 +2,16 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import psutil
 import pytest
 
-from eigenfail.cli.processes import marked
+from eigenfail.hosting.processes import marked
 
 pytestmark = pytest.mark.service
 
@@ -80,10 +80,9 @@ def test_run_uses_the_service_of_the_folder_and_ctrl_c_pauses(start, up, spec_fi
     worker = start("worker", "--connect", address["hub"], "--json")
     run = start("run", spec_file, "--data", data, "--episodes", 100_000)
     seen = ""
-    while "running" not in seen:
+    while not re.search(r": [1-9]\d*/100000 episodes", seen):
         seen = run.stderr.readline()
         assert seen
-    time.sleep(0.5)
     run.send_signal(signal.SIGINT)
     _, err = run.communicate(timeout=60)
     assert run.returncode == 130

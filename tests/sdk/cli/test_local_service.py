@@ -10,12 +10,12 @@ import time
 import psutil
 import pytest
 
-from eigenfail.cli import local_service
-from eigenfail.cli.data_folder import Address, DataFolder
-from eigenfail.cli.local_service import Launcher, Plan, free_port, ready_line
-from eigenfail.cli.processes import OWNER_MARK, marked
-from eigenfail.cli.signals import interruptible
 from eigenfail.errors import PortTaken, ServiceError, StoreUnavailable
+from eigenfail.hosting import service as local_service
+from eigenfail.hosting.folder import Address, DataFolder
+from eigenfail.hosting.processes import OWNER_MARK, marked
+from eigenfail.hosting.service import Launcher, Plan, free_port, ready_line
+from eigenfail.hosting.signals import interruptible
 
 STUBBORN = "while True: time.sleep(600)\n"
 

@@ -83,9 +83,9 @@ def test_a_step_that_completes_nothing_says_nothing(eigenfail, spec_file):
     ("search", "words"),
     [
         (("--low", 2, "--high", 1), "2 is not below the high end, 1"),
-        (("--high", 11), "search.high: Expected `float` <= 10.0"),
-        (("--tolerance", 0), "search.tolerance"),
-        (("--budget", 0), "episodes"),
+        (("--high", 11), "--high: '11' is above 10.0. See: eigenfail margin --help"),
+        (("--tolerance", 0), "--tolerance: '0' is below 0.001"),
+        (("--budget", 0), "--budget: '0' is below 1"),
     ],
 )
 def test_a_search_that_makes_no_sense_exits_with_2(eigenfail, spec_file, store, search, words):

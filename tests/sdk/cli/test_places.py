@@ -4,13 +4,17 @@ from contextlib import contextmanager
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
-from eigenfail.cli import run
-from eigenfail.cli.data_folder import Address, DataFolder
-from eigenfail.cli.local_service import Plan
-from eigenfail.cli.options import DEFAULT_URL
+from eigenfail.cli import places, run
+from eigenfail.cli.main import app
+from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL
 from eigenfail.cli.specs import read_spec
+from eigenfail.cli.surroundings import Surroundings
+from eigenfail.client import Client
 from eigenfail.errors import ServiceError, ServiceUnreachable, UnknownName
+from eigenfail.hosting.folder import Address, DataFolder
+from eigenfail.hosting.service import Plan
 
 OWN = Address("http://127.0.0.1:1", "tcp://127.0.0.1:2")
 
@@ -34,7 +38,7 @@ def own(monkeypatch):
     def started(plan):
         yield stub
 
-    monkeypatch.setattr(run, "local_service", started)
+    monkeypatch.setattr(places, "local_service", started)
     return stub
 
 
@@ -44,16 +48,16 @@ def somewhere(monkeypatch, spec_file, tmp_path):
     context = typer.Context(typer.main.get_command(run.app))
 
     def enter(url=None, healthy=(), spec=None):
-        monkeypatch.setattr(run, "is_healthy", lambda context, address: address in healthy)
+        monkeypatch.setattr(places, "is_healthy", lambda context, address: address in healthy)
         plan = Plan(tmp_path / "data", 0)
-        return run.somewhere(context, spec or read_spec(spec_file), url, plan)
+        return places.somewhere(context, spec or read_spec(spec_file), url, plan)
 
     return enter
 
 
 def test_the_address_asked_for_comes_first(somewhere, own):
     with somewhere("http://there:1", {"http://there:1", DEFAULT_URL}) as place:
-        assert place == run.Place("http://there:1")
+        assert place == places.Place("http://there:1")
 
 
 def test_nothing_is_started_if_nobody_is_where_it_was_asked_for(somewhere, own):
@@ -94,3 +98,45 @@ def test_an_own_service_that_falls_silent_says_why(somewhere, own):
         fall_silent(ServiceError("The controller process ended."))
     with pytest.raises(ServiceUnreachable, match=r"Nobody answers\."):
         fall_silent(None)
+
+
+@pytest.fixture
+def asked_of(service):
+    """Runs a command; gives the address at which it looked for a service."""
+
+    def run_command(*words):
+        seen = []
+
+        def connect(url):
+            seen.append(url)
+            return Client(DEFAULT_URL, service)
+
+        words = ["campaign", "list", *words]
+        done = CliRunner().invoke(app, words, obj=Surroundings(connect), prog_name="eigenfail")
+        assert done.exit_code == 0, done.stderr
+        return seen[-1]
+
+    return run_command
+
+
+def test_every_command_finds_the_service_of_the_folder(asked_of, monkeypatch, tmp_path):
+    monkeypatch.setenv("EIGENFAIL_DATA", str(tmp_path / "data"))
+    folder = DataFolder(tmp_path / "data")
+    assert asked_of() == DEFAULT_URL
+    with folder.claimed():
+        folder.publish(OWN)
+        assert asked_of() == OWN.url
+        assert asked_of("--url", "http://there:1") == "http://there:1"
+        assert asked_of("--url", DEFAULT_URL) == DEFAULT_URL
+        monkeypatch.setenv("EIGENFAIL_URL", "http://there:2")
+        assert asked_of() == "http://there:2"
+
+
+def test_the_usual_folder_is_the_one_in_which_up_works(asked_of, monkeypatch, tmp_path):
+    monkeypatch.delenv("EIGENFAIL_DATA", raising=False)
+    monkeypatch.chdir(tmp_path)
+    folder = DataFolder(DEFAULT_DATA)
+    with folder.claimed():
+        folder.publish(OWN)
+        assert asked_of() == OWN.url
+    assert asked_of() == DEFAULT_URL

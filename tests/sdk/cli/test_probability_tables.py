@@ -6,8 +6,9 @@ import msgspec
 import pytest
 from rich.console import Console
 
+from eigenfail.cli.campaign_facts import campaign_facts
 from eigenfail.cli.suite_tables import MemberResult, SuiteResult, suite_table
-from eigenfail.cli.tables import campaign_facts, campaign_table, result_table
+from eigenfail.cli.tables import campaign_table, result_table
 from eigenfail.values import (
     Campaign,
     CampaignSpec,

@@ -7,9 +7,23 @@ from msgspec.structs import replace
 from rich.console import Console
 from rich.progress import Progress
 
-from eigenfail.cli import progress
+from eigenfail import progress
+from eigenfail.cli.progress import follow
 from eigenfail.client import Client
+from eigenfail.progress import standing
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
+
+
+class Clock:
+    now_s = 100.0
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The time, as a test sets it."""
+    now = Clock()
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now.now_s)
+    return now
 
 
 @pytest.fixture
@@ -23,20 +37,35 @@ def campaign():
     return seen
 
 
-def test_plain_lines_come_at_changes_and_now_and_then(campaign, capsys, monkeypatch):
-    clock = iter([100.0, 101.0, 104.9, 105.1, 105.2])
-    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+def test_plain_lines_come_at_changes_and_now_and_then(campaign, capsys, clock):
     lines = progress.PlainLines()
-    steps = (("queued", 0), ("running", 1), ("running", 5), ("running", 9), ("running", 9))
-    for state, completed in steps:
-        lines(campaign(state, completed))
+    steps = (
+        (100.0, "queued", 0),
+        (101.0, "running", 0),
+        (104.9, "running", 5),
+        (105.1, "running", 9),
+    )
+    for clock.now_s, state, completed in steps:
+        lines(standing(campaign(state, completed)))
     assert capsys.readouterr().err.splitlines() == [
         "campaign 7 (ast) queued: 0/10 episodes, 0 failures",
-        "campaign 7 (ast) running: 1/10 episodes, 0 failures",
+        "campaign 7 (ast) running: 0/10 episodes, 0 failures",
     ]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: 106.5)
-    lines(campaign("running", 9, failures=2))
-    assert capsys.readouterr().err == "campaign 7 (ast) running: 9/10 episodes, 2 failures\n"
+    clock.now_s = 106.0
+    lines(standing(campaign("running", 9, failures=2)))
+    assert capsys.readouterr().err == (
+        "campaign 7 (ast) running: 9/10 episodes, 2 failures, 1.5 episodes/s, 0:00:01 to go\n"
+    )
+
+
+def test_the_pace_is_that_since_the_first_look(campaign, clock):
+    pace = progress.Pace()
+    assert pace.words(standing(campaign("running", 4))) == "0 failures"
+    clock.now_s += 2.0
+    words = pace.words(standing(campaign("running", 5, failures=1)))
+    assert words == "1 failure, 0.5 episodes/s, 0:00:10 to go"
+    clock.now_s += 2.0
+    assert pace.words(standing(campaign("done", 10))) == "0 failures, 1.5 episodes/s"
 
 
 def test_people_see_a_bar(eigenfail, spec_file, monkeypatch):
@@ -54,9 +83,9 @@ def test_a_campaign_that_stopped_early_is_at_its_end_and_says_why(campaign):
     stopped = replace(campaign("done", 3), counts=counts)
     with Progress(console=Console(file=StringIO())) as drawn:
         bar = progress.Bar(drawn)
-        bar(campaign("running", 3))
+        bar(standing(campaign("running", 3)))
         assert not drawn.finished
-        bar(stopped)
+        bar(standing(stopped))
         assert drawn.finished
 
 
@@ -76,4 +105,4 @@ def test_a_check_that_raises_ends_the_following(eigenfail, done, service):
         raise RuntimeError("the services process is gone")
 
     with Client("http://127.0.0.1:8440", service) as client, pytest.raises(RuntimeError):
-        progress.follow(client, done, check)
+        follow(client, done, check)

@@ -194,3 +194,45 @@ def test_people_see_one_bar(eigenfail, suite_file, monkeypatch):
     assert "3 of 3 campaigns over" in run.stderr
     assert "36/36" in run.stderr
     assert run.stdout.startswith("{")
+
+
+def test_suites_of_a_service_are_listed_and_shown_by_their_names(eigenfail, suite_file):
+    assert eigenfail("suite", "run", suite_file).exit_code == 0
+    listed = eigenfail("suite", "list")
+    assert rows(listed.stdout) == [["seeds", "3", "done", "3", "36/36", "10"]], listed.output
+    shown = eigenfail("suite", "show", "seeds")
+    header, _, *table = shown.stdout.splitlines()
+    assert header.split()[:4] == ["member", "state", "seed", "id"]
+    assert [row.split()[:4] for row in table] == [
+        [f"seed={n}", "done", f"{n}", f"{n}"] for n in (1, 2, 3)
+    ]
+    told = json.loads(eigenfail("suite", "show", "seeds", "--json").stdout)
+    assert (told["suite"], told["columns"], told["earlier"]) == ("seeds", ["seed"], 0)
+
+
+def test_settings_that_a_member_leaves_out_are_the_default(eigenfail, tmp_path):
+    file = tmp_path / "budgets.toml"
+    file.write_text(
+        '[base]\nmethod = "monte_carlo"\nplanner = "idm"\nsimulator = "point_mass"\nepisodes = 2\n'
+        "[sweep.scenario_parameters]\ndistance_m = [60.0]\n"
+    )
+    assert eigenfail("suite", "run", file).exit_code == 0
+    columns, _, *table = eigenfail("suite", "show", "budgets").stdout.splitlines()
+    assert "distance_m" in columns.split()
+    assert ["default" in row.split() for row in table] == [True, False]
+
+
+def test_a_suite_that_the_service_does_not_know_is_an_error(eigenfail):
+    shown = eigenfail("suite", "show", "nobody")
+    assert shown.exit_code == 2
+    assert "eigenfail suite list" in shown.stderr
+
+
+def test_no_member_is_created_unless_all_can_be(eigenfail, suite_file, store):
+    more = '[[campaigns]]\nname = "odd"\nmethod = "cem"\nsettings.rounds = 1\n'
+    suite_file.write_text(suite_file.read_text().replace("[grid]\nseed = [1, 2, 3]\n", more))
+    suite_file.write_text(suite_file.read_text() + '[[campaigns]]\nname = "even"\n')
+    refused = eigenfail("suite", "run", suite_file)
+    assert refused.exit_code == 2
+    assert "member 'odd': settings: 'rounds' is not known." in refused.stderr
+    assert store.campaigns.page(1).items == ()

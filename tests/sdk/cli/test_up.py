@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from eigenfail.cli import up
 from eigenfail.cli.main import app
-from eigenfail.cli.processes import marked
+from eigenfail.hosting.processes import marked
 
 pytestmark = pytest.mark.service
 

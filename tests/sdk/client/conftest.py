@@ -2,7 +2,6 @@
 
 import httpx2
 import pytest
-import stamina
 from starlette.testclient import TestClient
 
 from eigenfail.client import Client
@@ -12,10 +11,9 @@ from eigenfail_services.store.memory import MemoryStore
 
 
 @pytest.fixture(autouse=True)
-def impatient():
-    """Try again at once."""
-    with stamina.set_testing(True, attempts=4):
-        yield
+def impatient(monkeypatch):
+    """Ask again at once."""
+    monkeypatch.setattr("eigenfail.client.asking.pause_after", lambda _error, _tried: 0.0)
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Asked again where that is safe, once elsewhere; every refusal is the error it was."""
 
+import logging
 import socket
 
 import httpx2
@@ -7,7 +8,8 @@ import pytest
 
 from eigenfail import errors
 from eigenfail.client import Client
-from eigenfail.client.link import LONGEST_PAUSE_S, is_loopback, worth_another_try
+from eigenfail.client.asking import JITTER_S, LONGEST_PAUSE_S, pause_after, worth_another_try
+from eigenfail.client.link import is_loopback
 from eigenfail.errors import (
     Conflict,
     InputError,
@@ -48,6 +50,25 @@ def test_a_question_is_not_asked_for_ever(scripted):
     assert len(asked) == 4
 
 
+def test_only_the_last_try_is_heard_of(scripted, caplog, capsys):
+    client, _ = scripted(lambda request, n: busy())
+    with caplog.at_level(logging.DEBUG, "eigenfail"), pytest.raises(StoreUnavailable):
+        client.campaigns.get(1)
+    assert [record.levelname for record in caplog.records if record.name[:9] == "eigenfail"] == [
+        "DEBUG"
+    ] * 3
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_service_that_is_slow_to_refuse_is_not_asked_again(scripted, monkeypatch):
+    times = iter((0.0, LONGEST_PAUSE_S + 1.0))
+    monkeypatch.setattr("eigenfail.client.asking.monotonic", lambda: next(times))
+    client, asked = scripted(lambda request, n: busy())
+    with pytest.raises(StoreUnavailable):
+        client.campaigns.get(1)
+    assert len(asked) == 1
+
+
 def test_what_would_be_done_twice_is_asked_once(scripted):
     client, asked = scripted(lambda request, n: busy())
     for ask in (
@@ -84,23 +105,28 @@ def test_a_cut_connection_is_worth_another_try_a_refusal_is_not(scripted):
     assert len(asked) == 1
 
 
-@pytest.mark.parametrize(
-    ("status", "pause", "worth"),
-    [
-        (503, "7", 7.0),
-        (429, "0", 0.0),
-        (503, "99999", LONGEST_PAUSE_S),
-        (503, "Fri, 21 Nov 2026 12:00:00 GMT", True),
-        (503, None, True),
-        (404, "7", False),
-        (500, None, False),
-    ],
-)
-def test_the_service_says_how_long_to_wait(status, pause, worth):
+def refused(status, pause=None):
     response = httpx2.Response(status, headers={"Retry-After": pause} if pause else {})
-    error = httpx2.HTTPStatusError("", request=httpx2.Request("GET", "http://x"), response=response)
-    assert worth_another_try(error) == worth
-    assert type(worth_another_try(error)) is type(worth)
+    return httpx2.HTTPStatusError("", request=httpx2.Request("GET", "http://x"), response=response)
+
+
+@pytest.mark.parametrize(("pause", "seconds"), [("7", 7.0), ("0", 0.0), ("99999", LONGEST_PAUSE_S)])
+def test_the_service_says_how_long_to_wait(pause, seconds):
+    assert pause_after(refused(503, pause), 1) == seconds
+
+
+@pytest.mark.parametrize("pause", ["Fri, 21 Nov 2026 12:00:00 GMT", None])
+def test_a_service_that_does_not_say_is_asked_ever_later(pause):
+    pauses = [pause_after(refused(503, pause), tried) for tried in (1, 2, 3)]
+    for seconds, least in zip(pauses, (0.1, 0.2, 0.4), strict=True):
+        assert least <= seconds <= least + JITTER_S
+
+
+@pytest.mark.parametrize(
+    ("status", "worth"), [(503, True), (429, True), (404, False), (500, False)]
+)
+def test_only_who_is_busy_is_asked_again(status, worth):
+    assert worth_another_try(refused(status, "7")) is worth
 
 
 def test_nobody_at_home_is_told_with_what_to_start():

@@ -6,12 +6,14 @@ import msgspec
 import numpy as np
 import pytest
 
+from eigenfail.client import Client
 from eigenfail.errors import (
     Conflict,
     IllegalTransition,
     InvalidValue,
     NotFound,
     ServiceError,
+    ServiceUnreachable,
     UnknownName,
 )
 from eigenfail.values import (
@@ -160,6 +162,16 @@ def test_an_episode_comes_back_to_the_last_bit(client, campaign, deliver):
     assert told.scene.vehicles.shape == (5, 2, 4)
 
 
+def test_an_episode_is_told_on_few_lines(client, campaign, deliver):
+    deliver(collision(0))
+    said = repr(client.episodes.get(campaign.id, 0))
+    assert said.startswith("EpisodeDetail(index=0, seed=0, outcome=<Outcome.COLLISION")
+    assert "noise=NoiseTrajectory(z=<float32 (4, 2)>, sigma=<float32 (4, 2)>" in said
+    assert "vehicles=<float32 (5, 2, 4)>" in said
+    assert "assessed=Assessment(" in said
+    assert len(said) < 2_000
+
+
 def test_an_episode_without_a_step_keeps_its_shape(client, campaign, deliver):
     deliver(unrunnable(1))
     told = client.episodes.get(campaign.id, 1)
@@ -179,8 +191,19 @@ def test_episodes_are_listed_by_severity_over_pages(client, campaign, deliver, m
     monkeypatch.setattr("eigenfail.client.link.PAGE", 1)
     worse = msgspec.structs.replace(collision(2), measures=Measures(0.0, severity=16.0))
     deliver(collision(0), unrunnable(1), worse, collision(3))
-    found = client.episodes.list(campaign.id, sort="severity")
-    assert [row.index for row in found] == [2, 0, 3, 1]
+    found = client.episodes.list(campaign.id, sort="-severity")
+    assert [row.index for row in found] == [2, 3, 0, 1]
+
+
+def test_episodes_are_found_by_a_filter(client, campaign, deliver):
+    worse = msgspec.structs.replace(collision(2), measures=Measures(0.0, severity=16.0))
+    deliver(collision(0), unrunnable(1), worse)
+    assert [row.index for row in client.episodes.list(campaign.id, filter="severity > 9")] == [2]
+    with pytest.raises(UnknownName, match="Did you mean 'severity'") as refusal:
+        list(client.episodes.list(campaign.id, filter="sevrity > 9"))
+    assert refusal.value.field == "filter, character 1"
+    picked = client.episodes.list(campaign.id, sort="-severity", fields=["index", "severity"])
+    assert list(picked)[:2] == [{"index": 2, "severity": 16.0}, {"index": 0, "severity": 9.0}]
 
 
 def test_analyses_are_made_waited_for_and_listed(client, campaign, analysis):
@@ -246,6 +269,8 @@ def test_health(client, store, monkeypatch):
         lambda client: client.campaigns.digest(9),
         lambda client: list(client.episodes.list(9)),
         lambda client: client.episodes.get(9, 0),
+        lambda client: client.episodes.explanation(9, 0),
+        lambda client: client.episodes.replay(9, 0),
         lambda client: client.analyses.create(9),
         lambda client: client.analyses.get(9),
         lambda client: list(client.analyses.list(9)),
@@ -256,3 +281,43 @@ def test_health(client, store, monkeypatch):
 def test_what_is_not_there_is_not_found(client, ask):
     with pytest.raises(NotFound):
         ask(client)
+
+
+def test_campaigns_are_found_by_method_and_name(client, fields):
+    for name in ("Night drive", "day"):
+        client.campaigns.create(**{**fields, "name": name})
+    found = client.campaigns.list(method=fields["method"], search="NIGHT")
+    assert [campaign.spec.name for campaign in found] == ["Night drive"]
+    assert list(client.campaigns.list(method="ast")) == []
+
+
+def test_an_episode_is_replayed_as_a_campaign(client, campaign, deliver):
+    deliver(collision(0))
+    made = client.episodes.replay(campaign.id, 0, scale=0.5)
+    assert made.spec.method == "replay"
+    assert made.spec.settings["scale"] == 0.5
+    assert list(client.suites.list()) == []
+    with pytest.raises(InvalidValue, match="scale"):
+        client.episodes.replay(campaign.id, 0, scale=9.0)
+
+
+def test_settings_of_an_analysis_are_given_by_name(client, campaign):
+    assert client.analyses.create(campaign.id, clusters=2).settings.clusters == 2
+    with pytest.raises(UnknownName, match="Did you mean 'clusters'"):
+        client.analyses.create(campaign.id, cluster=2)
+
+
+def test_variations_of_a_proof_are_a_list(client):
+    with pytest.raises(InvalidValue, match="variations"):
+        client.analyses.prove(1, {"distance_m": 60.0})
+
+
+def test_an_address_has_a_scheme():
+    with pytest.raises(InvalidValue, match="'localhost' is not an address"):
+        Client("localhost")
+
+
+def test_a_closed_client_says_so(client):
+    client.close()
+    with pytest.raises(ServiceUnreachable, match="is closed"):
+        client.campaigns.get(1)

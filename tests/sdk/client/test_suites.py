@@ -2,7 +2,7 @@
 
 import pytest
 
-from eigenfail.errors import ServiceError, UnknownName
+from eigenfail.errors import NotFound, ServiceError, UnknownName
 from eigenfail.suites import Member, Suite
 from eigenfail.values import CampaignSpec, CampaignState
 
@@ -49,7 +49,7 @@ def asdict(spec):
 
 def test_two_commands_at_once_create_each_member_once(client, suite, monkeypatch):
     # Both have looked before either has created.
-    monkeypatch.setattr(client.campaigns, "list", lambda: iter(()))
+    monkeypatch.setattr(client.campaigns, "list", lambda suite: iter(()))
     assert ids(client.suites.create(suite(1, 2))) == ids(client.suites.create(suite(1, 2)))
 
 
@@ -192,3 +192,53 @@ def test_what_the_service_refuses_is_raised(client, suite):
     wrong = CampaignSpec(**{**asdict(member.spec), "planner": "rulebok"})
     with pytest.raises(UnknownName, match="rulebook"):
         client.suites.create(Suite("trio", (Member("x", wrong),)))
+
+
+def test_only_campaigns_of_the_suite_are_asked_for(client, suite, fields, store, monkeypatch):
+    client.suites.create(suite(1, 2))
+    client.campaigns.create(**fields)
+    asked = []
+    page = store.campaigns.page
+
+    def note(*arguments):
+        found = page(*arguments)
+        asked.append([campaign.id for campaign in found.items])
+        return found
+
+    monkeypatch.setattr(store.campaigns, "page", note)
+    assert ids(client.suites.find(suite(1, 2, 3))) == [1, 2, None]
+    assert asked == [[2, 1]]
+
+
+def test_a_suite_whose_name_has_a_colon_is_found(client, suite):
+    (member,) = suite(1).members
+    spec = CampaignSpec(**{**asdict(member.spec), "name": "mine: trio: seed=1"})
+    colons = Suite("mine: trio", (Member("seed=1", spec),))
+    assert ids(client.suites.create(colons)) == ids(client.suites.find(colons)) == [1]
+
+
+def test_suites_are_listed_and_told_by_their_names(client, suite):
+    client.suites.create(suite(1, 2))
+    (listed,) = client.suites.list()
+    assert (listed.name, listed.campaigns, listed.states) == ("trio", 2, {"queued": 2})
+    table = client.suites.table("trio")
+    assert table.columns == ("seed",)
+    assert [(row.member, row.campaign, row.settings) for row in table.members] == [
+        ("seed=1", 1, {"seed": 1}),
+        ("seed=2", 2, {"seed": 2}),
+    ]
+    frame = table.to_pandas()
+    assert frame[["member", "seed", "campaign"]].to_numpy().tolist() == [
+        ["seed=1", 1, 1],
+        ["seed=2", 2, 2],
+    ]
+    assert {"state", "counts_failures", "failure_rate"} <= set(frame.columns)
+    assert table.to_numpy()["seed"].tolist() == [1, 2]
+    with pytest.raises(NotFound, match="No campaign belongs to a suite 'duo'"):
+        client.suites.table("duo")
+
+
+@pytest.mark.parametrize("name", ["feature/a @ v1", "50 % #?&", "σ ✓"])
+def test_any_name_can_be_asked_for(client, fields, name):
+    client.campaigns.create(**{**fields, "name": f"{name}: one"})
+    assert client.suites.table(name).suite == name

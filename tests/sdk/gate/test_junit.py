@@ -2,11 +2,13 @@
 
 from xml.etree import ElementTree as ET
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eigenfail.gate.found import By, Figures, Finding, Rerun
 from eigenfail.gate.junit import plain, to_junit
-from eigenfail.gate.report import By, Figures, Finding, Gate, MemberReport, Rerun, report
+from eigenfail.gate.report import Gate, MemberReport, report
 from eigenfail.gate.verdicts import Verdict
 
 
@@ -14,16 +16,19 @@ def finding(became, what="a failure", **fields):
     return Finding(verdict=became, what=what, replay="eigenfail episode replay 2/1", **fields)
 
 
-def document(strict=False, by=By.EPISODE):
+def document(strict=False, by=By.EPISODE, method="monte_carlo", new_modes=()):
     sides = [Figures(campaign=n, completed=9, failures=n, failed=0) for n in (1, 2)]
     rerun = Rerun(
         before=sides[0],
         now=sides[1],
+        method=method,
         verdict=Verdict.NEW,
         by=by,
         words="9 pairs",
         counts={Verdict.NEW: 1, Verdict.STILL_FAILING: 1},
         findings=(finding(Verdict.NEW, "episode 1"), finding(Verdict.STILL_FAILING, "episode 2")),
+        modes="There is a new mode.",
+        new_modes=new_modes,
         wall_s=2.0,
     )
     known = (
@@ -91,6 +96,22 @@ def test_judged_as_a_whole_its_episodes_are_no_cases():
     names = {case.get("name") for case in document(by=By.RATE).iter("testcase")}
     assert "campaign 1" in names
     assert "episode 1" not in names
+
+
+@pytest.mark.parametrize(
+    ("method", "became", "end", "message"),
+    [
+        ("monte_carlo", Verdict.NEW, "failure", "new"),
+        ("ast", Verdict.UNPROVEN, "skipped", "not judged"),
+    ],
+)
+def test_a_new_mode_is_a_case_that_fails_only_where_it_is_judged(method, became, end, message):
+    modes = (finding(became, "new mode 2"),)
+    root = document(strict=True, by=By.RATE, method=method, new_modes=modes)
+    (case,) = root.findall(".//testcase[@name='new mode 2']")
+    assert ended(case) == end
+    assert case.find(end).get("message") == message
+    assert "eigenfail episode replay 2/1\nThere is a new mode." in case.find(end).text
 
 
 def test_characters_that_xml_cannot_hold_are_left_out():

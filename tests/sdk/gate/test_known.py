@@ -8,9 +8,9 @@ from eigenfail.gate.known import (
     Under,
     proven,
     replay_of_minimal,
-    replays_of_modes,
     shrinks,
 )
+from eigenfail.gate.known_modes import replays_of_modes
 from eigenfail.suites import Member
 from eigenfail.values import (
     Analysis,

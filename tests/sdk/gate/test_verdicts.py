@@ -5,10 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from eigenfail.gate.report import By, Figures, Gate, MemberReport, Rerun, report
+from eigenfail.gate.found import By
 from eigenfail.gate.reruns import Side, rerun
-from eigenfail.gate.verdicts import CLOSING, Outcomes, Verdict, paired, verdict
-from eigenfail.gate.words import false_alarms
+from eigenfail.gate.verdicts import Outcomes, Verdict, paired, verdict
 from eigenfail.values import Comparison as Found
 from eigenfail.values import Estimate, Interval, Outcome, PairTotals
 from eigenfail_services.statistics.comparison import difference, mcnemar
@@ -187,62 +186,3 @@ def test_estimates_are_compared_rather_than_the_rates_of_what_was_searched(compa
     assert judged(estimate(1e-4, 3e-4), estimate(4e-4, 9e-4)) == "new"
     assert judged(estimate(4e-4, 9e-4), estimate(1e-4, 3e-4)) == "fixed"
     assert judged(None, estimate(4e-4, 9e-4)) == "still failing"
-
-
-@pytest.mark.parametrize(
-    ("reruns", "told"),
-    [
-        ([("it learns.", 3)], "in up to about 2.5 % of runs; a new"),
-        ([("it learns.", 3)] * 3, "in up to about 7.3 % of runs; a new"),
-        ([("it learns.", 0)], "25.0 % of runs (the baseline found none in 1: there one failure"),
-        ([("", 0)], "in up to about 50.0 % of runs (the baseline"),
-        ([("", 3), ("it learns.", 0)], "in up to about 26.9 % of runs (the baseline found none in"),
-    ],
-)
-def test_it_is_told_how_often_nothing_is_called_new(reruns, told):
-    assert told in false_alarms([judged_by_rate(*each) for each in reruns])
-
-
-def judged_by_rate(unpaired_because, failures):
-    before = Figures(campaign=1, completed=9, failures=failures, failed=0)
-    base = {"before": before, "now": before, "verdict": Verdict.NEW, "words": "", "by": By.RATE}
-    return Rerun(**base, unpaired_because=unpaired_because)
-
-
-def gate_of(*verdicts, strict=False, problem=""):
-    known = tuple(finding_of(each, problem) for each in verdicts)
-    gate = Gate(suite="s", version="v2", run="s @ v2", baseline="v1", strict=strict)
-    return report(gate, [MemberReport(member="m", known=known)])
-
-
-def finding_of(became, problem):
-    from eigenfail.gate.report import Finding
-
-    return Finding(verdict=became, what="a failure", problem=problem)
-
-
-@given(verdicts=st.lists(st.sampled_from(Verdict), max_size=6))
-def test_a_gate_is_open_unless_something_closes_it(verdicts):
-    found = gate_of(*verdicts)
-    assert found.open == (not CLOSING & set(verdicts))
-    assert sum(found.counts.values()) == len(verdicts)
-    strict = gate_of(*verdicts, strict=True)
-    assert strict.open == (set(verdicts) <= {Verdict.FIXED, Verdict.SAFE})
-
-
-def test_lost_episodes_alone_are_trouble_of_the_machinery():
-    lost = "infrastructure: the worker was lost"
-    assert gate_of(Verdict.CANNOT_RUN, problem=lost).in_trouble
-    assert not gate_of(Verdict.CANNOT_RUN, problem="planner: ValueError").in_trouble
-    assert not gate_of(Verdict.CANNOT_RUN, Verdict.NEW, problem=lost).in_trouble
-    assert not gate_of(Verdict.FIXED, problem=lost).in_trouble
-    assert not gate_of().in_trouble
-
-
-def test_a_rerun_judged_as_a_whole_counts_once():
-    sides = [Figures(campaign=n, completed=9, failures=5, failed=0) for n in (1, 2)]
-    base = {"before": sides[0], "now": sides[1], "verdict": Verdict.NEW, "words": ""}
-    whole = Rerun(**base, by=By.RATE, counts={Verdict.NEW: 3})
-    each = Rerun(**base, by=By.EPISODE, counts={Verdict.NEW: 3, Verdict.FIXED: 1})
-    assert list(MemberReport(member="m", rerun=whole).verdicts()) == ["new"]
-    assert list(MemberReport(member="m", rerun=each).verdicts()) == ["new"] * 3 + ["fixed"]

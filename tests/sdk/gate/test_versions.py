@@ -73,3 +73,18 @@ def test_campaigns_belong_to_members_by_name_or_else_by_question(spec, campaign)
     assert counterpart(member, [unlike]) is None
     with pytest.raises(InvalidValue, match="campaigns 4, 6 could all be that of member 'a'"):
         counterpart(member, [alike, campaign(6, spec=alike.spec)])
+
+
+@pytest.mark.parametrize(("number", "is_same"), [(7, True), (8, False)])
+def test_a_member_that_builds_upon_another_asks_the_same_of_that_ones_baseline(
+    suite, campaign, spec, number, is_same
+):
+    upon = Member("b", replace(spec, method="replay", settings={"campaign": "a"}))
+    both = replace(suite, members=(*suite.members, upon))
+    asked = replace(upon.spec, settings={"campaign": number})
+    found = {"a": campaign(7), "b": campaign(9, spec=asked)}
+    if is_same:
+        check_baseline(both, found, "v1")
+        return
+    with pytest.raises(InvalidValue, match="settings of campaign 9"):
+        check_baseline(both, found, "v1")

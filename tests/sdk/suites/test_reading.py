@@ -261,3 +261,13 @@ def test_paths_are_read_and_written_without_touching_the_table():
         "c": {"y": {"z": 3}},
     }
     assert table == {"a": {"b": 1}, "c": {}}
+
+
+def test_a_suite_is_made_of_tables_as_of_a_file(read):
+    base = {"method": "ast", "episodes": 7, "settings": {"alpha": 10}}
+    made = Suite.of("wanted", base=base, sweep={"settings": {"alpha": [10, 20]}})
+    assert made == read(BASE + "[sweep]\nsettings.alpha = [10, 20]\n")
+    with pytest.raises(UnknownName, match="swep"):
+        Suite.of("wanted", base=base, swep={})
+    with pytest.raises(InvalidValue, match=r"base\.name"):
+        Suite.of("wanted", base={**base, "name": "other"}, sweep={"seed": [1]})

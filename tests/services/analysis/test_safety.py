@@ -83,5 +83,5 @@ def test_before_the_first_episode_nothing_is_known() -> None:
     nothing = SafetyTotals(0, 0, MeasureTotals(), MeasureTotals(), np.zeros(0), ())
     found = safety(campaign(), nothing, Conflicts())
     assert found.collisions is found.near_misses is found.ttc.beyond is found.drac.median is None
-    assert found.severity.problem == "There is no failure yet."
+    assert found.severity.problem == "There is no failure."
     assert found.notes == ()

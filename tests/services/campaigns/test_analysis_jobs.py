@@ -1,5 +1,8 @@
 """Processes of analyses, and what they make of the failures of one or several campaigns."""
 
+import subprocess
+import sys
+
 import msgspec
 import pytest
 
@@ -210,4 +213,78 @@ def test_a_job_that_was_killed_is_started_anew_and_nothing_is_half_written(tmp_p
     assert (again.subject, again.attempts) == (analysis, 2)
     run_analysis(store, again.subject)
     assert store.analyses.get(analysis).state is AnalysisState.DONE
+    store.close()
+
+
+def test_what_nobody_foresaw_is_told_with_its_reason_and_the_log(store, monkeypatch) -> None:
+    def broken(*_arguments) -> None:
+        raise ZeroDivisionError("a bug of ours")
+
+    monkeypatch.setattr(module, "found", broken)
+    analysis = store.analyses.create(campaign(store, 3), QUICK).id
+    with pytest.raises(ZeroDivisionError):
+        run_analysis(store, analysis)
+    told = store.analyses.get(analysis).problem
+    assert told.startswith("The analysis broke off with ZeroDivisionError: a bug of ours. ")
+    assert "services.log" in told
+    assert told.endswith("Launch it again.")
+
+
+class Ended(Process):
+    """Ended with status 1."""
+
+    def poll(self) -> int:
+        return 1
+
+
+@pytest.mark.parametrize("reason", ["", "It broke off."])
+def test_a_process_that_ended_badly_leaves_its_own_reason_or_names_the_log(
+    store, monkeypatch, reason
+) -> None:
+    monkeypatch.setattr(module.subprocess, "Popen", Ended)
+    analysis = store.analyses.create(campaign(store, 3), QUICK).id
+    if reason:
+        store.analyses.fail(analysis, reason)
+    analyses = AnalysisJobs(store, "memory://")
+    analyses.open(Job(1, JobKind.ANALYSIS, analysis, "token", 1))
+    analyses.tend()
+    told = store.analyses.get(analysis)
+    assert told.state is AnalysisState.FAILED
+    assert told.problem == (reason or f"The analysis process ended with status 1. {module.LOOK}")
+
+
+LINGERING = """
+import sys, threading, time
+from eigenfail_services import __main__ as program
+from eigenfail_services.campaigns import analysis_jobs
+
+def found(store, analysis):
+    threading.Thread(target=time.sleep, args=(600.0,)).start()
+    {found}
+
+analysis_jobs.found = program.run_analysis.__globals__["found"] = found
+sys.argv = ["eigenfail_services", "--database", sys.argv[1], "analyse", "1"]
+program.main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("found", "status", "told"),
+    [
+        ("raise ValueError('a bug')", 1, "broke off with ValueError: a bug"),
+        ("from eigenfail.errors import InvalidValue; raise InvalidValue('x', 'is odd.')", 0, "odd"),
+        ("from eigenfail.errors import ServiceError; raise ServiceError('Busy.', 'Wait.')", 3, ""),
+    ],
+)
+def test_a_thread_that_a_planner_left_behind_does_not_keep_the_process(
+    tmp_path, found, status, told
+) -> None:
+    url = f"sqlite:///{tmp_path / 'a.db'}"
+    store = open_store(url)
+    store.analyses.create(campaign(store, 3), QUICK)
+    script = LINGERING.format(found=found)
+    command = [sys.executable, "-c", script, url]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == status, ended.stderr
+    assert told in store.analyses.get(1).problem
     store.close()

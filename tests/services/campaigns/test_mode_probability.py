@@ -8,25 +8,30 @@ import pytest
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
-from eigenfail.testing.store.examples import deliver, running
+from eigenfail.testing.store.examples import deliver, failed, running
 from eigenfail.values import (
     AnalysisResult,
     Campaign,
     CampaignState,
     EpisodeResult,
+    Estimate,
     FailureMode,
     Measures,
     NoiseTrajectory,
     Outcome,
 )
+from eigenfail_services.campaigns.checkpoint import FORMAT, Checkpoint, write_checkpoint
 from eigenfail_services.campaigns.materials import learner_context
 from eigenfail_services.campaigns.mode_probability import (
+    by_known_proposal,
     by_levels,
     by_weights,
+    share,
     with_probabilities,
 )
 from eigenfail_services.methods.subset.modes import by_mode
 from eigenfail_services.methods.subset.waves import Dialogue, Waves
+from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.statistics.subset_estimate import SubsetSettings
 from eigenfail_services.store import MemoryStore
 
@@ -161,6 +166,77 @@ def test_the_levels_of_a_stored_campaign_are_gone_through_again(store: MemorySto
     assert sum(each.probability for each in told if each) == pytest.approx(whole, rel=1e-9)
 
 
+def evaluated(store: MemoryStore) -> tuple[Campaign, Any]:
+    """An evaluation of what a campaign of `cem` learnt."""
+    settings = {"batch": 200, "min_std": 1.0, "mean_smoothing": 0.05}
+    before, learner = ran(store, "cem", 800, **settings)
+    checkpoint = Checkpoint(
+        format=FORMAT,
+        campaign_seed=3,
+        budget=800,
+        number=0,
+        episodes=800,
+        ended=True,
+        policy=None,
+        rounds=(),
+        learner=learner.state(),
+    )
+    store.checkpoints.save(before.id, write_checkpoint(checkpoint))
+    store.campaigns.move(before.id, CampaignState.DONE)
+    return ran(store, "evaluate", 1600, campaign=before.id)
+
+
+def test_the_weights_of_an_evaluation_are_shared_among_the_modes(store: MemoryStore) -> None:
+    campaign, learner = evaluated(store)
+    told = by_known_proposal(store, campaign, sides(store, campaign), 2)
+    for found in told:
+        assert found is not None
+        assert found.interval is not None
+        assert found.interval.low <= tail(1.0) <= found.interval.high
+        assert found.episodes == 1600
+    whole = learner.estimate().probability
+    assert sum(each.probability for each in told if each) == pytest.approx(whole, rel=1e-6)
+
+
+@pytest.mark.parametrize("estimate", [None, Estimate(by="importance sampling", episodes=9)])
+def test_an_evaluation_without_weights_tells_of_no_mode(store: MemoryStore, estimate) -> None:
+    campaign, _ = evaluated(store)
+    store.checkpoints.save(campaign.id, b"state", estimate)
+    ended = store.campaigns.move(campaign.id, CampaignState.DONE)
+    told = with_probabilities(store, [ended], result(ended, sides(store, ended), 0.6))
+    assert [mode.probability is None for mode in told.modes] == [estimate is None] * 2
+
+
+def test_monte_carlo_counts_the_failures_of_each_mode(store: MemoryStore) -> None:
+    campaign = running(store, episodes=40, seed=3)
+    rng = np.random.default_rng(3)
+    given = [episode(index, rng.standard_normal((4, 2))) for index in range(40)]
+    deliver(store, campaign, *given[:-2], failed(38), failed(39))
+    ended = over(store, campaign)
+    mode_of = sides(store, ended)
+    told = with_probabilities(store, [ended], result(ended, mode_of, 0.6)).modes
+    counts = [list(mode_of.values()).count(mode) for mode in (0, 1)]
+    assert min(counts) > 0
+    for mode, count in zip(told, counts, strict=True):
+        found, wanted = mode.probability, rate(count, 38)
+        assert found is not None
+        assert (found.by, found.episodes) == ("Monte Carlo", 38)
+        assert (found.probability, found.interval) == (wanted.value, wanted.interval)
+        assert found.cv == pytest.approx(sqrt((1.0 - wanted.value) / (38 * wanted.value)))
+
+
+def test_intervals_of_counted_modes_hold_their_probabilities() -> None:
+    truth, held, rng = (tail(1.0), tail(1.5)), 0, np.random.default_rng(0)
+    for _ in range(200):
+        x = rng.standard_normal(500)
+        counts = (int((x > 1.0).sum()), int((x < -1.5).sum()))
+        for count, p in zip(counts, truth, strict=True):
+            found = share(count, 500).interval
+            assert found is not None
+            held += found.low <= p <= found.high
+    assert 0.93 * 400 <= held <= 0.97 * 400
+
+
 def result(campaign: Campaign, mode_of: dict[int, int], silhouette: float) -> AnalysisResult:
     nothing = np.zeros((0, 0), np.float32)
     return AnalysisResult(
@@ -208,7 +284,7 @@ def test_only_distinct_modes_of_one_campaign_have_a_probability(store: MemorySto
     told = with_probabilities(store, [campaign], found)
     assert all(mode.probability is not None for mode in told.modes)
     doubtful = result(campaign, sides(store, campaign), 0.2)
-    other = running(store)
+    other = running(store, method="difs")
     for campaigns, given in (([campaign], doubtful), ([campaign, other], found), ([other], found)):
         same = with_probabilities(store, campaigns, given)
         assert all(mode.probability is None for mode in same.modes)

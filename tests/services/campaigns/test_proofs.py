@@ -26,8 +26,10 @@ from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.materials import check_references, learner_context
 from eigenfail_services.campaigns.minimal_failures import knowledge, minimal_failure
 from eigenfail_services.campaigns.nearby import nearby
-from eigenfail_services.campaigns.proofs import proof, prove
+from eigenfail_services.campaigns.proofs import proof
+from eigenfail_services.campaigns.proving import prove
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.campaigns.worlds import drawn_by_medoid
 from eigenfail_services.methods.minimal.blocks import energy
 from eigenfail_services.methods.minimal.method import Minimal, known
 from eigenfail_services.statistics.expected_likelihood import expected_log_probability
@@ -240,6 +242,54 @@ def test_where_the_scenario_varies_each_mode_is_replayed_in_what_its_medoid_drew
     before = len(varied.store.campaigns.page(100).items)
     assert prove(varied.store, varied.analysis, None) == told
     assert len(varied.store.campaigns.page(100).items) == before
+
+
+def test_each_draw_is_told_by_name(varied) -> None:
+    told = proof(varied.store, varied.analysis)
+    for scenario in told.scenarios:
+        for replay in scenario.replays:
+            mode = varied.analysis.result.modes[replay.mode]
+            assert scenario.drawn == drawn_by_medoid(varied.store, varied.analysis, mode)
+        (distance_m,) = scenario.drawn.values()
+        told_as = "the same" if scenario.is_same else "lane_change_s = 3.1"
+        assert scenario.words == f"{told_as} (drawn: distance_m = {distance_m:g})"
+    assert len({scenario.words for scenario in told.scenarios}) == len(told.scenarios)
+
+
+def test_what_is_put_over_a_draw_is_not_told_as_drawn(varied) -> None:
+    for scenario in prove(varied.store, varied.analysis, [{"distance_m": 60.5}]).scenarios:
+        if scenario.scenario_parameters == {"distance_m": 60.5}:
+            assert (scenario.drawn, scenario.words) == ({}, "distance_m = 60.5")
+            break
+    else:
+        pytest.fail("The variation was not launched.")
+
+
+def test_where_nothing_is_drawn_nothing_is_told_of_it(house) -> None:
+    told = proof(house.store, house.store.analyses.get(house.analysis))
+    words = [scenario.words for scenario in told.scenarios]
+    assert words == ["the same", "distance_m = 53.0", "distance_m = 63.0"]
+
+
+def test_a_proof_is_not_worked_out_again_until_more_of_it_is_in(house, monkeypatch) -> None:
+    analysis = house.store.analyses.get(house.analysis)
+    late = prove(house.store, analysis, [{"distance_m": 57.25}]).scenarios[-1]
+    before = proof(house.store, analysis)
+    assert (before.done, before.scenarios[-1].eigenfailures.rate) == (False, None)
+    read, finished = [], house.store.episodes.finished
+
+    def note(campaign, indices):
+        read.append(campaign)
+        return finished(campaign, indices)
+
+    monkeypatch.setattr(house.store.episodes, "finished", note)
+    assert proof(house.store, analysis) == before
+    assert read == []
+    house.finish(late.campaign)
+    read.clear()
+    after = proof(house.store, analysis)
+    assert read == [late.campaign]
+    assert (after.done, after.scenarios[-1].eigenfailures.rate.n) == (True, 2)
 
 
 @pytest.mark.parametrize("given", [{"uniform": [52, 60]}, VARIED["distance_m"]])

@@ -9,7 +9,8 @@ from eigenfail.contracts import Store
 from eigenfail.values import AnalysisSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.minimal_failures import minimal_failure
-from eigenfail_services.campaigns.proofs import proof, prove
+from eigenfail_services.campaigns.proofs import proof
+from eigenfail_services.campaigns.proving import prove
 from eigenfail_services.campaigns.region import region_of
 from eigenfail_services.reports.material import Material, gather
 from eigenfail_services.reports.parts import Part
@@ -52,7 +53,8 @@ def test_the_proof_is_that_of_the_analysis(material: Material, store: Store) -> 
     assert part is not None
     proven = proof(store, store.analyses.get(1))
     scenarios = rows(part, "proof")
-    assert {row["scenario"] for row in scenarios} == {"the same"}
+    assert {row["scenario"] for row in scenarios} == {each.words for each in proven.scenarios}
+    assert all(each.words.startswith("the same (drawn: distance_m = ") for each in proven.scenarios)
     assert len(scenarios) == 2 * len(proven.scenarios)
     for what, overall in (("eigenfailure", proven.eigenfailures), ("medoid", proven.medoids)):
         ours = [row for row in scenarios if row["what"].startswith(what)]

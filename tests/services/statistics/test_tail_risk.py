@@ -45,7 +45,7 @@ def test_too_few_failures_have_a_mean_and_nothing_else() -> None:
 def test_no_failure_has_nothing() -> None:
     risk = tail_risk(np.zeros(0), 0.95)
     assert risk.mean is risk.var is risk.cvar is None
-    assert risk.problem == "There is no failure yet."
+    assert risk.problem == "There is no failure."
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0, -1.0, 95.0, float("nan")])

@@ -15,7 +15,7 @@ def test_near_misses_are_counted_in_the_index(sqlite_url) -> None:
     with closing(Database(find(sqlite_url))) as database, database.reading() as connection:
         asked = []
         event.listen(connection, "before_cursor_execute", lambda *told: asked.append(told[2:4]))
-        assert near_misses(connection, 1) == 0
+        assert near_misses(connection, [1]) == {}
         ((statement, given),) = asked
         plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {statement}", given).all()
     assert "COVERING INDEX ix_episodes_campaign_outcome_min_ttc_s" in str(plan)
@@ -34,6 +34,7 @@ def test_sums_do_not_depend_on_the_order_of_arrival(url) -> None:
         deliver(store, backwards, crash)
     store.close()
     with closing(Database(find(url))) as database, database.reading() as connection:
-        found = [totals(connection, each.id).conflicts for each in (forwards, backwards)]
+        both = totals(connection, [forwards.id, backwards.id])
+        found = [both[each.id].conflicts for each in (forwards, backwards)]
     assert found[0].ttc_lead_s == found[1].ttc_lead_s == sum(leads)
     assert found[0].ttc_leads == 5

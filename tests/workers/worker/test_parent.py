@@ -42,7 +42,7 @@ class PlayedHub:
         self.address = f"tcp://127.0.0.1:{port}"
         self.worker = b""
 
-    def hear(self, kind: type, within_s: float = 20.0):
+    def hear(self, kind: type, within_s: float = 120.0):
         """The next message of that kind; others are passed over."""
         deadline = time.monotonic() + within_s
         while (left := deadline - time.monotonic()) > 0:
@@ -131,9 +131,17 @@ def test_an_episode_that_never_ends_is_given_up(hub, parent) -> None:
 
 def test_an_episode_that_kills_its_process_is_given_up_after_three_tries(hub, parent) -> None:
     hub.say(setup("test_dies"), lease(0))
-    result = hub.hear(Results, within_s=60).results[0]
+    result = hub.hear(Results).results[0]
     assert result.fault.kind == "infrastructure"
     assert "exit status" in result.fault.message
+
+
+def test_an_episode_that_writes_into_the_pipe_of_results_is_given_up(hub, parent) -> None:
+    hub.say(setup("test_scribbles"), lease(0))
+    result = hub.hear(Results).results[0]
+    assert (result.index, result.fault.kind) == (0, "infrastructure")
+    hub.say(setup("idm"), lease(1))
+    assert hub.hear(Results).results[0].outcome is not Outcome.FAILED
 
 
 @pytest.mark.parametrize("planner", ["test_raises", "test_returns_none", "test_returns_nan"])
@@ -176,10 +184,18 @@ def test_a_campaign_dropped_while_its_episode_hangs_is_nobodys_trouble(hub, pare
     hub.say(setup("test_hangs"), lease(0, 1))
     while hub.hear(Heartbeat).running != 0:
         pass
-    hub.say(Drop(1))
-    time.sleep(2.0)
-    hub.say(setup("idm"), lease(7))
+    hub.say(Drop(1), setup("idm"), lease(7))
     assert [r.index for r in hub.hear(Results).results] == [7]
+
+
+def test_an_episode_that_hangs_is_tried_anew_when_leased_again_after_its_campaign_was_dropped(
+    hub, parent
+) -> None:
+    hub.say(setup("test_hangs"), lease(0))
+    while hub.hear(Heartbeat).running != 0:
+        pass
+    hub.say(Drop(1), setup("idm"), lease(0))
+    assert [(r.index, r.fault) for r in hub.hear(Results).results] == [(0, None)]
 
 
 def test_a_result_that_is_asked_for_again_is_sent_again(hub, parent) -> None:

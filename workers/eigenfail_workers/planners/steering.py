@@ -23,6 +23,10 @@ class LaneKeeping:
             self._centre_m = self._nearest_centre_m(ego.y_m)
         return pursue(ego, self._centre_m)
 
+    def centre_m(self, ego: VehicleState) -> float:
+        """The lateral position that an ego there is kept at [m]."""
+        return self._nearest_centre_m(ego.y_m) if self._centre_m is None else self._centre_m
+
     def _nearest_centre_m(self, y_m: float) -> float:
         lane = min(max(round(y_m / self._lane_width_m), 0), self._lanes - 1)
         return lane * self._lane_width_m

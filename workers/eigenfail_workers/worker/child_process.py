@@ -12,7 +12,9 @@ from threading import Thread
 from typing import BinaryIO
 
 import msgspec
+from msgspec.structs import replace
 
+from eigenfail.errors import ProtocolError
 from eigenfail.processes import ONE_THREAD
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.wire.messages import (
@@ -38,10 +40,15 @@ DEPTH = 2
 
 
 class Held(msgspec.Struct, frozen=True, eq=False):
-    """An episode of a campaign, held by this worker."""
+    """An episode of a campaign, held by this worker; unwanted once its campaign was dropped."""
 
     campaign: int
     task: EpisodeTask
+    wanted: bool = True
+
+    def without(self, campaign: int) -> "Held":
+        """Itself, unwanted if it is that campaign's."""
+        return replace(self, wanted=self.wanted and self.campaign != campaign)
 
 
 def write_all(pipe: BinaryIO, messages: "SimpleQueue[Message | None]") -> None:
@@ -108,6 +115,7 @@ class ChildProcess:
         """Let it forget a campaign, once it has run what it holds."""
         self._set_up.discard(campaign)
         self._learnt = {key for key in self._learnt if key[0] != campaign}
+        self.running = deque(held.without(campaign) for held in self.running)
         self._messages.put(Drop(campaign))
 
     def run(self, held: Held) -> None:
@@ -118,9 +126,15 @@ class ChildProcess:
         self._messages.put(Lease(held.campaign, (held.task,)))
 
     def listen(self) -> tuple[bool, list[tuple[int, EpisodeResult]]]:
-        """Whether it lives, and the results that have come, with their campaigns."""
+        """Whether it lives and makes sense; the results that have come, with their campaigns."""
         alive = self._buffer.read(self.descriptor)
-        return alive, list(self._results())
+        found: list[tuple[int, EpisodeResult]] = []
+        try:
+            # What came before the nonsense stays.
+            found.extend(self._results())
+        except ProtocolError:
+            return False, found
+        return alive, found
 
     def _results(self) -> Iterator[tuple[int, EpisodeResult]]:
         for frame in self._buffer.frames():
@@ -129,6 +143,8 @@ class ChildProcess:
             self.began = isinstance(message, Heartbeat)
             if isinstance(message, Results):
                 for result in message.results:
+                    if not self.running:
+                        raise ProtocolError("A result came from the child that nobody asked for.")
                     self.running.popleft()
                     yield message.campaign, result
 

@@ -86,25 +86,29 @@ class Parent:
         """Work until the hub says goodbye or `leave` is called."""
         try:
             while not self._leaving:
-                self._wait()
-                self._hear_hub()
-                self._hear_child()
-                self._feed_child()
-                self._beat()
+                self.turn(child_spoke=self._wait())
         finally:
             self._link.send(Goodbye("stopped"))
             self._child.end()
             self._link.close()
 
+    def turn(self, child_spoke: bool) -> None:
+        """Do what is to be done now; never waits."""
+        self._hear_hub()
+        self._hear_child(child_spoke)
+        self._feed_child()
+        self._beat()
+
     def leave(self) -> None:
         """Stop after the current turn of the loop; safe to call from a signal handler."""
         self._leaving = True
 
-    def _wait(self) -> None:
+    def _wait(self) -> bool:
+        """For a word of the hub or of the child, but not for long; whether the child spoke."""
         poller = zmq.Poller()
         poller.register(self._link.socket, zmq.POLLIN)
         poller.register(self._child.descriptor, zmq.POLLIN)
-        self._child_spoke = self._child.descriptor in dict(poller.poll(TICK_MS))
+        return self._child.descriptor in dict(poller.poll(TICK_MS))
 
     def _hear_hub(self) -> None:
         for message in self._link.receive():
@@ -133,7 +137,8 @@ class Parent:
             del versions[old]
 
     def _lease(self, message: Lease) -> None:
-        mine = {(held.campaign, held.task.index) for held in (*self._waiting, *self._child.running)}
+        held = (*self._waiting, *self._child.running)
+        mine = {(each.campaign, each.task.index) for each in held if each.wanted}
         for task in message.tasks:
             key = (message.campaign, task.index)
             if key in self._outbox:
@@ -154,8 +159,8 @@ class Parent:
     def _leave(self, _message: HubMessage) -> None:
         self._leaving = True
 
-    def _hear_child(self) -> None:
-        alive = self._listen() if self._child_spoke else True
+    def _hear_child(self, spoke: bool) -> None:
+        alive = self._listen() if spoke else True
         if not alive:
             self._replace_child("killed its process", 1 if self._child.began else 0)
         elif self._child.overdue(self._episode_limit_s):
@@ -186,10 +191,10 @@ class Parent:
             self._blame(held[0], f"The episode {what} (exit status {status}).", weight)
 
     def _can_run(self, held: Held) -> bool:
-        """Whether its campaign was not dropped while the child held it."""
+        """Whether its campaign was not dropped meanwhile, and all that it needs is here."""
         source, policies = held.task.source, self._policies.get(held.campaign, {})
         prepared = not isinstance(source, PolicySource) or source.version in policies
-        return held.campaign in self._setups and prepared
+        return held.wanted and held.campaign in self._setups and prepared
 
     def _blame(self, held: Held, message: str, weight: int) -> None:
         """Count a death against an episode; one that had not begun when it happened weighs 0."""
@@ -206,6 +211,9 @@ class Parent:
     def _feed_child(self) -> None:
         while self._waiting and self._child.has_room:
             held = self._waiting.popleft()
+            if not self._can_run(held):  # what it needs went astray: the hub begins with us anew
+                self._heartbeat_s = 0.0
+                continue
             self._prepare(held)
             self._child.run(held)
 

@@ -35,6 +35,7 @@ class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         words: what it is; of results of older releases its strongest noise.
         probability: of a failure of this mode, or why it is not told; None where nobody asked.
+        clip: address of the medoid's player.
         strength: root mean square of its eigenfailure [sigma]; noise has 1.
         proof: what its eigenfailure and its medoid did in the replays.
     """
@@ -47,6 +48,7 @@ class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
     medoid: int
     medoid_campaign: int
     strength: str
+    clip: str
     proof: tuple[tuple[str, Figure], ...]
 
 
@@ -130,6 +132,7 @@ def mode_card(
 ) -> ModeCard:
     """One mode."""
     mode = result.modes[place]
+    home = mode.medoid_campaign or campaign
     return ModeCard(
         number=place + 1,
         failures=mode.failures,
@@ -137,7 +140,8 @@ def mode_card(
         words=words(result, place),
         probability=probability(mode.probability),
         medoid=mode.medoid,
-        medoid_campaign=mode.medoid_campaign or campaign,
+        medoid_campaign=home,
+        clip=f"/campaigns/{home}/episodes/{mode.medoid}/clip",
         strength=formats.number(float(np.sqrt(np.mean(np.square(mode.eigenfailure))))),
         proof=proof_of(proven) if proven else (),
     )

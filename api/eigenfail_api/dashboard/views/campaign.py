@@ -17,10 +17,10 @@ from eigenfail.values import (
     Summary,
 )
 from eigenfail.values.records import EpisodeRow
+from eigenfail.values.sample import EpisodeSample
 from eigenfail.values.variation import in_words
 from eigenfail_api import steering
 from eigenfail_api.dashboard import formats
-from eigenfail_api.dashboard.samples import ended
 from eigenfail_api.dashboard.views.charts import Chart
 from eigenfail_api.dashboard.views.conflicts import Tiles, conflict_tiles
 from eigenfail_api.dashboard.views.episodes import curve_chart, robustness_chart
@@ -30,6 +30,7 @@ from eigenfail_api.dashboard.views.lists import (
     analysis_line,
     episode_list,
 )
+from eigenfail_api.dashboard.views.parentage import origin, replays_of
 from eigenfail_api.dashboard.views.summaries import Figure, Standing, standing
 
 WISHES = {"pause": steering.PAUSE, "resume": steering.RESUME, "cancel": steering.CANCEL}
@@ -42,25 +43,29 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
         campaign: as it stands.
         summary: of its results.
         course: how its figures moved.
-        rows: a sample of its episodes.
+        rows: a sample of its completed episodes.
         listed: the first failures of the list.
         analyses: newest first.
         events: newest first.
+        latest: the id of the newest event, of any campaign.
     """
 
     campaign: Campaign
     summary: Summary
     course: Course
-    rows: Sequence[EpisodeRow]
+    rows: Sequence[EpisodeSample]
     listed: Page[EpisodeRow]
     analyses: tuple[Analysis, ...]
     events: tuple[Event, ...]
+    latest: int
 
 
 class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     """The page of a campaign.
 
     Attributes:
+        origin: words and address of what it replays; None if it is no replay.
+        replays: where the replays of its episodes are listed.
         wishes: what a user may ask of it now: pause, resume, cancel.
         conflicts: episodes by class; empty before the first one, and where nothing drives.
         asked: how the form analyses unless its user says otherwise.
@@ -68,6 +73,8 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     standing: Standing
+    origin: tuple[str, str] | None
+    replays: str
     wishes: tuple[str, ...]
     tiles: tuple[tuple[str, Figure], ...]
     conflicts: Tiles
@@ -79,6 +86,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     times: tuple[tuple[str, str], ...]
     settings: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
     digest: str
+    latest: int
 
 
 def campaign_view(found: Findings) -> CampaignView:
@@ -87,6 +95,8 @@ def campaign_view(found: Findings) -> CampaignView:
     now = standing(campaign, found.summary)
     return CampaignView(
         standing=now,
+        origin=origin(campaign.spec),
+        replays=replays_of(campaign.id),
         wishes=wishes(campaign.state),
         tiles=tiles(now),
         conflicts=conflict_tiles(found.summary) if drives(campaign.spec) else (),
@@ -98,13 +108,14 @@ def campaign_view(found: Findings) -> CampaignView:
         times=times(campaign),
         settings=settings(campaign),
         digest=campaign.digest or "",
+        latest=found.latest,
     )
 
 
 def charts(found: Findings) -> tuple[Chart, ...]:
     """What can be drawn of what there is."""
     course, rows = found.course, found.rows
-    drawn = (curve_chart(course), robustness_chart(rows, course, ended(found.campaign)))
+    drawn = (curve_chart(course), robustness_chart(rows, course, found.campaign.counts.completed))
     return drawn if rows else ()
 
 
@@ -122,7 +133,7 @@ def tiles(now: Standing) -> tuple[tuple[str, Figure], ...]:
         ("log p per step", now.likelihood),
         ("Mean severity [m²/s²]", now.severity),
         ("Episodes/s", now.speed),
-        ("Cost so far", now.total),
+        ("Cost so far" if now.is_open else "Cost in all", now.total),
     )
 
 
@@ -133,7 +144,7 @@ def times(campaign: Campaign) -> tuple[tuple[str, str], ...]:
         ("Started", formats.moment(campaign.started_ms)),
         ("Ended", formats.moment(campaign.ended_ms)),
         ("Active", formats.duration(campaign.active_s)),
-        ("Not runnable", f"{formats.integer(campaign.counts.failed)} episodes"),
+        ("Not runnable", formats.counted(campaign.counts.failed, "episode")),
         ("Duplicates", formats.integer(campaign.counts.duplicates)),
         *trained(campaign),
     )
@@ -142,7 +153,7 @@ def times(campaign: Campaign) -> tuple[tuple[str, str], ...]:
 def trained(campaign: Campaign) -> Iterator[tuple[str, str]]:
     """How many episodes its learner was trained with; nothing where the method does not say."""
     if campaign.trained_episodes is not None:
-        yield "Trained with", f"{formats.integer(campaign.trained_episodes)} episodes"
+        yield "Trained with", formats.counted(campaign.trained_episodes, "episode")
 
 
 def settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:

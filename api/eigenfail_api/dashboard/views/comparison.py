@@ -22,17 +22,17 @@ class ComparisonView(msgspec.Struct, frozen=True, kw_only=True):
     """The page of a comparison.
 
     Attributes:
-        a: ids of one side, as they were asked for; empty before.
+        a: ids of one side, as they were asked for.
         b: of the other.
     """
 
     a: str
     b: str
-    sentences: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-    lines: tuple[ComparisonLine, ...] = ()
-    charts: tuple[Chart, ...] = ()
-    distinctions: tuple[Distinction, ...] = ()
+    sentences: tuple[str, ...]
+    warnings: tuple[str, ...]
+    lines: tuple[ComparisonLine, ...]
+    charts: tuple[Chart, ...]
+    distinctions: tuple[Distinction, ...]
 
 
 class Bills(msgspec.Struct, frozen=True):
@@ -42,12 +42,8 @@ class Bills(msgspec.Struct, frozen=True):
     b: tuple[CampaignCost, ...]
 
 
-def comparison_view(
-    found: Comparison | None, bills: Bills | None, a: str, b: str
-) -> ComparisonView:
-    """The page; without a comparison it asks for one."""
-    if found is None or bills is None:
-        return ComparisonView(a=a, b=b)
+def comparison_view(found: Comparison, bills: Bills, a: str, b: str) -> ComparisonView:
+    """The page."""
     return ComparisonView(
         a=a,
         b=b,

@@ -13,7 +13,7 @@ def conflict_tiles(summary: Summary) -> Tiles:
     if not counts.completed:
         return ()
     of_all = (f"of {formats.integer(counts.completed)}",)
-    of_collisions = (f"of {formats.integer(counts.failures)} collisions",)
+    of_collisions = (f"of {formats.counted(counts.failures, 'collision')}",)
     unclassified = Figure(formats.integer(found.unclassified), of_collisions)
     return (
         ("Near misses", Figure(formats.integer(found.near_misses), of_all)),

@@ -7,7 +7,7 @@ from eigenfail_api.dashboard.views.summaries import Figure
 
 def diversity_tiles(found: Diversity) -> tuple[tuple[str, Figure], ...]:
     """The figures, each with what it rests on."""
-    of_all = (f"of {formats.integer(found.failures)} failures",)
+    of_all = (f"of {formats.counted(found.failures, 'failure')}",)
     modes = f"of {found.modes}, clusters beyond noise"
     seen = ", ".join(map(str, found.coverage))
     return (

@@ -1,16 +1,18 @@
 """One episode: facts, noise, and the scene from above."""
 
 import msgspec
-import numpy as np
 
-from eigenfail.values import Campaign, EpisodeResult, Mission, NoiseTrajectory, Scene
+from eigenfail import functions
+from eigenfail.values import Campaign, EpisodeResult, Mission
 from eigenfail.variations import drawn_for
 from eigenfail_api.dashboard import formats
-from eigenfail_api.dashboard.views.charts import Chart, rounded, rounded_rows
-from eigenfail_api.dashboard.views.measured import Facts, facts, ride
+from eigenfail_api.dashboard.views.charts import Chart
+from eigenfail_api.dashboard.views.findings import Grid
+from eigenfail_api.dashboard.views.measured import Facts, facts, ride, thresholds
+from eigenfail_api.dashboard.views.moments import Jump, jumps
+from eigenfail_api.dashboard.views.repeated import Verdict, source_of
+from eigenfail_api.dashboard.views.scene import clearance_chart, noise_chart, scene_chart
 from eigenfail_api.dashboard.views.states import OUTCOME_BADGES, Badge
-
-CONVENTIONAL_LANE_M = 3.5
 
 
 class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
@@ -19,8 +21,15 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         facts: what the episode was.
         varied: the scenario parameters that it drew; empty where they are fixed.
-        ride: when thresholds were passed, and how rough it was; empty if not measured.
+        ride: how rough it was; empty if not measured.
+        thresholds: the safety measures; None if not measured.
+        why_no_scene: empty if there is one.
+        stage: what the first part shows, as its title.
+        can_replay: whether there is noise that could be injected again.
+        jumps: moments that were measured.
         next_failure: index of the next collision of the campaign, if there is one.
+        replayed: campaign and index of the episode whose noise it repeats; None if of no episode.
+        verdict: whether it is the same again; None if it repeats no episode that is known.
     """
 
     campaign: int
@@ -30,19 +39,32 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     facts: Facts
     varied: Facts
     ride: Facts
+    thresholds: Grid | None
     problem: str
     digest: str
     noise: Chart | None
     scene: Chart | None
+    clearance: Chart | None
+    why_no_scene: str
+    stage: str
+    can_replay: bool
+    has_account: bool
+    jumps: tuple[Jump, ...]
     next_failure: int | None
+    replayed: tuple[int, int] | None
+    verdict: Verdict | None
 
 
 def episode_view(
-    campaign: Campaign, result: EpisodeResult, mission: Mission | None, next_failure: int | None
+    campaign: Campaign,
+    result: EpisodeResult,
+    mission: Mission | None,
+    next_failure: int | None,
+    verdict: Verdict | None,
 ) -> EpisodeView:
     """The page of an episode; the mission, where the scenario could tell it, gives the lanes."""
-    fault = result.fault
-    dt_s = result.scene.dt_s if result.scene else mission.dt_s if mission else None
+    fault, scene = result.fault, result.scene
+    dt_s = scene.dt_s if scene else mission.dt_s if mission else None
     return EpisodeView(
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
@@ -51,106 +73,43 @@ def episode_view(
         facts=facts(result, dt_s),
         varied=varied(campaign, result),
         ride=ride(result),
+        thresholds=thresholds(result),
         problem=f"{fault.kind}: {fault.message}" if fault else "",
         digest=result.digest(),
         noise=noise_chart(result.noise, dt_s) if result.steps else None,
-        scene=scene_chart(result.scene, mission) if result.scene else None,
+        scene=scene_chart(scene, mission) if scene else None,
+        clearance=clearance_chart(scene) if scene else None,
+        why_no_scene="" if scene else why_no_scene(campaign, result),
+        stage="The noise" if is_function(campaign) else "Scene from above",
+        can_replay=result.steps > 0,
+        has_account=result.steps > 0 and not is_function(campaign),
+        jumps=jumps(result),
         next_failure=next_failure,
+        replayed=source_of(campaign.spec, result.index),
+        verdict=verdict,
     )
+
+
+def why_no_scene(campaign: Campaign, result: EpisodeResult) -> str:
+    """Why there is nothing to play."""
+    if not result.steps:
+        return "The episode ended before its first step: there is nothing to play."
+    if is_function(campaign):
+        return "A function of the noise is under test: there is no scene, and no planner to ask."
+    every = campaign.spec.scene_every
+    sample = "" if every == 1 else f" and every {formats.integer(every)}th of the others"
+    return (
+        "The scene of this episode was not kept: campaigns keep those of all collisions"
+        f"{sample}. Its noise was, so that it can be run again."
+    )
+
+
+def is_function(campaign: Campaign) -> bool:
+    """Whether a function is under test, in place of a planner on a road."""
+    return campaign.spec.simulator == functions.SIMULATOR
 
 
 def varied(campaign: Campaign, result: EpisodeResult) -> Facts:
     """The scenario parameters that the episode drew from its own seed."""
     drawn = drawn_for(campaign.spec, result.seed)
     return tuple((name, str(value)) for name, value in drawn.items())
-
-
-def noise_chart(noise: NoiseTrajectory, dt_s: float | None) -> Chart:
-    """What was added to the perceived position, step by step."""
-    metres, standardised = noise.metres, noise.standardised
-    times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
-    axis = "Time [s]" if dt_s else "Step"
-    return Chart(
-        id="noise-chart",
-        kind="noise",
-        title="Noise on the perceived position",
-        caption=(
-            "In standard deviations of the disturbance model "
-            f"({noise.shape.in_words()}); the band is ±2 sigma."
-        ),
-        data={
-            "axis": axis,
-            "time": rounded(times),
-            "longitudinal": rounded(map(float, standardised[:, 0])),
-            "lateral": rounded(map(float, standardised[:, 1])),
-        },
-        columns=(
-            axis,
-            "Longitudinal [sigma]",
-            "Lateral [sigma]",
-            "Longitudinal [m]",
-            "Lateral [m]",
-            "log p",
-        ),
-        rows=tuple(
-            tuple(map(formats.number, map(float, (at, *u, *a, log_p))))
-            for at, u, a, log_p in zip(
-                times, standardised, metres, noise.log_probability_per_step, strict=True
-            )
-        ),
-    )
-
-
-def scene_chart(scene: Scene, mission: Mission | None) -> Chart:
-    """The course of the episode, from above."""
-    nearest = nearest_actor(scene)
-    return Chart(
-        id="scene",
-        kind="player",
-        title="Scene from above",
-        caption=(
-            "Ego solid, others outlined, dashed where the ego saw the nearest one. Width and "
-            "length are to the same scale."
-        ),
-        data={
-            "dt": scene.dt_s,
-            "vehicles": [rounded_rows(vehicles) for vehicles in scene.vehicles],
-            "sizes": rounded_rows(scene.sizes),
-            "perceived": rounded_rows(scene.perceived),
-            "nearest": nearest,
-            "lanes": mission.lanes if mission else 0,
-            "lane": mission.lane_width_m if mission else CONVENTIONAL_LANE_M,
-        },
-        columns=(
-            "Time [s]",
-            "Ego x [m]",
-            "Ego y [m]",
-            "Ego speed [m/s]",
-            "Actor x [m]",
-            "Actor y [m]",
-            "Seen at x [m]",
-            "Seen at y [m]",
-            "Acceleration [m/s²]",
-        ),
-        rows=tuple(scene_row(scene, step, nearest[step]) for step in range(len(scene.perceived))),
-    )
-
-
-def nearest_actor(scene: Scene) -> list[int]:
-    """At each moment, the vehicle whose centre is nearest to the ego's."""
-    places = scene.vehicles[:, :, :2].astype(np.float64)
-    apart = np.hypot(*np.moveaxis(places[:, 1:] - places[:, :1], -1, 0))
-    return [1 + int(nearest) for nearest in apart.argmin(axis=1)]
-
-
-def scene_row(scene: Scene, step: int, actor: int) -> tuple[str, ...]:
-    """One step as text."""
-    ego, other = scene.vehicles[step, 0], scene.vehicles[step, actor]
-    numbers = (
-        step * scene.dt_s,
-        *(ego[0], ego[1], ego[3]),
-        *other[:2],
-        *scene.perceived[step],
-        scene.controls[step, 0],
-    )
-    return tuple(formats.number(float(value), 4) for value in numbers)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from eigenfail.values import Course, CourseBlock, Outcome
 from eigenfail.values.records import EpisodeRow
+from eigenfail.values.sample import EpisodeSample
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.charts import Chart, rounded
 
@@ -16,7 +17,7 @@ def curve_chart(course: Course) -> Chart:
         kind="curve",
         title=course.heading,
         caption=(
-            f"Failure rate by blocks of {formats.integer(course.per)} episodes, with 95 % "
+            f"Failure rate by blocks of {formats.counted(course.per, 'episode')}, with 95 % "
             "intervals; the table holds likelihood and robustness, too."
         ),
         data={
@@ -50,7 +51,9 @@ def span(block: CourseBlock) -> str:
     return f"{block.first} – {block.last}"
 
 
-def robustness_chart(rows: Sequence[EpisodeRow], course: Course, ended: int) -> Chart:
+def robustness_chart(
+    rows: Sequence[EpisodeRow | EpisodeSample], course: Course, ended: int
+) -> Chart:
     """How near the ego came to another vehicle in each episode."""
     measured = [row for row in rows if row.robustness_m is not None]
     return Chart(
@@ -81,7 +84,7 @@ def robustness_chart(rows: Sequence[EpisodeRow], course: Course, ended: int) -> 
     )
 
 
-def coverage(rows: Sequence[EpisodeRow], of: int) -> str:
+def coverage(rows: Sequence[object], of: int) -> str:
     """Whether all of them are drawn."""
     if len(rows) >= of:
         return ""

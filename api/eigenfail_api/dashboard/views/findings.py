@@ -36,7 +36,7 @@ def analysed(result: AnalysisResult) -> Figure:
     """How many failures, of what."""
     count = formats.integer(len(result.episodes))
     episodes = sum(source.episodes for source in result.sources)
-    return Figure(count, (f"of {formats.integer(episodes)} episodes",) if episodes else ())
+    return Figure(count, (f"of {formats.counted(episodes, 'episode')}",) if episodes else ())
 
 
 def stability(result: AnalysisResult) -> Figure:
@@ -45,16 +45,15 @@ def stability(result: AnalysisResult) -> Figure:
     if found is None:
         why = "no bootstrap" if len(result.modes) > 1 else "a single group"
         return Figure(formats.NONE, (f"not tried: {why}",))
-    draws = f"{found.resamples} draws of {formats.integer(found.rows)} failures"
+    draws = f"{found.resamples} draws of {formats.counted(found.rows, 'failure')}"
     notes = (formats.interval(found.interval), draws, "1: the same groups; 0: chance")
     return Figure(formats.number(found.median), notes)
 
 
 def explained(result: AnalysisResult) -> Figure:
     """What the components keep."""
-    count = len(result.explained)
-    noun = "component" if count == 1 else "components"
-    return Figure(formats.percent(float(np.sum(result.explained))), (f"by {count} {noun}",))
+    by = formats.counted(len(result.explained), "component")
+    return Figure(formats.percent(float(np.sum(result.explained))), (f"by {by}",))
 
 
 def outliers(result: AnalysisResult) -> Figure:

@@ -4,6 +4,7 @@ from math import sqrt
 
 from eigenfail.values import Assessment, EpisodeResult, Measures, assess
 from eigenfail_api.dashboard import formats
+from eigenfail_api.dashboard.views.findings import Grid
 
 Facts = tuple[tuple[str, str], ...]
 
@@ -29,39 +30,71 @@ def facts(result: EpisodeResult, dt_s: float | None) -> Facts:
 
 
 def danger(measures: Measures, assessed: Assessment) -> Facts:
-    """How near it came to a collision, and when that could be seen."""
+    """How near it came to a collision."""
     return (
         ("Class", assessed.words or NOT_CLASSIFIED),
         ("Robustness", unit(measures.robustness_m, "m")),
         ("Severity", severity(measures.severity)),
-        ("MinTTC", unit(measures.min_ttc_s, "s")),
-        ("Largest DRAC", unit(measures.max_drac_mps2, "m/s²")),
     )
+
+
+def thresholds(result: EpisodeResult) -> Grid | None:
+    """The safety measures, their thresholds, and when these were passed; None if not measured."""
+    measures = result.measures
+    if measures is None:
+        return None
+    assessed = assess(result.outcome, measures)
+    ttc_s, drac_mps2 = unit(measures.min_ttc_s, "s"), unit(measures.max_drac_mps2, "m/s²")
+    leads = (unit(assessed.ttc_lead_s, "s"), unit(assessed.drac_lead_s, "s"))
+    rows = (
+        ("MinTTC", ttc_s, "< 1.5 s", passed(measures.ttc_violated_s, measures), leads[0]),
+        (
+            "DRAC, largest",
+            drac_mps2,
+            "> 7 m/s²",
+            passed(measures.drac_violated_s, measures),
+            leads[1],
+        ),
+        (
+            "Footprints apart",
+            unit(measures.robustness_m, "m"),
+            "0 m",
+            when(measures.collided_s),
+            formats.NONE,
+        ),
+    )
+    note = ""
+    if measures.drac_at_warning_mps2 is not None:
+        at_warning = unit(measures.drac_at_warning_mps2, "m/s²")
+        note = f"When the time to collision first fell below 1.5 s, DRAC was {at_warning}."
+    return Grid("Safety measures", THRESHOLDS, rows, note)
+
+
+THRESHOLDS = ("Measure", "Value", "Threshold", "Passed at", "Before the collision")
+
+
+def passed(at_s: float | None, measures: Measures) -> str:
+    """When a threshold was first passed; a dash where older releases did not measure it."""
+    was_measured = measures.clipped_steps is not None or at_s is not None
+    return when(at_s) if was_measured else formats.NONE
+
+
+def when(at_s: float | None) -> str:
+    """A moment, or that it never came."""
+    return NEVER if at_s is None else unit(at_s, "s")
 
 
 def ride(result: EpisodeResult) -> Facts:
-    """When thresholds were passed, and how rough the ride was; nothing if that was not measured."""
+    """How rough the ride was; nothing if that was not measured."""
     measures = result.measures
     if measures is None or measures.clipped_steps is None:
         return ()
-    assessed = assess(result.outcome, measures)
     return (
-        ("TTC below 1.5 s", since(measures.ttc_violated_s, assessed.ttc_lead_s)),
-        ("DRAC at that moment", unit(measures.drac_at_warning_mps2, "m/s²")),
-        ("DRAC above 7 m/s²", since(measures.drac_violated_s, assessed.drac_lead_s)),
-        ("Left the road", since(measures.left_road_s, None)),
+        ("Left the road", when(measures.left_road_s)),
         ("Largest jerk", unit(measures.max_jerk_mps3, "m/s³")),
         ("Hard brakings", whole(measures.hard_brakings)),
-        ("Controls clipped", f"{whole(measures.clipped_steps)} steps"),
+        ("Controls clipped", formats.counted(measures.clipped_steps, "step")),
     )
-
-
-def since(at_s: float | None, lead_s: float | None) -> str:
-    """When it happened first, and how long before the collision."""
-    if at_s is None:
-        return NEVER
-    lead = "" if lead_s is None else f", {unit(lead_s, 's')} before the collision"
-    return f"at {unit(at_s, 's')}{lead}"
 
 
 def unit(value: float | None, name: str) -> str:

@@ -1,6 +1,6 @@
 """The charts of an analysis."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -14,18 +14,36 @@ MOST_POINTS = 5_000
 def eigenfailure_chart(result: AnalysisResult) -> Chart:
     """The noise that stands for each mode."""
     modes = [mode.eigenfailure for mode in result.modes]
+    bands = [mode.band for mode in result.modes if mode.band is not None]
     return Chart(
         id="eigenfailure-chart",
         kind="eigenfailures",
         title="Eigenfailures",
-        caption="The centre of each mode, taken back to noise over time [sigma].",
-        data={axis: [numbers(z[:, way]) for z in modes] for way, axis in enumerate(AXES)},
+        caption="The centre of each mode, taken back to noise over time [sigma]."
+        + (" Bands: from 10 to 90 % of the noise of its failures at each step." if bands else ""),
+        data={
+            **{axis: [numbers(z[:, way]) for z in modes] for way, axis in enumerate(AXES)},
+            "bands": {axis: limits(bands, way) for way, axis in enumerate(AXES)},
+        },
         columns=(
             "Step",
             *(f"Mode {mode + 1} {axis}" for mode in range(len(modes)) for axis in AXES),
+            *band_columns(len(bands)),
         ),
-        rows=by_step(np.concatenate(modes, axis=1)),
+        rows=by_step(np.concatenate([*modes, *(side for band in bands for side in band)], axis=1)),
     )
+
+
+def limits(bands: Iterable[Floats], way: int) -> list[list[list[float | None]]]:
+    """The lower and the upper limit of each mode's band along an axis."""
+    return [[numbers(side[:, way]) for side in band] for band in bands]
+
+
+def band_columns(count: int) -> Iterator[str]:
+    """Names of the columns of bands, in the order of their numbers."""
+    for mode in range(count):
+        for share in ("10 %", "90 %"):
+            yield from (f"Mode {mode + 1} {axis} {share}" for axis in AXES)
 
 
 def scores_chart(result: AnalysisResult, campaign: int) -> Chart:

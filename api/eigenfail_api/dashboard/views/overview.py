@@ -1,120 +1,148 @@
 """All campaigns at a glance."""
 
 from collections.abc import Sequence
+from urllib.parse import urlencode
 
 import msgspec
 
-from eigenfail.values import Campaign, Page, Summary
+from eigenfail.values import Campaign, CampaignState, Page, Summary
+from eigenfail.values.campaign_filter import CampaignFilter
+from eigenfail.values.pool import PeerCosts
+from eigenfail.values.worker import WorkerShare
 from eigenfail_api.dashboard import formats
-from eigenfail_api.dashboard.views.charts import Chart, rounded
+from eigenfail_api.dashboard.views.campaign_costs import REPLAY, cost_chart
+from eigenfail_api.dashboard.views.charts import Chart
+from eigenfail_api.dashboard.views.crew import crew_tiles
+from eigenfail_api.dashboard.views.method_costs import MethodCosts, method_costs
 from eigenfail_api.dashboard.views.summaries import Figure, Standing, standing
 
-MOST_BARS = 25
-REPLAY = "replay"
+
+class Wanted(msgspec.Struct, frozen=True):
+    """Which campaigns are asked for; None where any will do, replays aside.
+
+    Attributes:
+        method: None leaves out replays, which find nothing new.
+    """
+
+    state: CampaignState | None = None
+    method: str | None = None
+    search: str | None = None
+    before: int | None = None
+
+    def address(self, **changes: int | None) -> str:
+        """The address of this page, or of one like it."""
+        given = msgspec.structs.asdict(self) | changes
+        query = {name: value for name, value in given.items() if value is not None}
+        return f"/?{urlencode(query)}" if query else "/"
+
+    @property
+    def where(self) -> CampaignFilter:
+        """The same in the words of the store."""
+        return CampaignFilter(self.method, self.search, None if self.method else REPLAY)
+
+    @property
+    def is_filtered(self) -> bool:
+        """Whether not all campaigns are wanted."""
+        return (self.state, self.method, self.search) != (None, None, None)
 
 
-class Overview(msgspec.Struct, frozen=True):
+class Overview(msgspec.Struct, frozen=True, kw_only=True):
     """The first page.
 
     Attributes:
-        before: cursor of this page; None on the first.
-        older: cursor of the next one.
+        wanted: what was asked for, and the cursor of this page.
+        address: of this page.
+        newest: the address of the first page of these campaigns; None on it.
+        older: the address of the next one, if there is one.
+        methods: those that some campaign has.
+        any_method: what is listed where no method is chosen.
+        replays: words and address of the replays that are not listed; None if there are none.
+        panel: cost per failure by method.
+        latest: the newest event when the page was made, so that the feed goes on behind it.
     """
 
+    wanted: Wanted
+    address: str
+    newest: str | None
+    older: str | None
+    states: tuple[str, ...] = tuple(CampaignState)
+    methods: tuple[str, ...]
+    any_method: str
+    replays: tuple[str, str] | None
     lines: tuple[Standing, ...]
     tiles: tuple[tuple[str, Figure], ...]
+    panel: MethodCosts
     costs: Chart | None
-    before: int | None
-    older: int | None
     is_open: bool
+    latest: int
 
 
-def overview(page: Page[Campaign], summaries: Sequence[Summary], before: int | None) -> Overview:
-    """The page for some campaigns, newest first, and their summaries in the same order."""
-    lines = tuple(map(standing, page.items, summaries))
+class Known(msgspec.Struct, frozen=True, kw_only=True):
+    """What the store knows.
+
+    Attributes:
+        page: some campaigns, newest first.
+        summaries: of them, in the same order.
+        groups: costs by method, of all campaigns.
+        methods: those that some campaign has.
+        replays: how many campaigns replay what others found.
+        lately: who brought results in the last `within_s` seconds.
+        latest: the id of the newest event.
+    """
+
+    page: Page[Campaign]
+    summaries: Sequence[Summary]
+    groups: Sequence[PeerCosts]
+    methods: Sequence[str]
+    replays: int
+    lately: Sequence[WorkerShare]
+    within_s: int
+    latest: int
+
+
+def overview(known: Known, wanted: Wanted) -> Overview:
+    """The page."""
+    lines = tuple(map(standing, known.page.items, known.summaries))
     return Overview(
+        wanted=wanted,
+        address=wanted.address(),
+        newest=wanted.address(before=None) if wanted.before else None,
+        older=wanted.address(before=known.page.next) if known.page.next else None,
+        methods=tuple(known.methods),
+        any_method=f"any but {REPLAY}" if known.replays else "any",
+        replays=folded(known.replays, wanted),
         lines=lines,
-        tiles=tiles(page.items, summaries),
-        costs=cost_chart(summaries),
-        before=before,
-        older=page.next,
+        tiles=(
+            *tiles(known.page.items, known.summaries),
+            *crew_tiles(known.lately, known.within_s),
+        ),
+        panel=method_costs(known.groups),
+        costs=cost_chart(known.summaries),
         is_open=any(line.is_open for line in lines),
+        latest=known.latest,
     )
+
+
+def folded(count: int, wanted: Wanted) -> tuple[str, str] | None:
+    """How many replays are not listed, and where those are that are like what is wanted."""
+    if wanted.method or not count:
+        return None
+    among = "those like that among " if wanted.is_filtered else ""
+    words = f"{among}{formats.counted(count, 'replay')}"
+    return words, msgspec.structs.replace(wanted, method=REPLAY, before=None).address()
 
 
 def tiles(
     campaigns: Sequence[Campaign], summaries: Sequence[Summary]
 ) -> tuple[tuple[str, Figure], ...]:
-    """Sums over the campaigns of the page; failures that were replayed are counted once."""
+    """Sums over the campaigns of the page."""
     running = sum(campaign.state == "running" for campaign in campaigns)
     completed = sum(campaign.counts.completed for campaign in campaigns)
-    failures = sum(
-        campaign.counts.failures for campaign in campaigns if campaign.spec.method != REPLAY
-    )
+    failures = sum(campaign.counts.failures for campaign in campaigns)
     spent = sum(summary.cost.total_usd for summary in summaries)
     return (
         ("Campaigns", Figure(formats.integer(len(campaigns)), (f"{running} running",))),
-        ("Episodes", Figure(formats.integer(completed), ("completed, replays too",))),
-        ("Failures", Figure(formats.integer(failures), ("collisions found; replays aside",))),
+        ("Episodes", Figure(formats.integer(completed), ("completed",))),
+        ("Failures", Figure(formats.integer(failures), ("collisions",))),
         ("Spent", Figure(f"{formats.number(spent)} USD", ("instance-hours × price",))),
-    )
-
-
-def cost_chart(summaries: Sequence[Summary]) -> Chart | None:
-    """Cost per failure of the newest campaigns that have one, or a bound above zero."""
-    found = [summary for summary in summaries if summary.method != REPLAY]
-    priced = [summary for summary in found if summary.cost.at_least_usd]
-    if not priced:
-        return None
-    shown = priced[:MOST_BARS]
-    return Chart(
-        id="cost-chart",
-        kind="cost",
-        title="Cost per failure",
-        caption=(
-            "USD per failure with its 95 % interval, log scale; an arrow is the lower bound of a "
-            "campaign without failures. Replays find nothing new and are left out."
-        ),
-        data={"campaigns": [cost_point(summary) for summary in shown]},
-        columns=("Campaign", "Method", "USD per failure", "95 % interval", "Failures", "Episodes"),
-        rows=tuple(cost_row(summary) for summary in shown),
-    )
-
-
-def cost_point(summary: Summary) -> dict[str, object]:
-    """A campaign's mark."""
-    price = summary.cost
-    bounds = price.interval_usd
-    value, low, high, at_least = rounded(
-        (
-            price.per_failure_usd,
-            bounds.low if bounds else None,
-            bounds.high if bounds else None,
-            price.at_least_usd,
-        )
-    )
-    return {
-        "id": summary.campaign,
-        "name": summary.name,
-        "method": summary.method,
-        "value": value,
-        "low": low,
-        "high": high,
-        "at_least": at_least,
-        "failures": summary.counts.failures,
-        "completed": summary.counts.completed,
-    }
-
-
-def cost_row(summary: Summary) -> tuple[str, ...]:
-    """The same as text."""
-    price = summary.cost
-    bounds = formats.interval(price.interval_usd) if price.interval_usd else "lower bound (95 %)"
-    return (
-        f"{summary.campaign}: {summary.name}",
-        summary.method,
-        formats.cost_per_failure(price).removesuffix(" USD"),
-        bounds,
-        formats.integer(summary.counts.failures),
-        formats.integer(summary.counts.completed),
     )

@@ -104,7 +104,7 @@ def tried(found: Reproduction) -> Figure:
 def scenario_line(scenario: ProvenScenario) -> ScenarioLine:
     """One scenario."""
     return ScenarioLine(
-        words=scenario_words(scenario),
+        words=scenario.words,
         campaign=scenario.campaign,
         badge=CAMPAIGN_BADGES[scenario.state],
         eigenfailures=tried(scenario.eigenfailures),
@@ -112,16 +112,9 @@ def scenario_line(scenario: ProvenScenario) -> ScenarioLine:
     )
 
 
-def scenario_words(scenario: ProvenScenario) -> str:
-    """In what it differs from the one that was analysed."""
-    differs = (f"{name} = {value}" for name, value in scenario.scenario_parameters.items())
-    return ", ".join(differs) or "the same"
-
-
 def replay_lines(scenario: ProvenScenario) -> Iterator[ReplayLine]:
     """Its replays."""
-    words = scenario_words(scenario)
-    return (replay_line(words, replay) for replay in scenario.replays)
+    return (replay_line(scenario.words, replay) for replay in scenario.replays)
 
 
 def replay_line(scenario: str, replay: ReplayedNoise) -> ReplayLine:

@@ -8,22 +8,21 @@ from eigenfail.values.assessment import IN_WORDS
 from eigenfail.values.safety import FailurePoint, Scatter
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.charts import MOST_ROWS, Chart, rounded
+from eigenfail_api.dashboard.views.findings import Grid, Rows
 from eigenfail_api.dashboard.views.measured import unit
 from eigenfail_api.dashboard.views.summaries import Figure
 
+COLUMNS = (
+    "Measure",
+    "Episodes",
+    "Share, 95 % interval",
+    "Median",
+    "Worst",
+    "n of median and worst",
+)
+
 NOT_CLASSIFIED = "not classified"
 COLLISION = "collision, "
-
-
-class MeasureLine(msgspec.Struct, frozen=True, kw_only=True):
-    """A row of the table."""
-
-    name: str
-    episodes: str
-    share: str
-    median: str
-    worst: str
-    n: str
 
 
 class SafetyView(msgspec.Struct, frozen=True, kw_only=True):
@@ -34,7 +33,7 @@ class SafetyView(msgspec.Struct, frozen=True, kw_only=True):
         remarks: why one of these, or an interval, is missing, and what the numbers cannot know.
     """
 
-    lines: tuple[MeasureLine, ...]
+    table: Grid
     severity: tuple[tuple[str, Figure], ...]
     remarks: tuple[str, ...]
 
@@ -43,13 +42,13 @@ def safety_view(found: Safety) -> SafetyView:
     """Table, severity, and remarks on both."""
     remarks = (found.severity.problem, *found.notes)
     return SafetyView(
-        lines=measure_lines(found),
+        table=Grid("Safety measures", COLUMNS, measure_lines(found)),
         severity=severity(found) if found.severity.n else (),
         remarks=tuple(filter(None, remarks)),
     )
 
 
-def measure_lines(found: Safety) -> tuple[MeasureLine, ...]:
+def measure_lines(found: Safety) -> Rows:
     """Collisions, near misses, and the two measures."""
     ttc, drac = found.ttc, found.drac
     return (
@@ -60,23 +59,19 @@ def measure_lines(found: Safety) -> tuple[MeasureLine, ...]:
     )
 
 
-def counted(name: str, rate: Rate | None) -> MeasureLine:
+def counted(name: str, rate: Rate | None) -> tuple[str, ...]:
     """An outcome, which has neither median nor worst case."""
-    none = formats.NONE
-    episodes, share = shared(rate)
-    return MeasureLine(name=name, episodes=episodes, share=share, median=none, worst=none, n=none)
+    return (name, *shared(rate), formats.NONE, formats.NONE, formats.NONE)
 
 
-def measured(name: str, row: Violations, name_of_unit: str) -> MeasureLine:
+def measured(name: str, row: Violations, name_of_unit: str) -> tuple[str, ...]:
     """A measure, and its extremes over the episodes that have it."""
-    episodes, share = shared(row.beyond)
-    return MeasureLine(
-        name=name,
-        episodes=episodes,
-        share=share,
-        median=unit(row.median, name_of_unit),
-        worst=unit(row.worst, name_of_unit),
-        n=formats.integer(row.n),
+    return (
+        name,
+        *shared(row.beyond),
+        unit(row.median, name_of_unit),
+        unit(row.worst, name_of_unit),
+        formats.integer(row.n),
     )
 
 

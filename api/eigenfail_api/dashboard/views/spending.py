@@ -77,7 +77,7 @@ def cost_tiles(found: CampaignCost) -> tuple[tuple[str, Figure], ...]:
 def per_failure(found: CampaignCost) -> Figure:
     """With its interval, or the least that one costs."""
     bounds = found.cost.interval_usd
-    basis = f"{formats.integer(found.failures)} failures"
+    basis = formats.counted(found.failures, "failure")
     notes = (basis, formats.interval(bounds)) if bounds else (basis, "95 % lower bound")
     return Figure(formats.cost_per_failure(found.cost), notes if found.completed else ())
 
@@ -87,7 +87,7 @@ def per_mode(found: CampaignCost) -> Figure:
     if found.modes is None:
         return Figure(formats.NONE, ("no distinct modes are known",))
     price = formats.NONE if found.per_mode_usd is None else formats.number(found.per_mode_usd)
-    return Figure(f"{price} USD", (f"{found.modes} distinct modes",))
+    return Figure(f"{price} USD", (formats.counted(found.modes, "distinct mode"),))
 
 
 def curve_chart(found: CampaignCost) -> Chart:

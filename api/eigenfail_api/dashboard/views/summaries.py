@@ -6,7 +6,7 @@ from eigenfail.values import FINAL_STATES, Campaign, Estimate, Summary
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.states import CAMPAIGN_BADGES, Badge
 
-NOTHING_YET = ("no episode yet",)
+NOTHING_YET = ("no episode completed",)
 
 
 class Figure(msgspec.Struct, frozen=True):

@@ -11,26 +11,36 @@ from collections.abc import Callable
 
 from eigenfail.contracts import Store
 from eigenfail.testing.store import (
+    access,
+    batches,
     blocks,
     campaigns,
     conflicts,
     crowds,
+    episode_filters,
     episode_lists,
     episodes,
+    figures,
     jobs,
     records,
     safety,
+    suites,
 )
 
 STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *campaigns.CHECKS,
+    *batches.CHECKS,
+    *suites.CHECKS,
     *episodes.CHECKS,
     *episode_lists.CHECKS,
+    *episode_filters.CHECKS,
     *conflicts.CHECKS,
     *blocks.CHECKS,
     *safety.CHECKS,
+    *figures.CHECKS,
     *jobs.CHECKS,
     *records.CHECKS,
+    *access.CHECKS,
     *crowds.CHECKS,
 )
 """One behaviour each; raise AssertionError where it is broken."""

@@ -5,6 +5,7 @@ from math import fsum, isclose
 from msgspec.structs import replace
 
 from eigenfail.contracts import Store
+from eigenfail.filters import WORST_FIRST, outcome_is
 from eigenfail.testing.expectations import expect
 from eigenfail.testing.store.examples import (
     CRASH,
@@ -16,7 +17,7 @@ from eigenfail.testing.store.examples import (
     running,
 )
 from eigenfail.values import ConflictClass, EpisodeResult, Measures, Outcome, assess
-from eigenfail.values.records import ConflictTotals, EpisodeOrder
+from eigenfail.values.records import ConflictTotals
 
 WARNED = replace(CRASH, severity=2.0, drac_violated_s=3.25)
 ASSESSED: tuple[tuple[Measures, ConflictClass | None], ...] = (
@@ -48,7 +49,7 @@ def rows_are_assessed(store: Store) -> None:
             wanted = getattr(episode.measures, name)
             equal(getattr(row, name), wanted, f"{name} of episode {row.index}")
         equal(row.assessed, assess(episode.outcome, episode.measures), f"Class of {row.index}")
-    crashes = store.episodes.page(campaign.id, 100, outcome=Outcome.COLLISION).items
+    crashes = store.episodes.page(campaign.id, 100, where=outcome_is(Outcome.COLLISION)).items
     equal([row.assessed.conflict for row in crashes], [c for _, c in ASSESSED], "Classes")
 
 
@@ -72,7 +73,7 @@ def counts_conflicts(store: Store) -> None:
 
 
 SEVERITIES = {0: None, 1: 4.0, 2: 9.0, 3: 4.0, 4: 0.0, 5: None, 6: 9.5}
-WORST_FIRST = [6, 2, 1, 3, 4, 0, 5]
+IN_ORDER = [6, 2, 3, 1, 4, 5, 0]
 
 
 def puts_the_worst_first(store: Store) -> None:
@@ -81,10 +82,10 @@ def puts_the_worst_first(store: Store) -> None:
     deliver(store, campaign, *(crash_of(index) for index in reversed(SEVERITIES)))
     deliver(store, other, collision(2))
     for limit in (1, 2, 3, 7, 10):
-        equal(worst_first(store, campaign.id, limit), WORST_FIRST, f"Pages of {limit}")
+        equal(worst_first(store, campaign.id, limit), IN_ORDER, f"Pages of {limit}")
     crashes = worst_first(store, campaign.id, 2, Outcome.COLLISION)
-    equal(crashes, WORST_FIRST[:-2], "Collisions alone")
-    behind = store.episodes.page(campaign.id, 10, 8, order=EpisodeOrder.SEVERITY)
+    equal(crashes, IN_ORDER[:-2], "Collisions alone")
+    behind = store.episodes.page(campaign.id, 10, 8, sort=WORST_FIRST)
     equal(behind.items, (), "Rows behind an episode that has no result")
 
 
@@ -103,7 +104,7 @@ def worst_first(
     found: list[int] = []
     after: int | None = None
     for _ in range(len(SEVERITIES)):
-        page = store.episodes.page(campaign, limit, after, outcome, EpisodeOrder.SEVERITY)
+        page = store.episodes.page(campaign, limit, after, outcome_is(outcome), WORST_FIRST)
         found += [row.index for row in page.items]
         after = page.next
         if after is None:

@@ -5,6 +5,7 @@ from math import fsum, isclose
 
 from eigenfail.contracts import Store
 from eigenfail.errors import NotFound
+from eigenfail.filters import outcome_is
 from eigenfail.testing.expectations import expect, expect_error
 from eigenfail.testing.store.examples import (
     BEYOND,
@@ -48,7 +49,7 @@ def pages_in_index_order(store: Store) -> None:
     second = store.episodes.page(campaign.id, 2, first.next)
     equal([row.index for row in (*first.items, *second.items)], [1, 2, 5, 7], "Two pages")
     equal((first.next, second.next), (2, None), "Their cursors")
-    crashes = store.episodes.page(campaign.id, 10, after=2, outcome=Outcome.COLLISION)
+    crashes = store.episodes.page(campaign.id, 10, after=2, where=outcome_is(Outcome.COLLISION))
     equal([row.index for row in crashes.items], [7], "Collisions above 2")
     equal(store.episodes.page(999, 10).items, (), "Episodes of no campaign")
 

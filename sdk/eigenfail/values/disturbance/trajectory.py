@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance.conversion import Conversion
 from eigenfail.values.disturbance.shapes import Pair, Shape, White
+from eigenfail.values.showing import Brief, Tabular
 
 AXES = ("longitudinal", "lateral")
 
@@ -19,7 +20,7 @@ LOG_SQRT_TWO_PI = 0.5 * log(2.0 * pi)
 Doubles = NDArray[np.float64]
 
 
-class NoiseTrajectory(msgspec.Struct, frozen=True, eq=False, dict=True):
+class NoiseTrajectory(Brief, Tabular, msgspec.Struct, frozen=True, eq=False, dict=True):
     """The disturbances of one episode, step by step, up to its end.
 
     Attributes:

@@ -3,8 +3,6 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import msgspec
-
 from eigenfail.values import Proof, ReplayedNoise, Reproduction
 from eigenfail.values.report import Cell, ReportSection
 from eigenfail_services.campaigns.proofs import proof
@@ -42,7 +40,6 @@ WORDS = (
     "in which its failures were found, and says more if it does so in others. Medoids are real "
     "failures, injected in the same way. Intervals are of 95 %."
 )
-SAME = "the same"
 HEADER = ("Campaign", "Scenario", "Eigenfailures that failed again", "Medoids that failed again")
 
 
@@ -100,21 +97,15 @@ def in_line(found: Reproduction) -> str:
 def lines(proven: Proven) -> Iterator[tuple[formats.Lines, ...]]:
     """A row for each scenario, in words."""
     for each in proven.proof.scenarios:
-        who = ((str(proven.found.subject.id),), (changed(each.scenario_parameters),))
+        who = ((str(proven.found.subject.id),), (each.words,))
         yield (*who, of(each.eigenfailures), of(each.medoids))
-
-
-def changed(parameters: dict[str, object]) -> str:
-    """In what a scenario differs from the one that was analysed."""
-    plain = (f"{k} = {msgspec.json.encode(v).decode()}" for k, v in parameters.items())
-    return ", ".join(plain) or SAME
 
 
 def scenario_rows(proven: list[Proven]) -> Iterator[tuple[Cell, ...]]:
     """Two rows for each scenario."""
     for found, proof_of in proven:
         for each in proof_of.scenarios:
-            who = (found.subject.id, changed(each.scenario_parameters), each.campaign)
+            who = (found.subject.id, each.words, each.campaign)
             yield (*who, "eigenfailures", *counted(each.eigenfailures))
             yield (*who, "medoids", *counted(each.medoids))
 

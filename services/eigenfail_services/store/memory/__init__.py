@@ -2,16 +2,21 @@
 
 from eigenfail.contracts import (
     AnalysisStore,
+    AuditLog,
     CampaignStore,
     CheckpointStore,
     EpisodeStore,
     EventLog,
+    FigureStore,
     JobQueue,
+    KeyStore,
 )
 from eigenfail.values.records import JobKind
+from eigenfail_services.store.memory.access import MemoryAuditLog, MemoryKeys
 from eigenfail_services.store.memory.analyses import MemoryAnalyses
 from eigenfail_services.store.memory.campaigns import MemoryCampaigns, MemoryCheckpoints
 from eigenfail_services.store.memory.episodes import MemoryEpisodes
+from eigenfail_services.store.memory.figures import MemoryFigures
 from eigenfail_services.store.memory.queue import MemoryJobQueue
 from eigenfail_services.store.memory.tables import MemoryEventLog, Tables
 
@@ -21,22 +26,29 @@ class MemoryStore:
 
     campaigns: CampaignStore
     episodes: EpisodeStore
+    figures: FigureStore
     checkpoints: CheckpointStore
     analyses: AnalysisStore
     events: EventLog
     jobs: JobQueue
+    keys: KeyStore
+    audit: AuditLog
 
     def __init__(self) -> None:
         tables = Tables()
         campaigns, analyses = MemoryCampaigns(tables), MemoryAnalyses(tables)
         self.campaigns = campaigns
-        self.episodes = MemoryEpisodes(tables)
+        episodes = MemoryEpisodes(tables)
+        self.episodes = episodes
+        self.figures = MemoryFigures(tables, episodes)
         self.checkpoints = MemoryCheckpoints(tables)
         self.analyses = analyses
         self.events = MemoryEventLog(tables)
         self.jobs = MemoryJobQueue(
             tables, {JobKind.CAMPAIGN: campaigns.give_up, JobKind.ANALYSIS: analyses.fail}
         )
+        self.keys = MemoryKeys(tables)
+        self.audit = MemoryAuditLog(tables)
 
     def ping(self) -> None:
         """It always answers."""

@@ -1,5 +1,7 @@
 """Campaigns and checkpoints in memory."""
 
+from collections.abc import Sequence
+
 from msgspec.structs import replace
 
 from eigenfail.values import (
@@ -11,11 +13,14 @@ from eigenfail.values import (
     Overhead,
     Page,
 )
+from eigenfail.values.campaign_filter import ANY_CAMPAIGN, CampaignFilter
 from eigenfail.values.records import JobKind
+from eigenfail.values.suite import SuiteStanding, suite_of
 from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved
 from eigenfail_services.store import sentences
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.memory.episodes import digest
+from eigenfail_services.store.memory.suites import suites_page
 from eigenfail_services.store.memory.tables import Tables
 from eigenfail_services.store.refusals import key_used
 
@@ -37,6 +42,20 @@ class MemoryCampaigns:
             if idempotency_key is not None:
                 self._tables.keys[idempotency_key] = campaign.id
             return campaign
+
+    def create_many(
+        self, specs: Sequence[CampaignSpec], idempotency_key: str | None = None
+    ) -> tuple[Campaign, ...]:
+        """New campaigns, all or none; the same ones again for the same key."""
+        with self._tables.lock:
+            earlier = self._tables.batches.get(idempotency_key or "", ())
+            found = tuple(map(self._tables.campaign, earlier))
+            if found and [each.spec for each in found] != [*specs]:
+                raise key_used(earlier[0])
+            made = found or tuple(map(self._add, specs))
+            if idempotency_key is not None:
+                self._tables.batches[idempotency_key] = tuple(each.id for each in made)
+            return made
 
     def _earlier(self, number: int, spec: CampaignSpec) -> Campaign:
         earlier = self._tables.campaign(number)
@@ -65,16 +84,31 @@ class MemoryCampaigns:
             return self._tables.campaign(campaign)
 
     def page(
-        self, limit: int, before: int | None = None, state: CampaignState | None = None
+        self,
+        limit: int,
+        before: int | None = None,
+        state: CampaignState | None = None,
+        suite: str | None = None,
+        where: CampaignFilter = ANY_CAMPAIGN,
     ) -> Page[Campaign]:
-        """Campaigns, newest first, with ids below `before`."""
+        """Campaigns, newest first, with ids below `before`; of one state, of one suite."""
         with self._tables.lock:
             found = [
                 campaign
                 for number, campaign in reversed(self._tables.campaigns.items())
-                if (before is None or number < before) and state in {None, campaign.state}
+                if (before is None or number < before)
+                and state in {None, campaign.state}
+                and suite in {None, suite_of(campaign.spec.name)}
+                and where.method in {None, campaign.spec.method}
+                and where.besides != campaign.spec.method
+                and (where.search or "").lower() in campaign.spec.name.lower()
             ]
         return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
+
+    def suites(self, limit: int, before: int | None = None) -> Page[SuiteStanding]:
+        """Suites by their newest campaigns, newest first, of those with ids below `before`."""
+        with self._tables.lock:
+            return suites_page(self._tables.campaigns.values(), limit, before)
 
     def move(self, campaign: int, to: CampaignState, because: str = "") -> Campaign:
         """Change the state, and log the event."""

@@ -4,9 +4,11 @@ import hashlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 from msgspec.structs import replace
 
+from eigenfail.filters import BY_INDEX, Conditions, Sort, matches, value_of
 from eigenfail.values import (
     BlockTotals,
     ConflictClass,
@@ -22,7 +24,6 @@ from eigenfail.values.records import (
     PORTION,
     ConflictTotals,
     Delivery,
-    EpisodeOrder,
     EpisodeRow,
     Failures,
     Totals,
@@ -54,9 +55,9 @@ class MemoryEpisodes:
             before = self._tables.campaign(campaign)
             episodes = self._tables.episodes[campaign]
             known = {index: row.digest for index, (row, _) in episodes.items()}
-            judgement = judge(before, known, deliveries)
+            judgement, at_ms = judge(before, known, deliveries), now_ms()
             for kept in judgement.kept:
-                row = row_of(campaign, kept, now_ms())
+                row = row_of(campaign, kept, at_ms)
                 episodes[row.index] = (row, kept.result)
             self._tables.campaigns[campaign] = replace(before, counts=judgement.counts)
             for alarm in judgement.alarms:
@@ -78,18 +79,12 @@ class MemoryEpisodes:
         campaign: int,
         limit: int,
         after: int | None = None,
-        outcome: Outcome | None = None,
-        order: EpisodeOrder = EpisodeOrder.INDEX,
+        where: Conditions = (),
+        sort: Sort = BY_INDEX,
     ) -> Page[EpisodeRow]:
-        """Episodes in an order, those behind `after`."""
+        """Episodes that fulfil all conditions, in an order, those behind `after`."""
         rows = {row.index: row for row, _ in ordered(self._tables, campaign)}
-        place = partial(PLACES[order], rows)
-        found = [
-            rows[index]
-            for index in sorted(rows, key=place)
-            if (after is None or place(index) > place(after))
-            and outcome in {None, rows[index].outcome}
-        ]
+        found = [row for row in behind(rows, after, sort) if matches(row, where)]
         return Page(tuple(found[:limit]), found[limit - 1].index if len(found) > limit else None)
 
     def finished(self, campaign: int, indices: Iterable[int]) -> list[EpisodeResult]:
@@ -182,15 +177,30 @@ def conflict_totals(rows: list[EpisodeRow]) -> ConflictTotals:
     )
 
 
-def by_index(_rows: Mapping[int, EpisodeRow], index: int) -> tuple[float, int]:
-    """The place of an episode in index order."""
-    return 0.0, index
+def behind(rows: Mapping[int, EpisodeRow], after: int | None, sort: Sort) -> list[EpisodeRow]:
+    """All rows behind one in an order; none if there is no such row, except in that of indices."""
+    known = [row for row in rows.values() if value_of(row, sort.column) is not None]
+    unknown = [row for row in rows.values() if value_of(row, sort.column) is None]
+    by_value = sorted(known, key=partial(place, sort), reverse=sort.descending)
+    in_order = by_value + sorted(unknown, key=index_of, reverse=sort.descending)
+    if after is None:
+        return in_order
+    if sort.column == "index":
+        return [row for row in in_order if is_behind(row.index, after, sort)]
+    indices = [row.index for row in in_order]
+    return in_order[indices.index(after) + 1 :] if after in rows else []
 
 
-def by_severity(rows: Mapping[int, EpisodeRow], index: int) -> tuple[float, int]:
-    """Its place when the worst come first, those without a severity last."""
-    severity = rows[index].severity if index in rows else None
-    return 1.0 if severity is None else -severity, index
+def is_behind(index: int, after: int, sort: Sort) -> bool:
+    """Whether an index comes behind another one."""
+    return index < after if sort.descending else index > after
 
 
-PLACES = {EpisodeOrder.INDEX: by_index, EpisodeOrder.SEVERITY: by_severity}
+def place(sort: Sort, row: EpisodeRow) -> tuple[Any, int]:
+    """Where a row comes in an order."""
+    return value_of(row, sort.column), row.index
+
+
+def index_of(row: EpisodeRow) -> int:
+    """Its index."""
+    return row.index

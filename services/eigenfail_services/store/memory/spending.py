@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import accumulate
-from math import ceil
+from math import ceil, fsum
 
 from eigenfail.values import Landing, Outcome, SpendingTotals
 from eigenfail.values.records import EpisodeRow
@@ -15,8 +15,8 @@ def spending(rows: Sequence[EpisodeRow], most: int) -> SpendingTotals:
     failures = accumulate(int(row.outcome is Outcome.COLLISION) for row in landed)
     every = max(1, ceil(len(landed) / most))
     return SpendingTotals(
-        completed_worker_s=sum((row.wall_s for row in done), 0.0),
-        failed_worker_s=sum((r.wall_s for r in rows if r.outcome is Outcome.FAILED), 0.0),
+        completed_worker_s=fsum(row.wall_s for row in done),
+        failed_worker_s=fsum(r.wall_s for r in rows if r.outcome is Outcome.FAILED),
         landings=tuple(
             Landing(row.finished_ms, place, crashes)
             for place, (row, crashes) in enumerate(zip(landed, failures, strict=True), 1)

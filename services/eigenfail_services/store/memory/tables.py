@@ -32,6 +32,7 @@ class Tables:
         self.lock = RLock()
         self.campaigns: dict[int, Campaign] = {}
         self.keys: dict[str, int] = {}
+        self.batches: dict[str, tuple[int, ...]] = {}
         self.episodes: dict[int, dict[int, tuple[EpisodeRow, EpisodeResult]]] = {}
         self.checkpoints: dict[int, bytes] = {}
         self.analyses: dict[int, Analysis] = {}
@@ -96,6 +97,12 @@ class MemoryEventLog:
                 if number > event and campaign in {None, logged.campaign}
             ]
         return found[:limit]
+
+    def latest(self, limit: int, campaign: int | None = None) -> list[Event]:
+        """The newest events, newest first."""
+        with self._tables.lock:
+            newest_first = reversed(self._tables.events.values())
+            return [each for each in newest_first if campaign in {None, each.campaign}][:limit]
 
     def last(self) -> int:
         """The id of the newest event, 0 if there is none."""

@@ -55,6 +55,9 @@ class LanePlanner(Protocol):
     def steer(self, ego: VehicleState, /) -> float:
         """The steering angle [rad]."""
 
+    def lateral_m(self, ego: VehicleState, x_m: float, /) -> float:
+        """Where across the road the truck means to be once it is there along the road [m]."""
+
 
 class LaneHeld:
     """Stays in the lane in which it is at first. Implements `LanePlanner`."""
@@ -91,3 +94,7 @@ class LaneHeld:
     def steer(self, ego: VehicleState, /) -> float:
         """To the centre of the lane."""
         return self._lane_keeping(ego)
+
+    def lateral_m(self, ego: VehicleState, _x_m: float, /) -> float:
+        """The centre of the lane."""
+        return self._lane_keeping.centre_m(ego)

@@ -156,7 +156,11 @@ class Approaching:
 
     def steer(self, ego: VehicleState, /) -> float:
         """To the centre of the lane."""
-        return pursue(ego, self._path.at(ego.x_m + look_ahead_m(ego)))
+        return pursue(ego, self.lateral_m(ego, ego.x_m + look_ahead_m(ego)))
+
+    def lateral_m(self, _ego: VehicleState, x_m: float, /) -> float:
+        """On the path."""
+        return self._path.at(x_m)
 
 
 class Changing:
@@ -209,7 +213,11 @@ class Changing:
 
     def steer(self, ego: VehicleState, /) -> float:
         """Along the path."""
-        return pursue(ego, self._path.at(ego.x_m + look_ahead_m(ego)))
+        return pursue(ego, self.lateral_m(ego, ego.x_m + look_ahead_m(ego)))
+
+    def lateral_m(self, _ego: VehicleState, x_m: float, /) -> float:
+        """On the path."""
+        return self._path.at(x_m)
 
 
 def lane_planner(

@@ -5,12 +5,12 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from eigenfail.values import Account, Control, Mission, Perception, VehicleState
+from eigenfail.values import Account, Control, Mission, Path, Perception, VehicleState
 from eigenfail_workers.planners.rulebook.brake_lights import (
     BrakeLightSettings,
     WatchfulTracker,
 )
-from eigenfail_workers.planners.rulebook.candidates import CandidateSettings, Start
+from eigenfail_workers.planners.rulebook.candidates import CandidateSettings, Profile, Start
 from eigenfail_workers.planners.rulebook.decision import Decision
 from eigenfail_workers.planners.rulebook.driving_modes import ModeMachine, ModeSettings
 from eigenfail_workers.planners.rulebook.intent import IntentSettings, judge
@@ -72,6 +72,7 @@ class Rulebook:
         self._lane = lane_planner(settings.merging, mission, settings.candidates, settings.truck)
         self._refiner.reset()
         self._acceleration_mps2 = 0.0
+        self._planned: tuple[VehicleState, Profile] | None = None
         self.last_decision: Decision | None = None
 
     def act(self, perception: Perception) -> Control:
@@ -88,6 +89,7 @@ class Rulebook:
         qp_status, refined = self._refiner(verdict.profile, start, around.lead)
         override, wanted = self._override(verdict, refined, around, ego.speed_mps)
         self._command(override, wanted)
+        self._planned = (ego, verdict.profile)
         self.last_decision = Decision(
             time_s=perception.time_s,
             mode=mode,
@@ -108,6 +110,15 @@ class Rulebook:
     def explain(self) -> Account:
         """See `ExplainingPlanner`."""
         return {} if self.last_decision is None else self.last_decision.account()
+
+    def path(self) -> Path:
+        """See `PlottingPlanner`: the chosen candidate, before refinement and overrides."""
+        if self._planned is None:
+            return ()
+        ego, profile = self._planned
+        places = [ego.x_m + way_m for way_m in profile.ways]
+        ahead = [(x_m, self._lane.lateral_m(ego, x_m)) for x_m in places]
+        return ((ego.x_m, ego.y_m), *ahead)
 
     def _choose(
         self, start: Start, around: Surroundings, ego: VehicleState

@@ -1,23 +1,26 @@
 // Finds the charts of a page and draws each from the values in its data attribute.
-import { cost } from "./charts_cost.js";
-import { curve, likelihood, robustness } from "./charts_campaign.js";
-import { eigenfailures, explained, influence, scores } from "./charts_analysis.js";
-import { noise } from "./charts_noise.js";
-import { bills, spending } from "./charts_spending.js";
-import { training } from "./charts_training.js";
 import { onThemeChange } from "./theme.js";
-
-const KINDS = { bills, cost, curve, eigenfailures, explained, influence, likelihood, noise, robustness, scores, spending, training };
 
 const drawn = new WeakMap();
 const resized = new ResizeObserver((entries) => {
-  for (const entry of entries) window.echarts.getInstanceByDom(entry.target)?.resize();
+  for (const { target } of entries) fit(target, window.echarts.getInstanceByDom(target));
 });
 const seen = new IntersectionObserver((entries) => {
-  for (const entry of entries) if (entry.isIntersecting) draw(entry.target.parentElement);
+  for (const entry of entries) if (entry.isIntersecting) draw(entry.target.closest("figure"));
 }, { rootMargin: "200px" });
 
-export function drawAll() {
+let kinds = {};
+let arm = () => {};
+
+// The kinds of charts that a page has: options from values and a width; and what is done once to each.
+export function startCharts(known, armed = arm) {
+  kinds = known;
+  arm = armed;
+  drawAll();
+  document.addEventListener("htmx:after:swap", drawAll);
+}
+
+function drawAll() {
   for (const figure of figures()) seen.observe(plotOf(figure));
   // The observer tells of what comes into view; what is in view already may have new values.
   for (const figure of figures()) if (window.echarts.getInstanceByDom(plotOf(figure))) draw(figure);
@@ -31,7 +34,7 @@ onThemeChange(() => {
 });
 
 function figures() {
-  return [...document.querySelectorAll("figure[data-chart]")].filter((one) => one.dataset.chart in KINDS);
+  return document.querySelectorAll("figure[data-chart]");
 }
 
 function plotOf(figure) {
@@ -43,11 +46,16 @@ function draw(figure) {
   if (drawn.get(plot) === figure.dataset.values) return;
   drawn.set(plot, figure.dataset.values);
   const values = JSON.parse(figure.dataset.values);
-  const { height, ...option } = KINDS[figure.dataset.chart](values, plot.clientWidth);
+  const { height, ...option } = kinds[figure.dataset.chart](values, plot.clientWidth);
   if (height) plot.style.height = `${height}px`;
   const chart = window.echarts.getInstanceByDom(plot) ?? create(plot, figure);
-  chart.resize();
+  fit(plot, chart);
   chart.setOption({ animation: false, textStyle: { fontFamily: getComputedStyle(document.body).fontFamily }, ...option }, { notMerge: true });
+}
+
+// The observer's first word is of the size that the chart was drawn at.
+function fit(plot, chart) {
+  if (chart && (chart.getWidth() !== plot.clientWidth || chart.getHeight() !== plot.clientHeight)) chart.resize();
 }
 
 function create(plot, figure) {
@@ -57,5 +65,6 @@ function create(plot, figure) {
     const target = event.data?.link ?? event.value?.[2];
     if (figure.dataset.link && target !== undefined) window.location.assign(figure.dataset.link + target);
   });
+  arm(chart);
   return chart;
 }

@@ -13,7 +13,7 @@ export function eigenfailures(values) {
     xAxis: AXES.map((_, panel) => axis(panel ? "Step" : "", { gridIndex: panel })),
     yAxis: AXES.map((name, panel) => yAxis(`${name} [sigma]`, { gridIndex: panel })),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`step ${data[0]}: ${compact(data[1])} sigma`])),
-    series: AXES.flatMap((name, panel) => values[name].map((z, mode) => ({
+    series: [...AXES.flatMap((name, panel) => values[name].map((z, mode) => ({
       name: modes[mode],
       type: "line",
       xAxisIndex: panel,
@@ -24,8 +24,27 @@ export function eigenfailures(values) {
       showSymbol: false,
       itemStyle: { color: mark(mode) },
       lineStyle: { color: mark(mode), type: dash(mode), width: 2 },
-    }))),
+    }))), ...AXES.flatMap((name, panel) => bands(values.bands?.[name] ?? [], modes, panel))],
   };
+}
+
+// A band is drawn as an unseen line with an area stacked upon it; the legend hides it with its mode.
+function bands(limits, modes, panel) {
+  return limits.flatMap(([low, high], mode) => [low, high.map((value, step) => value - low[step])].map((side, upper) => ({
+    name: modes[mode],
+    type: "line",
+    xAxisIndex: panel,
+    yAxisIndex: panel,
+    stack: `band ${panel} ${mode}`,
+    stackStrategy: "all",
+    data: side.map((value, step) => [step, value]),
+    symbol: "none",
+    silent: true,
+    z: 1,
+    lineStyle: { opacity: 0 },
+    itemStyle: { color: mark(mode) },
+    ...(upper ? { areaStyle: { color: mark(mode), opacity: 0.13 } } : {}),
+  })));
 }
 
 export function scores({ episode, mode, x, y, centres }) {

@@ -1,5 +1,5 @@
 // A campaign over its episodes, and its failures.
-import { axis, compact, grid, legend, strokes, tip, tooltip, yAxis } from "./parts.js";
+import { MANY, axis, compact, grid, legend, strokes, tip, tooltip, yAxis } from "./parts.js";
 import { colour } from "./theme.js";
 
 export function curve({ middle, span, rate, low, high }) {
@@ -27,7 +27,7 @@ export function curve({ middle, span, rate, low, high }) {
 export function robustness({ index, robustness: distance, collision }) {
   const points = index.map((episode, row) => [episode, distance[row], episode]);
   const series = (name, wanted, look) => ({
-    name, type: "scatter", data: points.filter((_, row) => collision[row] === wanted), ...look,
+    name, type: "scatter", ...MANY, data: points.filter((_, row) => collision[row] === wanted), ...look,
   });
   return {
     grid: grid(),
@@ -62,6 +62,7 @@ export function likelihood({ index, likelihood: logP, severity, kind }) {
     series: kinds.map((name) => ({
       name,
       type: "scatter",
+      ...MANY,
       symbol: LOOKS[name].symbol,
       symbolSize: 8,
       itemStyle: { color: colour(LOOKS[name].mark), opacity: 0.8 },

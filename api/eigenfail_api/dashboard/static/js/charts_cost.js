@@ -12,13 +12,14 @@ export function cost({ campaigns }, width) {
   const names = width < NARROW_PX ? 96 : 200;
   return {
     height: 84 + ROW_PX * campaigns.length,
-    grid: { left: names + 14, right: 30, top: 34, bottom: 46 },
+    // The names are cut to the room there is: their widths need not be measured for it.
+    grid: { left: names + 14, right: 30, top: 34, bottom: 46, outerBoundsMode: "none" },
     legend: legend({ data: methods }),
     xAxis: axis("USD per failure", { type: "log", ...decades(campaigns), axisLabel: { color: colour("muted"), formatter: compact, hideOverlap: true } }),
     yAxis: axis("", {
       type: "category",
       inverse: true,
-      data: campaigns.map((one) => `${one.id} ${one.name}`),
+      data: campaigns.map((one) => one.label ?? `${one.id} ${one.name}`),
       axisTick: { show: false },
       axisLabel: { color: colour("ink"), width: names, overflow: "truncate", interval: 0 },
     }),

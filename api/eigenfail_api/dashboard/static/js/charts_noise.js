@@ -1,19 +1,19 @@
-// The noise of one episode; its cursor follows the player.
+// Strips of one episode: its noise, and how far the nearest vehicle was.
 import { axis, compact, grid, legend, tip, tooltip, yAxis } from "./parts.js";
 import { colour, dash, mark } from "./theme.js";
 
 const AXES = ["longitudinal", "lateral"];
 const BAND_SIGMA = 2;
 
-export function noise({ axis: name, time, ...values }) {
+export function noise({ axis: name, end, time, ...values }) {
   return {
-    height: 320,
+    height: 220,
     grid: grid(),
     legend: legend({ itemWidth: 30 }),
-    xAxis: axis(name, { min: 0, max: "dataMax" }),
+    xAxis: axis(name, { min: 0, max: end }),
     yAxis: yAxis("Noise [sigma]"),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`${compact(data[0])}: ${compact(data[1])} sigma`])),
-    series: [...AXES.map((way, position) => line(way, position, time, values[way])), { id: "cursor", type: "line", data: [] }],
+    series: [...AXES.map((way, position) => line(way, position, time, values[way]))],
   };
 }
 
@@ -39,15 +39,22 @@ function band() {
   };
 }
 
-document.addEventListener("eigenfail:time", ({ detail }) => {
-  const plot = document.querySelector("[data-chart=noise] .plot");
-  const chart = plot && window.echarts.getInstanceByDom(plot);
-  const markLine = {
-    silent: true,
-    symbol: "none",
-    label: { show: false },
-    lineStyle: { color: colour("ink"), type: "solid", width: 1 },
-    data: [{ xAxis: detail.time }],
+export function clearance({ axis: name, end, time, metres }) {
+  return {
+    height: 180,
+    grid: grid(),
+    xAxis: axis(name, { min: 0, max: end }),
+    yAxis: yAxis("Distance [m]", { min: 0 }),
+    tooltip: tooltip(({ data }) => tip(`${compact(data[0])} s`, [`${compact(data[1])} m apart`])),
+    series: [{
+      type: "line",
+      data: metres.map((value, step) => [time[step], value]),
+      symbol: "circle",
+      symbolSize: 8,
+      showSymbol: false,
+      itemStyle: { color: mark(0) },
+      lineStyle: { color: mark(0), width: 2 },
+      areaStyle: { color: colour("band") },
+    }],
   };
-  chart?.setOption({ series: [{ id: "cursor", markLine }] });
-});
+}

@@ -48,5 +48,5 @@ function wantAll(which) {
 }
 
 function refused({ id }) {
-  if (parts.has(id)) tell("Safety and cost could not be worked out. The log of the service says why.");
+  if (parts.has(id)) tell("A part of this page could not be worked out. The log of the service says why.");
 }

@@ -9,6 +9,7 @@ const SHARE = 20;
 const WORDS = { live: "live", lost: "connection lost, trying again", off: "not live" };
 
 let source = null;
+let opened = false;
 let timer = null;
 let asked = 0;
 let tookMs = 0;
@@ -36,17 +37,19 @@ function region() {
 
 function open() {
   if (source || document.hidden) return;
-  const campaign = region().dataset.campaign;
-  source = new EventSource(`/api/v1/events${campaign ? `?campaign=${campaign}` : ""}`);
+  const { campaign, event } = region().dataset;
+  const query = new URLSearchParams({ ...(campaign && { campaign }), ...(event && { after: event }) });
+  source = new EventSource(`/api/v1/events?${query}`);
   source.onopen = listening;
   source.onerror = lost;
   source.onmessage = (event) => { if (event.data) refresh(); };
 }
 
-// What happened before the stream began, or while it was cut, is on no event that comes now.
+// The stream begins where the page was made. Results that came while it was cut are on no event.
 function listening() {
   say("live");
-  refresh();
+  if (opened || region().dataset.event === undefined) refresh();
+  opened = true;
 }
 
 // A browser tries again after a cut, but not after a refusal.

@@ -1,14 +1,11 @@
-// What every page needs: charts, buttons, the player, and the feed of events.
+// What every page needs: buttons, parts that come later, and the feed of events.
 import { arm } from "./actions.js";
-import { drawAll } from "./charts.js";
+import { armCopies } from "./copy.js";
 import { fetchLater } from "./later.js";
 import { follow } from "./live.js";
-import { startPlayers } from "./player.js";
 
 document.documentElement.classList.add("js");
 arm();
-drawAll();
-startPlayers();
+armCopies();
 fetchLater();
 follow();
-document.addEventListener("htmx:after:swap", drawAll);

@@ -1,14 +1,19 @@
 // Pieces that all charts share.
 import { colour } from "./theme.js";
 
+// Thousands of points are drawn as one shape, and still told apart by the pointer.
+export const MANY = { large: true, largeThreshold: 500 };
+
 export const compact = (value) => (value === null || value === undefined ? "–" : plain(value));
 
 const RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹";
 
 function plain(value) {
-  const size = Math.abs(value);
+  // By hand: the browser's formatter takes longer to begin than a chart to be drawn.
+  const rounded = Number(value.toPrecision(4));
+  const size = Math.abs(rounded);
   if (value !== 0 && (size < 1e-3 || size >= 1e6)) return scientific(value);
-  return value.toLocaleString("en", { maximumSignificantDigits: 4 });
+  return size < 1e3 ? String(rounded) : String(rounded).replace(/\d{3}$/, ",$&");
 }
 
 function scientific(value) {

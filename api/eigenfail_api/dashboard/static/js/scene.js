@@ -1,11 +1,12 @@
 // One moment of a scene on a canvas: x to the right, y up, one scale for both.
-import { colour } from "./theme.js";
+import { palette } from "./palette.js";
 
 const MARGIN_M = 8;
 const LEAST_VIEW_M = 60;
 const ALARM_M = 0.5;
+const DOT_PX = 2.5;
 
-export function drawScene(canvas, scene, step) {
+export function drawScene(canvas, scene, step, plan) {
   const whole = Math.floor(step);
   const vehicles = between(scene, step);
   const actor = scene.nearest[whole];
@@ -13,51 +14,76 @@ export function drawScene(canvas, scene, step) {
   const pen = prepare(canvas);
   const view = camera(canvas, scene, vehicles[0], vehicles[actor]);
   drawRoad(pen, view, scene);
+  if (plan) drawPath(pen, view, plan);
   if (seen) drawSeen(pen, view, scene.sizes[actor], vehicles[actor], seen);
   vehicles.forEach((vehicle, number) => drawVehicle(pen, view, scene.sizes[number], vehicle, number));
+  if (scene.apart[whole] === 0) drawContact(pen, view, scene.sizes[0], vehicles[0]);
   drawScale(pen, view);
-  return words(scene, step, vehicles[0], vehicles[actor], seen);
+}
+
+export function wordsOf(scene, step) {
+  const whole = Math.floor(step);
+  const [ego, actor] = [scene.vehicles[whole][0], scene.vehicles[whole][scene.nearest[whole]]];
+  const seen = scene.perceived[Math.min(whole, scene.perceived.length - 1)];
+  const off = seen ? Math.hypot(seen[0] - actor[0], seen[1] - actor[1]) : 0;
+  const parts = [
+    `t = ${(whole * scene.dt).toFixed(1)} s`,
+    `ego ${ego[3].toFixed(1)} m/s`,
+    `actor ${actor[3].toFixed(1)} m/s`,
+    `${scene.apart[whole].toFixed(1)} m apart`,
+  ];
+  return [...parts, ...(off > ALARM_M ? [`actor seen ${off.toFixed(1)} m off`] : [])].join(" · ");
 }
 
 function between(scene, step) {
   const from = Math.floor(step);
   const to = Math.min(from + 1, scene.vehicles.length - 1);
   const share = step - from;
+  if (share === 0) return scene.vehicles[from];
   return scene.vehicles[from].map((vehicle, number) => vehicle.map((value, part) => (
     value + share * (scene.vehicles[to][number][part] - value)
   )));
 }
 
+// The bitmap is made anew only where its size changed: that is what costs most.
 function prepare(canvas) {
   const density = window.devicePixelRatio || 1;
-  canvas.width = canvas.clientWidth * density;
-  canvas.height = canvas.clientHeight * density;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.round(side * density));
+  if (canvas.width !== width) canvas.width = width;
+  if (canvas.height !== height) canvas.height = height;
   const pen = canvas.getContext("2d");
-  pen.scale(density, density);
+  pen.setTransform(density, 0, 0, density, 0, 0);
+  pen.clearRect(0, 0, canvas.clientWidth, canvas.clientHeight);
+  pen.lineJoin = "round";
   return pen;
 }
 
 function camera(canvas, scene, ego, actor) {
-  const left = Math.min(ego[0] - scene.sizes[0][0] / 2, actor[0] - scene.sizes[0][0] / 2) - MARGIN_M;
-  const right = Math.max(ego[0], actor[0]) + scene.sizes[0][0] / 2 + MARGIN_M;
-  const width = Math.max(right - left, LEAST_VIEW_M);
-  const scale = canvas.clientWidth / width;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  const half = scene.sizes[0][0] / 2;
+  const left = Math.min(ego[0], actor[0]) - half - MARGIN_M;
+  const right = Math.max(ego[0], actor[0]) + half + MARGIN_M;
+  const scale = width / Math.max(right - left, LEAST_VIEW_M);
   const middle = (Math.max(scene.lanes, 1) - 1) * scene.lane / 2;
-  const x0 = (left + right - width) / 2;
+  const x0 = (left + right - width / scale) / 2;
   return {
     scale,
-    height: canvas.clientHeight,
-    width: canvas.clientWidth,
+    height,
+    width,
     x0,
     x: (metres) => (metres - x0) * scale,
-    y: (metres) => canvas.clientHeight / 2 - (metres - middle) * scale,
+    y: (metres) => height / 2 - (metres - middle) * scale,
   };
 }
 
 function drawRoad(pen, view, scene) {
-  for (let edge = 0; scene.lanes && edge <= scene.lanes; edge += 1) {
+  if (!scene.lanes) return;
+  const edges = [-0.5, scene.lanes - 0.5].map((edge) => view.y(edge * scene.lane));
+  pen.fillStyle = palette().road;
+  pen.fillRect(0, edges[1], view.width, edges[0] - edges[1]);
+  pen.strokeStyle = palette().muted;
+  for (let edge = 0; edge <= scene.lanes; edge += 1) {
     const outer = edge === 0 || edge === scene.lanes;
-    pen.strokeStyle = colour("muted");
     pen.lineWidth = outer ? 1.5 : 1;
     pen.setLineDash(outer ? [] : [4 * view.scale, 6 * view.scale]);
     // Dashes are painted on the road: they pass by as the view moves on.
@@ -66,38 +92,64 @@ function drawRoad(pen, view, scene) {
     stroke(pen, [[0, y], [view.width, y]]);
   }
   pen.setLineDash([]);
+  pen.lineDashOffset = 0;
+}
+
+// Pairs x, y, x, y …; hollow dots where something overrides the plan.
+function drawPath(pen, view, { path, isOverridden }) {
+  const points = [];
+  for (let place = 0; place < path.length; place += 2) points.push([view.x(path[place]), view.y(path[place + 1])]);
+  if (points.length < 2) return;
+  pen.globalAlpha = 0.6;
+  pen.lineWidth = 1.5;
+  stroke(pen, points, palette().path);
+  pen.globalAlpha = 1;
+  pen.fillStyle = isOverridden ? palette().surface : palette().path;
+  for (const [x, y] of points.slice(1)) {
+    pen.beginPath();
+    pen.arc(x, y, DOT_PX, 0, 2 * Math.PI);
+    pen.fill();
+    pen.stroke();
+  }
 }
 
 function drawVehicle(pen, view, [length, width], [x, y, heading], number) {
   box(pen, view, x, y, heading, length, width);
-  pen.fillStyle = number ? colour("surface") : colour("mark-0");
-  pen.strokeStyle = number ? colour("mark-1") : colour("mark-0");
+  pen.fillStyle = number ? palette().surface : palette().ego;
+  pen.strokeStyle = number ? palette().other : palette().ego;
   pen.lineWidth = 2;
   pen.fill();
   pen.stroke();
   const nose = [x + (Math.cos(heading) * length) / 2, y + (Math.sin(heading) * length) / 2];
   pen.lineWidth = 3;
-  stroke(pen, [[view.x(x), view.y(y)], [view.x(nose[0]), view.y(nose[1])]], number ? colour("mark-1") : colour("surface"));
+  stroke(pen, [[view.x(x), view.y(y)], [view.x(nose[0]), view.y(nose[1])]], number ? palette().other : palette().surface);
 }
 
 function drawSeen(pen, view, [length, width], [x, y, heading], [seenX, seenY]) {
   pen.setLineDash([5, 4]);
   pen.lineWidth = 1.5;
-  stroke(pen, [[view.x(x), view.y(y)], [view.x(seenX), view.y(seenY)]], colour("mark-3"));
+  stroke(pen, [[view.x(x), view.y(y)], [view.x(seenX), view.y(seenY)]], palette().seen);
   box(pen, view, seenX, seenY, heading, length, width);
-  pen.strokeStyle = colour("mark-3");
   pen.stroke();
   pen.setLineDash([]);
 }
 
+function drawContact(pen, view, [length, width], [x, y, heading]) {
+  box(pen, view, x, y, heading, length + 1, width + 1);
+  pen.strokeStyle = palette().bad;
+  pen.lineWidth = 3;
+  pen.stroke();
+}
+
 function box(pen, view, x, y, heading, length, width) {
-  const [along, across] = [[Math.cos(heading), Math.sin(heading)], [-Math.sin(heading), Math.cos(heading)]];
-  const corners = [[1, 1], [1, -1], [-1, -1], [-1, 1]].map(([front, side]) => [
-    view.x(x + (front * along[0] * length + side * across[0] * width) / 2),
-    view.y(y + (front * along[1] * length + side * across[1] * width) / 2),
-  ]);
+  const [cos, sin] = [Math.cos(heading) / 2, Math.sin(heading) / 2];
   pen.beginPath();
-  corners.forEach((corner) => pen.lineTo(...corner));
+  for (const [front, side] of [[1, 1], [1, -1], [-1, -1], [-1, 1]]) {
+    pen.lineTo(
+      view.x(x + front * cos * length - side * sin * width),
+      view.y(y + front * sin * length + side * cos * width),
+    );
+  }
   pen.closePath();
 }
 
@@ -112,20 +164,9 @@ function drawScale(pen, view) {
   const length = 10 * view.scale;
   const [right, bottom] = [view.width - 14, view.height - 12];
   pen.lineWidth = 1.5;
-  stroke(pen, [[right - length, bottom - 4], [right - length, bottom], [right, bottom], [right, bottom - 4]], colour("ink"));
-  pen.fillStyle = colour("ink");
+  stroke(pen, [[right - length, bottom - 4], [right - length, bottom], [right, bottom], [right, bottom - 4]], palette().ink);
+  pen.fillStyle = palette().ink;
   pen.font = "12px sans-serif";
   pen.textAlign = "right";
   pen.fillText("10 m", right, bottom - 8);
-}
-
-function words(scene, step, ego, actor, seen) {
-  const off = seen ? Math.hypot(seen[0] - actor[0], seen[1] - actor[1]) : 0;
-  const parts = [
-    `t = ${(step * scene.dt).toFixed(1)} s`,
-    `ego ${ego[3].toFixed(1)} m/s`,
-    `actor ${actor[3].toFixed(1)} m/s`,
-    `centres ${Math.hypot(actor[0] - ego[0], actor[1] - ego[1]).toFixed(1)} m apart`,
-  ];
-  return [...parts, ...(off > ALARM_M ? [`actor seen ${off.toFixed(1)} m off`] : [])].join(" · ");
 }

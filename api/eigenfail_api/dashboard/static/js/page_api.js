@@ -1,0 +1,3 @@
+// The reference of the API.
+import "./main.js";
+import "./reference.js";

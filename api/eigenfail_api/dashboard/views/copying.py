@@ -1,0 +1,198 @@
+"""What a page shows or does, as programs ask for it: with curl, in Python, on the command line."""
+
+import re
+import shlex
+from collections.abc import Callable, Mapping
+from typing import Any
+from urllib.parse import unquote
+
+import msgspec
+from fastapi import Request
+
+from eigenfail.wire.http import PREFIX
+
+MARK = "TOML"
+
+Values = Mapping[str, Any]
+
+
+class Asked(msgspec.Struct, frozen=True, kw_only=True):
+    """A request to the API.
+
+    Attributes:
+        method: GET or POST.
+        path: below /api/v1, with ids in it.
+        query: its parameters.
+        body: what is sent, as plain data; None if nothing is.
+    """
+
+    method: str
+    path: str
+    query: Values = {}
+    body: Values | None = None
+
+
+class Copies(msgspec.Struct, frozen=True):
+    """The same request three times, each to be pasted as it is.
+
+    Attributes:
+        cli: empty where the command line has no words for it.
+    """
+
+    curl: str
+    python: str
+    cli: str
+
+    @property
+    def texts(self) -> tuple[tuple[str, str], ...]:
+        """Each with what it is called."""
+        named = (("curl", self.curl), ("Python", self.python), ("CLI", self.cli))
+        return tuple((name, text) for name, text in named if text)
+
+
+class Words(msgspec.Struct, frozen=True):
+    """How one kind of request is said.
+
+    Attributes:
+        python: an expression of `client`; names in braces are of the path.
+        cli: behind `eigenfail`; empty where there is no such command.
+        call: the keyword arguments of the expression, from the query and the body.
+        before: what the command line needs first, from the body.
+    """
+
+    python: str
+    cli: str = ""
+    call: Callable[[Asked], str] = lambda _: ""
+    before: Callable[[Asked], str] = lambda _: ""
+
+
+def arguments(asked: Asked) -> str:
+    """The body as keyword arguments."""
+    return ", ".join(f"{name}={value!r}" for name, value in (asked.body or {}).items())
+
+
+def spec_file(asked: Asked) -> str:
+    """Writes the body to the file that a command reads."""
+    return f"cat > campaign.toml <<'{MARK}'\n{to_toml(asked.body or {})}{MARK}\n"
+
+
+WORDS: Mapping[tuple[str, str], Words] = {
+    ("POST", "/campaigns"): Words(
+        "client.campaigns.create({})",
+        "campaign create campaign.toml",
+        call=arguments,
+        before=spec_file,
+    ),
+    ("GET", "/campaigns"): Words("list(client.campaigns.list())", "campaign list"),
+    ("GET", "/campaigns/{campaign}"): Words(
+        "client.campaigns.get({campaign})", "campaign show {campaign}"
+    ),
+    ("GET", "/campaigns/{campaign}/episodes"): Words(
+        "list(client.episodes.list({campaign}))", "episode list {campaign}"
+    ),
+    ("GET", "/campaigns/{campaign}/episodes/{index}"): Words(
+        "client.episodes.get({campaign}, {index})", "episode show {campaign}/{index}"
+    ),
+    ("GET", "/analyses/{analysis}"): Words("client.analyses.get({analysis})"),
+    ("GET", "/suites"): Words("list(client.suites.list())", "suite list"),
+    ("GET", "/suites/{suite}"): Words("client.suites.table({suite!r})", "suite show {suite}"),
+    ("GET", "/comparisons"): Words("client.campaigns.compare({a}, {b})", "compare {a} {b}"),
+}
+"""By method and path."""
+
+
+def copies(base: str, asked: Asked) -> Copies:
+    """A request to a service at an address, in all three ways.
+
+    Raises:
+        KeyError: nothing is known of such a request.
+    """
+    words, names = found(asked)
+    toml_fails = asked.body is not None and holds_none(asked.body)
+    return Copies(
+        curl=curl(base, asked),
+        python=python(base, asked, words, names),
+        cli="" if toml_fails or not words.cli else cli(base, asked, words, names),
+    )
+
+
+def found(asked: Asked) -> tuple[Words, dict[str, str]]:
+    """How a request is said, and what stands for the names in its path."""
+    for (method, pattern), words in WORDS.items():
+        if method == asked.method and (match := as_regex(pattern).fullmatch(asked.path)):
+            return words, {name: unquote(text) for name, text in match.groupdict().items()}
+    raise KeyError(f"{asked.method} {asked.path}")
+
+
+def as_regex(pattern: str) -> re.Pattern[str]:
+    """A path with names in braces, as a regular expression: all are numbers but a suite's."""
+    numbers = re.sub(r"\{(?!suite)(\w+)\}", r"(?P<\1>[0-9]{1,19})", pattern)
+    return re.compile(numbers.replace("{suite}", "(?P<suite>.+)"))
+
+
+def curl(base: str, asked: Asked) -> str:
+    """For a shell."""
+    query = "&".join(f"{name}={value}" for name, value in asked.query.items())
+    address = shlex.quote(f"{base}{PREFIX}{asked.path}{'?' if query else ''}{query}")
+    if asked.body is None:
+        return f"curl {address}"
+    data = shlex.quote(msgspec.json.encode(asked.body).decode())
+    return f"curl {address} \\\n  -H 'Content-Type: application/json' \\\n  -d {data}"
+
+
+def python(base: str, asked: Asked, words: Words, names: Mapping[str, str]) -> str:
+    """With the SDK."""
+    given = {**names, **{name: id_list(value) for name, value in asked.query.items()}}
+    expression = words.python.replace("{}", words.call(asked).replace("{", "{{").replace("}", "}}"))
+    return (
+        "from eigenfail.client import Client\n\n"
+        f"with Client({base!r}) as client:\n"
+        f"    print({expression.format(**given)})"
+    )
+
+
+def cli(base: str, asked: Asked, words: Words, names: Mapping[str, str]) -> str:
+    """With the command line."""
+    given = {**names, **asked.query}
+    command = words.cli.format(**{name: shlex.quote(text) for name, text in given.items()})
+    return f"{words.before(asked)}eigenfail {command} --url {shlex.quote(base)}"
+
+
+def id_list(ids: str) -> str:
+    """Ids with commas in between, as a list."""
+    return f"[{', '.join(ids.split(','))}]"
+
+
+def to_toml(table: Values) -> str:
+    """A table of plain data as TOML, a line for each value; tables inside it are inline."""
+    return "".join(f"{key(name)} = {toml_value(value)}\n" for name, value in table.items())
+
+
+def toml_value(value: Any) -> str:
+    """A value as TOML; text is quoted as in JSON, which TOML reads as well."""
+    if isinstance(value, Mapping):
+        return (
+            f"{{{', '.join(f'{key(name)} = {toml_value(part)}' for name, part in value.items())}}}"
+        )
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(toml_value, value))}]"
+    return msgspec.json.encode(value).decode()
+
+
+def key(name: str) -> str:
+    """A name, quoted where TOML wants that."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else msgspec.json.encode(name).decode()
+
+
+def holds_none(value: Any) -> bool:
+    """Whether there is a null inside, of which TOML has none."""
+    if isinstance(value, Mapping):
+        return any(map(holds_none, value.values()))
+    if isinstance(value, list | tuple):
+        return any(map(holds_none, value))
+    return value is None
+
+
+def base_url(request: Request) -> str:
+    """The address under which the service was asked."""
+    return str(request.base_url).rstrip("/")

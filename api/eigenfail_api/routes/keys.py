@@ -1,0 +1,60 @@
+"""Keys: made, listed, revoked; and the audit log of who changed what."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Path, Request
+
+from eigenfail.values import Page
+from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey
+from eigenfail.wire.http import PREFIX
+from eigenfail_api.access.door import Door
+from eigenfail_api.parameters import LARGEST, Before, Limit, Stored
+from eigenfail_api.schemas import Json, body_of, documented
+from eigenfail_services.access.keys import make_key
+
+router = APIRouter(prefix=PREFIX, tags=["keys"])
+
+KeyId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of a key.")]
+
+
+async def door_of(request: Request) -> Door:
+    """Who knows whether a key is needed."""
+    door: Door = request.app.state.door
+    return door
+
+
+@router.post("/keys", **documented(NewKey, 201, body=KeyRequest))
+def create_key(
+    store: Stored,
+    door: Annotated[Door, Depends(door_of)],
+    request: Annotated[KeyRequest, Depends(body_of(KeyRequest))],
+) -> Json:
+    """Make a key; its token is in this answer, and can never be read again."""
+    made = make_key(store, request)
+    door.look_again()
+    headers = {"Location": f"{PREFIX}/keys/{made.key.id}", "Cache-Control": "no-store"}
+    return Json(made, 201, headers)
+
+
+@router.get("/keys", **documented(Page[ApiKey]))
+def list_keys(store: Stored, limit: Limit = 50, before: Before = None) -> Json:
+    """Keys, newest first; those that are no longer valid, too."""
+    return Json(store.keys.page(limit, before))
+
+
+@router.get("/keys/{key}", **documented(ApiKey))
+def get_key(store: Stored, key: KeyId) -> Json:
+    """A key, without its secret."""
+    return Json(store.keys.find(key).key)
+
+
+@router.delete("/keys/{key}", **documented(ApiKey))
+def revoke_key(store: Stored, key: KeyId) -> Json:
+    """Revoke a key, for good; what it did stays in the audit log under its name."""
+    return Json(store.keys.revoke(key))
+
+
+@router.get("/audit", **documented(Page[AuditEntry]))
+def list_changes(store: Stored, limit: Limit = 50, before: Before = None) -> Json:
+    """Who changed what, newest first."""
+    return Json(store.audit.page(limit, before))

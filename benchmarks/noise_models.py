@@ -1,0 +1,54 @@
+"""Figures: what each disturbance model does to the planners on cut_in."""
+
+from collections.abc import Iterator, Sequence
+
+import msgspec
+from bare import tasks
+from crew import Crew, Played, staged
+from figures import Figure
+from monte_carlo import defined
+from samples import mean, median, share
+
+from eigenfail.values import Correlated, DisturbanceModel, HeavyTailed
+
+EPISODES = 400
+LONG = 2000
+PLANNERS = ("rulebook", "idm")
+MODELS = {
+    "white": DisturbanceModel(),
+    "scale_1.25": DisturbanceModel(scale=1.25),
+    "scale_1.5": DisturbanceModel(scale=1.5),
+    "scale_2": DisturbanceModel(scale=2.0),
+    "ar1_0.5": DisturbanceModel(shape=Correlated(0.5, 0.5)),
+    "ar1_0.8": DisturbanceModel(shape=Correlated()),
+    "ar1_0.95": DisturbanceModel(shape=Correlated(0.95, 0.95)),
+    "student_t_5": DisturbanceModel(shape=HeavyTailed()),
+    "student_t_3": DisturbanceModel(shape=HeavyTailed(3.0)),
+}
+
+
+def noise_models(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """Failure rate, MinTTC and severity for each model and planner; one model once more, longer."""
+    for name, model in MODELS.items():
+        for planner in PLANNERS:
+            played = under(model, planner, EPISODES, crew, seed)
+            yield from figures(f"cut_in.noise.{name}.{planner}", played)
+    longer = under(MODELS["ar1_0.8"], "rulebook", LONG, crew, seed)
+    crashed = share([one.is_failure for one in longer])
+    yield f"cut_in.noise.ar1_0.8.rulebook.mc{LONG}.failure_rate", crashed
+
+
+def under(
+    model: DisturbanceModel, planner: str, episodes: int, crew: Crew, seed: int
+) -> list[Played]:
+    """Monte Carlo on the default cut_in."""
+    setup = msgspec.structs.replace(staged("cut_in", planner), disturbance=model)
+    return crew.play(setup, tasks(0, episodes, seed))
+
+
+def figures(place: str, played: Sequence[Played]) -> Iterator[tuple[str, Figure]]:
+    """What is told of the episodes under a model; a severity only where anything failed."""
+    yield f"{place}.failure_rate", share([one.is_failure for one in played])
+    yield f"{place}.median_min_ttc_s", median(defined(played, "min_ttc_s"), "s")
+    if severities := defined(played, "severity"):
+        yield f"{place}.mean_severity", mean(severities, "m²/s²")

@@ -1,0 +1,120 @@
+"""How long the dashboard's heaviest pages take, to the last chart, in a browser.
+
+A thousand campaigns with a million episodes in SQLite, an eighth of them in the one whose page is
+opened by a browser that knows nothing of the service yet. A page is full when all its parts have
+come, safety, cost and workers included, and all its charts are drawn; the window is so tall that
+no chart waits to be scrolled to. The page's own clock tells when that was.
+"""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+
+from crowded_store import fill
+from figures import Figure
+from playwright.sync_api import Browser, ViewportSize, sync_playwright
+
+CHROMIUM = "/usr/bin/chromium"
+ARGUMENTS = [
+    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+]
+VIEW = ViewportSize(width=1280, height=6_000)
+STARTS = 3
+"""How often the service is started: its first page of a kind costs what is worked out but once."""
+
+AGAIN = 5
+COMMAND = "make bench"
+TARGET = "<= 1.0"
+PATIENCE_MS = 60_000
+
+WATCH = """
+const isFull = () => {
+  const drawn = [...document.querySelectorAll("figure[data-chart] .plot")];
+  return document.readyState === "complete"
+    && !document.querySelector("[data-later=wanted]")
+    && drawn.length > 0
+    && drawn.every((plot) => plot.querySelector("canvas"));
+};
+const look = setInterval(() => {
+  if (!isFull()) return;
+  window.fullAt = performance.now();
+  clearInterval(look);
+}, 10);
+"""
+
+
+def page_figures() -> dict[str, Figure]:
+    """Fill a database, and open the two pages."""
+    with TemporaryDirectory() as folder, sync_playwright() as playwright:
+        address = f"sqlite:///{Path(folder) / 'eigenfail.db'}"
+        largest = fill(address)
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        figures = measured(browser, address, largest)
+        browser.close()
+    return figures
+
+
+def measured(browser: Browser, address: str, largest: int) -> dict[str, Figure]:
+    """The figures of both pages."""
+    paths = {"page_overview": "/", "page_campaign": f"/campaigns/{largest}"}
+    first: dict[str, list[float]] = {name: [] for name in paths}
+    again: dict[str, list[float]] = {name: [] for name in paths}
+    for _ in range(STARTS):
+        with serving(address) as url:
+            # What is loaded once for all pages, templates and code, is no part of a page.
+            opened(browser, f"{url}/campaigns/{largest - 1}")
+            for name, path in paths.items():
+                first[name].append(opened(browser, f"{url}{path}"))
+                again[name] += [opened(browser, f"{url}{path}") for _ in range(AGAIN)]
+    return {
+        **{f"{name}_s": figure(times, LATER, TARGET) for name, times in again.items()},
+        **{f"{name}_first_s": figure(times, FIRST) for name, times in first.items()},
+    }
+
+
+LATER = "somebody has asked for it since the service was started"
+FIRST = "nobody has asked for it since the service was started"
+
+
+def figure(times: list[float], note: str, target: str = "") -> Figure:
+    """The middle of some times."""
+    spread = (min(times), max(times))
+    return Figure(
+        value=median(times),
+        unit="s",
+        n=len(times),
+        spread=spread,
+        target=target,
+        note=note,
+        command=COMMAND,
+    )
+
+
+def opened(browser: Browser, url: str) -> float:
+    """Seconds from asking for a page to all of it, in a browser that knows nothing of it yet."""
+    context = browser.new_context(viewport=VIEW)
+    context.add_init_script(WATCH)
+    page = context.new_page()
+    page.goto(url, wait_until="commit")
+    page.wait_for_function("() => window.fullAt", timeout=PATIENCE_MS, polling=100)
+    took_ms: float = page.evaluate("window.fullAt")
+    context.close()
+    return took_ms / 1_000.0
+
+
+@contextmanager
+def serving(address: str) -> Iterator[str]:
+    """The service over a database, in a process of its own."""
+    command = [sys.executable, "-m", "eigenfail_api", "--database", address, "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        if process.stdout is None:
+            raise RuntimeError("a pipe was asked for")
+        try:
+            yield process.stdout.readline().split()[-1]
+        finally:
+            process.terminate()

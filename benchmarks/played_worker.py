@@ -1,0 +1,143 @@
+"""A worker whose hub is played, and whose child runs in this process: no socket, no process."""
+
+import time
+from collections import deque
+from collections.abc import Sequence
+from io import BytesIO
+from queue import SimpleQueue
+from typing import Any
+from unittest.mock import patch
+
+from msgspec.structs import replace
+from played import PlayedSocket
+
+from eigenfail.testing.store.examples import result
+from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy, PolicySource
+from eigenfail_workers.worker import child_process, link, parent
+from eigenfail_workers.worker.child import Child
+from eigenfail_workers.worker.child_process import ChildProcess
+from eigenfail_workers.worker.pipe import FrameBuffer
+
+
+class PlayedEngine:
+    """Runs every episode at once; of a policy that it was not taught it cannot."""
+
+    def __init__(self, _setup: EpisodeSetup) -> None:
+        self.versions: set[int] = set()
+
+    def learn(self, policy: Policy) -> None:
+        """Take a policy version."""
+        self.versions.add(policy.version)
+
+    def run(self, tasks: Sequence[EpisodeTask]) -> list[EpisodeResult]:
+        """The same result for the same task, wherever it is run."""
+        for task in tasks:
+            if isinstance(task.source, PolicySource) and task.source.version not in self.versions:
+                raise KeyError(task.source.version)
+        return [self.result(task) for task in tasks]
+
+    def result(self, task: EpisodeTask) -> EpisodeResult:
+        """What comes of a task; its noise is that of an index that a seed can have."""
+        made = result(task.index % 50, seed=task.seed, source=task.source_kind)
+        return replace(made, index=task.index)
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
+class PlayedBuffer(FrameBuffer):
+    """Is given what a pipe would give."""
+
+    def take(self, out: BytesIO) -> None:
+        """All that was written."""
+        self._bytes += out.getvalue()
+        out.seek(0)
+        out.truncate()
+
+
+class PlayedChild(ChildProcess):
+    """The parent's handle, with all its bookkeeping, on a child without a process."""
+
+    def __init__(self) -> None:
+        self._messages = SimpleQueue()
+        self._buffer = PlayedBuffer()
+        self.running = deque()
+        self.began = False
+        self._since_s = self._looked_s = child_process.time.monotonic()
+        self._set_up, self._learnt = set(), set()
+        self.alive = True
+        self._out = BytesIO()
+        self._child = Child(self._out, PlayedEngine)
+
+    def work(self, messages: int) -> None:
+        """Do what so many of the waiting messages ask.
+
+        Raises:
+            KeyError: of what was never set up or taught: a true child would die of it.
+        """
+        try:
+            for _ in range(min(messages, self._messages.qsize())):
+                self._child.handle(self._messages.get_nowait())
+        finally:
+            self._buffer.take(self._out)
+
+    def listen(self) -> tuple[bool, list[tuple[int, EpisodeResult]]]:
+        """Whether it lives, and the results that have come."""
+        return self.alive, list(self._results())
+
+    @property
+    def descriptor(self) -> int:
+        """Nothing will ever come out of it."""
+        return 0
+
+    def end(self) -> int:
+        """As if it was killed."""
+        return -9
+
+
+class PlayedLink(link.Link):
+    """A link without a socket below."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self.socket: Any = PlayedSocket()
+
+
+class PlayedWorker(parent.Parent):
+    """A worker that is driven by its `turn`, and whose child is by `work`."""
+
+    def __init__(self, address: str = "", episode_limit_s: float = 60.0) -> None:
+        """Of a hub at an address, or of one that is played."""
+        made = link.Link if address else PlayedLink
+        with patch.object(parent, "Link", made), patch.object(parent, "ChildProcess", PlayedChild):
+            super().__init__(address, "w", episode_limit_s)
+
+    @property
+    def dealer(self) -> PlayedSocket:
+        """Its end of the connection."""
+        return self._link.socket
+
+    @property
+    def child(self) -> PlayedChild:
+        """The present one."""
+        return self._child
+
+    def turn(self, child_spoke: bool = True) -> None:
+        """One turn; a child that it begins is a played one."""
+        with patch.object(parent, "ChildProcess", PlayedChild):
+            super().turn(child_spoke)
+
+    def work(self, messages: int = 100) -> None:
+        """Let the child do what it can; a true one would die of what it cannot."""
+        try:
+            self.child.work(messages)
+        except Exception:  # noqa: BLE001 - whatever it dies of
+            self.child.alive = False
+
+    def serve(self) -> None:
+        """The loop, with the child's work between two turns."""
+        while not self._leaving:
+            self.turn()
+            self.work()
+            time.sleep(0.001)
+        self._link.close()

@@ -1,0 +1,81 @@
+"""What `make claims` runs: for each trial the names of its figures, and what finds them."""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from itertools import product
+from typing import Any, NamedTuple
+
+import reproduction
+import varied
+from crew import Crew
+from curves import Curve
+from figures import Figure
+from fuzzing import fuzzed
+from known_answers import clouds, corners, planted
+from learning import ast, cem, difs, likely_ast, merge
+from mode_reference import confirmed
+from monte_carlo import calm, frail
+from noise_models import PLANNERS, noise_models
+from other_scenarios import held_noise, merges, ordinary
+from probability import p_fail
+from reproduction import Run
+from shaped import shaped
+from undisturbed import undisturbed, unlit
+
+SCENARIOS = ("cut_in", "merge_in", "lead_brake")
+
+Finding = Figure | tuple[Curve, ...] | Run
+Find = Callable[[Crew, int], Iterable[tuple[str, Finding]]]
+
+
+class Trial(NamedTuple):
+    """Episodes that give figures, and how the names of these begin."""
+
+    prefixes: tuple[str, ...]
+    find: Find
+
+    def concerns(self, prefix: str) -> bool:
+        """Whether one of its figures may begin like this."""
+        return any(own.startswith(prefix) or prefix.startswith(own) for own in self.prefixes)
+
+
+def of_planner(name: str, find: Callable[..., Any], scenario: str, planner: str) -> Trial:
+    """A trial of a planner in a scenario."""
+    return Trial((f"{scenario}.{planner}.{name}.",), partial(find, scenario, planner))
+
+
+TRIALS = (
+    Trial(("cut_in.rulebook.mc2000.",), partial(calm, "cut_in")),
+    Trial(("cut_in.idm.mc2000.",), partial(frail, "cut_in")),
+    Trial(("cut_in.rulebook.p_fail",), partial(p_fail, "cut_in")),
+    Trial(
+        (
+            *("cut_in.rulebook.held", "cut_in.rulebook.white", "cut_in.rulebook.square3."),
+            *("cut_in.rulebook.wave2", "cut_in.shaped."),
+        ),
+        shaped,
+    ),
+    Trial(("cut_in.ast.",), ast),
+    Trial(("cut_in.ast_", "cut_in.heuristic."), likely_ast),
+    Trial(("cut_in.difs", "cut_in.cem_held_back."), difs),
+    Trial(("cut_in.cem.",), cem),
+    Trial(("merge_in.rulebook.mc2000.",), partial(calm, "merge_in")),
+    Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
+    Trial(("merge_in.ast.",), partial(merge, "ast")),
+    Trial(("merge_in.difs.",), partial(merge, "difs")),
+    Trial(("paper.", "cut_in.eigenfailures."), reproduction.find),
+    Trial(("cut_in.true_failures.",), confirmed),
+    Trial(("cut_in.idm.varied.",), partial(varied.idm, "cut_in", varied.IDM_IN_CUT_IN)),
+    Trial(("merge_in.idm.varied.",), partial(varied.idm, "merge_in", varied.IDM_IN_MERGE_IN)),
+    Trial(("cut_in.rulebook.varied.",), varied.rulebook),
+    Trial(("cut_in.noise.",), noise_models),
+    *(of_planner("undisturbed", undisturbed, *place) for place in product(SCENARIOS, PLANNERS)),
+    Trial(("lead_brake.rulebook.unlit.",), unlit),
+    *(of_planner("held3", held_noise, *place) for place in product(SCENARIOS[1:], PLANNERS)),
+    *(of_planner("mc300", ordinary, "lead_brake", planner) for planner in PLANNERS),
+    *(Trial((f"merge_in.{one}.merges.",), partial(merges, one)) for one in PLANNERS),
+    Trial(("analysis.planted.",), planted),
+    Trial(("analysis.one_cloud.",), clouds),
+    Trial(("two_corners.",), corners),
+    Trial(("fuzz.",), fuzzed),
+)

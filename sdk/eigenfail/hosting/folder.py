@@ -1,0 +1,107 @@
+"""The folder of a service on one machine: its database, its logs, and who runs on it."""
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO
+
+import msgspec
+
+from eigenfail.errors import ServiceError, StoreUnavailable
+
+HOST = "127.0.0.1"
+
+
+class Address(msgspec.Struct, frozen=True):
+    """Where the service of a folder answers: HTTP for people, ZeroMQ for workers."""
+
+    url: str
+    hub: str
+
+
+class DataFolder:
+    """A folder that at most one service uses at a time."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path.resolve()
+        self.lock = self.path / "service.lock"
+        self.address_file = self.path / "service.json"
+
+    @property
+    def database(self) -> str:
+        """The SQLAlchemy URL of its database."""
+        return f"sqlite:///{self.path / 'eigenfail.db'}"
+
+    def log(self, part: str) -> Path:
+        """Where a part of the service writes."""
+        return self.path / f"{part}.log"
+
+    @contextmanager
+    def claimed(self) -> Iterator[None]:
+        """The folder is ours until the block ends; the system lets go of it if we die.
+
+        Raises:
+            StoreUnavailable: it cannot be made or written.
+            ServiceError: another service runs on it.
+        """
+        with self.open_lock() as lock:
+            if not take(lock):
+                raise ServiceError(
+                    f"A service runs on {self.path} already{self.where()}.",
+                    "Use that one, stop it, or name another folder with --data.",
+                )
+            self.address_file.unlink(missing_ok=True)
+            try:
+                yield
+            finally:
+                self.address_file.unlink(missing_ok=True)
+
+    def open_lock(self) -> IO[bytes]:
+        """The lock file, made with its folder if need be.
+
+        Raises:
+            StoreUnavailable: it cannot be.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            return self.lock.open("ab")
+        except OSError as error:
+            raise StoreUnavailable(
+                f"The data folder {self.path} cannot be written: {error.strerror}.",
+                "Name another with --data or EIGENFAIL_DATA.",
+            ) from error
+
+    def publish(self, address: Address) -> None:
+        """Tell other commands where the service of this folder answers."""
+        draft = self.address_file.with_suffix(".new")
+        draft.write_bytes(msgspec.json.encode(address))
+        draft.replace(self.address_file)
+
+    def address(self) -> Address | None:
+        """Where the service of this folder answers, if one runs."""
+        with suppress(OSError, msgspec.DecodeError):
+            address = msgspec.json.decode(self.address_file.read_bytes(), type=Address)
+            with self.lock.open("rb") as lock:
+                return None if take(lock) else address
+        return None
+
+    def where(self) -> str:
+        """The address in words."""
+        address = self.address()
+        return f", at {address.url}" if address else ""
+
+    def is_writable(self) -> bool:
+        """Whether the folder, or the one in which it would be made, can be written."""
+        existing = next(path for path in (self.path, *self.path.parents) if path.exists())
+        return existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)
+
+
+def take(lock: IO[bytes]) -> bool:
+    """Whether the lock could be taken; closing the file gives it back."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

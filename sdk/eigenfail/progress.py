@@ -1,0 +1,150 @@
+"""How far campaigns are: a bar in terminals and notebooks, plain lines when nobody looks."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from html import escape
+from typing import Any, NamedTuple
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from eigenfail.values import Campaign
+
+LINE_EVERY_S = 5.0
+
+Report = Callable[[Campaign], None]
+
+
+class Standing(NamedTuple):
+    """How far something is, in episodes."""
+
+    headline: str
+    done: int
+    total: int
+    failures: int
+
+
+Display = Callable[[Standing], None]
+
+
+def standing(campaign: Campaign) -> Standing:
+    """How far a campaign is."""
+    counts = campaign.counts
+    done = counts.completed + counts.failed
+    return Standing(headline(campaign), done, counts.planned - counts.cancelled, counts.failures)
+
+
+def headline(campaign: Campaign) -> str:
+    """Which campaign, and where it is in its life."""
+    return f"campaign {campaign.id} ({campaign.spec.method}) {campaign.state}"
+
+
+@contextmanager
+def reporter() -> Iterator[Report]:
+    """Where the progress of one campaign is told, for as long as the block lasts."""
+    with display() as show:
+        yield lambda campaign: show(standing(campaign))
+
+
+@contextmanager
+def display() -> Iterator[Display]:
+    """Standard error, so that standard output holds results alone; in a notebook its own place."""
+    screen = Console(stderr=True, highlight=False)
+    if screen.is_jupyter:
+        yield NotebookBar()
+    elif not screen.is_terminal:
+        yield PlainLines()
+    else:
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+        words = TextColumn("{task.fields[words]}")
+        with Progress(*columns, words, console=screen, transient=True) as progress:
+            yield Bar(progress)
+
+
+class Pace:
+    """Episodes per second since the first look, and the time to go at that rate."""
+
+    def __init__(self) -> None:
+        self.first: tuple[float, int] | None = None
+
+    def words(self, seen: Standing) -> str:
+        """Failures; rate and time to go, once they are known."""
+        now_s = time.monotonic()
+        if self.first is None:
+            self.first = (now_s, seen.done)
+        elapsed_s, done = now_s - self.first[0], seen.done - self.first[1]
+        told = f"{seen.failures} failure{'s' * (seen.failures != 1)}"
+        if done <= 0 or elapsed_s <= 0.0:
+            return told
+        rate = done / elapsed_s
+        left = timedelta(seconds=round((seen.total - seen.done) / rate))
+        return f"{told}, {rate:.1f} episodes/s" + (f", {left} to go" if left else "")
+
+
+class Bar:
+    """A progress bar with failures, rate and the time to go."""
+
+    def __init__(self, progress: Progress) -> None:
+        self.progress = progress
+        self.pace = Pace()
+        self.task = progress.add_task("", words="")
+
+    def __call__(self, seen: Standing) -> None:
+        """Draw it as it stands."""
+        self.progress.update(
+            self.task,
+            description=seen.headline,
+            completed=seen.done,
+            total=seen.total,
+            words=self.pace.words(seen),
+        )
+
+
+class PlainLines:
+    """A line at every change of the headline, and every few seconds between."""
+
+    def __init__(self, write: Callable[[str], None] | None = None) -> None:
+        self.write = write or on_standard_error
+        self.headline = ""
+        self.last_s = 0.0
+        self.pace = Pace()
+
+    def __call__(self, seen: Standing) -> None:
+        """Print a line, if one is due."""
+        now_s, words = time.monotonic(), self.pace.words(seen)
+        if seen.headline == self.headline and now_s - self.last_s < LINE_EVERY_S:
+            return
+        self.headline, self.last_s = seen.headline, now_s
+        self.write(f"{seen.headline}: {seen.done}/{seen.total} episodes, {words}")
+
+
+def on_standard_error(line: str) -> None:
+    """Write a line where results are not."""
+    sys.stderr.write(f"{line}\n")
+
+
+class NotebookBar:
+    """A bar below a notebook's cell, drawn over and over in one place."""
+
+    def __init__(self) -> None:
+        self.pace = Pace()
+        self.place: Any = None
+
+    def __call__(self, seen: Standing) -> None:
+        """Draw it as it stands."""
+        from IPython.display import HTML, display
+
+        drawing = HTML(bar_html(seen, self.pace.words(seen)))  # type: ignore[no-untyped-call]
+        if self.place is None:
+            self.place = display(drawing, display_id=True)  # type: ignore[no-untyped-call]
+        else:
+            self.place.update(drawing)
+
+
+def bar_html(seen: Standing, words: str) -> str:
+    """A bar, with words beside it."""
+    bar = f'<progress value="{seen.done}" max="{max(seen.total, 1)}"></progress>'
+    return f"<p>{escape(seen.headline)} {bar} {seen.done}/{seen.total}, {escape(words)}</p>"

@@ -1,0 +1,133 @@
+"""Keys: who may do what; and the audit log: who did what."""
+
+import re
+from enum import StrEnum
+from typing import Annotated, Any
+
+import msgspec
+
+TOKEN = re.compile(r"ef_(?P<id>[1-9]\d{0,17})_(?P<secret>[\w-]{43})", re.ASCII)
+"""What its holder sends: the key's id and 256 random bits in base64url."""
+
+SECRET = re.compile(r"(?<=ef_)(\d+)_[\w-]{16,}", re.ASCII)
+"""The same wherever it turns up, whole or cut."""
+
+LONGEST_LIFE_S = 10 * 366 * 86_400
+"""Of a key that ends by itself. [s]"""
+
+
+class Scope(StrEnum):
+    """What a key allows; each allows what stands before it, too."""
+
+    VIEWER = "viewer"
+    RUNNER = "runner"
+    ADMIN = "admin"
+
+    def allows(self, needed: "Scope") -> bool:
+        """Whether it is enough."""
+        order = [*Scope]
+        return order.index(self) >= order.index(needed)
+
+
+class ApiKey(msgspec.Struct, frozen=True):
+    """A key, without its secret, which is shown once and kept by nobody but its holder.
+
+    Attributes:
+        id: number of the key, the first part of what its holder sends.
+        name: who or what it is for.
+        scope: what it allows: viewer reads, runner also starts and steers, admin does everything.
+        created_ms: when it was made, in milliseconds since 1970.
+        expires_ms: from when on it is not valid any more; null if it does not end by itself.
+        revoked_ms: when it was revoked.
+        last_used_ms: when it was last used, to the minute.
+    """
+
+    id: int
+    name: str
+    scope: Scope
+    created_ms: int
+    expires_ms: int | None = None
+    revoked_ms: int | None = None
+    last_used_ms: int | None = None
+
+    def is_valid(self, at_ms: int) -> bool:
+        """Whether it opens anything at a moment."""
+        return self.revoked_ms is None and (self.expires_ms is None or at_ms < self.expires_ms)
+
+
+class KeyRecord(msgspec.Struct, frozen=True):
+    """A key as it is stored: with the SHA-256 of its secret, in hexadecimal digits."""
+
+    key: ApiKey
+    digest: str
+
+
+class KeyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a new key is to be.
+
+    Attributes:
+        name: who or what it is for.
+        scope: what it allows: viewer, runner or admin.
+        expires_s: for how long it is valid [s]; null: until it is revoked.
+    """
+
+    name: Annotated[str, msgspec.Meta(min_length=1, max_length=100, pattern=r"^\S(.*\S)?$")]
+    scope: Scope = Scope.VIEWER
+    expires_s: Annotated[int, msgspec.Meta(ge=1, le=LONGEST_LIFE_S)] | None = None
+
+
+class NewKey(msgspec.Struct, frozen=True):
+    """A key that was just made.
+
+    Attributes:
+        key: what is known of it from now on.
+        token: what its holder sends, `ef_<id>_<secret>`: shown this once, and never again.
+    """
+
+    key: ApiKey
+    token: str
+
+    def __repr__(self) -> str:
+        """Without the secret."""
+        return f"NewKey(key={self.key!r}, token={redacted(self.token)!r})"
+
+    def __rich_repr__(self) -> list[tuple[str, Any]]:
+        """The same for those who print with colours."""
+        return [("key", self.key), ("token", redacted(self.token))]
+
+
+class Change(msgspec.Struct, frozen=True):
+    """A request that changed something, or tried to: a line of the audit log, before it is one."""
+
+    who: str
+    key: int | None
+    method: str
+    route: str
+    subject: str
+    address: str
+    status: int
+
+
+class AuditEntry(Change, frozen=True, kw_only=True):
+    """A line of the audit log: who did what, when, from where, and how it ended.
+
+    Attributes:
+        id: number of the line.
+        at_ms: when it was answered, in milliseconds since 1970.
+        who: the key's name; `loopback` or `network` where nobody had to show one, `database` for
+            what was done on the database itself.
+        key: id of the key.
+        method: of the request.
+        route: its address, with the names of what varies in braces.
+        subject: what was made or changed, as an address.
+        address: from which the request came.
+        status: of the answer.
+    """
+
+    id: int
+    at_ms: int
+
+
+def redacted(text: str) -> str:
+    """A text in which no key can be read."""
+    return SECRET.sub(r"\1_…", text)

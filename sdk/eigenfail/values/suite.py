@@ -1,0 +1,87 @@
+"""Suites as a service knows them: campaigns whose names begin alike, "SUITE: member"."""
+
+import re
+from collections.abc import Mapping
+
+import msgspec
+
+from eigenfail.values.campaign import CampaignState, Settings, Summary
+from eigenfail.values.showing import Shown, Tabular
+
+SEPARATOR = ": "
+
+OFFSPRING = re.compile(
+    r": (replay of (analysis \d+|\d+/\d+)|minimal failure of \d+/\d+)(,.*)?$", re.DOTALL
+)
+"""How campaigns are named that the service makes of others: they are no members of a suite."""
+
+
+def suite_of(name: str) -> str | None:
+    """The suite that a campaign of this name belongs to, if it belongs to one.
+
+    It is what stands before the first ": "; replays and minimal failures that were made of another
+    campaign belong to none.
+    """
+    suite, separator, member = name.partition(SEPARATOR)
+    if not (suite and separator and member) or OFFSPRING.search(name):
+        return None
+    return suite.replace("\x00", "�")  # which no database takes
+
+
+def member_of(name: str) -> str:
+    """What a campaign that belongs to a suite is called in it."""
+    return name.partition(SEPARATOR)[2]
+
+
+class SuiteStanding(msgspec.Struct, frozen=True, kw_only=True):
+    """A suite in a list.
+
+    Attributes:
+        newest: id of its newest campaign.
+        campaigns: how many campaigns have its name, those of earlier runs included.
+        states: how many of them are in each state that any is in.
+        planned: episodes of all of them; `completed` likewise.
+        failures: collisions among the completed ones.
+    """
+
+    name: str
+    newest: int
+    campaigns: int
+    states: Mapping[CampaignState, int]
+    planned: int
+    completed: int
+    failures: int
+
+
+class SuiteRow(msgspec.Struct, frozen=True, kw_only=True):
+    """A member of a suite and its newest campaign.
+
+    Attributes:
+        member: what it is called in the suite.
+        settings: what it has in the columns of its table; what it leaves to the default is absent.
+    """
+
+    member: str
+    campaign: int
+    state: CampaignState
+    stopped_because: str
+    settings: Settings
+    summary: Summary
+
+
+class SuiteTable(Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
+    """A suite, one row for each member.
+
+    Attributes:
+        columns: the fields of a campaign in which members differ, by their last word where that
+            tells them apart, else by their whole path.
+        members: in the order in which they were first created.
+        earlier: campaigns that a newer one of the same name stands for.
+        left_out: members beyond the most that a table holds, the oldest ones.
+    """
+
+    suite: str
+    columns: tuple[str, ...]
+    members: tuple[SuiteRow, ...]
+    earlier: int = 0
+    left_out: int = 0

@@ -1,0 +1,1 @@
+"""Keys: made, and held against what somebody shows."""

@@ -1,0 +1,80 @@
+"""`python -m eigenfail_services key …`: keys on the database itself, for whoever can write it.
+
+It prints JSON. Who asks is not asked for a key: the first one is made here.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Mapping
+
+import msgspec
+
+from eigenfail.contracts import Store
+from eigenfail.values.access import AuditEntry, Change, KeyRequest, NewKey
+from eigenfail.wire.http import PREFIX, encode, read_fields
+from eigenfail_services.access.keys import make_key
+from eigenfail_services.store import open_store
+
+MOST = 1_000
+CREATED, DONE = 201, 200
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What the command line takes."""
+    parser.add_argument("action", choices=ACTIONS)
+    parser.add_argument("--name", help="of a new key")
+    parser.add_argument("--scope", help="of a new key")
+    parser.add_argument("--expires-s", type=int, help="how long a new key is valid")
+    parser.add_argument("--key", type=int, help="id of the key to revoke")
+    parser.add_argument("--database", default=argparse.SUPPRESS, help="URL")
+    parser.set_defaults(command=tend_keys)
+
+
+def tend_keys(arguments: argparse.Namespace) -> None:
+    """Do what the command line says, and print the answer."""
+    store = open_store(arguments.database, migrate=False)
+    try:
+        found = ACTIONS[arguments.action](store, arguments)
+    finally:
+        store.close()
+    sys.stdout.write(encode(found).decode() + "\n")
+
+
+def create(store: Store, arguments: argparse.Namespace) -> NewKey:
+    """A new key."""
+    given = {name: getattr(arguments, name) for name in KeyRequest.__struct_fields__}
+    made = make_key(store, read_fields(given, KeyRequest))
+    note(store, "POST", "", made.key.id, CREATED)
+    return made
+
+
+def listed(store: Store, _arguments: argparse.Namespace) -> msgspec.Struct:
+    """The newest keys."""
+    return store.keys.page(MOST)
+
+
+def revoke(store: Store, arguments: argparse.Namespace) -> msgspec.Struct:
+    """A key that opens nothing any more."""
+    revoked = store.keys.revoke(arguments.key)
+    note(store, "DELETE", "/{key}", revoked.id, DONE)
+    return revoked
+
+
+def changes(store: Store, _arguments: argparse.Namespace) -> msgspec.Struct:
+    """The newest lines of the audit log."""
+    return store.audit.page(MOST)
+
+
+def note(store: Store, method: str, varying: str, key: int, status: int) -> AuditEntry:
+    """A line of the audit log, as the API would have written it."""
+    route = f"{PREFIX}/keys"
+    told = Change("database", None, method, f"{route}{varying}", f"{route}/{key}", "", status)
+    return store.audit.append(told)
+
+
+ACTIONS: Mapping[str, Callable[[Store, argparse.Namespace], msgspec.Struct]] = {
+    "create": create,
+    "list": listed,
+    "revoke": revoke,
+    "audit": changes,
+}

@@ -1,0 +1,15 @@
+"""Finds one failing region: `eigenfail_services.campaigns.region` starts it and asks."""
+
+import msgspec
+
+from eigenfail.side_process import answer
+from eigenfail_services.campaigns.region import Wanted, region_in
+
+
+def reply(question: bytes) -> bytes:
+    """The region that was asked for."""
+    return msgspec.msgpack.encode(region_in(msgspec.msgpack.decode(question, type=Wanted)))
+
+
+if __name__ == "__main__":
+    answer(reply)

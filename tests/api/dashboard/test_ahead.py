@@ -1,0 +1,62 @@
+"""A page is told of all its scripts at once, and its later part is begun beside it."""
+
+import re
+from concurrent.futures import Future
+
+import pytest
+
+from eigenfail.testing.store.examples import collision, deliver, running
+from eigenfail_api.dashboard import pages
+from eigenfail_api.dashboard.rendering import STATIC, modules_of
+from eigenfail_services.campaigns import ahead
+
+HTML = {"Accept": "text/html"}
+
+
+@pytest.mark.parametrize("address", ["/", "/suites", "/launch", "/comparison", "/api"])
+def test_all_that_a_page_imports_is_named_in_its_head(http, address) -> None:
+    text = http.get(address, headers=HTML).text
+    named = set(re.findall(r'rel="modulepreload" href="/static/js/([\w.]+)"', text))
+    entry = re.search(r'src="/static/js/([\w.]+)" type="module"', text)[1]
+    assert named == set(modules_of(entry)) == imported(entry)
+    assert ("echarts.min.js" in text) == ("charts.js" in named)
+
+
+def imported(script: str) -> set[str]:
+    """A script and what it imports, one after the other."""
+    text = (STATIC / "js" / script).read_text("utf-8")
+    return {script}.union(*(imported(each) for each in re.findall(r'"\./([\w.]+)"', text)))
+
+
+def test_a_page_that_asks_again_does_not_begin_its_later_part(store, http, monkeypatch) -> None:
+    campaign = running(store)
+    deliver(store, campaign, collision(0))
+    asked = []
+    spending = store.episodes.spending
+    monkeypatch.setattr(store.episodes, "spending", lambda *a: asked.append(a) or spending(*a))
+    address = f"/campaigns/{campaign.id}"
+    assert http.get(address, headers=HTML | {"HX-Request": "true"}).status_code == 200
+    assert asked == []
+    assert http.get(address, headers=HTML).status_code == 200
+    assert asked
+
+
+@pytest.mark.parametrize(("is_done", "state"), [(True, "made"), (False, "wanted")])
+def test_a_later_part_that_is_known_already_is_in_the_page(
+    store, http, monkeypatch, is_done, state
+) -> None:
+    campaign = running(store)
+    deliver(store, campaign, collision(0))
+    monkeypatch.setattr(pages, "is_done", lambda begun: is_done)
+    text = http.get(f"/campaigns/{campaign.id}", headers=HTML).text
+    assert re.findall(r'id="measures" data-later="(\w+)"', text) == [state]
+    assert ('id="measures-basis"' in text) == is_done
+
+
+def test_what_failed_beside_the_page_is_not_known() -> None:
+    failed, done, open_ = Future(), Future(), Future()
+    failed.set_exception(ValueError())
+    done.set_result(None)
+    assert ahead.is_done([done])
+    assert not ahead.is_done([done, failed])
+    assert not ahead.is_done([done, open_])

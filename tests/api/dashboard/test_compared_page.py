@@ -1,0 +1,181 @@
+"""Two to twelve campaigns on one page."""
+
+import json
+import re
+from html import unescape
+
+import pytest
+
+from eigenfail.values import Outcome
+
+URL = "/api/v1/campaigns"
+
+
+@pytest.fixture
+def make(http, fields, deliver, result):
+    """A campaign with ten episodes, of which some crash."""
+
+    def create(crashes=(), **more):
+        made = http.post(URL, json={**fields, **more}).json()["id"]
+        outcomes = (Outcome.COLLISION if i in crashes else Outcome.SAFE for i in range(10))
+        deliver(made, *(result(i, outcome) for i, outcome in enumerate(outcomes)))
+        return made
+
+    return create
+
+
+def address(ids, **more):
+    query = [f"campaign={each}" for each in ids] + [f"{k}={v}" for k, v in more.items()]
+    return f"/comparison?{'&'.join(query)}"
+
+
+def charts(response):
+    values = re.findall(r'id="(overlay-\w+)" data-chart="overlay".*?data-values="(.*?)"', response)
+    return {name: json.loads(unescape(data)) for name, data in values}
+
+
+def test_it_begins_with_a_list_to_pick_from(look, make):
+    one, other = make(name="apples"), make(name="pears")
+    text = look("/comparison")
+    assert f"{one}: apples" in text
+    assert f"{other}: pears" in text
+    assert "0 picked" in text
+    assert "pears" not in look("/comparison?q=APP")
+    assert "No campaign has such a name" in look("/comparison?q=plums")
+    assert "1 picked; 2 to 12 can be compared" in look(address([one]))
+
+
+def test_without_a_campaign_it_leads_to_the_form(look):
+    assert "No campaign yet. Launch one" in look("/comparison")
+
+
+def test_what_is_picked_stays_picked_while_searching(http, make):
+    one, other = make(name="apples"), make(name="pears")
+    page = http.get(address([one], q="pear")).text
+    assert f'value="{one}" checked' in page
+    assert f'value="{other}">' in page
+
+
+def test_all_are_drawn_on_one_pair_of_axes_each(http, make):
+    ids = [make((1, 2), name="a"), make((3,), name="b", seed=1), make(name="c", planner="rulebook")]
+    found = charts(http.get(address(ids)).text)
+    assert list(found) == ["overlay-rate", "overlay-severity", "overlay-robustness"]
+    assert [line["id"] for line in found["overlay-rate"]["lines"]] == ids
+    rate, _, none = (line["y"] for line in found["overlay-rate"]["lines"])
+    assert sum(rate) > 0.0
+    assert sum(none) == 0.0
+    assert [len(line["x"]) for line in found["overlay-severity"]["lines"]] == [2, 1, 0]
+    share = found["overlay-robustness"]["lines"][0]
+    assert share["y"][0] == 0.0
+    assert share["y"][-1] == 100.0
+    assert share["x"] == sorted(share["x"])
+
+
+def test_costs_are_drawn_once_something_was_spent(http, make, store):
+    ids = [make((1,)), make((2,), planner="rulebook")]
+    store.campaigns.add_active(ids[0], 3600.0)
+    found = charts(http.get(address(ids)).text)["overlay-cost"]
+    assert found["look"] == "steps"
+    assert found["lines"][0]["y"][-1] == 1.0
+
+
+def test_everything_is_tested_against_the_first(look, make):
+    first = make((1, 2))
+    other = make((1, 2, 3, 4, 5, 6, 7, 8, 9), planner="rulebook")
+    text = look(address([first, other]))
+    assert f"The first: {first}: first" in text
+    assert "+70.0 % [+26.6, +86.5], differs" in text
+    assert "10 pairs: 7 only here, 0 only in the first, p = 0.0156" in text
+    assert "takes two seeds of each" in text
+
+
+def test_seeds_are_one_group(look, make):
+    seeds = [make((1,), seed=seed) for seed in range(2)]
+    others = [make((1, 2, 3), seed=seed, planner="rulebook") for seed in range(2)]
+    text = look(address([*seeds, *others]))
+    assert f"The first: {seeds[0]}: first; {seeds[1]}: first" in text
+    assert "1.00, large" in text
+    page = f"/comparison?a={seeds[0]},{seeds[1]}&b={others[0]},{others[1]}"
+    assert "Side by side" in look(page)
+
+
+def test_campaigns_of_one_kind_are_compared_one_by_one(look, make):
+    ids = [make((1,), seed=seed) for seed in range(3)]
+    text = look(address(ids))
+    assert f"The first: {ids[0]}: first. " in text
+    assert text.count("not paired: their seeds differ") == 2
+
+
+def test_only_what_differs_is_listed_unless_all_is_asked_for(look, make):
+    ids = [make(settings={"round_size": 7}), make(planner="rulebook", settings={"round_size": 7})]
+    few = look(address(ids))
+    assert "planner idm rulebook" in few
+    assert "settings.round_size" not in few
+    every = look(address(ids, diff="false"))
+    assert "settings.round_size 7 7" in every
+    assert "planner ≠ idm rulebook" in every
+    assert "planner_settings.exponent ≠ 4.0 –" in every
+
+
+def test_the_switch_keeps_what_was_picked(http, make):
+    ids = [make(), make(planner="rulebook")]
+    page = http.get(address(ids, q="fi")).text
+    href = unescape(re.search(r'href="(/comparison\?[^"]*)#settings"', page)[1])
+    assert href == f"/comparison?campaign={ids[0]}&campaign={ids[1]}&q=fi&diff=false"
+    assert http.get(href).status_code == 200
+
+
+def test_campaigns_without_an_episode_can_be_compared_too(look, http, fields):
+    ids = [http.post(URL, json={**fields, "seed": seed}).json()["id"] for seed in range(2)]
+    text = look(address(ids))
+    assert "no episode on a side" in text
+    assert "None of these has a completed episode" in text
+
+
+def test_the_same_twice_is_once(look, make):
+    one = make()
+    assert "1 picked" in look(address([one, one]))
+
+
+@pytest.mark.parametrize(
+    ("ids", "status", "words"),
+    [
+        (range(1, 14), 422, "13 campaigns are named; 2 to 12 can be compared."),
+        ([1, 99], 404, "99"),
+        (["x"], 422, "campaign"),
+        ([0], 422, "campaign"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_in_words(look, make, ids, status, words):
+    make()
+    assert words in look(address(ids), status)
+
+
+def test_markup_in_names_is_text(http, make):
+    ids = [make(name="<script>1</script>"), make(planner="rulebook")]
+    assert "<script>1" not in http.get(address(ids, q="<script>1")).text
+
+
+def test_each_that_is_chosen_can_be_made_the_first_or_left_out(http, look, make):
+    one, two, three = make(name="a"), make(name="b", seed=1), make(name="c", planner="rulebook")
+    page = http.get(address([one, two, three], q="b")).text
+    chosen = unescape(page.split('id="chosen"')[1].split("</section>")[0])
+    firsts = re.findall(r'<a href="([^"]+)" aria-label="Make', chosen)
+    removals = re.findall(r'<a href="([^"]+)" aria-label="Remove', chosen)
+    more = {"q": "b", "diff": "true"}
+    assert firsts == [address([two, one, three], **more), address([three, one, two], **more)]
+    assert removals == [address(pair, **more) for pair in ((two, three), (one, three), (one, two))]
+    assert f"The first: {three}: c" in look(firsts[1])
+    assert "Chosen" not in look("/comparison")
+
+
+def test_who_picks_more_keeps_the_order_of_what_is_picked(http, make):
+    older, newer = make(name="a"), make(name="b")
+    page = http.get(address([older, newer])).text
+    assert page.index(f'value="{older}" checked') < page.index(f'value="{newer}" checked')
+
+
+def test_the_only_one_that_is_chosen_can_be_removed(http, make):
+    one = make()
+    page = unescape(http.get(address([one])).text)
+    assert 'href="/comparison?diff=true" aria-label="Remove' in page

@@ -1,0 +1,194 @@
+"""What the episode's page leads to: account, clip, replay, failing region."""
+
+import pytest
+from msgspec.structs import replace
+
+from eigenfail.errors import ServiceError
+from eigenfail.values import (
+    CampaignState,
+    ExplainedStep,
+    Explanation,
+    Outcome,
+    Replayed,
+)
+from eigenfail_api.dashboard import episode_page
+
+
+@pytest.fixture
+def explained(monkeypatch):
+    """Has the service explain every episode as given, or refuse."""
+
+    def use(told):
+        def of(_store, _campaign, _index):
+            if isinstance(told, Exception):
+                raise told
+            return told
+
+        monkeypatch.setattr(episode_page.EXPLANATIONS, "of", of)
+
+    return use
+
+
+def explanation(same, accounts, scene=None):
+    outcome = Outcome.COLLISION
+    steps = tuple(
+        ExplainedStep(0.1 * n, 0.0, 0.0, account, (0.0, 0.0), 9.0, 2.0, ((0.0, 0.0), (5.0, 0.0)))
+        for n, account in enumerate(accounts)
+    )
+    replayed = Replayed(0, outcome, "a", outcome, "a" if same else "b", same)
+    story = ("At 0.1 s it <looked> away.",)
+    return Explanation("1/0", "mine", replayed, "The verdict.", "A note.", steps, story, scene)
+
+
+ACCOUNTS = [
+    {"mode": "highway", "lost_tracks": 0.0, "override": "none"},
+    {"mode": "highway", "lost_tracks": 1.0, "override": "none"},
+    {"mode": "highway", "lost_tracks": 1.0, "override": "emergency_brake"},
+]
+
+
+def test_an_account_has_story_moments_and_verdict(look, campaign, deliver, result, explained):
+    deliver(campaign, result(0, Outcome.COLLISION))
+    explained(explanation(True, ACCOUNTS))
+    text = look(f"/campaigns/{campaign}/episodes/0/account")
+    assert "At 0.1 s it <looked> away." in text
+    assert "0.1 s track lost 0.2 s emergency brake" in text
+    assert "Driving mode" in text
+    assert "The verdict." in text
+    assert "A note." in text
+
+
+def test_an_account_of_another_course_is_not_put_beside_this_one(
+    look, campaign, deliver, result, explained
+):
+    deliver(campaign, result(0, Outcome.COLLISION))
+    explained(explanation(False, ACCOUNTS))
+    text = look(f"/campaigns/{campaign}/episodes/0/account")
+    assert "The verdict." in text
+    assert "Driving mode" not in text
+    assert "track lost" not in text
+
+
+def test_the_scene_of_the_replay_is_played_where_none_was_kept(
+    look, campaign, deliver, result, explained
+):
+    deliver(campaign, result(0))
+    explained(explanation(True, ACCOUNTS, result(1, Outcome.COLLISION).scene))
+    text = look(f"/campaigns/{campaign}/episodes/0/account")
+    assert "run again just now" in text
+    assert "Distance to the nearest vehicle" in text
+
+
+def test_without_an_account_the_part_says_why(look, campaign, deliver, result, explained):
+    deliver(campaign, result(0))
+    explained(ServiceError("Episodes cannot be run here.", "Run: pip install 'eigenfail[worker]'"))
+    text = look(f"/campaigns/{campaign}/episodes/0/account")
+    assert "not to be had: Episodes cannot be run here. Run: pip install" in text
+
+
+def test_an_unknown_episode_has_no_account(look, campaign):
+    look(f"/campaigns/{campaign}/episodes/4/account", 404)
+
+
+@pytest.mark.parametrize("moment", ["?t=4.2", "?t=0"])
+def test_an_address_may_name_a_moment(look, campaign, deliver, result, moment):
+    deliver(campaign, result(0, Outcome.COLLISION))
+    assert "Scene from above" in look(f"/campaigns/{campaign}/episodes/0{moment}")
+
+
+@pytest.mark.parametrize("moment", ["?t=-1", "?t=nan", "?t=soon"])
+def test_a_moment_that_is_none_is_refused(look, campaign, deliver, result, moment):
+    deliver(campaign, result(0, Outcome.COLLISION))
+    look(f"/campaigns/{campaign}/episodes/0{moment}", 422)
+
+
+def test_a_clip_is_a_small_player(look, campaign, deliver, result):
+    deliver(campaign, result(0, Outcome.COLLISION), result(1))
+    assert "Play" in look(f"/campaigns/{campaign}/episodes/0/clip")
+    assert "scene was not kept" in look(f"/campaigns/{campaign}/episodes/1/clip")
+
+
+def test_a_replay_is_awaited_until_it_arrives_or_ends(look, store, campaign, deliver, result):
+    assert "opens here by itself" in look(f"/replays/{campaign}")
+    deliver(campaign, result(0))
+    assert "The episode is in" in look(f"/replays/{campaign}")
+
+
+def test_a_replay_that_came_to_nothing_says_so(look, store, campaign):
+    store.campaigns.move(campaign, CampaignState.CANCELLED)
+    assert "ended without an episode" in look(f"/replays/{campaign}")
+
+
+def test_a_region_says_why_there_is_none(look, campaign, deliver, result):
+    deliver(campaign, result(0))
+    assert "being worked out" in look(f"/campaigns/{campaign}/region")
+    text = look(f"/campaigns/{campaign}/region/boxes")
+    assert "No scenario parameter took more than one value" in text
+
+
+def test_a_replay_leads_back_to_what_it_repeats(look, http, campaign, deliver, result):
+    deliver(campaign, result(0, Outcome.COLLISION))
+    assert "Repeats the noise" not in look(f"/campaigns/{campaign}/episodes/0")
+    again = http.post(f"/api/v1/campaigns/{campaign}/episodes/0/replay").json()["id"]
+    deliver(again, result(0, Outcome.COLLISION))
+    address = f"/campaigns/{again}/episodes/0"
+    assert f"Repeats the noise of episode 0 of campaign {campaign}" in look(address)
+    assert f'href="/campaigns/{campaign}/episodes/0"' in http.get(address).text
+
+
+@pytest.fixture
+def replays(http, campaign, deliver, result):
+    """Replays an episode, delivers what comes of it, and gives the address of that."""
+    deliver(campaign, result(0, Outcome.COLLISION))
+
+    def make(came_of_it, scale=1.0):
+        path = f"/api/v1/campaigns/{campaign}/episodes/0/replay"
+        again = http.post(path, json={"scale": scale}).json()["id"]
+        deliver(again, came_of_it)
+        return again
+
+    return make
+
+
+def test_a_replay_that_is_the_same_says_so_and_what_that_means(look, result, replays):
+    again = replays(result(0, Outcome.COLLISION))
+    for address in (f"/campaigns/{again}/episodes/0", f"/replays/{again}"):
+        assert "Same result, bit for bit. The digest is that of the stored" in look(address)
+
+
+def test_a_replay_that_differs_is_doubted(look, http, result, replays):
+    again = replays(result(0))
+    text = look(f"/campaigns/{again}/episodes/0")
+    assert "Another result. Stored: collision after 4 steps; replayed: safe after 4 steps." in text
+    assert "not deterministic, or their versions differ" in text
+    assert "verdict is-doubtful" in http.get(f"/replays/{again}").text
+
+
+def test_a_replay_of_scaled_noise_is_expected_to_differ(look, http, result, replays):
+    again = replays(result(0), scale=0.5)
+    address = f"/campaigns/{again}/episodes/0"
+    assert "That was to be expected, with noise × 0.5." in look(address)
+    assert "is-doubtful" not in http.get(address).text
+
+
+def test_a_replay_elsewhere_says_what_is_other_there(look, store, campaign, deliver, result):
+    deliver(campaign, result(0, Outcome.COLLISION))
+    spec = replace(
+        store.campaigns.get(campaign).spec,
+        method="replay",
+        settings={"campaign": campaign, "episodes": (0,)},
+        planner="rulebook",
+        scenario_parameters={"distance_m": 60.0},
+    )
+    again = store.campaigns.create(spec).id
+    deliver(again, result(0))
+    text = look(f"/campaigns/{again}/episodes/0")
+    assert "with another planner and other scenario parameters." in text
+
+
+def test_a_replay_whose_source_has_no_result_is_not_judged(look, store, campaign, deliver, result):
+    settings = {"campaign": campaign, "episodes": (7,)}
+    spec = replace(store.campaigns.get(campaign).spec, method="replay", settings=settings)
+    again = store.campaigns.create(spec).id
+    deliver(again, result(0))
+    assert "result." not in look(f"/campaigns/{again}/episodes/0").split("Scene")[0]

@@ -1,0 +1,131 @@
+"""The first page: what is filtered, what is pooled, who is at work."""
+
+import msgspec
+import pytest
+
+from eigenfail.values import Outcome
+from eigenfail_api.dashboard.views.parentage import origin
+
+HTML = {"Accept": "text/html"}
+
+
+@pytest.fixture
+def make(http, fields):
+    """Makes a campaign; its id."""
+    return lambda **changes: http.post("/api/v1/campaigns", json=fields | changes).json()["id"]
+
+
+@pytest.fixture
+def names(http):
+    """The campaigns of a page, by the ids of their rows."""
+
+    def read(address):
+        text = http.get(address, headers=HTML).text
+        return [int(part.split('"')[0]) for part in text.split('id="campaign-')[1:]]
+
+    return read
+
+
+def test_campaigns_are_filtered_in_the_address(store, make, names, look):
+    one, two, three = make(name="Cut-in"), make(name="merging"), make(name="cut-in again")
+    store.campaigns.move(two, "running")
+    store.campaigns.move(three, "running")
+    assert names("/") == [three, two, one]
+    assert names("/?state=running") == [three, two]
+    assert names("/?search=CUT-in") == [three, one]
+    assert names("/?state=running&method=monte_carlo&search=cut") == [three]
+    assert names("/?state=&method=&search=") == [three, two, one]
+    assert names("/?method=ast") == []
+    assert "No campaign is like that." in look("/?method=ast")
+
+
+def test_filters_stay_from_page_to_page(http, make, names):
+    ids = [make(name=f"wanted {n}") for n in range(51)]
+    make(name="other")
+    text = http.get("/?search=wanted", headers=HTML).text
+    assert names("/?search=wanted") == ids[:0:-1]
+    older = f"/?search=wanted&amp;before={ids[1]}"
+    assert f'href="{older}"' in text
+    assert names(older.replace("&amp;", "&")) == ids[:1]
+
+
+def test_a_state_that_does_not_exist_is_refused(http):
+    assert http.get("/?state=flying", headers=HTML).status_code == 422
+
+
+def test_a_method_costs_what_all_of_its_campaigns_cost(store, make, deliver, result, look):
+    for seed in (1, 2):
+        campaign = make(seed=seed)
+        deliver(campaign, *(result(index) for index in range(5)))
+        store.campaigns.add_active(campaign, 1500.0)
+    text = look("/")
+    # 1.00 USD for ten episodes: at most 1 − 0.05^(1/10) = 0.2589 failures in each.
+    assert "monte_carlo ≥ 0.386 lower bound (95 %) 0 10 ≤ 25.9 % 1.00 2" in text
+    assert "Monte Carlo has found no failure" in text
+
+
+def test_who_brought_results_lately_is_at_work(campaign, deliver, result, look):
+    assert "Workers now 0" in look("/")
+    deliver(campaign, *(result(index) for index in range(6)))
+    assert "Workers now 1" in look("/")
+    assert "Episodes/s now 0.100" in look("/")
+
+
+def test_who_ran_the_episodes_is_told_on_the_campaigns_page(campaign, deliver, result, look):
+    assert "Workers" not in look(f"/campaigns/{campaign}/measures")
+    deliver(campaign, result(0), result(1, Outcome.COLLISION))
+    assert "worker-1 2 100.0 % 1 0" in look(f"/campaigns/{campaign}/measures")
+
+
+@pytest.fixture
+def replay(http, campaign, deliver, result):
+    """A replay of an episode of a campaign, and that campaign."""
+    deliver(campaign, result(3, Outcome.COLLISION))
+    return http.post(f"/api/v1/campaigns/{campaign}/episodes/3/replay").json()["id"], campaign
+
+
+def test_replays_are_folded_away_and_one_click_from_the_searches(replay, names, look, http):
+    again, searched = replay
+    assert names("/") == [searched]
+    assert names("/?state=running&search=first") == [searched]
+    assert "Not listed: 1 replay of what was found before." in look("/")
+    assert 'href="/?method=replay"' in http.get("/", headers=HTML).text
+    assert names("/?method=replay") == [again]
+    assert "Not listed" not in look("/?method=replay")
+
+
+def test_a_search_that_means_replays_leads_to_them(replay, names, http):
+    text = http.get("/?search=replay+of&before=99", headers=HTML).text
+    address = text.split('Not listed: <a href="')[1].split('"')[0].replace("&amp;", "&")
+    assert "those like that among 1 replay<" in text
+    assert names(address) == [replay[0]]
+
+
+def test_without_replays_none_are_spoken_of(campaign, look):
+    text = look("/")
+    assert "Not listed" not in text
+    assert "any but replay" not in text
+
+
+def test_a_campaign_leads_to_its_replays_and_they_lead_back(replay, names, http):
+    again, searched = replay
+    text = http.get(f"/campaigns/{searched}", headers=HTML).text
+    address = f"/?method=replay&amp;search=replay+of+{searched}%2F"
+    assert f'href="{address}"' in text
+    assert names(address.replace("&amp;", "&")) == [again]
+    assert "It replays" not in text
+    back = http.get(f"/campaigns/{again}", headers=HTML).text
+    assert f'It replays <a href="/campaigns/{searched}">campaign {searched}</a>.' in back
+
+
+def test_a_proof_leads_back_to_its_analysis(store, campaign):
+    spec = store.campaigns.get(campaign).spec
+    assert origin(spec) is None
+    proof = msgspec.structs.replace(spec, method="replay", settings={"analysis": 7})
+    assert origin(proof) == ("analysis 7", "/analyses/7")
+
+
+def test_an_analysis_that_is_done_leads_to_its_replays(campaign, finished, http):
+    finished(2)
+    text = http.get(f"/campaigns/{campaign}", headers=HTML).text
+    assert 'href="/analyses/1#proof"' in text

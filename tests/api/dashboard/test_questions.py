@@ -1,0 +1,107 @@
+"""A page asks the database as often for many campaigns as for few."""
+
+import re
+
+import pytest
+from sqlalchemy import event
+from sqlalchemy.engine import Engine
+from starlette.testclient import TestClient
+
+from eigenfail.testing.store.examples import collision, deliver, result, spec
+from eigenfail.values import AnalysisSettings, CampaignState
+from eigenfail.values.sample import MOST_SAMPLES
+from eigenfail_api.app import create_app
+from eigenfail_api.settings import ApiSettings
+from eigenfail_services.store import open_store
+
+HTML = {"Accept": "text/html"}
+SHARED = re.compile(r"BEGIN|SELECT keys\.")
+PAGES = ("/", "/campaigns/1", "/campaigns/1/measures", "/campaigns/1/episodes/0", "/analyses/1")
+
+
+@pytest.fixture
+def database(tmp_path):
+    """A store in a file."""
+    opened = open_store(f"sqlite:///{tmp_path / 'eigenfail.db'}")
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def browse(database):
+    """An application over it, anew each time: nothing is remembered."""
+
+    def client():
+        app = create_app(database, ApiSettings())
+        return TestClient(app, base_url="http://127.0.0.1:8440")
+
+    return client
+
+
+def add(store, count, episodes):
+    """Campaigns with results of their own."""
+    for _ in range(count):
+        campaign = store.campaigns.create(spec(episodes=episodes)).id
+        running = store.campaigns.move(campaign, CampaignState.RUNNING)
+        deliver(store, running, collision(0), *(result(index) for index in range(1, episodes)))
+
+
+def asked(client, address):
+    """The statements that a page costs, beside those that all share: transactions, and keys."""
+    statements = []
+
+    def note(_connection, _cursor, statement, *_):
+        statements.append(statement)
+
+    event.listen(Engine, "before_cursor_execute", note)
+    try:
+        assert client.get(address, headers=HTML).status_code == 200
+    finally:
+        event.remove(Engine, "before_cursor_execute", note)
+    return [each for each in statements if not SHARED.match(each)]
+
+
+def test_pages_cost_a_fixed_number_of_questions(database, browse):
+    add(database, 5, 3)
+    database.analyses.create(1, AnalysisSettings())
+    with browse() as client:
+        few = {page: len(asked(client, page)) for page in PAGES}
+    add(database, 195, 3)
+    with browse() as client:
+        many = {page: len(asked(client, page)) for page in PAGES}
+    assert all(many[page] <= few[page] for page in PAGES), (few, many)
+    assert max(many.values()) <= 20
+
+
+def test_more_episodes_cost_no_more_questions(database, browse):
+    add(database, 2, 3)
+    add(database, 1, 400)
+    with browse() as client:
+        for page in ("/campaigns/{}", "/campaigns/{}/measures"):
+            few, many = (len(asked(client, page.format(campaign))) for campaign in (1, 3))
+            assert many == few
+
+
+def test_what_has_not_changed_is_not_read_again(database, browse):
+    add(database, 1, 9)
+    with browse() as client:
+        asked(client, "/campaigns/1")
+        again = asked(client, "/campaigns/1")
+    # What is left reads a campaign's row, or a page of a list.
+    whole = [each for each in again if re.search(r"FROM .*episodes", each) and "LIMIT" not in each]
+    assert [each for each in whole if " IN " not in each] == []
+
+
+def test_a_chart_has_at_most_two_thousand_points(store, http, monkeypatch):
+    asked_for = []
+    samples = store.figures.samples
+
+    def few(campaign, most=MOST_SAMPLES):
+        asked_for.append(most)
+        return samples(campaign, 4)
+
+    monkeypatch.setattr(store.figures, "samples", few)
+    add(store, 1, 10)
+    text = http.get("/campaigns/1", headers=HTML).text
+    assert asked_for == [2_000]
+    assert "A sample of 4 of 10." in text

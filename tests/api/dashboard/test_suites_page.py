@@ -1,0 +1,76 @@
+"""Suites as pages: a list, and one table of what differs."""
+
+import re
+
+import pytest
+
+from eigenfail.values import Outcome
+
+
+@pytest.fixture
+def make(http, fields, deliver, result):
+    """Creates a campaign of a suite, with a failure and a safe episode."""
+
+    def create(name, **changes):
+        made = http.post("/api/v1/campaigns", json={**fields, "name": name, **changes}).json()["id"]
+        deliver(made, result(0, Outcome.COLLISION), result(1))
+        return made
+
+    return create
+
+
+def test_without_a_suite_the_page_says_how_to_run_one(look, make):
+    make("alone")
+    assert "eigenfail suite run examples/suite.toml" in look("/suites")
+    assert "No older suites." in look("/suites?before=1")
+
+
+def test_suites_are_listed_with_their_states(http, look, make):
+    make("sweep: a")
+    http.post("/api/v1/campaigns/1/cancel")
+    make("sweep: b", episodes=20)
+    assert "sweep × cancelling 1 ▶ running 1 2 4 / 30 2" in look("/suites")
+    assert '<a href="/suites/sweep">' in http.get("/suites").text
+
+
+def test_members_have_only_what_differs_as_columns(look, make):
+    make("sweep: a", seed=1)
+    make("sweep: b", seed=2, scenario_parameters={"distance_m": 60.0})
+    text = look("/suites/sweep")
+    assert "Member State seed distance_m Failures rate, interval Cost per failure" in text
+    assert "planner" not in text
+    assert re.search(r"a ▶ running 2 / 10.* 1 default 1 of 2 50.0 %", text)
+    assert re.search(r"b compare with the first ▶ running 2 / 10.* 2 60 1 of 2 50.0 %", text)
+
+
+def test_members_are_compared_with_those_of_their_other_seeds(http, make):
+    for name, distance_m in (("near", 53.0), ("far", 60.0)):
+        for seed in (1, 2):
+            drawn = {"distance_m": distance_m}
+            make(f"s: {name} {seed}", seed=seed, scenario_parameters=drawn)
+    page = http.get("/suites/s").text
+    assert page.count("/comparison?a=1,2&amp;b=3,4") == 2
+    assert page.count("/comparison?") == 2
+
+
+def test_a_member_draws_its_parameters_in_words(look, make):
+    make("s: a")
+    make("s: b", scenario_parameters={"distance_m": {"uniform": [55.0, 60.0]}})
+    assert "uniform 55.0 … 60.0" in look("/suites/s")
+
+
+def test_campaigns_that_a_newer_one_stands_for_are_told(look, make):
+    make("s: a")
+    make("s: a")
+    assert "Left out: 1 earlier campaign of the same names." in look("/suites/s")
+
+
+def test_names_are_quoted_and_escaped(http, make):
+    make("a/b <i>@ 1: one")
+    page = http.get("/suites").text
+    assert '<a href="/suites/a%2Fb%20%3Ci%3E%40%201">a/b &lt;i&gt;@ 1</a>' in page
+    assert "<h1>a/b &lt;i&gt;@ 1</h1>" in http.get("/suites/a%2Fb%20%3Ci%3E%40%201").text
+
+
+def test_a_suite_that_there_is_not_is_a_page_too(look):
+    assert "No campaign belongs to a suite 'nobody'." in look("/suites/nobody", 404)

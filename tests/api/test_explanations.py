@@ -1,0 +1,160 @@
+"""An episode again, over HTTP: its explanation, its replay, its steps."""
+
+import asyncio
+import csv
+import io
+import threading
+
+import numpy as np
+import pytest
+
+from eigenfail import plugins, side_process
+from eigenfail.errors import ServiceError
+from eigenfail.values import (
+    CampaignSpec,
+    EpisodeFault,
+    EpisodeResult,
+    EpisodeTask,
+    NoiseTrajectory,
+    Outcome,
+    TrajectorySource,
+)
+from eigenfail_api.aside import MOST_WAITING, Aside
+from eigenfail_services.campaigns.explanations import Explanations
+
+SIGN = np.where((np.arange(100) // 20) % 2 == 0, 2.0, -2.0)
+WAVE = np.stack([SIGN, 0.0 * SIGN], axis=1).astype(np.float32)
+
+
+@pytest.fixture
+def crash(store, deliver):
+    """Makes a collision of the rulebook planner, index 3 of a campaign; its address."""
+
+    def make(**fields):
+        wanted = {"name": "wave", "method": "monte_carlo", "episodes": 9, **fields}
+        spec = CampaignSpec(**wanted)
+        campaign = store.campaigns.create(spec).id
+        engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
+        (result,) = engine.run([EpisodeTask(3, 5, TrajectorySource(WAVE))])
+        deliver(campaign, result)
+        return f"/api/v1/campaigns/{campaign}/episodes/3"
+
+    return make
+
+
+def test_the_planner_accounts_for_each_step_of_the_stored_episode(http, crash):
+    address = crash()
+    stored = http.get(address).json()
+    told = http.get(f"{address}/explanation").json()
+    assert told["replayed"]["same"]
+    assert len(told["steps"]) == stored["steps"]
+    step = told["steps"][20]
+    assert {"mode", "rule", "heeds"} <= step["account"].keys()
+    assert 2 <= len(step["path"]) <= 20
+    ego_x, ego_y = stored["scene"]["vehicles"][20][0][:2]
+    assert step["path"][0] == pytest.approx([ego_x, ego_y], abs=1e-3)
+    assert "collision" in told["story"][-1]
+    assert told["scene"] is None
+
+
+def test_a_planner_without_an_account_is_said_to_have_none(http, crash):
+    told = http.get(f"{crash(planner='idm', simulator='point_mass')}/explanation").json()
+    assert "explains nothing" in told["note"]
+    assert told["steps"][0]["path"] == []
+
+
+def test_an_episode_that_never_ran_is_refused(http, campaign, deliver, problem):
+    nothing = np.zeros((0, 2), np.float32)
+    fault = EpisodeFault("infrastructure", "Three workers were lost.")
+    noise = NoiseTrajectory(nothing, nothing)
+    deliver(campaign, EpisodeResult(0, 0, Outcome.FAILED, 0, noise, "prior", fault=fault))
+    told = problem(http.get(f"/api/v1/campaigns/{campaign}/episodes/0/explanation"), 422)
+    assert "Three workers were lost" in told["detail"]
+    told = problem(http.post(f"/api/v1/campaigns/{campaign}/episodes/0/replay", json={}), 422)
+    assert "no noise to replay" in told["detail"]
+
+
+def test_an_unknown_episode_is_not_found(http, campaign, problem):
+    problem(http.get(f"/api/v1/campaigns/{campaign}/episodes/7/explanation"), 404)
+    problem(http.get(f"/api/v1/campaigns/{campaign}/episodes/7/steps"), 404)
+    problem(http.post(f"/api/v1/campaigns/{campaign}/episodes/7/replay", json={}), 404)
+
+
+def test_the_last_explanations_are_kept(store, campaign, deliver, result):
+    deliver(campaign, result(0), result(1))
+    asked = []
+    made = Explanations(lambda question: asked.append(question) or object())
+    first, second = made.of(store, campaign, 0), made.of(store, campaign, 1)
+    assert made.of(store, campaign, 0) is first is not second
+    assert len(asked) == 2
+
+
+def test_a_process_that_crashes_is_a_problem_with_a_remedy():
+    with pytest.raises(ServiceError, match="ended with code"):
+        side_process.ask("eigenfail.no_such_module", b"", 30.0)
+
+
+def test_a_process_that_never_ends_is_given_up():
+    with pytest.raises(ServiceError, match=r"no answer within 0\.5 s"):
+        side_process.ask("http.server", b"", 0.5)
+
+
+def test_too_many_that_wait_are_refused():
+    aside, gate = Aside("test"), threading.Event()
+
+    async def crowd():
+        waiting = [asyncio.create_task(aside.do(gate.wait)) for _ in range(MOST_WAITING)]
+        await asyncio.sleep(0)
+        with pytest.raises(ServiceError, match="busy"):
+            await aside.do(gate.wait)
+        gate.set()
+        return await asyncio.gather(*waiting)
+
+    assert asyncio.run(crowd()) == [True] * MOST_WAITING
+
+
+def test_a_replay_is_a_campaign_with_the_same_noise(http, crash, store):
+    address = crash()
+    campaign = http.post(f"{address}/replay", json={"scale": 0.5}).json()
+    spec = store.campaigns.get(campaign["id"]).spec
+    assert (spec.method, spec.episodes, spec.scene_every) == ("replay", 1, 1)
+    assert spec.settings == {"campaign": 1, "episodes": [3], "scale": 0.5}
+    assert "noise × 0.5" in spec.name
+
+
+@pytest.mark.parametrize("scale", [0.0, 2.5])
+def test_a_scale_out_of_bounds_is_refused(http, crash, problem, scale):
+    told = problem(http.post(f"{crash()}/replay", json={"scale": scale}), 422)
+    assert told["field"] == "scale"
+
+
+def test_a_varied_scenario_is_replayed_as_it_was_drawn(http, crash, store):
+    address = crash(scenario_parameters={"distance_m": {"uniform": [55.0, 60.0]}})
+    campaign = http.post(f"{address}/replay", json={}).json()
+    drawn = store.campaigns.get(campaign["id"]).spec.scenario_parameters["distance_m"]
+    assert 55.0 <= drawn <= 60.0
+
+
+def test_steps_are_a_table_with_the_scene(http, crash):
+    address = crash()
+    response = http.get(f"{address}/steps")
+    assert response.headers["content-type"].startswith("text/csv")
+    rows = [*csv.DictReader(io.StringIO(response.text))]
+    stored = http.get(address).json()
+    assert len(rows) == stored["steps"]
+    z, sigma_m = stored["noise"]["z"][0], stored["noise"]["sigma"][0]
+    assert float(rows[0]["longitudinal_z"]) == pytest.approx(z[0])
+    assert float(rows[0]["lateral_m"]) == pytest.approx(z[1] * sigma_m[1])
+    assert float(rows[4]["ego_x_m"]) == pytest.approx(stored["scene"]["vehicles"][4][0][0])
+    assert min(float(row["clearance_m"]) for row in rows) >= 0.0
+
+
+def test_steps_without_a_scene_are_the_noise_alone(http, campaign, deliver, result):
+    deliver(campaign, result(0))
+    rows = [
+        *csv.DictReader(
+            io.StringIO(http.get(f"/api/v1/campaigns/{campaign}/episodes/0/steps").text)
+        )
+    ]
+    assert len(rows) == 4
+    assert "ego_x_m" not in rows[0]

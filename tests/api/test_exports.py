@@ -1,0 +1,229 @@
+"""Episodes as files over HTTP: text as it is read, Parquet once it is made."""
+
+import csv
+import hashlib
+import io
+import json
+import threading
+import time
+
+import msgspec
+import pytest
+from msgspec.structs import replace
+from starlette.testclient import TestClient
+
+import eigenfail
+from eigenfail.filters import COLUMNS
+from eigenfail.values import Outcome
+from eigenfail.values.records import Delivery
+from eigenfail_api.app import create_app
+from eigenfail_api.settings import ApiSettings
+from eigenfail_services.exports import parquet, selection
+
+URL = "/api/v1/campaigns"
+
+
+@pytest.fixture
+def app(store, tmp_path):
+    return create_app(store, ApiSettings(database=f"sqlite:///{tmp_path}/eigenfail.db"))
+
+
+@pytest.fixture
+def filled(campaign, store, deliver, result, failed):
+    """Three collisions, a safe episode and one that could not be run."""
+    deliver(campaign, result(0), *(result(i, Outcome.COLLISION) for i in (1, 2, 3)), failed(4))
+    store.episodes.commit(campaign, [Delivery(replace(result(5), source="=1+1"), "@evil")])
+    return campaign
+
+
+def table(response):
+    assert response.status_code == 200, response.text
+    return list(csv.DictReader(io.StringIO(response.text)))
+
+
+def test_csv_has_a_line_for_each_episode(http, filled):
+    response = http.get(f"{URL}/{filled}/episodes.csv")
+    rows = table(response)
+    assert response.headers["content-type"].startswith("text/csv")
+    assert "campaign-1.csv" in response.headers["content-disposition"]
+    assert list(rows[0]) == list(COLUMNS)
+    assert [row["index"] for row in rows] == ["0", "1", "2", "3", "4", "5"]
+    assert (rows[1]["severity"], rows[0]["severity"]) == ("25.0", "")
+    assert (rows[1]["has_scene"], rows[0]["has_scene"]) == ("true", "false")
+    assert rows[4]["problem"] == "planner: It raised."
+    assert float(rows[0]["log_probability"]) < 0.0
+
+
+def test_texts_are_no_formulas_but_numbers_stay_numbers(http, filled):
+    rows = table(http.get(f"{URL}/{filled}/episodes.csv", params={"filter": "index = 5"}))
+    assert (rows[0]["source"], rows[0]["worker"]) == ("'=1+1", "'@evil")
+    assert rows[0]["log_probability"].startswith("-")
+
+
+def test_files_take_filter_sort_and_fields(http, filled):
+    asked = {"filter": "outcome = collision", "sort": "-index", "fields": "index,outcome"}
+    text = http.get(f"{URL}/{filled}/episodes.csv", params=asked).text
+    assert text.split() == ["index,outcome", "3,collision", "2,collision", "1,collision"]
+    lines = http.get(f"{URL}/{filled}/episodes.ndjson", params=asked).text.splitlines()
+    assert [json.loads(line)["index"] for line in lines] == [3, 2, 1]
+    assert set(json.loads(lines[0])) == {"index", "outcome"}
+
+
+def test_ndjson_has_every_column_and_null_for_what_is_missing(http, filled):
+    lines = http.get(f"{URL}/{filled}/episodes.ndjson").text.splitlines()
+    rows = [json.loads(line) for line in lines]
+    assert [list(row) for row in rows] == [list(COLUMNS)] * 6
+    assert rows[0]["severity"] is None
+
+
+def test_portions_follow_each_other(http, filled, monkeypatch):
+    monkeypatch.setattr(selection, "PORTION", 2)
+    rows = table(http.get(f"{URL}/{filled}/episodes.csv", params={"sort": "severity"}))
+    assert [row["index"] for row in rows] == ["1", "2", "3", "0", "4", "5"]
+
+
+def test_nothing_is_a_file_without_lines(http, filled):
+    nothing = {"filter": "severity < 0"}
+    assert table(http.get(f"{URL}/{filled}/episodes.csv", params=nothing)) == []
+    assert http.get(f"{URL}/{filled}/episodes.ndjson", params=nothing).text == ""
+
+
+@pytest.mark.parametrize("form", ["csv", "ndjson"])
+def test_what_cannot_be_streamed_is_a_problem_not_half_a_file(http, campaign, problem, form):
+    wrong = {"filter": "severity >"}
+    problem(http.get(f"{URL}/{campaign}/episodes.{form}", params=wrong), 422)
+    problem(http.get(f"{URL}/99/episodes.{form}"), 404)
+
+
+def ready(http, address):
+    """The export once nobody works on it any more."""
+    for _ in range(1_000):
+        told = http.get(address).json()
+        if told["state"] != "running":
+            return told
+        time.sleep(0.01)
+    raise AssertionError(told)
+
+
+def columns_of(http, address):
+    import pyarrow.parquet
+
+    response = http.get(f"{address}/file")
+    assert response.status_code == 200, response.text
+    assert response.headers["content-type"] == "application/vnd.apache.parquet"
+    return pyarrow.parquet.ParquetFile(io.BytesIO(response.content))
+
+
+def test_parquet_is_made_and_fetched(http, filled, result):
+    body = {"filter": "outcome = collision", "sort": "-index", "noise": True}
+    asked = http.post(f"{URL}/{filled}/exports", json=body)
+    assert asked.status_code == 202
+    address = asked.headers["location"]
+    told = ready(http, address)
+    assert (told["state"], told["rows"], told["campaign"]) == ("done", 3, filled)
+    file = columns_of(http, address)
+    assert told["size_bytes"] > 0
+    rows = file.read().to_pylist()
+    assert [row["index"] for row in rows] == [3, 2, 1]
+    assert list(rows[0]) == [*COLUMNS, "longitudinal_z", "lateral_z"]
+    z = result(3, Outcome.COLLISION).noise.z
+    assert rows[0]["longitudinal_z"] == z[:, 0].tolist()
+    assert rows[0]["lateral_z"] == z[:, 1].tolist()
+    chunk = file.metadata.row_group(0)
+    packed = {chunk.column(i).path_in_schema: chunk.column(i) for i in range(chunk.num_columns)}
+    assert {column.compression for column in packed.values()} == {"ZSTD"}
+    for name in ("severity", "log_probability", "lateral_z.list.element"):
+        assert "BYTE_STREAM_SPLIT" in packed[name].encodings
+
+
+def test_a_parquet_file_says_where_it_comes_from(http, store, filled, tmp_path):
+    import pandas as pd
+
+    body = {"fields": ["index", "severity", "min_ttc_s"], "noise": True}
+    address = http.post(f"{URL}/{filled}/exports", json=body).headers["location"]
+    ready(http, address)
+    schema = columns_of(http, address).schema_arrow
+    origin = json.loads(schema.metadata[b"eigenfail"])
+    sorted_json = msgspec.json.encode(store.campaigns.get(filled).spec, order="sorted")
+    assert origin == {
+        "campaign": filled,
+        "spec_sha256": hashlib.sha256(sorted_json).hexdigest(),
+        "eigenfail": eigenfail.__version__,
+        "units": {
+            "severity": "m²/s²",
+            "min_ttc_s": "s",
+            "longitudinal_z": "sigma",
+            "lateral_z": "sigma",
+        },
+    }
+    assert schema.field("min_ttc_s").metadata == {b"words": b"smallest time to collision [s]"}
+    path = tmp_path / "fetched.parquet"
+    path.write_bytes(http.get(f"{address}/file").content)
+    assert pd.read_parquet(path).attrs == origin
+
+
+def test_parquet_of_nothing_has_its_columns(http, filled):
+    body = {"filter": "severity < 0", "fields": ["index", "severity", "has_scene"]}
+    address = http.post(f"{URL}/{filled}/exports", json=body).headers["location"]
+    assert ready(http, address)["rows"] == 0
+    assert columns_of(http, address).schema_arrow.names == body["fields"]
+
+
+def test_an_export_that_was_killed_is_begun_anew(http, app, store, filled, tmp_path):
+    address = http.post(f"{URL}/{filled}/exports", json={}).headers["location"]
+    ready(http, address)
+    # A process that dies leaves a part of a file, and nothing that could be taken for the whole.
+    (home,) = (tmp_path / "exports").iterdir()
+    (home / "episodes.parquet").rename(home / "episodes.parquet.1.part")
+    settings = ApiSettings(database=f"sqlite:///{tmp_path}/eigenfail.db")
+    with TestClient(create_app(store, settings), base_url="http://127.0.0.1:8440") as restarted:
+        assert ready(restarted, address)["state"] == "done"
+        assert columns_of(restarted, address).metadata.num_rows == 6
+
+
+def test_an_export_that_fails_says_why(http, filled, monkeypatch, problem):
+    def refuse(*_, **__):
+        raise OSError("no room")
+
+    monkeypatch.setattr("eigenfail_services.exports.jobs.write_parquet", refuse)
+    address = http.post(f"{URL}/{filled}/exports", json={}).headers["location"]
+    told = ready(http, address)
+    assert (told["state"], told["problem"]) == ("failed", "OSError: no room")
+    assert "no room" in problem(http.get(f"{address}/file"), 409)["detail"]
+
+
+def test_the_last_exports_are_kept(http, campaign, monkeypatch, problem):
+    monkeypatch.setattr("eigenfail_services.exports.shelf.KEPT", 2)
+    addresses = []
+    for _ in range(3):
+        addresses.append(http.post(f"{URL}/{campaign}/exports", json={}).headers["location"])
+        ready(http, addresses[-1])
+        time.sleep(0.02)
+    problem(http.get(addresses[0]), 404)
+    assert [http.get(address).status_code for address in addresses[1:]] == [200, 200]
+
+
+def test_more_exports_than_are_kept_are_not_begun(http, filled, monkeypatch, problem):
+    gate = threading.Event()
+    monkeypatch.setattr("eigenfail_services.exports.shelf.KEPT", 2)
+    wait = "eigenfail_services.exports.jobs.write_parquet"
+    monkeypatch.setattr(wait, lambda path, *_, **__: gate.wait() and path.touch())
+    at_work = threading.active_count()
+    for _ in range(2):
+        http.post(f"{URL}/{filled}/exports", json={}).raise_for_status()
+    told = problem(http.post(f"{URL}/{filled}/exports", json={}), 503)
+    assert "2 exports are at work" in told["detail"]
+    assert threading.active_count() <= at_work + 2
+    gate.set()
+
+
+def test_what_cannot_be_exported_is_refused_at_once(http, campaign, problem, monkeypatch):
+    problem(http.post(f"{URL}/{campaign}/exports", json={"filter": "severity"}), 422)
+    problem(http.post(f"{URL}/{campaign}/exports", json={"sort": "outcome"}), 422)
+    problem(http.post(f"{URL}/{campaign}/exports", json={"fields": ["sevrity"]}), 422)
+    problem(http.post(f"{URL}/99/exports", json={}), 404)
+    problem(http.get(f"/api/v1/exports/{'0' * 32}"), 404)
+    problem(http.get("/api/v1/exports/..%2f"), 404)
+    monkeypatch.setattr(parquet, "find_spec", lambda _: None)
+    told = problem(http.post(f"{URL}/{campaign}/exports", json={}), 422)
+    assert "eigenfail[export]" in told["remedy"]

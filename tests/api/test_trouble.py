@@ -1,0 +1,123 @@
+"""What goes wrong with people and programs: odd names, large bodies, old addresses."""
+
+import csv
+import io
+import json
+from datetime import UTC, datetime
+
+import pytest
+
+from eigenfail.values import Outcome
+
+CAMPAIGNS = "/api/v1/campaigns"
+HTML = {"Accept": "text/html"}
+TEN_MB = 10_000_000
+MARKUP = "</title><script>alert(1)</script><img src=x onerror=alert(2)>"
+FORMULA = '=HYPERLINK("http://x","y")'
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/campaigns/{}", "/campaigns/{}/measures", "/comparison?a={0}&b={1}", "/suites"]
+)
+def test_markup_in_a_name_is_text_on_every_page(http, fields, deliver, result, path):
+    made, other = (
+        http.post(CAMPAIGNS, json={**fields, "name": MARKUP, "seed": seed}).json()["id"]
+        for seed in (1, 2)
+    )
+    deliver(made, result(0), result(1, Outcome.COLLISION))
+    page = http.get(path.format(made, other), headers=HTML)
+    assert page.status_code == 200, page.text
+    assert "<script>alert" not in page.text
+    assert "<img src=x" not in page.text
+
+
+def test_markup_in_a_name_is_text_in_a_report(http, fields, deliver, result):
+    made = http.post(CAMPAIGNS, json={**fields, "name": MARKUP}).json()["id"]
+    deliver(made, result(0), result(1, Outcome.COLLISION))
+    report = http.get(f"/api/v1/report?campaign={made}")
+    assert "<script>alert" not in report.text
+    assert "&lt;script&gt;alert" in report.text
+
+
+def test_markup_in_an_address_is_text(http):
+    page = http.get("/nothing/<script>alert(1)</script>", headers=HTML)
+    assert page.status_code == 404
+    assert "<script>alert" not in page.text
+
+
+@pytest.mark.parametrize("sign", ["=", "+", "-", "@", "\t", "\r"])
+def test_a_table_has_no_formula(http, campaign, deliver, failed, sign):
+    wrong = failed(0)
+    fault = type(wrong.fault)(wrong.fault.kind, f"{sign}cmd|' /C calc'!A0")
+    deliver(campaign, type(wrong)(**{**fields_of(wrong), "fault": fault}))
+    text = http.get(f"{CAMPAIGNS}/{campaign}/episodes.csv").text
+    cells = [cell for row in csv.reader(io.StringIO(text)) for cell in row]
+    assert any("calc" in cell for cell in cells)
+    assert not [cell for cell in cells if "calc" in cell and cell[0] in "=+-@\t\r"]
+
+
+def fields_of(struct):
+    return {name: getattr(struct, name) for name in struct.__struct_fields__}
+
+
+@pytest.mark.parametrize("path", ["", "/check", "/bulk", "/1/clone", "/1/analyses"])
+def test_a_body_of_ten_megabytes_is_refused_in_words(http, problem, campaign, path):
+    told = problem(http.post(CAMPAIGNS + path, json={"name": "n" * TEN_MB}), 413)
+    assert "larger than 1000000 bytes" in told["detail"]
+
+
+def test_a_field_of_a_megabyte_is_refused_by_its_name(http, problem, fields):
+    told = problem(http.post(CAMPAIGNS, json={**fields, "name": "n" * 900_000}), 422)
+    assert told["field"] == "name"
+    assert len(json.dumps(told)) < 1000
+
+
+def test_a_form_is_not_read_as_json(http, problem, fields):
+    told = problem(http.post(CAMPAIGNS, data=fields), 415)
+    assert "application/x-www-form-urlencoded" in told["detail"]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"name": 3},
+        {"name": ["n"]},
+        {"settings": "none"},
+        {"seed": "7"},
+        {"stop": []},
+        {"method": {}},
+    ],
+    ids=str,
+)
+def test_a_value_of_the_wrong_type_is_refused_by_its_name(http, problem, fields, wrong):
+    told = problem(http.post(CAMPAIGNS, json=fields | wrong), 422)
+    assert told["field"] == next(iter(wrong))
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/campaigns/99",
+        "/campaigns/99/measures",
+        "/campaigns/99/episodes/0",
+        "/campaigns/1/episodes/99",
+        "/analyses/99",
+        "/campaigns/x",
+        "/comparison?a=98&b=99",
+        "/nothing",
+    ],
+)
+def test_an_old_address_is_a_page_in_words_with_a_way_back(http, campaign, path):
+    page = http.get(path, headers=HTML)
+    assert page.status_code in {404, 422}
+    assert page.headers["content-type"].startswith("text/html")
+    assert 'href="/"' in page.text.split("<main")[1]
+    assert "Traceback" not in page.text
+    assert "<h1>" in page.text
+
+
+def test_pages_tell_times_in_utc(http, store, campaign):
+    page = http.get(f"/campaigns/{campaign}", headers=HTML).text
+    assert "all times in UTC" in page
+    created = datetime.fromtimestamp(store.campaigns.get(campaign).created_ms / 1000, UTC)
+    assert f"{created:%Y-%m-%d %H:%M}" in page

@@ -1,0 +1,123 @@
+"""The analysis page and the page of a failing region, in a real browser."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from playwright.sync_api import expect
+
+from eigenfail.values import (
+    CampaignSpec,
+    EpisodeResult,
+    Measures,
+    NoiseTrajectory,
+    Outcome,
+)
+from eigenfail.values.records import Delivery
+from eigenfail.variations import drawn_for
+
+pytestmark = pytest.mark.browser
+
+SERIES = "element => echarts.getInstanceByDom(element).getOption().series"
+NEAR_M = 60.0
+
+
+@pytest.fixture
+def analysis(visit, made):
+    def open_page(**options):
+        return visit(f"/analyses/{made.snapshot}", **options)
+
+    return open_page
+
+
+def test_each_mode_has_a_band_of_its_failures_noise(analysis):
+    page = analysis()
+    plot = page.locator("#eigenfailure-chart .plot")
+    plot.scroll_into_view_if_needed()
+    expect(plot.locator("canvas").first).to_be_visible()
+    bands = [one for one in plot.evaluate(SERIES) if one.get("areaStyle", {}).get("opacity")]
+    assert len(bands) == 2 * page.locator(".modes article").count()
+    page.locator("#eigenfailure-chart summary").click()
+    head = page.locator("#eigenfailure-chart thead")
+    expect(head).to_contain_text("Mode 1 lateral 90 %")
+
+
+def test_the_medoid_plays_in_its_card_once_it_is_opened(analysis):
+    page = analysis()
+    card = page.locator(".modes article").first
+    expect(card.locator("canvas")).to_have_count(0)
+    card.get_by_text("Watch the medoid").click()
+    readout = card.locator("[data-readout]")
+    expect(readout).to_contain_text("t = 0.0 s")
+    card.locator("[data-step='1']").click()
+    expect(readout).to_contain_text("t = 0.1 s")
+    card.locator("[data-scrub]").focus()
+    page.keyboard.press("Shift+ArrowRight")
+    expect(readout).to_contain_text("t = 1.1 s")
+    assert "?t=" not in page.url
+
+
+def test_what_plays_outlives_a_refresh(analysis):
+    page = analysis()
+    expect(page.locator("#feed")).to_have_text("live")
+    card = page.locator(".modes article").first
+    card.get_by_text("Watch the medoid").click()
+    card.locator("[data-step='1']").click()
+    with page.expect_response(lambda response: "/analyses/" in response.url):
+        page.evaluate("htmx.trigger(document.body, 'eigenfail:refresh')")
+    expect(card.locator("[data-readout]")).to_contain_text("t = 0.1 s")
+    card.locator("[data-step='1']").click()
+    expect(card.locator("[data-readout]")).to_contain_text("t = 0.2 s")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_telephone_scrolls_down_only_with_a_medoid_open(analysis, scheme):
+    page = analysis(viewport={"width": 375, "height": 700}, color_scheme=scheme)
+    card = page.locator(".modes article").first
+    card.get_by_text("Watch the medoid").click()
+    expect(card.locator("[data-readout]")).to_contain_text("t = 0.0 s")
+    over = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+    assert page.evaluate(over) <= 0
+
+
+@pytest.fixture(scope="module")
+def varied(store):
+    """A campaign that fails where the distance is small; its id."""
+    drawn = {"distance_m": {"uniform": [53.0, 70.0]}}
+    spec = CampaignSpec(
+        name="Varied", method="monte_carlo", episodes=400, scenario_parameters=drawn
+    )
+    campaign = store.campaigns.create(spec).id
+    store.campaigns.move(campaign, "running")
+    z = np.zeros((1, 2), np.float32)
+    safe = EpisodeResult(
+        0, 0, Outcome.SAFE, 1, NoiseTrajectory(z, z + 1), "prior", measures=Measures(4.0)
+    )
+    crash = replace(safe, outcome=Outcome.COLLISION, measures=Measures(0.0, severity=9.0))
+    results = [
+        replace(crash if drawn_for(spec, seed)["distance_m"] < NEAR_M else safe, index=n, seed=seed)
+        for n, seed in enumerate(range(1000, 1400))
+    ]
+    store.episodes.commit(campaign, [Delivery(result, "w") for result in results])
+    return campaign
+
+
+@pytest.mark.parametrize("width", [1280, 375])
+def test_the_failing_region_is_told_in_boxes(visit, varied, width):
+    page = visit(f"/campaigns/{varied}/region", viewport={"width": width, "height": 700})
+    expect(page.get_by_role("heading", name="Where it fails")).to_be_visible()
+    expect(page.get_by_role("rowheader")).to_contain_text("distance at most")
+    expect(page.get_by_text("found on one half of the episodes")).to_be_visible()
+    expect(page.get_by_text("being worked out")).to_have_count(0)
+    over = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+    assert page.evaluate(over) <= 0
+
+
+def test_a_campaign_leads_to_its_region(visit, varied):
+    page = visit(f"/campaigns/{varied}")
+    page.get_by_role("link", name="Failing region").click()
+    expect(page.locator("h1")).to_have_text("Failing region")
+
+
+def test_a_region_that_cannot_be_told_says_why(visit, made):
+    page = visit(f"/campaigns/{made.ast}/region")
+    expect(page.get_by_text("No scenario parameter took more than one value")).to_be_visible()

@@ -1,0 +1,88 @@
+"""Campaigns picked and compared in a real browser."""
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+OPTION = "element => echarts.getInstanceByDom(element).getOption().series.map(%s)"
+
+
+@pytest.fixture
+def several(made):
+    """Of campaigns that have run."""
+    ids = (made.baseline, made.ast, made.difs, made.replay)
+    return "/comparison?" + "&".join(f"campaign={each}" for each in ids)
+
+
+def test_campaigns_are_picked_and_drawn_together(visit, made):
+    page = visit("/comparison")
+    page.get_by_label(f"{made.ast}: AST on cut-in", exact=True).check()
+    page.get_by_label("Name contains").fill("difs")
+    page.get_by_role("button", name="Search").click()
+    expect(page.get_by_label(f"{made.ast}: AST on cut-in", exact=True)).to_be_checked()
+    page.get_by_label(f"{made.difs}: DiFS <b>on</b> cut-in").check()
+    page.get_by_role("button", name="Compare", exact=True).click()
+    plots = page.locator(".plot")
+    expect(plots).to_have_count(4)
+    for plot in plots.all():
+        plot.scroll_into_view_if_needed()
+        expect(plot.locator("canvas").first).to_be_visible()
+
+
+def test_each_has_a_colour_a_shape_and_a_dash_of_its_own(visit, several):
+    page = visit(several)
+    plot = page.locator("#overlay-rate .plot")
+    plot.scroll_into_view_if_needed()
+    expect(plot.locator("canvas").first).to_be_visible()
+    for look in (
+        "one => one.itemStyle.color",
+        "one => one.symbol",
+        "one => String(one.lineStyle.type)",
+    ):
+        found = plot.evaluate(OPTION % look)
+        assert len(found) == len(set(found)) == 4
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [375, 1280])
+def test_the_page_scrolls_down_only(visit, several, scheme, width):
+    page = visit(several, viewport={"width": width, "height": 800}, color_scheme=scheme)
+    for plot in page.locator(".plot").all():
+        plot.scroll_into_view_if_needed()
+        expect(plot.locator("canvas").first).to_be_visible()
+    for table in page.locator("details summary").all():
+        table.click()
+    assert page.evaluate(OVERFLOW) <= 0
+
+
+def test_the_switch_works_before_any_script_runs(visit, several):
+    page = visit(several, java_script_enabled=False)
+    expect(page.get_by_role("rowheader", name="simulator")).to_have_count(0)
+    page.get_by_role("switch", name="Only what differs").click()
+    expect(page.get_by_role("rowheader", name="simulator")).to_be_visible()
+
+
+def test_campaigns_are_picked_without_a_mouse(visit, made):
+    page = visit("/comparison")
+    for campaign in (made.ast, made.baseline):
+        page.locator(f"input[value='{campaign}']").focus()
+        page.keyboard.press("Space")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", name="Against the first")).to_be_visible()
+
+
+def test_what_is_chosen_is_changed_with_links_alone(visit, made, several):
+    page = visit(several, java_script_enabled=False)
+    page.get_by_role("link", name=f"Make {made.difs}: DiFS <b>on</b> cut-in the first").click()
+    expect(page.get_by_text(f"The first: {made.difs}: DiFS")).to_be_visible()
+    page.get_by_role("link", name=f"Remove {made.difs}: DiFS <b>on</b> cut-in").click()
+    expect(page.get_by_text(f"The first: {made.baseline}: Monte Carlo")).to_be_visible()
+    expect(page.locator("#chosen li")).to_have_count(3)
+
+
+def test_too_many_are_refused_in_words(visit):
+    ids = "&".join(f"campaign={each}" for each in range(1, 14))
+    page = visit(f"/comparison?{ids}", status=422)
+    expect(page.get_by_text("2 to 12 can be compared")).to_be_visible()

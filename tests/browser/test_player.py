@@ -1,0 +1,217 @@
+"""The player of an episode: time, keys, address, strips, the planner's account, replays."""
+
+import re
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+
+from eigenfail import plugins
+from eigenfail.values import CampaignSpec, EpisodeTask, TrajectorySource
+from eigenfail.values.records import Delivery
+
+pytestmark = pytest.mark.browser
+
+SIGN = np.where((np.arange(100) // 20) % 2 == 0, 2.0, -2.0)
+WAVE = np.stack([SIGN, 0.0 * SIGN], axis=1).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def real(store):
+    """A campaign whose episode 3 is a collision of the rulebook, and 4 is safe without a scene."""
+    spec = CampaignSpec(name="Wave on cut-in", method="monte_carlo", episodes=9)
+    campaign = store.campaigns.create(spec).id
+    store.campaigns.move(campaign, "running")
+    tasks = [
+        EpisodeTask(3, 5, TrajectorySource(WAVE)),
+        EpisodeTask(4, 5, TrajectorySource(0.3 * WAVE)),
+    ]
+    engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
+    store.episodes.commit(campaign, [Delivery(result, "w") for result in engine.run(tasks)])
+    return campaign
+
+
+@pytest.fixture
+def crash(visit, real):
+    """Opens the collision at a time; a page whose player has been drawn."""
+
+    def open_page(query="", **options):
+        page = visit(f"/campaigns/{real}/episodes/3{query}", **options)
+        expect(page.locator("[data-readout]")).to_contain_text("t = ")
+        return page
+
+    return open_page
+
+
+def at(page, seconds):
+    expect(page.locator("[data-readout]")).to_contain_text(f"t = {seconds} s")
+
+
+def test_it_plays_steps_and_scrubs_by_buttons(crash):
+    page = crash()
+    scrub = page.locator("[data-scrub]")
+    at(page, "0.0")
+    page.get_by_role("button", name="One step on").press("Enter")
+    at(page, "0.1")
+    page.get_by_role("button", name="One step back").click()
+    at(page, "0.0")
+    page.locator("[data-speed]").select_option("4")
+    scrub.fill(str(int(scrub.get_attribute("max")) - 20))
+    page.locator("[data-play]").press("Enter")
+    # It stops by itself at the end.
+    expect(scrub).to_have_value(scrub.get_attribute("max"))
+    expect(page.locator("[data-play]")).to_have_text("Play")
+
+
+def test_it_obeys_keys(crash):
+    page = crash()
+    for keys, seconds in (
+        (["ArrowRight"], "0.1"),
+        (["Shift+ArrowRight"], "1.1"),
+        (["ArrowLeft", "ArrowLeft"], "0.9"),
+        (["Shift+ArrowLeft"], "0.0"),
+    ):
+        for key in keys:
+            page.keyboard.press(key)
+        at(page, seconds)
+    page.locator("[data-scrub]").focus()
+    page.keyboard.press("ArrowRight")
+    at(page, "0.1")
+    page.keyboard.press("End")
+    at(page, "8.8")
+    page.keyboard.press("Home")
+    at(page, "0.0")
+    page.keyboard.press("Space")
+    expect(page.locator("[data-play]")).to_have_text("Pause")
+    page.keyboard.press("Space")
+    expect(page.locator("[data-play]")).to_have_text("Play")
+
+
+def test_a_field_keeps_its_keys(crash):
+    page = crash()
+    scale = page.get_by_label("Scale of the noise")
+    scale.focus()
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("ArrowUp")
+    at(page, "0.0")
+    expect(scale).to_have_value("0.55")
+
+
+def test_the_address_names_a_moment_and_follows(crash):
+    page = crash("?t=4.2")
+    at(page, "4.2")
+    page.keyboard.press("ArrowRight")
+    expect(page).to_have_url(re.compile(r"\?t=4\.3$"))
+    page.reload()
+    at(page, "4.3")
+
+
+def test_a_moment_outside_the_episode_is_its_end(crash):
+    at(crash("?t=1e5"), "8.8")
+
+
+def test_the_link_to_a_moment_is_told_where_it_cannot_be_copied(crash):
+    page = crash("?t=2.5")
+    page.evaluate("() => { navigator.clipboard.writeText = () => Promise.reject(new Error()); }")
+    page.get_by_role("button", name="Copy link to this moment").click()
+    expect(page.get_by_role("alert")).to_contain_text("/episodes/3?t=2.5")
+
+
+def test_one_cursor_for_all_strips_which_set_the_time(crash):
+    page = crash("?t=4.4")
+    cursors = page.locator("[data-cursor]")
+    expect(cursors).to_have_count(2)
+    lefts = [cursor.bounding_box()["x"] for cursor in cursors.all()]
+    assert lefts[0] == pytest.approx(lefts[1], abs=1.0)
+    strip = page.locator("#clearance-chart [data-strip]")
+    strip.scroll_into_view_if_needed()
+    box = strip.bounding_box()
+    strip.click(position={"x": 62 + 0.25 * (box["width"] - 80), "y": 60})
+    at(page, "2.2")
+    moved = page.locator("#noise-chart-cursor").bounding_box()["x"]
+    assert moved == pytest.approx(box["x"] + 62 + 0.25 * (box["width"] - 80), abs=6.0)
+
+
+def test_the_planner_accounts_for_the_moment(crash):
+    page = crash("?t=4.2")
+    field = page.locator("[data-field]")
+    expect(page.locator("[data-field=mode]")).to_have_text("highway")
+    expect(field.nth(1)).not_to_have_text("–")
+    expect(page.get_by_text("bit for bit")).to_be_visible()
+    expect(page.locator(".story li").last).to_contain_text("collision")
+    page.get_by_role("button", name=re.compile("emergency brake")).click()
+    at(page, "8.7")
+    expect(page.locator("[data-field=override]")).to_have_text("emergency brake")
+    expect(page.locator("[data-field=override]")).to_have_class("is-alarm")
+    page.get_by_role("button", name=re.compile("collision")).click()
+    at(page, "8.8")
+
+
+PIXELS = """canvas => {
+  const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+  const isGreen = (at) => Math.hypot(data[at], data[at + 1] - 132, data[at + 2] - 95) < 12;
+  let found = 0;
+  for (let at = 0; at < data.length; at += 4) found += isGreen(at);
+  return found;
+}"""
+
+
+def test_the_path_that_it_means_to_drive_is_drawn(crash):
+    page = crash("?t=4.2")
+    expect(page.locator("[data-field=mode]")).to_have_text("highway")
+    assert page.locator("canvas.road").evaluate(PIXELS) > 20
+
+
+def test_an_account_of_another_course_is_told_as_such(visit, made):
+    """The made-up episode is none that the planner would drive."""
+    page = visit(f"/campaigns/{made.ast}/episodes/{made.failures[3]}")
+    expect(page.get_by_text("DIFFERENT")).to_be_visible()
+    expect(page.locator("[data-account]")).to_have_count(0)
+    assert page.locator("canvas.road").evaluate(PIXELS) == 0
+
+
+def test_without_a_scene_it_says_why_and_plays_that_of_the_replay(visit, real):
+    page = visit(f"/campaigns/{real}/episodes/4?t=1.0")
+    expect(page.get_by_text("was not kept")).to_be_visible()
+    at(page, "1.0")
+    expect(page.locator("[data-field=mode]")).to_have_text("highway")
+    expect(page.get_by_text("bit for bit")).to_be_visible()
+
+
+def test_a_replay_is_awaited_and_opens_by_itself(visit, store, real, bring):
+    page = visit(f"/campaigns/{real}/episodes/3")
+    page.get_by_role("button", name="Replay now").click()
+    expect(page.locator("h1")).to_have_text("Replay")
+    campaign = int(page.url.rsplit("/", 1)[-1])
+    assert store.campaigns.get(campaign).spec.settings["episodes"] == [3]
+    expect(page.locator("#feed")).to_have_text("live")
+    store.campaigns.move(campaign, "running")
+    bring(campaign, [0], 1.0)
+    expect(page.locator("h1")).to_have_text("Episode 0")
+    assert page.url.endswith(f"/campaigns/{campaign}/episodes/0")
+
+
+def test_a_scaled_replay_is_a_campaign_of_its_own(visit, store, real):
+    page = visit(f"/campaigns/{real}/episodes/3")
+    page.get_by_label("Scale of the noise").fill("0.75")
+    page.get_by_role("button", name="Replay scaled").click()
+    expect(page.locator("h1")).to_have_text("Replay")
+    campaign = int(page.url.rsplit("/", 1)[-1])
+    assert store.campaigns.get(campaign).spec.settings["scale"] == 0.75
+
+
+@pytest.mark.parametrize(("name", "file"), [("JSON", "json"), ("CSV of the steps", "csv")])
+def test_an_episode_is_downloaded(visit, real, name, file):
+    page = visit(f"/campaigns/{real}/episodes/3")
+    with page.expect_download() as download:
+        page.get_by_role("link", name=name, exact=True).click()
+    assert download.value.suggested_filename == f"episode-{real}-3.{file}"
+    assert download.value.path().read_text()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_telephone_scrolls_down_only(crash, scheme):
+    page = crash(viewport={"width": 375, "height": 700}, color_scheme=scheme)
+    expect(page.locator("[data-field=mode]")).to_have_text("highway")
+    over = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+    assert page.evaluate(over) <= 0

@@ -1,0 +1,136 @@
+"""Every setting, every error and every document is where its reader looks for it."""
+
+import argparse
+import re
+from http import HTTPStatus
+
+import pytest
+
+from eigenfail.errors import EigenfailError
+from eigenfail.wire.problems import slug, tree
+from eigenfail_api import __main__ as api
+from eigenfail_api.openapi import EVERYWHERE, WITH_BODY, WITH_ID
+from eigenfail_api.settings import ApiSettings
+from eigenfail_services import __main__ as services
+from eigenfail_workers import __main__ as workers
+
+HEADING = re.compile(
+    r"^### (?P<name>\w+) `(?P<type>[a-z-]+)`, (?:(?P<status>\d+), )?exit code (?P<code>\d)$",
+    re.MULTILINE,
+)
+VARIABLE = re.compile(r"[\"'](EIGENFAIL_[A-Z_]+)[\"']")
+
+
+def page(root, name):
+    return (root / "docs" / f"{name}.md").read_text()
+
+
+def rows(text):
+    lines = re.findall(r"^\| (.*) \|$", text, re.MULTILINE)
+    return [[cell.strip().strip("`") for cell in line.split("|")] for line in lines]
+
+
+def section(text, program):
+    return text.split(f"`python -m {program}`")[1].split("\n## ")[0]
+
+
+def test_every_error_has_an_entry_that_is_true(root):
+    entries = {match["name"]: match for match in HEADING.finditer(page(root, "troubleshooting"))}
+    kinds = {kind.__name__: kind for kind in tree(EigenfailError)}
+    assert entries.keys() == kinds.keys()
+    for name, entry in entries.items():
+        assert entry["type"] == slug(kinds[name])
+        assert int(entry["code"]) == kinds[name].exit_code
+        if entry["status"]:
+            assert int(entry["status"]) == kinds[name].http_status
+
+
+def test_every_entry_says_what_to_do(root):
+    for part in page(root, "troubleshooting").split("\n### ")[1:]:
+        assert len(part.split("\n", 1)[1].split("\n## ")[0].split()) > 10, part
+
+
+def test_every_status_without_a_type_has_an_entry(root):
+    table = page(root, "troubleshooting").split("## Problems without a type")[1].split("\n## ")[0]
+    told = {int(row[0]) for row in rows(table) if row[0].isdecimal()}
+    assert told == {400, 403, 404, 405, 406, 413, 415, 429, 500}
+    typed = {kind.http_status for kind in tree(EigenfailError)} - {400, 404, 500}
+    assert {*EVERYWHERE, *WITH_ID, *WITH_BODY} <= told | typed
+    assert all(HTTPStatus(status) for status in told)
+
+
+def test_every_setting_of_the_api_is_told_with_its_default(root):
+    table = rows(section(page(root, "configuration"), "eigenfail_api"))
+    told = {row[0]: row[2] for row in table if row[0].startswith("EIGENFAIL_")}
+    assert told.keys() == {f"EIGENFAIL_{name.upper()}" for name in ApiSettings.model_fields}
+    for name, field in ApiSettings.model_fields.items():
+        shown = told[f"EIGENFAIL_{name.upper()}"].replace('"', "'")
+        default = list(field.default) if isinstance(field.default, tuple) else field.default
+        assert shown.lower() == str(default).lower()
+
+
+class Caught(Exception):
+    """The parser, instead of what it would have parsed."""
+
+
+PROGRAMS = {
+    "eigenfail_api": api.main,
+    "eigenfail_services": services.parse,
+    "eigenfail_workers": workers.serve,
+}
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_every_option_of_a_process_is_told(root, program, monkeypatch):
+    def catch(parser, *_):
+        raise Caught(parser)
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", catch)
+    with pytest.raises(Caught) as caught:
+        PROGRAMS[program]()
+    (parser,) = caught.value.args
+    options = {word for action in parser._actions for word in action.option_strings}
+    text = section(page(root, "configuration"), program)
+    told = set(re.findall(r"`(--[a-z-]+)`", text))
+    assert told == {word for word in options if word.startswith("--")} - {"--help"}
+
+
+def test_every_environment_variable_of_the_code_is_told(root):
+    folders = ("sdk", "api", "services", "workers")
+    sources = [file.read_text() for name in folders for file in (root / name).rglob("*.py")]
+    names = {name for text in sources for name in VARIABLE.findall(text)}
+    assert {"EIGENFAIL_URL", "EIGENFAIL_DATA"} <= names
+    text = page(root, "configuration")
+    assert [name for name in sorted(names) if f"`{name}`" not in text] == []
+
+
+def test_the_index_names_every_document(root):
+    text = page(root, "README")
+    names = {file.name for file in (root / "docs").glob("*.md")} - {"README.md"}
+    assert {name for name in names if f"]({name})" not in text} == set()
+
+
+def test_the_glossary_has_every_word_of_the_lists(root):
+    words = {row[0] for row in rows(page(root, "concepts"))}
+    wanted = {"campaign", "suite", "method", "learner", "round", "episode", "scenario", "planner"}
+    assert wanted | {"ego", "actor", "eigenfailure", "severity", "robustness", "digest"} <= words
+
+
+def test_links_into_a_document_meet_a_heading(root):
+    for file in (root / "docs").glob("*.md"):
+        for name, anchor in re.findall(r"\]\(([\w.]*)#([\w-]+)\)", file.read_text()):
+            target = (file.parent / name) if name else file
+            headings = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE)
+            assert anchor in {anchored(heading) for heading in headings}, f"{file.name}: {anchor}"
+
+
+def anchored(heading):
+    kept = re.sub(r"[^\w\- ]", "", heading.lower())
+    return kept.replace(" ", "-")
+
+
+def test_files_of_the_deployment_are_told(root):
+    text = page(root, "deployment")
+    names = {file.name for file in (root / "deploy").iterdir() if file.is_file()}
+    names -= {"Dockerfile.dockerignore", ".env"}
+    assert {name for name in names if f"deploy/{name}`" not in text} == set()

@@ -1,0 +1,165 @@
+"""What the machines and the bent messages found, each held fast by itself."""
+
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+from played import LAYER, context_of, played_hub, played_learners, quiet
+from played_worker import PlayedWorker
+
+from eigenfail.errors import ProtocolError
+from eigenfail.testing.store.examples import result, spec
+from eigenfail.values import EpisodeTask, Policy, PolicySource, PriorSource
+from eigenfail.wire.messages import (
+    PROTOCOL,
+    Heartbeat,
+    Hello,
+    Lease,
+    Message,
+    PolicyUpdate,
+    Results,
+    Setup,
+    Welcome,
+    encode,
+    read_hub_message,
+    read_worker_message,
+)
+from eigenfail_services.hub import commits, desk
+from eigenfail_services.hub.leases import IDLE_BEATS, MAX_LOSSES, Leases
+from eigenfail_services.hub.runs import Order
+from eigenfail_services.store import MemoryStore
+from eigenfail_workers.worker.parent import KEPT_POLICIES
+
+SETUP = spec().setup()
+TASK = EpisodeTask(0, 100, PriorSource())
+
+
+class Room:
+    """A hub that runs one campaign of three episodes, its clock, and one learner."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, learners: list) -> None:
+        self.now_s, self.learners = 100.0, learners
+        clock = SimpleNamespace(monotonic=lambda: self.now_s)
+        monkeypatch.setattr(desk, "time", clock)
+        monkeypatch.setattr(commits, "time", clock)
+        self.store = MemoryStore()
+        self.hub, self.router = played_hub(self.store)
+        self.campaign = self.store.campaigns.create(spec(episodes=3)).id
+        self.hub.launch(Order(self.campaign, SETUP, "monte_carlo", {}, 0, context_of(3)))
+
+    def say(self, *messages: Message, by: bytes = b"w") -> list[Message]:
+        """What the hub answers to a worker in the same turn, and a second later."""
+        self.router.inbox.extend([by, encode(message)] for message in messages)
+        self.now_s += 1.0
+        self.hub.turn()
+        said = [read_hub_message(data) for to, data in self.router.outbox if to == by]
+        self.router.outbox.clear()
+        return said
+
+    def leased(self, said: list[Message]) -> list[int]:
+        return [task.index for one in said if isinstance(one, Lease) for task in one.tasks]
+
+
+@pytest.fixture
+def room(monkeypatch: pytest.MonkeyPatch):
+    with quiet(), played_learners() as learners:
+        yield Room(monkeypatch, learners)
+
+
+def hello(credit: int = 8) -> Hello:
+    return Hello(PROTOCOL, "w", credit)
+
+
+def test_a_lease_that_went_astray_is_given_again(room: Room) -> None:
+    room.say()
+    assert sorted(room.leased(room.say(hello()))) == [0, 1, 2]
+    for _ in range(IDLE_BEATS - 1):
+        assert room.leased(room.say(Heartbeat())) == []
+    assert sorted(room.leased(room.say(Heartbeat()))) == [0, 1, 2]
+
+
+def test_a_worker_that_runs_something_has_got_its_lease(room: Room) -> None:
+    room.say()
+    room.say(hello())
+    for _ in range(3 * IDLE_BEATS):
+        assert room.leased(room.say(Heartbeat(room.campaign, 0))) == []
+
+
+def test_who_says_hello_again_has_not_died_of_its_episode(room: Room) -> None:
+    room.say()
+    room.say(hello())
+    for _ in range(MAX_LOSSES + 1):
+        said = room.say(Heartbeat(room.campaign, 0), hello())
+        assert 0 in room.leased(said)
+    assert room.store.campaigns.get(room.campaign).counts.failed == 0
+
+
+def test_a_result_brought_before_its_round_is_proposed_is_not_run_again(room: Room) -> None:
+    room.say(hello())
+    room.say(hello(), by=b"other")
+    room.learners[-1].status = -9  # its next life proposes what the first one did
+    room.now_s -= 0.99  # so that the commit is still to come when it does
+    room.say(Results(room.campaign, (result(0),)))
+    leased = [*room.leased(room.say()), *room.leased(room.say(by=b"other"))]
+    assert 0 not in leased
+    assert room.store.episodes.finished(room.campaign, [0])
+
+
+def test_a_worker_without_credit_is_given_nothing() -> None:
+    leases = Leases()
+    leases.join(b"w", "w", 0, 0.0)
+    leases.offer(1, (TASK,))
+    assert leases.assign() == []
+
+
+@pytest.mark.parametrize("z", [[[0.0, 1.0]], [["1.0", "2.0"]], [[1e300, 0.0]], [None]])
+def test_arrays_travel_packed_and_never_as_lists(z: list) -> None:
+    told = msgspec.msgpack.decode(encode(Results(1, (result(0),))))
+    told["results"][0]["noise"]["z"] = z
+    with pytest.raises(ProtocolError):
+        read_worker_message(msgspec.msgpack.encode(told))
+
+
+@pytest.mark.parametrize("seconds", [float("nan"), float("inf"), 0.0, -1.0])
+def test_a_heartbeat_that_is_no_time_is_no_welcome(seconds: float) -> None:
+    with pytest.raises(ProtocolError):
+        read_hub_message(encode(Welcome(seconds)))
+
+
+def said_by(worker: PlayedWorker, *messages: Message) -> list[type]:
+    """What a worker says when it hears these and its time to speak has come."""
+    worker.dealer.outbox.clear()
+    worker.dealer.inbox.extend(map(encode, messages))
+    worker._next_beat_s = 0.0
+    worker.turn()
+    worker.work()
+    worker.turn()
+    return [type(read_worker_message(data)) for data in worker.dealer.outbox]
+
+
+@pytest.fixture
+def worker():
+    with quiet():
+        worker = PlayedWorker()
+        worker.turn()
+        yield worker
+
+
+def test_a_worker_whose_setup_went_astray_says_hello_again(worker: PlayedWorker) -> None:
+    assert said_by(worker, Welcome(1.0), Lease(1, (TASK,))) == [Hello]
+    assert Results in said_by(worker, Welcome(1.0), Setup(1, SETUP), Lease(1, (TASK,)))
+
+
+def test_so_does_one_whose_policy_did(worker: PlayedWorker) -> None:
+    lease = Lease(1, (EpisodeTask(0, 100, PolicySource(2)),))
+    update = PolicyUpdate(1, Policy(2, (), LAYER, LAYER, 3.0, 1))
+    assert said_by(worker, Welcome(1.0), Setup(1, SETUP), lease) == [Hello]
+    assert Results in said_by(worker, Welcome(1.0), update, lease)
+
+
+def test_policies_of_the_future_do_not_end_a_worker(worker: PlayedWorker) -> None:
+    later = (Policy(10**6 + n, (), LAYER, LAYER, 3.0, 1) for n in range(KEPT_POLICIES))
+    lease = Lease(1, (EpisodeTask(0, 100, PolicySource(2)),))
+    now = PolicyUpdate(1, Policy(2, (), LAYER, LAYER, 3.0, 1))
+    said_by(worker, Welcome(1.0), Setup(1, SETUP), now, lease, *(PolicyUpdate(1, p) for p in later))
+    assert said_by(worker) == [Hello]

@@ -1,0 +1,59 @@
+"""Finding and exporting episodes at the command line."""
+
+import csv
+import json
+
+import pytest
+
+
+def test_episodes_are_filtered_sorted_and_cut_to_columns(eigenfail, done):
+    asked = ("--filter", "outcome = collision", "--sort", "-log_probability", "--limit", 100)
+    rows = json.loads(eigenfail("episode", "list", done, *asked, "--json").stdout)
+    likely = [row["log_probability"] for row in rows]
+    assert len(rows) > 1
+    assert likely == sorted(likely, reverse=True)
+    assert {row["outcome"] for row in rows} == {"collision"}
+    fields = ("--fields", "index,class,robustness_m")
+    picked = json.loads(eigenfail("episode", "list", done, *asked, *fields, "--json").stdout)
+    assert [row["index"] for row in picked] == [row["index"] for row in rows]
+    assert list(picked[0]) == ["index", "class", "robustness_m"]
+    header, *lines = eigenfail("episode", "list", done, *asked, *fields).stdout.splitlines()
+    assert header.split() == ["index", "class", "robustness_m"]
+    assert lines[1].split()[0] == str(rows[0]["index"])
+
+
+@pytest.mark.parametrize("name", ["failures.csv", "failures.ndjson"])
+def test_episodes_are_exported(eigenfail, done, tmp_path, name):
+    path = tmp_path / name
+    asked = ("--filter", "outcome = collision", "--sort", "-index", "--fields", "index,worker")
+    written = eigenfail("episode", "export", done, "-o", path, *asked)
+    assert written.exit_code == 0, written.output
+    assert f"{path} is written." in written.stderr
+    lines = path.read_text().splitlines()
+    readers = {".csv": csv.DictReader, ".ndjson": lambda lines: map(json.loads, lines)}
+    indices = [int(row["index"]) for row in readers[path.suffix](lines)]
+    listed = eigenfail("episode", "list", done, "--outcome", "collision", "--json", "--limit", 100)
+    assert indices == [row["index"] for row in json.loads(listed.stdout)][::-1]
+
+
+def test_an_export_is_told_of_as_json(eigenfail, done, tmp_path):
+    path = tmp_path / "all.csv"
+    told = json.loads(eigenfail("episode", "export", done, "-o", path, "--json").stdout)
+    assert told == {"file": str(path), "size_bytes": path.stat().st_size}
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("list", "--filter", "sevrity > 3"), "Did you mean 'severity'?"),
+        (("list", "--filter", "severity >"), "filter, character 11"),
+        (("list", "--sort", "worst"), "sort: 'worst' is not known."),
+        (("list", "--fields", "indx"), "Did you mean 'index'?"),
+        (("export", "-o", "a.xlsx"), "Known: csv, ndjson, parquet."),
+        (("export", "-o", "a.csv", "--noise"), "csv holds no noise"),
+    ],
+)
+def test_what_is_wrong_is_told_and_ends_with_2(eigenfail, done, words, told):
+    refused = eigenfail("episode", words[0], done, *words[1:])
+    assert refused.exit_code == 2
+    assert told in refused.stderr

@@ -1,0 +1,94 @@
+"""Tables fit the screen: nothing is broken inside a word, and what is left out is said."""
+
+import pytest
+from rich.console import Console
+
+from eigenfail.cli.fitting import ALWAYS
+from eigenfail.cli.output import PLAIN_WIDTH
+from eigenfail.cli.tables import campaign_table, result_table, table
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Cost, Counts, Summary
+
+COST = Cost(12.0, 10.0, None, None, 0.5)
+
+
+def campaign(number):
+    spec = CampaignSpec(name=f"a long name of campaign {number}", method="monte_carlo", episodes=9)
+    counts = Counts(1000, 400, 12)
+    return Campaign(
+        id=number, spec=spec, state=CampaignState.RUNNING, counts=counts, created_ms=10**12
+    )
+
+
+def summary(number):
+    return Summary(number, "n", "monte_carlo", Counts(9), None, -250.5, -2.5, 80.1, 35.2, COST)
+
+
+def drawn(grid, width):
+    console = Console(width=width, highlight=False, color_system=None)
+    with console.capture() as capture:
+        console.print(grid)
+    return [line.rstrip() for line in capture.get().splitlines()]
+
+
+GRIDS = {
+    "campaigns": campaign_table([campaign(1), campaign(23)]),
+    "results": result_table([summary(1), summary(23)]),
+}
+
+
+@pytest.mark.parametrize("width", [40, 80, 120, 200])
+@pytest.mark.parametrize("name", GRIDS)
+def test_no_line_is_wider_than_the_screen_and_no_figure_is_broken(name, width):
+    lines = drawn(GRIDS[name], width)
+    assert max(map(len, lines)) <= width
+    ids = [line.split()[0] for line in lines[2:] if line.strip()[:1].isdigit()]
+    assert [each for each in ids if each in {"1", "23"}] == ["1", "23"]
+
+
+def test_what_matters_least_goes_first_and_is_named():
+    lines = drawn(GRIDS["campaigns"], 80)
+    header, said = lines[0], " ".join(lines[-2:])
+    assert "created" not in header
+    assert "failures" in header
+    assert "Too narrow for: " in said
+    assert "created" in said
+    assert "--json" in said
+
+
+def test_a_wide_screen_has_all_of_it():
+    lines = drawn(GRIDS["results"], 200)
+    for column in GRIDS["results"].columns:
+        assert str(column.header).replace("\\", "") in lines[0]
+    assert not any("Too narrow" in line for line in lines)
+
+
+def test_columns_without_a_rank_go_from_the_right_and_the_first_ones_stay():
+    grid = table(
+        *(f"column {number}" for number in range(9)), right=[f"column {n}" for n in range(9)]
+    )
+    grid.add_row(*["1"] * 9)
+    header = drawn(grid, 40)[0]
+    assert header.split("column")[1:] == [" 0 ", " 1 ", " 2 ", " 3"]
+    assert len(drawn(grid, 10)[0].split("column")) - 1 <= ALWAYS
+
+
+def test_texts_are_broken_between_words_before_a_column_goes():
+    grid = table("what", "found")
+    grid.add_row("folder", "a remark that is far longer than the screen is wide, " * 2)
+    lines = drawn(grid, 40)
+    assert lines[0].split() == ["what", "found"]
+    assert len(lines) > 3
+
+
+def test_a_pipe_has_every_column_on_one_line(eigenfail, done):
+    listed = eigenfail("campaign", "list").stdout.splitlines()
+    assert len(listed) == 3
+    assert "created" in listed[0]
+    assert PLAIN_WIDTH > 500
+
+
+def test_a_narrow_terminal_is_obeyed_by_the_command(eigenfail, done, monkeypatch):
+    monkeypatch.setenv("TTY_COMPATIBLE", "1")
+    monkeypatch.setenv("COLUMNS", "60")
+    listed = eigenfail("campaign", "list").stdout
+    assert "Too narrow for" in listed

@@ -1,0 +1,102 @@
+"""`eigenfail key`, of a service and of a database itself."""
+
+import json
+from contextlib import redirect_stdout
+from io import StringIO
+
+import pytest
+
+from eigenfail.errors import EigenfailError, InputError
+from eigenfail.hosting import keys as hosting_keys
+from eigenfail.values.access import TOKEN
+from eigenfail_services import __main__ as services
+from eigenfail_services.store import open_store
+
+
+@pytest.fixture
+def database(tmp_path):
+    """The address of a database with the schema and nothing else."""
+    url = f"sqlite:///{tmp_path / 'e.db'}"
+    open_store(url).close()
+    return url
+
+
+@pytest.fixture
+def at_hand(monkeypatch):
+    """The services' program runs in this process."""
+
+    def tool(words, database):
+        arguments = services.parse([*words, "--database", database])
+        with redirect_stdout(StringIO()) as said:
+            try:
+                arguments.command(arguments)
+            except EigenfailError as error:
+                raise InputError("", str(error)) from None
+        return said.getvalue()
+
+    monkeypatch.setattr(hosting_keys, "services_tool", tool)
+
+
+def test_a_service_makes_lists_and_revokes(eigenfail, monkeypatch):
+    made = eigenfail("key", "create", "me", "--scope", "admin", "--expires", "90d")
+    assert made.exit_code == 0, made.output
+    assert "Key 1 for 'me', admin, until 2" in made.stdout
+    (token,) = [line for line in made.stdout.splitlines() if TOKEN.fullmatch(line)]
+    refused = eigenfail("key", "list")
+    assert refused.exit_code == 2
+    assert "EIGENFAIL_KEY" in refused.stderr
+    monkeypatch.setenv("EIGENFAIL_KEY", token)
+    second = json.loads(eigenfail("key", "create", "ci", "--scope", "runner", "--json").stdout)
+    assert TOKEN.fullmatch(second["token"])
+    assert eigenfail("key", "revoke", 2).exit_code == 0
+    listed = eigenfail("key", "list").stdout
+    assert "revoked" in listed
+    assert "valid" in listed
+    assert second["token"] not in listed
+    audit = eigenfail("key", "audit", "--limit", 1).stdout
+    assert "DELETE /api/v1/keys/{key}" in audit
+    assert "POST" not in audit
+
+
+def test_the_first_key_is_made_on_the_database(eigenfail, at_hand, database):
+    made = eigenfail("key", "create", "me", "--scope", "admin", "--database", database, "--json")
+    assert made.exit_code == 0, made.output
+    token = json.loads(made.stdout)["token"]
+    store = open_store(database)
+    record = store.keys.find(1)
+    assert (record.key.name, record.key.expires_ms) == ("me", None)
+    assert token not in str(record)
+    store.close()
+    listed = json.loads(eigenfail("key", "list", "--database", database, "--json").stdout)
+    assert [key["name"] for key in listed] == ["me"]
+    assert eigenfail("key", "revoke", 1, "--database", database).exit_code == 0
+    (revoked, created) = json.loads(
+        eigenfail("key", "audit", "--database", database, "--json").stdout
+    )
+    assert (created["who"], created["subject"], created["status"]) == (
+        "database",
+        "/api/v1/keys/1",
+        201,
+    )
+    assert (revoked["method"], revoked["route"]) == ("DELETE", "/api/v1/keys/{key}")
+
+
+def test_the_first_key_is_an_administrators(eigenfail, at_hand, database):
+    refused = eigenfail("key", "create", "ci", "--scope", "runner", "--database", database)
+    assert refused.exit_code == 2
+    assert "scope admin" in refused.stderr
+
+
+@pytest.mark.parametrize("life", ["soon", "0d", "-1d", "1.5h", "90", "d"])
+def test_a_time_that_is_none_is_refused(eigenfail, life):
+    refused = eigenfail("key", "create", "me", "--scope", "admin", f"--expires={life}")
+    assert refused.exit_code == 2
+    assert "90d" in refused.stderr
+
+
+@pytest.mark.service
+def test_the_real_program_works_on_a_database(database):
+    keys = hosting_keys.DatabaseKeys(database)
+    made = keys.create("--me", "admin", 3_600)
+    assert TOKEN.fullmatch(made.token)
+    assert [key.name for key in keys.list()] == ["--me"]

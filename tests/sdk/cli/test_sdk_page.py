@@ -1,0 +1,62 @@
+"""docs/sdk.md: what it shows runs, in the order in which it is read."""
+
+import re
+from functools import partial
+from pathlib import Path
+from threading import Lock
+
+import pytest
+
+import eigenfail
+from eigenfail.client import AsyncClient, Client
+
+PAGE = (Path(__file__).parents[3] / "docs" / "sdk.md").read_text()
+BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def in_this_process(service, monkeypatch):
+    """`eigenfail.local()` and the asynchronous client reach a service without processes."""
+
+    class Local:
+        url = "http://127.0.0.1:8440"
+
+        def __init__(self, **_given):
+            pass
+
+        def start(self):
+            return Client(self.url, service)
+
+    monkeypatch.setattr(eigenfail, "local", Local, raising=False)
+    transported = partial(AsyncClient, transport=service)
+    monkeypatch.setattr(eigenfail, "AsyncClient", transported, raising=False)
+    service.episodes_at_once = 64
+    work, lock = service.handle_request, Lock()
+
+    def one_at_a_time(request):
+        with lock:
+            return work(request)
+
+    monkeypatch.setattr(service, "handle_request", one_at_a_time)
+
+
+def test_every_block_runs(in_this_process, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    seen = {}
+    for block in BLOCKS:
+        exec(compile(block, "docs/sdk.md", "exec"), seen)
+    assert seen["campaign"].state == "done"
+    assert len(seen["frame"]) == len(seen["severities"]) == seen["summary"].counts.failures > 2
+    assert seen["proof"].done
+    assert "Did you mean 'idm'?" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("resource", ["campaigns", "episodes", "analyses", "events"])
+def test_the_verbs_on_the_page_exist(resource):
+    client = Client()
+    for verb in re.findall(rf"client\.{resource}\.(\w+)\(", PAGE):
+        assert callable(getattr(getattr(client, resource), verb))
+    table = PAGE.split("| `client.campaigns` | |")[1].split("\n\n")[0]
+    for verb in re.findall(r"`(\w+)`", table):
+        assert callable(getattr(client.campaigns, verb))
+    client.close()

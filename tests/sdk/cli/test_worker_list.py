@@ -1,0 +1,46 @@
+"""`eigenfail worker list`: who works for a service."""
+
+import json
+
+import pytest
+
+from eigenfail.cli.worker_lists import standing
+from eigenfail.values.worker import WorkerShare
+
+
+def test_who_brought_results_is_listed_once(eigenfail, done, spec_file):
+    assert eigenfail("run", spec_file, "--seed", "2").exit_code == 0
+    told = eigenfail("worker", "list")
+    assert told.exit_code == 0, told.output
+    assert told.stdout.splitlines()[-1].split()[:6] == ["by", "hand", "at", "work", "2", "48"]
+    (found,) = json.loads(eigenfail("worker", "list", "--json").stdout)
+    assert (found["worker"], found["at_work"], found["campaigns"]) == ("by hand", True, [1, 2])
+    assert (found["episodes"], found["failed"]) == (48, 0)
+
+
+def test_that_nobody_works_is_said_with_what_to_do(eigenfail):
+    told = eigenfail("worker", "list", "--within-s", "90")
+    assert told.exit_code == 0
+    assert told.stdout.startswith("Nobody brought a result in the last 90 s. eigenfail doctor")
+    assert json.loads(eigenfail("worker", "list", "--json").stdout) == []
+
+
+def test_it_is_watched_until_no_campaign_runs(eigenfail, spec_file, store):
+    eigenfail("campaign", "create", spec_file)
+    told = eigenfail("worker", "list", "--watch", "--json")
+    seen = [json.loads(line) for line in told.stdout.splitlines()]
+    episodes = [sum(each["episodes"] for each in workers) for workers in seen]
+    assert episodes == sorted(set(episodes))
+    assert episodes[-1] == 24
+
+
+@pytest.mark.parametrize(("at_work", "is_at_work"), [({"w"}, True), ({"v"}, False)])
+def test_what_a_worker_did_for_several_campaigns_is_added_up(at_work, is_at_work):
+    counts = {"worker": "w", "failures": 1, "failed": 2, "wall_s": 1.0}
+    shares = [
+        WorkerShare(campaign=campaign, episodes=5, last_ms=at_ms, **counts)
+        for campaign, at_ms in ((4, 20), (3, 10))
+    ]
+    found = standing(shares, at_work)
+    assert (found.campaigns, found.episodes, found.failures, found.failed) == ((3, 4), 10, 2, 4)
+    assert (found.at_work, found.last_ms) == (is_at_work, 20)

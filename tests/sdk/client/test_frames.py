@@ -1,0 +1,150 @@
+"""Values as tables: the rows of each kind, for pandas and for numpy."""
+
+import builtins
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from eigenfail import frames
+from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.rows import Rows
+from eigenfail.values import (
+    Analysis,
+    AnalysisResult,
+    AnalysisSettings,
+    AnalysisState,
+    NoiseTrajectory,
+    Outcome,
+)
+from eigenfail.values.records import EpisodeRow
+
+ROW = EpisodeRow(
+    campaign=1,
+    index=0,
+    seed=5,
+    outcome=Outcome.COLLISION,
+    steps=4,
+    source="prior",
+    worker="w",
+    robustness_m=0.0,
+    log_probability=-8.0,
+    severity=9.0,
+    min_ttc_s=None,
+    max_drac_mps2=None,
+    wall_s=0.1,
+    finished_ms=7,
+    digest="d",
+    has_scene=True,
+)
+SAFE = msgspec.structs.replace(ROW, index=1, outcome=Outcome.SAFE, severity=None)
+
+
+@pytest.fixture
+def analysis():
+    result = AnalysisResult(
+        episodes=(3, 7),
+        explained=np.ones(2, np.float32),
+        components=np.ones((2, 4, 2), np.float32),
+        scores=np.array([[1.0, 2.0], [3.0, 4.0]], np.float32),
+        labels=(1, 0),
+        modes=(),
+        influence=np.ones((4, 2), np.float32),
+        silhouette=None,
+        noise_silhouette=None,
+    )
+    return Analysis(5, 2, AnalysisSettings(), AnalysisState.DONE, 0, result)
+
+
+def test_a_list_has_a_row_for_each_and_a_column_for_each_field():
+    frame = Rows(lambda: iter([ROW, SAFE])).to_pandas()
+    assert list(frame["outcome"]) == ["collision", "safe"]
+    assert list(frame.loc[frame["severity"] > 0, "index"]) == [0]
+    assert "assessed_conflict" in frame.columns
+    assert "assessed" not in frame.columns
+
+
+def test_numbers_that_are_not_known_are_nan_in_numpy():
+    table = Rows(lambda: iter([ROW, SAFE])).to_numpy()
+    assert table["severity"].dtype == np.float64
+    assert table["severity"][0] == 9.0
+    assert math.isnan(table["severity"][1])
+    assert table["index"].tolist() == [0, 1]
+    assert table["has_scene"].dtype == bool
+
+
+def test_a_list_with_nothing_in_it_is_an_empty_table():
+    nothing = Rows(lambda: iter(()))
+    assert nothing.to_pandas().empty
+    assert nothing.to_numpy().shape == (0,)
+
+
+def test_an_analysis_has_a_row_for_each_failure_and_its_scores(analysis):
+    frame = analysis.to_pandas()
+    assert frame.to_dict("list") == {
+        "campaign": [2, 2],
+        "episode": [3, 7],
+        "mode": [2, 1],
+        "score_1": [1.0, 3.0],
+        "score_2": [2.0, 4.0],
+    }
+    assert analysis.to_numpy() is analysis.result.scores
+
+
+def test_a_large_value_is_told_on_few_lines(analysis):
+    many = msgspec.structs.replace(analysis.result, episodes=tuple(range(1000)))
+    said = repr(many)
+    assert said.startswith("AnalysisResult(episodes=(0, 1, 2, 3, 4, 5, … 1000 in all), explained=")
+    assert "components=<float32 (2, 4, 2)>" in said
+    assert "labels=(1, 0)" in said
+
+
+def test_an_analysis_without_a_result_says_so(analysis):
+    queued = msgspec.structs.replace(analysis, state=AnalysisState.QUEUED, result=None)
+    with pytest.raises(InvalidValue, match=r"analysis 5 is queued.*analyses\.wait"):
+        queued.to_numpy()
+    with pytest.raises(InvalidValue, match="queued"):
+        queued.to_pandas()
+
+
+def test_noise_has_a_row_for_each_step_in_metres_and_in_sigma():
+    z = np.array([[1.0, -1.0], [0.5, 2.0]], np.float32)
+    noise = NoiseTrajectory(z, np.full_like(z, 2.0))
+    assert np.array_equal(noise.to_numpy(), [[2.0, -2.0], [1.0, 4.0]])
+    frame = noise.to_pandas()
+    assert list(frame["lateral_m"]) == [-2.0, 4.0]
+    assert list(frame["lateral_z"]) == [-1.0, 2.0]
+    assert list(frame["longitudinal_sigma_m"]) == [2.0, 2.0]
+
+
+def test_values_of_a_service_are_tables(client, fields):
+    made = [client.campaigns.create(**fields).id for _ in range(2)]
+    assert list(client.campaigns.list().to_pandas()["id"]) == made[::-1]
+    assert client.campaigns.compare(*made).to_pandas()["side"].tolist() == ["A", "B"]
+    assert client.campaigns.course(made[0]).to_pandas().empty
+    assert client.campaigns.safety(made[0]).to_numpy().shape == (0,)
+    assert client.campaigns.cost(made[0]).to_pandas()["usd"].tolist()[0] == 0.0
+    summaries = tuple(client.campaigns.summaries())
+    assert frames.to_pandas((*summaries, None))["campaign"].tolist() == made[::-1]
+    assert frames.to_numpy(client.campaigns.get(made[0]))["spec_name"].tolist() == ["first"]
+
+
+@pytest.mark.parametrize("value", [3, "text", {"a": 1}])
+def test_what_has_no_table_is_refused(value):
+    with pytest.raises(InvalidValue, match="there is no table"):
+        frames.to_numpy(value)
+
+
+def test_without_pandas_the_remedy_is_said(monkeypatch):
+    ordinary = builtins.__import__
+
+    def without(name, *rest):
+        if name == "pandas":
+            raise ImportError(name)
+        return ordinary(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ServiceError, match=r"pip install 'eigenfail\[export\]'"):
+        Rows(lambda: iter([ROW])).to_pandas()
+    assert len(Rows(lambda: iter([ROW])).to_numpy()) == 1

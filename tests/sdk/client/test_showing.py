@@ -1,0 +1,88 @@
+"""What notebooks show: the words of the command line as HTML, escaped and small."""
+
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from eigenfail.notebook import html
+from eigenfail.rows import SHOWN, Rows
+
+NASTY = "<script>alert('[b]x[/b]')</script>"
+ALLOWED = {"table", "thead", "tbody", "tr", "th", "td", "p"}
+
+
+class Tags(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.names, self.open = set(), []
+
+    def handle_starttag(self, tag, attrs):
+        assert not attrs
+        self.names.add(tag)
+        self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def tags(text):
+    seen = Tags()
+    seen.feed(text)
+    assert seen.open == []
+    return seen.names
+
+
+@pytest.fixture
+def campaign(client, fields):
+    return client.campaigns.create(**fields | {"name": NASTY})
+
+
+def test_every_page_is_small_well_formed_and_escaped(client, campaign, fields):
+    other = client.campaigns.create(**fields)
+    client.campaigns.create(**fields | {"name": f"suite: {NASTY}"})
+    analysis = client.analyses.create(campaign.id)
+    pages = {
+        "campaign": campaign,
+        "summary": client.campaigns.summary(campaign.id),
+        "course": client.campaigns.course(campaign.id),
+        "safety": client.campaigns.safety(campaign.id),
+        "cost": client.campaigns.cost(campaign.id),
+        "comparison": client.campaigns.compare(campaign.id, other.id),
+        "analysis": analysis,
+        "campaigns": client.campaigns.list(),
+        "summaries": client.campaigns.summaries(),
+        "episodes": client.episodes.list(campaign.id),
+        "suites": client.suites.list(),
+        "suite": client.suites.table("suite"),
+        "analyses": client.analyses.list(campaign.id),
+    }
+    for name, value in pages.items():
+        text = value._repr_html_()
+        assert tags(text) <= ALLOWED, name
+        assert tags(text), name
+        assert "<script" not in text
+        assert len(text) < 20_000
+    assert "&lt;script&gt;alert(&#x27;[b]x[/b]&#x27;)" in pages["campaigns"]._repr_html_()
+    assert "queued" in pages["analysis"]._repr_html_()
+    assert "<td>1 queued</td>" in pages["suites"]._repr_html_()
+    assert "<th>member</th>" in pages["suite"]._repr_html_()
+    assert "&lt;script&gt;" in pages["suite"]._repr_html_()
+    assert pages["episodes"]._repr_html_() == "<p>Nothing.</p>"
+
+
+def test_a_long_list_shows_its_beginning_and_says_so():
+    text = html(Rows(lambda: iter(range(1000))))
+    assert len(re.findall("<tr><td>", text)) == SHOWN
+    assert f"The first {SHOWN}; there are more." in text
+
+
+def test_showing_a_list_does_not_use_it_up(client, campaign):
+    rows = client.campaigns.list()
+    assert rows._repr_html_() == rows._repr_html_()
+    assert [each.id for each in rows] == [campaign.id]
+    assert "to_pandas" in repr(rows)
+
+
+def test_a_value_of_another_kind_is_shown_as_it_is():
+    assert html("[/]<b>") == "<p>&#x27;[/]&lt;b&gt;&#x27;</p>"

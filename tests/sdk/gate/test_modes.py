@@ -1,0 +1,178 @@
+"""Failure modes that only the new planner has."""
+
+from itertools import product
+from math import comb
+
+import numpy as np
+import pytest
+
+from eigenfail.gate.found import By, Figures, Rerun
+from eigenfail.gate.modes import asks_for_modes, new_modes, no_fewer, with_modes
+from eigenfail.gate.reruns import Side
+from eigenfail.gate.verdicts import Outcomes, Verdict
+from eigenfail.values import (
+    Analysis,
+    AnalysisResult,
+    AnalysisSettings,
+    AnalysisState,
+    FailureMode,
+)
+
+BEFORE, NOW = 1, 2
+
+
+def together(before, now, silhouette=0.6, scores=None):
+    """An analysis of the failures of two campaigns: how many of each are in which mode."""
+    failures = [
+        (campaign, mode)
+        for campaign, counts in ((BEFORE, before), (NOW, now))
+        for mode, count in enumerate(counts)
+        for _ in range(count)
+    ]
+    nothing = np.zeros((0, 2), np.float32)
+    centre = np.zeros(1, np.float32)
+    return AnalysisResult(
+        episodes=tuple(range(100, 100 + len(failures))),
+        explained=np.ones(1, np.float32),
+        components=nothing[None],
+        scores=np.array(scores if scores is not None else [0.0] * len(failures))[:, None],
+        labels=tuple(mode for _, mode in failures),
+        campaigns=tuple(campaign for campaign, _ in failures),
+        modes=tuple(FailureMode(1, 0, centre, nothing) for _ in before),
+        influence=nothing,
+        silhouette=silhouette,
+        noise_silhouette=0.3,
+    )
+
+
+def found(before, now, **changes):
+    return [each.number for each in new_modes(together(before, now, **changes), BEFORE, NOW)]
+
+
+def test_the_tail_is_that_of_drawing_without_replacement():
+    for total, marked, drawn, k in product((5, 8), (0, 2, 5), (1, 4), (0, 1, 3)):
+        ways = sum(comb(marked, x) * comb(total - marked, drawn - x) for x in range(k, drawn + 1))
+        assert no_fewer(k, drawn, marked, total) == pytest.approx(ways / comb(total, drawn))
+
+
+def test_a_mode_in_which_the_baseline_had_no_failure_is_new():
+    assert found((20, 20, 0), (20, 10, 10)) == [3]
+    assert found((20, 0), (0, 20)) == [2]
+
+
+def test_what_chance_explains_and_what_was_there_before_is_not_new():
+    assert found((20, 20), (20, 20)) == []
+    assert found((20, 0), (18, 2)) == []
+    assert found((5, 5), (0, 40)) == []
+    assert found((20, 20), (40, 0)) == []
+    assert found((20, 0), (20, 0)) == []
+
+
+def test_a_stray_failure_of_the_baseline_does_not_hide_a_new_mode():
+    assert found((59, 1), (30, 30)) == [2]
+    assert found((50, 10), (30, 30)) == []
+
+
+def test_the_episode_is_the_new_planners_nearest_to_the_centre():
+    scores = [0.0] * 20 + [3.0] * 10 + [-0.5] + [2.0] * 9
+    (mode,) = new_modes(together((20, 0), (0, 20), scores=scores), BEFORE, NOW)
+    assert mode.episode == 130
+    words = "new mode 2: 20 of 20 failures are in it, before 0 of 20"
+    assert mode.words(judged=True).startswith(f"{words} (p = ")
+    assert mode.words(judged=False) == words
+
+
+def test_failures_of_one_kind_have_a_new_mode_as_seldom_as_is_told():
+    random, alarms = np.random.default_rng(0), 0
+    for _ in range(1_000):
+        sides = random.choice(3, size=(2, 30), p=[0.45, 0.45, 0.1])
+        counts = [np.bincount(side, minlength=3).tolist() for side in sides]
+        alarms += bool(found(*counts))
+    assert alarms <= 25
+
+
+def test_failures_that_follow_each_other_have_one_far_more_often():
+    random, alarms = np.random.default_rng(0), 0
+    for _ in range(1_000):
+        dwelt = random.choice(3, size=(2, 3), p=[0.45, 0.45, 0.1])
+        counts = [np.bincount(side.repeat(10), minlength=3).tolist() for side in dwelt]
+        alarms += bool(found(*counts))
+    assert alarms > 170
+
+
+@pytest.fixture
+def judged(campaign, row):
+    """A rerun by rate, the new planner's side, and an analysis of both."""
+
+    def make(verdict=Verdict.STILL_FAILING, by=By.RATE, before=20, now=20, method="monte_carlo"):
+        figures = [
+            Figures(campaign=number, completed=50, failures=failures, failed=0)
+            for number, failures in ((BEFORE, before), (NOW, now))
+        ]
+        return Rerun(
+            before=figures[0],
+            now=figures[1],
+            method=method,
+            verdict=verdict,
+            by=by,
+            words="So be it.",
+        )
+
+    return make
+
+
+@pytest.fixture
+def side(campaign, row):
+    rows = {index: row(index, campaign=NOW) for index in range(100, 200)}
+    return Side(campaign(NOW), Outcomes(50, rows, {}))
+
+
+def analysis(result=None, problem=""):
+    state = AnalysisState.DONE if result else AnalysisState.FAILED
+    return Analysis(1, BEFORE, AnalysisSettings(campaigns=(NOW,)), state, 0, result, problem)
+
+
+def test_modes_are_looked_at_only_where_they_would_change_the_verdict(judged):
+    assert asks_for_modes(judged())
+    assert asks_for_modes(judged(Verdict.FIXED))
+    for verdict in (Verdict.NEW, Verdict.CANNOT_RUN, Verdict.SAFE):
+        assert not asks_for_modes(judged(verdict))
+    assert not asks_for_modes(judged(by=By.EPISODE))
+    assert not asks_for_modes(judged(before=0))
+    assert not asks_for_modes(judged(Verdict.FIXED, now=0))
+
+
+def test_a_new_mode_closes_with_its_replay(judged, side):
+    told = with_modes(judged(), analysis(together((20, 0), (0, 20))), side, "http://here")
+    assert told.verdict == "new"
+    assert told.told.startswith("So be it. New mode 2: 20 of 20 failures")
+    (mode,) = told.new_modes
+    assert mode.verdict == "new"
+    assert mode.replay == "eigenfail episode replay 2/120"
+    assert mode.link == "http://here/campaigns/2/episodes/120"
+
+
+@pytest.mark.parametrize("method", ["ast", "difs", "cem", "replay"])
+def test_where_failures_are_not_independent_a_new_mode_is_told_and_not_judged(judged, side, method):
+    parted = analysis(together((20, 0), (0, 20)))
+    told = with_modes(judged(method=method), parted, side, "http://here")
+    assert told.verdict == "still failing"
+    assert told.told == (
+        "So be it. New mode 2: 20 of 20 failures are in it, before 0 of 20. That is told, not"
+        f" judged: failures of {method} are not independent of each other, so that two runs of one"
+        " planner may dwell in different modes."
+    )
+    (mode,) = told.new_modes
+    assert (mode.verdict, mode.replay) == ("unproven", "eigenfail episode replay 2/120")
+
+
+def test_without_a_new_mode_or_without_modes_the_verdict_stays(judged, side):
+    for result, words in (
+        (together((20, 20), (20, 20)), "None of 2 failure modes is new."),
+        (together((20, 0), (0, 20), silhouette=0.1), "cannot be told: No distinct modes"),
+    ):
+        told = with_modes(judged(), analysis(result), side, "")
+        assert (told.verdict, told.new_modes) == ("still failing", ())
+        assert words in told.told
+    broken = with_modes(judged(), analysis(problem="It broke off."), side, "")
+    assert broken.told.endswith("cannot be told: It broke off.")

@@ -1,0 +1,52 @@
+"""Answers are worked out once for as long as no result comes in."""
+
+from threading import Barrier, Thread
+
+import pytest
+
+from eigenfail_services.store.memo import Memo
+
+CROWD, PATIENCE_S = 8, 300.0
+
+
+def test_who_asks_at_the_same_time_shares_one_answer() -> None:
+    memo, made, found, start = Memo(), [], [], Barrier(CROWD)
+
+    def make() -> int:
+        made.append(1)
+        return 7
+
+    def ask() -> None:
+        start.wait(PATIENCE_S)
+        found.append(memo.get("course", 3, make))
+
+    crowd = [Thread(target=ask) for _ in range(CROWD)]
+    for each in crowd:
+        each.start()
+    for each in crowd:
+        each.join(PATIENCE_S)
+    assert (found, made) == ([7] * CROWD, [1])
+
+
+def test_a_further_result_makes_it_anew() -> None:
+    memo = Memo()
+    assert memo.get("course", 0, lambda: "nothing") == "nothing"
+    assert memo.get("course", 1, lambda: "one") == "one"
+    assert memo.get("course", 0, lambda: "older") == "one"
+    assert memo.known("course", 1) == "one"
+    assert memo.known("course", 2) is None
+
+
+def test_an_answer_that_failed_is_asked_for_again() -> None:
+    memo = Memo()
+    with pytest.raises(ZeroDivisionError):
+        memo.get("course", 1, lambda: 1 // 0)
+    assert memo.get("course", 1, lambda: 5) == 5
+
+
+def test_the_oldest_questions_are_forgotten() -> None:
+    memo = Memo(most=2)
+    for key in "abc":
+        memo.put(key, 1, key)
+    assert [memo.known(key, 1) for key in "bc"] == ["b", "c"]
+    assert memo.known("a", 1) is None
