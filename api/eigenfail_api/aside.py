@@ -5,7 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import ParamSpec, TypeVar
 
-from eigenfail.errors import ServiceError
+from eigenfail.errors import ServiceBusy
 
 MOST_WAITING = 8
 
@@ -33,10 +33,10 @@ class Aside:
         """What the work returns, or raises.
 
         Raises:
-            ServiceError: too many wait already.
+            ServiceBusy: too many wait already.
         """
         if self._waiting >= MOST_WAITING:
-            raise ServiceError("The service is busy with others of this kind.", "Try again soon.")
+            raise ServiceBusy("The service is busy with others of this kind.", "Try again soon.")
         self._waiting += 1
         try:
             future = self._pool.submit(work, *args, **kwargs)

@@ -21,6 +21,7 @@ EigenfailError
     ├── PortTaken
     ├── ClusterUnavailable
     ├── LearnerFailed
+    ├── ServiceBusy
     └── ServiceUnreachable
 
 Each class carries its HTTP status and its command-line exit code: this file is the one map of both.
@@ -158,6 +159,10 @@ class ClusterUnavailable(ServiceError):
 
 class LearnerFailed(ServiceError):
     """The learner process of a campaign ended before its campaign did."""
+
+
+class ServiceBusy(ServiceError):
+    """Too many wait for the same kind of work: the answer may come if one asks again."""
 
 
 class ServiceUnreachable(ServiceError):

@@ -167,6 +167,21 @@ def test_measures_that_cannot_be_made_leave_the_page_as_it_was(visit, address, m
     expect(page.get_by_role("link", name="Safety and cost")).to_be_visible()
 
 
+def test_an_account_that_others_hold_up_is_asked_for_again(live, made):
+    page = live("/")
+    answers = iter([503])
+
+    def busy_once(route):
+        status = next(answers, None)
+        route.fulfill(status=status, body="{}") if status else route.continue_()
+
+    page.route("**/account", busy_once)
+    page.goto(page.url + f"campaigns/{made.ast}/episodes/{made.failures[0]}")
+    expect(page.locator("#account .account")).to_be_visible()
+    expect(page.get_by_role("alert")).to_be_hidden()
+    assert next(answers, None) is None
+
+
 def test_a_server_that_comes_back_is_found_again(live, visit):
     # The page may be asking at the very moment when it goes offline.
     visit.tolerate("Failed to fetch")

@@ -8,7 +8,7 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail import plugins
 from eigenfail.contracts import Store
-from eigenfail.errors import EigenfailError, NotFound
+from eigenfail.errors import EigenfailError, NotFound, ServiceBusy
 from eigenfail.values import CampaignSpec, EpisodeResult, Mission
 from eigenfail.values.variation import read_variation
 from eigenfail_api.dashboard.episodes_page import FAILURES
@@ -54,7 +54,7 @@ async def show_account(store: Stored, campaign: CampaignId, index: EpisodeIndex)
     seen = await run_sync(store.campaigns.get, campaign)
     try:
         told = await ASIDE.do(EXPLANATIONS.of, store, campaign, index)
-    except NotFound:
+    except (NotFound, ServiceBusy):
         raise
     except EigenfailError as error:
         return page("account.html", no_account(campaign, seen.spec.name, index, error))

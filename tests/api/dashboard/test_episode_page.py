@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.errors import ServiceError
+from eigenfail.errors import ServiceBusy, ServiceError
 from eigenfail.values import (
     CampaignState,
     ExplainedStep,
@@ -84,6 +84,14 @@ def test_without_an_account_the_part_says_why(look, campaign, deliver, result, e
     explained(ServiceError("Episodes cannot be run here.", "Run: pip install 'eigenfail[worker]'"))
     text = look(f"/campaigns/{campaign}/episodes/0/account")
     assert "not to be had: Episodes cannot be run here. Run: pip install" in text
+
+
+def test_an_account_that_others_hold_up_is_refused_for_now(
+    look, campaign, deliver, result, explained
+):
+    deliver(campaign, result(0))
+    explained(ServiceBusy("Others come first."))
+    look(f"/campaigns/{campaign}/episodes/0/account", 503)
 
 
 def test_an_unknown_episode_has_no_account(look, campaign):

@@ -11,6 +11,7 @@ from eigenfail.testing.store.examples import collision, deliver, result, spec
 from eigenfail.values import AnalysisSettings, CampaignState
 from eigenfail.values.sample import MOST_SAMPLES
 from eigenfail_api.app import create_app
+from eigenfail_api.dashboard import pages
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.store import open_store
 
@@ -28,8 +29,10 @@ def database(tmp_path):
 
 
 @pytest.fixture
-def browse(database):
+def browse(database, monkeypatch):
     """An application over it, anew each time: nothing is remembered."""
+    # Whether a page waits for its later part is a matter of milliseconds, and of more questions.
+    monkeypatch.setattr(pages, "is_done", lambda begun: False)
 
     def client():
         app = create_app(database, ApiSettings())

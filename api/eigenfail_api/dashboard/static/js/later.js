@@ -4,6 +4,7 @@ import { tell } from "./notice.js";
 
 const SHARE = 20;
 const LEAST_MS = 2000;
+const BUSY = 503;
 
 class Part {
   constructor() {
@@ -35,7 +36,7 @@ const parts = new Map();
 export function fetchLater() {
   for (const { id } of document.querySelectorAll("[data-later]")) parts.set(id, new Part());
   document.body.addEventListener("eigenfail:refresh", () => wantAll("[data-later]"));
-  document.addEventListener("htmx:response:error", ({ detail }) => refused(detail.ctx.sourceElement));
+  document.addEventListener("htmx:response:error", ({ detail }) => refused(detail.ctx));
   document.addEventListener("htmx:finally:request", ({ detail }) => {
     const { id } = detail.ctx.sourceElement;
     parts.get(id)?.end(id);
@@ -47,6 +48,9 @@ function wantAll(which) {
   for (const { id } of document.querySelectorAll(which)) parts.get(id).want(id);
 }
 
-function refused({ id }) {
-  if (parts.has(id)) tell("A part of this page could not be worked out. The log of the service says why.");
+// A service that is busy with the same work for others will do it later.
+function refused({ sourceElement: { id }, response }) {
+  if (!parts.has(id)) return;
+  if (response.status === BUSY) parts.get(id).want(id);
+  else tell("A part of this page could not be worked out. The log of the service says why.");
 }
