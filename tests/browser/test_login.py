@@ -64,3 +64,23 @@ def test_a_page_of_somebody_else_cannot_sign_anybody_out(bare_address, token, vi
     expect(page.get_by_text("may not ask here")).to_be_visible()
     page.goto(f"{bare_address}/suites")
     expect(page.get_by_text("signed in as")).to_be_visible()
+
+
+def test_an_administrator_makes_a_key_and_revokes_it(bare_address, token, visit):
+    page = visit("/login?next=/keys", server=bare_address)
+    page.get_by_label("Key").fill(token)
+    page.get_by_role("button", name="Sign in").click()
+    page.get_by_label("For whom").fill("ci <i>")
+    page.get_by_label("Scope").select_option("runner")
+    page.get_by_role("button", name="Make a key").click()
+    expect(page.get_by_text("The key of ci <i>.")).to_be_visible()
+    made = page.get_by_label("The new key").text_content()
+    header = {"Authorization": f"Bearer {made}"}
+    campaigns = f"{bare_address}/api/v1/campaigns"
+    assert httpx2.get(campaigns, headers=header).status_code == 200
+    page.once("dialog", lambda dialog: dialog.accept())
+    page.get_by_role("button", name="Revoke the key of ci <i>").click()
+    expect(page.get_by_role("row", name="ci <i>")).to_contain_text("revoked")
+    assert httpx2.get(campaigns, headers=header).status_code == 401
+    page.get_by_role("link", name="Audit log", exact=True).click()
+    expect(page.get_by_role("row", name="DELETE")).to_contain_text("/api/v1/keys/{key}")

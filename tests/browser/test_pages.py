@@ -20,6 +20,8 @@ PAGES = {
     "failed analysis": "/analyses/{failed_analysis}",
     "measures": "/campaigns/{ast}/measures",
     "comparison": "/comparison?a={baseline}&b={ast}",
+    "keys": "/keys",
+    "audit log": "/audit",
 }
 CHARTS = {
     "overview": 2,

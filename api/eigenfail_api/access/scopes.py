@@ -33,6 +33,8 @@ NEEDED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/analyses/{{analysis}}/proof",
     ),
     Scope.ADMIN: (
+        "GET /audit",
+        "GET /keys",
         f"GET {PREFIX}/audit",
         f"GET {PREFIX}/keys",
         f"GET {PREFIX}/keys/{{key}}",

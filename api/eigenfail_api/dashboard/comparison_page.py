@@ -18,7 +18,7 @@ from eigenfail_api.dashboard.views.compared import (
     verdicts,
 )
 from eigenfail_api.dashboard.views.comparison import Bills, comparison_view
-from eigenfail_api.dashboard.views.copying import Asked, Copies, base_url, copies
+from eigenfail_api.dashboard.views.copying import Asked, Copies, Service, copies, service_of
 from eigenfail_api.dashboard.views.overlays import Compared, overlays
 from eigenfail_api.dashboard.views.picking import address, all_chosen, named, picker
 from eigenfail_api.parameters import IDS, LARGEST, Stored
@@ -84,9 +84,9 @@ def show_comparison(
         bills = Bills(costs(store, found.a), costs(store, found.b))
         asked = Asked(method="GET", path="/comparisons", query={"a": a, "b": b})
         view = comparison_view(found, bills, a, b)
-        return page("comparison.html", view, copies=copies(base_url(request), asked))
+        return page("comparison.html", view, copies=copies(service_of(request), asked))
     return page(
-        "compared.html", compared_view(store, wished, base_url(request)), a=a or "", b=b or ""
+        "compared.html", compared_view(store, wished, service_of(request)), a=a or "", b=b or ""
     )
 
 
@@ -95,7 +95,7 @@ def costs(store: Store, side: Side) -> tuple[CampaignCost, ...]:
     return tuple(spending_of(store, store.campaigns.get(each)) for each in side.campaigns)
 
 
-def compared_view(store: Store, wished: Wish, base: str) -> ComparedView:
+def compared_view(store: Store, wished: Wish, service: Service) -> ComparedView:
     """The page for the campaigns that were picked; with fewer than two it asks for more.
 
     Raises:
@@ -121,16 +121,16 @@ def compared_view(store: Store, wished: Wish, base: str) -> ComparedView:
         first=group_name(found[0]) if found else "",
         verdicts=verdicts(found, against_first(store, found)) if found else (),
         charts=overlays(compared),
-        copies=copies_of(found, base),
+        copies=copies_of(found, service),
     )
 
 
-def copies_of(found: Sequence[tuple[Campaign, ...]], base: str) -> Copies | None:
+def copies_of(found: Sequence[tuple[Campaign, ...]], service: Service) -> Copies | None:
     """The comparison of the first two groups, for programs."""
     if len(found) < FEWEST:
         return None
     a, b = (",".join(str(each.id) for each in group) for group in found[:2])
-    return copies(base, Asked(method="GET", path="/comparisons", query={"a": a, "b": b}))
+    return copies(service, Asked(method="GET", path="/comparisons", query={"a": a, "b": b}))
 
 
 def known(store: Store, campaign: Campaign) -> Compared:

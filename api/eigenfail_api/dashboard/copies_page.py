@@ -7,7 +7,7 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import NotFound
 from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.views.copying import Asked, base_url, copies
+from eigenfail_api.dashboard.views.copying import Asked, copies, service_of
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
@@ -22,7 +22,7 @@ def show_copies(request: Request, path: ApiPath) -> HTMLResponse:
         NotFound: no page shows such a thing.
     """
     try:
-        found = copies(base_url(request), Asked(method="GET", path=path))
+        found = copies(service_of(request), Asked(method="GET", path=path))
     except KeyError as error:
         raise NotFound(f"Nothing is known of a request for '{path}'.") from error
     return page("copies.html", found)

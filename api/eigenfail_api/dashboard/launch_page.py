@@ -14,7 +14,7 @@ from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import Campaign, CampaignSpec
 from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.views.copying import Asked, base_url, copies
+from eigenfail_api.dashboard.views.copying import Asked, Service, copies, service_of
 from eigenfail_api.dashboard.views.launch import (
     LaunchView,
     checked_words,
@@ -41,7 +41,7 @@ KNOWN = frozenset({FROM, WISH, TOKEN, *CampaignSpec.__struct_fields__})
 @router.get("/launch")
 def show_launch(request: Request, store: Stored) -> HTMLResponse:
     """The form: empty, or as its address says; `from` begins with an earlier campaign."""
-    return page("launch.html", launch_view(store, dict(request.query_params), base_url(request)))
+    return page("launch.html", launch_view(store, dict(request.query_params), service_of(request)))
 
 
 @router.post("/launch/form")
@@ -52,11 +52,11 @@ async def show_form(request: Request, store: Stored) -> HTMLResponse:
         pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
     except ValueError as error:
         raise HTTPException(400, f"The form cannot be read: {error}.") from None
-    view = await run_sync(launch_view, store, dict(pairs), base_url(request))
+    view = await run_sync(launch_view, store, dict(pairs), service_of(request))
     return page("launch.html", view)
 
 
-def launch_view(store: Store, typed: Mapping[str, str], base: str) -> LaunchView:
+def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> LaunchView:
     """The form for what was typed, in a service at that address.
 
     Raises:
@@ -85,7 +85,7 @@ def launch_view(store: Store, typed: Mapping[str, str], base: str) -> LaunchView
         completed=whole(body, store) if in_order else (),
         key=key_of(token, body) if in_order else "",
         token=token,
-        copies=copies(base, Asked(method="POST", path="/campaigns", body=body))
+        copies=copies(service, Asked(method="POST", path="/campaigns", body=body))
         if in_order
         else None,
     )

@@ -14,10 +14,12 @@ import msgspec
 import pytest
 
 from eigenfail.values import CampaignSpec
+from eigenfail.values.access import KeyRequest, Scope
 from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
-from eigenfail_api.dashboard.views.copying import WORDS, Asked, copies, to_toml
+from eigenfail_api.dashboard.views.copying import WORDS, Asked, Service, copies, to_toml
 from eigenfail_api.settings import ApiSettings
+from eigenfail_services.access.keys import make_key
 
 BIN = str(Path(sys.executable).parent)
 
@@ -82,7 +84,7 @@ WAYS = {"curl": in_shell, "Python": in_python, "CLI": in_shell}
 def test_each_text_launches_the_campaign_that_the_form_launches(address, store, tmp_path, way):
     if way == "curl" and shutil.which("curl") is None:
         pytest.skip("there is no curl here")
-    found = copies(address, Asked(method="POST", path="/campaigns", body=BODY))
+    found = copies(Service(address), Asked(method="POST", path="/campaigns", body=BODY))
     WAYS[way](dict(found.texts)[way], tmp_path)
     (campaign,) = store.campaigns.page(10).items
     assert campaign.spec == msgspec.convert(BODY, CampaignSpec)
@@ -111,21 +113,21 @@ def test_each_text_of_each_view_gets_what_it_shows(address, pair, tmp_path, way)
     if way == "curl" and shutil.which("curl") is None:
         pytest.skip("there is no curl here")
     for path, words in paths.items():
-        text = dict(copies(address, Asked(method="GET", path=path)).texts)[way]
+        text = dict(copies(Service(address), Asked(method="GET", path=path)).texts)[way]
         assert words in WAYS[way](text, tmp_path), text
     query = {"a": str(one), "b": str(other)}
-    compared = copies(address, Asked(method="GET", path="/comparisons", query=query))
+    compared = copies(Service(address), Asked(method="GET", path="/comparisons", query=query))
     assert "completed" in WAYS[way](dict(compared.texts)[way], tmp_path)
 
 
 def test_an_analysis_can_be_asked_for(address, finished, campaign, tmp_path):
-    found = copies(address, Asked(method="GET", path=f"/analyses/{finished()}"))
+    found = copies(Service(address), Asked(method="GET", path=f"/analyses/{finished()}"))
     assert found.cli == ""
     assert "explained" in in_python(found.python, tmp_path)
 
 
 def test_names_of_suites_cannot_break_out(tmp_path):
-    found = copies("http://h", Asked(method="GET", path="/suites/x'%3B%20touch%20y%20%23"))
+    found = copies(Service("http://h"), Asked(method="GET", path="/suites/x'%3B%20touch%20y%20%23"))
     assert "touch%20y" in found.curl
     assert found.cli.startswith("eigenfail suite show 'x'\"'\"'; touch y #' --url")
     compile(found.python, "copy", "exec")
@@ -133,7 +135,7 @@ def test_names_of_suites_cannot_break_out(tmp_path):
 
 def test_what_toml_cannot_say_has_no_text_for_the_command_line():
     body = {**BODY, "settings": {"converged_share": None}}
-    found = copies("http://h", Asked(method="POST", path="/campaigns", body=body))
+    found = copies(Service("http://h"), Asked(method="POST", path="/campaigns", body=body))
     assert [name for name, _ in found.texts] == ["curl", "Python"]
 
 
@@ -155,3 +157,20 @@ def test_a_page_asks_for_its_texts(look, path):
 def test_nothing_is_known_of_other_requests(look):
     assert "Nothing is known" in look("/copies?path=/nonsense", 404)
     assert "Nothing is known" in look("/copies?path=/campaigns/x", 404)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_each_text_shows_the_key_that_lies_in_the_environment(
+    address, store, tmp_path, monkeypatch, way
+):
+    if way == "curl" and shutil.which("curl") is None:
+        pytest.skip("there is no curl here")
+    admin = make_key(store, KeyRequest("ada", Scope.ADMIN))
+    monkeypatch.setenv("EIGENFAIL_KEY", admin.token)
+    body = {"name": "ci's", "scope": "runner"}
+    found = copies(
+        Service(address, asks_for_key=True), Asked(method="POST", path="/keys", body=body)
+    )
+    assert admin.token not in str(found)
+    WAYS[way](dict(found.texts)[way], tmp_path)
+    assert [key.name for key in store.keys.page(10).items] == ["ci's", "ada"]

@@ -32,6 +32,13 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True):
     body: Values | None = None
 
 
+class Service(msgspec.Struct, frozen=True):
+    """Where a request goes, and whether a key has to come with it."""
+
+    address: str
+    asks_for_key: bool = False
+
+
 class Copies(msgspec.Struct, frozen=True):
     """The same request three times, each to be pasted as it is.
 
@@ -94,6 +101,9 @@ WORDS: Mapping[tuple[str, str], Words] = {
         "client.episodes.get({campaign}, {index})", "episode show {campaign}/{index}"
     ),
     ("GET", "/analyses/{analysis}"): Words("client.analyses.get({analysis})"),
+    ("POST", "/keys"): Words(
+        "client.keys.create({})", "key create {name} --scope {scope}", call=arguments
+    ),
     ("GET", "/suites"): Words("list(client.suites.list())", "suite list"),
     ("GET", "/suites/{suite}"): Words("client.suites.table({suite!r})", "suite show {suite}"),
     ("GET", "/comparisons"): Words("client.campaigns.compare({a}, {b})", "compare {a} {b}"),
@@ -101,8 +111,8 @@ WORDS: Mapping[tuple[str, str], Words] = {
 """By method and path."""
 
 
-def copies(base: str, asked: Asked) -> Copies:
-    """A request to a service at an address, in all three ways.
+def copies(service: Service, asked: Asked) -> Copies:
+    """A request to a service, in all three ways.
 
     Raises:
         KeyError: nothing is known of such a request.
@@ -110,9 +120,9 @@ def copies(base: str, asked: Asked) -> Copies:
     words, names = found(asked)
     toml_fails = asked.body is not None and holds_none(asked.body)
     return Copies(
-        curl=curl(base, asked),
-        python=python(base, asked, words, names),
-        cli="" if toml_fails or not words.cli else cli(base, asked, words, names),
+        curl=curl(service, asked),
+        python=python(service.address, asked, words, names),
+        cli="" if toml_fails or not words.cli else cli(service.address, asked, words, names),
     )
 
 
@@ -130,14 +140,17 @@ def as_regex(pattern: str) -> re.Pattern[str]:
     return re.compile(numbers.replace("{suite}", "(?P<suite>.+)"))
 
 
-def curl(base: str, asked: Asked) -> str:
-    """For a shell."""
+def curl(service: Service, asked: Asked) -> str:
+    """For a shell; the key comes from the variable that the SDK and the command line read, too."""
     query = "&".join(f"{name}={value}" for name, value in asked.query.items())
-    address = shlex.quote(f"{base}{PREFIX}{asked.path}{'?' if query else ''}{query}")
-    if asked.body is None:
-        return f"curl {address}"
-    data = shlex.quote(msgspec.json.encode(asked.body).decode())
-    return f"curl {address} \\\n  -H 'Content-Type: application/json' \\\n  -d {data}"
+    address = f"{service.address}{PREFIX}{asked.path}{'?' if query else ''}{query}"
+    parts = [f"curl {shlex.quote(address)}"]
+    if service.asks_for_key:
+        parts.append('-H "Authorization: Bearer $EIGENFAIL_KEY"')
+    if asked.body is not None:
+        data = msgspec.json.encode(asked.body).decode()
+        parts += ["-H 'Content-Type: application/json'", f"-d {shlex.quote(data)}"]
+    return " \\\n  ".join(parts)
 
 
 def python(base: str, asked: Asked, words: Words, names: Mapping[str, str]) -> str:
@@ -153,7 +166,7 @@ def python(base: str, asked: Asked, words: Words, names: Mapping[str, str]) -> s
 
 def cli(base: str, asked: Asked, words: Words, names: Mapping[str, str]) -> str:
     """With the command line."""
-    given = {**names, **asked.query}
+    given = {**names, **asked.query, **{n: str(v) for n, v in (asked.body or {}).items()}}
     command = words.cli.format(**{name: shlex.quote(text) for name, text in given.items()})
     return f"{words.before(asked)}eigenfail {command} --url {shlex.quote(base)}"
 
@@ -193,6 +206,7 @@ def holds_none(value: Any) -> bool:
     return value is None
 
 
-def base_url(request: Request) -> str:
-    """The address under which the service was asked."""
-    return str(request.base_url).rstrip("/")
+def service_of(request: Request) -> Service:
+    """The service, by the address under which it was asked."""
+    address = str(request.base_url).rstrip("/")
+    return Service(address, asks_for_key=request.app.state.door.is_locked())

@@ -17,7 +17,7 @@ async function send(form) {
   button.disabled = true;
   try {
     const response = await fetch(form.getAttribute("action"), {
-      method: "POST",
+      method: form.dataset.method ?? "POST",
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify(fieldsOf(form)),
     });
@@ -35,6 +35,7 @@ function settle(form, done, answer) {
   } else if (form.dataset.goto) {
     window.location.assign(form.dataset.goto + answer.id);
   } else {
+    form.dispatchEvent(new CustomEvent("eigenfail:answered", { detail: answer }));
     refresh();
   }
 }

@@ -1,0 +1,123 @@
+"""Keys and the audit log, as tables."""
+
+import msgspec
+
+from eigenfail.values import Page
+from eigenfail.values.access import ApiKey, AuditEntry, Scope
+from eigenfail_api.dashboard import formats
+from eigenfail_api.dashboard.views.states import Badge
+
+VALID = Badge("valid", "✓", "good")
+EXPIRED = Badge("expired", "○", "ended")
+REVOKED = Badge("revoked", "×", "ended")
+
+REFUSED = 400
+
+
+class KeyLine(msgspec.Struct, frozen=True, kw_only=True):
+    """A key in the table; `can_revoke` as long as it opens anything."""
+
+    id: int
+    name: str
+    scope: Scope
+    badge: Badge
+    made: str
+    used: str
+    ends: str
+    can_revoke: bool
+
+
+class KeysView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of keys.
+
+    Attributes:
+        address: of this page.
+        newest: the address of the first page; None on it.
+        older: the address of the next one, if there is one.
+        is_locked: whether everybody needs a key.
+    """
+
+    lines: tuple[KeyLine, ...]
+    address: str
+    newest: str | None
+    older: str | None
+    is_locked: bool
+
+
+class ChangeLine(msgspec.Struct, frozen=True, kw_only=True):
+    """A line of the audit log; `was_refused` if nothing came of it."""
+
+    at: str
+    who: str
+    did: str
+    subject: str
+    address: str
+    status: int
+    was_refused: bool
+
+
+class AuditView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of the audit log; `newest` and `older` as on the page of keys."""
+
+    lines: tuple[ChangeLine, ...]
+    newest: str | None
+    older: str | None
+
+
+def keys_view(listed: Page[ApiKey], before: int | None, at_ms: int, *, is_locked: bool) -> KeysView:
+    """The page of keys at a moment."""
+    return KeysView(
+        lines=tuple(key_line(key, at_ms) for key in listed.items),
+        address=page_of("/keys", before),
+        newest=page_of("/keys", None) if before else None,
+        older=page_of("/keys", listed.next) if listed.next else None,
+        is_locked=is_locked,
+    )
+
+
+def key_line(key: ApiKey, at_ms: int) -> KeyLine:
+    """One of them."""
+    return KeyLine(
+        id=key.id,
+        name=key.name,
+        scope=key.scope,
+        badge=badge_of(key, at_ms),
+        made=formats.moment(key.created_ms),
+        used=formats.moment(key.last_used_ms),
+        ends=formats.moment(key.revoked_ms or key.expires_ms),
+        can_revoke=key.is_valid(at_ms),
+    )
+
+
+def badge_of(key: ApiKey, at_ms: int) -> Badge:
+    """Whether it opens anything, and why not."""
+    if key.is_valid(at_ms):
+        return VALID
+    return REVOKED if key.revoked_ms else EXPIRED
+
+
+def audit_view(listed: Page[AuditEntry], before: int | None) -> AuditView:
+    """The page of the audit log."""
+    return AuditView(
+        lines=tuple(map(change_line, listed.items)),
+        newest=page_of("/audit", None) if before else None,
+        older=page_of("/audit", listed.next) if listed.next else None,
+    )
+
+
+def change_line(entry: AuditEntry) -> ChangeLine:
+    """One of them."""
+    return ChangeLine(
+        at=formats.moment(entry.at_ms),
+        who=entry.who if entry.key is None else f"{entry.who} ({entry.key})",
+        did=f"{entry.method} {entry.route}",
+        subject=entry.subject,
+        address=entry.address,
+        status=entry.status,
+        was_refused=entry.status >= REFUSED,
+    )
+
+
+def page_of(address: str, before: int | None) -> str:
+    """A list, from a cursor on."""
+    return f"{address}?before={before}" if before else address

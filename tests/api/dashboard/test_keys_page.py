@@ -1,0 +1,74 @@
+"""The pages of keys and of the audit log."""
+
+import pytest
+
+from eigenfail.values.access import KeyRequest, Scope
+from eigenfail_services.access.keys import make_key
+from eigenfail_services.store.clock import now_ms
+
+HTML = {"Accept": "text/html"}
+
+
+@pytest.fixture
+def key_of(store, http):
+    """Makes a key, which is needed from then on; the header that shows it."""
+
+    def make(name, scope=Scope.ADMIN, expires_s=None):
+        made = make_key(store, KeyRequest(name, scope, expires_s))
+        http.app.state.door.look_again()
+        return HTML | {"Authorization": f"Bearer {made.token}"}
+
+    return make
+
+
+def test_before_the_first_key_the_page_says_what_it_changes(look) -> None:
+    text = look("/keys")
+    assert "From the first one on everybody does" in text
+    assert "Table of keys" not in text
+    assert "$EIGENFAIL_KEY" not in text
+
+
+def test_keys_are_listed_with_their_states_and_no_secret(http, store, key_of) -> None:
+    admin = key_of("ada")
+    key_of("old <b>", Scope.VIEWER, 1)
+    key_of("gone", Scope.RUNNER)
+    store.keys.revoke(3)
+    http.app.state.door.clock = lambda: now_ms() + 2_000
+    text = http.get("/keys", headers=admin).text
+    assert [word in text for word in ("valid", "expired", "revoked", "old &lt;b&gt;")] == [True] * 4
+    assert text.count('data-method="DELETE"') == 1
+    assert admin["Authorization"].rpartition("_")[2] not in text
+    assert "Authorization: Bearer $EIGENFAIL_KEY" in text
+
+
+def test_older_keys_are_on_further_pages(http, key_of, monkeypatch) -> None:
+    monkeypatch.setattr("eigenfail_api.dashboard.keys_page.KEYS_ON_A_PAGE", 1)
+    key_of("first")
+    admin = key_of("second")
+    assert "Older keys" in http.get("/keys", headers=admin).text
+    older = http.get("/keys?before=2", headers=admin).text
+    assert "first" in older
+    assert "Newest keys" in older
+    assert "No older keys" in http.get("/keys?before=1", headers=admin).text
+
+
+def test_a_log_without_lines_says_so(look) -> None:
+    assert "Nobody has changed anything yet" in look("/audit")
+
+
+def test_the_log_tells_who_did_what_and_what_was_refused(http, look, key_of, campaign) -> None:
+    admin, viewer = key_of("ada"), key_of("eve", Scope.VIEWER)
+    for holder in (admin, viewer):
+        http.post(f"/api/v1/campaigns/{campaign}/pause", headers=holder | {"Accept": "*/*"})
+    text = http.get("/audit", headers=admin).text
+    assert "POST /api/v1/campaigns/{campaign}/pause" in text
+    assert "ada (1)" in text
+    assert "eve (2)" in text
+    assert text.count(">refused<") == 1
+
+
+@pytest.mark.parametrize("address", ["/keys", "/audit"])
+def test_both_are_for_administrators(http, key_of, address) -> None:
+    admin, runner = key_of("ada"), key_of("ci", Scope.RUNNER)
+    assert http.get(address, headers=runner).status_code == 403
+    assert http.get(address, headers=admin).status_code == 200
