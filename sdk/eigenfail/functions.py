@@ -3,6 +3,7 @@
 A campaign has `simulator` and `scenario` "function", and as its `planner` a `module:function`.
 """
 
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -27,6 +28,9 @@ SIMULATOR = SCENARIO = "function"
 
 PLACE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 LIMIT_S = 30.0
+
+ALLOWED_VARIABLE = "EIGENFAIL_FUNCTIONS"
+"""Modules and packages whose functions may be named, with commas; not set: whatever is declared."""
 
 Noise = NDArray[np.float64]
 
@@ -80,7 +84,8 @@ def check(spec: CampaignSpec) -> FunctionParameters:
 
     Raises:
         UnknownName: a parameter that there is not.
-        InvalidValue: a value outside its bounds, or one that means nothing to a function.
+        InvalidValue: a value outside its bounds, one that means nothing to a function, or a module
+            that may not be run here.
     """
     if spec.scenario != SCENARIO:
         problem = f"'{spec.scenario}' is no scenario of the simulator '{SIMULATOR}'."
@@ -88,6 +93,7 @@ def check(spec: CampaignSpec) -> FunctionParameters:
     if not PLACE.fullmatch(spec.planner):
         problem = f"'{spec.planner}' is not of the form module:function."
         raise InvalidValue("planner", problem, 'Write it as planner = "my_module:robustness".')
+    refuse_unlisted(spec.planner)
     if spec.planner_settings:
         raise UnknownName("planner_settings", next(iter(spec.planner_settings)), ())
     if replace(spec.disturbance, scale=1.0, shape=White()) != DisturbanceModel():
@@ -124,6 +130,22 @@ def require_module(place: str) -> None:
     look_in_this_folder()
     if find_spec(package) is None:
         raise not_found(place, f"there is no module '{package}'")
+
+
+def refuse_unlisted(place: str) -> None:
+    """Where whoever started this process listed what may be imported, hold to the list.
+
+    Raises:
+        InvalidValue: neither the module nor a package around it is on it.
+    """
+    listed = os.environ.get(ALLOWED_VARIABLE)
+    if listed is None:
+        return
+    module = place.partition(":")[0]
+    if not any(f"{module}.".startswith(f"{name.strip()}.") for name in listed.split(",")):
+        problem = f"'{module}' is none of the modules whose functions may be run here."
+        remedy = f"Start the service and its workers with it in {ALLOWED_VARIABLE}."
+        raise InvalidValue("planner", problem, remedy)
 
 
 def look_in_this_folder() -> None:

@@ -6,6 +6,7 @@ import jsonschema
 import pytest
 
 from eigenfail import plugins
+from eigenfail.functions import ALLOWED_VARIABLE
 
 EXPECTED = {
     "methods": {"monte_carlo", "ast", "difs", "cem", "replay", "subset"},
@@ -46,3 +47,13 @@ def test_a_plugin_that_cannot_be_loaded_says_why_and_hides_no_other(http, monkey
     items = {item["name"]: item for item in http.get("/api/v1/planners").json()["items"]}
     assert "no_such_module" in items["broken"]["problem"]
     assert not items["idm"]["problem"]
+
+
+def test_a_request_cannot_name_a_module_that_is_not_listed(http, fields, monkeypatch):
+    on = {"simulator": "function", "scenario": "function", "scenario_parameters": {"steps": 5}}
+    asked = {"listed:robustness": 201, "unlisted:robustness": 422}
+    monkeypatch.setenv(ALLOWED_VARIABLE, "listed")
+    for place, status in asked.items():
+        answer = http.post("/api/v1/campaigns", json={**fields, **on, "planner": place})
+        assert answer.status_code == status, answer.text
+    assert ALLOWED_VARIABLE in answer.json()["remedy"]

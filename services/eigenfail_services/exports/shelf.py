@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from eigenfail.errors import NotFound, ServiceError
+from eigenfail.errors import NotFound, ServiceBusy
 from eigenfail.values.export import Export, ExportState
 from eigenfail_services.exports.files import (
     OURS_ALONE,
@@ -95,10 +95,10 @@ class Shelf:
         """Leave room for one more; those at work stay.
 
         Raises:
-            ServiceError: too many are at work.
+            ServiceBusy: too many are at work.
         """
         if len(busy) >= KEPT:
-            raise ServiceError(f"{KEPT} exports are at work already.", "Try again soon.")
+            raise ServiceBusy(f"{KEPT} exports are at work already.", "Try again soon.")
         close_to_others(self._folder)
         if self._folder.exists():
             homes = [home for home in self._folder.iterdir() if home.name not in busy]

@@ -11,7 +11,7 @@ DIGITS = 3
 LARGEST_PLAIN = 1e6
 SMALLEST_PLAIN = 1e-3
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-NOTHING_YET = "no episode yet"
+NOTHING_YET = "no episode completed"
 
 Lines = tuple[str, ...]
 """A figure, and below it what it rests on."""

@@ -3,10 +3,15 @@
 import os
 import sys
 
+import numpy as np
 import pytest
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.functions import SIMULATOR
+from eigenfail.functions import (
+    ALLOWED_VARIABLE,
+    SIMULATOR,
+    refuse_unlisted,
+)
 from eigenfail.values import DisturbanceModel, EpisodeSetup, EpisodeTask, PriorSource
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.engines import make_engine
@@ -122,3 +127,26 @@ def test_its_parameters_are_bounded(parameters, module):
 def test_there_is_nothing_to_explain():
     with pytest.raises(InvalidValue, match="episode replay"):
         explain(setup("sut:robustness"), EpisodeTask(0, 0, PriorSource()))
+
+
+@pytest.mark.parametrize("listed", ["sut_listed", "other, sut_listed"])
+def test_what_is_listed_may_be_run(module, monkeypatch, listed):
+    module("sut_listed")
+    monkeypatch.setenv(ALLOWED_VARIABLE, listed)
+    assert find("sut_listed:robustness")(np.zeros((5, 2))) == 1.5
+
+
+@pytest.mark.parametrize("listed", ["", " ", "sut", "sut_unlisted_2", "other"])
+def test_what_is_not_listed_is_not_even_imported(module, monkeypatch, listed):
+    module("sut_unlisted", GOOD + "raise SystemExit\n")
+    monkeypatch.setenv(ALLOWED_VARIABLE, listed)
+    with pytest.raises(InvalidValue, match=ALLOWED_VARIABLE):
+        find("sut_unlisted:robustness")
+    assert "sut_unlisted" not in sys.modules
+
+
+def test_a_package_is_listed_with_all_that_is_in_it(monkeypatch):
+    monkeypatch.setenv(ALLOWED_VARIABLE, "examples")
+    refuse_unlisted("examples.deep.inside:robustness")
+    with pytest.raises(InvalidValue):
+        refuse_unlisted("examples_of_others:robustness")

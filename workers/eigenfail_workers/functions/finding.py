@@ -6,7 +6,7 @@ from pathlib import Path
 from types import ModuleType
 
 from eigenfail.errors import InvalidValue
-from eigenfail.functions import FunctionUnderTest, look_in_this_folder, not_found
+from eigenfail.functions import FunctionUnderTest, look_in_this_folder, not_found, refuse_unlisted
 from eigenfail_workers.functions.telling import last_line
 
 DECORATORS = "eigenfail.functions"
@@ -22,9 +22,10 @@ def find(place: str) -> FunctionUnderTest:
     comes from a request, and must not be able to call whatever can be imported.
 
     Raises:
-        InvalidValue: it cannot be imported, is not there, is not declared, or its file was changed
-            after it was imported here.
+        InvalidValue: it may not be run here, cannot be imported, is not there, is not declared, or
+            its file was changed after it was imported here.
     """
+    refuse_unlisted(place)
     name, attribute = place.split(":")
     found = getattr(_imported(name, place), attribute, None)
     if found is None:
