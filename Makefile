@@ -37,11 +37,12 @@ coverage: setup chromium ## which lines the tests reach; takes half as long agai
 	@$(BIN)/coverage combine --quiet
 	@$(BIN)/coverage report
 
-lint: setup ## style, types, and who may import whom
+lint: setup ## style, types, who may import whom, known flaws of packages
 	$(BIN)/ruff check $(SOURCES)
 	$(BIN)/ruff format --check $(SOURCES)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python deploy/audit.py
 
 format: setup ## put the sources into the house's style
 	$(BIN)/ruff check --fix $(SOURCES)
