@@ -26,6 +26,7 @@ class ApiSettings(BaseSettings):
             behind a private network, and nothing else.
         hosts: names under which this machine may be asked, against DNS rebinding.
         max_body_bytes: largest body of a request.
+        max_requests_per_s: of one key, on average over five seconds; more is a 429.
         poll_s: how often the event log is looked at while somebody follows it.
     """
 
@@ -38,6 +39,7 @@ class ApiSettings(BaseSettings):
     trust_network: bool = False
     hosts: tuple[str, ...] = LOOPBACK_NAMES
     max_body_bytes: Annotated[int, Field(ge=1)] = 1_000_000
+    max_requests_per_s: Annotated[float, Field(gt=0.0)] = 200.0
     poll_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.25
 
     @property

@@ -1,6 +1,7 @@
 """Whether a key is needed, and who shows which."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from threading import Lock
 
 from starlette.requests import HTTPConnection
@@ -10,6 +11,7 @@ from eigenfail.errors import EigenfailError, Forbidden, NotFound, Unauthorized
 from eigenfail.values.access import TOKEN, ApiKey, Scope
 from eigenfail_api.access.attempts import Attempts
 from eigenfail_api.access.callers import Caller, by_key
+from eigenfail_api.access.pace import Pace
 from eigenfail_api.access.scopes import SAFE
 from eigenfail_api.access.sessions import COOKIE, Sessions
 from eigenfail_api.settings import ApiSettings
@@ -37,6 +39,7 @@ class Door:
         self.clock = clock
         self._store = store
         self._attempts = Attempts()
+        self._pace = Pace(settings.max_requests_per_s)
         self._lock = Lock()
         self._locked = settings.require_keys
         self._looked_ms: int | None = None
@@ -76,7 +79,7 @@ class Door:
         Raises:
             Unauthorized: somebody without a valid key, where one is needed.
             Forbidden: a browser that does not say which page sends.
-            HTTPException: 429, somebody who tried too many.
+            HTTPException: 429, somebody who tried or asked too often.
         """
         if not self.is_locked():
             return self._nobody
@@ -92,7 +95,7 @@ class Door:
 
         Raises:
             Unauthorized: it is none that is valid.
-            HTTPException: 429, too many wrong ones came from there.
+            HTTPException: 429, too many wrong ones came from there, or it is used too often.
         """
         at_ms, match = self.clock(), TOKEN.fullmatch(token)
         named = match["id"] if match else ""
@@ -103,8 +106,7 @@ class Door:
             self._attempts.refuse_too_many(address, named, at_ms)
             self._attempts.note_wrong(address, named, at_ms)
             raise
-        self._note_use(key, at_ms)
-        return key
+        return self._welcome(key, at_ms)
 
     def _signed_in(self, asked: HTTPConnection) -> Caller:
         at_ms = self.clock()
@@ -121,14 +123,14 @@ class Door:
                 "This request does not say from which page it comes.",
                 "Use the service's own pages, or send a key in `Authorization`.",
             )
-        self._note_use(key, at_ms)
-        return by_key(key, signed_in=True)
+        return by_key(self._welcome(key, at_ms), signed_in=True)
 
-    def _note_use(self, key: ApiKey, at_ms: int) -> None:
-        try:
+    def _welcome(self, key: ApiKey, at_ms: int) -> ApiKey:
+        self._pace.take(key.id, at_ms)
+        # What can be read is read, also where nothing can be written.
+        with suppress(EigenfailError):
             note_use(self._store, key, at_ms)
-        except EigenfailError:
-            return  # what can be read is read, also where nothing can be written
+        return key
 
 
 def address_of(asked: HTTPConnection) -> str:

@@ -1,0 +1,58 @@
+"""How many requests a key may send: so many a second, and those of a few seconds at once."""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from math import ceil
+from threading import Lock
+
+from fastapi import HTTPException
+
+BURST_S = 5.0
+MOST_KNOWN = 10_000
+
+
+@dataclass
+class Bucket:
+    """What a caller has left, as of a moment."""
+
+    left: float
+    at_ms: int
+
+
+class Pace:
+    """A bucket of requests for each caller, which fills as time goes by.
+
+    Args:
+        per_s: requests a second. [1/s]
+    """
+
+    def __init__(self, per_s: float) -> None:
+        self._per_s = per_s
+        self._lock = Lock()
+        self._buckets: OrderedDict[int, Bucket] = OrderedDict()
+
+    def take(self, key: int, at_ms: int) -> None:
+        """One request of the holder of a key.
+
+        Raises:
+            HTTPException: 429, there were too many lately, with the time to wait.
+        """
+        with self._lock:
+            bucket = self._filled(key, at_ms)
+            if bucket.left >= 1.0:
+                bucket.left -= 1.0
+                return
+            wait_s = str(ceil((1.0 - bucket.left) / self._per_s))
+        problem = f"This key sends more than {self._per_s:g} requests a second."
+        raise HTTPException(429, problem, {"Retry-After": wait_s})
+
+    def _filled(self, key: int, at_ms: int) -> Bucket:
+        most = max(1.0, BURST_S * self._per_s)
+        bucket = self._buckets.setdefault(key, Bucket(most, at_ms))
+        passed_s = max(0, at_ms - bucket.at_ms) / 1_000.0
+        bucket.left = min(most, bucket.left + passed_s * self._per_s)
+        bucket.at_ms = at_ms
+        self._buckets.move_to_end(key)
+        if len(self._buckets) > MOST_KNOWN:
+            self._buckets.popitem(last=False)
+        return bucket
