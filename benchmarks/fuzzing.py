@@ -30,6 +30,7 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail.wire import messages as m
+from eigenfail.wire.claims import Claim, fingerprint
 from eigenfail_services.hub.runs import Order
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.store import MemoryStore
@@ -55,9 +56,12 @@ TASKS = (
     EpisodeTask(1, 101, PolicySource(1)),
     EpisodeTask(2, 102, TrajectorySource(floats(2, 5, 2))),
 )
+CLAIMS = (Claim(1, 0, fingerprint(SETUP, TASKS[0])), Claim(2, 1), Claim(9, 99, b"another"))
 TO_HUB: tuple[m.Message, ...] = (
     m.Hello(m.PROTOCOL, "w", 8, "host", 7),
+    m.Hello(m.PROTOCOL, "w", 8, "host", 7, "life", 1, CLAIMS),
     m.Heartbeat(1, 2),
+    m.Heartbeat(1, 2, ((1, 2), (2, 0))),
     m.Heartbeat(),
     m.Results(1, (result(0), failed(2))),
     m.Results(2, (collision(1),)),
@@ -243,7 +247,6 @@ def at_the_worker_s_socket(n: int = OVER_SOCKETS, seed: int = SEED) -> Fuzzed:
         connection = router.recv_multipart()[0]
         for data in words(TO_WORKER, seed, n):
             router.send_multipart([connection, data])
-        router.send_multipart([connection, b"", *LAST_WORDS])
         answered = wait_for_last(router)
         escapes = () if thread.is_alive() else ("the worker's loop ended",)
         worker.leave()
@@ -252,11 +255,17 @@ def at_the_worker_s_socket(n: int = OVER_SOCKETS, seed: int = SEED) -> Fuzzed:
 
 
 def wait_for_last(router: "zmq.Socket[bytes]") -> bool:
-    """Whether the result that the last words ask for comes."""
+    """Whether the result that the last words ask for comes.
+
+    They are said whenever the worker speaks: it may connect anew, or drop what it was told before.
+    """
     until_s = time.monotonic() + PATIENCE_S
     while (left_s := until_s - time.monotonic()) > 0 and router.poll(left_s * 1_000):
-        if is_last_result(router.recv_multipart()[-1]):
+        connection, *_, data = router.recv_multipart()
+        if is_last_result(data):
             return True
+        for word in LAST_WORDS:
+            router.send_multipart([connection, word])
     return False
 
 

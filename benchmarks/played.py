@@ -22,6 +22,7 @@ from eigenfail.values import (
     episode_seed,
 )
 from eigenfail.wire.messages import Message, Observed, Proposed, Start, Stop
+from eigenfail_services.bounds import Bounds
 from eigenfail_services.hub import runs, server
 from eigenfail_services.hub.server import Hub
 
@@ -121,7 +122,7 @@ class PlayedLearner:
 def played_hub(store: Store) -> tuple[Hub, PlayedSocket]:
     """A hub that is driven by its `turn`, and its socket."""
     router = PlayedSocket()
-    with patch.object(server, "bind", lambda _address: router):
+    with patch.object(server, "bind", lambda *_: router):
         return Hub(store, "played"), router
 
 
@@ -130,7 +131,7 @@ def played_learners() -> Iterator[list[PlayedLearner]]:
     """Every learner that is started meanwhile is a played one; they are listed."""
     learners: list[PlayedLearner] = []
 
-    def start() -> PlayedLearner:
+    def start(_bounds: Bounds) -> PlayedLearner:
         learners.append(PlayedLearner())
         return learners[-1]
 

@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Sequence
 from io import BytesIO
 from queue import SimpleQueue
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -16,6 +17,7 @@ from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy, P
 from eigenfail_workers.worker import child_process, link, parent
 from eigenfail_workers.worker.child import Child
 from eigenfail_workers.worker.child_process import ChildProcess
+from eigenfail_workers.worker.limits import Limits
 from eigenfail_workers.worker.pipe import FrameBuffer
 
 
@@ -58,11 +60,11 @@ class PlayedBuffer(FrameBuffer):
 class PlayedChild(ChildProcess):
     """The parent's handle, with all its bookkeeping, on a child without a process."""
 
-    def __init__(self) -> None:
+    def __init__(self, _limits: Limits) -> None:
         self._messages = SimpleQueue()
         self._buffer = PlayedBuffer()
         self.running = deque()
-        self.began = False
+        self.ready, self.began = True, False
         self._since_s = self._looked_s = child_process.time.monotonic()
         self._set_up, self._learnt = set(), set()
         self.alive = True
@@ -90,6 +92,14 @@ class PlayedChild(ChildProcess):
         """Nothing will ever come out of it."""
         return 0
 
+    def has_ended(self) -> bool:
+        """Whether it was killed."""
+        return not self.alive
+
+    def excess(self) -> str:
+        """It takes nothing."""
+        return ""
+
     def end(self) -> int:
         """As if it was killed."""
         return -9
@@ -98,9 +108,13 @@ class PlayedChild(ChildProcess):
 class PlayedLink(link.Link):
     """A link without a socket below."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, _key: None = None) -> None:
         self.address = address
         self.socket: Any = PlayedSocket()
+        self.admission: Any = SimpleNamespace(check=lambda: None, close=lambda: None)
+
+    def connect_again(self) -> None:
+        """There is one line, and it is sound."""
 
 
 class PlayedWorker(parent.Parent):
@@ -136,7 +150,7 @@ class PlayedWorker(parent.Parent):
 
     def serve(self) -> None:
         """The loop, with the child's work between two turns."""
-        while not self._leaving:
+        while not self._ending.wanted:
             self.turn()
             self.work()
             time.sleep(0.001)

@@ -9,6 +9,7 @@ import reproduction
 import varied
 from crew import Crew
 from curves import Curve
+from faults import faults
 from figures import Figure
 from fuzzing import fuzzed
 from known_answers import clouds, corners, planted
@@ -78,4 +79,5 @@ TRIALS = (
     Trial(("analysis.one_cloud.",), clouds),
     Trial(("two_corners.",), corners),
     Trial(("fuzz.",), fuzzed),
+    Trial(("faults.",), faults),
 )

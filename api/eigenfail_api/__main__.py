@@ -17,6 +17,7 @@ from eigenfail.errors import EigenfailError, InvalidValue, PortTaken
 from eigenfail.processes import end_now
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings, refuse_open_door
+from eigenfail_services import logs
 from eigenfail_services.store import open_store
 
 GRACE_S = 5
@@ -25,6 +26,7 @@ BACKLOG = 2048
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve; the exit code says why it ended."""
+    logs.configure()
     try:
         serve(read_settings(arguments))
     except EigenfailError as error:

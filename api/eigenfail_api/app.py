@@ -23,6 +23,7 @@ from eigenfail_api.dashboard import (
 )
 from eigenfail_api.dashboard.problems import for_browsers
 from eigenfail_api.dashboard.rendering import STATIC, Assets
+from eigenfail_api.departures import Departures
 from eigenfail_api.feed import Feed
 from eigenfail_api.guard import Guard
 from eigenfail_api.headers import SecurityHeaders
@@ -126,6 +127,7 @@ def create_app(store: Store, settings: ApiSettings, clock: Clock = now_ms) -> Fa
     app.mount("/static", Assets(directory=STATIC), name="static")
     app.openapi = lambda: openapi.document_of(app)  # type: ignore[method-assign]  # FastAPI's own way
     # The last one added is the first one asked.
+    app.add_middleware(Departures)
     app.add_middleware(Etags)
     app.add_middleware(Heads)
     app.add_middleware(Gate, door=app.state.door, store=store)

@@ -35,7 +35,7 @@ from eigenfail.values.pool import PeerCosts
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.report import Report
 from eigenfail.values.suite import SuiteStanding, SuiteTable
-from eigenfail.values.worker import WorkerShare
+from eigenfail.values.worker import Presence, WorkerShare
 from eigenfail.wire import http
 from eigenfail.wire.drafts import MOST_AT_ONCE, CampaignCheck
 from eigenfail.wire.problems import Problem
@@ -71,6 +71,7 @@ BODIES = (
     Page[FailureMode],
     Page[PeerCosts],
     Page[Summary],
+    Page[Presence],
     Page[WorkerShare],
     Page[SuiteStanding],
     Page[http.PluginInfo],

@@ -17,10 +17,13 @@ EigenfailError
 ├── ProtocolError            a message that does not follow the wire contract
 └── ServiceError             a part of the service is missing or in trouble
     ├── StoreUnavailable
+    │   └── StoreUnwritable  it can be read, but not written: its disk is full
     ├── SchemaMismatch
     ├── PortTaken
+    ├── ClaimLost
     ├── ClusterUnavailable
     ├── LearnerFailed
+    │   └── LearnerDiverged  a number in it is NaN or infinite
     ├── ServiceBusy
     └── ServiceUnreachable
 
@@ -145,6 +148,10 @@ class StoreUnavailable(ServiceError):
     """The database cannot be reached or written."""
 
 
+class StoreUnwritable(StoreUnavailable):
+    """The database can be read, but not written: its disk is full, or takes no writes."""
+
+
 class SchemaMismatch(ServiceError):
     """The database's schema is not the one this program was made for."""
 
@@ -153,12 +160,20 @@ class PortTaken(ServiceError):
     """Another process listens on the address asked for."""
 
 
+class ClaimLost(ServiceError):
+    """Another service has taken over what this one works on: it has nothing more to write."""
+
+
 class ClusterUnavailable(ServiceError):
     """Ray is missing or cannot be started."""
 
 
 class LearnerFailed(ServiceError):
     """The learner process of a campaign ended before its campaign did."""
+
+
+class LearnerDiverged(LearnerFailed):
+    """A number in the learner became NaN or infinite: it can go back, but not on."""
 
 
 class ServiceBusy(ServiceError):

@@ -3,19 +3,46 @@
 import os
 import signal
 import sys
+from contextlib import suppress
 from ctypes import CDLL
+from subprocess import Popen, TimeoutExpired
 from typing import NoReturn
 
 PR_SET_PDEATHSIG = 1
 
+PARENT_VARIABLE = "EIGENFAIL_PARENT"
+
+END_S = 2.0
+"""A killed process with much memory takes a while to give it back; nobody waits for longer."""
+
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a process that shares its machine with others of its kind."""
+
+
+def as_parent() -> dict[str, str]:
+    """What the environment of a process says that is to die with this one."""
+    return {PARENT_VARIABLE: str(os.getpid())}
 
 
 def die_with_parent() -> None:
     """Ask the kernel to kill this process when its parent dies, even while it is busy (Linux)."""
     if sys.platform == "linux":
         CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    parent = os.environ.pop(PARENT_VARIABLE, None)
+    if parent is not None and os.getppid() != int(parent):  # it died before the kernel was asked
+        os._exit(128 + signal.SIGKILL)
+
+
+def kill_group(leader: Popen[bytes]) -> None:
+    """Kill a process that leads a group, and its group with it.
+
+    Unless it was seen to have ended: then the number of the group may be somebody else's by now.
+    """
+    if leader.returncode is None:
+        with suppress(ProcessLookupError):
+            os.killpg(leader.pid, signal.SIGKILL)
+        with suppress(TimeoutExpired):
+            leader.wait(END_S)
 
 
 def end_now(status: int) -> NoReturn:

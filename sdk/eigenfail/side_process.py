@@ -13,7 +13,7 @@ from contextlib import suppress
 import msgspec
 
 from eigenfail.errors import EigenfailError, ServiceError
-from eigenfail.processes import ONE_THREAD, die_with_parent
+from eigenfail.processes import ONE_THREAD, as_parent, die_with_parent, kill_group
 from eigenfail.wire.problems import Problem, error_of, problem_of
 
 GENTLENESS = 5
@@ -38,7 +38,7 @@ def ask(module: str, question: bytes, patience_s: float) -> bytes:
     Args:
         module: that calls `answer` when it is run.
         question: as it understands it.
-        patience_s: after so long it is killed. [s]
+        patience_s: after so long it is killed, with what it started. [s]
 
     Raises:
         EigenfailError: that which it raised.
@@ -52,25 +52,29 @@ def ask(module: str, question: bytes, patience_s: float) -> bytes:
 
 def answered(module: str, question: bytes, patience_s: float) -> bytes:
     """What a process of the module writes; see `ask`."""
-    try:
-        done = subprocess.run(
-            [sys.executable, "-m", module],
-            input=question,
-            stdout=subprocess.PIPE,
-            timeout=patience_s,
-            check=False,
-            env={**os.environ, **ONE_THREAD},
-        )
-    except subprocess.TimeoutExpired:
+    asked = subprocess.Popen(
+        [sys.executable, "-m", module],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=os.environ | ONE_THREAD | as_parent(),
+        process_group=0,
+    )
+    with asked:
+        try:
+            written, _ = asked.communicate(question, patience_s)
+        except subprocess.TimeoutExpired:
+            raise ServiceError(
+                f"There was no answer within {patience_s:g} s.",
+                "Try again when the machine is idle.",
+            ) from None
+        finally:
+            kill_group(asked)
+    if asked.returncode or not written:
         raise ServiceError(
-            f"There was no answer within {patience_s:g} s.", "Try again when the machine is idle."
-        ) from None
-    if done.returncode or not done.stdout:
-        raise ServiceError(
-            f"The process that should answer ended with code {done.returncode}.",
+            f"The process that should answer ended with code {asked.returncode}.",
             "The log of the service says more.",
         )
-    return done.stdout
+    return written
 
 
 def answer(reply: Callable[[bytes], bytes]) -> None:

@@ -8,13 +8,15 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 from threading import Event
 from typing import NoReturn
 
 import structlog
 
-from eigenfail.errors import EigenfailError, InvalidValue, StoreUnavailable
+from eigenfail.errors import EigenfailError, StoreUnavailable
 from eigenfail.processes import die_with_parent, end_now
+from eigenfail_services import bounds, logs
 from eigenfail_services.access import tool
 from eigenfail_services.campaigns.analysis_jobs import (
     DATABASE_VARIABLE,
@@ -23,13 +25,16 @@ from eigenfail_services.campaigns.analysis_jobs import (
 )
 from eigenfail_services.campaigns.launcher import Launcher, NoLauncher, RayLauncher
 from eigenfail_services.campaigns.supervisor import Supervisor
+from eigenfail_services.hub import key_tool
+from eigenfail_services.hub.binding import keys_for
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.store import migrate, open_store
+from eigenfail_services.store import open_store
+from eigenfail_services.upkeep import tool as upkeep
 
 TURN_S = 0.25
 RETRY_S = 1.0
-TRUST_VARIABLE = "EIGENFAIL_TRUST_NETWORK"
-LOOPBACK = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:", "ipc://")
+OWN_WORKERS = "own"
+"""What the log calls the key of the workers that the service starts itself."""
 
 LAUNCHERS: dict[str, Callable[[argparse.Namespace], Launcher]] = {
     "ray": lambda arguments: RayLauncher(arguments.workers, arguments.ray_address),
@@ -46,51 +51,20 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     parser.set_defaults(command=serve)
     parser.add_argument("--workers", type=int, default=max(1, os.cpu_count() or 1))
     parser.add_argument("--hub", default="tcp://127.0.0.1:*", help="address to listen on")
+    parser.add_argument(
+        "--hub-keys", type=Path, default=key_tool.default_folder(), help="folder of its keys"
+    )
     parser.add_argument("--launcher", choices=LAUNCHERS, default="ray")
     parser.add_argument("--ray-address", default=None, help="of a running cluster")
+    bounds.add_arguments(parser)
     commands = parser.add_subparsers(title="commands")
     analyse = commands.add_parser("analyse", help="work on one analysis, then end")
     analyse.add_argument("analysis", type=int)
     analyse.set_defaults(command=analyse_one)
-    database = commands.add_parser("db", help="the database's schema")
-    database.add_argument("action", choices=SCHEMA_TOOLS)
-    database.add_argument("--database", default=argparse.SUPPRESS, help="URL")
-    database.set_defaults(command=tend_schema)
+    upkeep.add_arguments(commands.add_parser("db", help="the database itself"))
     tool.add_arguments(commands.add_parser("key", help="keys, and who changed what"))
+    key_tool.add_arguments(commands.add_parser("worker-key", help="keys of workers"))
     return parser.parse_args(words)
-
-
-def current(database: str) -> str:
-    """The revision of the schema, in words."""
-    return migrate.current(database) or "empty"
-
-
-def check(database: str) -> str:
-    """The same, if it is this program's.
-
-    Raises:
-        SchemaMismatch: it is another's.
-    """
-    open_store(database, migrate=False).close()
-    return current(database)
-
-
-def upgrade(database: str) -> str:
-    """Make the schema, or bring it up to this program's; its revision."""
-    migrate.upgrade(database)
-    return current(database)
-
-
-SCHEMA_TOOLS: dict[str, Callable[[str], str]] = {
-    "upgrade": upgrade,
-    "current": current,
-    "check": check,
-}
-
-
-def tend_schema(arguments: argparse.Namespace) -> None:
-    """Look at the database's schema, or upgrade it."""
-    sys.stdout.write(SCHEMA_TOOLS[arguments.action](arguments.database) + "\n")
 
 
 def analyse_one(arguments: argparse.Namespace) -> NoReturn:
@@ -116,36 +90,22 @@ def status_of(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def check_exposure(address: str) -> None:
-    """Refuse to listen beyond this machine.
-
-    Raises:
-        InvalidValue: the address is not a loopback one, and nobody vouches for the network.
-    """
-    if not address.startswith(LOOPBACK) and os.environ.get(TRUST_VARIABLE) != "1":
-        raise InvalidValue(
-            "hub",
-            f"'{address}' can be reached from other machines, and workers need no key yet.",
-            f"Listen on tcp://127.0.0.1:PORT, or set {TRUST_VARIABLE}=1 on a private network.",
-        )
-
-
 def serve(arguments: argparse.Namespace) -> None:
     """Run hub, supervisor and workers until SIGTERM or Ctrl-C."""
-    check_exposure(arguments.hub)
+    keys = keys_for(arguments.hub, arguments.hub_keys)
     stopping = Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
     store = open_store(arguments.database)
-    hub = Hub(store, arguments.hub)
-    analyses = AnalysisJobs(store, arguments.database)
+    hub = Hub(store, arguments.hub, keys, bounds.of_learners(arguments))
+    analyses = AnalysisJobs(store, arguments.database, bounds.of_analyses(arguments))
     supervisor = Supervisor(store, hub, analyses)
     launcher = LAUNCHERS[arguments.launcher](arguments)
     with ExitStack() as endings:  # the last one first, and each of them whatever the others meet
         for ending in (store.close, launcher.stop, analyses.stop, supervisor.release, hub.stop):
             endings.callback(ending)
         hub.start()
-        launcher.start(hub.address)
+        launcher.start(hub.address, keys.own(OWN_WORKERS) if keys else None)
         sys.stdout.write(json.dumps({"ready": True, "hub": hub.address}) + "\n")
         sys.stdout.flush()
         supervise(supervisor, hub, stopping)
@@ -165,7 +125,7 @@ def supervise(supervisor: Supervisor, hub: Hub, stopping: Event) -> None:
 
 def main() -> None:
     """Do what the command line says; one sentence and an exit code for every trouble."""
-    structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+    logs.configure()
     arguments = parse()
     try:
         arguments.command(arguments)

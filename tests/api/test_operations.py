@@ -2,6 +2,8 @@
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail.values import Outcome
+from eigenfail.values.worker import Arrival
+from eigenfail_services.campaigns import crew
 
 
 def test_a_live_process_says_so_without_its_database(http, store, monkeypatch):
@@ -63,3 +65,15 @@ def unreachable():
 
 def unheard_of(*_):
     raise ZeroDivisionError("a bug of ours")
+
+
+def test_workers_that_are_connected_are_listed_at_work_or_not(http, store, monkeypatch):
+    told = Arrival(worker="w1", host="rack 4", pid=77, versions={"numpy": "2.4.6"})
+    number = store.roster.arrived(told)
+    gone = store.roster.arrived(Arrival(worker="gone", host="rack 5", pid=78))
+    store.roster.left(gone)
+    (found,) = http.get("/api/v1/workers/present").json()["items"]
+    assert (found["id"], found["worker"], found["host"]) == (number, "w1", "rack 4")
+    assert found["versions"] == {"numpy": "2.4.6"}
+    monkeypatch.setattr(crew, "PRESENT_S", -1)
+    assert http.get("/api/v1/workers/present").json()["items"] == []

@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from eigenfail_services import __main__ as program
 from eigenfail_services.exports.shelf import KEPT, folder_beside
+from eigenfail_services.hub import binding
+from eigenfail_workers import __main__ as workers
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 BIN = Path(sys.executable).parent
@@ -104,6 +107,34 @@ def test_every_role_runs_a_program_of_ours_with_few_rights(ours):
         assert service["command"][0] in PROGRAMS
         assert service["read_only"] is True
         assert service["cap_drop"] == ["ALL"]
+
+
+def test_the_hub_asks_for_keys_that_are_made_before_it_starts(services, monkeypatch):
+    hub, keys, worker = (services[name] for name in ("services", "keys", "worker"))
+    assert binding.TRUST_VARIABLE not in hub["environment"]
+    for service in (hub, keys):
+        monkeypatch.setenv(binding.KEYS_VARIABLE, service["environment"][binding.KEYS_VARIABLE])
+        arguments = program.parse(service["command"][1:])
+        assert f"hub-keys:{arguments.hub_keys}" in service["volumes"][0]
+    assert arguments.action == "create"
+    assert str(arguments.file) == worker["environment"][workers.KEY_VARIABLE]
+    assert hub["depends_on"]["keys"] == {"condition": "service_completed_successfully"}
+
+
+def test_nobody_holds_more_of_the_keys_than_it_needs(services):
+    holders = {
+        volume: {
+            name: mounted.endswith(":ro")
+            for name, service in services.items()
+            for mounted in service.get("volumes", ())
+            if mounted.startswith(f"{volume}:")
+        }
+        for volume in ("hub-keys", "worker-key")
+    }
+    assert holders["hub-keys"] == {"keys": False, "services": True}
+    assert holders["worker-key"] == {"keys": False, "worker": True}
+    made = (DEPLOY / "Dockerfile").read_text()
+    assert "--mode=0700 \\\n        /var/lib/eigenfail-hub /var/lib/eigenfail-worker" in made
 
 
 def test_exports_are_on_a_bounded_volume_and_not_in_memory(monkeypatch, services):

@@ -6,7 +6,7 @@ import pytest
 from fuzzing import MESSAGES, OVER_SOCKETS, PLACES, SEED, at_the_hub, at_the_worker
 
 from eigenfail.testing.nonsense import words
-from eigenfail.wire.messages import Heartbeat, Hello
+from eigenfail.wire.messages import PROTOCOL, Heartbeat, Hello
 from eigenfail_services.hub.desk import Desk
 from eigenfail_workers.worker.parent import Parent
 
@@ -46,6 +46,6 @@ def test_what_escapes_is_counted() -> None:
 
 
 def test_one_seed_says_the_same_words() -> None:
-    sayings = (Hello(3, "w", 8), Heartbeat(1, 2))
+    sayings = (Hello(PROTOCOL, "w", 8), Heartbeat(1, 2))
     first, again, other = (list(words(sayings, seed, 500)) for seed in (1, 1, 2))
     assert first == again != other

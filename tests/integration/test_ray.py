@@ -8,6 +8,7 @@ import pytest
 from eigenfail.client import Client
 from eigenfail.hosting.service import Launcher
 from eigenfail.values import CampaignState
+from eigenfail_services.hub.keys import KeyFolder
 
 pytestmark = pytest.mark.service
 
@@ -27,13 +28,16 @@ def digest(client: Client, campaign: int) -> str:
     return client.campaigns.digest(campaign)
 
 
-def test_a_killed_ray_worker_is_replaced_and_changes_nothing(fresh_service) -> None:
+def test_a_killed_ray_worker_is_replaced_and_changes_nothing(fresh_service, tmp_path) -> None:
+    """On a hub that asks for keys, which they get from the service without anybody's doing."""
+    KeyFolder(tmp_path / "data" / "hub-keys").create("by-hand", tmp_path / "by-hand.key")
     with fresh_service(Launcher.RAY, workers=2) as service, Client(service.address.url) as client:
         undisturbed = digest(client, client.campaigns.create(**FIELDS).id)
 
         campaign = client.campaigns.create(**FIELDS)
         while client.campaigns.get(campaign.id).counts.completed < 30:
             time.sleep(0.02)
+        assert "named=own" in service.parts[1].log.read_text()
         before = actors(service)
         assert len(before) == 2
         before[0].kill()

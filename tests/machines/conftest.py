@@ -1,6 +1,7 @@
-"""The played counterparts of hub and worker live beside the benchmarks, which use them too."""
+"""What the machines play beside the real parts: here, and with the benchmarks, which use it too."""
 
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+HERE = Path(__file__).parent
+sys.path += [str(HERE), str(HERE.parents[1] / "benchmarks")]

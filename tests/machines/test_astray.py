@@ -25,10 +25,12 @@ from eigenfail.wire.messages import (
     read_worker_message,
 )
 from eigenfail_services.hub import commits, desk
-from eigenfail_services.hub.leases import IDLE_BEATS, MAX_LOSSES, Leases
+from eigenfail_services.hub.deaths import MAX_DEATHS
+from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.runs import Order
+from eigenfail_services.hub.seats import UNNAMED_BEATS
 from eigenfail_services.store import MemoryStore
-from eigenfail_workers.worker.parent import KEPT_POLICIES
+from eigenfail_workers.worker.supplies import KEPT_POLICIES
 
 SETUP = spec().setup()
 TASK = EpisodeTask(0, 100, PriorSource())
@@ -73,25 +75,37 @@ def hello(credit: int = 8) -> Hello:
 def test_a_lease_that_went_astray_is_given_again(room: Room) -> None:
     room.say()
     assert sorted(room.leased(room.say(hello()))) == [0, 1, 2]
-    for _ in range(IDLE_BEATS - 1):
-        assert room.leased(room.say(Heartbeat())) == []
-    assert sorted(room.leased(room.say(Heartbeat()))) == [0, 1, 2]
+    for _ in range(2):
+        for _ in range(UNNAMED_BEATS - 1):
+            assert room.leased(room.say(Heartbeat())) == []
+        assert sorted(room.leased(room.say(Heartbeat()))) == [0, 1, 2]
 
 
-def test_a_worker_that_runs_something_has_got_its_lease(room: Room) -> None:
+def test_one_of_which_the_worker_names_all_did_not(room: Room) -> None:
     room.say()
     room.say(hello())
-    for _ in range(3 * IDLE_BEATS):
-        assert room.leased(room.say(Heartbeat(room.campaign, 0))) == []
+    beat = Heartbeat(room.campaign, 0, tuple((room.campaign, index) for index in range(3)))
+    for _ in range(3 * UNNAMED_BEATS):
+        assert room.leased(room.say(beat)) == []
+
+
+def test_what_a_busy_worker_does_not_name_is_given_again(room: Room) -> None:
+    room.say()
+    room.say(hello())
+    beat = Heartbeat(room.campaign, 0, ((room.campaign, 0), (room.campaign, 2)))
+    for _ in range(UNNAMED_BEATS - 1):
+        assert room.leased(room.say(beat)) == []
+    assert room.leased(room.say(beat)) == [1]
 
 
 def test_who_says_hello_again_has_not_died_of_its_episode(room: Room) -> None:
     room.say()
     room.say(hello())
-    for _ in range(MAX_LOSSES + 1):
+    for _ in range(MAX_DEATHS + 1):
         said = room.say(Heartbeat(room.campaign, 0), hello())
         assert 0 in room.leased(said)
     assert room.store.campaigns.get(room.campaign).counts.failed == 0
+    assert room.store.episodes.add_death(room.campaign, 0) == 1
 
 
 def test_a_result_brought_before_its_round_is_proposed_is_not_run_again(room: Room) -> None:
@@ -107,7 +121,7 @@ def test_a_result_brought_before_its_round_is_proposed_is_not_run_again(room: Ro
 
 def test_a_worker_without_credit_is_given_nothing() -> None:
     leases = Leases()
-    leases.join(b"w", "w", 0, 0.0)
+    leases.join(b"w", hello(credit=0), 0.0)
     leases.offer(1, (TASK,))
     assert leases.assign() == []
 

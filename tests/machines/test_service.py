@@ -22,271 +22,21 @@ from hypothesis.stateful import (
     rule,
     run_state_machine_as_test,
 )
-from played import PlayedLearner, played_hub, played_learners, quiet
+from played import played_learners, quiet
+from service_house import EPISODES, Away, House
+from service_workers import PlayedWorker
 
-from eigenfail.errors import IllegalTransition, StoreUnavailable
+from eigenfail.errors import IllegalTransition
 from eigenfail.testing.store.examples import result
-from eigenfail.values import FINAL_STATES, CampaignSpec, CampaignState, PolicySource
-from eigenfail.wire.messages import (
-    PROTOCOL,
-    Ack,
-    Drop,
-    Goodbye,
-    Heartbeat,
-    Hello,
-    Lease,
-    PolicyUpdate,
-    Refusal,
-    Results,
-    Setup,
-    Welcome,
-    encode,
-    read_hub_message,
-)
+from eigenfail.values import CampaignSpec
+from eigenfail.wire.messages import Goodbye, Results
 from eigenfail_api.steering import CANCEL, PAUSE, RESUME, steer
 from eigenfail_services.campaigns import supervisor, watch
-from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub import commits, desk
 from eigenfail_services.hub.desk import SILENCE_LIMIT_S
 from eigenfail_services.store import MemoryStore, open_store
 
-EPISODES = 8
-CREDIT = 4
-TURNS_TO_THE_END = 400
-POOR_REASONS = ("died 3 times in a row", "was lost 5 times in a row")
-
-Key = tuple[int, int]
 numbers = st.integers(0, 50)
-
-
-class NoAnalyses:
-    """Nobody asks for one."""
-
-    def __len__(self) -> int:
-        return 0
-
-    def open(self, job) -> None:
-        raise AssertionError(job)
-
-    def tend(self) -> None:
-        pass
-
-
-class PlayedWorker:
-    """One connection: does what it is told, when it is told to; keeps results until the ack."""
-
-    def __init__(self, connection: bytes, name: str) -> None:
-        self.connection, self.name = connection, name
-        self.heard = True
-        self.welcome = self.missed = False
-        self.words: list[object] = []
-        self.held: dict[Key, object] = {}
-        self.outbox: dict[Key, object] = {}
-        self.setups: set[int] = set()
-        self.policies: set[Key] = set()
-        self.heeding = {
-            Welcome: self.welcomed,
-            Refusal: self.refused,
-            Setup: lambda m: self.setups.add(m.campaign),
-            PolicyUpdate: lambda m: self.policies.add((m.campaign, m.policy.version)),
-            Lease: self.lease,
-            Ack: self.ack,
-            Drop: self.drop,
-            Goodbye: self.refused,
-        }
-
-    def welcomed(self, _message) -> None:
-        self.welcome, self.missed = True, False
-        self.bring_again()
-
-    def bring_again(self) -> None:
-        for (campaign, _), done in self.outbox.items():
-            self.words.append(Results(campaign, (done,)))
-
-    def refused(self, _message) -> None:
-        self.welcome = False
-
-    def lease(self, message) -> None:
-        for task in message.tasks:
-            if not self.can_run(message.campaign, task.source):
-                assert self.missed, "what it needs was not sent before it"
-                self.welcome = False
-            elif (message.campaign, task.index) in self.outbox:
-                self.bring_again()
-            else:
-                self.held[message.campaign, task.index] = task
-
-    def can_run(self, campaign: int, source) -> bool:
-        by_policy = isinstance(source, PolicySource)
-        known = not by_policy or (campaign, source.version) in self.policies
-        return campaign in self.setups and known
-
-    def ack(self, message) -> None:
-        for index in message.indices:
-            self.outbox.pop((message.campaign, index), None)
-
-    def drop(self, message) -> None:
-        self.setups.discard(message.campaign)
-        self.policies = {key for key in self.policies if key[0] != message.campaign}
-        self.held = {key: task for key, task in self.held.items() if key[0] != message.campaign}
-
-    def beat(self) -> object:
-        if not self.welcome:
-            return Hello(PROTOCOL, self.name, CREDIT)
-        return Heartbeat(*next(iter(self.held), (None, None)))
-
-
-class House:
-    """A service, the workers around it, and what an onlooker knows."""
-
-    def __init__(self, store, learners: list[PlayedLearner], now_s: list[float]) -> None:
-        self.store, self.learners, self.now_s = store, learners, now_s
-        self.workers: list[PlayedWorker] = []
-        self.names = count()
-        self.campaigns: list[int] = []
-        self.digests: dict[Key, str] = {}
-        self.lent: dict[Key, bytes] = {}
-        self.open()
-
-    def open(self) -> None:
-        self.hub, self.router = played_hub(self.store)
-        self.supervisor = Supervisor(self.store, self.hub, NoAnalyses())
-
-    def close(self) -> None:
-        self.hub._close()
-        self.deliver()
-        self.supervisor.release()
-
-    def say(self, worker: PlayedWorker, *messages) -> None:
-        for message in messages:
-            self.router.inbox.append([worker.connection, encode(message)])
-
-    def turn(self, seconds: float = 0.1) -> None:
-        self.now_s[0] += seconds
-        self.supervisor.turn()
-        self.hub.turn()
-        self.deliver()
-
-    def deliver(self) -> None:
-        """Hand out what the hub has said."""
-        by_connection = {worker.connection: worker for worker in self.workers}
-        while self.router.outbox:
-            connection, data = self.router.outbox.popleft()
-            message = read_hub_message(data)
-            self.watch(connection, message)
-            if worker := by_connection.get(connection):
-                worker.heeding[type(message)](message)
-                self.say(worker, *worker.words)
-                worker.words.clear()
-
-    def watch(self, connection: bytes, message) -> None:
-        """What is finished is not leased again; what is acknowledged is kept, or not wanted."""
-        if isinstance(message, Lease):
-            for task in message.tasks:
-                assert not self.store.episodes.finished(message.campaign, [task.index])
-        if isinstance(message, Ack) and message.campaign in self.campaigns:
-            state = self.store.campaigns.get(message.campaign).state
-            for index in message.indices:
-                kept = self.store.episodes.finished(message.campaign, [index])
-                assert kept or state in FINAL_STATES or not 0 <= index < EPISODES
-
-    def seconds(self, seconds: int) -> None:
-        """Time goes by; workers that are well are heard every second."""
-        for _ in range(seconds):
-            for worker in self.workers:
-                if worker.heard:
-                    self.say(worker, worker.beat())
-            self.turn(1.0)
-
-    def run_one(self, worker: PlayedWorker) -> None:
-        if worker.held:
-            key = next(iter(worker.held))
-            task = worker.held.pop(key)
-            done = result(key[1], seed=task.seed, source=task.source_kind)
-            worker.outbox[key] = done
-            self.say(worker, Results(key[0], (done,)))
-
-    def account(self) -> None:
-        """P1, and nothing that was kept is ever another."""
-        for campaign in self.campaigns:
-            found = self.store.campaigns.get(campaign)
-            rows = self.store.episodes.page(campaign, 1_000).items
-            counts = found.counts
-            assert len({row.index for row in rows}) == len(rows)
-            assert counts.completed + counts.failed == len(rows)
-            ended = counts.completed + counts.failed + counts.cancelled
-            assert counts.planned == EPISODES == ended + counts.open
-            assert counts.open == 0 or found.state not in FINAL_STATES
-            for row in rows:
-                key = (campaign, row.index)
-                assert self.digests.setdefault(key, row.digest) == row.digest
-
-    def nobody_shares(self) -> None:
-        """An episode lies with one worker at most."""
-        held = [key for seat in self.hub._leases.seats.values() for key in seat.held]
-        assert len(held) == len(set(held))
-
-    def miss_words(self, worker: PlayedWorker) -> None:
-        """It hands over what it holds, and what is said to it then goes astray."""
-        while worker.held:
-            self.run_one(worker)
-        worker.missed = True
-        worker.connection, connection = b"nobody", worker.connection
-        self.turn()
-        worker.connection = connection
-
-    def end_well(self) -> None:
-        """One last fault; then all workers are well, and whatever is to run runs to its end."""
-        self.store.away = False
-        for worker in self.workers:
-            self.miss_words(worker)
-            worker.heard = True
-        if not self.workers:
-            self.workers.append(PlayedWorker(b"last", "last"))
-        turns = count()
-        while not self.over():
-            assert next(turns) < TURNS_TO_THE_END
-            self.seconds(1)
-            for worker in self.workers:
-                while worker.held:
-                    self.run_one(worker)
-        self.judge()
-
-    def over(self) -> bool:
-        """Whether all campaigns have ended; those that rest are resumed."""
-        states = [self.store.campaigns.get(campaign).state for campaign in self.campaigns]
-        for campaign, state in zip(self.campaigns, states, strict=True):
-            if state is CampaignState.PAUSED:
-                steer(self.store, campaign, RESUME)
-        return FINAL_STATES.issuperset(states)
-
-    def judge(self) -> None:
-        """What is done has run everything; what is dead says why."""
-        self.account()
-        for campaign in self.campaigns:
-            found = self.store.campaigns.get(campaign)
-            if found.state is CampaignState.DEAD:
-                assert any(reason in found.stopped_because for reason in POOR_REASONS), found
-            if found.state is CampaignState.DONE:
-                assert found.counts.completed + found.counts.failed == EPISODES
-
-
-class Away:
-    """A store whose parts can be away for a while."""
-
-    def __init__(self, store) -> None:
-        self._store = store
-        self.away = False
-        for part in ("campaigns", "checkpoints", "events", "jobs", "figures", "analyses"):
-            setattr(self, part, getattr(store, part))
-        self.episodes = SimpleNamespace(
-            commit=self.commit, finished=store.episodes.finished, page=store.episodes.page
-        )
-
-    def commit(self, campaign, deliveries):
-        if self.away:
-            raise StoreUnavailable("The disk is full.")
-        return self._store.episodes.commit(campaign, deliveries)
 
 
 class Service(RuleBasedStateMachine):
@@ -432,6 +182,11 @@ class Service(RuleBasedStateMachine):
         self.house.close()
         self.house.open()
         self.house.turn()
+
+    @rule()
+    def be_killed(self) -> None:
+        """The service is, and starts again while its workers go on with what they hold."""
+        self.house.be_killed()
 
     @invariant()
     def accounted(self) -> None:

@@ -15,7 +15,9 @@ from played import LAYER, quiet
 from played_worker import PlayedEngine, PlayedWorker
 
 from eigenfail.values import CampaignSpec, EpisodeTask, Outcome, Policy, PolicySource, PriorSource
+from eigenfail.wire.claims import FINISHED, fingerprint
 from eigenfail.wire.messages import (
+    PROTOCOL,
     Ack,
     Drop,
     Goodbye,
@@ -65,7 +67,6 @@ class Worker(RuleBasedStateMachine):
         self.owed: set[Key] = set()
         self.brought: set[Key] = set()
         self.acknowledged: set[Key] = set()
-        self.introduced = False
         self.turn()
 
     def say(self, *messages) -> None:
@@ -76,12 +77,27 @@ class Worker(RuleBasedStateMachine):
         self.worker.turn()
         while self.worker.dealer.outbox:
             said = read_worker_message(self.worker.dealer.outbox.popleft())
-            self.introduced |= isinstance(said, Hello)
-            assert isinstance(said, Hello | Heartbeat | Results)
-            if isinstance(said, Heartbeat) and said.running is not None:
-                assert (said.campaign, said.running) in self.leased
-            if isinstance(said, Results):
-                self.hear(said)
+            HEEDING[type(said)](self, said)
+
+    def hear_beat(self, said: Heartbeat) -> None:
+        """It names what it has and is still owed, and runs one of these or one that was dropped."""
+        named = set(said.held)
+        assert len(named) == len(said.held)
+        assert named <= self.leased
+        assert self.owed - self.brought <= named
+        if said.running is not None:
+            assert (said.campaign, said.running) in self.leased
+
+    def hear_hello(self, said: Hello) -> None:
+        """It claims the same, as the very tasks that they are, and what it keeps of results."""
+        claims = {(each.campaign, each.index): each.task for each in said.claims}
+        assert len(claims) == len(said.claims)
+        kept = {key for key, told in claims.items() if told == FINISHED}
+        assert kept == self.brought - self.acknowledged
+        for (campaign, index), told in claims.items():
+            assert told in {FINISHED, fingerprint(SETUP, task(index))}
+            assert (campaign, index) in self.leased
+        assert self.owed - self.acknowledged <= set(claims)
 
     def hear(self, said: Results) -> None:
         for brought in said.results:
@@ -143,7 +159,7 @@ class Worker(RuleBasedStateMachine):
         self.say(Drop(campaign))
         self.owed = {key for key in self.owed if key[0] != campaign}
 
-    @rule(data=st.sampled_from([b"", b"\xc1", encode(Hello(3, "w", 1)), b"\x91" * 5_000]))
+    @rule(data=st.sampled_from([b"", b"\xc1", encode(Hello(PROTOCOL, "w", 1)), b"\x91" * 5_000]))
     def talk_nonsense(self, data) -> None:
         self.worker.dealer.inbox.append(data)
         self.turn()
@@ -200,6 +216,7 @@ class Worker(RuleBasedStateMachine):
 
 
 ENGINE = PlayedEngine(SETUP)
+HEEDING = {Hello: Worker.hear_hello, Heartbeat: Worker.hear_beat, Results: Worker.hear}
 
 
 def test_lives_of_a_worker() -> None:

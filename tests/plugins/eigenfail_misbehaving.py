@@ -1,8 +1,12 @@
 """Planners that break every rule, as plug-ins that a stranger might install."""
 
 import contextlib
+import ctypes
 import os
+import sys
 import time
+from pathlib import Path
+from threading import Event, Thread
 
 import msgspec
 
@@ -35,10 +39,7 @@ class Scribbles(Planner):
     """Writes what is no message into every pipe and file that its process has open."""
 
     def act(self, perception):
-        for descriptor in range(3, 64):
-            with contextlib.suppress(OSError):
-                os.write(descriptor, b"\xff" * 64)
-        time.sleep(60)
+        write_everywhere(b"\xff" * 64)
 
 
 class Raises(Planner):
@@ -54,3 +55,142 @@ class ReturnsNone(Planner):
 class ReturnsNaN(Planner):
     def act(self, perception):
         return Control(float("nan"), 0.0)
+
+
+LEAP_M = 50.0
+FILES_AN_EPISODE = 50
+MEGABYTE = 1_000_000
+kept = []
+
+
+def leak(folder):
+    while True:
+        kept.append(b"x" * 4 * MEGABYTE)
+
+
+def touch_nothing_at_zero(folder):
+    ctypes.string_at(0)
+
+
+def hang_in_c(folder):
+    ctypes.PyDLL(None).sleep(3600)
+
+
+def open_files(folder):
+    while True:
+        kept.append(os.dup(0))
+
+
+def start_threads(folder):
+    while True:
+        Thread(target=Event().wait, daemon=True).start()
+        time.sleep(0.001)
+
+
+def write_everywhere(what):
+    for descriptor in range(3, 64):
+        with contextlib.suppress(OSError):
+            os.write(descriptor, what)
+    time.sleep(60)
+
+
+def mumble(folder):
+    """Messages of no bytes at all."""
+    write_everywhere(b"\0" * 64)
+
+
+def fork_on(folder):
+    """Start one that outlives every test, and tell who it is."""
+    pid = os.fork()
+    if pid == 0:
+        time.sleep(600.0)
+        os._exit(0)
+    (folder / str(pid)).touch()
+
+
+def start_processes(folder):
+    while True:
+        fork_on(folder)
+        time.sleep(0.001)
+
+
+def fork_and_die(folder):
+    fork_on(folder)
+    os._exit(7)
+
+
+def fork_and_hang(folder):
+    fork_on(folder)
+    hang_in_c(folder)
+
+
+def print_much(folder):
+    for _ in range(5):
+        sys.stdout.write("x" * MEGABYTE)
+        os.write(1, b"y" * MEGABYTE)
+
+
+def read_input(folder):
+    if sys.stdin.read():
+        raise RuntimeError("somebody typed")
+
+
+def want_too_much(folder):
+    bytearray(2**60)
+
+
+def interrupt(folder):
+    raise KeyboardInterrupt
+
+
+def leave(folder):
+    sys.exit(4)
+
+
+WAYS = {
+    "leaks": leak,
+    "segfaults": touch_nothing_at_zero,
+    "hangs in C": hang_in_c,
+    "opens files": open_files,
+    "starts threads": start_threads,
+    "starts processes": start_processes,
+    "forks and dies": fork_and_die,
+    "forks and hangs": fork_and_hang,
+    "prints": print_much,
+    "reads": read_input,
+    "wants too much": want_too_much,
+    "interrupts": interrupt,
+    "leaves": leave,
+    "mumbles": mumble,
+}
+
+
+class Misbehaves(Planner):
+    """In one of the ways, when the vehicle ahead seems to leap; otherwise it lets itself roll."""
+
+    class Settings(msgspec.Struct, frozen=True):
+        way: str
+        folder: str = ""
+
+    def __init__(self, settings):
+        self.settings = settings
+
+    def reset(self, mission):
+        self.seen_m = None
+
+    def act(self, perception):
+        now_m = perception.others[0].x_m
+        before_m, self.seen_m = self.seen_m, now_m
+        if before_m is not None and abs(now_m - before_m) > LEAP_M:
+            WAYS[self.settings.way](Path(self.settings.folder))
+        return Control(0.0, 0.0)
+
+
+class ForgetsFiles(Planner):
+    """Opens some in every episode, and closes none."""
+
+    def reset(self, mission):
+        kept.extend(os.dup(0) for _ in range(FILES_AN_EPISODE))
+
+    def act(self, perception):
+        return Control(0.0, 0.0)

@@ -5,10 +5,28 @@ import os
 import platform
 import signal
 import sys
+from pathlib import Path
 from types import FrameType
 
 from eigenfail.errors import EigenfailError
+from eigenfail.private_files import read_private
+from eigenfail.wire.curve import WorkerKey, read_worker_key
+from eigenfail_workers.worker.limits import MEMORY_OPTION, read_limits
 from eigenfail_workers.worker.parent import Parent
+
+KEY_VARIABLE = "EIGENFAIL_WORKER_KEY_FILE"
+KEY_FIELD = "--key-file"
+
+
+def key_in(file: str | None) -> WorkerKey | None:
+    """The key in a file; none if no file is named.
+
+    Raises:
+        InvalidValue: the file holds none, or everybody can read it.
+    """
+    if not file:
+        return None
+    return read_worker_key(read_private(Path(file), KEY_FIELD), KEY_FIELD)
 
 
 def main() -> None:
@@ -24,14 +42,22 @@ def serve() -> None:
     """Do what the command line says.
 
     Raises:
-        InvalidValue: the hub's address is none.
+        InvalidValue: the hub's address is none, or the limit, or the file of the key holds none.
+        Unauthorized: the hub does not let this worker in.
+        ServiceUnreachable: whoever listens at its address is not the hub.
+        ServiceError: no inner process can start here.
     """
     parser = argparse.ArgumentParser(prog="eigenfail worker", description=__doc__)
     parser.add_argument("--connect", required=True, help="the hub's address, tcp://host:port")
     parser.add_argument("--name", default=f"{platform.node()}-{os.getpid()}")
     parser.add_argument("--episode-limit", type=float, default=60.0, help="wall time [s]")
+    parser.add_argument(
+        "--key-file", default=os.environ.get(KEY_VARIABLE), help="of the key that the hub asks for"
+    )
+    parser.add_argument(MEMORY_OPTION, help="of simulator and planner [MiB]")
     arguments = parser.parse_args()
-    parent = Parent(arguments.connect, arguments.name, arguments.episode_limit)
+    key, limits = key_in(arguments.key_file), read_limits(arguments.memory_limit)
+    parent = Parent(arguments.connect, arguments.name, arguments.episode_limit, key, limits)
 
     def leave(_signal: int, _frame: FrameType | None) -> None:
         parent.leave()

@@ -25,7 +25,7 @@ from eigenfail_services.campaigns.ahead import (
     remembered,
 )
 from eigenfail_services.campaigns.course import course_of
-from eigenfail_services.campaigns.crew import ACTIVE_S, lately
+from eigenfail_services.campaigns.crew import ACTIVE_S, lately, present
 from eigenfail_services.campaigns.peers import methods_of, peer_costs
 from eigenfail_services.campaigns.summary import summaries_of, summarise
 
@@ -64,6 +64,7 @@ def known(store: Store, wanted: Wanted) -> Known:
         groups=peer_costs(pools),
         methods=methods_of(pools),
         replays=sum(pool.campaigns for pool in pools if pool.method == REPLAY),
+        here=present(store),
         lately=lately(store, ACTIVE_S),
         within_s=ACTIVE_S,
         latest=latest,
@@ -84,6 +85,7 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
         analyses=store.analyses.page(ANALYSES_ON_A_PAGE, None, campaign).items,
         events=tuple(store.events.latest(EVENTS_SHOWN, campaign)),
         latest=latest,
+        here=present(store),
     )
     measures = measures_of(seen, remembered(store, seen)) if begun and is_done(begun) else None
     response = page("campaign.html", campaign_view(found), measures=measures)

@@ -19,7 +19,7 @@ def get_health() -> Json:
 
 @router.get("/readyz", **documented(Health))
 def get_readiness(store: Stored) -> Json:
-    """The process lives and reaches its database."""
+    """The process lives, and the service can read its database and write to it."""
     store.ping()
     return Json(Health())
 

@@ -5,11 +5,11 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from eigenfail.values import Page
-from eigenfail.values.worker import WorkerShare
+from eigenfail.values.worker import Presence, WorkerShare
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_api.schemas import Json, documented
-from eigenfail_services.campaigns.crew import LATELY_S, lately, workers_of
+from eigenfail_services.campaigns.crew import LATELY_S, lately, present, workers_of
 
 router = APIRouter(prefix=PREFIX, tags=["workers"])
 
@@ -24,6 +24,12 @@ Within = Annotated[
 def list_workers(store: Stored, within_s: Within = LATELY_S) -> Json:
     """Who brought results lately, and of which campaigns; only those results are counted."""
     return Json(Page(lately(store, within_s)))
+
+
+@router.get("/workers/present", **documented(Page[Presence]))
+def list_present_workers(store: Stored) -> Json:
+    """Who is connected now, at work or not: where each runs, since when, with which versions."""
+    return Json(Page(present(store)))
 
 
 @router.get("/campaigns/{campaign}/workers", **documented(Page[WorkerShare]))

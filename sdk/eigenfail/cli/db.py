@@ -1,16 +1,27 @@
-"""`eigenfail db`: the database's schema."""
+"""`eigenfail db`: the database itself."""
 
-from typing import Annotated
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Annotated, TypeVar
 
+import msgspec
 import typer
 
+from eigenfail.cli.db_tables import verification
 from eigenfail.cli.options import DEFAULT_DATA, AsJson, Data
-from eigenfail.cli.output import to_json
+from eigenfail.cli.output import show, to_json
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.hosting.service import database_tool
+from eigenfail.values.upkeep import Backup, Verification
+
+WRONG = 1
+
+Kind = TypeVar("Kind")
 
 app = typer.Typer(
-    add_completion=False, no_args_is_help=True, help="Create, upgrade and check a database."
+    add_completion=False,
+    no_args_is_help=True,
+    help="Create, upgrade, check, back up and restore a database.",
 )
 
 Database = Annotated[
@@ -19,6 +30,18 @@ Database = Annotated[
         "--database",
         envvar="EIGENFAIL_DATABASE",
         help="SQLAlchemy URL, instead of the data folder's database.",
+    ),
+]
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="The backup.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
+Replay = Annotated[
+    int, typer.Option("--replay", min=0, help="Run so many stored episodes again, here.")
+]
+Repair = Annotated[
+    bool,
+    typer.Option(
+        "--repair", help="First count anew what is miscounted, and remove jobs that are left over."
     ),
 ]
 
@@ -41,6 +64,64 @@ def check(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson 
     tell("check", database, data, as_json)
 
 
+@app.command()
+def verify(
+    database: Database = None,
+    data: Data = DEFAULT_DATA,
+    replay: Replay = 0,
+    repair: Repair = False,
+    as_json: AsJson = False,
+) -> None:
+    """Hold all that is in a database against what is promised of it; exit with 1 if not.
+
+    A service may use it meanwhile.
+    """
+    options = [f"--replay={replay}", *["--repair"] * repair]
+    found = said(Verification, "verify", database or DataFolder(data).database, *options)
+    show(found, as_json, lambda: verification(found))
+    if found.defects:
+        raise typer.Exit(WRONG)
+
+
+@app.command()
+def backup(
+    file: File,
+    database: Database = None,
+    data: Data = DEFAULT_DATA,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write all that is in a database to a file; a service may use it meanwhile.
+
+    The file is there once it is whole and checked. SQLite gives a database file; PostgreSQL a dump
+    by pg_dump, which must be installed.
+    """
+    where = database or DataFolder(data).database
+    made = said(Backup, "backup", where, f"--file={file}", *["--force"] * force)
+    told = f"{made.file} holds all of {made.database} ({made.bytes} bytes)."
+    typer.echo(to_json(made) if as_json else told)
+
+
+@app.command()
+def restore(
+    file: File,
+    database: Database = None,
+    data: Data = DEFAULT_DATA,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Put a backup into an empty database, or with --force in the place of what is there.
+
+    All of it is restored, or nothing is changed. Nobody may use the database meanwhile.
+    """
+    folder = DataFolder(data)
+    with nullcontext() if database else folder.claimed():
+        where = database or folder.database
+        done = said(Backup, "restore", where, f"--file={file}", *["--force"] * force)
+    told = f"{done.database} holds what {done.file} held (schema {done.revision})."
+    typer.echo(to_json(done) if as_json else told)
+
+
 WORDS = {
     "upgrade": "The database's schema is at revision {}, which is this program's.",
     "check": "The database's schema is this program's: revision {}.",
@@ -56,3 +137,8 @@ def tell(action: str, database: str | None, data: Data, as_json: bool) -> None:
         if as_json
         else WORDS.get(action, "{}").format(said)
     )
+
+
+def said(kind: type[Kind], action: str, database: str, *options: str) -> Kind:
+    """What the database's own tool answers."""
+    return msgspec.json.decode(database_tool(action, database, *options), type=kind)

@@ -13,12 +13,14 @@ from rich.table import Table
 from eigenfail import plugins
 from eigenfail.cli import completion
 from eigenfail.cli.checkups import Verdict, check_table, check_up
+from eigenfail.cli.db import Database, said
 from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL, AsJson, Data, Url
 from eigenfail.cli.output import show
 from eigenfail.cli.surroundings import client_at
 from eigenfail.cli.tables import table
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import EigenfailError, InvalidValue, StoreUnavailable
 from eigenfail.hosting.folder import DataFolder
+from eigenfail.values.upkeep import Verification
 
 PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")
 GROUPS = (plugins.SCENARIOS, plugins.PLANNERS, plugins.SIMULATORS, plugins.METHODS)
@@ -60,14 +62,15 @@ def doctor(
     context: typer.Context,
     url: Url = DEFAULT_URL,
     data: Data = DEFAULT_DATA,
+    database: Database = None,
     planner: PlannerPlugin = None,
     scenario: ScenarioPlugin = None,
     as_json: AsJson = False,
 ) -> None:
     """Say what is installed, what answers and what is missing.
 
-    Exits with 3 if something is wrong. With --planner or --scenario: check that plug-in alone;
-    exits with 1 if it breaks its contract.
+    Exits with 3 if something is wrong. With --database: what `eigenfail db verify` finds, too. With
+    --planner or --scenario: check that plug-in alone; exits with 1 if it breaks its contract.
     """
     if planner or scenario:
         examine(planner, scenario, as_json)
@@ -77,6 +80,7 @@ def doctor(
         *plugin_findings(),
         folder_finding(data),
         service_finding(context, url),
+        *database_findings(database),
     ]
     show(findings, as_json, lambda: finding_table(findings))
     if any(finding.wrong for finding in findings):
@@ -128,11 +132,29 @@ def folder_finding(data: Data) -> Finding:
 
 
 def service_finding(context: typer.Context, url: str) -> Finding:
-    """Whether a service answers; none has to."""
+    """Whether a service answers, and is well; none has to."""
     with client_at(context, url) as client:
-        healthy = client.health()
-    found = "answers" if healthy else "no answer"
-    return Finding(f"service {url}", found, remedy="" if healthy else "start one: eigenfail up")
+        trouble = client.trouble()
+    what = f"service {url}"
+    if trouble is None:
+        return Finding(what, "answers")
+    if isinstance(trouble, StoreUnavailable):
+        return Finding(what, trouble.problem, True, trouble.remedy)
+    return Finding(what, "no answer", remedy="start one: eigenfail up")
+
+
+def database_findings(database: str | None) -> Iterator[Finding]:
+    """What is wrong in the database that is named, if one is."""
+    if database is None:
+        return
+    try:
+        found = said(Verification, "verify", database)
+    except EigenfailError as error:
+        yield Finding("database", error.problem, wrong=True)
+        return
+    told = f"{found.database}: {found.defects or 'no'} defects"
+    remedy = "eigenfail db verify tells them" if found.defects else ""
+    yield Finding("database", told, bool(found.defects), remedy)
 
 
 def finding_table(findings: list[Finding]) -> Table:

@@ -26,7 +26,7 @@ COMMANDS = {
     "reproduce": "Run the paper's experiments, and print its tables with our numbers beside them.",
     "worker": "Run one worker for a service that runs elsewhere, or list those that it has.",
     "key": "Make, list and revoke keys; read who changed what.",
-    "db": "Create, upgrade and check a database.",
+    "db": "Create, upgrade, check, back up and restore a database.",
     "doctor": "Say what is installed, what answers and what is missing.",
 }
 

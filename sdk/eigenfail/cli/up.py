@@ -9,6 +9,7 @@ import typer
 
 from eigenfail.cli.options import DEFAULT_DATA, PORT, AsJson, Data, Workers
 from eigenfail.cli.output import to_json
+from eigenfail.hosting.folder import DataFolder
 from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
 from eigenfail.hosting.signals import interruptible
 
@@ -46,9 +47,10 @@ def up(
 
 def welcome(service: LocalService, plan: Plan) -> str:
     """Where it is, and what to do with it."""
+    key = " --key-file FILE" if DataFolder(plan.data).hub_keys.exists() else ""
     return (
         f"eigenfail is up at {service.address.url} (data in {plan.data}; Ctrl-C stops it).\n"
-        f"More workers: eigenfail worker --connect {service.address.hub}"
+        f"More workers: eigenfail worker --connect {service.address.hub}{key}"
     )
 
 
@@ -64,14 +66,9 @@ def farewell() -> Iterator[None]:
 
 def watch(service: LocalService, verbose: bool) -> None:
     """Stay until interrupted; raises ServiceError if a process ends by itself."""
-    seen = dict.fromkeys(service.parts, 0)
     while True:
         service.check()
         if verbose:
             for part in service.parts:
-                lines = part.said()
-                typer.echo(
-                    "".join(f"{part.name}: {line}\n" for line in lines[seen[part] :]), nl=False
-                )
-                seen[part] = len(lines)
+                typer.echo("".join(f"{part.name}: {line}\n" for line in part.news()), nl=False)
         time.sleep(LOOK_EVERY_S)

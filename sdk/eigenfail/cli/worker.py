@@ -4,10 +4,12 @@ import re
 import runpy
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from eigenfail.cli import worker_keys
 from eigenfail.cli.options import AsJson
 from eigenfail.cli.output import to_json
 from eigenfail.cli.worker_lists import list_workers
@@ -22,21 +24,47 @@ Connect = Annotated[
     str | None, typer.Option(help="Address of the hub, as 'eigenfail up' prints it.")
 ]
 Name = Annotated[str | None, typer.Option(help="Name in lists and logs.")]
+KeyFile = Annotated[
+    Path | None,
+    typer.Option(
+        envvar="EIGENFAIL_WORKER_KEY_FILE",
+        help="Of its key, for a hub that asks for one; 'worker key create' makes it.",
+    ),
+]
+
+MemoryLimit = Annotated[
+    float | None,
+    typer.Option(
+        envvar="EIGENFAIL_MEMORY_LIMIT_MIB",
+        help="What simulator and planner may take, with all that they start. [MiB]",
+    ),
+]
 
 
 @app.callback(invoke_without_command=True)
 def worker(
-    context: typer.Context, connect: Connect = None, name: Name = None, as_json: AsJson = False
+    context: typer.Context,
+    connect: Connect = None,
+    name: Name = None,
+    key_file: KeyFile = None,
+    memory_limit: MemoryLimit = None,
+    as_json: AsJson = False,
 ) -> None:
     """Run one worker for a service that runs elsewhere, or list those that it has.
 
     Ctrl-C or SIGTERM hands over what is finished and ends it.
     """
     if context.invoked_subcommand is None:
-        run_worker(connect or "", name, as_json)
+        run_worker(connect or "", name, key_file, memory_limit, as_json)
 
 
-def run_worker(connect: str, name: str | None, as_json: bool) -> None:
+def run_worker(
+    connect: str,
+    name: str | None,
+    key_file: Path | None,
+    memory_limit: float | None,
+    as_json: bool,
+) -> None:
     """Be a worker until interrupted.
 
     Raises:
@@ -52,8 +80,15 @@ def run_worker(connect: str, name: str | None, as_json: bool) -> None:
         )
     words = f"A worker for the hub at {connect}; Ctrl-C ends it."
     typer.echo(to_json({"hub": connect, "name": name}, indent=0) if as_json else words)
-    sys.argv[1:] = ["--connect", connect, *([] if name is None else ["--name", name])]
+    given = {
+        "--connect": connect,
+        "--name": name,
+        "--key-file": key_file,
+        "--memory-limit": memory_limit,
+    }
+    sys.argv[1:] = [f"{option}={value}" for option, value in given.items() if value is not None]
     runpy.run_module(PROGRAM, run_name="__main__")
 
 
 app.command("list")(list_workers)
+app.add_typer(worker_keys.app, name="key")

@@ -1,7 +1,8 @@
 """`eigenfail worker list`: who works for a service."""
 
-from collections.abc import Iterable, Sequence
-from itertools import groupby
+from collections import defaultdict
+from collections.abc import Sequence
+from enum import StrEnum
 from typing import Annotated
 
 import msgspec
@@ -10,6 +11,7 @@ from rich.console import Group, RenderableType
 from rich.markup import escape
 from rich.text import Text
 
+from eigenfail.cli.figures import UNKNOWN
 from eigenfail.cli.moments import moment
 from eigenfail.cli.options import DEFAULT_URL, AsJson, Url, Watched
 from eigenfail.cli.surroundings import client_at
@@ -18,14 +20,17 @@ from eigenfail.cli.watching import View
 from eigenfail.client import Client
 from eigenfail.hosting.signals import interruptible
 from eigenfail.values import Campaign, CampaignState
-from eigenfail.values.worker import WorkerShare
+from eigenfail.values.worker import Presence, WorkerShare
 
 ACTIVE_S = 60
 """Who brought a result within so many seconds is at work."""
 
 DAY_S = 86_400
 COUNTS = ("campaigns", "episodes", "failures", "not runnable")
-NOBODY = "Nobody brought a result in the last {} s. eigenfail doctor says what is missing."
+NOBODY = (
+    "No worker is connected, and none brought a result in the last {} s. "
+    "eigenfail doctor says what is missing."
+)
 
 Within = Annotated[
     int,
@@ -35,23 +40,35 @@ Within = Annotated[
 ]
 
 
+class WorkerState(StrEnum):
+    """What a worker is at."""
+
+    AT_WORK = "at work"
+    WAITING = "waiting"
+    GONE = "gone"
+
+
 class WorkerStanding(msgspec.Struct, frozen=True, kw_only=True):
     """What a worker did lately; only results that came within the time asked for count.
 
     Attributes:
         worker: its name; that of a worker without one is its host and process.
-        at_work: whether it brought a result in the last minute.
+        host: the machine that it runs on; empty if it is not connected now.
+        state: at work if it brought a result in the last minute; otherwise it waits, or is gone.
         campaigns: whose episodes it ran.
-        last_ms: when its last result was stored; milliseconds since 1970.
+        since_ms: when it connected; milliseconds since 1970, null if it is not connected now.
+        last_ms: when its last result was stored; null before the first one.
     """
 
     worker: str
-    at_work: bool
+    host: str
+    state: WorkerState
     campaigns: tuple[int, ...]
     episodes: int
     failures: int
     failed: int
-    last_ms: int
+    since_ms: int | None
+    last_ms: int | None
 
 
 Seen = tuple[tuple[WorkerStanding, ...], tuple[Campaign, ...]]
@@ -65,18 +82,21 @@ def list_workers(
     watched: Watched = False,
     as_json: AsJson = False,
 ) -> None:
-    """List who brought results lately, and of which campaigns; the latest first.
-
-    A worker that waits for work, or is in its first episodes, is not listed yet.
-    """
+    """List who is connected, and who brought results lately; the latest results first."""
     with interruptible(), client_at(context, url) as client:
         page: View[Seen] = View(
-            look=lambda: (workers_of(client, within_s), running(client)),
+            look=lambda: look(client, within_s),
             campaigns=lambda seen: seen[1],
             told=lambda seen: seen[0],
             draw=lambda seen: drawn(seen[0], within_s),
         )
         page.watch(as_json) if watched else page.show(as_json)
+
+
+def look(client: Client, within_s: int) -> Seen:
+    """What there is now; once nothing runs any more, the workers' counts are the last ones."""
+    campaigns = running(client)
+    return workers_of(client, within_s), campaigns
 
 
 def running(client: Client) -> tuple[Campaign, ...]:
@@ -85,36 +105,43 @@ def running(client: Client) -> tuple[Campaign, ...]:
 
 
 def workers_of(client: Client, within_s: int) -> tuple[WorkerStanding, ...]:
-    """Who worked within some seconds, who came last first."""
+    """Who is connected, and who worked within some seconds; who came last first."""
     at_work = {share.worker for share in client.workers(ACTIVE_S)}
-    shares = sorted(client.workers(within_s), key=by_name)
-    found = [standing([*group], at_work) for _, group in groupby(shares, by_name)]
-    return tuple(sorted(found, key=lambda each: each.last_ms, reverse=True))
+    here = {presence.worker: presence for presence in client.present_workers()}
+    shares = defaultdict[str, list[WorkerShare]](list, {name: [] for name in here})
+    for share in client.workers(within_s):
+        shares[share.worker].append(share)
+    found = [
+        standing(name, theirs, here.get(name), is_at_work=name in at_work)
+        for name, theirs in shares.items()
+    ]
+    return tuple(sorted(found, key=lambda each: (-(each.last_ms or 0), each.worker)))
 
 
-def by_name(share: WorkerShare) -> str:
-    """Of whom it tells."""
-    return share.worker
-
-
-def standing(shares: Sequence[WorkerShare], at_work: Iterable[str]) -> WorkerStanding:
+def standing(
+    name: str, shares: Sequence[WorkerShare], here: Presence | None, *, is_at_work: bool
+) -> WorkerStanding:
     """What one worker did, of all campaigns together."""
+    idle = WorkerState.WAITING if here else WorkerState.GONE
     return WorkerStanding(
-        worker=shares[0].worker,
-        at_work=shares[0].worker in at_work,
+        worker=name,
+        host=here.host if here else "",
+        state=WorkerState.AT_WORK if is_at_work else idle,
         campaigns=tuple(sorted(share.campaign for share in shares)),
         episodes=sum(share.episodes for share in shares),
         failures=sum(share.failures for share in shares),
         failed=sum(share.failed for share in shares),
-        last_ms=max(share.last_ms for share in shares),
+        since_ms=here.arrived_ms if here else None,
+        last_ms=max((share.last_ms for share in shares), default=None),
     )
 
 
 def drawn(workers: Sequence[WorkerStanding], within_s: int) -> RenderableType:
     """One row for each worker, or that there is none."""
-    grid = table("worker", "state", *COUNTS, "last result", right=COUNTS)
+    grid = table("worker", "host", "state", *COUNTS, "last result", right=COUNTS)
     for each in workers:
-        cells = (each.worker, "at work" if each.at_work else "quiet")
+        cells = (each.worker, each.host or UNKNOWN, each.state)
         counts = (len(each.campaigns), each.episodes, each.failures, each.failed)
-        grid.add_row(*map(escape, cells), *map(str, counts), moment(each.last_ms))
+        last = UNKNOWN if each.last_ms is None else moment(each.last_ms)
+        grid.add_row(*map(escape, cells), *map(str, counts), last)
     return grid if workers else Group(Text(NOBODY.format(within_s)))

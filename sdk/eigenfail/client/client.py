@@ -15,9 +15,10 @@ from eigenfail.client.keys import Keys, token_of
 from eigenfail.client.link import Link
 from eigenfail.client.reports import NOTHING, check_folder, fetch_report, write_report
 from eigenfail.client.suites import Suites
+from eigenfail.errors import EigenfailError
 from eigenfail.values import Page
 from eigenfail.values.report import Report
-from eigenfail.values.worker import WorkerShare
+from eigenfail.values.worker import Presence, WorkerShare
 from eigenfail.wire.http import PluginInfo
 
 DEFAULT_URL = "http://127.0.0.1:8440"
@@ -75,6 +76,10 @@ class Client:
         found = self._link.get("/workers", Page[WorkerShare], {"within_s": within_s})
         return found.items
 
+    def present_workers(self) -> tuple[Presence, ...]:
+        """Who is connected now, at work or not, with host, process and versions."""
+        return self._link.get("/workers/present", Page[Presence]).items
+
     def report(
         self,
         campaigns: int | Sequence[int],
@@ -104,6 +109,10 @@ class Client:
     def health(self) -> bool:
         """Whether the service answers and reaches its database."""
         return self._link.answers("/readyz")
+
+    def trouble(self) -> EigenfailError | None:
+        """Why it is not healthy: nothing answers, or its database cannot be read or written."""
+        return self._link.trouble("/readyz")
 
     def close(self) -> None:
         """Let go of all connections."""

@@ -14,7 +14,7 @@ from eigenfail import __version__
 from eigenfail.client.asking import ask_again
 from eigenfail.client.refusals import refusal
 from eigenfail.client.waiting import patience
-from eigenfail.errors import InvalidValue, ServiceUnreachable
+from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable
 from eigenfail.rows import Rows
 from eigenfail.values import Page
 from eigenfail.wire import http
@@ -142,10 +142,15 @@ class Link:
 
     def answers(self, path: str) -> bool:
         """Whether a path outside the API is well, as far as one request can tell."""
+        return self.trouble(path) is None
+
+    def trouble(self, path: str) -> EigenfailError | None:
+        """What a path outside the API complains of; ServiceUnreachable if nothing answers."""
         try:
-            return self._http.get(path, timeout=3.0).is_success
-        except httpx2.TransportError:
-            return False
+            answer = self._http.get(path, timeout=3.0)
+        except httpx2.TransportError as error:
+            return self.unreachable(error)
+        return None if answer.is_success else refusal(answer)
 
     def close(self) -> None:
         """Let go of all connections."""

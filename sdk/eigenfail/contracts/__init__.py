@@ -4,7 +4,8 @@ Each contract has a conformance suite in `eigenfail.testing`.
 """
 
 from eigenfail.contracts.access import AuditLog, KeyStore
-from eigenfail.contracts.learning import Estimator, Exploiter, Learner, Method, Trained
+from eigenfail.contracts.learning import Estimator, Exploiter, Learner, Method, Paced, Trained
+from eigenfail.contracts.roster import Roster
 from eigenfail.contracts.storage import (
     AnalysisStore,
     CampaignStore,
@@ -45,9 +46,11 @@ __all__ = [
     "KeyStore",
     "Learner",
     "Method",
+    "Paced",
     "Planner",
     "PlannerPlugin",
     "PlottingPlanner",
+    "Roster",
     "Scenario",
     "Simulation",
     "Simulator",

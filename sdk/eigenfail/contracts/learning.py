@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import msgspec
 
-from eigenfail.values import EpisodeResult, Estimate, LearnerContext, Proposal
+from eigenfail.values import EpisodeResult, Estimate, LearnerContext, Proposal, RoundSizes
 
 
 class Learner(Protocol):
@@ -68,3 +68,15 @@ class Method(Protocol):
 
     def __call__(self, context: LearnerContext, settings: Any) -> Learner:
         """A new learner."""
+
+
+@runtime_checkable
+class Paced(Protocol):
+    """A method that can tell how large its rounds are: stop rules are judged after whole ones.
+
+    No method has to; one whose settings have a `round_size` is taken to keep to it.
+    """
+
+    @staticmethod
+    def round_sizes(settings: Any, episodes: int, /) -> RoundSizes:
+        """With these settings and so many episodes in all."""

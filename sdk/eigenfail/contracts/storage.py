@@ -1,9 +1,10 @@
 """What remembers: ids and frozen values in and out, each verb one transaction."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Protocol
 
 from eigenfail.contracts.access import AuditLog, KeyStore
+from eigenfail.contracts.roster import Roster
 from eigenfail.filters import BY_INDEX, Conditions, Sort
 from eigenfail.values import (
     Analysis,
@@ -85,24 +86,40 @@ class CampaignStore(Protocol):
     def suites(self, limit: int, before: int | None = None) -> Page[SuiteStanding]:
         """Suites by their newest campaigns, newest first, of those with ids below `before`."""
 
-    def move(self, campaign: int, to: CampaignState, because: str = "") -> Campaign:
+    def move(
+        self, campaign: int, to: CampaignState, because: str = "", claim: Job | None = None
+    ) -> Campaign:
         """Change the state, and log the event.
 
         A move to `queued` queues a job; a move to a final state counts what is still open as
         cancelled and, for `done`, stores the digest.
 
+        Args:
+            campaign: by its id.
+            to: the new state.
+            because: why, in a sentence.
+            claim: of who runs the campaign; users need none.
+
         Raises:
             NotFound: no such campaign.
             IllegalTransition: its state does not allow it.
+            ClaimLost: the claim is no longer the campaign's; nothing changes.
         """
 
-    def add_active(self, campaign: int, seconds: float, overhead: Overhead = NOTHING) -> None:
+    def add_active(
+        self,
+        campaign: int,
+        seconds: float,
+        overhead: Overhead = NOTHING,
+        claim: Job | None = None,
+    ) -> None:
         """Add to the time during which the campaign was running, and to what that went into.
 
         The overhead of a campaign of which an older release did not measure it stays unknown.
 
         Raises:
             NotFound: no such campaign.
+            ClaimLost: the claim is no longer the campaign's; nothing is added.
         """
 
 
@@ -111,6 +128,13 @@ class EpisodeStore(Protocol):
 
     def commit(self, campaign: int, deliveries: Sequence[Delivery]) -> list[Verdict]:
         """Keep results, update the counts, and log alarms; one verdict for each delivery."""
+
+    def add_death(self, campaign: int, index: int) -> int:
+        """One more worker was lost while it ran this episode; how many that makes.
+
+        Raises:
+            NotFound: no such campaign.
+        """
 
     def get(self, campaign: int, index: int) -> EpisodeResult:
         """One result with everything that is kept of it.
@@ -203,7 +227,10 @@ class FigureStore(Protocol):
 
 
 class CheckpointStore(Protocol):
-    """The learner's last state of each campaign, and what it then told."""
+    """The learner's last states of each campaign, and what it then told.
+
+    The one before the last is kept to fall back to, should the last one be damaged.
+    """
 
     def save(
         self,
@@ -211,21 +238,37 @@ class CheckpointStore(Protocol):
         checkpoint: bytes,
         estimate: Estimate | None = None,
         trained_episodes: int | None = None,
+        claim: Job | None = None,
     ) -> None:
-        """Replace the checkpoint and what the campaign's learner told, all or nothing.
+        """A new checkpoint, and what the campaign's learner told, all or nothing.
 
         Args:
             campaign: by its id.
-            checkpoint: the learner's state.
+            checkpoint: the learner's state and the open rounds; its SHA-256 is kept with it.
             estimate: of the failure probability.
             trained_episodes: how many it was trained with.
+            claim: of who runs the campaign.
 
         Raises:
             NotFound: no such campaign.
+            ClaimLost: the claim is no longer the campaign's; nothing is saved.
         """
 
     def load(self, campaign: int) -> bytes | None:
-        """The checkpoint, if there is one."""
+        """The newest checkpoint that is whole, if there is one.
+
+        Raises:
+            ProtocolError: there are checkpoints, and none is whole.
+        """
+
+    def recover(self, campaign: int, claim: Job | None = None) -> bytes | None:
+        """The same, to go on from: newer ones that are damaged are dropped, with an event.
+
+        Raises:
+            NotFound: no such campaign.
+            ClaimLost: the claim is no longer the campaign's.
+            ProtocolError: there are checkpoints, and none is whole.
+        """
 
 
 class AnalysisStore(Protocol):
@@ -302,6 +345,9 @@ class JobQueue(Protocol):
     def renew(self, job: Job, lease_s: float) -> bool:
         """Hold the job longer; False if it is no longer ours."""
 
+    def let_go(self, is_lost: Callable[[str], bool]) -> int:
+        """Free at once what is leased to owners that are lost; how many jobs that are."""
+
     def finish(self, job: Job) -> bool:
         """The job is done; False if it was no longer ours."""
 
@@ -321,6 +367,7 @@ class Store(Protocol):
     jobs: JobQueue
     keys: KeyStore
     audit: AuditLog
+    roster: Roster
 
     def ping(self) -> None:
         """Raises StoreUnavailable, within seconds, if the database does not answer."""

@@ -34,6 +34,11 @@ class DataFolder:
         """The SQLAlchemy URL of its database."""
         return f"sqlite:///{self.path / 'eigenfail.db'}"
 
+    @property
+    def hub_keys(self) -> Path:
+        """Where the keys of its hub are, if somebody made some."""
+        return self.path / "hub-keys"
+
     def log(self, part: str) -> Path:
         """Where a part of the service writes."""
         return self.path / f"{part}.log"

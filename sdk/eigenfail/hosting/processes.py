@@ -11,6 +11,7 @@ from types import MappingProxyType
 import psutil
 
 from eigenfail.errors import ServiceError
+from eigenfail.hosting.logs import Log
 from eigenfail.hosting.signals import handled
 
 OWNER_MARK = "EIGENFAIL_STARTED_FOR"
@@ -39,7 +40,9 @@ class Part:
     ) -> None:
         self.name = name
         self.log = log
-        self.log_start = log.stat().st_size if log.exists() else 0
+        with suppress(OSError):
+            Log(log).rotate()
+        self._start = self._told = log.stat().st_size if log.exists() else 0
         marks = {OWNER_MARK: owner, "PYTHONUNBUFFERED": "1"}
         environment = os.environ | marks | dict(variables)
         with log.open("ab") as stream:
@@ -53,10 +56,28 @@ class Part:
             )
 
     def said(self) -> list[str]:
-        """The lines it has written so far."""
+        """The lines it has written so far, as far as its log still has them."""
+        return self._read(self._start).decode(errors="replace").splitlines()
+
+    def news(self) -> list[str]:
+        """The whole lines that it has written since this was last asked."""
+        lines, newline, _ = self._read(self._told).rpartition(b"\n")
+        self._told += len(lines) + len(newline)
+        return lines.decode(errors="replace").splitlines()
+
+    def rotate(self) -> None:
+        """Move what is in the log aside if it has become too long.
+
+        Raises:
+            OSError: there is no room for it.
+        """
+        if Log(self.log).rotate():
+            self._start = self._told = 0
+
+    def _read(self, start: int) -> bytes:
         with self.log.open("rb") as stream:
-            stream.seek(self.log_start)
-            return stream.read().decode(errors="replace").splitlines()
+            stream.seek(start)
+            return stream.read()
 
     def check(self) -> None:
         """Raises ServiceError if the process has ended by itself, with what it said last."""

@@ -5,7 +5,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
@@ -18,7 +18,8 @@ from eigenfail.client import Client
 from eigenfail.errors import InputError, PortTaken, ServiceError
 from eigenfail.hosting.folder import HOST, Address, DataFolder
 from eigenfail.hosting.homemade import python_path
-from eigenfail.hosting.processes import POLL_S, Part, end_marked, stop
+from eigenfail.hosting.logs import bounded
+from eigenfail.hosting.processes import NOTHING, POLL_S, Part, end_marked, stop
 from eigenfail.hosting.warden import warden
 
 READY_WITHIN_S = 90.0
@@ -90,7 +91,8 @@ def local_service(plan: Plan) -> Iterator[LocalService]:
                 parts.append(Part(name, command, folder.log(name), owner, found))
             service = LocalService(wait_until_ready(parts, port), tuple(parts))
             folder.publish(service.address)
-            yield service
+            with bounded([part.rotate for part in parts]):
+                yield service
         finally:
             stop(parts, owner)
 
@@ -105,11 +107,16 @@ def commands(plan: Plan, database: str, port: int, hub_port: int) -> dict[str, l
         "--launcher",
         plan.launcher.value,
     )
-    hub = ("--hub", f"tcp://{HOST}:{hub_port}")
+    hub = ("--hub", f"tcp://{HOST}:{hub_port}", *hub_keys(DataFolder(plan.data)))
     return {
         "controller": [*python, "eigenfail_api", "--database", database, *controller],
         "services": [*python, "eigenfail_services", "--database", database, *services, *hub],
     }
+
+
+def hub_keys(folder: DataFolder) -> tuple[str, ...]:
+    """What makes the hub ask for keys: somebody made some in its folder."""
+    return ("--hub-keys", str(folder.hub_keys)) if folder.hub_keys.exists() else ()
 
 
 def require_installed() -> None:
@@ -140,13 +147,14 @@ def free_port(port: int) -> int:
         return int(probe.getsockname()[1])
 
 
-def database_tool(action: str, database: str) -> str:
+def database_tool(action: str, database: str, *options: str) -> str:
     """What `python -m eigenfail_services db` says.
 
     Raises:
+        InputError: what was asked for cannot be done as asked.
         ServiceError: it fails.
     """
-    return services_tool(("db", action), database)
+    return services_tool(("db", action, *options), database)
 
 
 def services_tool(words: Sequence[str], database: str) -> str:
@@ -156,12 +164,22 @@ def services_tool(words: Sequence[str], database: str) -> str:
         InputError: what was asked for cannot be done as asked.
         ServiceError: it fails.
     """
-    command = [sys.executable, "-m", "eigenfail_services", *words]
     # Not an argument: everybody on the machine can read those, and there may be a password in it.
-    environment = os.environ | {"EIGENFAIL_DATABASE": database}
+    return services_program(words, {"EIGENFAIL_DATABASE": database})
+
+
+def services_program(words: Sequence[str], variables: Mapping[str, str] = NOTHING) -> str:
+    """What a command of `python -m eigenfail_services` says that ends by itself.
+
+    Raises:
+        InputError: what was asked for cannot be done as asked.
+        ServiceError: it fails.
+    """
+    command = [sys.executable, "-m", "eigenfail_services", *words]
+    environment = os.environ | dict(variables)
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     if done.returncode:
-        said = done.stderr.strip() or f"The database tool failed at '{' '.join(words[:2])}'."
+        said = done.stderr.strip() or f"The services' program failed at '{' '.join(words[:2])}'."
         if done.returncode == InputError.exit_code:
             raise InputError("", said)
         raise ServiceError(said)

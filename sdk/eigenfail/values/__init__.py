@@ -81,6 +81,7 @@ from eigenfail.values.learning import (
     Predecessor,
     Proposal,
     Round,
+    RoundSizes,
 )
 from eigenfail.values.minimal import MinimalFailure
 from eigenfail.values.paging import Page
@@ -200,6 +201,7 @@ __all__ = [
     "ReplayedNoise",
     "Reproduction",
     "Round",
+    "RoundSizes",
     "Safety",
     "SafetyTotals",
     "Scatter",

@@ -81,6 +81,20 @@ class Proposal(msgspec.Struct, frozen=True, eq=False):
     policy: Policy | None = None
 
 
+class RoundSizes(msgspec.Struct, frozen=True):
+    """How large the rounds of a method are, as far as its settings and the budget say.
+
+    Attributes:
+        first: episodes of the first one.
+        later: episodes of the largest one after that.
+        setting: name of the setting that makes them smaller.
+    """
+
+    first: int
+    later: int
+    setting: str = "round_size"
+
+
 class Round(msgspec.Struct, frozen=True, eq=False):
     """The episodes that a learner proposed from one state; observed together, in index order."""
 

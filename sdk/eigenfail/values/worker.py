@@ -1,6 +1,46 @@
-"""Who ran the episodes."""
+"""Who is there to run episodes, and who ran them."""
+
+from typing import Annotated
 
 import msgspec
+
+MOST_VERSIONS, LONGEST_NAME = 200, 300
+
+Name = Annotated[str, msgspec.Meta(max_length=LONGEST_NAME)]
+Versions = Annotated[dict[Name, Name], msgspec.Meta(max_length=MOST_VERSIONS)]
+"""By name: of Python, the machine, eigenfail, and every package that a digest depends on."""
+
+
+class Arrival(msgspec.Struct, frozen=True, kw_only=True):
+    """A worker that has come to a hub.
+
+    Attributes:
+        worker: its name, as it told the hub.
+        host: the machine that it runs on.
+        pid: its process there.
+        versions: of what it runs with.
+    """
+
+    worker: str
+    host: str
+    pid: int
+    versions: Versions = {}
+
+
+class Presence(Arrival, frozen=True, kw_only=True):
+    """A worker, from its arrival until it left.
+
+    Attributes:
+        id: number of the arrival.
+        arrived_ms: when it came; milliseconds since 1970.
+        heard_ms: when its hub last said that it is there, which it does every few seconds.
+        left_ms: when it left or was given up; null as long as neither is known.
+    """
+
+    id: int
+    arrived_ms: int
+    heard_ms: int
+    left_ms: int | None = None
 
 
 class WorkerShare(msgspec.Struct, frozen=True, kw_only=True):

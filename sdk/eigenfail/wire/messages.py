@@ -20,11 +20,14 @@ from eigenfail.values import (
     StopRules,
 )
 from eigenfail.values.arrays import Floats, PackedArray, encode_array, unpack
+from eigenfail.values.worker import Versions
+from eigenfail.wire.claims import MAX_CLAIMS, Claim
 
-PROTOCOL = 3
+PROTOCOL = 4
 """Counts up with every change that an older peer would not understand."""
 
 MAX_MESSAGE_BYTES = 256 * 1024 * 1024
+LONGEST_LIFE = 64
 
 
 class Message(msgspec.Struct, frozen=True, eq=False, tag=True, forbid_unknown_fields=True):
@@ -32,19 +35,32 @@ class Message(msgspec.Struct, frozen=True, eq=False, tag=True, forbid_unknown_fi
 
 
 class Hello(Message, frozen=True):
-    """Worker: I am here and can hold `credit` episodes at a time."""
+    """Worker: I am here and can hold `credit` episodes at a time.
+
+    Attributes:
+        life: of its process, the same on whatever connection it comes; empty for nobody's.
+        asked: which time it asks to be let in. It says hello until it is welcomed, and only the
+            first of these tells the hub anything new.
+        claims: what it holds from before: leased and not begun, running, or finished and not
+            acknowledged.
+        versions: of what it runs its episodes with.
+    """
 
     protocol: int
     worker: str
     credit: int
     host: str = ""
     pid: int = 0
+    life: Annotated[str, msgspec.Meta(max_length=LONGEST_LIFE)] = ""
+    asked: int = 0
+    claims: Annotated[tuple[Claim, ...], msgspec.Meta(max_length=MAX_CLAIMS)] = ()
+    versions: Versions = {}
 
 
 class Welcome(Message, frozen=True):
     """Hub: you are in; be heard every `heartbeat_s`."""
 
-    heartbeat_s: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)]
+    heartbeat_s: Annotated[float, msgspec.Meta(ge=0.05, le=3600.0)]
 
 
 class Refusal(Message, frozen=True):
@@ -54,10 +70,14 @@ class Refusal(Message, frozen=True):
 
 
 class Heartbeat(Message, frozen=True):
-    """Worker: I live. `running` is the episode being run, if any."""
+    """Worker: I live. `running` is the episode being run, if any.
+
+    `held` are campaign and index of all that it holds and has not finished, that one included.
+    """
 
     campaign: int | None = None
     running: int | None = None
+    held: Annotated[tuple[tuple[int, int], ...], msgspec.Meta(max_length=MAX_CLAIMS)] = ()
 
 
 class Setup(Message, frozen=True):
@@ -89,7 +109,10 @@ class Results(Message, frozen=True):
 
 
 class Ack(Message, frozen=True):
-    """Hub: the results with these indices are committed (or not wanted); forget them."""
+    """Hub: the results with these indices are committed (or not wanted); forget them.
+
+    With none of them it answers a heartbeat, so that a worker knows a line that is dead.
+    """
 
     campaign: int
     indices: tuple[int, ...]
@@ -151,8 +174,15 @@ class Trouble(Message, frozen=True):
     problem: str
 
 
+class Diverged(Message, frozen=True):
+    """Learner process: a number in me is NaN or infinite; my last checkpoint is from before."""
+
+    problem: str
+    remedy: str = ""
+
+
 LearnerCommand = Start | Observed | Stop
-LearnerMessage = Proposed | Trouble
+LearnerMessage = Proposed | Trouble | Diverged
 
 _encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
 

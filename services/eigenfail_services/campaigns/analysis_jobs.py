@@ -9,12 +9,14 @@ import msgspec
 
 from eigenfail.contracts import Store
 from eigenfail.errors import InputError
-from eigenfail.processes import ONE_THREAD
+from eigenfail.processes import ONE_THREAD, as_parent, kill_group
 from eigenfail.values import Analysis, AnalysisResult
 from eigenfail.values.records import Job
+from eigenfail_services.bounds import NO_BOUNDS, Bounds
 from eigenfail_services.campaigns.analysed import ground, notes, portions
 from eigenfail_services.campaigns.mode_probability import with_probabilities
 from eigenfail_services.campaigns.mode_words import mode_words
+from eigenfail_services.hub.patience import Patience
 
 LEASE_S = 30.0
 DATABASE_VARIABLE = "EIGENFAIL_DATABASE"
@@ -24,13 +26,19 @@ LOOK = (
     " error). Launch it again."
 )
 
+LONGER = (
+    "Analyse fewer campaigns at a time or with a smaller bootstrap, or start the services with a"
+    " larger --analysis-limit."
+)
+
 
 class RunningAnalysis(msgspec.Struct):
     """A process, the job that it works on, and when that job's lease is to be renewed."""
 
     job: Job
     process: "subprocess.Popen[bytes]"
-    renew_s: float
+    patience: Patience
+    renew_s: float = 0.0
 
 
 class AnalysisJobs:
@@ -39,11 +47,13 @@ class AnalysisJobs:
     Args:
         database: URL of the store; handed on in the environment, where no list of processes
             shows its password.
+        bounds: of each process.
     """
 
-    def __init__(self, store: Store, database: str) -> None:
+    def __init__(self, store: Store, database: str, bounds: Bounds = NO_BOUNDS) -> None:
         self._store = store
-        self._environment = os.environ | ONE_THREAD | {DATABASE_VARIABLE: database}
+        self._bounds = bounds
+        self._environment = os.environ | ONE_THREAD | as_parent() | {DATABASE_VARIABLE: database}
         self._running: list[RunningAnalysis] = []
 
     def __len__(self) -> int:
@@ -57,8 +67,9 @@ class AnalysisJobs:
                 running.job = job
                 return
         command = [sys.executable, "-m", "eigenfail_services", "analyse", str(job.subject)]
-        process = subprocess.Popen(command, env=self._environment)
-        self._running.append(RunningAnalysis(job, process, 0.0))
+        process = subprocess.Popen(command, env=self._environment, process_group=0)
+        self._bounds.confine(process.pid)
+        self._running.append(RunningAnalysis(job, process, Patience(self._bounds.time_s)))
 
     def tend(self) -> None:
         """Renew the leases of those that run, conclude those that have ended."""
@@ -66,18 +77,25 @@ class AnalysisJobs:
 
     def _ended(self, running: RunningAnalysis) -> bool:
         status = running.process.poll()
-        if status is None:
+        if status is None and not running.patience.is_over():
             self._renew(running)
             return False
-        if status < 0:
+        if status is not None and status < 0:
             # Killed, by nobody of this house: whoever claims the job next starts it anew.
             self._store.jobs.renew(running.job, 0.0)
             return True
-        if status > 0:
-            problem = f"The analysis process ended with status {status}. {LOOK}"
+        if problem := self._problem(status):
             self._store.analyses.fail(running.job.subject, problem)
+        kill_group(running.process)
         self._store.jobs.finish(running.job)
         return True
+
+    def _problem(self, status: int | None) -> str:
+        """What is told of one that is over, or takes too long; empty if it went well."""
+        if status is None:  # it would take as long the next time
+            took = f"The analysis took more than {self._bounds.time_s:g} s, and was broken off."
+            return f"{took} {LONGER}"
+        return f"The analysis process ended with status {status}. {LOOK}" if status else ""
 
     def _renew(self, running: RunningAnalysis) -> None:
         if time.monotonic() >= running.renew_s:
@@ -87,8 +105,7 @@ class AnalysisJobs:
     def stop(self) -> None:
         """End all of them; the next supervisor starts them anew."""
         for running in self._running:
-            running.process.kill()
-            running.process.wait()
+            kill_group(running.process)
             self._store.jobs.renew(running.job, 0.0)
 
 

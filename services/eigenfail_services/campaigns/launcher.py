@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from eigenfail import plugins
 from eigenfail.errors import ClusterUnavailable
+from eigenfail.wire.curve import WorkerKey
 
 ENVIRONMENT = {
     "RAY_AUTH_MODE": "token",
@@ -21,8 +22,8 @@ KNOCK_S = 5.0
 class Launcher(Protocol):
     """Starts workers somewhere, and takes them down again."""
 
-    def start(self, hub: str) -> None:
-        """Have workers connect to the hub.
+    def start(self, hub: str, key: WorkerKey | None = None) -> None:
+        """Have workers connect to the hub, with a key where it asks for one.
 
         Raises:
             ClusterUnavailable: there is nowhere to start them.
@@ -35,7 +36,7 @@ class Launcher(Protocol):
 class NoLauncher:
     """For workers that are started by hand."""
 
-    def start(self, hub: str) -> None:
+    def start(self, hub: str, key: WorkerKey | None = None) -> None:
         """Nothing to do."""
 
     def stop(self) -> None:
@@ -67,14 +68,14 @@ class RayLauncher:
         self._actors: list[Any] = []
         self._runs: list[Any] = []
 
-    def start(self, hub: str) -> None:
+    def start(self, hub: str, key: WorkerKey | None = None) -> None:
         """Connect to Ray, and ask it for the workers.
 
         Raises:
             ClusterUnavailable: Ray is not installed, or does not start.
         """
         self.connect()
-        self.ask(hub)
+        self.ask(hub, key)
 
     def connect(self) -> None:
         """Connect to the cluster, or start one.
@@ -108,7 +109,7 @@ class RayLauncher:
             "_node_ip_address": "127.0.0.1",
         }
 
-    def ask(self, hub: str) -> None:
+    def ask(self, hub: str, key: WorkerKey | None = None) -> None:
         """Ask for the actors; each says hello to the hub when Ray has placed it."""
         import ray
 
@@ -117,7 +118,8 @@ class RayLauncher:
         remote = ray.remote(num_cpus=1, max_restarts=-1, max_task_retries=-1)(actor)
         self._actors = [remote.remote() for _ in range(self._workers)]
         self._runs = [
-            worker.run.remote(hub, f"ray-{number}") for number, worker in enumerate(self._actors)
+            worker.run.remote(hub, f"ray-{number}", key)
+            for number, worker in enumerate(self._actors)
         ]
 
     def dismiss(self) -> None:

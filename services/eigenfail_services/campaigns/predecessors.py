@@ -90,14 +90,14 @@ def last_state(before: Campaign, field: str, store: Store) -> bytes:
     Raises:
         InvalidValue: it never got as far as a state, or another program wrote it.
     """
-    checkpoint = store.checkpoints.load(before.id)
-    if checkpoint is None:
-        problem = f"campaign {before.id} ended before its first round and has no checkpoint."
-        raise InvalidValue(field, problem, "Start one like it anew, and name that.")
     try:
-        return read_checkpoint(checkpoint).learner
+        checkpoint = store.checkpoints.load(before.id)
+        if checkpoint is not None:
+            return read_checkpoint(checkpoint).learner
     except ProtocolError as error:
         raise InvalidValue(field, f"campaign {before.id}: {error.problem}", error.remedy) from error
+    problem = f"campaign {before.id} ended before its first round and has no checkpoint."
+    raise InvalidValue(field, problem, "Start one like it anew, and name that.")
 
 
 def without_birth(method: str, settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,15 +7,12 @@ from typing import Any
 import msgspec
 
 from eigenfail import plugins
+from eigenfail.contracts import Paced
 from eigenfail.settings import read_settings
-from eigenfail.values import CampaignSpec
+from eigenfail.values import CampaignSpec, RoundSizes
 from eigenfail_services.campaigns.earlier import search
-from eigenfail_services.methods.difs.schedules import planned
-from eigenfail_services.methods.difs.settings import DifsSettings
 
 ROUND_SIZE = "round_size"
-SIZED_BY = {"cem": "batch"}
-"""The setting that says how large a round is, where it is called otherwise."""
 
 ON_RESULTS = ("failures", "half_width", "cv")
 
@@ -83,11 +80,12 @@ def pace_of(spec: CampaignSpec) -> Pace | None:
     searching = search(spec)
     method = plugins.load(plugins.METHODS, searching.method)
     settings = read_settings(method.Settings, dict(searching.settings), searching.field)
-    name = SIZED_BY.get(searching.method, ROUND_SIZE)
-    found = rounds_of(settings, name, ceil(spec.episodes / members(spec)))
+    sizes = sizes_of(method, settings, ceil(spec.episodes / members(spec)))
+    if sizes is None:
+        return None
     # With rules on results no campaign has more rounds open than that: see `Rounds`.
     ahead = min(1, getattr(method, "lookahead", 1))
-    return found and Pace(*found, ahead, f"{searching.field}.{name}")
+    return Pace(sizes.first, sizes.later, ahead, f"{searching.field}.{sizes.setting}")
 
 
 def members(spec: CampaignSpec) -> int:
@@ -96,10 +94,9 @@ def members(spec: CampaignSpec) -> int:
     return getattr(read_settings(kind, spec.settings, "settings"), "members", 1)
 
 
-def rounds_of(settings: Any, name: str, episodes: int) -> tuple[int, int] | None:
-    """Episodes of the first round, and of the largest after that; None if settings do not say."""
-    if isinstance(settings, DifsSettings):
-        plan = planned(episodes, settings)
-        return plan.initial, max(plan.round_size, episodes - plan.final)
-    size = getattr(settings, name, None)
-    return None if size is None else (size, size)
+def sizes_of(method: Any, settings: Any, episodes: int) -> RoundSizes | None:
+    """How large the rounds of a method are; None if neither it nor a setting says."""
+    if isinstance(method, Paced):
+        return method.round_sizes(settings, episodes)
+    size = getattr(settings, ROUND_SIZE, None)
+    return None if size is None else RoundSizes(size, size, ROUND_SIZE)

@@ -1,8 +1,6 @@
 """Claims jobs and sees them through: campaigns on the hub, analyses in processes of their own."""
 
 import contextlib
-import os
-import platform
 import time
 from collections import deque
 from collections.abc import Callable
@@ -11,11 +9,12 @@ from queue import Empty
 import structlog
 
 from eigenfail.contracts import Store
-from eigenfail.errors import IllegalTransition, InputError, NotFound
+from eigenfail.errors import ClaimLost, IllegalTransition, InputError, NotFound
 from eigenfail.values import FINAL_STATES, Campaign, CampaignState
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.materials import learner_context
+from eigenfail_services.campaigns.owner import is_lost, this_process
 from eigenfail_services.campaigns.watch import Watch, spent
 from eigenfail_services.hub.runs import Order
 from eigenfail_services.hub.server import Ended, Hub
@@ -37,7 +36,7 @@ class Supervisor:
         self._store = store
         self._hub = hub
         self._analyses = analyses
-        self._owner = f"{platform.node()}:{os.getpid()}"
+        self._owner = this_process()
         self._watched: dict[int, Watch] = {}
         self._to_close: deque[Ended] = deque()
         self._next_renewal_s = 0.0
@@ -66,8 +65,9 @@ class Supervisor:
     def release(self) -> None:
         """Give back what is running, for the next supervisor to go on with."""
         for watch in self._watched.values():
-            watch.bill(self._store)
-            self._store.jobs.renew(watch.job, 0.0)
+            with contextlib.suppress(ClaimLost):
+                watch.bill(self._store)
+                self._store.jobs.renew(watch.job, 0.0)
         self._watched.clear()
 
     def _claim(self) -> None:
@@ -93,8 +93,8 @@ class Supervisor:
             self._launch(campaign, job)
             return
         try:
-            moved = self._store.campaigns.move(campaign.id, CampaignState.RUNNING)
-        except IllegalTransition:  # somebody paused or cancelled it since we looked
+            moved = self._store.campaigns.move(campaign.id, CampaignState.RUNNING, claim=job)
+        except (IllegalTransition, ClaimLost):  # somebody paused or cancelled it since we looked
             self._store.jobs.finish(job)
             return
         self._launch(moved, job)
@@ -104,7 +104,8 @@ class Supervisor:
         try:
             context = learner_context(campaign, self._store)
         except (InputError, NotFound) as error:
-            self._store.campaigns.move(campaign.id, CampaignState.DEAD, str(error))
+            with contextlib.suppress(ClaimLost):
+                self._store.campaigns.move(campaign.id, CampaignState.DEAD, str(error), job)
             self._store.jobs.finish(job)
             return
         watch = self._watched[campaign.id] = Watch(job)
@@ -117,6 +118,7 @@ class Supervisor:
             context=context,
             rules=spec.stop,
             meter=watch.meter,
+            claim=lambda: watch.job,
         )
         self._hub.launch(order)
         log.info("campaign started", campaign=campaign.id, method=spec.method)
@@ -135,12 +137,14 @@ class Supervisor:
         if time.monotonic() < self._next_renewal_s:
             return
         self._next_renewal_s = time.monotonic() + RENEW_S
+        if freed := self._store.jobs.let_go(is_lost):
+            log.info("took over from a lost process", jobs=freed)
         for campaign, watch in self._watched.items():
-            watch.bill(self._store)
-            if not self._store.jobs.renew(watch.job, LEASE_S):
+            if watch.hold(self._store, LEASE_S):
+                self._tell_progress(campaign, watch)
+            else:
                 watch.lost = True
                 self._hub.halt(campaign)
-            self._tell_progress(campaign, watch)
 
     def _tell_progress(self, campaign: int, watch: Watch) -> None:
         """Wake those who follow, if there is anything new to see."""
@@ -165,20 +169,28 @@ class Supervisor:
 
     def _close_campaign(self, ended: Ended) -> None:
         watch = self._watched[ended.campaign]
-        if watch.lost or not self._store.jobs.renew(watch.job, LEASE_S):
+        if watch.lost or ended.lost or not self._settled(ended, watch):
             log.warning("campaign lost to another supervisor", campaign=ended.campaign)
-        else:
-            self._settle(ended, watch)
-            self._store.jobs.finish(watch.job)
+            # It may have come back to us meanwhile: then it is launched anew.
+            self._store.jobs.renew(watch.job, 0.0)
         del self._watched[ended.campaign]
 
+    def _settled(self, ended: Ended, watch: Watch) -> bool:
+        """Whether its end was ours to write down."""
+        try:
+            watch.bill(self._store)
+            self._settle(ended, watch)
+        except ClaimLost:
+            return False
+        self._store.jobs.finish(watch.job)
+        return True
+
     def _settle(self, ended: Ended, watch: Watch) -> None:
-        watch.bill(self._store)
         state = self._store.campaigns.get(ended.campaign).state
         if state in AT_REST:
             return
         to, because = self._verdict(state, watch, ended)
-        self._store.campaigns.move(ended.campaign, to, because)
+        self._store.campaigns.move(ended.campaign, to, because, watch.job)
         log.info("campaign ended", campaign=ended.campaign, state=to, because=because)
 
     def _verdict(

@@ -5,7 +5,7 @@ import time
 from msgspec.structs import replace
 
 from eigenfail.contracts import Store
-from eigenfail.errors import StoreUnavailable
+from eigenfail.errors import ClaimLost, StoreUnavailable
 from eigenfail.values import Campaign, Counts
 from eigenfail.values.records import Job
 from eigenfail_services.campaigns import stopping
@@ -30,12 +30,25 @@ class Watch:
         unbilled_s = time.monotonic() - self.billed_s
         return replace(campaign, active_s=campaign.active_s + unbilled_s)
 
+    def hold(self, store: Store, lease_s: float) -> bool:
+        """Bill the time until now and renew the lease; False if it is somebody else's by now."""
+        try:
+            self.bill(store)
+        except ClaimLost:
+            return False
+        return store.jobs.renew(self.job, lease_s)
+
     def bill(self, store: Store) -> None:
-        """Add the time since the last bill; it stays open while the store is away."""
+        """Add the time since the last bill; it stays open while the store is away.
+
+        Raises:
+            StoreUnavailable: it could not be added.
+            ClaimLost: the campaign is somebody else's by now, and so is its time.
+        """
         overhead = self.meter.take()  # before the clock is read: no part is more than the whole
         now_s = time.monotonic()
         try:
-            store.campaigns.add_active(self.job.subject, now_s - self.billed_s, overhead)
+            store.campaigns.add_active(self.job.subject, now_s - self.billed_s, overhead, self.job)
         except StoreUnavailable:
             self.meter.give_back(overhead)
             raise

@@ -33,9 +33,14 @@ class Pending(msgspec.Struct, frozen=True, eq=False):
 
 
 class Commits:
-    """Collects results for up to 50 ms or 256 of them, then writes them together."""
+    """Collects results for up to 50 ms or 256 of them, then writes them together.
+
+    Attributes:
+        stuck: whether results wait that the store did not take when it was last asked to.
+    """
 
     def __init__(self, episodes: EpisodeStore) -> None:
+        self.stuck = False
         self._episodes = episodes
         self._pending: list[Pending] = []
         self._due_s = 0.0
@@ -57,7 +62,7 @@ class Commits:
         due = time.monotonic() >= self._due_s or len(self._pending) >= MAX_RESULTS
         if not self._pending or not (due or now):
             return []
-        groups, self._pending = self._by_campaign(), []
+        groups, self._pending, self.stuck = self._by_campaign(), [], False
         committed: list[Committed] = []
         while groups:
             try:
@@ -71,7 +76,7 @@ class Commits:
         return committed
 
     def _postpone(self, groups: list[list[Pending]]) -> None:
-        self._pending = [pending for group in groups for pending in group]
+        self._pending, self.stuck = [pending for group in groups for pending in group], True
         self._due_s = time.monotonic() + RETRY_S
 
     def _by_campaign(self) -> list[list[Pending]]:

@@ -7,7 +7,8 @@ from typing import Any
 import structlog
 
 from eigenfail.errors import ProtocolError
-from eigenfail.values import EpisodeFault, PolicySource, unrunnable
+from eigenfail.values import EpisodeTask, PolicySource
+from eigenfail.wire.claims import fingerprint
 from eigenfail.wire.messages import (
     PROTOCOL,
     Ack,
@@ -25,12 +26,19 @@ from eigenfail.wire.messages import (
     read_worker_message,
 )
 from eigenfail_services.hub.commits import Commits, Committed
+from eigenfail_services.hub.deaths import HUB
 from eigenfail_services.hub.leases import Assignment, Leases
 from eigenfail_services.hub.runs import Run
 
 HEARTBEAT_S = 1.0
 SILENCE_LIMIT_S = 10.0
-HUB = b"hub"
+
+GREETING_S = 3.0
+"""What a hub that has just begun waits for hellos: a heartbeat is refused first, a second later a
+hello comes. Until then others may hold what a campaign that goes on has open."""
+
+HEARD = Ack(0, ())
+"""The answer to a heartbeat."""
 
 log = structlog.get_logger()
 
@@ -44,9 +52,7 @@ class Desk:
         self._send = send
         self._leases = leases
         self._commits = commits
-        self._setups: dict[bytes, set[int]] = {}
-        self._policies: dict[bytes, set[tuple[int, int]]] = {}
-        self._looked_s = time.monotonic()
+        self._began_s = self._looked_s = time.monotonic()
         self._handlers: dict[type, Callable[[bytes, Any], None]] = {
             Hello: self._hello,
             Heartbeat: self._heartbeat,
@@ -71,34 +77,27 @@ class Desk:
             versions = f"worker speaks protocol {message.protocol}, hub speaks {PROTOCOL}"
             self._send(worker, Refusal(f"The {versions}: install the same eigenfail on both."))
             return
-        log.info("worker joined", worker=message.worker, host=message.host, pid=message.pid)
-        if self._leases.heard(worker, time.monotonic()):  # who speaks has not died of anything
-            self._leases.running(worker, None, None)
-        self._lose(worker)
-        self._leases.join(worker, message.worker, message.credit, time.monotonic())
-        self._setups[worker] = set()
-        self._policies[worker] = set()
+        seat = self._leases.heard(worker, time.monotonic())
+        if seat is None or not seat.was_taken_by(message):
+            log.info("worker joined", worker=message.worker, host=message.host, pid=message.pid)
+            self._leases.join(worker, message, time.monotonic())
         self._send(worker, Welcome(HEARTBEAT_S))
 
     def _heartbeat(self, worker: bytes, message: Heartbeat) -> None:
-        self._leases.running(worker, message.campaign, message.running)
+        running = None
+        if message.campaign is not None and message.running is not None:
+            running = (message.campaign, message.running)
+        self._leases.beat(worker, running, set(message.held))
+        self._send(worker, HEARD)
 
     def _results(self, worker: bytes, message: Results) -> None:
         name = self._leases.seats[worker].name
         for result in message.results:
-            self._leases.settle(message.campaign, result.index, result.wall_s)
+            self._leases.bring(message.campaign, result.index, result.wall_s)
             self._commits.add(worker, name, message.campaign, result)
 
     def _goodbye(self, worker: bytes, _message: Goodbye) -> None:
-        self._leases.running(worker, None, None)
-        self._lose(worker)
-
-    def _lose(self, worker: bytes) -> None:
-        self._setups.pop(worker, None)
-        self._policies.pop(worker, None)
-        for campaign, task in self._leases.leave(worker):
-            fault = EpisodeFault("infrastructure", "Three workers were lost while they ran it.")
-            self._commits.add(HUB, HUB.decode(), campaign, unrunnable(task, fault))
+        self._leases.leave(worker)
 
     def bury_silent(self) -> None:
         """Give up the workers that were not heard for long; a late result is still welcome."""
@@ -108,37 +107,53 @@ class Desk:
             self._leases.excuse(now_s - before_s, now_s)
         for worker in self._leases.silent(now_s, SILENCE_LIMIT_S):
             log.warning("worker lost", worker=self._leases.seats[worker].name)
-            self._lose(worker)
+            self._leases.lose(worker)
 
     def acknowledge(self, committed: Committed) -> None:
         """Tell the worker that its result is safe."""
+        self._leases.land(committed.campaign, committed.result.index)
         if committed.worker != HUB:
             self._send(committed.worker, Ack(committed.campaign, (committed.result.index,)))
 
     def drop(self, campaign: int) -> None:
-        """Let all workers forget a campaign."""
-        for worker, setups in self._setups.items():
-            if campaign in setups:
-                setups.discard(campaign)
-                self._policies[worker] = {p for p in self._policies[worker] if p[0] != campaign}
-                self._send(worker, Drop(campaign))
+        """Let all workers forget a campaign: they may hold what another hub leased of it."""
+        for worker in self._leases.seats:
+            self._drop(worker, campaign)
+
+    def _drop(self, worker: bytes, campaign: int) -> None:
+        self._leases.seats[worker].forget(campaign)
+        self._send(worker, Drop(campaign))
 
     def assign(self, runs: Mapping[int, Run]) -> None:
-        """Hand out what waits, and before it what a worker needs to run it."""
+        """Leave what is held where it is, hand out what waits, and before it what it needs."""
+        self._adopt(runs)
+        is_new = time.monotonic() - self._began_s < GREETING_S
+        if is_new and any(run.resumed for run in runs.values()):
+            return
         for assignment in self._leases.assign():
             self._prepare(assignment, runs[assignment.campaign])
             self._send(assignment.worker, Lease(assignment.campaign, assignment.tasks))
 
+    def _adopt(self, runs: Mapping[int, Run]) -> None:
+        def of_ours(campaign: int, task: EpisodeTask) -> bytes:
+            return fingerprint(runs[campaign].order.setup, task)
+
+        for worker, campaign in self._leases.adopt(of_ours):
+            name = self._leases.seats[worker].name
+            log.warning("worker holds another campaign", worker=name, campaign=campaign)
+            self._drop(worker, campaign)
+
     def _prepare(self, assignment: Assignment, run: Run) -> None:
         worker, campaign = assignment.worker, assignment.campaign
-        if campaign not in self._setups[worker]:
-            self._setups[worker].add(campaign)
+        seat = self._leases.seats[worker]
+        if campaign not in seat.setups:
+            seat.setups.add(campaign)
             self._send(worker, Setup(campaign, run.order.setup))
         sources = (task.source for task in assignment.tasks)
         versions = {source.version for source in sources if isinstance(source, PolicySource)}
         for version in sorted(versions):
-            if (campaign, version) not in self._policies[worker]:
-                self._policies[worker].add((campaign, version))
+            if (campaign, version) not in seat.policies:
+                seat.policies.add((campaign, version))
                 self._send(worker, PolicyUpdate(campaign, run.policy(version)))
 
     def dismiss(self) -> None:

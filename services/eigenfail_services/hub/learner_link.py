@@ -9,23 +9,28 @@ from collections import deque
 import zmq
 
 from eigenfail.errors import ProtocolError
-from eigenfail.processes import ONE_THREAD
+from eigenfail.processes import ONE_THREAD, as_parent, kill_group
 from eigenfail.wire.messages import Message, Stop, Trouble, encode, read_learner_message
-
-STOP_GRACE_S = 2.0
+from eigenfail_services.bounds import NO_BOUNDS, Bounds
+from eigenfail_services.hub.learner_curve import KEY_VARIABLE, lock
+from eigenfail_services.hub.soundness import sound
 
 
 class LearnerLink:
     """One life of a learner process, and the socket to it."""
 
-    def __init__(self) -> None:
+    def __init__(self, bounds: Bounds = NO_BOUNDS) -> None:
         self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PAIR)
         self._unsent: deque[bytes] = deque()
+        told = {KEY_VARIABLE: lock(self.socket)}
         port: int = self.socket.bind_to_random_port("tcp://127.0.0.1")
         command = [sys.executable, "-m", "eigenfail_services.hub.learner_process"]
         self._process = subprocess.Popen(
-            [*command, f"tcp://127.0.0.1:{port}"], env=os.environ | ONE_THREAD
+            [*command, f"tcp://127.0.0.1:{port}"],
+            env=os.environ | ONE_THREAD | as_parent() | told,
+            process_group=0,
         )
+        bounds.confine(self._process.pid)
 
     def say(self, message: Message) -> None:
         """Send a command, now or as soon as the learner is there to take it."""
@@ -43,7 +48,7 @@ class LearnerLink:
         """What the learner said, if it said anything; what is no message is trouble too."""
         self._send()
         try:
-            return read_learner_message(self.socket.recv(zmq.NOBLOCK))
+            return sound(read_learner_message(self.socket.recv(zmq.NOBLOCK)))
         except zmq.Again:
             return None
         except ProtocolError as error:
@@ -54,12 +59,14 @@ class LearnerLink:
         return self._process.poll()
 
     def stop(self) -> None:
-        """End it: kindly if it listens, by force if it is busy learning what nobody needs."""
+        """End it: kindly if it listens, by force if it is busy learning what nobody needs.
+
+        What it started goes with it, as far as it did not leave its group of processes.
+        """
         if self._process.poll() is None:
             self.say(Stop())
         self.socket.close(linger=100)
         try:
             self._process.wait(0.1)
         except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait(STOP_GRACE_S)
+            kill_group(self._process)

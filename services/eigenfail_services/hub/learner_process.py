@@ -3,16 +3,18 @@
 It speaks with the hub over one PAIR socket and keeps nothing that its checkpoint does not hold.
 """
 
+import os
 import signal
 import sys
 
 import zmq
 
 from eigenfail import plugins
-from eigenfail.errors import EigenfailError
+from eigenfail.errors import EigenfailError, LearnerDiverged
 from eigenfail.processes import die_with_parent
 from eigenfail.settings import read_settings
 from eigenfail.wire.messages import (
+    Diverged,
     Message,
     Observed,
     Proposed,
@@ -22,6 +24,7 @@ from eigenfail.wire.messages import (
     read_learner_command,
 )
 from eigenfail_services.campaigns.rounds import Rounds
+from eigenfail_services.hub.learner_curve import KEY_VARIABLE, unlock
 
 
 def begin(start: Start) -> Rounds:
@@ -49,8 +52,9 @@ def proposed(rounds: Rounds) -> Proposed:
 class LearnerProcess:
     """Answers each command with the rounds that are open after it."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, key: str) -> None:
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PAIR)
+        unlock(self._socket, key)
         self._socket.connect(address)
 
     def serve(self) -> None:
@@ -68,6 +72,10 @@ class LearnerProcess:
         """Say why the learner cannot go on."""
         self._say(Trouble(problem))
 
+    def confess(self, error: LearnerDiverged) -> None:
+        """Say that the learner is not to be trusted since its last checkpoint."""
+        self._say(Diverged(error.problem, error.remedy))
+
     def close(self) -> None:
         """Send what is left and disconnect."""
         self._socket.close(linger=1_000)
@@ -83,9 +91,11 @@ def main() -> None:
     """Serve the hub at the address in the command line."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    process = LearnerProcess(sys.argv[1])
+    process = LearnerProcess(sys.argv[1], os.environ.pop(KEY_VARIABLE))
     try:
         process.serve()
+    except LearnerDiverged as error:
+        process.confess(error)
     except EigenfailError as error:
         process.complain(str(error))
     finally:

@@ -6,23 +6,36 @@ from math import inf
 from typing import Any
 
 import msgspec
+import structlog
 
 from eigenfail.contracts import Store
+from eigenfail.errors import ProtocolError
 from eigenfail.values import EpisodeResult, EpisodeSetup, LearnerContext, Policy, StopRules
-from eigenfail.values.records import Verdict
-from eigenfail.wire.messages import Message, Observed, Proposed, Start, Trouble
+from eigenfail.values.records import Job, Verdict
+from eigenfail.wire.messages import Diverged, Message, Observed, Proposed, Start, Trouble
+from eigenfail_services.bounds import NO_BOUNDS, Bounds
 from eigenfail_services.hub.flight import Flight
 from eigenfail_services.hub.learner_link import LearnerLink
 from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.losses import Kind, Loss, Losses, died, hung
 from eigenfail_services.hub.meter import Meter, Phase
+from eigenfail_services.hub.patience import Patience
+from eigenfail_services.store.judging import storable
 
 MAX_REFUSALS = 3
-MAX_LEARNER_DEATHS = 3
-"""In a row, without a round learnt in between."""
+
+log = structlog.get_logger()
+
+
+def no_claim() -> None:
+    """Of a run that nobody else can have claimed."""
 
 
 class Order(msgspec.Struct, frozen=True, eq=False):
-    """What the hub needs to know to run a campaign, and where it writes down its time."""
+    """What the hub needs to know to run a campaign, and where it writes down its time.
+
+    `claim` tells by what right it is run; it may be claimed anew meanwhile.
+    """
 
     campaign: int
     setup: EpisodeSetup
@@ -32,32 +45,46 @@ class Order(msgspec.Struct, frozen=True, eq=False):
     context: LearnerContext
     rules: StopRules = StopRules()
     meter: Meter = msgspec.field(default_factory=Meter)
+    claim: Callable[[], Job | None] = no_claim
 
 
 class Run:
     """Moves rounds from the learner to the leases, and whole rounds of results back.
 
+    Args:
+        order: what is to be run.
+        store: where results and checkpoints are kept.
+        leases: of all campaigns.
+        bounds: of the learner; a step is to begin, or to learn from a round and propose the next.
+
     Attributes:
         ended: why it is over, once it is: an empty text when the learner has no more to propose,
             else the trouble.
         because: why the learner has no more to propose.
+        resumed: whether it goes on from a checkpoint, so that workers may hold some of it.
     """
 
-    def __init__(self, order: Order, store: Store, leases: Leases) -> None:
+    def __init__(
+        self, order: Order, store: Store, leases: Leases, bounds: Bounds = NO_BOUNDS
+    ) -> None:
         self.order = order
         self.ended: str | None = None
         self.because = ""
+        self.resumed = False
         self._store = store
         self._leases = leases
-        self._deaths = 0
+        self._losses = Losses()
+        self._bounds = bounds
+        self._patience = Patience(bounds.time_s)
         self._handlers: dict[type, Callable[[Any], None]] = {
             Proposed: self._proposed,
             Trouble: self._trouble,
+            Diverged: self._diverged,
         }
         self._landings: dict[Verdict, Callable[[EpisodeResult], None]] = {
             Verdict.KEPT: self._count,
-            Verdict.DUPLICATE: self._count,
-            Verdict.ALARM: self._dispute,
+            Verdict.DUPLICATE: self._look_up,
+            Verdict.ALARM: self._look_up,
             Verdict.UNWANTED: self._offer_again,
         }
         self._start()
@@ -68,50 +95,61 @@ class Run:
         return self._link.socket
 
     def _start(self) -> None:
-        """A new life of the learner, from its checkpoint; everything open is leased afresh."""
+        """A new life of the learner, from its checkpoint; what is leased stays with its workers."""
         self._flight = Flight()
         self._learning = True
         self._handed_back = False
         self._unhandled: Message | None = None
-        self._disputed: set[int] = set()
+        self._to_look_up: set[int] = set()
         self._refused = Counter[int]()
         self._briefed = False
-        self._link = LearnerLink()
+        self._divergence: Loss | None = None
+        self._link = LearnerLink(self._bounds)
         self.look()
 
     def _brief(self) -> None:
         """Tell a new learner what it is to be; without the store nobody can know."""
         order = self.order
-        checkpoint = self._store.checkpoints.load(order.campaign)
+        try:
+            checkpoint = self._store.checkpoints.recover(order.campaign, order.claim())
+        except ProtocolError as error:
+            self.ended = str(error)
+            return
+        self.resumed = checkpoint is not None
         self._link.say(
             Start(order.method, order.settings, order.context, order.seed, checkpoint, order.rules)
         )
         self._briefed = True
+        self._patience.renew()
 
     def tend(self) -> None:
-        """Hear the learner, and bring it back if it died.
+        """Hear the learner, and bring it back if it is lost.
 
         Raises:
             StoreUnavailable: what it said could not be kept; it is handled at the next call.
+            ClaimLost: the campaign is somebody else's by now; what it said is not kept.
         """
         if not self._briefed:
             self._brief()
-        self._settle_disputes()
+        self._count_those_kept()
         status = self._link.exit_status()  # before listening: its last words are heard all the same
+        self._listen()
+        if self.ended is None and (loss := self._lost(status)) is not None:
+            self._lose(loss)
+
+    def _listen(self) -> None:
         while (message := self._unhandled or self._link.hear()) is not None:
             self._unhandled = message
             self._handlers[type(message)](message)
             self._unhandled = None
-        if self.ended is None and status is not None:
-            self._bury_learner(status)
 
     def _proposed(self, message: Proposed) -> None:
         campaign = self.order.campaign
         told = message.estimate, message.trained_episodes
-        self._store.checkpoints.save(campaign, message.checkpoint, *told)
+        self._store.checkpoints.save(campaign, message.checkpoint, *told, self.order.claim())
         self._learning = False
         if self._handed_back:
-            self._deaths = 0
+            self._losses.forget()
         if not message.rounds:
             self.ended, self.because = "", message.because
             return
@@ -128,15 +166,31 @@ class Run:
     def _trouble(self, message: Trouble) -> None:
         self.ended = message.problem
 
-    def _bury_learner(self, status: int) -> None:
-        self._deaths += 1
-        self.stop()
-        if self._deaths >= MAX_LEARNER_DEATHS:
-            self.ended = (
-                f"The learner process died {self._deaths} times in a row, at last with exit "
-                f"status {status}. Its log says why; start a campaign like it anew."
-            )
+    def _diverged(self, message: Diverged) -> None:
+        self._divergence = Loss(Kind.DIVERGED, message.problem, message.remedy)
+
+    def _lost(self, status: int | None) -> Loss | None:
+        """Why the learner is no longer to be waited for; None while it is."""
+        if self._divergence is not None:
+            return self._divergence
+        if status is not None:
+            return died(status)
+        if self._learning and self._patience.is_over():
+            return hung(self._bounds.time_s)
+        return None
+
+    def _lose(self, loss: Loss) -> None:
+        """Another life from the last checkpoint, or the campaign's end."""
+        if problem := self._losses.end_with(loss):
+            self.ended = problem
             return
+        campaign = self.order.campaign
+        told = f"Campaign {campaign} goes on from its last checkpoint. {loss.problem}"
+        self._store.events.append("learner.lost", told, campaign)
+        log.warning("learner lost", campaign=campaign, problem=loss.problem)
+        self._losses.add(loss)
+        self._leases.suspend(campaign)
+        self._end_learner()
         self._start()
 
     def land(self, result: EpisodeResult, verdict: Verdict) -> None:
@@ -148,18 +202,21 @@ class Run:
     def _count(self, result: EpisodeResult) -> None:
         # It may have been proposed after it was brought, while its commit was still to come.
         self._leases.settle(self.order.campaign, result.index, wall_s=0.0)
-        self._flight.land(msgspec.structs.replace(result, scene=None))
+        # As the store keeps it: a learner that begins again is shown what was read from there.
+        kept = storable(result, self.order.setup.disturbance.shape)
+        self._flight.land(msgspec.structs.replace(kept, scene=None))
         self._hand_back()
 
-    def _dispute(self, result: EpisodeResult) -> None:
-        self._disputed.add(result.index)
+    def _look_up(self, result: EpisodeResult) -> None:
+        """It is a second one. If the first came to another hub, that one is learnt from."""
+        if self._flight.awaited(result.index) is not None:
+            self._to_look_up.add(result.index)
 
-    def _settle_disputes(self) -> None:
-        """Where a second result differs from the first, the first one counts."""
-        if self._disputed:
-            for kept in self._store.episodes.finished(self.order.campaign, self._disputed):
+    def _count_those_kept(self) -> None:
+        if self._to_look_up:
+            for kept in self._store.episodes.finished(self.order.campaign, self._to_look_up):
                 self._count(kept)
-            self._disputed.clear()
+            self._to_look_up.clear()
 
     def _offer_again(self, result: EpisodeResult) -> None:
         """What the store does not take leaves its episode open, but not for ever."""
@@ -180,6 +237,7 @@ class Run:
         """Let the learner observe the oldest round if it is whole and the learner is free."""
         if not self._learning and (results := self._flight.whole()):
             self._learning = self._handed_back = True
+            self._patience.renew()
             self._link.say(Observed(results))
 
     def look(self) -> None:
@@ -195,5 +253,8 @@ class Run:
     def stop(self) -> None:
         """Lease nothing more of it and end its learner; what is not finished stays open."""
         self._leases.withdraw(self.order.campaign)
+        self._end_learner()
+
+    def _end_learner(self) -> None:
         self._link.stop()
         self.order.meter.look(None)

@@ -11,10 +11,15 @@ import structlog
 import zmq
 
 from eigenfail.contracts import Store
-from eigenfail.errors import PortTaken, StoreUnavailable
-from eigenfail.wire.messages import MAX_MESSAGE_BYTES, Message, encode
+from eigenfail.errors import ClaimLost, StoreUnavailable
+from eigenfail.wire.messages import Message, encode
+from eigenfail_services.bounds import NO_BOUNDS, Bounds
+from eigenfail_services.hub.attendance import Attendance
+from eigenfail_services.hub.binding import bind
 from eigenfail_services.hub.commits import Commits
+from eigenfail_services.hub.deaths import Deaths
 from eigenfail_services.hub.desk import Desk
+from eigenfail_services.hub.keys import HubKeys
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.runs import Order, Run
 
@@ -27,49 +32,45 @@ log = structlog.get_logger()
 class Ended(msgspec.Struct, frozen=True):
     """A campaign that the hub has finished with; `problem` is empty if it ran to its end.
 
-    `because` says why it came to its end; it is empty if it was halted.
+    `because` says why it came to its end; it is empty if it was halted. `lost` if it is somebody
+    else's by now.
     """
 
     campaign: int
     problem: str
     because: str = ""
-
-
-def bind(address: str) -> "zmq.Socket[bytes]":
-    """A ROUTER at the address.
-
-    Raises:
-        PortTaken: it cannot be bound.
-    """
-    router: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.ROUTER)
-    router.setsockopt(zmq.MAXMSGSIZE, MAX_MESSAGE_BYTES)
-    router.setsockopt(zmq.LINGER, 1_000)
-    try:
-        router.bind(address)
-    except zmq.ZMQError as error:
-        router.close()
-        raise PortTaken(f"{address} cannot be bound: {error}.", "Choose another port.") from error
-    return router
+    lost: bool = False
 
 
 class Hub:
     """Runs campaigns on whatever workers there are.
 
     Commands come in and endings go out through queues; everything else happens in its thread.
+    With keys, only workers that they let in reach it.
 
     Raises:
         PortTaken: another process listens on the address.
     """
 
-    def __init__(self, store: Store, address: str) -> None:
-        self._router = bind(address)
+    def __init__(
+        self,
+        store: Store,
+        address: str,
+        keys: HubKeys | None = None,
+        learners: Bounds = NO_BOUNDS,
+    ) -> None:
+        self._router = bind(address, keys)
         self.address: str = self._router.getsockopt_string(zmq.LAST_ENDPOINT)
         self.ended: SimpleQueue[Ended] = SimpleQueue()
         self._store = store
+        self._learners = learners
         self._leases = Leases()
         self._commits = Commits(store.episodes)
         self._desk = Desk(self._send, self._leases, self._commits)
+        self._deaths = Deaths(self._leases, self._commits, store.episodes)
+        self._attendance = Attendance(store.roster, self._leases.seats)
         self._runs: dict[int, Run] = {}
+        self._away = False
         self._commands: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._stopping = Event()
         self._thread = Thread(target=self._serve, name="hub")
@@ -114,8 +115,11 @@ class Hub:
         with self._patience():
             self._tend_runs()
             self._commit()
+            self._deaths.count()
+            self._attendance.note()
         self._desk.bury_silent()
-        self._desk.assign(self._runs)
+        if not (self._away or self._commits.stuck):  # else what comes of it could not be kept
+            self._desk.assign(self._runs)
         self._look()
 
     def _wait(self) -> None:
@@ -131,7 +135,8 @@ class Hub:
                 self._commands.get_nowait()()
 
     def _launch(self, order: Order) -> None:
-        self._runs[order.campaign] = Run(order, self._store, self._leases)
+        run = Run(order, self._store, self._leases, self._learners)
+        self._runs[order.campaign] = run
 
     def _halt(self, ended: Ended) -> None:
         if run := self._runs.pop(ended.campaign, None):
@@ -149,7 +154,11 @@ class Hub:
 
     def _tend_runs(self) -> None:
         for run in list(self._runs.values()):
-            run.tend()
+            try:
+                run.tend()
+            except ClaimLost as error:
+                log.warning("campaign lost", campaign=run.order.campaign, problem=str(error))
+                self._halt(Ended(run.order.campaign, "", lost=True))
             if run.ended is not None:
                 self._halt(Ended(run.order.campaign, run.ended, run.because))
 
@@ -173,7 +182,9 @@ class Hub:
         """While the store is away nothing is lost: results wait, and so do their workers."""
         try:
             yield
+            self._away = False
         except StoreUnavailable as error:
+            self._away = True
             log.warning("store unavailable", problem=str(error))
             time.sleep(TICK_MS / 1_000)
 
@@ -181,6 +192,7 @@ class Hub:
         self._hear_workers()
         with self._patience():
             self._commit(now=True)
+            self._attendance.close()
         for run in self._runs.values():
             run.stop()
         self._desk.dismiss()

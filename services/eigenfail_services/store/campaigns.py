@@ -9,7 +9,7 @@ from sqlalchemy.exc import IntegrityError
 
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Overhead, Page
 from eigenfail.values.campaign_filter import ANY_CAMPAIGN, CampaignFilter
-from eigenfail.values.records import JobKind
+from eigenfail.values.records import Job, JobKind
 from eigenfail.values.suite import SuiteStanding
 from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved
 from eigenfail_services.store import sentences
@@ -21,7 +21,7 @@ from eigenfail_services.store.engine import Database
 from eigenfail_services.store.episodes import digest
 from eigenfail_services.store.events import append
 from eigenfail_services.store.jobs import enqueue, withdraw
-from eigenfail_services.store.refusals import no_campaign
+from eigenfail_services.store.leases import fence
 from eigenfail_services.store.schema import campaigns
 from eigenfail_services.store.spec_fields import spec_field
 from eigenfail_services.store.suites import suites_page
@@ -90,12 +90,20 @@ class SqlCampaigns:
         with self._database.reading() as connection:
             return suites_page(connection, limit, before)
 
-    def move(self, campaign: int, to: CampaignState, because: str = "") -> Campaign:
+    def move(
+        self, campaign: int, to: CampaignState, because: str = "", claim: Job | None = None
+    ) -> Campaign:
         """Change the state, and log the event."""
         with self._database.writing() as connection:
-            return change(connection, campaign, to, because)
+            return change(connection, campaign, to, because, claim)
 
-    def add_active(self, campaign: int, seconds: float, overhead: Overhead = NOTHING) -> None:
+    def add_active(
+        self,
+        campaign: int,
+        seconds: float,
+        overhead: Overhead = NOTHING,
+        claim: Job | None = None,
+    ) -> None:
         """Add to the time during which the campaign was running, and to what that went into."""
         # Where nobody measured from the beginning on, NULL + x stays NULL.
         more = {name: campaigns.c[name] + getattr(overhead, name) for name in OVERHEAD}
@@ -105,8 +113,9 @@ class SqlCampaigns:
             .values(active_s=campaigns.c.active_s + seconds, **more)
         )
         with self._database.writing() as connection:
-            if not connection.execute(statement).rowcount:
-                raise no_campaign(campaign)
+            locked(connection, campaign)
+            fence(connection, claim)
+            connection.execute(statement)
 
 
 def fulfilled(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
@@ -120,9 +129,16 @@ def fulfilled(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
         yield func.lower(spec_field("name")).contains(words, autoescape=True)
 
 
-def change(connection: Connection, campaign: int, to: CampaignState, because: str) -> Campaign:
+def change(
+    connection: Connection,
+    campaign: int,
+    to: CampaignState,
+    because: str,
+    claim: Job | None = None,
+) -> Campaign:
     """Move a campaign: its row, its job, its event."""
     before = locked(connection, campaign)
+    fence(connection, claim)
     after = moved(before, to, because, now_ms())
     if after is before:
         return before

@@ -28,7 +28,7 @@ from eigenfail.values.records import (
 from eigenfail.values.region import MOST_TRIALS
 from eigenfail.values.safety import MOST_POINTS
 from eigenfail.values.spending import MOST_LANDINGS
-from eigenfail_services.store import sentences
+from eigenfail_services.store import deaths, sentences
 from eigenfail_services.store.blocks import course, paired
 from eigenfail_services.store.campaign_rows import locked, one, write
 from eigenfail_services.store.clock import now_ms
@@ -80,6 +80,16 @@ class SqlEpisodes:
                 message = sentences.episode_alarm(campaign, alarm.result.index, alarm.worker)
                 append(connection, "episode.alarm", message, campaign)
         return judgement.verdicts
+
+    def add_death(self, campaign: int, index: int) -> int:
+        """One more worker was lost while it ran this episode; how many that makes.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        with self._database.writing() as connection:
+            locked(connection, campaign)
+            return deaths.add(connection, campaign, index)
 
     def get(self, campaign: int, index: int) -> EpisodeResult:
         """One result with everything that is kept of it."""

@@ -12,14 +12,16 @@ from sqlalchemy import (
     delete,
     func,
     insert,
+    not_,
     select,
     true,
     update,
 )
 
 from eigenfail.values.records import Job, JobKind
-from eigenfail_services.store.clock import now_ms, until_ms
+from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
+from eigenfail_services.store.leases import LEASE_OVER, held, leased
 from eigenfail_services.store.limits import BURIED, MAX_ATTEMPTS
 from eigenfail_services.store.schema import analyses, campaigns, jobs
 
@@ -30,9 +32,10 @@ NOT_BURIED = jobs.c.buried_because.is_(None)
 WAITING = (
     select(func.count())
     .select_from(jobs)
-    .where(
-        jobs.c.kind == bindparam("wanted"), NOT_BURIED, jobs.c.lease_until_ms <= bindparam("now")
-    )
+    .where(jobs.c.kind == bindparam("wanted"), NOT_BURIED, LEASE_OVER)
+)
+LEASED = select(jobs.c.owner, jobs.c.token).where(
+    jobs.c.token.is_not(None), NOT_BURIED, not_(LEASE_OVER)
 )
 
 Undertaker = Callable[[Connection, int, str], object]
@@ -47,6 +50,7 @@ def enqueue(connection: Connection, kind: JobKind, subject: int) -> None:
             subject=subject,
             queued_ms=now_ms(),
             lease_until_ms=0,
+            lease_ms=0,
             attempts=0,
             progress=0,
         )
@@ -94,7 +98,7 @@ class SqlJobQueue:
             .values(
                 owner=owner,
                 token=uuid4().hex,
-                lease_until_ms=until_ms(lease_s),
+                **leased(lease_s),
                 attempts=case((progress > jobs.c.progress, 1), else_=jobs.c.attempts + 1),
                 progress=progress,
             )
@@ -116,9 +120,20 @@ class SqlJobQueue:
 
     def renew(self, job: Job, lease_s: float) -> bool:
         """Hold the job longer, or, with 0, give it back; False if it is no longer ours."""
-        statement = update(jobs).where(held(job)).values(lease_until_ms=until_ms(lease_s))
+        statement = update(jobs).where(held(job)).values(**leased(lease_s))
         with self._database.writing() as connection:
             return connection.execute(statement).rowcount == 1
+
+    def let_go(self, is_lost: Callable[[str], bool]) -> int:
+        """Free at once what is leased to owners that are lost; how many jobs that are."""
+        with self._database.reading() as connection:
+            found = connection.execute(LEASED).all()
+        lost = [row.token for row in found if is_lost(row.owner)]
+        if not lost:
+            return 0
+        free_now = update(jobs).where(jobs.c.token.in_(lost)).values(**leased(0.0))
+        with self._database.writing() as connection:
+            return connection.execute(free_now).rowcount
 
     def finish(self, job: Job) -> bool:
         """The job is done; False if it was no longer ours."""
@@ -127,20 +142,14 @@ class SqlJobQueue:
 
     def waiting(self, kind: JobKind) -> int:
         """How many jobs of a kind wait to be claimed."""
-        values = {"wanted": kind, "now": now_ms()}
         with self._database.reading() as connection:
-            return connection.execute(WAITING, values).scalar_one()
+            return connection.execute(WAITING, {"wanted": kind}).scalar_one()
 
 
 def free(kind: JobKind | None) -> ColumnElement[bool]:
     """Jobs (of a kind) that nobody holds."""
     wanted = true() if kind is None else jobs.c.kind == kind
-    return wanted & NOT_BURIED & (jobs.c.lease_until_ms <= now_ms())
-
-
-def held(job: Job) -> ColumnElement[bool]:
-    """The job as long as the token is its own."""
-    return (jobs.c.id == job.id) & (jobs.c.token == job.token)
+    return wanted & NOT_BURIED & LEASE_OVER
 
 
 def finished() -> ColumnElement[int]:

@@ -98,7 +98,7 @@ def _fits(result: EpisodeResult, campaign: Campaign) -> bool:
         and _is_table(noise.z, 2)
         and noise.sigma.shape == noise.z.shape
         and (not len(noise.z) or noise.shape == campaign.spec.disturbance.shape)
-        and (states is None or _is_table(states, len(STATE)))
+        and (states is None or (_is_table(states, len(STATE)) and len(states) == result.steps))
     )
 
 

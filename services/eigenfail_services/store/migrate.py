@@ -10,9 +10,8 @@ from sqlalchemy.exc import ProgrammingError
 import eigenfail_services
 from eigenfail.errors import SchemaMismatch
 from eigenfail_services.store.engine import Backend, Database, find, translated, unavailable
+from eigenfail_services.store.refusals import upgrade_command
 from eigenfail_services.store.schema import VERSION, VERSION_TABLE, metadata
-
-COMMAND = "eigenfail db upgrade"
 
 
 def folder() -> Path:
@@ -53,7 +52,7 @@ def ensure(database: Database, backend: Backend, *, migrate: bool) -> None:
     if not migrate:
         raise SchemaMismatch(
             f"The schema of {backend.label} is {found or 'empty'}, not {VERSION}.",
-            f"Run `{COMMAND}`.",
+            f"Run: {upgrade_command(backend.address)}.",
         )
     upgrade_with(backend)
 

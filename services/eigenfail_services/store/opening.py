@@ -4,7 +4,7 @@ from contextlib import ExitStack
 
 from eigenfail.contracts import Store
 from eigenfail_services.store import migrate as schema
-from eigenfail_services.store.engine import Database, find, translated
+from eigenfail_services.store.engine import Backend, Database, find, translated
 from eigenfail_services.store.memory import MemoryStore
 from eigenfail_services.store.sql import SqlStore
 
@@ -23,6 +23,7 @@ def open_store(url: str, *, migrate: bool = True) -> Store:
         migrate: whether the schema may be changed; if not, anything but the newest is refused.
 
     Raises:
+        InvalidValue: it is no address of a database that is supported.
         StoreUnavailable: nothing can be read or written there, within about five seconds; or
             there is nothing and it may not be made.
         SchemaMismatch: the schema is newer than this program, somebody else's, or may not be
@@ -30,7 +31,11 @@ def open_store(url: str, *, migrate: bool = True) -> Store:
     """
     if url == MEMORY:
         return MemoryStore()
-    backend = find(url)
+    return SqlStore(open_database(find(url), migrate=migrate))
+
+
+def open_database(backend: Backend, *, migrate: bool) -> Database:
+    """The same without the store that is built upon it."""
     if migrate:
         with translated(backend):
             backend.prepare()
@@ -41,4 +46,4 @@ def open_store(url: str, *, migrate: bool = True) -> Store:
         undo.callback(database.close)
         schema.ensure(database, backend, migrate=migrate)
         undo.pop_all()
-    return SqlStore(database)
+    return database

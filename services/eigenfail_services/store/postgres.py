@@ -2,9 +2,10 @@
 
 from importlib.util import find_spec
 
-from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, text
+from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, event, text
 
-from eigenfail.errors import StoreUnavailable
+from eigenfail.errors import InvalidValue, StoreUnavailable
+from eigenfail_services.store.distress import AdvisoryLock
 
 # libpq's own names. A server that has gone silent is given up after about ten seconds.
 QUERY = {
@@ -21,6 +22,13 @@ POOL_SIZE = 10
 MAX_OVERFLOW = 20
 POOL_WAIT_S = 10.0
 
+# disk_full, io_error, read_only_sql_transaction
+UNWRITABLE = frozenset({"53100", "58030", "25006"})
+
+# Whoever stands still in the middle of a change holds what it has locked; a host that is gone does
+# so until the server's system notices, which takes two hours as a rule. Readers lock nothing.
+WRITERS_ONLY = "SET LOCAL idle_in_transaction_session_timeout = '10s'"
+
 SCHEMA_LOCK = text("SELECT pg_advisory_xact_lock(hashtext('eigenfail_schema'))")
 
 
@@ -34,8 +42,8 @@ class Postgres:
         host = url.host or query.get("host", "")
         if "@" in host:
             # What stands before it is the rest of a password, and would be printed as a host.
-            raise StoreUnavailable(
-                "The database's address has more than one @.", "Write %40 for an @ in a password."
+            raise InvalidValue(
+                "database", "The address has more than one @.", "Write %40 for an @ in a password."
             )
         options = f"{OPTIONS} {query.get('options', '')}".strip()
         self._url = url.set(
@@ -43,10 +51,13 @@ class Postgres:
         )
         self.secrets = tuple(filter(None, (url.password, query.get("password"))))
         self.label = f"postgresql://{host}/{url.database or ''}"
+        shown = {name: value for name, value in query.items() if name != "password"}
+        bare = URL.create("postgresql", url.username, None, url.host, url.port, url.database, shown)
+        self.address = bare.render_as_string()
 
     def engine(self) -> Engine:
         """For everyday work."""
-        return create_engine(
+        engine = create_engine(
             self._url,
             isolation_level="READ COMMITTED",
             hide_parameters=True,
@@ -55,6 +66,8 @@ class Postgres:
             pool_timeout=POOL_WAIT_S,
             pool_pre_ping=True,
         )
+        event.listen(engine, "begin", begin)
+        return engine
 
     def schema_engine(self) -> Engine:
         """For migrations."""
@@ -76,6 +89,20 @@ class Postgres:
     def lock_schema(self, connection: Connection) -> None:
         """One program at a time looks at the schema and changes it."""
         connection.execute(SCHEMA_LOCK)
+
+    def refuses_writes(self, error: object) -> bool:
+        """Whether there is no room, or the server or its disk takes no writes."""
+        return getattr(error, "sqlstate", None) in UNWRITABLE
+
+    def signal(self) -> AdvisoryLock:
+        """A lock at the server."""
+        return AdvisoryLock(self.schema_engine())
+
+
+def begin(connection: Connection) -> None:
+    """Give writers a limit on how long they may stand still."""
+    if connection.get_execution_options().get("writes", False):
+        connection.exec_driver_sql(WRITERS_ONLY)
 
 
 def _one(value: str | tuple[str, ...]) -> str:

@@ -1,6 +1,9 @@
 """The errors that every store raises, in one wording."""
 
-from eigenfail.errors import IdempotencyMismatch, NotFound
+from shlex import quote
+
+from eigenfail.errors import ClaimLost, IdempotencyMismatch, NotFound, ProtocolError
+from eigenfail.values.records import Job
 
 
 def no_campaign(campaign: int) -> NotFound:
@@ -26,9 +29,32 @@ def no_key(key: int) -> NotFound:
     return NotFound(f"There is no key {key}.", "`eigenfail key list` lists them.")
 
 
+def claim_lost(claim: Job) -> ClaimLost:
+    """The job is no longer that of who wants to write."""
+    return ClaimLost(
+        f"The {claim.kind} {claim.subject} is somebody else's by now: the lease ran out, or it "
+        "was paused, resumed or ended meanwhile.",
+        "Nothing is to be done: nothing was written, and whoever has claimed it goes on.",
+    )
+
+
+def damaged_checkpoint(campaign: int) -> ProtocolError:
+    """None of a campaign's checkpoints is what was saved."""
+    return ProtocolError(
+        f"The checkpoint of campaign {campaign} cannot be read: its SHA-256 does not match, and "
+        "there is no older one that is whole.",
+        "Start the campaign anew.",
+    )
+
+
 def key_used(campaign: int) -> IdempotencyMismatch:
     """The key was used for another spec."""
     return IdempotencyMismatch(
         f"This Idempotency-Key was used for campaign {campaign}, which asks for something else.",
         "Use a new key for a new campaign.",
     )
+
+
+def upgrade_command(address: str) -> str:
+    """The command that makes or upgrades the schema of the database at an address."""
+    return f"eigenfail db upgrade --database {quote(address)}"

@@ -20,7 +20,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.types import TypeEngine
 
-VERSION = "0010"
+VERSION = "0013"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -177,12 +177,24 @@ scenes = Table(
     ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
 )
 
+# Of episodes that were running as their workers were lost.
+deaths = Table(
+    "deaths",
+    metadata,
+    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True),
+    Column("index", Number, primary_key=True, autoincrement=False),
+    Column("workers", Integer, nullable=False),
+)
+
+# The last two of each campaign, by number.
 checkpoints = Table(
     "checkpoints",
     metadata,
     Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True),
+    Column("number", BigInteger, primary_key=True, autoincrement=False),
     Column("saved_ms", BigInteger, nullable=False),
     Column("state", LargeBinary, nullable=False),
+    Column("sha256", Text),  # of the state; an older release kept none
 )
 
 analyses = Table(
@@ -239,7 +251,8 @@ jobs = Table(
     Column("queued_ms", BigInteger, nullable=False),
     Column("owner", Prose),
     Column("token", Text),
-    Column("lease_until_ms", BigInteger, nullable=False),
+    Column("lease_until_ms", BigInteger, nullable=False),  # by the clock of leases
+    Column("lease_ms", BigInteger, nullable=False),
     Column("attempts", Integer, nullable=False),
     Column("progress", BigInteger, nullable=False),
     Column("buried_because", Prose),
@@ -274,5 +287,20 @@ audit = Table(
     Column("subject", Prose, nullable=False),
     Column("address", Prose, nullable=False),
     Column("status", Integer, nullable=False),
+    sqlite_autoincrement=True,
+)
+
+arrivals = Table(
+    "arrivals",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("worker", Prose, nullable=False),
+    Column("host", Prose, nullable=False),
+    Column("pid", BigInteger, nullable=False),
+    Column("versions", Prose, nullable=False),
+    Column("arrived_ms", BigInteger, nullable=False),
+    Column("heard_ms", BigInteger, nullable=False),
+    Column("left_ms", BigInteger),
+    Index(None, "worker", "arrived_ms"),
     sqlite_autoincrement=True,
 )

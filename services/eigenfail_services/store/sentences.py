@@ -23,6 +23,14 @@ def episode_alarm(campaign: int, index: int, worker: str) -> str:
     )
 
 
+def checkpoint_damaged(campaign: int) -> str:
+    """The newest checkpoint is not what was saved."""
+    return (
+        f"The last checkpoint of campaign {campaign} is damaged: its SHA-256 does not match. The "
+        "campaign goes on from the one before it, with the same episodes. Check the disk."
+    )
+
+
 def analysis_moved(analysis: Analysis) -> str:
     """An analysis in a new state."""
     stories = {

@@ -12,6 +12,7 @@ from eigenfail.contracts import (
     FigureStore,
     JobQueue,
     KeyStore,
+    Roster,
 )
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import analyses, campaigns
@@ -25,6 +26,7 @@ from eigenfail_services.store.events import SqlEventLog
 from eigenfail_services.store.figures import SqlFigures
 from eigenfail_services.store.jobs import SqlJobQueue
 from eigenfail_services.store.remembered import Remembered
+from eigenfail_services.store.roster import SqlRoster
 from eigenfail_services.store.schema import event_counter
 
 
@@ -40,6 +42,7 @@ class SqlStore:
     jobs: JobQueue
     keys: KeyStore
     audit: AuditLog
+    roster: Roster
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -56,12 +59,17 @@ class SqlStore:
         )
         self.keys = SqlKeys(database)
         self.audit = SqlAuditLog(database)
+        self.roster = SqlRoster(database)
 
     def ping(self) -> None:
-        """Raises StoreUnavailable, within seconds, if the database does not answer."""
+        """Raises StoreUnavailable, within seconds, if the database does not answer.
+
+        Also if a process, this one or another, could not write to it in the last five seconds.
+        """
         with self._database.reading() as connection:
             # SQLite answers SELECT 1 without a look at its file.
             connection.execute(select(event_counter.c.last)).scalar_one()
+            self._database.ask_writers(connection)
 
     def close(self) -> None:
         """Let go of all connections."""

@@ -7,7 +7,10 @@ from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, event
 
-from eigenfail.errors import StoreUnavailable
+from eigenfail.errors import InvalidValue, StoreUnavailable
+from eigenfail_services.store.clock import LeaseClock, steady_ms
+from eigenfail_services.store.distress import FolderLock
+from eigenfail_services.store.refusals import upgrade_command
 
 BUSY_S = 30.0
 RETRY_S = 0.02
@@ -20,6 +23,10 @@ PRAGMAS = (
 )
 KEYS = "foreign_keys = ON"
 
+PRIMARY = 0xFF
+UNWRITABLE = frozenset({sqlite3.SQLITE_FULL, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR})
+UNREADABLE = frozenset({sqlite3.SQLITE_IOERR_READ, sqlite3.SQLITE_IOERR_SHORT_READ})
+
 ARGUMENTS: dict[str, Any] = {"connect_args": {"timeout": BUSY_S}, "hide_parameters": True}
 
 
@@ -31,15 +38,16 @@ class Sqlite:
 
     def __init__(self, url: URL) -> None:
         if url.database in {None, "", ":memory:"}:
-            raise StoreUnavailable(
-                "The database's address names no file.",
+            raise InvalidValue(
+                "database",
+                "The address names no file.",
                 "Write sqlite:///folder/file.db; memory:// keeps everything in this process.",
             )
         # Connections are opened later too, when the current folder may be another.
         path = Path(str(url.database)).absolute()
         self._url = url.set(drivername="sqlite+pysqlite", database=str(path))
         self._path = path
-        self.label = f"sqlite:///{path}"
+        self.label = self.address = f"sqlite:///{path}"
 
     def engine(self) -> Engine:
         """For everyday work."""
@@ -57,10 +65,21 @@ class Sqlite:
     def require(self) -> None:
         """Refuse a file that is not there."""
         if not self._path.exists():
-            raise StoreUnavailable(f"There is no {self.label}.", "Make it: eigenfail db upgrade.")
+            raise StoreUnavailable(
+                f"There is no {self.label}.", f"Make it: {upgrade_command(self.address)}."
+            )
 
     def lock_schema(self, connection: Connection) -> None:
         """A transaction that writes has the whole file to itself."""
+
+    def refuses_writes(self, error: object) -> bool:
+        """Whether there is no room, or the file or its disk takes no writes."""
+        code: int = getattr(error, "sqlite_errorcode", 0)
+        return code not in UNREADABLE and code & PRIMARY in UNWRITABLE
+
+    def signal(self) -> FolderLock:
+        """A lock on the folder."""
+        return FolderLock(self._path.parent)
 
     def _tuned(self, engine: Engine, *pragmas: str) -> Engine:
         @event.listens_for(engine, "connect")
@@ -71,6 +90,7 @@ class Sqlite:
                 patiently(connection, f"PRAGMA {pragma}")
             # SQLite's own knows the letters of English alone.
             connection.create_function("lower", 1, lower, deterministic=True)
+            connection.create_function(LeaseClock.name, 0, steady_ms)
 
         event.listen(engine, "begin", begin)
         return engine

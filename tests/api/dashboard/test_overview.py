@@ -4,6 +4,7 @@ import msgspec
 import pytest
 
 from eigenfail.values import Outcome
+from eigenfail.values.worker import Arrival
 from eigenfail_api.dashboard.views.parentage import origin
 
 HTML = {"Accept": "text/html"}
@@ -69,6 +70,14 @@ def test_who_brought_results_lately_is_at_work(campaign, deliver, result, look):
     deliver(campaign, *(result(index) for index in range(6)))
     assert "Workers now 1" in look("/")
     assert "Episodes/s now 0.100" in look("/")
+
+
+def test_work_without_workers_is_told_until_one_comes(store, campaign, look):
+    pages = ("/", f"/campaigns/{campaign}")
+    assert all("No worker is connected" in look(page) for page in pages)
+    store.roster.arrived(Arrival(worker="w1", host="here", pid=7))
+    assert not any("No worker is connected" in look(page) for page in pages)
+    assert "Workers now 1 0 at work" in look("/")
 
 
 def test_who_ran_the_episodes_is_told_on_the_campaigns_page(campaign, deliver, result, look):

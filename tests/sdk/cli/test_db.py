@@ -1,9 +1,15 @@
-"""`eigenfail db`: a database of one's own, made and checked."""
+"""`eigenfail db`: a database of one's own, made, checked, backed up and restored."""
 
 import json
 import re
+import sqlite3
+from contextlib import closing
 
 import pytest
+
+from eigenfail.hosting.folder import DataFolder
+from eigenfail.testing.store.examples import deliver, result, running
+from eigenfail_services.store import open_store
 
 SAYS = {
     "upgrade": r"The database's schema is at revision \d{4}, which is this program's\.\n",
@@ -26,4 +32,59 @@ def test_a_database_is_made_and_found_to_be_this_programs(eigenfail, tmp_path):
 def test_one_that_is_not_there_is_trouble_with_a_way_out(eigenfail, tmp_path):
     told = eigenfail("db", "check", "--data", tmp_path)
     assert told.exit_code == 3
-    assert "Make it: eigenfail db upgrade" in told.stderr
+    assert f"Make it: eigenfail db upgrade --database sqlite:///{tmp_path}" in told.stderr
+
+
+@pytest.mark.service
+def test_an_address_that_is_none_is_wrong_usage(eigenfail):
+    told = eigenfail("db", "check", "--database", "nonsense")
+    assert told.exit_code == 2
+    assert "Write it as sqlite:///" in told.stderr
+
+
+@pytest.mark.service
+def test_what_is_wrong_is_said_with_the_way_out_and_mended_if_asked(eigenfail, tmp_path):
+    folder = DataFolder(tmp_path)
+    with closing(open_store(folder.database)) as store:
+        deliver(store, running(store), result(0), result(1))
+    sound = eigenfail("db", "verify", "--data", tmp_path)
+    assert sound.exit_code == 0, sound.output
+    assert "ok accounts" in sound.stdout
+
+    with closing(sqlite3.connect(tmp_path / "eigenfail.db")) as connection:
+        connection.execute("UPDATE campaigns SET completed = 1")
+        connection.commit()
+    told = eigenfail("db", "verify", "--data", tmp_path)
+    assert told.exit_code == 1
+    assert "accounts: campaign 1: It counts 1 completed" in told.stdout
+    assert "its rows are 2 completed" in told.stdout
+
+    checked = eigenfail("doctor", "--database", folder.database)
+    assert checked.exit_code == 3
+    assert re.search(r"wrong database +sqlite.*: 1 defects +eigenfail db verify", checked.stdout)
+
+    mended = eigenfail("db", "verify", "--data", tmp_path, "--repair")
+    assert mended.exit_code == 0
+    assert mended.stdout.startswith("Campaign 1 was counted anew: 2 completed")
+    found = json.loads(eigenfail("db", "verify", "--data", tmp_path, "--json").stdout)
+    assert [check["defects"] for check in found["checks"]] == [0] * len(found["checks"])
+
+
+@pytest.mark.service
+def test_a_backup_is_made_and_restored(eigenfail, tmp_path):
+    file = tmp_path / "backup"
+    with closing(open_store(DataFolder(tmp_path / "a").database)) as store:
+        running(store)
+    made = eigenfail("db", "backup", file, "--data", tmp_path / "a")
+    assert made.exit_code == 0, made.output
+    assert f"{file} holds all of sqlite:///" in made.stdout
+    assert eigenfail("db", "backup", file, "--data", tmp_path / "a").exit_code == 2
+
+    with DataFolder(tmp_path / "b").claimed():
+        used = eigenfail("db", "restore", file, "--data", tmp_path / "b")
+    assert used.exit_code == 3
+    assert "A service runs on" in used.stderr
+    done = eigenfail("db", "restore", file, "--data", tmp_path / "b", "--json")
+    assert json.loads(done.stdout)["file"] == str(file)
+    with closing(open_store(DataFolder(tmp_path / "b").database)) as store:
+        assert store.campaigns.get(1).spec.name == "example"

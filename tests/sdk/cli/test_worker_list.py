@@ -4,24 +4,24 @@ import json
 
 import pytest
 
-from eigenfail.cli.worker_lists import standing
-from eigenfail.values.worker import WorkerShare
+from eigenfail.cli.worker_lists import WorkerState, standing
+from eigenfail.values.worker import Arrival, Presence, WorkerShare
 
 
 def test_who_brought_results_is_listed_once(eigenfail, done, spec_file):
     assert eigenfail("run", spec_file, "--seed", "2").exit_code == 0
     told = eigenfail("worker", "list")
     assert told.exit_code == 0, told.output
-    assert told.stdout.splitlines()[-1].split()[:6] == ["by", "hand", "at", "work", "2", "48"]
+    assert told.stdout.splitlines()[-1].split()[:7] == ["by", "hand", "–", "at", "work", "2", "48"]
     (found,) = json.loads(eigenfail("worker", "list", "--json").stdout)
-    assert (found["worker"], found["at_work"], found["campaigns"]) == ("by hand", True, [1, 2])
+    assert (found["worker"], found["state"], found["campaigns"]) == ("by hand", "at work", [1, 2])
     assert (found["episodes"], found["failed"]) == (48, 0)
 
 
 def test_that_nobody_works_is_said_with_what_to_do(eigenfail):
     told = eigenfail("worker", "list", "--within-s", "90")
     assert told.exit_code == 0
-    assert told.stdout.startswith("Nobody brought a result in the last 90 s. eigenfail doctor")
+    assert told.stdout.startswith("No worker is connected, and none brought a result in the last 90 s.")
     assert json.loads(eigenfail("worker", "list", "--json").stdout) == []
 
 
@@ -34,13 +34,33 @@ def test_it_is_watched_until_no_campaign_runs(eigenfail, spec_file, store):
     assert episodes[-1] == 24
 
 
-@pytest.mark.parametrize(("at_work", "is_at_work"), [({"w"}, True), ({"v"}, False)])
-def test_what_a_worker_did_for_several_campaigns_is_added_up(at_work, is_at_work):
+HERE = Presence(id=3, worker="w", host="rack 4", pid=7, versions={}, arrived_ms=5, heard_ms=6)
+
+
+@pytest.mark.parametrize(
+    ("here", "is_at_work", "state"),
+    [
+        (None, True, WorkerState.AT_WORK),
+        (HERE, True, WorkerState.AT_WORK),
+        (HERE, False, WorkerState.WAITING),
+        (None, False, WorkerState.GONE),
+    ],
+)
+def test_what_a_worker_did_for_several_campaigns_is_added_up(here, is_at_work, state):
     counts = {"worker": "w", "failures": 1, "failed": 2, "wall_s": 1.0}
     shares = [
         WorkerShare(campaign=campaign, episodes=5, last_ms=at_ms, **counts)
         for campaign, at_ms in ((4, 20), (3, 10))
     ]
-    found = standing(shares, at_work)
+    found = standing("w", shares, here, is_at_work=is_at_work)
     assert (found.campaigns, found.episodes, found.failures, found.failed) == ((3, 4), 10, 2, 4)
-    assert (found.at_work, found.last_ms) == (is_at_work, 20)
+    assert (found.state, found.last_ms) == (state, 20)
+    assert (found.host, found.since_ms) == (("rack 4", 5) if here else ("", None))
+
+
+def test_who_waits_is_listed_before_the_first_result(eigenfail, store):
+    store.roster.arrived(Arrival(worker="idle [1]", host="rack 4", pid=7))
+    told = eigenfail("worker", "list").stdout.splitlines()[-1].split()
+    assert told == ["idle", "[1]", "rack", "4", "waiting", "0", "0", "0", "0", "–"]
+    (found,) = json.loads(eigenfail("worker", "list", "--json").stdout)
+    assert (found["state"], found["last_ms"], found["campaigns"]) == ("waiting", None, [])

@@ -14,6 +14,7 @@ from eigenfail.errors import (
     NotFound,
     ServiceError,
     ServiceUnreachable,
+    StoreUnwritable,
     UnknownName,
 )
 from eigenfail.values import (
@@ -256,6 +257,14 @@ def test_plugins_are_listed(client):
 
 def test_health(client, store, monkeypatch):
     assert client.health()
+    assert client.trouble() is None
+
+    def full():
+        raise StoreUnwritable("The disk is full.", "Make room.")
+
+    monkeypatch.setattr(store, "ping", full)
+    assert isinstance(trouble := client.trouble(), StoreUnwritable)
+    assert trouble.remedy == "Make room."
     monkeypatch.setattr(store, "ping", lambda: 1 / 0)
     assert not client.health()
 

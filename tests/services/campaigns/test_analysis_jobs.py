@@ -1,9 +1,12 @@
 """Processes of analyses, and what they make of the failures of one or several campaigns."""
 
+import resource
 import subprocess
 import sys
+import time
 
 import msgspec
+import psutil
 import pytest
 
 from eigenfail.contracts import Store
@@ -19,9 +22,11 @@ from eigenfail.values import (
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.analysis import clusters
 from eigenfail_services.analysis.digest import result_digest
+from eigenfail_services.bounds import Bounds
 from eigenfail_services.campaigns import analysis_jobs as module
 from eigenfail_services.campaigns.analysed import ground
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs, run_analysis
+from eigenfail_services.hub.patience import Patience
 from eigenfail_services.store import MemoryStore, open_store
 
 QUICK = AnalysisSettings(bootstrap=2)
@@ -31,6 +36,7 @@ class Process:
     """Runs for ever."""
 
     started = 0
+    pid = returncode = 0
 
     def __init__(self, *_args, **_named) -> None:
         Process.started += 1
@@ -288,3 +294,58 @@ def test_a_thread_that_a_planner_left_behind_does_not_keep_the_process(
     assert ended.returncode == status, ended.stderr
     assert told in store.analyses.get(1).problem
     store.close()
+
+
+@pytest.fixture
+def hanging(tmp_path, monkeypatch):
+    """An analysis whose process hangs, and so does what it started; the test has its clock."""
+    script = tmp_path / "python"
+    script.write_text(f"#!/bin/sh\nsleep 100000 & echo $! > {tmp_path}/started\nwait\n")
+    script.chmod(0o700)
+    monkeypatch.setattr(module.sys, "executable", str(script))
+    now_s = [0.0]
+    monkeypatch.setattr(module, "Patience", lambda limit_s: Patience(limit_s, lambda: now_s[0]))
+    return now_s
+
+
+@pytest.mark.service
+def test_one_that_hangs_is_killed_with_all_it_started_and_failed_in_words(
+    store, tmp_path, hanging
+) -> None:
+    analysis = store.analyses.create(campaign(store, 3), QUICK).id
+    store.jobs.claim("campaigns", 30.0, JobKind.CAMPAIGN)
+    job = store.jobs.claim("one", 30.0, JobKind.ANALYSIS)
+    analyses = AnalysisJobs(store, "", Bounds(time_s=5.0, memory_mib=300.0))
+    analyses.open(job)
+    (running,) = analyses._running
+    most, _ = resource.prlimit(running.process.pid, resource.RLIMIT_DATA)
+    assert most == 300 * 1024 * 1024
+    until("it starts nothing", lambda: (tmp_path / "started").exists() and started(tmp_path))
+    process = psutil.Process(started(tmp_path))
+    for _ in range(6):
+        analyses.tend()
+        assert len(analyses) == 1
+        hanging[0] += 1.0
+    analyses.tend()
+    assert (len(analyses), running.process.returncode) == (0, -9)
+    until("what it started lives on", lambda: not lives(process))
+    failed = store.analyses.get(analysis)
+    assert failed.state is AnalysisState.FAILED
+    assert failed.problem.startswith("The analysis took more than 5 s, and was broken off.")
+    assert "--analysis-limit" in failed.problem
+    assert store.jobs.claim("other", 30.0, JobKind.ANALYSIS) is None
+
+
+def started(folder) -> int:
+    return int((folder / "started").read_text() or 0)
+
+
+def lives(process: psutil.Process) -> bool:
+    return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+
+
+def until(problem: str, holds) -> None:
+    deadline_s = time.monotonic() + 60.0
+    while not holds():
+        assert time.monotonic() < deadline_s, problem
+        time.sleep(0.01)

@@ -12,7 +12,7 @@ class Launcher:
     def __init__(self, _arguments) -> None:
         pass
 
-    def start(self, hub: str) -> None:
+    def start(self, hub: str, _key: object) -> None:
         pass
 
     def stop(self) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
-from eigenfail.values import CampaignSpec, LearnerContext, StopRules
+from eigenfail.values import CampaignSpec, LearnerContext, RoundSizes, StopRules
 from eigenfail_services.campaigns.rounds import Rounds
 from eigenfail_services.campaigns.stop_notes import Pace, pace_of, stop_notes
 
@@ -94,3 +94,18 @@ def test_of_a_method_that_does_not_say_the_words_are_general(monkeypatch):
 
     monkeypatch.setattr(plugins, "load", lambda *_: Strange)
     assert "as large as the method makes them" in note("strange")
+
+
+def test_a_strangers_method_may_say_how_large_its_rounds_are(monkeypatch):
+    class Strange:
+        class Settings(StopRules):
+            pass
+
+        lookahead = 0
+
+        @staticmethod
+        def round_sizes(_settings, episodes, /):
+            return RoundSizes(episodes // 10, 30, "swarm")
+
+    monkeypatch.setattr(plugins, "load", lambda *_: Strange)
+    assert pace_of(spec("strange")) == Pace(100, 30, 0, "settings.swarm")

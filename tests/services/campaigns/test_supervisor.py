@@ -4,7 +4,7 @@ from queue import SimpleQueue
 
 import pytest
 
-from eigenfail.errors import StoreUnavailable
+from eigenfail.errors import NotFound, StoreUnavailable
 from eigenfail.values import (
     AnalysisSettings,
     CampaignSpec,
@@ -171,18 +171,6 @@ def test_progress_is_told_when_there_is_some(house: House, monkeypatch) -> None:
     assert told()[1:] == ["1 of 5 episodes, 0 failures."]
 
 
-def test_a_lost_job_is_left_to_whoever_has_it(house: House, monkeypatch) -> None:
-    campaign = house.create()
-    house.supervisor.turn()
-    monkeypatch.setattr(house.store.jobs, "renew", lambda job, lease_s: False)
-    monkeypatch.setattr(module.time, "monotonic", lambda: float("inf"))
-    house.supervisor.turn()
-    house.hub.ended.put(Ended(campaign, ""))
-    house.supervisor.turn()
-    assert set(house.hub.halted) == {campaign}
-    assert house.state(campaign) is CampaignState.RUNNING
-
-
 def test_an_ending_that_the_store_refuses_is_kept_for_later(house: House, monkeypatch) -> None:
     campaign = house.create()
     house.supervisor.turn()
@@ -216,12 +204,39 @@ def test_our_own_lease_that_ran_out_launches_nothing_twice(house: House, monkeyp
     assert house.state(campaign) is CampaignState.DONE
 
 
-def test_who_lost_a_campaign_without_noticing_does_not_close_it(house: House, monkeypatch) -> None:
+def test_who_was_resumed_as_it_was_claimed_is_launched_once(house: House, monkeypatch) -> None:
     campaign = house.create()
+    claim, claimed = house.store.jobs.claim, []
+
+    def disturbed(*asked):
+        claimed.append(claim(*asked))
+        if len(claimed) == 1:
+            house.store.campaigns.move(campaign, CampaignState.PAUSED)
+            house.store.campaigns.move(campaign, CampaignState.QUEUED)
+        return claimed[-1]
+
+    monkeypatch.setattr(house.store.jobs, "claim", disturbed)
     house.supervisor.turn()
-    monkeypatch.setattr(house.store.jobs, "renew", lambda job, lease_s: False)
-    house.hub.ended.put(Ended(campaign, "The learner diverged."))
+    assert [job.subject for job in claimed] == [campaign, campaign]
+    assert house.hub.launched == [campaign]
+    assert house.state(campaign) is CampaignState.RUNNING
+
+
+def test_who_lost_a_campaign_while_it_was_staged_does_not_end_it(house: House, monkeypatch) -> None:
+    campaign = house.create()
+    claim, claimed = house.store.jobs.claim, []
+    monkeypatch.setattr(
+        house.store.jobs, "claim", lambda *asked: claimed.append(claim(*asked)) or claimed[-1]
+    )
+
+    def lost_meanwhile(*_):
+        house.store.jobs.renew(claimed[0], 0.0)
+        assert claim("another", 60.0, JobKind.CAMPAIGN)
+        raise NotFound("There is no analysis 999.")
+
+    monkeypatch.setattr(module, "learner_context", lost_meanwhile)
     house.supervisor.turn()
+    assert house.hub.launched == []
     assert house.state(campaign) is CampaignState.RUNNING
 
 

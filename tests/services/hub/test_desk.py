@@ -14,10 +14,13 @@ from eigenfail.values import (
     Policy,
     PolicySource,
     PriorSource,
+    Source,
     unrunnable,
 )
 from eigenfail.values.records import Verdict
+from eigenfail.wire.claims import MAX_CLAIMS, Claim, fingerprint
 from eigenfail.wire.messages import (
+    LONGEST_LIFE,
     PROTOCOL,
     Ack,
     Drop,
@@ -36,9 +39,13 @@ from eigenfail_services.hub import desk
 from eigenfail_services.hub.commits import Commits
 from eigenfail_services.hub.desk import Desk
 from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.seats import UNNAMED_BEATS
 
 SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=9)
 LAYER = Layer(np.zeros((2, 2), np.float32), np.zeros(2, np.float32))
+
+
+PRIOR = PriorSource()
 
 
 class Order(msgspec.Struct):
@@ -48,6 +55,9 @@ class Order(msgspec.Struct):
 
 class FakeRun:
     order = Order()
+
+    def __init__(self, *, resumed: bool = False) -> None:
+        self.resumed = resumed
 
     def policy(self, version: int) -> Policy:
         return Policy(version, (), LAYER, LAYER, 3.0, 1)
@@ -72,8 +82,19 @@ class Room:
         self.sent.clear()
         return kinds
 
-    def join(self, worker: bytes, protocol: int = PROTOCOL) -> None:
-        self.desk.hear(worker, encode(Hello(protocol, worker.decode(), 64)))
+    def join(self, worker: bytes, protocol: int = PROTOCOL, **more) -> None:
+        self.desk.hear(worker, encode(Hello(protocol, worker.decode(), 64, **more)))
+
+    def offer(self, *indices: int, source: Source = PRIOR, resumed: bool = False) -> None:
+        self.leases.offer(1, tuple(EpisodeTask(i, 0, source) for i in indices))
+        self.assign(resumed=resumed)
+
+    def assign(self, *, resumed: bool = False) -> None:
+        self.desk.assign({1: FakeRun(resumed=resumed)})  # type: ignore[dict-item]
+
+    def leased_to(self, worker: bytes) -> list[int]:
+        leases = [m for to, m in self.sent if to == worker and isinstance(m, Lease)]
+        return [task.index for lease in leases for task in lease.tasks]
 
 
 @pytest.fixture
@@ -103,23 +124,20 @@ def test_a_stranger_is_asked_to_say_hello(room: Room) -> None:
 def test_setup_and_policy_come_once_before_the_lease(room: Room) -> None:
     room.join(b"a")
     room.said_to(b"a")
-    room.leases.offer(1, (EpisodeTask(0, 0, PolicySource(4)),))
-    room.desk.assign({1: FakeRun()})  # type: ignore[dict-item]
+    room.offer(0, source=PolicySource(4))
     assert room.said_to(b"a") == [Setup, PolicyUpdate, Lease]
-    room.leases.offer(1, (EpisodeTask(1, 0, PolicySource(4)), EpisodeTask(2, 0, PriorSource())))
-    room.desk.assign({1: FakeRun()})  # type: ignore[dict-item]
+    room.offer(1, source=PolicySource(4))
+    room.offer(2)
     assert set(room.said_to(b"a")) == {Lease}
 
 
 def test_after_a_drop_the_setup_comes_again(room: Room) -> None:
     room.join(b"a")
-    room.leases.offer(1, (EpisodeTask(0, 0, PriorSource()),))
-    room.desk.assign({1: FakeRun()})  # type: ignore[dict-item]
+    room.offer(0)
     room.leases.withdraw(1)
     room.desk.drop(1)
     assert room.said_to(b"a")[-1] is Drop
-    room.leases.offer(1, (EpisodeTask(0, 0, PriorSource()),))
-    room.desk.assign({1: FakeRun()})  # type: ignore[dict-item]
+    room.offer(0)
     assert room.said_to(b"a") == [Setup, Lease]
 
 
@@ -136,12 +154,11 @@ def test_results_are_acknowledged_after_their_commit_alone(room: Room) -> None:
 
 def test_a_leaving_worker_s_episodes_go_to_another(room: Room) -> None:
     room.join(b"a")
-    room.leases.offer(1, (EpisodeTask(0, 0, PriorSource()),))
-    room.desk.assign({1: FakeRun()})  # type: ignore[dict-item]
-    room.desk.hear(b"a", encode(Heartbeat(1, 0)))
+    room.offer(0)
+    room.desk.hear(b"a", encode(Heartbeat(1, 0, ((1, 0),))))
     room.desk.hear(b"a", encode(Goodbye()))
     room.join(b"b")
-    room.desk.assign({1: FakeRun()})  # type: ignore[dict-item]
+    room.assign()
     assert room.said_to(b"b") == [Welcome, Setup, Lease]
 
 
@@ -191,3 +208,85 @@ def test_a_worker_that_stays_silent_is_given_up(clock) -> None:
         clock[0] += desk.SILENCE_LIMIT_S / 10
     room.desk.bury_silent()
     assert room.leases.seats == {}
+
+
+def held(index: int, source: Source = PRIOR) -> Claim:
+    """What a worker says that has that task of campaign 1."""
+    return Claim(1, index, fingerprint(SPEC.setup(), EpisodeTask(index, 0, source)))
+
+
+def test_what_a_worker_holds_waits_for_its_round_and_stays_with_it(room: Room) -> None:
+    room.join(b"a", claims=(held(0), held(1), Claim(1, 2)))
+    room.join(b"b")
+    room.assign()
+    room.offer(0, 1, 2, 3, 4)
+    assert set(room.leases.seats[b"a"].held) >= {(1, 0), (1, 1), (1, 2)}
+    assert sorted([*room.leased_to(b"a"), *room.leased_to(b"b")]) == [3, 4]
+
+
+def test_it_is_free_again_when_it_is_no_longer_named(room: Room) -> None:
+    room.join(b"a", claims=(held(0), held(1)))
+    room.offer(0, 1)
+    for _ in range(UNNAMED_BEATS):
+        room.join(b"b")
+        room.assign()
+        assert room.leased_to(b"b") == []
+        room.desk.hear(b"a", encode(Heartbeat(1, 0, ((1, 0),))))
+    room.desk.hear(b"b", encode(Goodbye()))
+    room.join(b"c")
+    room.assign()
+    assert room.leased_to(b"a") + room.leased_to(b"c") == [1]
+
+
+@pytest.mark.parametrize("mine", [held(0, PolicySource(3)), held(1), Claim(1, 0, b"?")])
+def test_who_holds_another_task_is_told_to_drop_it_and_sent_all_anew(room: Room, mine) -> None:
+    room.join(b"a", claims=(msgspec.structs.replace(mine, index=0),))
+    room.offer(0, source=PolicySource(4))
+    assert room.said_to(b"a") == [Welcome, Drop, Setup, PolicyUpdate, Lease]
+
+
+NONSENSE = (
+    {"claims": [{"campaign": 1, "index": 0}] * (MAX_CLAIMS + 1)},
+    {"claims": [{"campaign": -1, "index": 0}]},
+    {"claims": [{"campaign": 1, "index": 0.5}]},
+    {"claims": [{"campaign": 1, "index": 0, "task": b"long" * 5}]},
+    {"claims": [{"campaign": 1, "index": 0, "colour": "red"}]},
+    {"claims": [7]},
+    {"claims": {"campaign": 1}},
+    {"life": "x" * (LONGEST_LIFE + 1)},
+)
+
+
+@pytest.mark.parametrize("bent", NONSENSE, ids=lambda bent: str(bent)[:60])
+def test_claims_that_are_none_are_refused_at_the_border(room: Room, bent: dict) -> None:
+    told = msgspec.msgpack.decode(encode(Hello(PROTOCOL, "a", 64)))
+    room.desk.hear(b"a", msgspec.msgpack.encode(told | bent))
+    assert room.said_to(b"a") == [Refusal]
+    assert room.leases.seats == {}
+
+
+def test_a_hello_said_again_before_its_welcome_came_changes_nothing(room: Room) -> None:
+    room.join(b"a", life="one")
+    room.offer(0, 1)
+    room.sent.clear()
+    room.join(b"a", life="one")
+    room.assign()
+    assert room.said_to(b"a") == [Welcome]
+    room.join(b"a", life="one", asked=1)
+    room.assign()
+    assert room.said_to(b"a")[:3] == [Welcome, Setup, Lease]
+
+
+def test_a_hub_that_has_just_begun_waits_for_those_who_hold_what_goes_on(clock) -> None:
+    room = Room()
+    room.join(b"a")
+    room.offer(0, 1, resumed=True)
+    assert room.leased_to(b"a") == []
+    clock[0] += desk.GREETING_S / 2
+    room.join(b"b", claims=(held(0),))
+    room.assign(resumed=True)
+    assert room.leased_to(b"a") == []
+    clock[0] += desk.GREETING_S / 2
+    room.assign(resumed=True)
+    assert room.leased_to(b"a") == [1]
+    assert set(room.leases.seats[b"b"].held) == {(1, 0)}

@@ -2,6 +2,7 @@
 
 import sys
 from collections import deque
+from math import inf, nan
 
 import msgspec
 import numpy as np
@@ -11,16 +12,20 @@ from eigenfail.errors import StoreUnavailable
 from eigenfail.values import (
     CampaignSpec,
     EpisodeFault,
+    EpisodeResult,
     EpisodeTask,
     Estimate,
     LearnerContext,
+    Measures,
     PriorSource,
     Round,
     unrunnable,
 )
 from eigenfail.values.records import Delivery, Verdict
-from eigenfail.wire.messages import Observed, Proposed, Start, Trouble
+from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Proposed, Start, Trouble, encode
+from eigenfail_services.bounds import NO_BOUNDS
 from eigenfail_services.hub import learner_link, runs
+from eigenfail_services.hub.learner_curve import lock, unlock
 from eigenfail_services.hub.learner_link import LearnerLink
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.meter import Phase
@@ -62,13 +67,13 @@ class Stage:
         self.store = MemoryStore()
         self.campaign = self.store.campaigns.create(SPEC).id
         self.leases = Leases()
-        self.leases.join(b"w", "w", 256, 0.0)
+        self.leases.join(b"w", Hello(PROTOCOL, "w", 256), 0.0)
         nothing = np.zeros((0, 5, 2), np.float32)
         context = LearnerContext(0, SPEC.episodes, 5, nothing)
         order = Order(self.campaign, SPEC.setup(), SPEC.method, {}, 0, context)
         self.run = Run(order, self.store, self.leases)
 
-    def _link(self) -> PlayedLink:
+    def _link(self, _bounds) -> PlayedLink:
         self.links.append(PlayedLink())
         return self.links[-1]
 
@@ -95,10 +100,14 @@ class Stage:
             self.run.land(result, verdict)
         return verdicts
 
-    def observed(self) -> list[str]:
-        """The kinds of the faults that the learner was shown."""
+    def shown(self) -> tuple[EpisodeResult, ...]:
+        """The round that the learner was shown."""
         (shown,) = (m for m in self.links[-1].said if isinstance(m, Observed))
-        return [result.fault.kind for result in shown.results]
+        return shown.results
+
+    def observed(self) -> list[str]:
+        """The kinds of the faults in it."""
+        return [result.fault.kind for result in self.shown()]
 
 
 @pytest.fixture
@@ -115,7 +124,7 @@ def propose(stage: Stage) -> None:
 
 
 def test_a_learner_that_begins_while_the_store_is_away_is_briefed_later(stage: Stage) -> None:
-    stage.without("checkpoints", "load")
+    stage.without("checkpoints", "recover")
     assert [type(message) for message in stage.links[-1].said] == [Start]
 
 
@@ -123,7 +132,7 @@ def test_so_is_one_that_takes_over(stage: Stage) -> None:
     stage.run.tend()
     stage.links[-1].status = -9
     stage.run.tend()
-    stage.without("checkpoints", "load")
+    stage.without("checkpoints", "recover")
     assert [type(message) for message in stage.links[-1].said] == [Start]
     assert len(stage.links) == 2
 
@@ -166,6 +175,32 @@ def test_a_result_kept_elsewhere_counts_although_ours_differs(stage: Stage) -> N
     stage.deliver(result(0, "solver"), result(1))
     stage.run.tend()
     assert stage.observed() == ["input", "input"]
+
+
+def test_a_result_kept_elsewhere_counts_although_ours_has_its_digest(stage: Stage) -> None:
+    stage.run.tend()
+    propose(stage)
+    stage.run.tend()
+    stage.leased()
+    kept, again = (msgspec.structs.replace(result(0), wall_s=wall_s) for wall_s in (1.0, 2.0))
+    stage.store.episodes.commit(stage.campaign, [Delivery(kept, "another hub's")])
+    assert stage.deliver(again, result(1)) == [Verdict.DUPLICATE, Verdict.KEPT]
+    stage.run.tend()
+    assert [shown.wall_s for shown in stage.shown()] == [1.0, 0.0]
+
+
+def test_a_learner_is_shown_what_one_that_begins_again_will_read(stage: Stage) -> None:
+    stage.run.tend()
+    propose(stage)
+    stage.run.tend()
+    stage.leased()
+    odd = (Measures(nan, severity=2.0), Measures(1.0, min_ttc_s=inf, clipped_steps=-1))
+    made = [msgspec.structs.replace(result(i), measures=odd[i], wall_s=nan) for i in range(2)]
+    stage.deliver(*made)
+    stored = stage.store.episodes.finished(stage.campaign, [0, 1])
+    shown = stage.shown()
+    assert [(each.measures, each.wall_s) for each in shown] == [(None, 0.0), (Measures(1.0), 0.0)]
+    assert encode(Observed(shown)) == encode(Observed(tuple(stored)))
 
 
 def test_a_result_that_the_store_refuses_leaves_its_episode_open(stage: Stage) -> None:
@@ -250,10 +285,18 @@ def test_what_is_thrown_away_is_written_down(stage: Stage) -> None:
 
 
 @pytest.fixture
-def mute(monkeypatch: pytest.MonkeyPatch) -> LearnerLink:
+def keys(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What learners are told, so that a test can speak in their place."""
+    told: list[str] = []
+    monkeypatch.setattr(learner_link, "lock", lambda socket: told.append(lock(socket)) or told[-1])
+    return told
+
+
+@pytest.fixture
+def mute(keys: list[str], monkeypatch: pytest.MonkeyPatch) -> LearnerLink:
     """A learner that dies before it ever connects."""
     monkeypatch.setattr(learner_link.sys, "executable", "/bin/false")
-    link = LearnerLink()
+    link = LearnerLink(NO_BOUNDS)
     monkeypatch.undo()
     return link
 
@@ -270,10 +313,11 @@ def test_a_learner_that_never_connects_keeps_nobody_waiting(mute: LearnerLink) -
 
 
 @pytest.mark.service
-def test_words_that_cannot_be_read_are_trouble(mute: LearnerLink) -> None:
+def test_words_that_cannot_be_read_are_trouble(mute: LearnerLink, keys: list[str]) -> None:
     import zmq
 
     learner = zmq.Context.instance().socket(zmq.PAIR)
+    unlock(learner, keys[0])
     learner.connect(mute.socket.getsockopt_string(zmq.LAST_ENDPOINT))
     learner.send(b"\xc1")
     assert mute.socket.poll(5_000)

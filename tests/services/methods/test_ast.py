@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from eigenfail.errors import LearnerFailed, ProtocolError
+from eigenfail.errors import LearnerDiverged, ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing.toy import Corridor, ToyEngine
 from eigenfail.values import LearnerContext, PolicySource
@@ -102,7 +102,7 @@ def test_a_weight_that_becomes_nan_ends_the_learner_with_a_remedy(network):
     weights = getattr(learner._trainer._model, network).parameters()
     with torch.no_grad():
         next(weights).fill_(float("nan"))
-    with pytest.raises(LearnerFailed, match=r"diverged.*Lower learning_rate"):
+    with pytest.raises(LearnerDiverged, match=r"diverged.*Lower learning_rate"):
         learner.observe(results)
 
 

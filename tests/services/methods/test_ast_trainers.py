@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from eigenfail.errors import LearnerFailed
+from eigenfail.errors import LearnerDiverged
 from eigenfail.values import STATE
 from eigenfail_services.methods.ast.decisions import Decisions
 from eigenfail_services.methods.ast.fast import FastTrainer
@@ -135,7 +135,7 @@ def test_the_fast_trainer_ends_on_a_nan():
     trainer = FastTrainer(OPTIONS)
     trainer.add(transitions(20))
     trainer.critics.weights[3] = np.nan
-    with pytest.raises(LearnerFailed, match="diverged"):
+    with pytest.raises(LearnerDiverged, match="diverged"):
         trainer.train(1, draw=1)
 
 

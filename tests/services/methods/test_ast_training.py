@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from eigenfail.errors import InvalidValue, LearnerFailed
+from eigenfail.errors import InvalidValue, LearnerDiverged
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import LearnerSuite
 from eigenfail.testing.toy import Corridor, ToyEngine
@@ -170,7 +170,7 @@ def test_a_nan_ends_the_learner_before_a_policy_could_carry_it(part):
     learner.observe(results)
     sound = learner.state()
     getattr(learner._trainer, part).weights[5] = np.nan
-    with pytest.raises(LearnerFailed, match=r"diverged.*Lower learning_rate"):
+    with pytest.raises(LearnerDiverged, match=r"diverged.*Lower learning_rate"):
         learner.observe(results)
     again = ast(warm_up=0)
     again.restore(sound)

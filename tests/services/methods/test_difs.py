@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from eigenfail.errors import LearnerFailed, ProtocolError
+from eigenfail.errors import LearnerDiverged, ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing.toy import Corridor
 from eigenfail.values import Experience, LearnerContext, PriorSource, TrajectorySource
@@ -84,14 +84,14 @@ def test_a_weight_that_becomes_nan_ends_the_learner_with_a_remedy(episode):
     learner.propose(10)
     with torch.no_grad():
         learner._model._average.correction[0].weight[0] = float("nan")
-    with pytest.raises(LearnerFailed, match=r"diverged.*Lower learning_rate"):
+    with pytest.raises(LearnerDiverged, match=r"diverged.*Lower learning_rate"):
         learner.observe([episode(np.zeros((5, 2)), 1.0)])
 
 
 def test_samples_that_are_not_finite_never_leave_the_learner(episode):
     learner = difs()
     learner._model.mixture.means[0, 0] = np.inf
-    with pytest.raises(LearnerFailed, match=r"not finite.*Lower"):
+    with pytest.raises(LearnerDiverged, match=r"not finite.*Lower"):
         learner.exploit(3)
 
 

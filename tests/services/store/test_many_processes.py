@@ -13,6 +13,7 @@ import pytest
 from eigenfail.contracts import Store
 from eigenfail.testing.store.crowds import at_once
 from eigenfail.testing.store.examples import spec
+from eigenfail.testing.store.jobs import waited_for
 from eigenfail.values import Campaign, CampaignState, Counts
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import open_store
@@ -76,6 +77,33 @@ stored = len(store.episodes.finished(campaign.id, range(acked + 64)))
 resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
 again = deliver(store, campaign, *map(result, range(acked, acked + 64)))
 tell(acked=acked, completed=counts.completed, stored=stored, full=full, again=again)
+"""
+
+
+STAND_STILL = """
+import signal
+from eigenfail.errors import ClaimLost
+stopped = []
+signal.signal(signal.SIGCONT, lambda *_: stopped.append(True))
+store = open_store(sys.argv[1])
+campaign = running(store).id
+claim = store.jobs.claim("old", 0.2)
+store.checkpoints.save(campaign, b"old", claim=claim)
+tell(campaign=campaign)
+while not stopped:
+    time.sleep(0.01)
+writes = (
+    lambda: store.checkpoints.save(campaign, b"older", claim=claim),
+    lambda: store.campaigns.move(campaign, CampaignState.DEAD, "It diverged.", claim),
+    lambda: store.campaigns.add_active(campaign, 5.0, claim=claim),
+)
+refused = 0
+for write in writes:
+    try:
+        write()
+    except ClaimLost:
+        refused += 1
+tell(refused=refused, held=store.jobs.renew(claim, 60.0))
 """
 
 
@@ -168,6 +196,25 @@ def test_a_kill_in_the_middle_of_many_campaigns_leaves_all_of_them_or_none(start
         assert len(seeds) >= max([there, first, *acked])
         there = len(seeds)
         assert store.jobs.waiting(JobKind.CAMPAIGN) == len(seeds)
+    store.close()
+
+
+def test_who_was_stopped_beyond_its_lease_writes_nothing_when_it_goes_on(start, url) -> None:
+    process = start(STAND_STILL, url)
+    campaign = json.loads(process.stdout.readline())["campaign"]
+    process.send_signal(signal.SIGSTOP)
+    store = open_store(url)
+    claim = waited_for(store)
+    assert claim.subject == campaign
+    store.checkpoints.save(campaign, b"new", claim=claim)
+    before = store.campaigns.get(campaign)
+    process.send_signal(signal.SIGCONT)
+    told = json.loads(process.communicate(timeout=PATIENCE_S)[0])
+    assert told == {"refused": 3, "held": False}
+    assert store.checkpoints.load(campaign) == b"new"
+    assert store.campaigns.get(campaign) == before
+    ended = store.campaigns.move(campaign, CampaignState.DONE, claim=claim)
+    assert ended.state is CampaignState.DONE
     store.close()
 
 

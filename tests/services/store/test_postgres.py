@@ -54,6 +54,7 @@ def cut(postgres, prepared_postgres_url):
         ("synchronous_commit", "on"),
         ("transaction_isolation", "read committed"),
         ("lock_timeout", "30s"),
+        ("idle_in_transaction_session_timeout", "10s"),
     ],
 )
 def test_every_connection_is_durable_and_bounded(database, setting, wanted) -> None:

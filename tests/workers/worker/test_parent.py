@@ -2,14 +2,12 @@
 
 import os
 import signal
-import time
 from collections.abc import Iterator
 from threading import Thread
 from types import SimpleNamespace
 
 import psutil
 import pytest
-import zmq
 
 from eigenfail.values import CampaignSpec, EpisodeTask, Outcome, PriorSource, episode_seed
 from eigenfail.wire.messages import (
@@ -24,50 +22,16 @@ from eigenfail.wire.messages import (
     Results,
     Setup,
     Welcome,
-    encode,
-    read_worker_message,
 )
 from eigenfail_workers.worker import child_process
+from eigenfail_workers.worker.limits import Limits
 from eigenfail_workers.worker.parent import Parent
 
 pytestmark = pytest.mark.service
 
 
-class PlayedHub:
-    """Says what the test wants said, and keeps what the worker says."""
-
-    def __init__(self) -> None:
-        self.socket = zmq.Context.instance().socket(zmq.ROUTER)
-        port = self.socket.bind_to_random_port("tcp://127.0.0.1")
-        self.address = f"tcp://127.0.0.1:{port}"
-        self.worker = b""
-
-    def hear(self, kind: type, within_s: float = 120.0):
-        """The next message of that kind; others are passed over."""
-        deadline = time.monotonic() + within_s
-        while (left := deadline - time.monotonic()) > 0:
-            if self.socket.poll(int(left * 1000)):
-                self.worker, data = self.socket.recv_multipart()
-                message = read_worker_message(data)
-                if isinstance(message, kind):
-                    return message
-        raise AssertionError(f"no {kind.__name__} within {within_s} s")
-
-    def say(self, *messages) -> None:
-        for message in messages:
-            data = message if isinstance(message, bytes) else encode(message)
-            self.socket.send_multipart([self.worker, data])
-
-
 @pytest.fixture
-def hub() -> Iterator[PlayedHub]:
-    played = PlayedHub()
-    yield played
-    played.socket.close(linger=0)
-
-
-@pytest.fixture
-def parent(hub: PlayedHub) -> Iterator[Parent]:
+def parent(hub) -> Iterator[Parent]:
     worker = Parent(hub.address, "w", episode_limit_s=1.5)
     thread = Thread(target=worker.serve)
     thread.start()
@@ -75,6 +39,7 @@ def parent(hub: PlayedHub) -> Iterator[Parent]:
     assert (hello.protocol, hello.worker) == (PROTOCOL, "w")
     hub.say(Welcome(heartbeat_s=0.2))
     yield worker
+    worker.leave()
     worker.leave()
     thread.join(timeout=10)
     assert not thread.is_alive()
@@ -97,7 +62,7 @@ def child() -> psutil.Process:
     raise AssertionError("the worker has no child")
 
 
-def test_leased_episodes_come_back_in_order(hub: PlayedHub, parent: Parent) -> None:
+def test_leased_episodes_come_back_in_order(hub, parent) -> None:
     hub.say(setup("idm"), lease(0, 1, 2))
     results = [hub.hear(Results).results[0] for _ in range(3)]
     assert [result.index for result in results] == [0, 1, 2]
@@ -215,7 +180,7 @@ def test_only_the_first_of_many_welcomes_brings_the_outbox(hub, parent) -> None:
 def test_a_standstill_of_the_whole_worker_is_not_the_episodes_time(monkeypatch) -> None:
     now_s = [1000.0]
     monkeypatch.setattr(child_process, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
-    process = child_process.ChildProcess()
+    process = child_process.ChildProcess(Limits())
     try:
         (task,) = lease(0).tasks
         process.run(child_process.Held(1, task))

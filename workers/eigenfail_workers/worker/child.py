@@ -1,14 +1,14 @@
 """The inner process of a worker: simulator and planner live, and may die, here.
 
-Reads setups, policies and leases from its standard input; writes, for each episode, a `Heartbeat`
-when it begins and its `Results` to what was its standard output. Whatever plug-ins print goes to
-standard error instead.
+Reads setups, policies and leases from what was its standard input; writes to what was its standard
+output: a `Heartbeat` when it can take episodes, and for each one a `Heartbeat` when it begins, and
+its `Results`. Whatever plug-ins print goes to standard error instead; to them, nothing is typed in.
 """
 
 import os
 import signal
-import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import BinaryIO
 
 from eigenfail import plugins
@@ -26,6 +26,8 @@ from eigenfail.wire.messages import (
     Setup,
     read_hub_message,
 )
+from eigenfail_workers.worker.guard import leave_guard
+from eigenfail_workers.worker.limits import files_used_up
 from eigenfail_workers.worker.pipe import read_frames, write_message
 
 
@@ -78,14 +80,32 @@ class Child:
 
 
 def main() -> None:
-    """Serve until the parent closes the pipe."""
+    """Serve until the parent closes the pipe, or hardly a file can be opened any more.
+
+    Files that a planner forgot to close would be paid for by the next episodes: they get a new
+    process instead.
+    """
     die_with_parent()
+    leave_guard()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with os.fdopen(os.dup(1), "wb") as out:
-        os.dup2(2, 1)
-        child = Child(out, plugins.load(plugins.ENGINES, "default"))
-        for frame in read_frames(sys.stdin.buffer):
-            child.handle(read_hub_message(frame))
+    messages, out = _take_pipes()
+    child = Child(out, plugins.load(plugins.ENGINES, "default"))
+    write_message(out, Heartbeat())
+    for frame in read_frames(messages):
+        child.handle(read_hub_message(frame))
+        if files_used_up():
+            return
+
+
+def _take_pipes() -> tuple[BinaryIO, BinaryIO]:
+    """From and to the parent; what plug-ins read and print, and what they start, goes elsewhere."""
+    messages = os.fdopen(os.dup(0), "rb")
+    # Open until the process has its exit status: the parent takes the end of the pipe for its end.
+    out = os.fdopen(os.dup(1), "wb", closefd=False)
+    with Path(os.devnull).open("rb") as nothing:
+        os.dup2(nothing.fileno(), 0)
+    os.dup2(2, 1)
+    return messages, out
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""The parent's handle on its child: start, feed, listen, and kill at the deadline."""
+"""The parent's handle on its child: start, feed, listen, watch, and kill with all it started."""
 
 import contextlib
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -14,8 +15,8 @@ from typing import BinaryIO
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail.errors import ProtocolError
-from eigenfail.processes import ONE_THREAD
+from eigenfail.errors import ProtocolError, ServiceError
+from eigenfail.processes import ONE_THREAD, as_parent
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.wire.messages import (
     Drop,
@@ -27,13 +28,18 @@ from eigenfail.wire.messages import (
     Setup,
     read_worker_message,
 )
+from eigenfail_workers.worker.limits import Limits
 from eigenfail_workers.worker.pipe import FrameBuffer, write_message
+from eigenfail_workers.worker.watch import Watch
 
 START_LIMIT_S = 120.0
 """Wall time for loading the simulator and the planner, before the first episode begins."""
 
 STANDSTILL_S = 2.0
 """No parent is away from its loop for so long, unless it was stopped or its machine was."""
+
+LAST_WORDS_S = 1.0
+"""What left the child's group may hold its pipe open; the parent does not wait for that."""
 
 DEPTH = 2
 """Episodes in the child at a time: one runs, one waits, so that the child never does."""
@@ -60,30 +66,58 @@ def write_all(pipe: BinaryIO, messages: "SimpleQueue[Message | None]") -> None:
         pipe.close()
 
 
-class ChildProcess:
-    """One life of the inner process.
+def start() -> "subprocess.Popen[bytes]":
+    """The inner process, the leader of a session of its own.
 
-    Attributes:
-        running: the episodes it holds; the first is the one being run.
-        began: whether it said that it began on that first one.
+    Raises:
+        ServiceError: the system starts no process.
     """
-
-    def __init__(self) -> None:
-        self._process = subprocess.Popen(
+    try:
+        return subprocess.Popen(
             [sys.executable, "-m", "eigenfail_workers.worker.child"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=os.environ | ONE_THREAD,
+            env=os.environ | ONE_THREAD | as_parent(),
+            start_new_session=True,
         )
+    except OSError as error:
+        raise ServiceError(
+            f"No inner process can be started here: {error}.",
+            "End other programs, or run fewer workers on this machine.",
+        ) from error
+
+
+class ChildProcess:
+    """One life of the inner process.
+
+    Args:
+        limits: what it may take, with all that it starts.
+
+    Attributes:
+        running: the episodes it holds; the first is the one being run.
+        ready: whether it said that it can take episodes.
+        began: whether it said that it began on that first one.
+
+    Raises:
+        ServiceError: the system starts no process.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self._process = start()
         if self._process.stdin is None or self._process.stdout is None:
             raise RuntimeError("pipes were asked for")
         self._stdout = self._process.stdout
+        os.set_blocking(self._stdout.fileno(), False)
+        limits.confine(self._process.pid)
+        self._watch = Watch(self._process.pid, limits)
         # A thread writes: parent and child never wait for each other over two full pipes.
         self._messages: SimpleQueue[Message | None] = SimpleQueue()
-        self._writer = Thread(target=write_all, args=(self._process.stdin, self._messages))
+        pipe_and_messages = (self._process.stdin, self._messages)
+        self._writer = Thread(target=write_all, args=pipe_and_messages, daemon=True)
         self._writer.start()
         self._buffer = FrameBuffer()
         self.running: deque[Held] = deque()
+        self.ready = False
         self.began = False
         self._since_s = self._looked_s = time.monotonic()
         self._set_up: set[int] = set()
@@ -140,7 +174,8 @@ class ChildProcess:
         for frame in self._buffer.frames():
             message = read_worker_message(frame)
             self._since_s = time.monotonic()
-            self.began = isinstance(message, Heartbeat)
+            self.ready = True
+            self.began = isinstance(message, Heartbeat) and message.running is not None
             if isinstance(message, Results):
                 for result in message.results:
                     if not self.running:
@@ -160,10 +195,23 @@ class ChildProcess:
         limit_s = limit_s if self.began else START_LIMIT_S
         return bool(self.running) and now_s - self._since_s > limit_s
 
+    def excess(self) -> str:
+        """What it takes more of than it may, as the predicate of a sentence; empty if nothing."""
+        return self._watch.excess()
+
+    def has_ended(self) -> bool:
+        """Whether it runs no more, though what it started may still hold its pipe open."""
+        if self._process.returncode is not None:
+            return True
+        # Until it is waited for, its number is nobody else's: its group can be killed by it.
+        return bool(os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT))
+
     def end(self) -> int:
-        """Kill it if it still lives; its exit status, negative for a signal."""
-        self._process.kill()
+        """Kill what lives of it and its group; its exit status, negative for a signal."""
+        if self._process.returncode is None:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, signal.SIGKILL)
         self._messages.put(None)
-        self._writer.join()
+        self._writer.join(LAST_WORDS_S)
         self._stdout.close()
         return self._process.wait()

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import zmq
 
 from eigenfail.errors import InvalidValue, ProtocolError
+from eigenfail.wire.curve import WorkerKey
 from eigenfail.wire.messages import (
     MAX_MESSAGE_BYTES,
     HubMessage,
@@ -13,6 +14,7 @@ from eigenfail.wire.messages import (
     encode,
     read_hub_message,
 )
+from eigenfail_workers.worker.admission import Admission, show_key
 
 LINGER_MS = 1_000
 HIGH_WATER_MARK = 10_000
@@ -21,20 +23,25 @@ HIGH_WATER_MARK = 10_000
 class Link:
     """Sends to the hub and hears from it; ZeroMQ reconnects by itself.
 
+    With a key it speaks over CURVE with the one hub that the key names, and with nobody else.
+
     Raises:
         InvalidValue: the address is none.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, key: WorkerKey | None = None) -> None:
         self.address = address
         self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self.socket.setsockopt(zmq.LINGER, LINGER_MS)
         self.socket.setsockopt(zmq.SNDHWM, HIGH_WATER_MARK)
         self.socket.setsockopt(zmq.MAXMSGSIZE, MAX_MESSAGE_BYTES)
+        if key is not None:
+            show_key(self.socket, key)
+        self.admission = Admission(self.socket, address, keyed=key is not None)
         try:
             self.socket.connect(address)
         except zmq.ZMQError as error:
-            self.socket.close()
+            self.close()
             problem = f"'{address}' cannot be connected to: {error}."
             raise InvalidValue("connect", problem, "Write it as tcp://host:port.") from error
 
@@ -44,7 +51,13 @@ class Link:
             self.socket.send(encode(message), zmq.NOBLOCK)
 
     def receive(self) -> Iterator[HubMessage]:
-        """Every message that has come. What cannot be read is skipped: a lease expires instead."""
+        """Every message that has come. What cannot be read is skipped: a lease expires instead.
+
+        Raises:
+            Unauthorized: the hub does not let this worker in.
+            ServiceUnreachable: whoever is there is not the hub.
+        """
+        self.admission.check()
         while True:
             try:
                 data = self.socket.recv(zmq.NOBLOCK)
@@ -53,6 +66,16 @@ class Link:
             with contextlib.suppress(ProtocolError):
                 yield read_hub_message(data)  # type: ignore[misc]
 
+    def connect_again(self) -> None:
+        """Give up a line that is dead or spoilt, of which ZeroMQ does not know, or let it be.
+
+        ZeroMQ's own heartbeats are no help: they can end the whole process (4.3.5, `_io_error`).
+        """
+        with contextlib.suppress(zmq.ZMQError):  # it may have been given up already
+            self.socket.disconnect(self.address)
+        self.socket.connect(self.address)
+
     def close(self) -> None:
         """Send what is left, for at most a second, and disconnect."""
+        self.admission.close()
         self.socket.close()

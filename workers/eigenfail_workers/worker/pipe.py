@@ -36,8 +36,11 @@ class FrameBuffer:
         self._bytes = bytearray()
 
     def read(self, descriptor: int) -> bool:
-        """Take what is there; False at the end of the pipe."""
-        data = os.read(descriptor, CHUNK_BYTES)
+        """Take what is there, if anything is; False at the end of the pipe."""
+        try:
+            data = os.read(descriptor, CHUNK_BYTES)
+        except BlockingIOError:
+            return True
         self._bytes += data
         return bool(data)
 

@@ -19,6 +19,7 @@ from eigenfail.values import (
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.sample import EpisodeSample
 from eigenfail.values.variation import in_words
+from eigenfail.values.worker import Presence
 from eigenfail_api import steering
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.charts import Chart
@@ -31,6 +32,7 @@ from eigenfail_api.dashboard.views.lists import (
     episode_list,
 )
 from eigenfail_api.dashboard.views.parentage import origin, replays_of
+from eigenfail_api.dashboard.views.states import WORKING
 from eigenfail_api.dashboard.views.summaries import Figure, Standing, standing
 
 WISHES = {"pause": steering.PAUSE, "resume": steering.RESUME, "cancel": steering.CANCEL}
@@ -48,6 +50,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
         analyses: newest first.
         events: newest first.
         latest: the id of the newest event, of any campaign.
+        here: the workers that are connected now.
     """
 
     campaign: Campaign
@@ -58,6 +61,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
     analyses: tuple[Analysis, ...]
     events: tuple[Event, ...]
     latest: int
+    here: Sequence[Presence]
 
 
 class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
@@ -66,6 +70,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         origin: words and address of what it replays; None if it is no replay.
         replays: where the replays of its episodes are listed.
+        wants_workers: whether there is work and nobody to do it.
         wishes: what a user may ask of it now: pause, resume, cancel.
         conflicts: episodes by class; empty before the first one, and where nothing drives.
         asked: how the form analyses unless its user says otherwise.
@@ -75,6 +80,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     standing: Standing
     origin: tuple[str, str] | None
     replays: str
+    wants_workers: bool
     wishes: tuple[str, ...]
     tiles: tuple[tuple[str, Figure], ...]
     conflicts: Tiles
@@ -97,6 +103,7 @@ def campaign_view(found: Findings) -> CampaignView:
         standing=now,
         origin=origin(campaign.spec),
         replays=replays_of(campaign.id),
+        wants_workers=campaign.state in WORKING and not found.here,
         wishes=wishes(campaign.state),
         tiles=tiles(now),
         conflicts=conflict_tiles(found.summary) if drives(campaign.spec) else (),

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from eigenfail.values.worker import WorkerShare
+from eigenfail.values.worker import Presence, WorkerShare
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.findings import Grid
 from eigenfail_api.dashboard.views.summaries import Figure
@@ -46,12 +46,15 @@ def worker_line(share: WorkerShare, of: int) -> tuple[str, ...]:
     )
 
 
-def crew_tiles(lately: Sequence[WorkerShare], within_s: int) -> tuple[tuple[str, Figure], ...]:
-    """How many work now, and how quickly: by the results of the last seconds."""
-    names = sorted({share.worker for share in lately})
+def crew_tiles(
+    here: Sequence[Presence], lately: Sequence[WorkerShare], within_s: int
+) -> tuple[tuple[str, Figure], ...]:
+    """How many are there now, and how quickly they work: by the results of the last seconds."""
+    at_work = {share.worker for share in lately}
+    names = {presence.worker for presence in here} | at_work
     episodes = sum(share.episodes for share in lately)
     window = f"results of the last {within_s} s"
     return (
-        ("Workers now", Figure(formats.integer(len(names)), (window,))),
+        ("Workers now", Figure(formats.integer(len(names)), (f"{len(at_work)} at work",))),
         ("Episodes/s now", Figure(formats.number(episodes / within_s), (window,))),
     )

@@ -8,12 +8,13 @@ import msgspec
 from eigenfail.values import Campaign, CampaignState, Page, Summary
 from eigenfail.values.campaign_filter import CampaignFilter
 from eigenfail.values.pool import PeerCosts
-from eigenfail.values.worker import WorkerShare
+from eigenfail.values.worker import Presence, WorkerShare
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.campaign_costs import REPLAY, cost_chart
 from eigenfail_api.dashboard.views.charts import Chart
 from eigenfail_api.dashboard.views.crew import crew_tiles
 from eigenfail_api.dashboard.views.method_costs import MethodCosts, method_costs
+from eigenfail_api.dashboard.views.states import WORKING
 from eigenfail_api.dashboard.views.summaries import Figure, Standing, standing
 
 
@@ -58,6 +59,7 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
         any_method: what is listed where no method is chosen.
         replays: words and address of the replays that are not listed; None if there are none.
         panel: cost per failure by method.
+        wants_workers: whether there is work and nobody to do it.
         latest: the newest event when the page was made, so that the feed goes on behind it.
     """
 
@@ -74,6 +76,7 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
     panel: MethodCosts
     costs: Chart | None
     is_open: bool
+    wants_workers: bool
     latest: int
 
 
@@ -86,6 +89,7 @@ class Known(msgspec.Struct, frozen=True, kw_only=True):
         groups: costs by method, of all campaigns.
         methods: those that some campaign has.
         replays: how many campaigns replay what others found.
+        here: the workers that are connected now.
         lately: who brought results in the last `within_s` seconds.
         latest: the id of the newest event.
     """
@@ -95,6 +99,7 @@ class Known(msgspec.Struct, frozen=True, kw_only=True):
     groups: Sequence[PeerCosts]
     methods: Sequence[str]
     replays: int
+    here: Sequence[Presence]
     lately: Sequence[WorkerShare]
     within_s: int
     latest: int
@@ -114,11 +119,12 @@ def overview(known: Known, wanted: Wanted) -> Overview:
         lines=lines,
         tiles=(
             *tiles(known.page.items, known.summaries),
-            *crew_tiles(known.lately, known.within_s),
+            *crew_tiles(known.here, known.lately, known.within_s),
         ),
         panel=method_costs(known.groups),
         costs=cost_chart(known.summaries),
         is_open=any(line.is_open for line in lines),
+        wants_workers=not known.here and any(c.state in WORKING for c in known.page.items),
         latest=known.latest,
     )
 

@@ -6,6 +6,9 @@ from eigenfail.values import AnalysisState, CampaignState, Outcome
 
 S = CampaignState
 
+WORKING = frozenset({S.QUEUED, S.RUNNING})
+"""In which a campaign needs workers."""
+
 
 class Badge(msgspec.Struct, frozen=True):
     """A word, a sign before it, and the tone of its colour."""

@@ -21,6 +21,7 @@ from eigenfail.testing.store.examples import (
 )
 from eigenfail.values import (
     FINAL_STATES,
+    STATE,
     Campaign,
     CampaignState,
     Correlated,
@@ -148,6 +149,7 @@ def refuses_what_does_not_fit(store: Store) -> None:
         result(1, noise=flat),
         result(1, noise=uneven),
         result(1, states=floats(0, 3)),
+        result(1, states=floats(0, 4, len(STATE))),  # of three steps
         result(1, seed=2**64 - 1),
         result(1, seed=-1),
         replace(result(1), steps=2**64 - 1),

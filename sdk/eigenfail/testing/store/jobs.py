@@ -57,6 +57,20 @@ def counts_the_waiting(store: Store) -> None:
     equal(store.jobs.waiting(JobKind.CAMPAIGN), 1, "Campaigns that wait after an end")
 
 
+def lets_go_of_what_the_lost_held(store: Store) -> None:
+    """Only theirs, and only once; whoever was lost cannot hold it any more after the next claim."""
+    for _ in range(3):
+        store.campaigns.create(spec())
+    first, second = (store.jobs.claim(name, LONG_S) for name in ("lost", "well"))
+    equal(store.jobs.let_go(lambda owner: owner == "lost"), 1, "Jobs of the lost")
+    equal(store.jobs.let_go(lambda owner: owner == "lost"), 0, "The same a second time")
+    again = claimed(store)
+    equal(first and first.id, again.id, "What is claimed next")
+    expect(first is not None and not store.jobs.renew(first, LONG_S), "The lost hold it still.")
+    expect(second is not None and store.jobs.renew(second, LONG_S), "The others lost theirs.")
+    equal(store.jobs.waiting(JobKind.CAMPAIGN), 1, "Campaigns that nobody ever claimed")
+
+
 def finishes_for_good(store: Store) -> None:
     """A finished job never comes back, and is finished once."""
     store.campaigns.create(spec())
@@ -173,6 +187,7 @@ CHECKS = (
     claims_by_kind,
     counts_the_waiting,
     finishes_for_good,
+    lets_go_of_what_the_lost_held,
     leases_run_out,
     renewing_holds,
     renewing_for_nothing_gives_back,

@@ -38,13 +38,24 @@ def logs_without_a_campaign(store: Store) -> None:
 
 
 def keeps_the_last_checkpoint(store: Store) -> None:
-    """A checkpoint replaces the one before; campaigns do not share."""
+    """The newest checkpoint is the one to go on from; campaigns do not share."""
     one, other = running(store), running(store)
     equal(store.checkpoints.load(one.id), None, "A checkpoint before the first")
-    for state in (b"", bytes(range(256)) * 4_096):
+    equal(store.checkpoints.recover(one.id), None, "A checkpoint to go on from, before the first")
+    for state in (b"", b"later", bytes(range(256)) * 4_096):
         store.checkpoints.save(one.id, state)
         expect(store.checkpoints.load(one.id) == state, "A checkpoint came back changed.")
+        expect(store.checkpoints.recover(one.id) == state, "One was recovered changed.")
     equal(store.checkpoints.load(other.id), None, "Another campaign's checkpoint")
+
+
+def knows_no_checkpoints_of_strange_campaigns(store: Store) -> None:
+    """An id that nothing has is NotFound."""
+    for stranger in BEYOND:
+        with expect_error(NotFound, f"A checkpoint of campaign {stranger} was saved."):
+            store.checkpoints.save(stranger, b"state")
+        with expect_error(NotFound, f"A checkpoint of campaign {stranger} was recovered."):
+            store.checkpoints.recover(stranger)
 
 
 def keeps_the_last_estimate(store: Store) -> None:
@@ -189,6 +200,7 @@ CHECKS = (
     numbers_events,
     logs_without_a_campaign,
     keeps_the_last_checkpoint,
+    knows_no_checkpoints_of_strange_campaigns,
     keeps_the_last_estimate,
     keeps_how_many_episodes_were_trained_with,
     creates_queued_analyses,

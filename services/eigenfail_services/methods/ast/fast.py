@@ -10,7 +10,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from eigenfail.errors import LearnerFailed
+from eigenfail.errors import LearnerDiverged
 from eigenfail.values import Floats, Layer, Policy
 from eigenfail_services.methods.archive import Arrays, take
 from eigenfail_services.methods.ast.decisions import Decisions
@@ -59,7 +59,7 @@ class FastTrainer:
         """Take gradient steps.
 
         Raises:
-            LearnerFailed: a weight became NaN or infinite.
+            LearnerDiverged: a weight became NaN or infinite.
         """
         random, batch = np.random.default_rng([self._options.seed, draw]), self._options.batch_size
         with np.errstate(over="ignore", invalid="ignore"):
@@ -69,7 +69,7 @@ class FastTrainer:
                 self.step(self.memory.take(rows), eps[0], eps[1])
         parts = (self.actor.weights, self.critics.weights, self.targets.weights, self.entropy)
         if not all(np.isfinite(part).all() for part in parts):
-            raise LearnerFailed(
+            raise LearnerDiverged(
                 "Soft actor-critic diverged: a weight became NaN or infinite.",
                 "Lower learning_rate, alpha or c_dist, and start the campaign anew.",
             )

@@ -84,7 +84,8 @@ class AdaptiveStressTesting:
         """Learn from the episodes that were run to their end, until training has converged.
 
         Raises:
-            LearnerFailed: training diverged, or an episode holds NaN.
+            LearnerDiverged: training diverged.
+            LearnerFailed: an episode holds NaN.
         """
         first = self._facts.observed
         self._facts = structs.replace(self._facts, observed=first + len(results))

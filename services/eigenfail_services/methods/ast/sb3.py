@@ -11,7 +11,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
-from eigenfail.errors import LearnerFailed
+from eigenfail.errors import LearnerDiverged
 from eigenfail.values import Layer, Policy
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Array, Arrays, take
@@ -74,7 +74,7 @@ class SacTrainer:
         """Take gradient steps.
 
         Raises:
-            LearnerFailed: a weight became NaN or infinite.
+            LearnerDiverged: a weight became NaN or infinite.
         """
         with tensors.own_randomness(self._options.seed, draw) as generator:
             self._buffer.generator = generator
@@ -181,8 +181,8 @@ def _layer(linear: torch.nn.Linear) -> Layer:
     )
 
 
-def _diverged() -> LearnerFailed:
-    return LearnerFailed(
+def _diverged() -> LearnerDiverged:
+    return LearnerDiverged(
         "Soft actor-critic diverged: a weight became NaN or infinite.",
         "Lower learning_rate, alpha or c_dist, and start the campaign anew.",
     )

@@ -61,7 +61,7 @@ class Trainer(Protocol):
         """Take gradient steps, with the randomness of draw number `draw`.
 
         Raises:
-            LearnerFailed: a weight became NaN or infinite.
+            LearnerDiverged: a weight became NaN or infinite.
         """
 
     def policy(self, version: int) -> Policy:

@@ -18,6 +18,7 @@ from eigenfail.values import (
     LearnerContext,
     Outcome,
     Proposal,
+    RoundSizes,
     TrajectorySource,
 )
 from eigenfail_services.methods import archive
@@ -101,6 +102,11 @@ class CrossEntropyMethod:
         self._seen = 0
         self._sums = WeightedFailures()
         self.proposal = prior(context.horizon)
+
+    @staticmethod
+    def round_sizes(settings: CemSettings, _episodes: int) -> RoundSizes:
+        """One batch after the other."""
+        return RoundSizes(settings.batch, settings.batch, "batch")
 
     def propose(self, n: int) -> Proposal:
         """A round of draws from the proposal."""

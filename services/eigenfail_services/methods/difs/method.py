@@ -14,6 +14,7 @@ from eigenfail.values import (
     LearnerContext,
     PriorSource,
     Proposal,
+    RoundSizes,
     TrajectorySource,
 )
 from eigenfail_services.methods import archive
@@ -74,6 +75,12 @@ class DiffusionFailureSampling:
         plan = planned(context.episodes, settings)
         self._plan = msgspec.structs.replace(plan, initial=max(0, plan.initial - len(self._trials)))
 
+    @staticmethod
+    def round_sizes(settings: DifsSettings, episodes: int) -> RoundSizes:
+        """As planned; what is sampled at robustness 0 in the end is one round."""
+        plan = planned(episodes, settings)
+        return RoundSizes(plan.initial, max(plan.round_size, episodes - plan.final))
+
     def propose(self, n: int) -> Proposal:
         """Draws from the prior at first, samples below the threshold then, at 0 in the end."""
         proposed, plan = self._facts.proposed, self._plan
@@ -96,7 +103,7 @@ class DiffusionFailureSampling:
         """Keep the trajectories, lower the threshold, train.
 
         Raises:
-            LearnerFailed: training diverged.
+            LearnerDiverged: training diverged.
         """
         fresh = Trials(self._trials.z.shape[1], len(results))
         fresh.add(results)

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from eigenfail.errors import LearnerFailed
+from eigenfail.errors import LearnerDiverged
 from eigenfail.values import Floats
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Arrays, take
@@ -48,7 +48,7 @@ class DiffusionModel:
         """Take gradient steps.
 
         Raises:
-            LearnerFailed: a weight became NaN or infinite.
+            LearnerDiverged: a weight became NaN or infinite.
         """
         generator = self._generator(self._random(draw))
         held_out = torch.from_numpy(examples.held_out).to(self._device)
@@ -57,7 +57,7 @@ class DiffusionModel:
         self._correct(given.only(~held_out), steps, generator)
         self._judge(given.only(held_out), generator)
         if not tensors.all_finite(chain(self._average.parameters(), self._average.buffers())):
-            raise LearnerFailed(
+            raise LearnerDiverged(
                 "The diffusion model diverged: a weight became NaN or infinite.",
                 "Lower learning_rate and start the campaign anew.",
             )
@@ -77,7 +77,7 @@ class DiffusionModel:
             mixture: whose samples they are, instead of the model's own.
 
         Raises:
-            LearnerFailed: the model does not give finite numbers.
+            LearnerDiverged: the model does not give finite numbers.
         """
         random, wanted = self._random(draw), self._tensor(condition)
         generator = self._generator(random)
@@ -181,7 +181,7 @@ class DiffusionModel:
 
 def _finite(samples: NDArray[np.float32]) -> NDArray[np.float32]:
     if not np.isfinite(samples).all():
-        raise LearnerFailed(
+        raise LearnerDiverged(
             "The diffusion model sampled numbers that are not finite.",
             "Lower learning_rate or guidance and start the campaign anew.",
         )

@@ -10,14 +10,17 @@ from eigenfail.contracts import (
     FigureStore,
     JobQueue,
     KeyStore,
+    Roster,
 )
 from eigenfail.values.records import JobKind
 from eigenfail_services.store.memory.access import MemoryAuditLog, MemoryKeys
 from eigenfail_services.store.memory.analyses import MemoryAnalyses
-from eigenfail_services.store.memory.campaigns import MemoryCampaigns, MemoryCheckpoints
+from eigenfail_services.store.memory.campaigns import MemoryCampaigns
+from eigenfail_services.store.memory.checkpoints import MemoryCheckpoints
 from eigenfail_services.store.memory.episodes import MemoryEpisodes
 from eigenfail_services.store.memory.figures import MemoryFigures
 from eigenfail_services.store.memory.queue import MemoryJobQueue
+from eigenfail_services.store.memory.roster import MemoryRoster
 from eigenfail_services.store.memory.tables import MemoryEventLog, Tables
 
 
@@ -33,6 +36,7 @@ class MemoryStore:
     jobs: JobQueue
     keys: KeyStore
     audit: AuditLog
+    roster: Roster
 
     def __init__(self) -> None:
         tables = Tables()
@@ -49,6 +53,7 @@ class MemoryStore:
         )
         self.keys = MemoryKeys(tables)
         self.audit = MemoryAuditLog(tables)
+        self.roster = MemoryRoster(tables)
 
     def ping(self) -> None:
         """It always answers."""

@@ -1,4 +1,4 @@
-"""Campaigns and checkpoints in memory."""
+"""Campaigns in memory."""
 
 from collections.abc import Sequence
 
@@ -9,12 +9,11 @@ from eigenfail.values import (
     CampaignSpec,
     CampaignState,
     Counts,
-    Estimate,
     Overhead,
     Page,
 )
 from eigenfail.values.campaign_filter import ANY_CAMPAIGN, CampaignFilter
-from eigenfail.values.records import JobKind
+from eigenfail.values.records import Job, JobKind
 from eigenfail.values.suite import SuiteStanding, suite_of
 from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved
 from eigenfail_services.store import sentences
@@ -110,10 +109,13 @@ class MemoryCampaigns:
         with self._tables.lock:
             return suites_page(self._tables.campaigns.values(), limit, before)
 
-    def move(self, campaign: int, to: CampaignState, because: str = "") -> Campaign:
+    def move(
+        self, campaign: int, to: CampaignState, because: str = "", claim: Job | None = None
+    ) -> Campaign:
         """Change the state, and log the event."""
         with self._tables.lock:
             before = self._tables.campaign(campaign)
+            self._tables.fence(claim)
             after = moved(before, to, because, now_ms())
             if after is before:
                 return before
@@ -133,10 +135,17 @@ class MemoryCampaigns:
             if CampaignState.DEAD in MOVES[self._tables.campaign(campaign).state]:
                 self.move(campaign, CampaignState.DEAD, because)
 
-    def add_active(self, campaign: int, seconds: float, overhead: Overhead = NOTHING) -> None:
+    def add_active(
+        self,
+        campaign: int,
+        seconds: float,
+        overhead: Overhead = NOTHING,
+        claim: Job | None = None,
+    ) -> None:
         """Add to the time during which the campaign was running, and to what that went into."""
         with self._tables.lock:
             before = self._tables.campaign(campaign)
+            self._tables.fence(claim)
             self._tables.campaigns[campaign] = replace(
                 before,
                 active_s=before.active_s + seconds,
@@ -151,30 +160,3 @@ def added(one: Overhead, other: Overhead) -> Overhead:
         one.waiting_s + other.waiting_s,
         one.discarded_s + other.discarded_s,
     )
-
-
-class MemoryCheckpoints:
-    """One checkpoint for each campaign."""
-
-    def __init__(self, tables: Tables) -> None:
-        self._tables = tables
-
-    def save(
-        self,
-        campaign: int,
-        checkpoint: bytes,
-        estimate: Estimate | None = None,
-        trained_episodes: int | None = None,
-    ) -> None:
-        """Replace the checkpoint and what the campaign's learner told, all or nothing."""
-        with self._tables.lock:
-            before = self._tables.campaign(campaign)
-            self._tables.campaigns[campaign] = replace(
-                before, estimate=estimate, trained_episodes=trained_episodes
-            )
-            self._tables.checkpoints[campaign] = checkpoint
-
-    def load(self, campaign: int) -> bytes | None:
-        """The checkpoint, if there is one."""
-        with self._tables.lock:
-            return self._tables.checkpoints.get(campaign)

@@ -65,6 +65,13 @@ class MemoryEpisodes:
                 self._tables.log("episode.alarm", message, campaign)
         return judgement.verdicts
 
+    def add_death(self, campaign: int, index: int) -> int:
+        """One more worker was lost while it ran this episode; how many that makes."""
+        with self._tables.lock:
+            self._tables.campaign(campaign)
+            self._tables.deaths[campaign, index] += 1
+            return self._tables.deaths[campaign, index]
+
     def get(self, campaign: int, index: int) -> EpisodeResult:
         """One result with everything that is kept of it."""
         with self._tables.lock:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from uuid import uuid4
 
 from eigenfail.values.records import Job, JobKind
-from eigenfail_services.store.clock import now_ms, until_ms
+from eigenfail_services.store.clock import length_ms, steady_ms
 from eigenfail_services.store.limits import BURIED, MAX_ATTEMPTS
 from eigenfail_services.store.memory.tables import QueuedJob, Tables
 
@@ -32,15 +32,24 @@ class MemoryJobQueue:
     def renew(self, job: Job, lease_s: float) -> bool:
         """Hold the job longer, or, with 0, give it back; False if it is no longer ours."""
         with self._tables.lock:
-            if (found := self._held(job)) is None:
+            if (found := self._tables.held(job)) is None:
                 return False
-            found.lease_until_ms = until_ms(lease_s)
+            found.lease_until_ms = steady_ms() + length_ms(lease_s)
         return True
+
+    def let_go(self, is_lost: Callable[[str], bool]) -> int:
+        """Free at once what is leased to owners that are lost; how many jobs that are."""
+        with self._tables.lock:
+            leased = [job for job in self._tables.jobs.values() if not free(job)]
+            lost = [job for job in leased if is_lost(job.owner)]
+            for job in lost:
+                job.lease_until_ms = steady_ms()
+        return len(lost)
 
     def finish(self, job: Job) -> bool:
         """The job is done; False if it was no longer ours."""
         with self._tables.lock:
-            if self._held(job) is None:
+            if self._tables.held(job) is None:
                 return False
             del self._tables.jobs[job.id]
         return True
@@ -59,7 +68,7 @@ class MemoryJobQueue:
         job.attempts = 1 if progress > job.progress else job.attempts + 1
         job.progress = progress
         job.owner, job.token = owner, uuid4().hex
-        job.lease_until_ms = until_ms(lease_s)
+        job.lease_until_ms = steady_ms() + length_ms(lease_s)
 
     def _progress(self, job: QueuedJob) -> int:
         if job.kind is not JobKind.CAMPAIGN:
@@ -67,11 +76,7 @@ class MemoryJobQueue:
         counts = self._tables.campaign(job.subject).counts
         return counts.completed + counts.failed
 
-    def _held(self, job: Job) -> QueuedJob | None:
-        found = self._tables.jobs.get(job.id)
-        return found if found is not None and found.token == job.token else None
-
 
 def free(job: QueuedJob) -> bool:
     """Whether nobody holds it."""
-    return job.lease_until_ms <= now_ms()
+    return job.lease_until_ms <= steady_ms()

@@ -1,15 +1,16 @@
 """What the twin remembers, under one lock, and its event log."""
 
+from collections import Counter
 from itertools import count
 from threading import RLock
 
 import msgspec
 
 from eigenfail.values import Analysis, Campaign, EpisodeResult, Event
-from eigenfail.values.records import EpisodeRow, JobKind
+from eigenfail.values.records import EpisodeRow, Job, JobKind
 from eigenfail_services.store import limits
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.refusals import no_analysis, no_campaign
+from eigenfail_services.store.refusals import claim_lost, no_analysis, no_campaign
 
 
 class QueuedJob(msgspec.Struct):
@@ -25,6 +26,13 @@ class QueuedJob(msgspec.Struct):
     progress: int = 0
 
 
+class KeptCheckpoint(msgspec.Struct):
+    """A checkpoint's row."""
+
+    state: bytes
+    sha256: str
+
+
 class Tables:
     """Everything there is. Each verb of the store holds the lock from its first look to its end."""
 
@@ -34,7 +42,8 @@ class Tables:
         self.keys: dict[str, int] = {}
         self.batches: dict[str, tuple[int, ...]] = {}
         self.episodes: dict[int, dict[int, tuple[EpisodeRow, EpisodeResult]]] = {}
-        self.checkpoints: dict[int, bytes] = {}
+        self.deaths = Counter[tuple[int, int]]()
+        self.checkpoints: dict[int, list[KeptCheckpoint]] = {}
         self.analyses: dict[int, Analysis] = {}
         self.replays: dict[int, set[int]] = {}
         self.events: dict[int, Event] = {}
@@ -67,6 +76,16 @@ class Tables:
         self.withdraw(kind, subject)
         job = QueuedJob(next(self.job_ids), kind, subject)
         self.jobs[job.id] = job
+
+    def held(self, claim: Job) -> QueuedJob | None:
+        """The job of a claim as long as the token is its own."""
+        found = self.jobs.get(claim.id)
+        return found if found is not None and found.token == claim.token else None
+
+    def fence(self, claim: Job | None) -> None:
+        """Let only the holder of a claim go on, or ClaimLost; None is whoever needs no claim."""
+        if claim is not None and self.held(claim) is None:
+            raise claim_lost(claim)
 
     def withdraw(self, kind: JobKind, subject: int) -> None:
         """Take the job for a subject out of the queue, whoever holds it."""

@@ -1,0 +1,141 @@
+"""Faults by the hundred on whole services of real processes: what was lost, doubled or changed.
+
+`python benchmarks/faults.py --faults 24` causes so many on SQLite, and a third of that on
+PostgreSQL, whose server is broken off as well; each kind as often as any other.
+"""
+
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from random import Random
+from typing import Annotated, NamedTuple
+
+import typer
+from crew import Crew
+from figures import ROOT, Figure
+from undisturbed import number
+
+sys.path.append(str(ROOT / "tests" / "chaos"))
+
+from postgresql import Server, server
+from stage import Stage
+from storm import NOTHING_MORE, Fault, Storm, verdict
+
+SEED = 20261122
+FAULTS = 90
+OF_THEM_ON_POSTGRESQL = 3
+"""One in so many, besides."""
+
+
+class Weathered(NamedTuple):
+    """What came of it.
+
+    Attributes:
+        befell: how often each kind of fault was caused.
+        lost: episodes that were counted and are not there, or that nobody will run any more.
+        doubled: rows beyond the first of an episode.
+        complaints: what else the reader of the database says.
+        campaigns: how many were run, and `equal` how many of them have the digest of a calm day.
+    """
+
+    befell: Counter[str]
+    lost: int
+    doubled: int
+    complaints: tuple[str, ...]
+    campaigns: int
+    equal: int
+
+
+@contextmanager
+def on(url: str) -> Iterator[Stage]:
+    """A stage, all of whose processes are ended afterwards."""
+    with tempfile.TemporaryDirectory() as folder:
+        stage = Stage(url or f"sqlite:///{folder}/eigenfail.db", Path(folder))
+        try:
+            yield stage
+        finally:
+            stage.end()
+
+
+def digests() -> dict[str, str]:
+    """Of the campaigns when nothing disturbs them."""
+    with on("") as stage:
+        stage.services()
+        stage.worker()
+        campaigns = stage.launch()
+        found = stage.finish(*campaigns.values()).digests
+        return {method: found[campaign] for method, campaign in campaigns.items()}
+
+
+def weathered(
+    stage: Stage,
+    faults: int,
+    seed: int,
+    calm: Mapping[str, str],
+    more: Mapping[str, Fault] = NOTHING_MORE,
+) -> Weathered:
+    """A storm of so many faults, and what the reader says of it."""
+    storm = Storm(stage, Random(seed), more)
+    storm.rage(lambda: storm.befell.total() >= faults)
+    found, differing = verdict(storm, calm)
+    n = len(storm.campaigns)
+    return Weathered(
+        storm.befell, found.lost, found.doubled, found.complaints, n, n - len(differing)
+    )
+
+
+def restarted(running: Server) -> bool:
+    """PostgreSQL was broken off, and has come back."""
+    running.break_off()
+    running.start()
+    return True
+
+
+def everywhere(faults: int = FAULTS, seed: int = SEED) -> dict[str, Weathered]:
+    """A storm on each database."""
+    calm = digests()
+    with on("") as stage:
+        found = {"SQLite": weathered(stage, faults, seed, calm)}
+    with server() as running, on(running.url) as stage:
+        more = {"PostgreSQL broken off": lambda: restarted(running)}
+        some = max(1, faults // OF_THEM_ON_POSTGRESQL)
+        return found | {"PostgreSQL": weathered(stage, some, seed, calm, more)}
+
+
+def faults(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """Figures: how many faults of how many kinds, and what was lost, doubled or changed."""
+    found = [*everywhere(seed=seed).values()]
+    befell = sum((one.befell for one in found), Counter[str]())
+    n, campaigns = befell.total(), sum(one.campaigns for one in found)
+    equal = sum(one.equal for one in found) / campaigns
+    yield "faults.kinds", number(len(+befell), "kinds", n)
+    yield "faults.injected", number(n, "faults", n)
+    yield "faults.lost", number(sum(one.lost for one in found), "episodes", n)
+    yield "faults.doubled", number(sum(one.doubled for one in found), "rows", n)
+    yield "faults.complaints", number(sum(len(one.complaints) for one in found), "sentences", n)
+    yield "faults.digest_equal", number(equal, "share", campaigns)
+
+
+def main(
+    faults: Annotated[int, typer.Option(min=1, help="On SQLite.")] = FAULTS,
+    seed: Annotated[int, typer.Option(min=0, help="Of what is done to whom.")] = SEED,
+) -> None:
+    """Do it all; exit code 1 if anything was lost, doubled or changed."""
+    found = everywhere(faults, seed)
+    for place, one in found.items():
+        print(
+            f"{place:<10} {one.befell.total():>4} faults of {len(+one.befell)} kinds, "
+            f"{one.lost} lost, {one.doubled} doubled, "
+            f"{one.equal} of {one.campaigns} campaigns as on a calm day"
+        )
+        print("".join(f"    {times} × {kind}\n" for kind, times in sorted(one.befell.items())))
+        print("".join(f"    {said}\n" for said in one.complaints[:10]))
+    bad = any(one.lost or one.doubled or one.complaints for one in found.values())
+    raise typer.Exit(bad or any(one.equal < one.campaigns for one in found.values()))
+
+
+if __name__ == "__main__":
+    typer.run(main)

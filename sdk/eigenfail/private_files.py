@@ -1,0 +1,44 @@
+"""Files that hold a secret: made for their owner alone, refused where everybody reads them."""
+
+import os
+import stat
+from pathlib import Path
+
+from eigenfail.errors import InvalidValue
+
+OWNER_ONLY = 0o600
+OTHERS = 0o007
+
+
+def write_private(path: Path, text: str, field: str) -> None:
+    """Make a file with one line that its owner alone can read; nothing is ever written over.
+
+    Raises:
+        InvalidValue: it is there already, or cannot be written.
+    """
+    try:
+        descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, OWNER_ONLY)
+    except OSError as error:
+        problem = f"'{path}' cannot be written: {error.strerror}."
+        raise InvalidValue(field, problem, "Name another, or take that one away.") from error
+    with os.fdopen(descriptor, "w") as file:
+        file.write(f"{text}\n")
+
+
+def read_private(path: Path, field: str) -> str:
+    """The line in it.
+
+    Raises:
+        InvalidValue: it cannot be read, or every user of the machine can.
+    """
+    try:
+        with path.open() as file:
+            mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
+            text = file.read().strip()
+    except (OSError, UnicodeDecodeError) as error:
+        problem = f"'{path}' cannot be read: {getattr(error, 'strerror', 'it is no text')}."
+        raise InvalidValue(field, problem, "Name the file that holds the key.") from error
+    if mode & OTHERS:
+        problem = f"every user of this machine can reach '{path}' (mode {mode:o})."
+        raise InvalidValue(field, problem, f"Run: chmod 600 {path}; if others had it, revoke it.")
+    return text

@@ -1,0 +1,65 @@
+"""Checks of `Roster`."""
+
+from eigenfail.contracts import Store
+from eigenfail.testing.store.examples import equal
+from eigenfail.values.worker import Arrival, Presence
+
+LONG_AGO, LATER = 0, 4_000_000_000_000
+NOBODY = 2**70
+
+
+def arrival(worker: str = "w ½", host: str = "a host") -> Arrival:
+    """A worker that comes."""
+    return Arrival(worker=worker, host=host, pid=2**40, versions={"numpy": "2.4.6", "½": ""})
+
+
+def keeps_who_is_there(store: Store) -> None:
+    """Whoever came is there as told, by name, until it leaves; a second end changes nothing."""
+    first, second = (store.roster.arrived(arrival(name)) for name in ("b", "a"))
+    found = store.roster.present(LONG_AGO)
+    equal([each.worker for each in found], ["a", "b"], "Who is there")
+    equal(told(found[1]), arrival("b"), "What was told")
+    equal(found[0].heard_ms, found[0].arrived_ms, "When it was heard first")
+    store.roster.left(first)
+    equal([each.id for each in store.roster.present(LONG_AGO)], [second], "Who stayed")
+    gone = store.roster.last("b", LATER)
+    store.roster.left(first)
+    equal(store.roster.last("b", LATER), gone, "Who left twice")
+
+
+def tells_who_was_heard_lately(store: Store) -> None:
+    """Somebody that was not heard since is not there, whether it left or not."""
+    numbers = [store.roster.arrived(arrival(name)) for name in ("a", "b")]
+    seen = store.roster.present(LONG_AGO)
+    store.roster.heard([numbers[0], NOBODY])
+    again = store.roster.present(LONG_AGO)
+    equal(again[0].heard_ms >= seen[0].heard_ms, True, "Whether it was heard again")
+    equal(again[1].heard_ms, seen[1].heard_ms, "When the other was heard")
+    equal(store.roster.present(LATER), (), "Who is there much later")
+    store.roster.heard([])
+    equal(store.roster.present(LONG_AGO), again, "Who is there if nobody was heard")
+
+
+def finds_who_had_a_name(store: Store) -> None:
+    """The latest under a name counts, up to a moment."""
+    store.roster.arrived(arrival("w", "old host"))
+    store.roster.arrived(arrival("x", "other host"))
+    store.roster.arrived(arrival("w", "new host"))
+    found = store.roster.last("w", LATER)
+    equal(found and found.host, "new host", "The host of the latest")
+    equal(store.roster.last("w", LONG_AGO), None, "Before anybody came")
+    equal(store.roster.last("nobody", LATER), None, "Nobody's name")
+    store.roster.left(NOBODY)
+
+
+def told(presence: Presence) -> Arrival:
+    """What it told when it came."""
+    return Arrival(
+        worker=presence.worker,
+        host=presence.host,
+        pid=presence.pid,
+        versions=presence.versions,
+    )
+
+
+CHECKS = (keeps_who_is_there, tells_who_was_heard_lately, finds_who_had_a_name)

@@ -1,0 +1,61 @@
+"""Writes down who is there: arrivals and ends soon after, and that the others stay."""
+
+import time
+from collections.abc import Mapping
+
+from eigenfail.contracts import Roster
+from eigenfail_services.hub.seats import Seat
+
+LOOK_EVERY_S = 1.0
+TELL_EVERY_S = 5.0
+
+
+class Attendance:
+    """Holds the table against what was written down about it.
+
+    Args:
+        roster: where it is written.
+        seats: who is here, by their connections.
+    """
+
+    def __init__(self, roster: Roster, seats: Mapping[bytes, Seat]) -> None:
+        self._roster = roster
+        self._seats = seats
+        self._numbers: dict[Seat, int] = {}
+        self._look_s = self._tell_s = time.monotonic()
+
+    def note(self) -> None:
+        """Write down what has changed, if it is time to.
+
+        Raises:
+            StoreUnavailable: it could not be; the next call goes on with it.
+        """
+        now_s = time.monotonic()
+        if now_s < self._look_s:
+            return
+        self._arrivals()
+        self._ends()
+        if now_s >= self._tell_s and self._numbers:
+            self._roster.heard(self._numbers.values())
+            self._tell_s = now_s + TELL_EVERY_S
+        self._look_s = now_s + LOOK_EVERY_S
+
+    def _arrivals(self) -> None:
+        for seat in [*self._seats.values()]:
+            if seat not in self._numbers:
+                self._numbers[seat] = self._roster.arrived(seat.arrival)
+
+    def _ends(self) -> None:
+        for seat in self._numbers.keys() - {*self._seats.values()}:
+            self._roster.left(self._numbers[seat])
+            del self._numbers[seat]
+
+    def close(self) -> None:
+        """Nobody is here any more.
+
+        Raises:
+            StoreUnavailable: it could not be written down.
+        """
+        for number in self._numbers.values():
+            self._roster.left(number)
+        self._numbers.clear()

@@ -1,0 +1,33 @@
+"""How long somebody may take over something."""
+
+import time
+from collections.abc import Callable
+
+MOST_AT_A_LOOK_S = 1.0
+"""Whoever did not look for longer stood still, or waited for the database: that is not counted."""
+
+
+class Patience:
+    """Counts the time between looks, until there has been too much of it.
+
+    Args:
+        limit_s: how long it lasts. [s]
+        clock: seconds that only ever grow.
+    """
+
+    def __init__(self, limit_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._limit_s = limit_s
+        self._clock = clock
+        self.renew()
+
+    def renew(self) -> None:
+        """From now on all of it is there again."""
+        self._spent_s = 0.0
+        self._looked_s = self._clock()
+
+    def is_over(self) -> bool:
+        """Look: whether it took longer."""
+        now_s = self._clock()
+        self._spent_s += min(now_s - self._looked_s, MOST_AT_A_LOOK_S)
+        self._looked_s = now_s
+        return self._spent_s > self._limit_s

@@ -1,0 +1,235 @@
+"""Bad lines between workers and the hub: the same episodes as over a good one, bit for bit.
+
+Beats and the limit of silence are ten and five times shorter than in use, so that faults that last
+longer than the limit take seconds.
+"""
+
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import pytest
+import reader
+from forwarder import Carriage, Forwarder
+from inprocess import PATIENCE_S, Service, worker_at
+from proxy import Line, Proxy, Way
+
+from eigenfail.wire.messages import MAX_MESSAGE_BYTES
+from eigenfail_services.hub import desk
+from eigenfail_services.hub.keys import HubKeys, KeyFolder
+
+pytestmark = pytest.mark.service
+
+SEED = 20261122
+WORKERS = 2
+BEAT_S = 0.1
+LIMIT_S = 2.0
+AST = {
+    "method": "ast",
+    "planner": "idm",
+    "simulator": "point_mass",
+    "episodes": 24,
+    "settings": {"round_size": 6},
+}
+
+LINES = {
+    "cut": Line(cut=0.02),
+    "mute": Line(mute=0.05, mute_s=LIMIT_S / 4),
+    "slow": Line(delay_s=0.01, bytes_per_s=200_000),
+}
+BEFALLS = {"cut": {"cut"}, "mute": {"mute"}, "slow": set()}
+"""What must have happened by then, or the test shows nothing."""
+
+CARRIAGES = {
+    "2 %": Carriage(lost=0.02, doubled=0.02, late=0.02, late_s=0.5),
+    "20 %": Carriage(lost=0.2, doubled=0.2, late=0.2, late_s=0.5),
+}
+
+
+@pytest.fixture(scope="module")
+def quick() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(desk, "HEARTBEAT_S", BEAT_S)
+        patch.setattr(desk, "SILENCE_LIMIT_S", LIMIT_S)
+        yield
+
+
+@pytest.fixture(scope="module")
+def service(quick: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    with closing(Service(tmp_path_factory.mktemp("service"))) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def calm(service: Service) -> str:
+    """The digest of the campaign that nothing disturbs."""
+    with worker_at(service.hub.address, "calm"):
+        return service.run(**AST)
+
+
+@pytest.fixture
+def manned(service: Service, calm: str) -> Iterator[Callable[[str], None]]:
+    """Lets workers serve that connect to an address; sees to it that all is well in the end."""
+    service.crew(0)
+    with ExitStack() as stack:
+
+        def man(address: str) -> None:
+            for number in range(WORKERS):
+                stack.enter_context(worker_at(address, f"w{number}"))
+            service.crew(WORKERS)
+
+        yield man
+    assert reader.read(service.url).complaints == ()
+
+
+@pytest.fixture
+def proxy(service: Service) -> Iterator[Proxy]:
+    with closing(Proxy(service.hub.address, SEED)) as line:
+        yield line
+
+
+@pytest.mark.parametrize("kind", LINES)
+def test_a_bad_line_changes_no_episode(service, calm, proxy, manned, kind) -> None:
+    manned(proxy.address)
+    proxy.line = LINES[kind]
+    campaign = service.begin(**AST)
+    service.until(lambda: BEFALLS[kind] <= set(+proxy.befell), "the line is too good")
+    assert service.finish(campaign) == calm
+
+
+@pytest.mark.parametrize("way", Way)
+def test_one_direction_may_be_silent_for_longer_than_the_limit(
+    service, calm, proxy, manned, way
+) -> None:
+    manned(proxy.address)
+    campaign = begun(service)
+    with proxy.muted(way):
+        service.crew(0)
+    assert service.finish(campaign) == calm
+
+
+def begun(service: Service) -> int:
+    """A campaign with results, and others to come."""
+    campaign = service.begin(**AST)
+    service.until(lambda: service.get(campaign).counts.completed > 0, "nothing is brought")
+    return campaign
+
+
+def test_a_line_that_is_gone_for_longer_than_the_limit(service, calm, proxy, manned) -> None:
+    manned(proxy.address)
+    campaign = begun(service)
+    with proxy.severed():
+        service.crew(0)
+    assert service.finish(campaign) == calm
+
+
+@pytest.fixture
+def forwarder(service: Service) -> Iterator[Forwarder]:
+    with closing(Forwarder(service.hub.address, SEED)) as carrier:
+        yield carrier
+
+
+@pytest.mark.parametrize("share", CARRIAGES)
+def test_lost_doubled_and_late_messages_change_no_episode(
+    service, calm, forwarder, manned, share
+) -> None:
+    manned(forwarder.address)
+    forwarder.carriage = CARRIAGES[share]
+    campaign = service.begin(**AST)
+    all_kinds = {"lost", "doubled", "late"}
+    service.until(lambda: set(+forwarder.befell) == all_kinds, "the carrier is too good")
+    assert service.finish(campaign) == calm
+    forwarder.carriage = Carriage()
+
+
+def test_two_workers_with_one_name_both_work(service, calm) -> None:
+    service.crew(0)
+    with worker_at(service.hub.address, "same"), worker_at(service.hub.address, "same"):
+        service.crew(2)
+        assert service.hub.workers() == ["same", "same"]
+        assert service.run(**AST) == calm
+
+
+def test_a_line_that_is_dead_and_does_not_end_is_made_anew(service, calm, proxy, manned) -> None:
+    manned(proxy.address)
+    campaign = begun(service)
+    proxy.lose()
+    assert service.finish(campaign) == calm
+
+
+def test_bent_bytes_behind_a_key_cost_a_connection_and_nothing_else(quick, calm, tmp_path) -> None:
+    folder, file = KeyFolder(tmp_path / "keys"), tmp_path / "worker.key"
+    folder.create("w", file)
+    with ExitStack() as stack:
+        service = stack.enter_context(closing(Service(tmp_path, HubKeys(folder))))
+        proxy = stack.enter_context(closing(Proxy(service.hub.address, SEED)))
+        for name in ("w0", "w1"):
+            stack.enter_context(worker_at(proxy.address, name, "--key-file", str(file)))
+        service.crew(WORKERS)
+        proxy.line = Line(bent=0.02)
+        campaign = service.begin(**AST)
+        service.until(lambda: proxy.befell["bent"] > 2, "the line is too good")
+        proxy.line = Line()
+        assert service.finish(campaign) == calm
+        assert reader.read(service.url).complaints == ()
+
+
+GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x01NULL" + bytes(48)
+READY = b"\x04\x1b\x05READY\x0bSocket-Type\x00\x00\x00\x06DEALER"
+"""How a ZeroMQ peer without a key begins (ZMTP 3.1)."""
+
+LARGEST = MAX_MESSAGE_BYTES.to_bytes(8)
+TOO_LARGE = (MAX_MESSAGE_BYTES + 1).to_bytes(8)
+LONG_FRAME = b"\x02"
+
+KNOCKS = 1_000
+MORE_HANDLES = 20
+"""What the database and a learner may open meanwhile."""
+
+
+def knock(service: Service, *said: bytes) -> socket.socket:
+    """A connection to the hub that says something to it, in plain bytes."""
+    port = int(service.hub.address.rsplit(":", 1)[1])
+    peer = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
+    peer.sendall(b"".join(said))
+    return peer
+
+
+def is_closed(peer: socket.socket) -> bool:
+    """Whether the other side ends the connection, whatever it says before."""
+    try:
+        while peer.recv(1024):
+            pass
+    except ConnectionError:
+        pass
+    return True
+
+
+def test_a_frame_that_is_too_large_costs_its_connection_alone(service, calm, manned) -> None:
+    manned(service.hub.address)
+    campaign = begun(service)
+    with (
+        knock(service, GREETING, READY, LONG_FRAME, LARGEST) as allowed,
+        knock(service, GREETING, READY, LONG_FRAME, TOO_LARGE) as refused,
+    ):
+        assert is_closed(refused)
+        allowed.sendall(b"x")
+    assert service.finish(campaign) == calm
+    assert len(service.hub.workers()) == WORKERS
+
+
+def test_a_thousand_who_connect_and_go_leave_nothing_behind(service, calm, manned) -> None:
+    manned(service.hub.address)
+    before = handles()
+    campaign = begun(service)
+    for number in range(KNOCKS):
+        knock(service, GREETING[: number % len(GREETING)]).close()
+    assert service.finish(campaign) == calm
+    service.until(lambda: handles() < before + MORE_HANDLES, "handles are kept")
+    assert len(service.hub.workers()) == WORKERS
+
+
+def handles() -> int:
+    """Files and sockets that this process, and the hub in it, has open."""
+    return len(list(Path("/proc/self/fd").iterdir()))

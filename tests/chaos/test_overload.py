@@ -1,0 +1,65 @@
+"""Overload is not death: far more processes than cores, and nobody who lives is given up."""
+
+import os
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import pytest
+from inprocess import Service, worker_at
+from structlog.testing import capture_logs
+
+from eigenfail.values import CampaignState
+from eigenfail_api.steering import CANCEL, steer
+from eigenfail_services.hub.desk import SILENCE_LIMIT_S
+
+pytestmark = pytest.mark.service
+
+WORKERS = 6
+CORES = 2
+OVERLOAD_S = 1.2 * SILENCE_LIMIT_S
+"""Longer than who says nothing is waited for."""
+
+ENDLESS = {
+    "method": "ast",
+    "planner": "rulebook",
+    "episodes": 1_000_000,
+    "settings": {"round_size": 24},
+}
+
+
+@pytest.fixture
+def two_cores() -> Iterator[None]:
+    """This thread has no more, nor has what it starts: the hub, its learner, and workers."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, sorted(before)[:CORES])
+    yield
+    os.sched_setaffinity(0, before)
+
+
+def test_six_workers_and_a_learner_on_two_cores_all_stay(two_cores, tmp_path: Path) -> None:
+    with ExitStack() as stack, capture_logs() as log:
+        service = stack.enter_context(closing(Service(tmp_path)))
+        for number in range(WORKERS):
+            stack.enter_context(worker_at(service.hub.address, f"w{number}"))
+        service.crew(WORKERS)
+        campaign = service.begin(**ENDLESS)
+        service.until(lambda: len(brought_by(service, campaign)) == WORKERS, "not all work")
+        until_s = time.monotonic() + OVERLOAD_S
+        service.until(lambda: time.monotonic() > until_s, "")
+        assert len(service.hub.workers()) == WORKERS
+        steer(service.store, campaign, CANCEL)
+        service.until(lambda: service.get(campaign).state is CampaignState.CANCELLED, "no end")
+        brought, trained = brought_by(service, campaign), service.get(campaign).trained_episodes
+    said = Counter(line["event"] for line in log)
+    assert said["worker lost"] == 0
+    assert said["worker joined"] == WORKERS
+    assert min(brought.values()) > 1, brought
+    assert trained
+
+
+def brought_by(service: Service, campaign: int) -> Counter[str]:
+    """How many of the first thousand results each of the workers brought."""
+    return Counter(row.worker for row in service.store.episodes.page(campaign, 1_000).items)

@@ -1,0 +1,46 @@
+"""The services, the controller, and everything at once, killed in the middle and started again."""
+
+import pytest
+from stage import Stage
+
+from eigenfail.client import Client
+from eigenfail.values import CampaignState
+
+pytestmark = pytest.mark.service
+
+FIELDS = {"name": "chaos", "method": "monte_carlo", "planner": "idm", "episodes": 100_000}
+
+
+def test_killed_services_go_on_where_they_were(stage: Stage, undisturbed: dict[str, str]) -> None:
+    services = stage.services()
+    workers = [stage.worker(), stage.worker()]
+    campaigns = stage.launch()
+    stage.wait_for(campaigns["monte_carlo"], 200)
+    services.kill()
+    services = stage.services()
+    for worker in workers:
+        stage.wait_for_more_from(worker, 20)  # the same workers, to whom nobody spoke
+    for process in (services, *workers):  # now everything, the learners included
+        process.kill()
+    assert not stage.are_over(campaigns)
+    stage.services()
+    stage.worker()
+    stage.unchanged(campaigns, undisturbed)
+
+
+def test_what_was_granted_outlives_who_granted_it(stage: Stage) -> None:
+    controller = stage.controller()
+    with Client(controller.url) as client:
+        paused, cancelled = (client.campaigns.create(**FIELDS).id for _ in range(2))
+        controller.kill()
+    assert stage.campaign(cancelled).state is CampaignState.QUEUED
+    services, _worker = stage.services(), stage.worker()
+    stage.wait_for(paused, 1)
+    controller = stage.controller()
+    with Client(controller.url) as client:
+        client.campaigns.pause(paused)
+        client.campaigns.cancel(cancelled)
+    for process in (controller, services):
+        process.kill()
+    assert stage.campaign(paused).state in {CampaignState.PAUSING, CampaignState.PAUSED}
+    assert stage.campaign(cancelled).state in {CampaignState.CANCELLING, CampaignState.CANCELLED}

@@ -1,0 +1,24 @@
+"""Two services on one database: one stands still, the other takes over, the first comes back."""
+
+import pytest
+from stage import Stage
+from started import free_port, wait_until
+
+pytestmark = pytest.mark.service
+
+
+def test_a_service_that_stood_still_is_taken_over_from(
+    stage: Stage, undisturbed: dict[str, str]
+) -> None:
+    first, other_hub = stage.services(), f"tcp://127.0.0.1:{free_port()}"
+    first_worker, second_worker = stage.worker(), stage.worker(other_hub)
+    campaigns = stage.launch("monte_carlo", "ast")
+    stage.wait_for_more_from(first_worker, 20)
+    second = stage.services(other_hub)
+    stage.halt(first)
+    assert not stage.are_over(campaigns)
+    stage.wait_for_more_from(second_worker, 20)  # the leases of the first one have run out
+    first.go_on()
+    wait_until(lambda: "lost to another" in first.said(), "the first one notices")
+    stage.unchanged(campaigns, undisturbed)
+    assert [services.end() for services in (first, second)] == [0, 0]

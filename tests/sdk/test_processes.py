@@ -1,0 +1,55 @@
+"""Processes that die with the one that started them."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from eigenfail.processes import PARENT_VARIABLE, as_parent
+
+PATIENCE_S = 60.0
+DIES = "from eigenfail.processes import die_with_parent; die_with_parent()"
+LIVES_ON = f"import os; {DIES}; print(os.environ.get({PARENT_VARIABLE!r}))"
+STARTS = f"""
+import os, subprocess, sys
+from eigenfail.processes import as_parent
+child = subprocess.Popen(
+    [sys.executable, "-c", "import sys; {DIES}; print(flush=True); sys.stdin.read()"],
+    stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=os.environ | as_parent(),
+)
+child.stdout.readline()
+print(child.pid, flush=True)
+sys.stdin.read()
+"""
+
+
+def run(words, parent):
+    command = [sys.executable, "-c", words]
+    return subprocess.run(
+        command, env=os.environ | parent, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.parametrize("parent", [{}, as_parent()])
+def test_with_a_living_parent_it_goes_on_and_its_own_children_know_nothing(parent):
+    done = run(LIVES_ON, parent)
+    assert (done.returncode, done.stdout) == (0, "None\n")
+
+
+def test_a_parent_that_died_before_the_kernel_was_asked_is_noticed():
+    done = run(LIVES_ON, {PARENT_VARIABLE: str(os.getpid() + 1)})
+    assert (done.returncode, done.stdout) == (128 + signal.SIGKILL, "")
+
+
+def test_a_killed_parent_takes_its_child_with_it():
+    parent = subprocess.Popen([sys.executable, "-c", STARTS], stdin=-1, stdout=-1, text=True)
+    child = os.pidfd_open(int(parent.stdout.readline()))
+    parent.kill()
+    parent.communicate()
+    try:
+        assert select.select([child], [], [], PATIENCE_S)[0]
+    finally:
+        os.close(child)

@@ -1,0 +1,93 @@
+"""Who is at the table is written down, and that they are still there."""
+
+import pytest
+
+from eigenfail.errors import StoreUnavailable
+from eigenfail.wire.messages import PROTOCOL, Hello
+from eigenfail_services.hub import attendance
+from eigenfail_services.hub.attendance import LOOK_EVERY_S, TELL_EVERY_S, Attendance
+from eigenfail_services.hub.seats import Seat
+from eigenfail_services.store import MemoryStore
+
+LONG_AGO, LATER = 0, 4_000_000_000_000
+VERSIONS = {"numpy": "2.4.6"}
+
+
+class Table:
+    """Seats that come and go, and a clock that is set by hand."""
+
+    def __init__(self, monkeypatch):
+        self.now_s = 100.0
+        self.seats = {}
+        monkeypatch.setattr(attendance.time, "monotonic", lambda: self.now_s)
+        self.roster = MemoryStore().roster
+        self.attendance = Attendance(self.roster, self.seats)
+
+    def take(self, name):
+        hello = Hello(PROTOCOL, name, 8, "a host", 7, versions=VERSIONS)
+        self.seats[name.encode()] = Seat(hello, self.now_s)
+
+    def pass_s(self, seconds):
+        self.now_s += seconds
+        self.attendance.note()
+
+    def present(self):
+        return [presence.worker for presence in self.roster.present(LONG_AGO)]
+
+
+@pytest.fixture
+def table(monkeypatch):
+    return Table(monkeypatch)
+
+
+def test_arrivals_and_ends_are_noted_once(table):
+    table.take("b")
+    table.take("a")
+    for _ in range(3):
+        table.pass_s(LOOK_EVERY_S)
+        assert table.present() == ["a", "b"]
+    told = table.roster.last("a", LATER)
+    assert (told.host, told.pid, told.versions) == ("a host", 7, VERSIONS)
+    del table.seats[b"b"]
+    table.pass_s(LOOK_EVERY_S)
+    assert table.present() == ["a"]
+
+
+def test_who_comes_back_by_another_connection_has_arrived_anew(table):
+    table.take("a")
+    table.pass_s(LOOK_EVERY_S)
+    first = table.roster.last("a", LATER)
+    table.take("a")
+    table.pass_s(LOOK_EVERY_S)
+    assert table.roster.last("a", LATER).id > first.id
+    assert table.present() == ["a"]
+
+
+def test_those_who_stay_are_named_every_few_seconds(table, monkeypatch):
+    heard = []
+    monkeypatch.setattr(table.roster, "heard", lambda numbers: heard.append(len(numbers)))
+    table.take("a")
+    table.pass_s(LOOK_EVERY_S)
+    for _ in range(10):
+        table.pass_s(TELL_EVERY_S / 5)
+    assert 2 <= len(heard) <= 3
+
+
+def test_what_could_not_be_written_is_written_later(table, monkeypatch):
+    def refuse(arrival):
+        raise StoreUnavailable("The database is away.")
+
+    table.take("a")
+    with monkeypatch.context() as away:
+        away.setattr(table.roster, "arrived", refuse)
+        with pytest.raises(StoreUnavailable):
+            table.pass_s(LOOK_EVERY_S)
+    table.pass_s(0.0)
+    assert table.present() == ["a"]
+
+
+def test_at_the_end_nobody_is_there(table):
+    table.take("a")
+    table.pass_s(LOOK_EVERY_S)
+    table.attendance.close()
+    assert table.present() == []

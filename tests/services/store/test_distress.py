@@ -1,0 +1,236 @@
+"""Who cannot write says so to everybody on the database, until it can or is gone."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from eigenfail.contracts import Store
+from eigenfail.errors import StoreUnwritable
+from eigenfail.testing.store.examples import deliver, result, running, spec
+from eigenfail.values import Campaign
+from eigenfail_services.store import distress, open_store
+from eigenfail_services.store.engine import find
+from eigenfail_services.upkeep.verify import verify
+
+pytestmark = pytest.mark.service
+
+PATIENCE_S = 120.0
+
+PREAMBLE = """
+import json, resource, signal, sys
+from eigenfail.contracts import Store
+from eigenfail.errors import StoreUnwritable
+from eigenfail.testing.store.examples import deliver, result, running
+from eigenfail_services.store import distress, open_store
+distress.LASTS_S = 600.0
+def tell(**words): print(json.dumps(words), flush=True)
+def go_on(): sys.stdin.readline()
+store = open_store(sys.argv[1])
+campaign = running(store, episodes=1_000_000)
+"""
+
+OUT_OF_ROOM = (
+    PREAMBLE
+    + """
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+_, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, hard))
+try:
+    for index in range(0, 1_000_000, 64):
+        deliver(store, campaign, *map(result, range(index, index + 64)))
+except StoreUnwritable as error:
+    tell(problem=str(error))
+go_on()
+"""
+)
+
+UNSYNCED = (
+    PREAMBLE
+    + """
+acked, failed, problem = [], 0, ""
+for index in range(200):
+    try:
+        deliver(store, campaign, result(index))
+        acked.append(index)
+    except StoreUnwritable as error:
+        failed, problem = failed + 1, str(error)
+stored = [each.index for each in store.episodes.finished(campaign.id, range(200))]
+counts = store.campaigns.get(campaign.id).counts
+tell(acked=acked, failed=failed, problem=problem, stored=stored, completed=counts.completed)
+"""
+)
+
+
+@pytest.fixture
+def start() -> Iterator[Callable[..., "subprocess.Popen[str]"]]:
+    """Starts Python on a piece of code, behind other words; ends what is left of it."""
+    started = []
+
+    def start(code: str, url: str, *before: str) -> "subprocess.Popen[str]":
+        command = [*before, sys.executable, "-c", code, url]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        started.append(subprocess.Popen(command, text=True, **pipes))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def small_tablespace(postgres) -> Iterator[Path]:
+    """A folder with little room, where the server may put what is in a database."""
+    owner = postgres._server.pgdata.stat().st_uid
+    # Not below the folders of pytest, which the server's user may not enter.
+    folder = Path(tempfile.mkdtemp(prefix="eigenfail-ts-", dir="/tmp"))
+    size = "size=32m,mode=0755"
+    try:
+        command = ["mount", "-t", "tmpfs", "-o", size, "tmpfs", str(folder)]
+        subprocess.run(command, check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        folder.rmdir()
+        pytest.skip("no file system can be mounted here")
+    space = folder / "space"
+    space.mkdir(mode=0o700)
+    os.chown(space, owner, owner)
+    postgres.run(f"CREATE TABLESPACE small LOCATION '{space}'")
+    yield folder
+    postgres.run("DROP TABLESPACE small")
+    subprocess.run(["umount", str(folder)], check=True)
+    folder.rmdir()
+
+
+@pytest.fixture
+def lasting(monkeypatch) -> None:
+    """What is said is not over before it is heard, however slow the machine."""
+    monkeypatch.setattr(distress, "LASTS_S", 600.0)
+
+
+def until_ready(store: Store) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return store.ping()
+        except StoreUnwritable:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.02)
+
+
+def test_a_full_disk_is_told_to_other_processes_and_forgotten_with_the_one(
+    start, sqlite_url
+) -> None:
+    with closing(open_store(sqlite_url)) as store:
+        store.ping()
+        process = start(OUT_OF_ROOM, sqlite_url)
+        told = json.loads(process.stdout.readline())["problem"]
+        assert "cannot be written" in told
+        assert "has room" in told
+        with pytest.raises(StoreUnwritable, match=r"disk is full.*No work.*has room"):
+            store.ping()
+        process.kill()
+        process.wait()
+        store.ping()
+
+
+def test_distress_ends_by_itself(sqlite_url, monkeypatch) -> None:
+    monkeypatch.setattr(distress, "LASTS_S", 0.2)
+    calling = distress.Distress(find(sqlite_url).signal())
+    with closing(open_store(sqlite_url)) as store:
+        calling.call()
+        calling.call()
+        until_ready(store)
+
+
+def test_two_in_distress_are_one_and_looking_is_in_nobodys_way(lasting, sqlite_url) -> None:
+    first, second = (distress.Distress(find(sqlite_url).signal()) for _ in range(2))
+    with closing(open_store(sqlite_url)) as one, closing(open_store(sqlite_url)) as other:
+        first.call()
+        second.call()
+        for store in (one, other):
+            with pytest.raises(StoreUnwritable):
+                store.ping()
+        first.end()
+        second.end()
+        one.ping()
+        other.ping()
+
+
+def test_a_server_that_takes_no_writes_is_told_to_all(
+    lasting, postgres, prepared_postgres_url
+) -> None:
+    name = prepared_postgres_url.split("?")[0].rsplit("/", 1)[1]
+    with closing(open_store(prepared_postgres_url)) as looker:
+        looker.ping()
+        postgres.run(f"ALTER DATABASE {name} SET default_transaction_read_only = on")
+        with closing(open_store(prepared_postgres_url)) as writer:
+            with pytest.raises(StoreUnwritable, match="read-only transaction"):
+                writer.campaigns.create(spec())
+            with pytest.raises(StoreUnwritable, match="No work is handed out"):
+                looker.ping()
+        looker.ping()
+
+
+def fill(file: Path) -> None:
+    """Take all the room that there is."""
+    with file.open("wb", buffering=0) as stream:
+        while True:
+            stream.write(b"0" * 4_096)
+
+
+def commit_all(store: Store, campaign: Campaign, acked: list[int]) -> None:
+    """Commit one portion of results after the other."""
+    while True:
+        portion = range(len(acked), len(acked) + 64)
+        deliver(store, campaign, *map(result, portion))
+        acked += portion
+
+
+def test_a_full_disk_of_a_server_loses_nothing_and_is_told_to_all(
+    *, lasting, small_tablespace, postgres, prepared_postgres_url
+) -> None:
+    name = prepared_postgres_url.split("?")[0].rsplit("/", 1)[1]
+    postgres.run(f"ALTER DATABASE {name} SET TABLESPACE small")
+    filler = small_tablespace / "filler"
+    with (
+        closing(open_store(prepared_postgres_url)) as writer,
+        closing(open_store(prepared_postgres_url)) as looker,
+    ):
+        campaign = running(writer, episodes=1_000_000)
+        with pytest.raises(OSError, match="No space"):
+            fill(filler)
+        acked: list[int] = []
+        with pytest.raises(StoreUnwritable, match=r"cannot be written: .*No space left.*has room"):
+            commit_all(writer, campaign, acked)
+        with pytest.raises(StoreUnwritable, match="No work is handed out"):
+            looker.ping()
+        assert looker.campaigns.get(campaign.id).counts.completed == len(acked)
+        filler.unlink()
+        assert deliver(writer, campaign, result(len(acked))) == ["kept"]
+    assert verify(prepared_postgres_url).defects == 0
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+def test_what_could_not_be_synced_is_not_acknowledged(start, sqlite_url) -> None:
+    """An error of the disk at 20 of the calls that bring data to it, then none any more."""
+    calls = "fsync,fdatasync"
+    fault = f"inject={calls}:error=EIO:when=60..79"
+    strace = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={calls}", "-e", fault]
+    process = start(UNSYNCED, sqlite_url, *strace)
+    told = json.loads(process.communicate(timeout=PATIENCE_S)[0])
+    assert told["failed"] > 0
+    assert "disk I/O error" in told["problem"]
+    assert set(told["acked"]) <= set(told["stored"])
+    assert told["completed"] == len(told["stored"])
+    assert max(told["acked"]) == 199
+    with closing(open_store(sqlite_url)) as store:
+        assert store.campaigns.get(1).counts.completed >= len(told["acked"])

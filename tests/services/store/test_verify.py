@@ -1,0 +1,209 @@
+"""A database held against what is promised: what is sound passes, every damage is named, and what
+can be told from the rows is mended."""
+
+from contextlib import closing
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+from sqlalchemy import text
+
+from eigenfail import plugins
+from eigenfail.contracts import Store
+from eigenfail.errors import SchemaMismatch, StoreUnavailable
+from eigenfail.testing.store.examples import collision, deliver, failed, result, running
+from eigenfail.values import AnalysisSettings, CampaignState, EpisodeTask, PriorSource, episode_seed
+from eigenfail.values.records import Delivery, JobKind
+from eigenfail.values.upkeep import Check, Verification
+from eigenfail_services.campaigns.checkpoint import FORMAT, Checkpoint, write_checkpoint
+from eigenfail_services.store import open_store
+from eigenfail_services.store.engine import Database, find
+from eigenfail_services.upkeep.verify import MOST_SHOWN, verify
+
+STATE = write_checkpoint(Checkpoint(FORMAT, 1, 10, 1, 0, False, None, (), b""))
+FINE = {"references", "accounts", "ends", "jobs", "parts", "checkpoints"}
+LEFT_OVER = (
+    "INSERT INTO jobs (kind, subject, queued_ms, lease_until_ms, lease_ms, attempts, progress) "
+    "VALUES ('{}', {}, 0, 0, 0, 1, 0)"
+)
+
+
+@pytest.fixture
+def filled(url: str) -> str:
+    """The address of a database with campaigns in several states: 1 is done, 2 runs."""
+    with closing(open_store(url)) as store:
+        fill(store)
+    return url
+
+
+def fill(store: Store) -> None:
+    done, runs = (running(store, episodes=4) for _ in range(2))
+    for campaign in (done, runs):
+        deliver(store, campaign, result(0), collision(1), failed(2))
+        store.checkpoints.save(campaign.id, STATE)
+    assert (job := store.jobs.claim("test", 60.0, JobKind.CAMPAIGN))
+    store.campaigns.move(done.id, CampaignState.DONE)
+    assert store.jobs.finish(job)
+    store.analyses.create(done.id, AnalysisSettings())
+
+
+def change(url: str, *statements: str) -> None:
+    """Do what no program of ours would do."""
+    with closing(Database(find(url))) as database, database.writing() as connection:
+        if url.startswith("sqlite"):
+            connection.exec_driver_sql("PRAGMA defer_foreign_keys = ON")
+        for statement in statements:
+            connection.execute(text(statement))
+
+
+def wrong(found: Verification) -> dict[str, Check]:
+    return {check.name: check for check in found.checks if check.defects}
+
+
+def test_what_is_sound_passes(filled) -> None:
+    found = verify(filled)
+    assert found.defects == 0
+    assert found.mended == ()
+    asked = {check.name for check in found.checks}
+    assert asked == (FINE | {"file"} if filled.startswith("sqlite") else FINE - {"references"})
+
+
+def test_a_service_may_use_the_database_meanwhile(filled) -> None:
+    with closing(open_store(filled)) as store:
+        assert verify(filled).defects == 0
+        assert verify(filled, repair=True).mended == ()
+        assert store.campaigns.get(1).state is CampaignState.DONE
+
+
+@pytest.mark.parametrize(
+    ("damage", "check", "where", "told"),
+    [
+        (
+            "UPDATE campaigns SET completed = 1 WHERE id = 2",
+            "accounts",
+            "campaign 2",
+            "1 completed",
+        ),
+        ("UPDATE campaigns SET failures = 0 WHERE id = 1", "accounts", "campaign 1", "0 failures"),
+        (
+            "UPDATE campaigns SET cancelled = 1 WHERE id = 2",
+            "accounts",
+            "campaign 2",
+            "1 cancelled",
+        ),
+        ("UPDATE campaigns SET cancelled = 0 WHERE id = 1", "ends", "campaign 1", "1 of its epi"),
+        (LEFT_OVER.format("campaign", 1), "jobs", "job", "campaign 1, which has ended"),
+        (LEFT_OVER.format("analysis", 99), "jobs", "job", "analysis 99, which has ended"),
+    ],
+)
+def test_what_the_rows_tell_is_found_and_mended(filled, damage, check, where, told) -> None:
+    change(filled, damage)
+    before = wrong(verify(filled))
+    assert list(before) == [check]
+    (defect,) = before[check].shown
+    assert where in defect.where
+    assert told in defect.found
+    assert "--repair" in defect.remedy
+    with closing(open_store(filled)) as store:
+        counts, last = store.campaigns.get(1).counts, store.events.last()
+        assert verify(filled).mended == ()
+        assert (store.campaigns.get(1).counts, store.events.last()) == (counts, last)
+
+    after = verify(filled, repair=True)
+    assert after.defects == 0
+    assert len(after.mended) == 1
+    with closing(open_store(filled)) as store:
+        assert [store.campaigns.get(n).counts.completed for n in (1, 2)] == [2, 2]
+        assert [store.campaigns.get(n).counts.cancelled for n in (1, 2)] == [1, 0]
+        (event,) = store.events.after(last, 10)
+        assert event.kind == "database.mended"
+        assert after.mended[0] in event.message
+
+
+@pytest.mark.parametrize(
+    ("damage", "check", "where"),
+    [
+        ("DELETE FROM trajectories WHERE campaign = 1 AND \"index\" = 2", "parts", "episode 1/2"),
+        ("DELETE FROM scenes WHERE campaign = 2", "parts", "episode 2/1"),
+        ("UPDATE checkpoints SET sha256 = 'x' WHERE campaign = 2", "checkpoints", "campaign 2"),
+        ("UPDATE campaigns SET planned = 2, cancelled = 0, completed = 1, failed = 1 WHERE id = 1",
+         "accounts", "campaign 1"),
+    ],
+)  # fmt: skip
+def test_what_only_a_backup_can_tell_is_left_alone(filled, damage, check, where) -> None:
+    change(filled, damage)
+    for repair in (False, True):
+        found = verify(filled, repair=repair)
+        assert found.mended == ()
+        assert list(wrong(found)) == [check]
+        assert where in wrong(found)[check].shown[0].where
+
+
+def test_a_checkpoint_that_is_none_is_found_whatever_its_hash_says(filled) -> None:
+    digest = sha256(b"no checkpoint").hexdigest()
+    state = "'no checkpoint'" if filled.startswith("postgres") else "CAST('no checkpoint' AS BLOB)"
+    change(filled, f"UPDATE checkpoints SET state = {state}, sha256 = '{digest}'")
+    (check,) = wrong(verify(filled)).values()
+    assert (check.name, check.defects) == ("checkpoints", 2)
+    assert "cannot be read" in check.shown[0].found
+
+
+def test_many_defects_are_counted_and_the_first_are_shown(url) -> None:
+    with closing(open_store(url)) as store:
+        for _ in range(MOST_SHOWN + 5):
+            deliver(store, running(store), result(0))
+    change(url, "DELETE FROM trajectories")
+    check = wrong(verify(url))["parts"]
+    assert (check.defects, len(check.shown)) == (MOST_SHOWN + 5, MOST_SHOWN)
+
+
+def test_rows_without_what_they_belong_to_are_found(sqlite_url) -> None:
+    with closing(open_store(sqlite_url)) as store:
+        deliver(store, running(store), result(0))
+    path = sqlite_url.removeprefix("sqlite:///")
+    import sqlite3
+
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("DELETE FROM campaigns")
+        connection.commit()
+    assert "references" in wrong(verify(sqlite_url))
+
+
+def test_a_damaged_file_is_looked_at_no_further_and_not_written_to(sqlite_url) -> None:
+    with closing(open_store(sqlite_url)) as store:
+        deliver(store, running(store, episodes=500), *map(result, range(500)))
+    path = Path(sqlite_url.removeprefix("sqlite:///"))
+    content = bytearray(path.read_bytes())
+    half = len(content) // 2
+    content[half : half + 40_000] = b"\xff" * 40_000
+    path.write_bytes(content)
+    found = verify(sqlite_url, repair=True)
+    assert [check.name for check in found.checks] == ["file"]
+    assert found.defects
+    assert "eigenfail db restore" in found.checks[0].shown[0].remedy
+    assert path.read_bytes() == bytes(content)
+
+
+def test_another_schema_is_refused(sqlite_url, tmp_path) -> None:
+    with pytest.raises(StoreUnavailable, match=r"There is no .*db upgrade --database sqlite:///"):
+        verify(f"sqlite:///{tmp_path / 'none.db'}")
+    change(sqlite_url, "UPDATE eigenfail_schema SET version_num = '0001'")
+    with pytest.raises(SchemaMismatch, match=r"0001.*db upgrade --database sqlite:///"):
+        verify(sqlite_url)
+
+
+def test_stored_episodes_are_run_again_and_one_that_differs_is_found(sqlite_url) -> None:
+    with closing(open_store(sqlite_url)) as store:
+        campaign = running(store, planner="idm", episodes=4)
+        engine = plugins.load(plugins.ENGINES, "default")(campaign.spec.setup())
+        tasks = [
+            EpisodeTask(n, episode_seed(campaign.spec.seed, n), PriorSource()) for n in range(4)
+        ]
+        deliveries = [Delivery(each, "test") for each in engine.run(tasks)]
+        engine.close()
+        store.episodes.commit(campaign.id, deliveries)
+    assert verify(sqlite_url, 2).defects == 0
+    change(sqlite_url, 'UPDATE episodes SET robustness_m = robustness_m + 1 WHERE "index" = 2')
+    check = wrong(verify(sqlite_url, 2))["replays"]
+    assert [defect.where for defect in check.shown] == ["episode 1/2"]
+    assert verify(sqlite_url).defects == 0

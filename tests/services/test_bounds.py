@@ -1,0 +1,46 @@
+"""What processes of learners and analyses may take: options, and the environment behind them."""
+
+from math import inf
+
+import psutil
+import pytest
+
+from eigenfail_services import __main__ as services
+from eigenfail_services import bounds
+from eigenfail_services.bounds import Bounds
+
+
+def test_without_a_word_it_is_an_hour_and_half_of_the_memory(monkeypatch) -> None:
+    for variable in (bounds.LEARNER_LIMIT, bounds.ANALYSIS_LIMIT, bounds.LEARNER_MEMORY):
+        monkeypatch.delenv(variable, raising=False)
+    given = services.parse([])
+    half = bounds.half_of_the_memory_mib()
+    assert bounds.of_learners(given) == bounds.of_analyses(given) == Bounds(3600.0, half)
+    assert bounds.LEAST_MIB <= half <= max(bounds.LEAST_MIB, psutil.virtual_memory().total / 2**21)
+
+
+def test_options_outdo_the_environment(monkeypatch) -> None:
+    monkeypatch.setenv(bounds.LEARNER_LIMIT, "60")
+    monkeypatch.setenv(bounds.ANALYSIS_LIMIT, "inf")
+    monkeypatch.setenv(bounds.LEARNER_MEMORY, "700")
+    given = services.parse(["--learner-limit", "2.5"])
+    assert bounds.of_learners(given) == Bounds(2.5, 700.0)
+    assert bounds.of_analyses(given) == Bounds(inf, 700.0)
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "nan", "an hour", ""])
+def test_what_is_no_limit_is_refused(text, capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        services.parse(["--learner-limit", text])
+    assert ended.value.code == 2
+    assert "is no number above 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("written", "half"), [("3221225472\n", 1536.0), ("268435456\n", 1024.0), ("max\n", None)]
+)
+def test_a_container_has_what_its_limit_leaves(tmp_path, written, half) -> None:
+    limit = tmp_path / "memory.max"
+    limit.write_text(written)
+    of_the_machine = bounds.half_of_the_memory_mib(tmp_path / "none")
+    assert bounds.half_of_the_memory_mib(limit) == (half or of_the_machine)

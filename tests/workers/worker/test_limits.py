@@ -1,0 +1,103 @@
+"""What an inner process may take: how the limit is given, and how much is counted."""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from eigenfail.errors import InvalidValue
+from eigenfail_workers.worker.limits import MEMORY_VARIABLE, Limits, files_used_up, read_limits
+from eigenfail_workers.worker.watch import Watch, family
+
+TOLD = "\nimport sys; print(flush=True); sys.stdin.read()"
+FORKS = "\nimport os\nfor _ in range(2): os.fork() or (os.read(0, 1), os._exit(0))"
+SHARED = "x = b'x' * 200_000_000" + FORKS
+OF_A_FILE = """
+import mmap, os
+file = os.open({file!r}, os.O_RDWR | os.O_CREAT)
+os.ftruncate(file, 200_000_000)
+x = mmap.mmap(file, 200_000_000)
+x[::4096] = x[::4096]
+"""
+
+
+@pytest.fixture
+def program() -> Iterator[Callable[[str], int]]:
+    """Runs statements in a process that then waits; its pid."""
+    started: list[subprocess.Popen] = []
+
+    def run(statements: str) -> int:
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        process = subprocess.Popen([sys.executable, "-c", statements + TOLD], **pipes)
+        started.append(process)
+        process.stdout.readline()
+        return process.pid
+
+    yield run
+    for process in started:
+        process.communicate()
+
+
+@pytest.mark.parametrize(("written", "memory_mib"), [(None, 4096.0), ("256", 256.0), ("1e4", 1e4)])
+def test_the_limit_of_memory_is_read(monkeypatch, written, memory_mib) -> None:
+    monkeypatch.delenv(MEMORY_VARIABLE, raising=False)
+    assert read_limits(written).memory_mib == memory_mib
+    if written:
+        monkeypatch.setenv(MEMORY_VARIABLE, written)
+    assert read_limits().memory_mib == memory_mib
+    assert read_limits("512").memory_mib == 512.0
+
+
+@pytest.mark.parametrize("written", ["many", "nan", "inf", "-1", "0", "255", "4 GiB"])
+def test_what_is_no_limit_is_refused_with_both_names(monkeypatch, written) -> None:
+    with pytest.raises(InvalidValue, match=r"--memory-limit: .* 256 or more.*MEMORY_LIMIT_MIB"):
+        read_limits(written)
+
+
+def test_a_wrong_limit_is_one_sentence() -> None:
+    program = Path(sys.executable).with_name("eigenfail")
+    command = [program, "worker", "--connect", "tcp://127.0.0.1:1", "--memory-limit", "9"]
+    told = subprocess.run(command, capture_output=True, check=False)
+    assert (told.returncode, told.stderr.count(b"\n")) == (2, 1)
+    assert b"--memory-limit: '9.0' is no number of MiB, 256 or more." in told.stderr
+
+
+def test_memory_is_counted_with_that_of_descendants_but_not_twice(program) -> None:
+    pid = program(SHARED)
+    assert len(family(pid)) == 3
+    assert sum(process.memory_info().rss for process in family(pid)) > 600e6
+    assert Watch(pid, Limits(memory_mib=400.0)).excess() == ""
+    assert "of memory, where 150 MiB is the limit" in Watch(pid, Limits(memory_mib=150.0)).excess()
+
+
+def test_pages_of_files_are_not_counted(program, tmp_path) -> None:
+    pid = program(OF_A_FILE.format(file=str(tmp_path / "map")))
+    assert psutil.Process(pid).memory_info().rss > 200e6
+    assert Watch(pid, Limits(memory_mib=150.0)).excess() == ""
+
+
+def test_threads_are_counted_with_processes(program) -> None:
+    wait = "import threading; threading.Thread(target=threading.Event().wait, daemon=True).start()"
+    pid = program(FORKS + "\n" + wait)
+    assert Watch(pid, Limits(threads=4)).excess() == ""
+    assert Watch(pid, Limits(threads=3)).excess().startswith("ran 4 threads and processes")
+
+
+def test_nobody_is_watched_any_more() -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    assert Watch(ended.pid, Limits(threads=0)).excess() == ""
+
+
+def test_files_are_used_up_before_the_last_is_open() -> None:
+    assert not files_used_up()
+    kept = "import resource, os\nresource.setrlimit(resource.RLIMIT_NOFILE, (100, 100))\n"
+    kept += "from eigenfail_workers.worker.limits import files_used_up\n"
+    tried = "told = [files_used_up() or os.dup(0) for _ in range(99)]; print(told.index(True))"
+    told = subprocess.run(
+        [sys.executable, "-c", kept + tried], capture_output=True, check=True, stdin=subprocess.PIPE
+    )
+    assert 20 < int(told.stdout) < 40
