@@ -11,6 +11,7 @@ from eigenfail.contracts import Store
 from eigenfail.errors import EigenfailError, NotFound, ServiceBusy
 from eigenfail.values import CampaignSpec, EpisodeResult, Mission
 from eigenfail.values.variation import read_variation
+from eigenfail.versions import differences
 from eigenfail_api.dashboard.episodes_page import FAILURES
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.dashboard.views.account import account_view, no_account
@@ -23,6 +24,7 @@ from eigenfail_api.dashboard.views.replay import replay_view
 from eigenfail_api.parameters import AnalysisId, CampaignId, EpisodeIndex, Stored
 from eigenfail_api.routes.explanations import ASIDE, EXPLANATIONS
 from eigenfail_api.routes.safety import REGIONS
+from eigenfail_services.campaigns.crew import who_ran
 from eigenfail_services.campaigns.proofs import proof
 from eigenfail_services.campaigns.region import region_aside
 
@@ -116,7 +118,21 @@ def judged(store: Store, again: Run) -> Verdict | None:
         return None
     campaign, index = source
     stored = store.episodes.finished(campaign, [index])
-    return verdict(Run(store.campaigns.get(campaign), stored[0]), again) if stored else None
+    if not stored:
+        return None
+    differing = versions_apart(store, source, (again.campaign.id, again.result.index))
+    return verdict(Run(store.campaigns.get(campaign), stored[0]), again, differing)
+
+
+def versions_apart(
+    store: Store, first: tuple[int, int], second: tuple[int, int]
+) -> tuple[str, ...]:
+    """In which versions two episodes were run differently, where both are known."""
+    try:
+        then, now = (who_ran(store, *each).versions for each in (first, second))
+    except NotFound:
+        return ()
+    return differences(then, now)
 
 
 def next_failure(store: Store, campaign: int, index: int) -> int | None:

@@ -9,9 +9,11 @@ from eigenfail.filters import Conditions, Sort, outcome_is, parse_fields, parse_
 from eigenfail.filters.parser import LONGEST
 from eigenfail.values import Outcome, Page
 from eigenfail.values.records import EpisodeDetail, EpisodeRow, detailed
+from eigenfail.values.worker import Presence
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.parameters import LARGEST, CampaignId, EpisodeIndex, Limit, Stored
 from eigenfail_api.schemas import Json, documented
+from eigenfail_services.campaigns.crew import who_ran
 from eigenfail_services.exports.selection import picked
 
 router = APIRouter(prefix=f"{PREFIX}/campaigns/{{campaign}}/episodes", tags=["episodes"])
@@ -94,3 +96,9 @@ def list_episodes(
 def get_episode(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Json:
     """One result with its class, its noise and, where it was kept, its scene."""
     return Json(detailed(store.episodes.get(campaign, index)))
+
+
+@router.get("/{index}/worker", **documented(Presence))
+def get_episode_worker(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Json:
+    """Who ran an episode, where, and with which versions: a replay with others may differ."""
+    return Json(who_ran(store, campaign, index))

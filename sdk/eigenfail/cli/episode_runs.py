@@ -4,6 +4,7 @@ from math import inf
 from typing import Annotated
 
 import typer
+from msgspec.structs import replace
 from rich.console import Group
 from rich.text import Text
 
@@ -16,11 +17,13 @@ from eigenfail.cli.surroundings import client_at
 from eigenfail.cli.tables import facts
 from eigenfail.cli.verdict import judge
 from eigenfail.client.campaigns import SHRINK_WITHIN
+from eigenfail.errors import NotFound
 from eigenfail.hosting.signals import interruptible
 from eigenfail.stories.explanations import Window, explanation_of
 from eigenfail.stories.replays import explain_episode, replay_episode
 from eigenfail.values import CampaignSpec, Replayed
 from eigenfail.values.records import EpisodeDetail
+from eigenfail.versions import differences, versions
 
 DIFFERENT = 1
 
@@ -41,6 +44,8 @@ def replay(
     """Run a stored episode again, here, and compare; exit with 1 if it differs."""
     stored, spec = stored_episode(context, url, episode)
     replayed = replay_episode(spec, stored)
+    if not replayed.same:
+        replayed = replace(replayed, differing=differing(context, url, episode))
     show(replayed, as_json, lambda: facts(rows(episode, replayed)))
     if not replayed.same:
         raise typer.Exit(DIFFERENT)
@@ -93,12 +98,29 @@ def stored_episode(
         return client.episodes.get(campaign, index), client.campaigns.get(campaign).spec
 
 
+def differing(context: typer.Context, url: str, episode: str) -> tuple[str, ...] | None:
+    """The versions that are not what they were when it was run; None if those are not known."""
+    campaign, index = episode_id(episode)
+    with client_at(context, url) as client:
+        try:
+            return differences(client.episodes.worker(campaign, index).versions, versions())
+        except NotFound:
+            return None
+
+
 def rows(episode: str, replayed: Replayed) -> list[tuple[str, str]]:
     """What the comparison says."""
-    verdict = "the same, bit for bit" if replayed.same else "DIFFERENT"
+    verdict = "the same, bit for bit" if replayed.same else f"DIFFERENT: {why(replayed)}"
     return [
         ("episode", episode),
         ("stored", f"{replayed.stored_outcome} {replayed.stored_digest}"),
         ("replayed", f"{replayed.outcome} {replayed.digest}"),
         ("result", verdict),
     ]
+
+
+def why(replayed: Replayed) -> str:
+    """What may be the cause of a difference."""
+    if replayed.differing is None:
+        return "the versions that it was run with are not known"
+    return "; ".join(replayed.differing) or "the versions are the same, something is left to chance"

@@ -14,6 +14,7 @@ from eigenfail.values import Campaign, Explanation, Outcome, Page
 from eigenfail.values.arrays import Floats
 from eigenfail.values.export import ExportFormat, ExportRequest
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
+from eigenfail.values.worker import Presence
 from eigenfail.wire.http import ReplayRequest, read_fields
 
 Picked = dict[str, Value | None]
@@ -137,6 +138,14 @@ class Episodes:
         z, sigma = pairs(result.noise.z), pairs(result.noise.sigma)
         noise = msgspec.structs.replace(result.noise, z=z, sigma=sigma)
         return msgspec.structs.replace(result, noise=noise)
+
+    def worker(self, campaign: int, index: int) -> Presence:
+        """Who ran an episode, where, and with which versions.
+
+        Raises:
+            NotFound: no such episode, or nothing is known of its worker any more.
+        """
+        return self._link.get(f"/campaigns/{campaign}/episodes/{index}/worker", Presence)
 
     def explanation(self, campaign: int, index: int) -> Explanation:
         """An episode run again by the service, with its planner's account of each step.

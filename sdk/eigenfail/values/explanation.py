@@ -47,7 +47,12 @@ class ExplainedEpisode(msgspec.Struct, frozen=True, eq=False):
 
 
 class Replayed(msgspec.Struct, frozen=True):
-    """What was stored beside what came of it now."""
+    """What was stored beside what came of it now.
+
+    Attributes:
+        differing: the versions under which it was run that are not those of now, where it is not
+            the same; null if they are not known.
+    """
 
     index: int
     stored_outcome: Outcome
@@ -55,6 +60,7 @@ class Replayed(msgspec.Struct, frozen=True):
     outcome: Outcome
     digest: str
     same: bool
+    differing: tuple[str, ...] | None = None
 
 
 class Explanation(msgspec.Struct, frozen=True, eq=False):

@@ -1,6 +1,7 @@
 """Who works, and who did."""
 
 from eigenfail.contracts import Store
+from eigenfail.errors import NotFound
 from eigenfail.values import Campaign
 from eigenfail.values.worker import Presence, WorkerShare
 from eigenfail_services.store.clock import now_ms
@@ -26,3 +27,17 @@ def lately(store: Store, within_s: int = LATELY_S) -> tuple[WorkerShare, ...]:
 def present(store: Store) -> tuple[Presence, ...]:
     """Who is connected to a hub now, by name, at work or not."""
     return store.roster.present(now_ms() - 1_000 * PRESENT_S)
+
+
+def who_ran(store: Store, campaign: int, index: int) -> Presence:
+    """The worker whose result of an episode is kept, as it was there then.
+
+    Raises:
+        NotFound: no such episode, or nothing is known of its worker any more.
+    """
+    store.episodes.get(campaign, index)
+    (row,) = store.episodes.page(campaign, 1, index - 1 if index else None).items
+    if (found := store.roster.last(row.worker, row.finished_ms)) is None:
+        problem = f"Nothing is known of the worker '{row.worker}' of episode {campaign}/{index}."
+        raise NotFound(problem, "Workers are written down when they connect to a hub.")
+    return found

@@ -11,7 +11,9 @@ from eigenfail.values import (
     Outcome,
     Replayed,
 )
+from eigenfail.values.worker import Arrival
 from eigenfail_api.dashboard import episode_page
+from eigenfail_services.store.clock import now_ms
 
 
 @pytest.fixture
@@ -170,6 +172,32 @@ def test_a_replay_that_differs_is_doubted(look, http, result, replays):
     assert "Another result. Stored: collision after 4 steps; replayed: safe after 4 steps." in text
     assert "not deterministic, or their versions differ" in text
     assert "verdict is-doubtful" in http.get(f"/replays/{again}").text
+
+
+def test_a_replay_under_other_versions_names_them(*, store, campaign, deliver, result, look, http):
+    def arrive(numpy):
+        here = now_ms()
+        while now_ms() == here:  # who comes in one millisecond with a result may have brought it
+            pass
+        told = {"worker": "worker-1", "host": "", "pid": 1}
+        store.roster.arrived(Arrival(**told, versions={"numpy": numpy}))
+
+    arrive("2.4.5")
+    deliver(campaign, result(0, Outcome.COLLISION))
+    path = f"/api/v1/campaigns/{campaign}/episodes/0"
+    assert http.get(f"{path}/worker").json()["versions"] == {"numpy": "2.4.5"}
+    arrive("2.4.6")
+    again = http.post(f"{path}/replay", json={}).json()["id"]
+    deliver(again, result(0))
+    text = look(f"/campaigns/{again}/episodes/0")
+    assert "with other versions (numpy 2.4.5 then, 2.4.6 now)" in text
+
+
+def test_of_a_worker_that_never_connected_nothing_is_known(http, campaign, deliver, result):
+    deliver(campaign, result(0))
+    told = http.get(f"/api/v1/campaigns/{campaign}/episodes/0/worker")
+    assert told.status_code == 404
+    assert "worker-1" in told.json()["detail"]
 
 
 def test_a_replay_of_scaled_noise_is_expected_to_differ(look, http, result, replays):

@@ -7,6 +7,7 @@ import signal
 from types import SimpleNamespace
 
 import httpx2
+import numpy as np
 import pytest
 
 from eigenfail.cli import places as places_module
@@ -15,6 +16,8 @@ from eigenfail.cli.options import DEFAULT_URL
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.service import Plan
 from eigenfail.stories import replays
+from eigenfail.values.worker import Arrival
+from eigenfail.versions import versions
 
 
 def test_run_prints_the_result_table(eigenfail, spec_file):
@@ -198,7 +201,25 @@ def test_a_replay_that_differs_exits_with_1(eigenfail, done, monkeypatch):
     monkeypatch.setattr(replays, "load_engine", lambda: lambda setup: Shifted(load()(setup)))
     replayed = eigenfail("episode", "replay", f"{done}/3")
     assert replayed.exit_code == 1
-    assert "DIFFERENT" in replayed.stdout
+    assert "DIFFERENT: the versions that it was run with are not known" in replayed.stdout
+
+
+@pytest.mark.parametrize(
+    ("numpy", "words"),
+    [("0.1", f"numpy 0.1 then, {np.__version__} now"), (np.__version__, "something is left to")],
+)
+def test_a_replay_that_differs_says_under_which_versions(
+    *, eigenfail, spec_file, store, monkeypatch, numpy, words
+):
+    there = versions() | {"numpy": numpy}
+    store.roster.arrived(Arrival(worker="by hand", host="", pid=1, versions=there))
+    assert eigenfail("run", spec_file).exit_code == 0
+    load = replays.load_engine
+    monkeypatch.setattr(replays, "load_engine", lambda: lambda setup: Shifted(load()(setup)))
+    told = " ".join(eigenfail("episode", "replay", "1/3").stdout.split())
+    assert words in told
+    found = json.loads(eigenfail("episode", "replay", "1/3", "--json").stdout)
+    assert len(found["differing"]) == (numpy == "0.1")
 
 
 class Shifted:

@@ -2,7 +2,8 @@
 
 from eigenfail.testing.store.examples import failed, running
 from eigenfail.values.records import Delivery
-from eigenfail_services.store import events, limits, open_store
+from eigenfail.values.worker import Arrival
+from eigenfail_services.store import events, limits, open_store, roster
 from eigenfail_services.store.schema import LONGEST_PROSE
 
 
@@ -14,6 +15,15 @@ def test_the_event_log_forgets_its_oldest(store, monkeypatch) -> None:
     kept = [event.id for event in store.events.after(0, 100)]
     assert kept == list(range(24, 31))
     assert store.events.last() == 30
+
+
+def test_the_list_of_workers_forgets_its_oldest(store, monkeypatch) -> None:
+    monkeypatch.setattr(limits, "KEPT_ARRIVALS", 7)
+    monkeypatch.setattr(roster, "PRUNED_EVERY", 5)
+    for number in range(1, 31):
+        told = Arrival(worker=f"{number:02}", host="", pid=number)
+        assert store.roster.arrived(told) == number
+    assert [presence.id for presence in store.roster.present(0)] == list(range(24, 31))
 
 
 def test_long_texts_are_cut(sql_store) -> None:

@@ -14,6 +14,7 @@ from msgspec.structs import replace
 
 from eigenfail.errors import ServiceError
 from eigenfail.values import EpisodeFault, EpisodeResult, unrunnable
+from eigenfail.versions import versions
 from eigenfail.wire.claims import MAX_CLAIMS, Claim, fingerprint
 from eigenfail.wire.curve import WorkerKey
 from eigenfail.wire.messages import (
@@ -37,7 +38,6 @@ from eigenfail_workers.worker.ending import Ending
 from eigenfail_workers.worker.limits import Limits, read_limits
 from eigenfail_workers.worker.link import Link
 from eigenfail_workers.worker.supplies import Supplies
-from eigenfail_workers.worker.versions import versions
 
 CREDIT = 256
 TICK_MS = 100

@@ -1,6 +1,6 @@
 """Whether the replay of an episode gave the stored result again."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import msgspec
@@ -53,12 +53,12 @@ def source_of(spec: CampaignSpec, index: int) -> tuple[int, int] | None:
     return campaign, episodes[index % len(episodes)]
 
 
-def verdict(stored: Run, again: Run) -> Verdict:
-    """The two results by their digests."""
+def verdict(stored: Run, again: Run, differing: Sequence[str] = ()) -> Verdict:
+    """The two results by their digests; `differing` are the versions that were not the same."""
     if stored.result.digest() == again.result.digest():
         return Verdict(words=SAME, meaning=REPEATABLE, tone="is-distinct", sign="✓")
     told = f"Stored: {course(stored.result)}; replayed: {course(again.result)}."
-    changes = [*changed(stored, again)]
+    changes = [*changed(stored, again), *(f"other versions ({each})" for each in differing)]
     if not changes:
         meaning = f"{told} {NOT_REPEATABLE}"
         return Verdict(words=OTHER, meaning=meaning, tone="is-doubtful", sign="!")

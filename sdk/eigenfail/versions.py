@@ -1,4 +1,4 @@
-"""With what a worker runs its episodes: where it differs, so may the last bit of a result."""
+"""With what episodes are run: where it differs, so may the last bit of a result."""
 
 import platform
 import re
@@ -8,8 +8,11 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, distributions, version
 from pathlib import Path
 
+from eigenfail.values.worker import Versions
+
 NUMERICS = ("eigenfail", "gymnasium", "highway-env", "msgspec", "numpy", "osqp", "scipy")
 GROUP = "eigenfail."
+NOTHING = "none"
 PROCESSORS = Path("/proc/cpuinfo")
 
 
@@ -49,3 +52,13 @@ def with_plugins() -> set[str]:
         for found in distributions()
         if any(point.group.startswith(GROUP) for point in found.entry_points)
     }
+
+
+def differences(then: Versions, now: Versions) -> tuple[str, ...]:
+    """What is not as it was, a phrase for each name; one side alone may know a name."""
+    names = sorted(then.keys() | now.keys())
+    return tuple(
+        f"{name} {then.get(name) or NOTHING} then, {now.get(name) or NOTHING} now"
+        for name in names
+        if then.get(name) != now.get(name)
+    )
