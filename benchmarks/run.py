@@ -5,6 +5,7 @@ from difs_sampling import difs_sampling_figures
 from figures import ROOT, show, write
 from pages import page_figures
 from planner import planner_figures
+from recovery import recovery_figures
 from sac import sac_figures
 from service import service_figures
 from start_up import cli_help, worker_ready
@@ -23,6 +24,7 @@ def main() -> None:
         **difs_sampling_figures(),
         "learner_share": learner_share(),
         **service_figures(),
+        **recovery_figures(),
     }
     write(ROOT / "benchmarks" / "latest.json", figures)
     show(figures)

@@ -20,7 +20,7 @@ from eigenfail.values import (
     StopRules,
 )
 from eigenfail.values.arrays import Floats, PackedArray, encode_array, unpack
-from eigenfail.values.worker import Versions
+from eigenfail.values.worker import Name, Versions
 from eigenfail.wire.claims import MAX_CLAIMS, Claim
 
 PROTOCOL = 4
@@ -28,6 +28,7 @@ PROTOCOL = 4
 
 MAX_MESSAGE_BYTES = 256 * 1024 * 1024
 LONGEST_LIFE = 64
+LARGEST_PID = 2**31 - 1
 
 
 class Message(msgspec.Struct, frozen=True, eq=False, tag=True, forbid_unknown_fields=True):
@@ -47,10 +48,10 @@ class Hello(Message, frozen=True):
     """
 
     protocol: int
-    worker: str
+    worker: Name
     credit: int
-    host: str = ""
-    pid: int = 0
+    host: Name = ""
+    pid: Annotated[int, msgspec.Meta(ge=0, le=LARGEST_PID)] = 0
     life: Annotated[str, msgspec.Meta(max_length=LONGEST_LIFE)] = ""
     asked: int = 0
     claims: Annotated[tuple[Claim, ...], msgspec.Meta(max_length=MAX_CLAIMS)] = ()

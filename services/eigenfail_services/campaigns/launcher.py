@@ -2,6 +2,7 @@
 
 import logging
 import os
+import platform
 import signal
 import socket
 from typing import Any, Protocol
@@ -118,7 +119,7 @@ class RayLauncher:
         remote = ray.remote(num_cpus=1, max_restarts=-1, max_task_retries=-1)(actor)
         self._actors = [remote.remote() for _ in range(self._workers)]
         self._runs = [
-            worker.run.remote(hub, f"ray-{number}", key)
+            worker.run.remote(hub, f"{platform.node()}-{os.getpid()}.{number}", key)
             for number, worker in enumerate(self._actors)
         ]
 

@@ -6,12 +6,13 @@ the lease alone says so.
 
 import os
 import platform
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
+from uuid import uuid4
 
 PROCESSES = Path("/proc")
 ZOMBIE = "Z"
+NOWHERE = uuid4().hex
 
 
 class Life(NamedTuple):
@@ -34,19 +35,34 @@ def is_lost(owner: str) -> bool:
     if where != place() or not (pid.isdecimal() and started):
         return False
     life = life_of(int(pid))
-    return life is None or life.state == ZOMBIE or life.started != started
+    if life is None:  # it may only be hidden from us
+        return not exists(int(pid))
+    return life.state == ZOMBIE or life.started != started
+
+
+def exists(pid: int) -> bool:
+    """Whether there is such a process, be it somebody else's."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def place() -> str:
     """The machine since its last start, and the space in which its processes are counted.
 
-    Two containers may have one name; a restarted machine counts its processes anew.
+    Two containers may have one name; a restarted machine counts its processes anew. Where the
+    kernel does not tell, it is nowhere else: this process alone is there.
     """
-    parts = [platform.node().replace(":", "_")]
-    with suppress(OSError):
-        parts.append((PROCESSES / "sys/kernel/random/boot_id").read_text("utf-8").strip())
-        parts.append(str((PROCESSES / "self/ns/pid").stat().st_ino))
-    return "/".join(parts)
+    try:
+        boot = (PROCESSES / "sys/kernel/random/boot_id").read_text("utf-8").strip()
+        space = (PROCESSES / "self/ns/pid").stat().st_ino
+    except OSError:
+        return f"{platform.node()}/{NOWHERE}".replace(":", "_")
+    return f"{platform.node()}/{boot}/{space}".replace(":", "_")
 
 
 def life_of(pid: int) -> Life | None:

@@ -73,8 +73,10 @@ class Supervisor:
     def _claim(self) -> None:
         for kind, opener in self._openers.items():
             while self._has_room(kind) and self._store.jobs.waiting(kind):
-                if (job := self._store.jobs.claim(self._owner, LEASE_S, kind)) is not None:
-                    opener(job)
+                job = self._store.jobs.claim(self._owner, LEASE_S, kind)
+                if job is None:  # somebody else is at what waits: just claiming it, or lost while
+                    break  # they wrote with its claim
+                opener(job)
 
     def _has_room(self, kind: JobKind) -> bool:
         """Whether there is time for one more; looked at before the queue is locked for a claim."""
@@ -139,12 +141,14 @@ class Supervisor:
         self._next_renewal_s = time.monotonic() + RENEW_S
         if freed := self._store.jobs.let_go(is_lost):
             log.info("took over from a lost process", jobs=freed)
+        for watch in self._watched.values():  # all of them before anything that may take its time
+            watch.lost = not self._store.jobs.renew(watch.job, LEASE_S)
         for campaign, watch in self._watched.items():
-            if watch.hold(self._store, LEASE_S):
-                self._tell_progress(campaign, watch)
-            else:
+            if watch.lost or not watch.billed(self._store):
                 watch.lost = True
                 self._hub.halt(campaign)
+            else:
+                self._tell_progress(campaign, watch)
 
     def _tell_progress(self, campaign: int, watch: Watch) -> None:
         """Wake those who follow, if there is anything new to see."""

@@ -30,13 +30,13 @@ class Watch:
         unbilled_s = time.monotonic() - self.billed_s
         return replace(campaign, active_s=campaign.active_s + unbilled_s)
 
-    def hold(self, store: Store, lease_s: float) -> bool:
-        """Bill the time until now and renew the lease; False if it is somebody else's by now."""
+    def billed(self, store: Store) -> bool:
+        """Bill the time until now; False if the campaign is somebody else's by now."""
         try:
             self.bill(store)
         except ClaimLost:
             return False
-        return store.jobs.renew(self.job, lease_s)
+        return True
 
     def bill(self, store: Store) -> None:
         """Add the time since the last bill; it stays open while the store is away.

@@ -37,6 +37,7 @@ class Leases:
         self._claims = Claims()
         self._holder: dict[Key, bytes] = {}
         self._waiting: dict[int, OrderedDict[int, EpisodeTask]] = {}
+        self._offered: dict[int, set[int]] = {}
         self._suspects: dict[Key, EpisodeTask] = {}
         self._brought: set[Key] = set()
         self._paces = Paces()
@@ -117,12 +118,14 @@ class Leases:
             self._put_back(key[0], seat.held.pop(key))
 
     def _put_back(self, campaign: int, task: EpisodeTask) -> None:
-        if campaign in self._waiting:  # else it will be offered again, if it is still wanted
+        # Else it will be offered again, if it is still wanted: with the policy that it needs.
+        if task.index in self._offered.get(campaign, ()):
             self._waiting[campaign][task.index] = task
             self._waiting[campaign].move_to_end(task.index, last=False)
 
     def offer(self, campaign: int, tasks: tuple[EpisodeTask, ...]) -> None:
         """These episodes are to be run, unless somebody is at it or has just brought them."""
+        self._offered.setdefault(campaign, set()).update(task.index for task in tasks)
         waiting = self._waiting.setdefault(campaign, OrderedDict())
         waiting.update((task.index, task) for task in tasks if not self._is_out(campaign, task))
 
@@ -145,10 +148,12 @@ class Leases:
         which the open rounds lie with their indices, seeds and policy versions.
         """
         self._waiting.pop(campaign, None)
+        self._offered.pop(campaign, None)
 
     def withdraw(self, campaign: int) -> None:
         """Nothing of this campaign is to be run any more."""
         self._waiting.pop(campaign, None)
+        self._offered.pop(campaign, None)
         self._paces.forget(campaign)
         self._claims.withdraw(campaign)
         self._suspects = {key: task for key, task in self._suspects.items() if key[0] != campaign}
@@ -169,6 +174,7 @@ class Leases:
         key = campaign, index
         self._claims.settle(key)
         self._suspects.pop(key, None)
+        self._offered.get(campaign, set()).discard(index)
         if (holder := self._holder.pop(key, None)) is not None:
             del self.seats[holder].held[key]
         elif campaign in self._waiting:

@@ -35,6 +35,7 @@ def fence(connection: Connection, claim: Job | None) -> None:
     """
     if claim is None:
         return
-    theirs = select(jobs.c.id).where(held(claim)).with_for_update(read=True)
+    # Nobody claims it or takes it away meanwhile; its lease may be renewed.
+    theirs = select(jobs.c.id).where(held(claim)).with_for_update(read=True, key_share=True)
     if connection.execute(theirs).first() is None:
         raise claim_lost(claim)

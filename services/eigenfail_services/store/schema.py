@@ -297,7 +297,7 @@ arrivals = Table(
     Column("worker", Prose, nullable=False),
     Column("host", Prose, nullable=False),
     Column("pid", BigInteger, nullable=False),
-    Column("versions", Prose, nullable=False),
+    Column("versions", Text, nullable=False),
     Column("arrived_ms", BigInteger, nullable=False),
     Column("heard_ms", BigInteger, nullable=False),
     Column("left_ms", BigInteger),

@@ -46,11 +46,32 @@ def test_of_others_nothing_is_known(told):
     assert not is_lost(told)
 
 
-def test_where_the_kernel_tells_nothing_nobody_is_lost(monkeypatch, tmp_path):
+def test_where_the_kernel_tells_nothing_nobody_is_lost(monkeypatch, tmp_path, other):
+    process, name = other
+    process.kill()
+    process.wait()
     monkeypatch.setattr(owner, "PROCESSES", tmp_path)
     assert life_of(os.getpid()) is None
     assert this_process() == f"{place()}:{os.getpid()}:"
     assert not is_lost(this_process())
+    assert not is_lost(name)
+
+
+def test_who_is_hidden_from_us_may_live(monkeypatch, other):
+    process, name = other
+    monkeypatch.setattr(owner, "life_of", lambda pid: None)
+    assert not is_lost(name)
+    process.kill()
+    process.wait()
+    assert is_lost(name)
+
+
+def test_who_is_somebody_elses_lives(monkeypatch):
+    def refuse(pid, signal):
+        raise PermissionError
+
+    monkeypatch.setattr(owner.os, "kill", refuse)
+    assert owner.exists(1)
 
 
 def test_names_with_brackets_are_read(monkeypatch, tmp_path):

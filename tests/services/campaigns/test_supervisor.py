@@ -75,6 +75,16 @@ def house() -> House:
     return House()
 
 
+def test_what_waits_but_cannot_be_claimed_holds_nothing_up(house: House, monkeypatch) -> None:
+    campaign = house.create()
+    with monkeypatch.context() as locked:
+        locked.setattr(house.store.jobs, "claim", lambda *_: None)
+        house.supervisor.turn()
+    assert house.hub.launched == []
+    house.supervisor.turn()
+    assert house.hub.launched == [campaign]
+
+
 def test_a_queued_campaign_is_launched_once(house: House) -> None:
     campaign = house.create()
     for _ in range(3):

@@ -324,6 +324,21 @@ def test_but_what_it_then_asks_for_is_another_task_that_is_leased_anew() -> None
     assert task.source == PolicySource(3)
 
 
+def test_a_learner_that_goes_further_back_leases_nothing_of_what_comes_later() -> None:
+    leases = seated(b"a")
+    leases.offer(1, tasks(0, 1))
+    leases.assign()
+    leases.suspend(1)
+    leases.offer(1, tasks(0))  # of the round before: 1 is proposed again once that is whole
+    leases.leave(b"a")
+    leases.join(b"b", hello(b"b"), 0.0)
+    assert [task.index for a in leases.assign() for task in a.tasks] == [0]
+    leases.offer(1, tasks(1))
+    leases.leave(b"b")
+    leases.join(b"c", hello(b"c"), 0.0)
+    assert [task.index for a in leases.assign() for task in a.tasks] == [0, 1]
+
+
 def test_a_late_result_of_a_waiting_episode_saves_the_work() -> None:
     leases = seated(b"a")
     leases.offer(1, tasks(0))

@@ -2,7 +2,7 @@
 
 from eigenfail.contracts import Store
 from eigenfail.testing.store.examples import equal
-from eigenfail.values.worker import Arrival, Presence
+from eigenfail.values.worker import LONGEST_NAME, MOST_VERSIONS, Arrival, Presence
 
 LONG_AGO, LATER = 0, 4_000_000_000_000
 NOBODY = 2**70
@@ -40,6 +40,14 @@ def tells_who_was_heard_lately(store: Store) -> None:
     equal(store.roster.present(LONG_AGO), again, "Who is there if nobody was heard")
 
 
+def keeps_many_versions(store: Store) -> None:
+    """As many, and as long, as the wire lets through."""
+    many = {f"{n:03}".ljust(LONGEST_NAME, "½"): "1" * LONGEST_NAME for n in range(MOST_VERSIONS)}
+    store.roster.arrived(Arrival(worker="w", host="h", pid=1, versions=many))
+    (found,) = store.roster.present(LONG_AGO)
+    equal(found.versions, many, "The versions")
+
+
 def finds_who_had_a_name(store: Store) -> None:
     """The latest under a name counts, up to a moment."""
     store.roster.arrived(arrival("w", "old host"))
@@ -62,4 +70,4 @@ def told(presence: Presence) -> Arrival:
     )
 
 
-CHECKS = (keeps_who_is_there, tells_who_was_heard_lately, finds_who_had_a_name)
+CHECKS = (keeps_who_is_there, keeps_many_versions, tells_who_was_heard_lately, finds_who_had_a_name)
