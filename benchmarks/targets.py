@@ -75,6 +75,12 @@ TARGETS = {
             *("lead_brake.rulebook", "lead_brake.idm"),
         )
     },
+    "faults.kinds": Target(low=9.0),
+    "faults.injected": Target(low=120.0),
+    "faults.lost": Target(high=0.0),
+    "faults.doubled": Target(high=0.0),
+    "faults.complaints": Target(high=0.0),
+    "faults.digest_equal": Target(low=1.0),
     "fuzz.messages": Target(low=100_000.0),
     "fuzz.escapes": Target(high=0.0),
 }
