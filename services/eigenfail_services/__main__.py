@@ -109,6 +109,8 @@ def serve(arguments: argparse.Namespace) -> None:
         sys.stdout.write(json.dumps({"ready": True, "hub": hub.address}) + "\n")
         sys.stdout.flush()
         supervise(supervisor, hub, stopping)
+    for number in (signal.SIGTERM, signal.SIGINT):  # as the interpreter ends, one more would kill
+        signal.signal(number, signal.SIG_IGN)
 
 
 def supervise(supervisor: Supervisor, hub: Hub, stopping: Event) -> None:

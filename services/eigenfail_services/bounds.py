@@ -37,10 +37,15 @@ class Bounds(msgspec.Struct, frozen=True):
     memory_mib: float = inf
 
     def confine(self, pid: int) -> None:
-        """Have the kernel refuse more memory to a process, and to each that it starts (Linux)."""
+        """Have the kernel refuse more memory to a process, and to each that it starts (Linux).
+
+        A lower limit of the service's own, which only an administrator may raise, stays.
+        """
         if sys.platform == "linux" and self.memory_mib < inf:
             most = int(self.memory_mib * MIB)
-            with contextlib.suppress(ProcessLookupError):
+            with contextlib.suppress(OSError):  # it has ended, or may not be confined
+                _, hard = resource.prlimit(pid, resource.RLIMIT_DATA)
+                most = most if hard == resource.RLIM_INFINITY else min(most, hard)
                 resource.prlimit(pid, resource.RLIMIT_DATA, (most, most))
 
 

@@ -1,5 +1,7 @@
 """The analysis page and the page of a failing region, in a real browser."""
 
+import re
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -39,6 +41,18 @@ def test_each_mode_has_a_band_of_its_failures_noise(analysis):
     page.locator("#eigenfailure-chart summary").click()
     head = page.locator("#eigenfailure-chart thead")
     expect(head).to_contain_text("Mode 1 lateral 90 %")
+
+
+Y_NAMES = "element => echarts.getInstanceByDom(element).getOption().yAxis.map(one => one.name)"
+
+
+@pytest.mark.parametrize(("chart", "scale"), [("mean", r"[\d.]+ sigma"), ("components", r"[\d.]+")])
+def test_a_panel_of_the_training_says_which_way_and_how_much(analysis, chart, scale):
+    plot = analysis().locator(f"#training-{chart}-chart .plot")
+    plot.scroll_into_view_if_needed()
+    expect(plot.locator("canvas").first).to_be_visible()
+    for name, way in zip(plot.evaluate(Y_NAMES), ("Longitudinal", "Lateral"), strict=True):
+        assert re.fullmatch(f"{way}: a row is {scale} high", name)
 
 
 def test_the_medoid_plays_in_its_card_once_it_is_opened(analysis):

@@ -106,6 +106,33 @@ def test_names_are_shown_as_they_were_written(visit):
     expect(page.get_by_role("link", name="DiFS <b>on</b> cut-in")).to_be_visible()
 
 
+LOOKS = """element => echarts.getInstanceByDom(element).getOption().series
+  .filter(one => one.type === 'scatter')
+  .map(one => [one.name, one.itemStyle.color + ' ' + one.symbol])"""
+LOOKS_OF = """async names => {
+  const {looksOf} = await import('/static/js/methods.js');
+  return names.map(looksOf).map(({itemStyle, symbol}) => itemStyle.color + ' ' + symbol);
+}"""
+
+
+def test_a_method_looks_the_same_in_every_chart(visit):
+    page = visit("/")
+    plots = page.locator("[data-chart=cost] .plot")
+    expect(plots).to_have_count(2)
+    for plot in plots.all():
+        plot.scroll_into_view_if_needed()
+        expect(plot.locator("canvas").first).to_be_visible()
+        names, looks = zip(*plot.evaluate(LOOKS), strict=True)
+        assert len(names) > 1
+        assert list(looks) == page.evaluate(LOOKS_OF, names)
+
+
+def test_methods_of_plugins_take_looks_that_no_other_has(visit):
+    known = ["monte_carlo", "ast", "difs", "cem", "subset", "evaluate", "minimal", "ensemble"]
+    looks = visit("/").evaluate(LOOKS_OF, [*known, "replay", "mine", "annealing"])
+    assert len(set(looks)) == len(looks)
+
+
 def test_the_keyboard_reaches_everything(visit, made):
     page = visit("/")
     expect(page.locator("html.js")).to_be_attached()

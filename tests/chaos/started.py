@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 
 import psutil
@@ -17,6 +18,11 @@ from eigenfail.client import Client
 PATIENCE_S = 120.0
 LOOK_AGAIN_S = 0.01
 LEARNER = "learner_process"
+
+FIRST_PORT, PORTS_EACH = 10_000, 2_000
+PROCESS = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+OTHERS_APART = 37
+numbers = count(OTHERS_APART * os.getpid())
 
 
 def wait_until(condition: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) -> None:
@@ -28,10 +34,24 @@ def wait_until(condition: Callable[[], bool], what: str, patience_s: float = PAT
 
 
 def free_port() -> int:
-    """Where somebody may listen, and listen again after being killed."""
+    """Where somebody may listen, and listen again after being killed.
+
+    It lies below those that the system gives to whoever asks for any, and processes that run tests
+    side by side look in different places: nobody takes it before it is listened on.
+    """
+    first = FIRST_PORT + PORTS_EACH * PROCESS
+    return next(port for n in numbers if is_free(port := first + n % PORTS_EACH))
+
+
+def is_free(port: int) -> bool:
+    """Whether nobody listens there."""
     with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+    return True
 
 
 class Started:

@@ -11,7 +11,7 @@ from eigenfail.client import Client
 from eigenfail.errors import ServiceUnreachable
 from eigenfail_services.store import open_store
 
-pytestmark = pytest.mark.service
+pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 
 SEED = 20261122
 EVENTS = 250

@@ -4,7 +4,7 @@ import pytest
 from stage import CAMPAIGNS, Stage
 from started import Services, wait_until
 
-pytestmark = pytest.mark.service
+pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 
 
 @pytest.mark.parametrize("method", ["ast", "difs"])
@@ -16,11 +16,12 @@ def test_a_killed_learner_learns_the_same(
     kill_learner(services)  # before it has said anything
     stage.worker()
     stage.wait_for(campaign, 24)  # a whole number of rounds: it learns from the last one
+    saved_ms = stage.saved_ms(campaign)
     kill_learner(services)
     stage.wait_for(campaign, 40)
-    stage.wait_for_checkpoint(campaign)
-    kill_learner(services)
+    stage.wait_for_checkpoint(campaign, saved_ms)
     assert not stage.is_over(campaign)
+    kill_learner(services)
     stage.unchanged({method: campaign}, undisturbed)
 
 

@@ -5,7 +5,7 @@ import signal
 import pytest
 from stage import Stage
 
-pytestmark = pytest.mark.service
+pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 
 
 def test_who_is_told_to_stop_hands_over_and_exits_with_0(

@@ -2,6 +2,8 @@
 services that stand still while they hold a lock there.
 """
 
+import random
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +15,9 @@ from started import Services, wait_until
 
 from eigenfail.values import CampaignState
 
-pytestmark = pytest.mark.service
+pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
+
+PAUSES = random.Random(20261122)
 
 LOCKING = text(
     "SELECT count(*) FROM pg_locks JOIN pg_stat_activity USING (pid) "
@@ -85,4 +89,5 @@ def holds_a_lock(stage: Stage, services: Services) -> bool:
     if stage.ask(LOCKING) and not stage.ask(BUSY):
         return True
     services.go_on()
+    time.sleep(PAUSES.uniform(0.02, 0.1))  # or they are met at the same place again
     return False

@@ -6,7 +6,7 @@ from stage import Stage
 from eigenfail.client import Client
 from eigenfail.values import CampaignState
 
-pytestmark = pytest.mark.service
+pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 
 FIELDS = {"name": "chaos", "method": "monte_carlo", "planner": "idm", "episodes": 100_000}
 

@@ -4,7 +4,7 @@ import pytest
 from stage import Stage
 from started import free_port, wait_until
 
-pytestmark = pytest.mark.service
+pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 
 
 def test_a_service_that_stood_still_is_taken_over_from(

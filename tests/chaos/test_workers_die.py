@@ -4,7 +4,7 @@ import pytest
 from stage import Stage
 from started import wait_until
 
-pytestmark = pytest.mark.service
+pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 
 
 def test_killed_inner_processes_cost_no_episode(stage: Stage, undisturbed: dict[str, str]) -> None:

@@ -4,9 +4,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import httpx2
+import psutil
 import pytest
 
 from eigenfail.client import Client
@@ -15,7 +17,7 @@ from eigenfail.hosting.service import Launcher, LocalService, Plan, local_servic
 from eigenfail.values import CampaignState, Counts
 from eigenfail_services.upkeep.verify import verify
 
-pytestmark = pytest.mark.service
+pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 
 PATIENCE_S = 240.0
 ROOM = "12m"
@@ -33,8 +35,10 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
         subprocess.run(command, check=True, capture_output=True)
     except (OSError, subprocess.CalledProcessError):
         pytest.skip("no file system can be mounted here")
-    yield folder
-    subprocess.run(["umount", str(folder)], check=True)
+    try:
+        yield folder
+    finally:  # lazily: who was killed may hold a file of it open for a moment
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
 def until(done: Callable[[], bool], service: LocalService) -> None:
@@ -64,7 +68,8 @@ def test_a_full_disk_is_told_and_when_there_is_room_work_goes_on(small_disk: Pat
         try:
             campaign = client.campaigns.create(**FIELDS).id
             until(lambda: counts(client, campaign).completed >= 20, service)
-            fill(small_disk / "filler")
+            with standing_still(worker):
+                fill(small_disk / "filler")
             told = refusal(service)
             assert told["type"] == "urn:eigenfail:store-unwritable"
             assert "has room" in told["remedy"]
@@ -77,6 +82,19 @@ def test_a_full_disk_is_told_and_when_there_is_room_work_goes_on(small_disk: Pat
         finally:
             worker.terminate()
             assert worker.wait(PATIENCE_S) == 0
+
+
+@contextmanager
+def standing_still(worker: "subprocess.Popen[bytes]") -> Iterator[None]:
+    """It brings nothing meanwhile: what is yet to come needs room that is no more."""
+    everybody = [psutil.Process(worker.pid), *psutil.Process(worker.pid).children(recursive=True)]
+    for process in everybody:
+        process.suspend()
+    try:
+        yield
+    finally:
+        for process in everybody:
+            process.resume()
 
 
 def refusal(service: LocalService) -> dict[str, str]:

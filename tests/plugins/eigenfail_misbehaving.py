@@ -66,6 +66,7 @@ kept = []
 def leak(folder):
     while True:
         kept.append(b"x" * 4 * MEGABYTE)
+        time.sleep(0.005)
 
 
 def touch_nothing_at_zero(folder):
@@ -111,7 +112,7 @@ def fork_on(folder):
 def start_processes(folder):
     while True:
         fork_on(folder)
-        time.sleep(0.001)
+        time.sleep(0.01)
 
 
 def fork_and_die(folder):
@@ -187,9 +188,10 @@ class Misbehaves(Planner):
 
 
 class ForgetsFiles(Planner):
-    """Opens some in every episode, and closes none."""
+    """Opens some in every episode, and closes none; and leaves a thread that never ends."""
 
     def reset(self, mission):
+        Thread(target=Event().wait).start()
         kept.extend(os.dup(0) for _ in range(FILES_AN_EPISODE))
 
     def act(self, perception):

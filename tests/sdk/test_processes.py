@@ -5,10 +5,11 @@ import select
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
-from eigenfail.processes import PARENT_VARIABLE, as_parent
+from eigenfail.processes import PARENT_VARIABLE, as_parent, exit_status
 
 PATIENCE_S = 60.0
 DIES = "from eigenfail.processes import die_with_parent; die_with_parent()"
@@ -53,3 +54,21 @@ def test_a_killed_parent_takes_its_child_with_it():
         assert select.select([child], [], [], PATIENCE_S)[0]
     finally:
         os.close(child)
+
+
+@pytest.mark.parametrize(("end", "status"), [("sys.exit(3)", 3), ("os.kill(os.getpid(), 9)", -9)])
+def test_how_a_process_ended_is_told_before_it_is_waited_for(end, status):
+    command = [sys.executable, "-c", f"import os, sys; sys.stdin.read(); {end}"]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE)
+    try:
+        assert exit_status(process) is None
+        process.stdin.close()
+        deadline_s = time.monotonic() + PATIENCE_S
+        while exit_status(process) is None:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+        assert (exit_status(process), process.returncode) == (status, None)
+    finally:
+        process.kill()
+        process.wait()
+    assert exit_status(process) == status

@@ -1,5 +1,9 @@
 """What processes of learners and analyses may take: options, and the environment behind them."""
 
+import resource
+import subprocess
+import sys
+from collections.abc import Iterator
 from math import inf
 
 import psutil
@@ -44,3 +48,28 @@ def test_a_container_has_what_its_limit_leaves(tmp_path, written, half) -> None:
     limit.write_text(written)
     of_the_machine = bounds.half_of_the_memory_mib(tmp_path / "none")
     assert bounds.half_of_the_memory_mib(limit) == (half or of_the_machine)
+
+
+@pytest.fixture
+def sleeper() -> Iterator[int]:
+    """The number of a process that has 64 MiB at most."""
+    with subprocess.Popen(["sleep", "1000"]) as process:
+        resource.prlimit(process.pid, resource.RLIMIT_DATA, (2**26, 2**26))
+        yield process.pid
+        process.kill()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other kernels have no such limits")
+@pytest.mark.parametrize(("memory_mib", "most_mib"), [(128.0, 64), (32.0, 32), (inf, 64)])
+def test_a_lower_limit_of_the_services_own_stays(sleeper, memory_mib, most_mib) -> None:
+    Bounds(inf, memory_mib).confine(sleeper)
+    assert resource.prlimit(sleeper, resource.RLIMIT_DATA) == (most_mib * 2**20,) * 2
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other kernels have no such limits")
+def test_a_process_that_may_not_be_confined_ends_nothing(monkeypatch) -> None:
+    def refused(*_words) -> tuple[int, int]:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(bounds.resource, "prlimit", refused)
+    Bounds(inf, 64.0).confine(1)

@@ -65,6 +65,8 @@ def serve() -> None:
     signal.signal(signal.SIGTERM, leave)
     signal.signal(signal.SIGINT, leave)
     parent.serve()
+    for number in (signal.SIGTERM, signal.SIGINT):  # as the interpreter ends, one more would kill
+        signal.signal(number, signal.SIG_IGN)
 
 
 if __name__ == "__main__":

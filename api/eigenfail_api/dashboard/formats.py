@@ -1,5 +1,7 @@
 """Figures as people read them; units stand beside them, never inside a table of numbers."""
 
+import re
+
 from eigenfail.values import Cost, Interval, Rate
 from eigenfail_services.reports.formats import NONE, bounds, integer, moment, number, percent
 
@@ -14,14 +16,23 @@ __all__ = [
     "number",
     "percent",
     "rate_interval",
+    "signed",
 ]
 
 DURATIONS = ((86_400, "d"), (3_600, "h"), (60, "min"), (1, "s"))
+
+NEGATIVE = re.compile(r"(?<![\w.)])-(?=\d)")
+"""A hyphen that stands for a minus: neither in a word nor in a range."""
 
 
 def counted(count: int, noun: str) -> str:
     """So many of a thing: 1 failure, 2 failures."""
     return f"{integer(count)} {noun}{'' if count == 1 else 's'}"
+
+
+def signed(sentence: str) -> str:
+    """A sentence that came with its figures, negative ones as they are written here."""
+    return NEGATIVE.sub("−", sentence)
 
 
 def rate_interval(rate: Rate) -> str:

@@ -10,7 +10,7 @@ from eigenfail.wire.http import PREFIX
 from eigenfail_api.access.door import Door
 from eigenfail_api.parameters import LARGEST, Before, Limit, Stored
 from eigenfail_api.schemas import Json, body_of, documented
-from eigenfail_services.access.keys import make_key
+from eigenfail_services.access import keys
 
 router = APIRouter(prefix=PREFIX, tags=["keys"])
 
@@ -30,7 +30,7 @@ def create_key(
     request: Annotated[KeyRequest, Depends(body_of(KeyRequest))],
 ) -> Json:
     """Make a key; its token is in this answer, and can never be read again."""
-    made = make_key(store, request)
+    made = keys.make_key(store, request)
     door.look_again()
     headers = {"Location": f"{PREFIX}/keys/{made.key.id}", "Cache-Control": "no-store"}
     return Json(made, 201, headers)
@@ -51,7 +51,7 @@ def get_key(store: Stored, key: KeyId) -> Json:
 @router.delete("/keys/{key}", **documented(ApiKey))
 def revoke_key(store: Stored, key: KeyId) -> Json:
     """Revoke a key, for good; what it did stays in the audit log under its name."""
-    return Json(store.keys.revoke(key))
+    return Json(keys.revoke_key(store, key))
 
 
 @router.get("/audit", **documented(Page[AuditEntry]))

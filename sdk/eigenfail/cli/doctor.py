@@ -18,8 +18,10 @@ from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL, AsJson, Data, Url
 from eigenfail.cli.output import show
 from eigenfail.cli.surroundings import client_at
 from eigenfail.cli.tables import table
+from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, StoreUnavailable
 from eigenfail.hosting.folder import DataFolder
+from eigenfail.values import CampaignState
 from eigenfail.values.upkeep import Verification
 
 PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")
@@ -57,6 +59,13 @@ class Finding(msgspec.Struct, frozen=True):
     remedy: str = ""
 
 
+WORKING = (CampaignState.QUEUED, CampaignState.RUNNING)
+NOBODY = (
+    "do the services run (python -m eigenfail_services), and what does their log say? "
+    "By hand: eigenfail worker --connect ADDRESS"
+)
+
+
 @app.command()
 def doctor(
     context: typer.Context,
@@ -79,7 +88,7 @@ def doctor(
         *versions(),
         *plugin_findings(),
         folder_finding(data),
-        service_finding(context, url),
+        *service_findings(context, url),
         *database_findings(database),
     ]
     show(findings, as_json, lambda: finding_table(findings))
@@ -131,16 +140,31 @@ def folder_finding(data: Data) -> Finding:
     return Finding("data folder", f"{folder.path}{folder.where()}")
 
 
-def service_finding(context: typer.Context, url: str) -> Finding:
-    """Whether a service answers, and is well; none has to."""
+def service_findings(context: typer.Context, url: str) -> Iterator[Finding]:
+    """Whether a service answers, and is well, and who works for it; none has to."""
+    what = f"service {url}"
     with client_at(context, url) as client:
         trouble = client.trouble()
-    what = f"service {url}"
-    if trouble is None:
-        return Finding(what, "answers")
-    if isinstance(trouble, StoreUnavailable):
-        return Finding(what, trouble.problem, True, trouble.remedy)
-    return Finding(what, "no answer", remedy="start one: eigenfail up")
+        if trouble is None:
+            yield Finding(what, "answers")
+            yield workers_finding(client)
+        elif isinstance(trouble, StoreUnavailable):
+            yield Finding(what, trouble.problem, True, trouble.remedy)
+        else:
+            yield Finding(what, "no answer", remedy="start one: eigenfail up")
+
+
+def workers_finding(client: Client) -> Finding:
+    """Who is connected; that nobody is matters once there is work."""
+    try:
+        here = client.present_workers()
+        waits = any(any(client.campaigns.list(state)) for state in WORKING)
+    except EigenfailError as error:
+        return Finding("workers", error.problem, remedy=error.remedy)
+    if here:
+        return Finding("workers", f"{len(here)} connected")
+    told = "none is connected" + (", and campaigns wait" if waits else "")
+    return Finding("workers", told, waits, NOBODY)
 
 
 def database_findings(database: str | None) -> Iterator[Finding]:

@@ -54,7 +54,7 @@ class WorkerStanding(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         worker: its name; that of a worker without one is its host and process.
         host: the machine that it runs on; empty if it is not connected now.
-        state: at work if it brought a result in the last minute; otherwise it waits, or is gone.
+        state: gone if it is not connected; at work if it brought a result in the last minute.
         campaigns: whose episodes it ran.
         since_ms: when it connected; milliseconds since 1970, null if it is not connected now.
         last_ms: when its last result was stored; null before the first one.
@@ -122,11 +122,11 @@ def standing(
     name: str, shares: Sequence[WorkerShare], here: Presence | None, *, is_at_work: bool
 ) -> WorkerStanding:
     """What one worker did, of all campaigns together."""
-    idle = WorkerState.WAITING if here else WorkerState.GONE
+    present = WorkerState.AT_WORK if is_at_work else WorkerState.WAITING
     return WorkerStanding(
         worker=name,
         host=here.host if here else "",
-        state=WorkerState.AT_WORK if is_at_work else idle,
+        state=present if here else WorkerState.GONE,
         campaigns=tuple(sorted(share.campaign for share in shares)),
         episodes=sum(share.episodes for share in shares),
         failures=sum(share.failures for share in shares),

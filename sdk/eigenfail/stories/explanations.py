@@ -47,7 +47,10 @@ NO_ACCOUNT = "it has no `explain`, or says nothing there. What follows are its c
 def verdict(replayed: Replayed) -> str:
     """Whether the replay is the stored episode, in a sentence."""
     if replayed.same:
-        return f"The replay is the stored episode, bit for bit: digest {replayed.digest}."
+        return (
+            "What is told here comes from a run of its own, which gave the stored episode bit for "
+            f"bit: digest {replayed.digest}."
+        )
     return (
         f"DIFFERENT: the replay ({replayed.outcome}, digest {replayed.digest}) is not the stored"
         f" episode ({replayed.stored_outcome}, digest {replayed.stored_digest}); what follows is of"

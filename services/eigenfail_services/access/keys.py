@@ -8,7 +8,7 @@ import hmac
 import secrets
 
 from eigenfail.contracts import Store
-from eigenfail.errors import InvalidValue, NotFound, Unauthorized
+from eigenfail.errors import Conflict, InvalidValue, NotFound, Unauthorized
 from eigenfail.values.access import TOKEN, ApiKey, KeyRequest, NewKey, Scope
 from eigenfail_services.store.clock import now_ms
 
@@ -33,6 +33,23 @@ def make_key(store: Store, request: KeyRequest) -> NewKey:
     expires_ms = None if request.expires_s is None else at_ms + 1_000 * request.expires_s
     key = store.keys.create(request.name, request.scope, digest(secret), expires_ms)
     return NewKey(key, f"ef_{key.id}_{secret}")
+
+
+def revoke_key(store: Store, number: int) -> ApiKey:
+    """The key, which opens nothing any more.
+
+    Raises:
+        NotFound: there is no such key.
+        Conflict: without it no administrator could come in, and nobody could make another.
+    """
+    at_ms, key = now_ms(), store.keys.find(number).key
+    is_admin = key.scope is Scope.ADMIN and key.is_valid(at_ms)
+    if is_admin and store.keys.admins(at_ms) == 1:
+        raise Conflict(
+            f"Key {number} is the last of an administrator: without it nobody could make keys.",
+            "Make another administrator's key first, then revoke this one.",
+        )
+    return store.keys.revoke(number)
 
 
 def shown_key(store: Store, token: str, at_ms: int) -> ApiKey:

@@ -12,7 +12,7 @@ import msgspec
 from eigenfail.contracts import Store
 from eigenfail.values.access import AuditEntry, Change, KeyRequest, NewKey
 from eigenfail.wire.http import PREFIX, encode, read_fields
-from eigenfail_services.access.keys import make_key
+from eigenfail_services.access.keys import make_key, revoke_key
 from eigenfail_services.store import open_store
 
 MOST = 1_000
@@ -55,7 +55,7 @@ def listed(store: Store, _arguments: argparse.Namespace) -> msgspec.Struct:
 
 def revoke(store: Store, arguments: argparse.Namespace) -> msgspec.Struct:
     """A key that opens nothing any more."""
-    revoked = store.keys.revoke(arguments.key)
+    revoked = revoke_key(store, arguments.key)
     note(store, "DELETE", "/{key}", revoked.id, DONE)
     return revoked
 

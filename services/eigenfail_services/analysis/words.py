@@ -153,7 +153,7 @@ def _impulse(push: Push) -> float:
 
 def _weaker(count: int) -> str:
     """That there is more than is told."""
-    return f", and {count} weaker" if count > 0 else ""
+    return f", and {count} that push less in all" if count > 0 else ""
 
 
 def _part(axis: int, noise: Floats, found: Sequence[Push], clock: Clock) -> str:

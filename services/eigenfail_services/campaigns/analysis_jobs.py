@@ -9,7 +9,7 @@ import msgspec
 
 from eigenfail.contracts import Store
 from eigenfail.errors import InputError
-from eigenfail.processes import ONE_THREAD, as_parent, kill_group
+from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group
 from eigenfail.values import Analysis, AnalysisResult
 from eigenfail.values.records import Job
 from eigenfail_services.bounds import NO_BOUNDS, Bounds
@@ -24,6 +24,11 @@ DATABASE_VARIABLE = "EIGENFAIL_DATABASE"
 LOOK = (
     "services.log in the data folder tells how it came to that (in a container: its standard"
     " error). Launch it again."
+)
+
+ROOM = (
+    "Give the services' machine or container room for more processes and memory, and launch it"
+    " again."
 )
 
 LONGER = (
@@ -66,22 +71,31 @@ class AnalysisJobs:
             if running.job.subject == job.subject:
                 running.job = job
                 return
+        try:
+            self._running.append(self._started(job))
+        except OSError as error:
+            problem = f"The analysis process could not be started: {error.strerror}. {ROOM}"
+            self._store.analyses.fail(job.subject, problem)
+            self._store.jobs.finish(job)
+
+    def _started(self, job: Job) -> RunningAnalysis:
         command = [sys.executable, "-m", "eigenfail_services", "analyse", str(job.subject)]
         process = subprocess.Popen(command, env=self._environment, process_group=0)
         self._bounds.confine(process.pid)
-        self._running.append(RunningAnalysis(job, process, Patience(self._bounds.time_s)))
+        return RunningAnalysis(job, process, Patience(self._bounds.time_s))
 
     def tend(self) -> None:
         """Renew the leases of those that run, conclude those that have ended."""
         self._running = [running for running in self._running if not self._ended(running)]
 
     def _ended(self, running: RunningAnalysis) -> bool:
-        status = running.process.poll()
+        status = exit_status(running.process)
         if status is None and not running.patience.is_over():
             self._renew(running)
             return False
         if status is not None and status < 0:
             # Killed, by nobody of this house: whoever claims the job next starts it anew.
+            kill_group(running.process)
             self._store.jobs.renew(running.job, 0.0)
             return True
         if problem := self._problem(status):

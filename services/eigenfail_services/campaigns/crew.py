@@ -10,7 +10,7 @@ LATELY_S = 600
 ACTIVE_S = 60
 """Who brought a result within so many seconds is at work."""
 
-PRESENT_S = 30
+PRESENT_S = 15
 """Whom no hub has named for so many seconds is not there: hubs do so every few seconds."""
 
 

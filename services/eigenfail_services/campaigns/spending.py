@@ -61,7 +61,7 @@ def known_modes(store: Store, campaign: Campaign) -> KnownModes:
     """The distinct modes that the newest analysis that is done found among its failures."""
     found = newest(store, campaign)
     if found is None or found.result is None:
-        words = f"No analysis is done: eigenfail analyze {campaign.id} makes one."
+        words = f"No analysis is done: `eigenfail analyze {campaign.id}`, or Analyse on its page."
         return KnownModes(None, None, words)
     result = found.result
     if not result.distinct:

@@ -22,6 +22,8 @@ QUIET_S = 10.0
 
 LOOKED_FOR = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_MONITOR_STOPPED
 ALLOWED, REFUSED = b"200", b"400"
+NOT_NOW = b"300"
+"""ZeroMQ says nothing then: who knocked tries again when the time for a handshake is over."""
 
 log = structlog.get_logger()
 
@@ -86,19 +88,23 @@ class Door:
     def _answer(self, question: list[bytes]) -> list[bytes]:
         """To ZeroMQ's question, as ZAP has it (RFC 27)."""
         version, request, _domain, address, _identity, mechanism, *shown = question
-        name = self._name_of(shown[0], address.decode()) if mechanism == b"CURVE" else None
+        try:
+            name = self._name_of(shown[0], address.decode()) if mechanism == b"CURVE" else None
+        except OSError as error:
+            self._refusals.note(f"the folder of keys cannot be read: {error.strerror}")
+            return [version, request, NOT_NOW, b"", b"", b""]
         if name is None:
             return [version, request, REFUSED, b"", b"", b""]
         return [version, request, ALLOWED, b"", name.encode(), b""]
 
     def _name_of(self, public: bytes, address: str) -> str | None:
-        """Whose key was shown; nobody's, if it cannot be looked up."""
+        """Whose key was shown; None if nobody's.
+
+        Raises:
+            OSError: it cannot be looked up now.
+        """
         key = fingerprint(public)
-        try:
-            name = self._keys.name_of(public)
-        except OSError as error:
-            self._refusals.note(f"the folder of keys cannot be read: {error.strerror}")
-            return None
+        name = self._keys.name_of(public)
         if name is None:
             self._refusals.note("its key is not allowed", key=key, address=address)
         else:

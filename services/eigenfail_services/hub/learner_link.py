@@ -4,16 +4,23 @@ import contextlib
 import os
 import subprocess
 import sys
+import time
 from collections import deque
 
+import structlog
 import zmq
 
 from eigenfail.errors import ProtocolError
-from eigenfail.processes import ONE_THREAD, as_parent, kill_group
+from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group
 from eigenfail.wire.messages import Message, Stop, Trouble, encode, read_learner_message
 from eigenfail_services.bounds import NO_BOUNDS, Bounds
 from eigenfail_services.hub.learner_curve import KEY_VARIABLE, lock
 from eigenfail_services.hub.soundness import sound
+
+STOP_S = 0.1
+LOOK_EVERY_S = 0.005
+
+log = structlog.get_logger()
 
 
 class LearnerLink:
@@ -24,13 +31,9 @@ class LearnerLink:
         self._unsent: deque[bytes] = deque()
         told = {KEY_VARIABLE: lock(self.socket)}
         port: int = self.socket.bind_to_random_port("tcp://127.0.0.1")
-        command = [sys.executable, "-m", "eigenfail_services.hub.learner_process"]
-        self._process = subprocess.Popen(
-            [*command, f"tcp://127.0.0.1:{port}"],
-            env=os.environ | ONE_THREAD | as_parent() | told,
-            process_group=0,
-        )
-        bounds.confine(self._process.pid)
+        self._process = start(f"tcp://127.0.0.1:{port}", told)
+        if self._process is not None:
+            bounds.confine(self._process.pid)
 
     def say(self, message: Message) -> None:
         """Send a command, now or as soon as the learner is there to take it."""
@@ -55,18 +58,31 @@ class LearnerLink:
             return Trouble(f"The learner cannot be understood: {error}")
 
     def exit_status(self) -> int | None:
-        """None while it lives."""
-        return self._process.poll()
+        """None while it lives; one that was never started has ended, too."""
+        return os.EX_OSERR if self._process is None else exit_status(self._process)
 
     def stop(self) -> None:
         """End it: kindly if it listens, by force if it is busy learning what nobody needs.
 
-        What it started goes with it, as far as it did not leave its group of processes.
+        What it started goes with it, as far as it did not leave its group of processes; also if it
+        has ended by itself.
         """
-        if self._process.poll() is None:
+        if self.exit_status() is None:
             self.say(Stop())
         self.socket.close(linger=100)
-        try:
-            self._process.wait(0.1)
-        except subprocess.TimeoutExpired:
+        until_s = time.monotonic() + STOP_S
+        while self.exit_status() is None and time.monotonic() < until_s:
+            time.sleep(LOOK_EVERY_S)
+        if self._process is not None:
             kill_group(self._process)
+
+
+def start(address: str, told: dict[str, str]) -> "subprocess.Popen[bytes] | None":
+    """A learner process; None if the system has no room for one more, which may pass."""
+    command = [sys.executable, "-m", "eigenfail_services.hub.learner_process", address]
+    environment = os.environ | ONE_THREAD | as_parent() | told
+    try:
+        return subprocess.Popen(command, env=environment, process_group=0)
+    except OSError as error:
+        log.warning("learner not started", problem=str(error))
+        return None

@@ -26,6 +26,9 @@ from eigenfail_services.hub.runs import Order, Run
 TICK_MS = 20
 MESSAGES_PER_TURN = 1_000
 
+PARTING_S = 3.0
+"""How long a hub that stops waits for those who hold episodes."""
+
 log = structlog.get_logger()
 
 
@@ -106,6 +109,8 @@ class Hub:
                 self._wait()
                 self.turn()
         finally:
+            self._desk.dismiss()
+            self._part()
             self._close()
 
     def turn(self) -> None:
@@ -195,5 +200,16 @@ class Hub:
             self._attendance.close()
         for run in self._runs.values():
             run.stop()
-        self._desk.dismiss()
         self._router.close()
+
+    def _part(self) -> None:
+        """Who was sent home hands over what is finished; what they run is leased anew."""
+        until_s = time.monotonic() + PARTING_S
+        while True:
+            self._hear_workers()
+            with self._patience():
+                self._commit(now=True)
+            someone_holds = any(seat.held for seat in self._leases.seats.values())
+            if time.monotonic() >= until_s or not someone_holds:
+                return
+            self._router.poll(TICK_MS)

@@ -83,6 +83,7 @@ class AdvisoryLock:
     HOLD = text(f"SELECT pg_try_advisory_lock({KEY})")
     LET_GO = text(f"SELECT pg_advisory_unlock({KEY})")
     LOOK = text(f"SELECT pg_try_advisory_xact_lock_shared({KEY})")
+    PROBE = text("SELECT 1")
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -90,7 +91,7 @@ class AdvisoryLock:
 
     def hold(self) -> None:
         """For as long as a connection of its own lasts."""
-        if self._connection is not None and not self._connection.invalidated:
+        if self._lasts():
             return
         with suppress(SQLAlchemyError):
             connection = self._engine.connect()
@@ -99,6 +100,18 @@ class AdvisoryLock:
                 self._connection = connection
             else:
                 connection.close()
+
+    def _lasts(self) -> bool:
+        """Whether it is ours still: a server that was started anew has forgotten it."""
+        if self._connection is None:
+            return False
+        try:
+            self._connection.execute(self.PROBE)
+            self._connection.commit()
+        except SQLAlchemyError:
+            self._connection.close()
+            self._connection = None
+        return self._connection is not None
 
     def release(self) -> None:
         """At once: the end of a connection is noticed by the server in its own time."""

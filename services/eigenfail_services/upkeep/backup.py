@@ -22,6 +22,9 @@ DRAFT = ".part"
 class Keeper(Protocol):
     """What differs between kinds of databases."""
 
+    def holds(self, file: Path) -> bool:
+        """Whether a file, by whatever path, is one that the database is made of."""
+
     def save(self, draft: Path) -> None:
         """Write everything to a file, as of one moment, while others may write.
 
@@ -68,18 +71,18 @@ def backup(address: str, file: Path, *, force: bool = False) -> Backup:
 
     Raises:
         InvalidValue: the address is none.
-        Conflict: there is such a file.
+        Conflict: there is such a file, or it is the database's own.
         ServiceError: the database cannot be read, or the file not written.
     """
     backend = find(address)
     backend.require()
     keeper = keeper_of(address)
-    refuse_existing(file, backend.label, force)
+    refuse_existing(file, keeper, force)
     with draft_of(file) as draft:
         keeper.save(draft)
         revision, size = keeper.revision(draft), draft.stat().st_size
         sync(draft)
-        refuse_existing(file, backend.label, force)
+        refuse_existing(file, keeper, force)
         draft.replace(file)
         sync(file.parent)
     return Backup(backend.label, str(file), size, revision)
@@ -107,9 +110,9 @@ def restore(address: str, file: Path, *, force: bool = False) -> Backup:
     return Backup(backend.label, str(file), file.stat().st_size, revision)
 
 
-def refuse_existing(file: Path, database: str, force: bool) -> None:
-    """Raises Conflict where a file must not be overwritten; a database never may."""
-    if database == f"sqlite:///{file.absolute()}":
+def refuse_existing(file: Path, keeper: Keeper, force: bool) -> None:
+    """Raises Conflict where a file must not be overwritten; the database's own never may."""
+    if keeper.holds(file):
         raise Conflict(f"{file} is the database itself.", "Name another file.")
     if file.exists() and not force:
         raise Conflict(f"{file} is there already.", "Name another file, or say --force.")

@@ -17,6 +17,9 @@ REVISION = str(select(column("version_num")).select_from(table(VERSION_TABLE)))
 WAIT_S = 1.0
 """For others to let go of the database before it is said that they use it."""
 
+BESIDE = ("", "-wal", "-shm", "-journal")
+"""Endings of the names of the database's files, some of which are there only while it is open."""
+
 TABLES = "SELECT name FROM sqlite_master WHERE type = 'table' AND substr(name, 1, 7) <> 'sqlite_'"
 
 
@@ -25,6 +28,11 @@ class SqliteFiles:
 
     def __init__(self, url: URL) -> None:
         self._path = Path(str(url.database)).absolute()
+
+    def holds(self, file: Path) -> bool:
+        """Whether it is the database, or one of those that SQLite keeps beside it."""
+        path = self._path.resolve()
+        return any(same(file, path.with_name(path.name + ending)) for ending in BESIDE)
 
     def save(self, draft: Path) -> None:
         """Copy all pages as of one moment; whoever writes meanwhile writes to the log beside."""
@@ -61,6 +69,13 @@ class SqliteFiles:
                 refuse_content(self._path, target)
             source.backup(target)
             refuse_damage(target)
+
+
+def same(one: Path, other: Path) -> bool:
+    """Whether two paths lead to one file, or would if it were there."""
+    if one.exists() and other.exists():
+        return one.samefile(other)
+    return one.resolve() == other.resolve()
 
 
 def opened(path: Path, mode: str) -> sqlite3.Connection:

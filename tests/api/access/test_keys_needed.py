@@ -161,3 +161,15 @@ def test_what_is_no_key_is_refused_by_name(as_holder, problem, body, field):
         problem(as_holder("admin", "POST", "/api/v1/keys", json=body), 422).get("field", "")
         == field
     )
+
+
+def test_the_last_administrator_cannot_be_shut_out(as_holder, store, keys, problem):
+    path = f"/api/v1/keys/{keys['admin'].key.id}"
+    told = problem(as_holder("admin", "DELETE", path), 409)
+    assert "Make another administrator's key first" in told["remedy"]
+    assert as_holder("admin", "GET", "/api/v1/keys").status_code == 200
+    ends = make_key(store, KeyRequest("ends", Scope.ADMIN, 1))
+    store.keys.revoke(ends.key.id)
+    problem(as_holder("admin", "DELETE", path), 409)
+    make_key(store, KeyRequest("other", Scope.ADMIN))
+    assert as_holder("admin", "DELETE", path).status_code == 200

@@ -60,7 +60,7 @@ def test_cost_and_time_sum_to_what_was_billed(look, driven):
     assert "Spent 1.00 USD 0.833 instance-hours at 1.20 USD/h × 1" in text
     assert "Per failure 0.333 USD 3 failures" in text
     assert "Per distinct mode – no distinct modes are known" in text
-    assert f"No analysis is done: eigenfail analyze {driven} makes one." in text
+    assert f"No analysis is done: `eigenfail analyze {driven}`, or Analyse on its page." in text
     assert "70.0 % 35 min" in text
     assert "20.0 % 10 min" in text
     assert "10.0 % 5 min" in text

@@ -77,7 +77,7 @@ def test_work_without_workers_is_told_until_one_comes(store, campaign, look):
     assert all("No worker is connected" in look(page) for page in pages)
     store.roster.arrived(Arrival(worker="w1", host="here", pid=7))
     assert not any("No worker is connected" in look(page) for page in pages)
-    assert "Workers now 1 0 at work" in look("/")
+    assert "Workers now 1 0 with results of the last 60 s" in look("/")
 
 
 def test_who_ran_the_episodes_is_told_on_the_campaigns_page(campaign, deliver, result, look):

@@ -77,6 +77,11 @@ def test_times_are_in_utc():
     assert formats.interval(Interval(0.5, 2.0)) == "0.500 – 2.00"
 
 
+def test_negative_figures_of_a_sentence_have_a_true_minus():
+    told = "cut-in at -1.4 m/s, (-2.0 sigma), episodes 3-7, seed-2"
+    assert formats.signed(told) == "cut-in at −1.4 m/s, (−2.0 sigma), episodes 3-7, seed-2"
+
+
 def row(index, outcome=Outcome.SAFE, robustness_m=5.0):
     return EpisodeRow(
         campaign=1,

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from eigenfail.cli import places as places_module
+from eigenfail.cli.doctor import workers_finding
 from eigenfail.cli.interruption import INTERRUPTED
 from eigenfail.cli.options import DEFAULT_URL
 from eigenfail.errors import InvalidValue
@@ -383,6 +384,21 @@ def test_the_doctor_finds_what_is_there(eigenfail, tmp_path):
     assert found["service http://127.0.0.1:8440"] == "answers"
     assert str(tmp_path) in found["data folder"]
     assert "eigenfail.planners" in eigenfail("doctor", "--data", tmp_path).stdout
+
+
+@pytest.mark.parametrize(
+    ("here", "states", "found", "wrong"),
+    [
+        ((), (), "none is connected", False),
+        ((), ("queued",), "none is connected, and campaigns wait", True),
+        ((), ("running",), "none is connected, and campaigns wait", True),
+        (("w",), ("running",), "1 connected", False),
+    ],
+)
+def test_the_doctor_says_whether_anybody_works(here, states, found, wrong):
+    campaigns = SimpleNamespace(list=lambda state: [1] if state in states else [])
+    finding = workers_finding(SimpleNamespace(present_workers=lambda: here, campaigns=campaigns))
+    assert (finding.found, finding.wrong) == (found, wrong)
 
 
 def test_the_doctor_says_what_is_wrong(eigenfail, tmp_path):

@@ -56,7 +56,7 @@ def test_it_begins_with_the_verdict_and_ends_with_the_story(eigenfail, crash, st
     told = eigenfail("episode", "explain", crash)
     assert told.exit_code == 0, told.output
     lines = [line.strip() for line in told.stdout.splitlines() if line.strip()]
-    assert lines[0].startswith("The replay is the stored episode, bit for bit")
+    assert lines[0].startswith("What is told here comes from a run of its own")
     stored = store.episodes.get(1, 3)
     assert stored.digest() in lines[0]
     assert "true gap" in lines[1]

@@ -12,9 +12,9 @@ def test_who_brought_results_is_listed_once(eigenfail, done, spec_file):
     assert eigenfail("run", spec_file, "--seed", "2").exit_code == 0
     told = eigenfail("worker", "list")
     assert told.exit_code == 0, told.output
-    assert told.stdout.splitlines()[-1].split()[:7] == ["by", "hand", "–", "at", "work", "2", "48"]
+    assert told.stdout.splitlines()[-1].split()[:6] == ["by", "hand", "–", "gone", "2", "48"]
     (found,) = json.loads(eigenfail("worker", "list", "--json").stdout)
-    assert (found["worker"], found["state"], found["campaigns"]) == ("by hand", "at work", [1, 2])
+    assert (found["worker"], found["state"], found["campaigns"]) == ("by hand", "gone", [1, 2])
     assert (found["episodes"], found["failed"]) == (48, 0)
 
 
@@ -42,7 +42,7 @@ HERE = Presence(id=3, worker="w", host="rack 4", pid=7, versions={}, arrived_ms=
 @pytest.mark.parametrize(
     ("here", "is_at_work", "state"),
     [
-        (None, True, WorkerState.AT_WORK),
+        (None, True, WorkerState.GONE),
         (HERE, True, WorkerState.AT_WORK),
         (HERE, False, WorkerState.WAITING),
         (None, False, WorkerState.GONE),

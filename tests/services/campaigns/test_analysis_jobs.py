@@ -1,5 +1,6 @@
 """Processes of analyses, and what they make of the failures of one or several campaigns."""
 
+import errno
 import resource
 import subprocess
 import sys
@@ -259,6 +260,22 @@ def test_a_process_that_ended_badly_leaves_its_own_reason_or_names_the_log(
     assert told.problem == (reason or f"The analysis process ended with status 1. {module.LOOK}")
 
 
+def test_one_for_which_there_is_no_process_is_failed_in_words(store, monkeypatch) -> None:
+    def refused(*_words, **_named) -> Process:
+        raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(module.subprocess, "Popen", refused)
+    analysis = store.analyses.create(campaign(store, 3), QUICK).id
+    job = store.jobs.claim("one", 30.0, JobKind.ANALYSIS)
+    analyses = AnalysisJobs(store, "memory://")
+    analyses.open(job)
+    assert len(analyses) == 0
+    told = store.analyses.get(analysis)
+    assert told.state is AnalysisState.FAILED
+    assert "could not be started: Resource temporarily unavailable. Give" in told.problem
+    assert not store.jobs.waiting(JobKind.ANALYSIS)
+
+
 LINGERING = """
 import sys, threading, time
 from eigenfail_services import __main__ as program
@@ -334,6 +351,36 @@ def test_one_that_hangs_is_killed_with_all_it_started_and_failed_in_words(
     assert failed.problem.startswith("The analysis took more than 5 s, and was broken off.")
     assert "--analysis-limit" in failed.problem
     assert store.jobs.claim("other", 30.0, JobKind.ANALYSIS) is None
+
+
+@pytest.mark.service
+@pytest.mark.parametrize(("end", "status"), [("exit 0", 0), ("exit 1", 1), ("kill -9 $$", -9)])
+def test_what_one_started_goes_with_it_however_it_ended(
+    store, tmp_path, monkeypatch, end, status
+) -> None:
+    script = tmp_path / "python"
+    script.write_text(f"#!/bin/sh\nsleep 100000 & echo $! > {tmp_path}/started\n{end}\n")
+    script.chmod(0o700)
+    monkeypatch.setattr(module.sys, "executable", str(script))
+    analysis = store.analyses.create(campaign(store, 3), QUICK).id
+    analyses = AnalysisJobs(store, "")
+    analyses.open(Job(1, JobKind.ANALYSIS, analysis, "token", 1))
+    (running,) = analyses._running
+
+    def is_over() -> bool:
+        analyses.tend()
+        return len(analyses) == 0
+
+    until("it does not end", is_over)
+    assert running.process.returncode == status
+    until("what it started lives on", lambda: is_gone(started(tmp_path)))
+
+
+def is_gone(pid: int) -> bool:
+    try:
+        return not lives(psutil.Process(pid))
+    except psutil.NoSuchProcess:
+        return True
 
 
 def started(folder) -> int:

@@ -203,18 +203,27 @@ def all_heard(stranger: socket.socket) -> bytes:
     return heard
 
 
-def test_a_folder_that_cannot_be_read_lets_nobody_in(
-    hub: Hub, key: WorkerKey, monkeypatch: pytest.MonkeyPatch
+def test_while_the_folder_cannot_be_read_nobody_is_let_in_and_nobody_refused(
+    keys: HubKeys, key: WorkerKey, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A worker goes on knocking, and is let in once it can be looked up."""
+    monkeypatch.setattr(door, "HANDSHAKE_MS", 1_000)
+    tries = []
+
     def broken(_folder: KeyFolder) -> None:
+        tries.append(1)
         raise OSError(5, "Input/output error")
 
-    with monkeypatch.context() as patch:
+    with serving(keys) as hub, capture_logs() as told, monkeypatch.context() as patch:
         patch.setattr(KeyFolder, "allowed", broken)
-        with capture_logs() as told, pytest.raises(Unauthorized):
-            welcomed(hub, key)
-    assert "cannot be read: Input/output error" in told[0]["reason"]
-    welcomed(hub, key).close()
+        with closing(Link(hub.address, key)) as link:
+            link.send(Hello(PROTOCOL, "w", 1))
+            wait_until(lambda: list(link.receive()) == [] and len(tries) > 1)
+            assert hub.workers() == []
+            patch.undo()
+            wait_for(link, Welcome)
+    reasons = [line["reason"] for line in told if line["event"] == "worker refused"]
+    assert "the folder of keys cannot be read: Input/output error" in reasons
 
 
 def test_once_nobody_keeps_the_door_nobody_gets_in(

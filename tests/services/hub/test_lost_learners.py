@@ -4,6 +4,7 @@ Store, supervisor and hub are real, too; the worker is the test's, and so is the
 """
 
 import contextlib
+import errno
 import os
 import time
 from collections.abc import Iterator
@@ -38,7 +39,7 @@ from eigenfail.wire.messages import (
 from eigenfail_services.bounds import Bounds
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.supervisor import Supervisor
-from eigenfail_services.hub import desk, runs
+from eigenfail_services.hub import desk, learner_link, runs
 from eigenfail_services.hub.patience import Patience
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.store import MemoryStore
@@ -217,6 +218,21 @@ def test_one_that_diverges_again_from_its_checkpoint_ends_the_campaign(
     rows = house.store.episodes.page(campaign, 100).items
     assert {row.source for row in rows} == {"trajectory"}, "a policy of NaN was sent out"
     assert ended.counts.completed == 8
+
+
+def test_one_that_cannot_be_started_is_a_loss_like_any_other(house: House, monkeypatch) -> None:
+    popen, refusals = learner_link.subprocess.Popen, [OSError(errno.EAGAIN, "Try again")]
+
+    def refused_once(command, **named):
+        if refusals:
+            raise refusals.pop()
+        return popen(command, **named)
+
+    monkeypatch.setattr(learner_link.subprocess, "Popen", refused_once)
+    campaign = house.create()
+    assert house.ended(campaign).state is CampaignState.DONE
+    (told,) = house.losses(campaign)
+    assert told.endswith(f"died with exit status {os.EX_OSERR}.")
 
 
 def test_a_death_has_one_more_try_and_then_ends_the_campaign(house: House) -> None:

@@ -302,7 +302,7 @@ def mute(keys: list[str], monkeypatch: pytest.MonkeyPatch) -> LearnerLink:
 
 
 @pytest.mark.service
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(120)
 def test_a_learner_that_never_connects_keeps_nobody_waiting(mute: LearnerLink) -> None:
     for _ in range(3):
         mute.say(Observed(()))
@@ -320,7 +320,7 @@ def test_words_that_cannot_be_read_are_trouble(mute: LearnerLink, keys: list[str
     unlock(learner, keys[0])
     learner.connect(mute.socket.getsockopt_string(zmq.LAST_ENDPOINT))
     learner.send(b"\xc1")
-    assert mute.socket.poll(5_000)
+    assert mute.socket.poll(60_000)
     trouble = mute.hear()
     assert isinstance(trouble, Trouble)
     learner.close(linger=0)

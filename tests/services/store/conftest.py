@@ -2,7 +2,8 @@
 
 import re
 import shutil
-from collections.abc import Iterator
+import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,22 @@ def prepared_postgres_url(postgres, postgres_template) -> Iterator[str]:
     """The address of a PostgreSQL database with the schema and nothing else."""
     with postgres.database(postgres_template) as url:
         yield url
+
+
+@pytest.fixture
+def strace() -> Callable[[str], list[str]]:
+    """Words before a command: a fault befalls it as it asks that something be brought to disk."""
+
+    def words(fault: str) -> list[str]:
+        calls = "fsync,fdatasync"
+        faults = ["-e", f"trace={calls}", "-e", f"inject={calls}:{fault}"]
+        return ["strace", "-f", "-qq", "-o", "/dev/null", *faults]
+
+    try:
+        subprocess.run([*words("error=EIO:when=1..2"), "true"], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("no strace that may look into processes, and knows ranges")
+    return words
 
 
 @pytest.fixture(params=["sqlite_url", "prepared_postgres_url"])

@@ -7,19 +7,23 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 
+import psycopg
 import pytest
 from sqlalchemy import text
 
 from eigenfail.errors import Conflict, InvalidValue, SchemaMismatch, ServiceError
 from eigenfail.testing.store.examples import collision, deliver, result, running
-from eigenfail_services.store import open_store
+from eigenfail_services.store import migrate, open_store
 from eigenfail_services.store.engine import Database, find
-from eigenfail_services.upkeep.backup import backup, restore
+from eigenfail_services.store.schema import VERSION
+from eigenfail_services.upkeep.backup import Backup, backup
+from eigenfail_services.upkeep.backup import restore as restore_at_once
 from eigenfail_services.upkeep.verify import verify
 
 pytestmark = pytest.mark.service
@@ -52,6 +56,17 @@ import sys
 from pathlib import Path
 from eigenfail_services.upkeep.backup import restore
 restore(sys.argv[1], Path(sys.argv[2]), force=True)
+"""
+
+CONNECTED = (
+    "SELECT count(*) FROM pg_stat_activity "
+    "WHERE datname = current_database() AND application_name = 'eigenfail'"
+)
+
+HALTING = """#!/bin/sh
+[ "$1" = --data-only ] && exec {0} "$@"
+{0} "$@" | head -n 200
+exit 1
 """
 
 
@@ -112,6 +127,21 @@ def completed(url: str, campaign: int = 1) -> int:
         return store.campaigns.get(campaign).counts.completed
 
 
+def restore(url: str, file: Path, *, force: bool = False) -> Backup:
+    """As soon as a server has noticed that whoever closed a store is gone."""
+    if not url.startswith("sqlite"):
+        wait_until_alone(url)
+    return restore_at_once(url, file, force=force)
+
+
+def wait_until_alone(url: str) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    with psycopg.connect(url, autocommit=True) as connection:
+        while connection.execute(CONNECTED).fetchone() != (0,):
+            assert time.monotonic() < deadline_s
+            time.sleep(0.02)
+
+
 def path_of(url: str) -> Path:
     return Path(url.removeprefix("sqlite:///"))
 
@@ -149,9 +179,21 @@ def test_a_backup_is_nobody_elses_to_read_and_overwrites_nothing_unasked(
         backup(filled, tmp_path / "nowhere" / "backup")
 
 
-def test_a_database_is_not_replaced_by_its_backup(sqlite_url) -> None:
+@pytest.mark.parametrize("ending", ["", "-wal", "-shm", "-journal"])
+@pytest.mark.parametrize("way", [".", "side/..", "link"])
+def test_a_database_is_not_replaced_by_its_backup(sqlite_url, tmp_path, way, ending) -> None:
+    (tmp_path / "side").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path)
+    file = tmp_path / way / f"{path_of(sqlite_url).name}{ending}"
     with pytest.raises(Conflict, match="is the database itself"):
-        backup(sqlite_url, path_of(sqlite_url), force=True)
+        backup(sqlite_url, file, force=True)
+    assert verify(sqlite_url).defects == 0
+
+
+def test_nor_is_it_by_another_name_of_its_file(sqlite_url, tmp_path) -> None:
+    (tmp_path / "other.db").hardlink_to(path_of(sqlite_url))
+    with pytest.raises(Conflict, match="is the database itself"):
+        backup(sqlite_url, tmp_path / "other.db", force=True)
 
 
 def test_a_backup_that_is_killed_leaves_the_earlier_one(filled, tmp_path, programs) -> None:
@@ -182,7 +224,7 @@ def test_a_database_in_use_is_not_replaced(filled, elsewhere, tmp_path, programs
     with closing(open_store(elsewhere)) as store:
         store.ping()
         with pytest.raises(ServiceError, match=r"Stop"):
-            restore(elsewhere, tmp_path / "backup", force=True)
+            restore_at_once(elsewhere, tmp_path / "backup", force=True)
         store.ping()
     restore(elsewhere, tmp_path / "backup")
 
@@ -194,6 +236,55 @@ def test_a_backup_of_a_newer_program_is_refused(filled, elsewhere, tmp_path, pro
     with pytest.raises(SchemaMismatch, match="9999, newer than"):
         restore(elsewhere, tmp_path / "backup", force=True)
     assert completed(elsewhere) == 2
+
+
+@pytest.mark.parametrize("revision", ["0012", "0011"])
+def test_an_older_backup_takes_the_place_of_a_newer_database(
+    *, filled, elsewhere, tmp_path, programs, revision
+) -> None:
+    migrate.downgrade(filled, revision)
+    assert backup(filled, tmp_path / "backup").revision == revision
+    fill(elsewhere, 5)
+    restore(elsewhere, tmp_path / "backup", force=True)
+    assert migrate.current(elsewhere) == revision
+    assert completed(elsewhere) == 2
+    assert migrate.current(elsewhere) == VERSION
+    assert verify(elsewhere).defects == 0
+
+
+def test_a_restoration_into_postgresql_that_fails_changes_nothing(
+    prepared_postgres_url, tmp_path, programs
+) -> None:
+    fill(prepared_postgres_url)
+    backup(prepared_postgres_url, tmp_path / "backup")
+    change(prepared_postgres_url, "CREATE VIEW mine AS SELECT id FROM campaigns")
+    with pytest.raises(ServiceError, match=r"psql failed: .*view mine.*left as it is"):
+        restore(prepared_postgres_url, tmp_path / "backup", force=True)
+    assert completed(prepared_postgres_url) == 2
+
+
+def test_a_dump_that_cannot_be_read_to_its_end_changes_nothing(
+    *, prepared_postgres_url, tmp_path, programs, monkeypatch
+) -> None:
+    fill(prepared_postgres_url)
+    backup(prepared_postgres_url, tmp_path / "backup")
+    whole, halting = shutil.which("pg_restore"), tmp_path / "pg_restore"
+    halting.write_text(HALTING.format(whole))
+    halting.chmod(0o700)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    with pytest.raises(ServiceError, match=r"pg_restore failed: .*left as it is"):
+        restore(prepared_postgres_url, tmp_path / "backup", force=True)
+    assert completed(prepared_postgres_url) == 2
+
+
+def test_a_newer_postgresql_database_is_not_replaced(
+    prepared_postgres_url, tmp_path, programs
+) -> None:
+    """It has tables that this program does not know."""
+    backup(prepared_postgres_url, tmp_path / "backup")
+    change(prepared_postgres_url, "UPDATE eigenfail_schema SET version_num = '9999'")
+    with pytest.raises(SchemaMismatch, match=r"9999, newer than"):
+        restore(prepared_postgres_url, tmp_path / "backup", force=True)
 
 
 def test_what_is_no_backup_is_refused(filled, tmp_path, programs) -> None:
@@ -224,19 +315,18 @@ def test_a_damaged_database_is_said_to_be_moved_away(sqlite_url, tmp_path) -> No
         restore(sqlite_url, tmp_path / "backup", force=True)
 
 
-@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 @pytest.mark.parametrize("moment", [1, 2, 3])
 def test_a_restoration_that_is_killed_leaves_the_old_or_the_new(
-    sqlite_url, tmp_path, moment
+    sqlite_url, tmp_path, strace, moment
 ) -> None:
     """Killed as it asks for the n-th time that something be brought to the disk."""
     fill(sqlite_url, 1)
     backup(sqlite_url, tmp_path / "backup")
     fill(sqlite_url, 5)
-    fault = f"inject=fsync,fdatasync:signal=SIGKILL:when={moment}"
-    strace = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", "trace=fsync,fdatasync", "-e", fault]
-    command = [*strace, sys.executable, "-c", RESTORE, sqlite_url, str(tmp_path / "backup")]
-    subprocess.run(command, check=False, timeout=PATIENCE_S, stderr=subprocess.DEVNULL)
+    killed = strace(f"signal=SIGKILL:when={moment}")
+    command = [*killed, sys.executable, "-c", RESTORE, sqlite_url, str(tmp_path / "backup")]
+    ended = subprocess.run(command, check=False, timeout=PATIENCE_S, stderr=subprocess.DEVNULL)
+    assert ended.returncode == -signal.SIGKILL
     assert verify(sqlite_url).defects == 0
     with closing(open_store(sqlite_url)) as store:
         assert len(store.campaigns.page(10).items) in {1, 2}

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -24,6 +23,9 @@ from eigenfail_services.upkeep.verify import verify
 pytestmark = pytest.mark.service
 
 PATIENCE_S = 120.0
+
+CUT = "SELECT pg_terminate_backend(pid, 60000) FROM pg_stat_activity WHERE datname = '{}'"
+"""Returns when the connections are gone."""
 
 PREAMBLE = """
 import json, resource, signal, sys
@@ -100,14 +102,16 @@ def small_tablespace(postgres) -> Iterator[Path]:
     except (OSError, subprocess.CalledProcessError):
         folder.rmdir()
         pytest.skip("no file system can be mounted here")
-    space = folder / "space"
-    space.mkdir(mode=0o700)
-    os.chown(space, owner, owner)
-    postgres.run(f"CREATE TABLESPACE small LOCATION '{space}'")
-    yield folder
-    postgres.run("DROP TABLESPACE small")
-    subprocess.run(["umount", str(folder)], check=True)
-    folder.rmdir()
+    try:
+        space = folder / "space"
+        space.mkdir(mode=0o700)
+        os.chown(space, owner, owner)
+        postgres.run(f"CREATE TABLESPACE small LOCATION '{space}'")
+        yield folder
+        postgres.run("DROP TABLESPACE small")
+    finally:  # lazily: the server may hold a file of it open for a moment
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+        folder.rmdir()
 
 
 @pytest.fixture
@@ -180,6 +184,20 @@ def test_a_server_that_takes_no_writes_is_told_to_all(
         looker.ping()
 
 
+def test_a_server_that_forgot_it_is_told_again(lasting, postgres, prepared_postgres_url) -> None:
+    name = prepared_postgres_url.split("?")[0].rsplit("/", 1)[1]
+    calling = distress.Distress(find(prepared_postgres_url).signal())
+    with closing(open_store(prepared_postgres_url)) as looker:
+        calling.call()
+        postgres.run(CUT.format(name))
+        looker.ping()
+        calling.call()
+        with pytest.raises(StoreUnwritable, match="No work is handed out"):
+            looker.ping()
+        calling.end()
+        looker.ping()
+
+
 def fill(file: Path) -> None:
     """Take all the room that there is."""
     with file.open("wb", buffering=0) as stream:
@@ -219,13 +237,9 @@ def test_a_full_disk_of_a_server_loses_nothing_and_is_told_to_all(
     assert verify(prepared_postgres_url).defects == 0
 
 
-@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
-def test_what_could_not_be_synced_is_not_acknowledged(start, sqlite_url) -> None:
+def test_what_could_not_be_synced_is_not_acknowledged(start, sqlite_url, strace) -> None:
     """An error of the disk at 20 of the calls that bring data to it, then none any more."""
-    calls = "fsync,fdatasync"
-    fault = f"inject={calls}:error=EIO:when=60..79"
-    strace = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={calls}", "-e", fault]
-    process = start(UNSYNCED, sqlite_url, *strace)
+    process = start(UNSYNCED, sqlite_url, *strace("error=EIO:when=60..79"))
     told = json.loads(process.communicate(timeout=PATIENCE_S)[0])
     assert told["failed"] > 0
     assert "disk I/O error" in told["problem"]

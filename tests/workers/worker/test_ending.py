@@ -1,7 +1,11 @@
 """How a worker ends: in order, at once, or because it cannot work."""
 
 import os
+import resource
 import signal
+import subprocess
+import sys
+from collections.abc import Iterator
 from threading import Thread
 
 import psutil
@@ -26,7 +30,12 @@ pytestmark = pytest.mark.service
 
 SETUP = Setup(1, CampaignSpec(name="t", method="monte_carlo", episodes=9, planner="idm").setup())
 SELDOM_S = 2.0
+STANDARD_FILES = 3
 FOR_EVER = "from eigenfail_workers.worker import ending; ending.PATIENCE_S = 1e9"
+LOG_TO_STDERR = """
+import structlog, sys
+structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+"""
 NO_CHILD = """
 import os, sys
 if "eigenfail_workers.worker.child" in sys.orig_argv:
@@ -93,26 +102,43 @@ def hanging() -> Setup:
     return Setup(1, spec.setup())
 
 
-def serving(hub) -> tuple[Parent, Thread]:
+@pytest.fixture
+def serving(hub) -> Iterator[tuple[Parent, Thread]]:
     worker = Parent(hub.address, "w")
-    thread = Thread(target=worker.serve)
+    thread = Thread(target=worker.serve, daemon=True)
     thread.start()
-    let_work(hub)
-    return worker, thread
+    try:
+        let_work(hub)
+        yield worker, thread
+    finally:
+        worker.leave()
+        worker.leave()
+        thread.join(timeout=60)
 
 
-def test_the_patience_has_an_end(hub, monkeypatch) -> None:
+def test_the_patience_has_an_end(hub, serving, monkeypatch) -> None:
     monkeypatch.setattr(ending, "PATIENCE_S", 0.3)
-    worker, thread = serving(hub)
+    worker, thread = serving
     worker.leave()
     hub.hear(Goodbye)
     thread.join(timeout=60)
     assert not thread.is_alive()
 
 
-def test_a_hub_that_says_goodbye_is_not_waited_for(hub, monkeypatch) -> None:
+def test_a_hub_that_says_goodbye_still_may_say_what_it_has(hub, serving, monkeypatch) -> None:
     monkeypatch.setattr(ending, "PATIENCE_S", 1e9)
-    _, thread = serving(hub)
+    _, thread = serving
+    hub.say(Goodbye())
+    assert isinstance(hub.hear(Goodbye | Heartbeat), Heartbeat)
+    hub.say(Ack(1, (0,)))
+    thread.join(timeout=60)
+    assert not thread.is_alive()
+
+
+def test_who_says_goodbye_twice_is_not_waited_for(hub, serving, monkeypatch) -> None:
+    monkeypatch.setattr(ending, "PATIENCE_S", 1e9)
+    _, thread = serving
+    hub.say(Goodbye())
     hub.say(Goodbye())
     thread.join(timeout=60)
     assert not thread.is_alive()
@@ -130,3 +156,41 @@ def test_a_worker_on_which_no_inner_process_starts_leaves_its_episodes_to_others
     (said,) = [line for line in (tmp_path / "said").read_text().splitlines() if "inner" in line]
     assert "No inner process can start here: 10 ended, one after the other" in said
     assert "(the last with exit status 1)" in said
+
+
+def test_what_the_system_does_not_start_is_tried_again(hub, start_worker, tmp_path, eventually):
+    """Here it has no file left for a pipe; what a worker needs it has open by then."""
+    worker = start_worker(first=LOG_TO_STDERR)
+    let_work(hub)
+    plenty = resource.prlimit(worker.pid, resource.RLIMIT_NOFILE)
+    resource.prlimit(worker.pid, resource.RLIMIT_NOFILE, (STANDARD_FILES, plenty[1]))
+    for child in psutil.Process(worker.pid).children():
+        child.kill()
+    hub.say(Ack(1, (0,)), lease(1))
+    eventually(lambda: "No inner process can be started here" in (tmp_path / "said").read_text())
+    resource.prlimit(worker.pid, resource.RLIMIT_NOFILE, plenty)
+    assert hub.hear(Results).results[0].index == 1
+    assert worker.poll() is None
+
+
+AS_RAY_DOES = """
+from eigenfail_workers.worker import actor
+actor.PAUSE_S = 0.0
+actor.WorkerActor().run({address!r}, "w")
+"""
+
+
+def test_the_process_of_an_actor_ends_so_that_ray_starts_another(hub, tmp_path) -> None:
+    (tmp_path / "sitecustomize.py").write_text(NO_CHILD)
+    path = f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}"
+    script = AS_RAY_DOES.format(address=hub.address) + "print('raised nothing')"
+    ended = subprocess.run(
+        [sys.executable, "-c", script],
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (ended.returncode, "raised nothing" in ended.stdout) == (3, False)
+    assert "No inner process can start here: 10 ended" in ended.stdout

@@ -18,8 +18,8 @@ SHARED = "x = b'x' * 200_000_000" + FORKS
 OF_A_FILE = """
 import mmap, os
 file = os.open({file!r}, os.O_RDWR | os.O_CREAT)
-os.ftruncate(file, 200_000_000)
-x = mmap.mmap(file, 200_000_000)
+os.ftruncate(file, 400_000_000)
+x = mmap.mmap(file, 400_000_000)
 x[::4096] = x[::4096]
 """
 
@@ -74,6 +74,11 @@ def test_memory_is_counted_with_that_of_descendants_but_not_twice(program) -> No
 
 
 def test_pages_of_files_are_not_counted(program, tmp_path) -> None:
+    found = subprocess.run(
+        ["stat", "--file-system", "--format=%T", tmp_path], capture_output=True, check=True
+    )
+    if found.stdout.strip() in {b"tmpfs", b"ramfs"}:
+        pytest.skip("files are in memory here")
     pid = program(OF_A_FILE.format(file=str(tmp_path / "map")))
     assert psutil.Process(pid).memory_info().rss > 200e6
     assert Watch(pid, Limits(memory_mib=150.0)).excess() == ""

@@ -14,7 +14,7 @@ from typing import BinaryIO
 from eigenfail import plugins
 from eigenfail.contracts import EpisodeEngine
 from eigenfail.errors import EigenfailError
-from eigenfail.processes import die_with_parent
+from eigenfail.processes import die_with_parent, end_now
 from eigenfail.values import EpisodeFault, EpisodeResult, EpisodeSetup, unrunnable
 from eigenfail.wire.messages import (
     Drop,
@@ -83,7 +83,7 @@ def main() -> None:
     """Serve until the parent closes the pipe, or hardly a file can be opened any more.
 
     Files that a planner forgot to close would be paid for by the next episodes: they get a new
-    process instead.
+    process instead, at once, whatever threads it left as well.
     """
     die_with_parent()
     leave_guard()
@@ -94,7 +94,8 @@ def main() -> None:
     for frame in read_frames(messages):
         child.handle(read_hub_message(frame))
         if files_used_up():
-            return
+            break
+    end_now(0)
 
 
 def _take_pipes() -> tuple[BinaryIO, BinaryIO]:

@@ -16,7 +16,7 @@ import msgspec
 from msgspec.structs import replace
 
 from eigenfail.errors import ProtocolError, ServiceError
-from eigenfail.processes import ONE_THREAD, as_parent
+from eigenfail.processes import ONE_THREAD, as_parent, exit_status
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.wire.messages import (
     Drop,
@@ -81,10 +81,15 @@ def start() -> "subprocess.Popen[bytes]":
             start_new_session=True,
         )
     except OSError as error:
-        raise ServiceError(
-            f"No inner process can be started here: {error}.",
-            "End other programs, or run fewer workers on this machine.",
-        ) from error
+        raise not_started(error) from error
+
+
+def not_started(error: Exception) -> ServiceError:
+    """What is said of a process or thread that the system does not start."""
+    return ServiceError(
+        f"No inner process can be started here: {error}.",
+        "End other programs, or run fewer workers on this machine.",
+    )
 
 
 class ChildProcess:
@@ -114,7 +119,12 @@ class ChildProcess:
         self._messages: SimpleQueue[Message | None] = SimpleQueue()
         pipe_and_messages = (self._process.stdin, self._messages)
         self._writer = Thread(target=write_all, args=pipe_and_messages, daemon=True)
-        self._writer.start()
+        try:
+            self._writer.start()
+        except RuntimeError as error:  # the process was the last that the system had to give
+            with self._process:
+                self._process.kill()
+            raise not_started(error) from error
         self._buffer = FrameBuffer()
         self.running: deque[Held] = deque()
         self.ready = False
@@ -201,10 +211,7 @@ class ChildProcess:
 
     def has_ended(self) -> bool:
         """Whether it runs no more, though what it started may still hold its pipe open."""
-        if self._process.returncode is not None:
-            return True
-        # Until it is waited for, its number is nobody else's: its group can be killed by it.
-        return bool(os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT))
+        return exit_status(self._process) is not None
 
     def end(self) -> int:
         """Kill what lives of it and its group; its exit status, negative for a signal."""

@@ -25,11 +25,6 @@ class Ending:
         self._until_s = 0.0 if self.wanted else time.monotonic() + PATIENCE_S
         self.wanted = True
 
-    def ask_at_once(self) -> None:
-        """End without waiting for anybody."""
-        self._until_s = 0.0
-        self.wanted = True
-
     def ask_because(self, problem: ServiceError) -> None:
         """End in order, as it cannot go on."""
         self.problem = problem

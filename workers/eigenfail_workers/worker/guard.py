@@ -11,10 +11,15 @@ def leave_guard() -> None:
     """Leave a process behind that kills this one's group when this one has ended (Linux).
 
     However it ends: by itself, by its parent, or because that was killed. To be called by the
-    leader of a group, before it has threads.
+    leader of a group, before it has threads. Without a handle on itself, which some builds of
+    Python and some kernels do not give, it goes on and says so.
     """
     if sys.platform == "linux":
-        leader = os.pidfd_open(os.getpid())
+        try:
+            leader = os.pidfd_open(os.getpid())
+        except (AttributeError, OSError) as error:
+            sys.stderr.write(f"What a planner starts may outlive this process: {error}.\n")
+            return
         between = os.fork()
         if between == 0:
             _become_guard(os.getppid(), leader)

@@ -24,7 +24,6 @@ from eigenfail.wire.messages import (
     Goodbye,
     Heartbeat,
     Hello,
-    HubMessage,
     Lease,
     PolicyUpdate,
     Refusal,
@@ -38,6 +37,7 @@ from eigenfail_workers.worker.ending import Ending
 from eigenfail_workers.worker.limits import Limits, read_limits
 from eigenfail_workers.worker.link import Link
 from eigenfail_workers.worker.supplies import Supplies
+from eigenfail_workers.worker.unborn import Unborn
 
 CREDIT = 256
 TICK_MS = 100
@@ -60,7 +60,6 @@ class Parent:
 
     Raises:
         InvalidValue: the address is none, or the environment's limits are none.
-        ServiceError: the system starts no process.
     """
 
     def __init__(
@@ -87,7 +86,7 @@ class Parent:
         self._outbox: dict[tuple[int, int], EpisodeResult] = {}
         self._supplies = Supplies()
         self._deaths = Deaths()
-        self._child = ChildProcess(self._limits)
+        self._child = self._start_child()
         self._heartbeat_s = 0.0
         self._next_beat_s = 0.0
         self._unanswered = 0
@@ -198,8 +197,9 @@ class Parent:
         self._supplies.drop(message.campaign)
         self._child.drop(message.campaign)
 
-    def _leave(self, _message: HubMessage) -> None:
-        self._ending.ask_at_once()
+    def _leave(self, message: Goodbye) -> None:
+        log.info("sent home", worker=self._hello.worker, reason=message.reason)
+        self._ending.ask()
 
     def _hear_child(self, spoke: bool) -> None:
         ended = self._child.has_ended()  # first: what it wrote before is all there then
@@ -224,15 +224,22 @@ class Parent:
         self._outbox[campaign, result.index] = result
         self._link.send(Results(campaign, (result,)))
 
+    def _start_child(self) -> ChildProcess:
+        try:
+            return ChildProcess(self._limits)
+        except ServiceError as error:
+            log.warning("no child, trying again", worker=self._hello.worker, why=str(error))
+            return Unborn()
+
     def _replace_child(self, what: str, weight: int) -> None:
         """Start a new child; the episode that was running is tried again, but not for ever."""
         status, held = self._child.end(), list(self._child.running)
         try:
             self._deaths.lost(ready=self._child.ready, status=status)
-            self._child = ChildProcess(self._limits)
         except ServiceError as error:
             self._ending.ask_because(error)
             return
+        self._child = self._start_child()
         self._waiting.extendleft(filter(self._supplies.suffice, reversed(held[1:])))
         log.warning("child replaced", worker=self._hello.worker, status=status, why=what)
         if held and self._supplies.suffice(held[0]):

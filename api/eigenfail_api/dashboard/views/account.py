@@ -7,6 +7,7 @@ import msgspec
 from eigenfail.errors import EigenfailError
 from eigenfail.stories.moments import notable
 from eigenfail.values import ExplainedStep, Explanation, Mission
+from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.charts import Chart, rounded
 from eigenfail_api.dashboard.views.moments import Jump, jump
 from eigenfail_api.dashboard.views.scene import clearance_chart, scene_chart
@@ -52,7 +53,7 @@ def account_view(
         is_same=same,
         verdict=told.verdict,
         note=told.note,
-        story=told.story,
+        story=tuple(map(formats.signed, told.story)),
         jumps=tuple(map(jump, notable(told.steps))) if same else (),
         steps=for_player(told.steps) if same else None,
         scene=scene_chart(told.scene, mission) if told.scene else None,

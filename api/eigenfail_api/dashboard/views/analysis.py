@@ -151,7 +151,7 @@ def words(result: AnalysisResult, place: int) -> str:
     """What a mode is; its number stands above it already."""
     if not result.words:
         return f"Strongest noise: {peak(result.modes[place])}."
-    return result.words[place].removeprefix(f"Mode {place + 1}: ")
+    return formats.signed(result.words[place].removeprefix(f"Mode {place + 1}: "))
 
 
 def proof_of(proven: ProvenMode) -> tuple[tuple[str, Figure], ...]:

@@ -34,7 +34,9 @@ from eigenfail_api.dashboard.views.lists import (
 from eigenfail_api.dashboard.views.parentage import origin, replays_of
 from eigenfail_api.dashboard.views.states import WORKING
 from eigenfail_api.dashboard.views.summaries import Figure, Standing, standing
+from eigenfail_services.campaigns.peers import BASELINE
 
+SEARCHED = "of the episodes that the method chose: no rate under p(x)"
 WISHES = {"pause": steering.PAUSE, "resume": steering.RESUME, "cancel": steering.CANCEL}
 
 
@@ -105,7 +107,7 @@ def campaign_view(found: Findings) -> CampaignView:
         replays=replays_of(campaign.id),
         wants_workers=campaign.state in WORKING and not found.here,
         wishes=wishes(campaign.state),
-        tiles=tiles(now),
+        tiles=tiles(now, is_sampled=campaign.spec.method == BASELINE),
         conflicts=conflict_tiles(found.summary) if drives(campaign.spec) else (),
         charts=charts(found),
         failures=episode_list(campaign, found.listed, None),
@@ -131,11 +133,13 @@ def wishes(state: CampaignState) -> tuple[str, ...]:
     return tuple(name for name, wish in WISHES.items() if state in wish.steps)
 
 
-def tiles(now: Standing) -> tuple[tuple[str, Figure], ...]:
-    """The figures at the top."""
+def tiles(now: Standing, *, is_sampled: bool) -> tuple[tuple[str, Figure], ...]:
+    """The figures at the top; what was searched for is no rate under p(x)."""
+    searched = () if is_sampled else (SEARCHED,)
+    failures = Figure(now.failures.value, (*now.failures.notes, *searched))
     return (
         ("Cost per failure", now.cost),
-        ("Failures", now.failures),
+        ("Failures", failures),
         *([("Failure probability", now.probability)] if now.probability else []),
         ("log p per step", now.likelihood),
         ("Mean severity [m²/s²]", now.severity),

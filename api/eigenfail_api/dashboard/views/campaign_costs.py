@@ -23,8 +23,9 @@ def cost_chart(summaries: Sequence[Summary]) -> Chart | None:
         kind="cost",
         title="Cost per failure",
         caption=(
-            "USD per failure with its 95 % interval, log scale; an arrow is the lower bound of a "
-            "campaign without failures. Replays find nothing new and are left out."
+            "USD per failure, log scale, with the 95 % interval that its failure rate gives: the "
+            "time billed is taken as it was, and training again may cost another. An arrow is the "
+            "lower bound of a campaign without failures. Replays find nothing new and are left out."
         ),
         data={"campaigns": [cost_point(summary) for summary in shown]},
         columns=("Campaign", "Method", *cost_marks.COLUMNS, "Failures", "Episodes"),

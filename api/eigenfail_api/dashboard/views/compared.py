@@ -97,7 +97,7 @@ def verdicts(groups: Sequence[Group], found: Sequence[Comparison]) -> tuple[Verd
     return tuple(
         Verdict(
             name=group_name(group),
-            cells=(difference(each), pairs(each), effect(each)),
+            cells=(formats.signed(difference(each)), pairs(each), effect(each)),
             address=f"/comparison?a={ids(each.a)}&b={ids(each.b)}",
             warnings=each.warnings,
         )

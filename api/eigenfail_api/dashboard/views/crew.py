@@ -55,6 +55,6 @@ def crew_tiles(
     episodes = sum(share.episodes for share in lately)
     window = f"results of the last {within_s} s"
     return (
-        ("Workers now", Figure(formats.integer(len(names)), (f"{len(at_work)} at work",))),
+        ("Workers now", Figure(formats.integer(len(names)), (f"{len(at_work)} with {window}",))),
         ("Episodes/s now", Figure(formats.number(episodes / within_s), (window,))),
     )

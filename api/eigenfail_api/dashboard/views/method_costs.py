@@ -19,7 +19,7 @@ class MethodCosts(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         charts: one for each group of peers, the newest first.
-        notes: what is pooled, and what was left out.
+        notes: what is pooled, what was left out, and whatever else is so of all charts.
     """
 
     charts: tuple[Chart, ...]
@@ -30,11 +30,16 @@ def method_costs(groups: Sequence[PeerCosts]) -> MethodCosts:
     """The newest groups in which something was spent and run."""
     told = [group for group in groups if any(priced(each) for each in group.methods)]
     shown = told[:MOST_GROUPS]
-    notes = dict.fromkeys(note for group in shown for note in group.notes)
+    common = [note for note in notes_of(shown) if all(note in group.notes for group in shown)]
     return MethodCosts(
-        charts=tuple(group_chart(place, group) for place, group in enumerate(shown)),
-        notes=(*notes, *others(len(told) - len(shown))),
+        charts=tuple(group_chart(place, group, common) for place, group in enumerate(shown)),
+        notes=(*common, *others(len(told) - len(shown))),
     )
+
+
+def notes_of(groups: Sequence[PeerCosts]) -> list[str]:
+    """All of them, each once."""
+    return list(dict.fromkeys(note for group in groups for note in group.notes))
 
 
 def others(count: int) -> tuple[str, ...]:
@@ -48,16 +53,19 @@ def priced(found: MethodCost) -> bool:
     return bool(found.cost.at_least_usd)
 
 
-def group_chart(place: int, group: PeerCosts) -> Chart:
-    """One group."""
+def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
+    """One group, with what is to be said of it alone."""
+    own = [note for note in group.notes if note not in common]
     methods = [each for each in group.methods if priced(each)]
     return Chart(
         id=f"method-costs-{place}-chart",
         kind="cost",
         title=f"Cost per failure by method: {name_of(group.peers)}",
         caption=(
-            "USD per failure over all campaigns of a method, with its 95 % interval, log scale; "
-            f"an arrow is the lower bound of a method without failures. {alike(group.peers)}"
+            "USD per failure over all campaigns of a method, log scale, with the 95 % interval of "
+            "its failure rate alone: the time billed is taken as it was; "
+            "an arrow is the lower bound of a method without failures. "
+            f"{' '.join([alike(group.peers), *own])}"
         ),
         data={"campaigns": [point(each) for each in methods]},
         columns=(

@@ -62,7 +62,7 @@ def verdict(stored: Run, again: Run, differing: Sequence[str] = ()) -> Verdict:
     if not changes:
         meaning = f"{told} {NOT_REPEATABLE}"
         return Verdict(words=OTHER, meaning=meaning, tone="is-doubtful", sign="!")
-    why = f"That was to be expected, with {' and '.join(changes)}."
+    why = f"It need not be the same, with {' and '.join(changes)}."
     return Verdict(words=OTHER, meaning=f"{told} {why}", tone="", sign="≠")
 
 

@@ -31,7 +31,7 @@ def mean_chart(intervals: Sequence[TrainingInterval]) -> Chart:
         title="Mean disturbance through training",
         caption="Mean noise of the failures of each tenth of the episodes, over their steps "
         "[sigma]: the first tenth on top.",
-        data=ridges(intervals, ("mean",), lambda interval: [interval.mean]),
+        data=ridges(intervals, ("mean",), lambda interval: [interval.mean], "sigma"),
         columns=("Step", *(f"{axis} {span(each)}" for axis in AXES for each in intervals)),
         rows=by_step(
             np.concatenate(
@@ -55,6 +55,7 @@ def component_chart(intervals: Sequence[TrainingInterval]) -> Chart:
             intervals,
             tuple(f"component {place + 1}" for place in range(count)),
             lambda interval: interval.components,
+            unit="",
         ),
         columns=("Episodes", "Failures", "Component", "Explained", "Likeness"),
         rows=tuple(row for each in intervals for row in component_rows(each)),
@@ -75,12 +76,13 @@ def component_rows(interval: TrainingInterval) -> list[tuple[str, ...]]:
 
 
 def ridges(
-    intervals: Sequence[TrainingInterval], names: tuple[str, ...], lines: Lines
+    intervals: Sequence[TrainingInterval], names: tuple[str, ...], lines: Lines, unit: str
 ) -> dict[str, object]:
-    """Lines by axis, interval and name; an interval without failures has none."""
+    """Lines [unit] by axis, interval and name; an interval without failures has none."""
     steps = evenly(len(intervals[0].mean), MOST_STEPS)
     return {
         "names": names,
+        "unit": unit,
         "spans": [span(each) for each in intervals],
         "steps": steps,
         **{

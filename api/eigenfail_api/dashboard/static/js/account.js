@@ -1,4 +1,6 @@
 // The planner's account of each step: its words at the moment, and the path that it means to drive.
+import { fixed } from "./figures.js";
+
 const NONE = "–";
 const PLAIN = ["mode", "rule", "candidate", "heeds"];
 
@@ -42,7 +44,7 @@ function pair(believed, truth, unit) {
 }
 
 function figure(value) {
-  return value === null || value === undefined ? NONE : value.toFixed(1);
+  return value === null || value === undefined ? NONE : fixed(value);
 }
 
 function say(panel, name, told, isAlarm = false) {

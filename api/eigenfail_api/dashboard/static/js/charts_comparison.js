@@ -12,7 +12,7 @@ export function overlay({ x, y, look, lines }, width) {
     height: 250 + top,
     grid: grid({ top: top + 8 }),
     legend: legend({ itemWidth: look === "marks" ? 12 : 28, data: lines.map(({ name }) => ({ name })) }),
-    xAxis: axis(x, { scale: look === "marks", ...(look === "marks" ? {} : { min: 0 }), axisLabel: { ...axis("").axisLabel, formatter: compact } }),
+    xAxis: axis(x, { scale: look === "marks", ...(look === "marks" ? {} : { min: 0 }) }),
     yAxis: yAxis(y, { min: 0 }),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`${x} ${compact(data[0])}`, `${y} ${compact(data[1])}`])),
     series: lines.map((line, position) => (look === "marks" ? marks(line, position) : curve(line, position, look))),

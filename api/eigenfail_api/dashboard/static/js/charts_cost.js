@@ -1,6 +1,7 @@
 // Cost per failure: a mark with its interval for each campaign, or an arrow from its lower bound.
+import { looksOf } from "./methods.js";
 import { axis, compact, legend, strokes, tip, tooltip } from "./parts.js";
-import { colour, mark, symbol } from "./theme.js";
+import { colour } from "./theme.js";
 
 const ROW_PX = 30;
 const NARROW_PX = 520;
@@ -26,18 +27,17 @@ export function cost({ campaigns }, width) {
     tooltip: tooltip(({ data }) => tip(data.one.name, linesOf(data.one))),
     series: [
       strokes(found.map((one) => [[one.low, one.row], [one.high, one.row]]), { width: 2 }),
-      ...methods.map((method, position) => marks(method, position, [...found, ...bounds])),
+      ...methods.map((method) => marks(method, [...found, ...bounds])),
     ],
   };
 }
 
-function marks(method, position, campaigns) {
+function marks(method, campaigns) {
   return {
     name: method,
     type: "scatter",
-    symbol: symbol(position),
+    ...looksOf(method),
     symbolSize: 13,
-    itemStyle: { color: mark(position) },
     data: campaigns.filter((one) => one.method === method).map((one) => (one.value === null ? arrow(one) : point(one))),
   };
 }

@@ -5,12 +5,15 @@ import { colour, dash, mark } from "./theme.js";
 const AXES = ["longitudinal", "lateral"];
 const BAND_SIGMA = 2;
 
+// Multiples of a step of time carry errors of rounding, which a tick would tell.
+const DIGITS = 6;
+
 export function noise({ axis: name, end, time, ...values }) {
   return {
     height: 220,
     grid: grid(),
     legend: legend({ itemWidth: 30 }),
-    xAxis: axis(name, { min: 0, max: end }),
+    xAxis: axis(name, { min: 0, max: Number(end.toPrecision(DIGITS)) }),
     yAxis: yAxis("Noise [sigma]"),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`${compact(data[0])}: ${compact(data[1])} sigma`])),
     series: [...AXES.map((way, position) => line(way, position, time, values[way]))],
@@ -43,7 +46,7 @@ export function clearance({ axis: name, end, time, metres }) {
   return {
     height: 180,
     grid: grid(),
-    xAxis: axis(name, { min: 0, max: end }),
+    xAxis: axis(name, { min: 0, max: Number(end.toPrecision(DIGITS)) }),
     yAxis: yAxis("Distance [m]", { min: 0 }),
     tooltip: tooltip(({ data }) => tip(`${compact(data[0])} s`, [`${compact(data[1])} m apart`])),
     series: [{

@@ -5,6 +5,7 @@ import { colour } from "./theme.js";
 const NARROW = 560;
 const MANY = 300;
 const WIDE_SPREAD = 1000;
+const ABOVE_LINES = 10;
 const AT_THE_END = { align: "right", verticalAlign: "bottom", padding: [0, 0, 4, 0] };
 
 export function parallel({ columns, names, values, collision }, width) {
@@ -38,8 +39,9 @@ export function parallel({ columns, names, values, collision }, width) {
       scale: true,
       type: scaleOf(values[dim]),
       realtime: false,
-      nameTextStyle: { color: colour("ink"), fontSize: 12, ...(narrow ? AT_THE_END : { align: "center" }) },
-      axisLabel: { color: colour("muted"), fontSize: 11, formatter: compact, hideOverlap: true },
+      nameTextStyle: { fontSize: 12, ...(narrow ? AT_THE_END : { align: "center" }), ...legible() },
+      axisLabel: { fontSize: 11, formatter: compact, hideOverlap: true, ...legible() },
+      z: ABOVE_LINES,
       areaSelectStyle: { width: 26, borderWidth: 1, borderColor: colour("accent"), color: colour("accent"), opacity: 0.25 },
     })),
     series: [
@@ -47,6 +49,11 @@ export function parallel({ columns, names, values, collision }, width) {
       series("collision", true, "mark-1"),
     ].filter(({ data }) => data.length),
   };
+}
+
+// Thousands of lines run below the words.
+function legible() {
+  return { color: colour("ink"), textBorderColor: colour("surface"), textBorderWidth: 4 };
 }
 
 // DRAC tends to infinity at contact: a few episodes would press all others into one point.

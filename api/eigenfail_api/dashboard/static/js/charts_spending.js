@@ -4,7 +4,7 @@ import { dash, mark, symbol } from "./theme.js";
 
 const WHOLE = { min: 0, minInterval: 1 };
 
-const spent = () => axis("USD", { min: 0, axisLabel: { ...axis("").axisLabel, formatter: compact } });
+const spent = () => axis("USD", { min: 0 });
 
 export function spending({ usd, failures, modes }) {
   return {

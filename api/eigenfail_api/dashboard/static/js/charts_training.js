@@ -23,7 +23,6 @@ export function training(values, width) {
     grid: AXES.map((_, panel) => place(panel, stacked, top)),
     xAxis: AXES.map((_, panel) => axis("Step", { gridIndex: panel, nameGap: 26, max: "dataMax" })),
     yAxis: AXES.map((name, panel) => rows(name, panel, values)),
-    title: AXES.map((name, panel) => heading(name, panel, values, stacked, top)),
     tooltip: tooltip(({ seriesName, data }) => tip(`Episodes ${data[3]}`, [
       seriesName, `step ${data[0]}: ${compact(data[2])}`,
     ])),
@@ -43,20 +42,19 @@ function place(panel, stacked, top) {
   return { left: panel ? "59%" : 74, width: "38%", top: top + HEADING_PX, height };
 }
 
-function heading(name, panel, values, stacked, top) {
-  return {
-    text: `${name}: a row is ${compact(scaleOf(values[name]))} high`,
-    textStyle: { color: colour("muted"), fontSize: 12, fontWeight: "normal" },
-    padding: 0,
-    left: stacked || !panel ? 74 : "59%",
-    top: top + (stacked ? panel * PANEL_PX : 0),
-  };
-}
+// Where it swings by as much as a row is high, a line reaches the next one.
+const heading = (name, { unit, ...values }) => (
+  `${name[0].toUpperCase()}${name.slice(1)}: a row is ${`${compact(scaleOf(values[name]))} ${unit}`.trim()} high`
+);
 
-function rows(name, panel, { spans }) {
+function rows(name, panel, values) {
+  const { spans } = values;
   const last = spans.length - 1;
-  return axis("", {
+  return axis(heading(name, values), {
     gridIndex: panel,
+    nameLocation: "start",
+    nameGap: 8,
+    nameTextStyle: { color: colour("ink"), fontSize: 12, align: "left" },
     inverse: true,
     min: -1,
     max: last + 1,

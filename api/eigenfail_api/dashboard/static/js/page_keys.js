@@ -7,4 +7,5 @@ document.getElementById("new-key").addEventListener("eigenfail:answered", ({ det
     made.querySelector(`[data-made=${name}]`).textContent = text;
   }
   made.hidden = false;
+  document.getElementById("no-key")?.remove();
 });

@@ -1,4 +1,5 @@
 // Pieces that all charts share.
+import { signed } from "./figures.js";
 import { colour } from "./theme.js";
 
 // Thousands of points are drawn as one shape, and still told apart by the pointer.
@@ -13,14 +14,14 @@ function plain(value) {
   const rounded = Number(value.toPrecision(4));
   const size = Math.abs(rounded);
   if (value !== 0 && (size < 1e-3 || size >= 1e6)) return scientific(value);
-  return size < 1e3 ? String(rounded) : String(rounded).replace(/\d{3}$/, ",$&");
+  return signed(size < 1e3 ? String(rounded) : String(rounded).replace(/\d{3}$/, ",$&"));
 }
 
 function scientific(value) {
   const [mantissa, exponent] = value.toExponential(2).split("e");
   const raised = [...String(Math.abs(exponent))].map((digit) => RAISED[digit]).join("");
   const factor = Number(mantissa) === 1 ? "" : `${Number(mantissa)}×`;
-  return `${factor}10${exponent < 0 ? "⁻" : ""}${raised}`;
+  return signed(`${factor}10${exponent < 0 ? "⁻" : ""}${raised}`);
 }
 
 export function axis(name, more = {}) {
@@ -31,13 +32,16 @@ export function axis(name, more = {}) {
     nameLocation: "middle",
     nameGap: 30,
     nameTextStyle: quiet,
-    axisLabel: { ...quiet, hideOverlap: true },
+    axisLabel: { ...quiet, hideOverlap: true, formatter: told },
     axisLine: { show: true, lineStyle: { color: colour("line") } },
     axisTick: { lineStyle: { color: colour("line") } },
     splitLine: { lineStyle: { color: colour("grid") } },
     ...more,
   };
 }
+
+// Categories are words already.
+const told = (value) => (typeof value === "number" ? compact(value) : value);
 
 export const yAxis = (name, more = {}) => axis(name, { nameGap: 44, ...more });
 

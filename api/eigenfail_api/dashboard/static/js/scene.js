@@ -1,4 +1,5 @@
 // One moment of a scene on a canvas: x to the right, y up, one scale for both.
+import { fixed } from "./figures.js";
 import { palette } from "./palette.js";
 
 const MARGIN_M = 8;
@@ -28,8 +29,8 @@ export function wordsOf(scene, step) {
   const off = seen ? Math.hypot(seen[0] - actor[0], seen[1] - actor[1]) : 0;
   const parts = [
     `t = ${(whole * scene.dt).toFixed(1)} s`,
-    `ego ${ego[3].toFixed(1)} m/s`,
-    `actor ${actor[3].toFixed(1)} m/s`,
+    `ego ${fixed(ego[3])} m/s`,
+    `actor ${fixed(actor[3])} m/s`,
     `${scene.apart[whole].toFixed(1)} m apart`,
   ];
   return [...parts, ...(off > ALARM_M ? [`actor seen ${off.toFixed(1)} m off`] : [])].join(" · ");
