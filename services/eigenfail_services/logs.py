@@ -7,25 +7,25 @@ from typing import TextIO
 import structlog
 
 
-class Lossy:
-    """A stream that drops what it cannot write: a full disk must not end who complains of it."""
+class LossyStderr:
+    """Standard error, as it is by then, without what cannot be written.
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
+    A full disk must not end who complains of it, nor a stream that somebody has closed.
+    """
 
     def write(self, text: str) -> int:
         """As many characters as are written, or lost."""
-        with suppress(OSError):
-            self._stream.write(text)
+        with suppress(OSError, ValueError):
+            sys.stderr.write(text)
         return len(text)
 
     def flush(self) -> None:
         """Whatever can be."""
-        with suppress(OSError):
-            self._stream.flush()
+        with suppress(OSError, ValueError):
+            sys.stderr.flush()
 
 
 def configure() -> None:
     """Log to standard error, and never fail at it."""
-    stream: TextIO = Lossy(sys.stderr)  # type: ignore[assignment]
+    stream: TextIO = LossyStderr()  # type: ignore[assignment]
     structlog.configure(logger_factory=structlog.PrintLoggerFactory(stream))

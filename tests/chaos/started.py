@@ -18,6 +18,8 @@ from eigenfail.client import Client
 PATIENCE_S = 120.0
 LOOK_AGAIN_S = 0.01
 LEARNER = "learner_process"
+STOPPED = "TtZX"
+"""States of threads that do nothing, in the kernel's letters."""
 
 FIRST_PORT, PORTS_EACH = 10_000, 2_000
 PROCESS = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
@@ -54,6 +56,16 @@ def is_free(port: int) -> bool:
     return True
 
 
+def stands_still(pid: int) -> bool:
+    """Whether no thread of a process runs, or there is no such process any more."""
+    tasks = Path(f"/proc/{pid}/task")
+    try:
+        told = [(task / "stat").read_text() for task in tasks.iterdir()]
+    except OSError:  # a thread ended as we looked
+        return not tasks.exists()
+    return all(text.rpartition(")")[2].split()[0] in STOPPED for text in told)
+
+
 class Started:
     """A process that a test started; what it says goes to a file."""
 
@@ -85,8 +97,11 @@ class Started:
 
     def halt(self) -> None:
         """Stand still until `go_on`, as on a machine that is suspended; its children, too."""
-        for pid in (*(child.pid for child in self.below()), self.process.pid):
+        pids = [*(child.pid for child in self.below()), self.process.pid]
+        for pid in pids:
             os.kill(pid, signal.SIGSTOP)
+        # The signal is sent before every thread has heard it: one may yet begin a transaction.
+        wait_until(lambda: all(map(stands_still, pids)), "all threads stand still")
 
     def go_on(self) -> None:
         """After `halt`."""

@@ -69,8 +69,12 @@ def test_the_first_key_is_made_on_the_database(eigenfail, at_hand, database):
     store.close()
     listed = json.loads(eigenfail("key", "list", "--database", database, "--json").stdout)
     assert [key["name"] for key in listed] == ["me"]
+    refused = eigenfail("key", "revoke", 1, "--database", database)
+    assert (refused.exit_code, "Make another administrator's key" in refused.stderr) == (2, True)
+    other = eigenfail("key", "create", "you", "--scope", "admin", "--database", database)
+    assert other.exit_code == 0
     assert eigenfail("key", "revoke", 1, "--database", database).exit_code == 0
-    (revoked, created) = json.loads(
+    (revoked, _, created) = json.loads(
         eigenfail("key", "audit", "--database", database, "--json").stdout
     )
     assert (created["who"], created["subject"], created["status"]) == (
