@@ -4,7 +4,6 @@ Each begins as a true message and is bent in one place or in several: its bytes,
 sense. Among them are some that are quite in order, said by the wrong one or at the wrong time.
 """
 
-import pickle
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from math import inf, nan
@@ -30,10 +29,10 @@ FOREIGN = (
     b"GET / HTTP/1.1\r\nHost: hub\r\n\r\n",
     b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03",
     b'{"type": "Hello", "protocol": 3, "worker": "json", "credit": 1}',
-    pickle.dumps({"type": "Hello"}),
+    b"\x80\x04\x95\x13\x00\x00\x00\x00\x00\x00\x00}\x94\x8c\x04type\x94\x8c\x05Hello\x94s.",
     b"cos\nsystem\n(S'exit 1'\ntR.",
 )
-"""Of other protocols; the last one is a pickle that would run a command."""
+"""Of other protocols; the last two are pickles, of which the second would run a command."""
 
 ODD: tuple[Any, ...] = (
     *(None, True, nan, inf, -inf, 0, -1, 1.5, 1e308, -(2**63), 2**31, 2**63 - 1, 2**64 - 1),

@@ -5,6 +5,7 @@ from eigenfail.errors import NotFound
 from eigenfail.values import Campaign
 from eigenfail.values.worker import Presence, WorkerShare
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.refusals import no_episode
 
 LATELY_S = 600
 ACTIVE_S = 60
@@ -35,8 +36,9 @@ def who_ran(store: Store, campaign: int, index: int) -> Presence:
     Raises:
         NotFound: no such episode, or nothing is known of its worker any more.
     """
-    store.episodes.get(campaign, index)
-    (row,) = store.episodes.page(campaign, 1, index - 1 if index else None).items
+    row = next(iter(store.episodes.page(campaign, 1, index - 1 if index else None).items), None)
+    if row is None or row.index != index:
+        raise no_episode(campaign, index)
     if (found := store.roster.last(row.worker, row.finished_ms)) is None:
         problem = f"Nothing is known of the worker '{row.worker}' of episode {campaign}/{index}."
         raise NotFound(problem, "Workers are written down when they connect to a hub.")

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import NamedTuple
 from uuid import uuid4
 
+import psutil
+
 PROCESSES = Path("/proc")
 ZOMBIE = "Z"
 NOWHERE = uuid4().hex
@@ -36,19 +38,8 @@ def is_lost(owner: str) -> bool:
         return False
     life = life_of(int(pid))
     if life is None:  # it may only be hidden from us
-        return not exists(int(pid))
+        return not psutil.pid_exists(int(pid))
     return life.state == ZOMBIE or life.started != started
-
-
-def exists(pid: int) -> bool:
-    """Whether there is such a process, be it somebody else's."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
 
 
 def place() -> str:

@@ -66,12 +66,14 @@ def test_who_is_hidden_from_us_may_live(monkeypatch, other):
     assert is_lost(name)
 
 
-def test_who_is_somebody_elses_lives(monkeypatch):
+def test_who_is_somebody_elses_and_hidden_lives(monkeypatch, other):
     def refuse(pid, signal):
         raise PermissionError
 
-    monkeypatch.setattr(owner.os, "kill", refuse)
-    assert owner.exists(1)
+    with monkeypatch.context() as hidden:
+        hidden.setattr(owner, "life_of", lambda pid: None)
+        hidden.setattr(os, "kill", refuse)
+        assert not is_lost(other[1])
 
 
 def test_names_with_brackets_are_read(monkeypatch, tmp_path):

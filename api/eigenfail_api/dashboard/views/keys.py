@@ -5,6 +5,7 @@ import msgspec
 from eigenfail.values import Page
 from eigenfail.values.access import ApiKey, AuditEntry, Scope
 from eigenfail_api.dashboard import formats
+from eigenfail_api.dashboard.views.paging import Pager, pager
 from eigenfail_api.dashboard.views.states import Badge
 
 VALID = Badge("valid", "✓", "good")
@@ -31,16 +32,12 @@ class KeysView(msgspec.Struct, frozen=True, kw_only=True):
     """The page of keys.
 
     Attributes:
-        address: of this page.
-        newest: the address of the first page; None on it.
-        older: the address of the next one, if there is one.
+        pages: where one is among them.
         is_locked: whether everybody needs a key.
     """
 
     lines: tuple[KeyLine, ...]
-    address: str
-    newest: str | None
-    older: str | None
+    pages: Pager
     is_locked: bool
 
 
@@ -57,20 +54,17 @@ class ChangeLine(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AuditView(msgspec.Struct, frozen=True, kw_only=True):
-    """The page of the audit log; `newest` and `older` as on the page of keys."""
+    """The page of the audit log."""
 
     lines: tuple[ChangeLine, ...]
-    newest: str | None
-    older: str | None
+    pages: Pager
 
 
 def keys_view(listed: Page[ApiKey], before: int | None, at_ms: int, *, is_locked: bool) -> KeysView:
     """The page of keys at a moment."""
     return KeysView(
         lines=tuple(key_line(key, at_ms) for key in listed.items),
-        address=page_of("/keys", before),
-        newest=page_of("/keys", None) if before else None,
-        older=page_of("/keys", listed.next) if listed.next else None,
+        pages=pager("/keys", before, listed.next),
         is_locked=is_locked,
     )
 
@@ -100,8 +94,7 @@ def audit_view(listed: Page[AuditEntry], before: int | None) -> AuditView:
     """The page of the audit log."""
     return AuditView(
         lines=tuple(map(change_line, listed.items)),
-        newest=page_of("/audit", None) if before else None,
-        older=page_of("/audit", listed.next) if listed.next else None,
+        pages=pager("/audit", before, listed.next),
     )
 
 
@@ -116,8 +109,3 @@ def change_line(entry: AuditEntry) -> ChangeLine:
         status=entry.status,
         was_refused=entry.status >= REFUSED,
     )
-
-
-def page_of(address: str, before: int | None) -> str:
-    """A list, from a cursor on."""
-    return f"{address}?before={before}" if before else address

@@ -13,6 +13,7 @@ from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views import summaries
 from eigenfail_api.dashboard.views.campaign_costs import cost_chart
 from eigenfail_api.dashboard.views.charts import Chart
+from eigenfail_api.dashboard.views.paging import Pager, pager
 from eigenfail_api.dashboard.views.states import CAMPAIGN_BADGES, Badge
 from eigenfail_api.dashboard.views.summaries import Figure
 
@@ -38,15 +39,11 @@ class SuitesView(msgspec.Struct, frozen=True):
     """The list of suites.
 
     Attributes:
-        address: of this page.
-        newest: the address of the first page; None on it.
-        older: the address of the next one, if there is one.
+        pages: where one is among them.
     """
 
     lines: tuple[SuiteLine, ...]
-    address: str
-    newest: str | None
-    older: str | None
+    pages: Pager
     is_open: bool
 
 
@@ -96,16 +93,9 @@ def suites_view(page: Page[SuiteStanding], before: int | None) -> SuitesView:
     is_open = any(suite.states.keys() - FINAL_STATES for suite in page.items)
     return SuitesView(
         lines=lines,
-        address=page_of(before),
-        newest=page_of(None) if before else None,
-        older=page_of(page.next) if page.next else None,
+        pages=pager("/suites", before, page.next),
         is_open=is_open,
     )
-
-
-def page_of(before: int | None) -> str:
-    """The list, from a cursor on."""
-    return f"/suites?before={before}" if before else "/suites"
 
 
 def suite_line(suite: SuiteStanding) -> SuiteLine:
