@@ -4,13 +4,14 @@ PYTHON ?= python3.11
 BIN := .venv/bin
 SOURCES := sdk api services workers migrations deploy tests examples benchmarks
 MINUTES ?= 5
+SECONDS ?= 600
 PROCESSES ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup chromium demo test coverage lint format bench claims intervals pictures openapi screens vendor soak lock clean
+.PHONY: help image-steps setup chromium headers demo test coverage lint format bench volume claims intervals pictures openapi screens vendor soak overload lock clean
 
 help: ## this list
-	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 .venv/installed: pyproject.toml constraints.txt
 	@echo "Fetching packages into .venv: some minutes, once."
@@ -24,14 +25,19 @@ chromium: ## Debian's browser, for the browser tests
 	@command -v chromium >/dev/null || (apt-get update -qq && apt-get install -y -qq chromium >/dev/null) \
 		|| (echo "The browser tests need chromium: install it with your package manager." && false)
 
+headers: ## Debian's g++ and ZeroMQ for C++, for the tests of the C++ bridge
+	@echo '#include <zmq.h>' | g++ -x c++ -fsyntax-only - 2>/dev/null \
+		|| (apt-get update -qq && apt-get install -y -qq g++ libzmq3-dev >/dev/null) \
+		|| (echo "The C++ bridge needs g++ and zmq.h: install them with your package manager." && false)
+
 demo: setup ## a short campaign of each method, analysed, replayed, priced
 	$(BIN)/python examples/demo.py
 
-test: setup chromium lint ## every check and every test
+test: setup chromium headers lint ## every check and every test
 	$(BIN)/python -m pytest -q tests/test_full_loop.py
 	$(BIN)/python -m pytest tests --numprocesses $(PROCESSES) --dist loadfile
 
-coverage: setup chromium ## which lines the tests reach; takes half as long again
+coverage: setup chromium headers ## which lines the tests reach; takes half as long again
 	$(BIN)/coverage erase
 	$(BIN)/coverage run -m pytest tests --numprocesses $(PROCESSES) --dist loadfile
 	@$(BIN)/coverage combine --quiet
@@ -50,6 +56,9 @@ format: setup ## put the sources into the house's style
 
 bench: setup ## measure, and write benchmarks/latest.json
 	$(BIN)/python benchmarks/run.py
+
+volume: setup ## a million episodes in SQLite and PostgreSQL; half an hour, 15 GB of disk
+	$(BIN)/python benchmarks/volume.py
 
 claims: setup ## find the figures that the documents state, and write docs/claims.json
 	$(BIN)/python benchmarks/claims.py
@@ -72,6 +81,12 @@ vendor: setup ## the dashboard's libraries anew, from npm
 
 soak: setup ## kill parts of a running service for MINUTES=5, then check that nothing was lost
 	$(BIN)/python tests/soak/soak.py --minutes $(MINUTES)
+
+overload: setup ## six workers and a learner on two cores for SECONDS=600: nobody who lives is given up
+	EIGENFAIL_OVERLOAD_S=$(SECONDS) $(BIN)/python -m pytest -q tests/chaos/test_overload.py
+
+image-steps: setup ## the steps of the container recipes without an engine, as root; see docs/deployment.md
+	$(BIN)/python tests/deploy/image_steps.py
 
 lock: setup ## constraints.txt anew, from what is installed
 	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu//' > constraints.txt

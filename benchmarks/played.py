@@ -131,7 +131,7 @@ def played_learners() -> Iterator[list[PlayedLearner]]:
     """Every learner that is started meanwhile is a played one; they are listed."""
     learners: list[PlayedLearner] = []
 
-    def start(_bounds: Bounds) -> PlayedLearner:
+    def start(_bounds: Bounds, _pause_s: float) -> PlayedLearner:
         learners.append(PlayedLearner())
         return learners[-1]
 

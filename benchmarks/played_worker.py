@@ -64,7 +64,7 @@ class PlayedChild(ChildProcess):
         self._messages = SimpleQueue()
         self._buffer = PlayedBuffer()
         self.running = deque()
-        self.ready, self.began = True, False
+        self.ready, self.begun = True, 0
         self._since_s = self._looked_s = child_process.time.monotonic()
         self._set_up, self._learnt = set(), set()
         self.alive = True
@@ -80,6 +80,8 @@ class PlayedChild(ChildProcess):
         try:
             for _ in range(min(messages, self._messages.qsize())):
                 self._child.handle(self._messages.get_nowait())
+                while self._child.is_busy:
+                    self._child.turn()
         finally:
             self._buffer.take(self._out)
 

@@ -1,12 +1,15 @@
 """Measure everything that is promised about speed, and write benchmarks/latest.json."""
 
 from analysis import analysis_figures
+from bridge import bridge_figures
 from difs_sampling import difs_sampling_figures
 from figures import ROOT, show, write
+from hub import hub_figures
 from pages import page_figures
 from planner import planner_figures
 from recovery import recovery_figures
 from sac import sac_figures
+from scale import scale_figures
 from service import service_figures
 from start_up import cli_help, worker_ready
 from waiting import learner_share
@@ -14,6 +17,7 @@ from waiting import learner_share
 
 def main() -> None:
     """Measure, write, show."""
+    hub = hub_figures()
     figures = {
         "cli_help_s": cli_help(),
         "worker_ready_s": worker_ready(),
@@ -24,7 +28,10 @@ def main() -> None:
         **difs_sampling_figures(),
         "learner_share": learner_share(),
         **service_figures(),
+        **bridge_figures(),
         **recovery_figures(),
+        **hub,
+        **scale_figures(hub),
     }
     write(ROOT / "benchmarks" / "latest.json", figures)
     show(figures)

@@ -8,7 +8,8 @@ import zmq
 from figures import ROOT, Figure
 
 from eigenfail.wire.messages import Goodbye, Hello, encode, read_worker_message
-from eigenfail_services.campaigns.launcher import RayLauncher
+from eigenfail_services.campaigns.launching.ray_cluster import Cluster
+from eigenfail_services.campaigns.launching.ray_workers import RayWorkers
 
 COMMAND = "make bench"
 RUNS = 5
@@ -28,15 +29,14 @@ def worker_ready() -> Figure:
     """From asking Ray for an actor until it said hello: the hub answers that with a lease."""
     router = zmq.Context.instance().socket(zmq.ROUTER)
     port = router.bind_to_random_port("tcp://127.0.0.1")
-    launcher = RayLauncher(workers=1)
-    launcher.connect()
+    cluster, workers = Cluster(None, most=1), RayWorkers(f"tcp://127.0.0.1:{port}")
     times = []
     for _ in range(RUNS):
         before = time.perf_counter()
-        launcher.ask(f"tcp://127.0.0.1:{port}")
+        workers.want(["w"])
         times.append(time_of_hello(router) - before)
-        launcher.dismiss()
-    launcher.stop()
+        workers.dismiss()
+    cluster.close()
     router.close(linger=0)
     return seconds(times, "<= 5")
 

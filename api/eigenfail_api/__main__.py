@@ -13,11 +13,12 @@ from fastapi import FastAPI
 from pydantic import ValidationError
 from pydantic_settings import SettingsError
 
+from eigenfail import logs
 from eigenfail.errors import EigenfailError, InvalidValue, PortTaken
 from eigenfail.processes import end_now
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings, refuse_open_door
-from eigenfail_services import logs
+from eigenfail_services import tracing
 from eigenfail_services.store import open_store
 
 GRACE_S = 5
@@ -26,8 +27,8 @@ BACKLOG = 2048
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve; the exit code says why it ended."""
-    logs.configure()
     try:
+        logs.configure("controller")
         serve(read_settings(arguments))
     except EigenfailError as error:
         sys.stderr.write(f"eigenfail: {error}\n")
@@ -66,6 +67,7 @@ def serve(settings: ApiSettings) -> None:
     """
     refuse_open_door(settings)
     with listen(settings.host, settings.port) as listener:
+        end_traces = tracing.configure("controller")
         store = open_store(settings.database)
         try:
             server = Server(create_app(store, settings))
@@ -75,6 +77,7 @@ def serve(settings: ApiSettings) -> None:
             server.run(sockets=[listener])
         finally:
             store.close()
+            end_traces()
 
 
 def leave(_signal: int, _frame: FrameType | None) -> None:
@@ -120,7 +123,11 @@ class Server(uvicorn.Server):
 
     def __init__(self, app: FastAPI) -> None:
         config = uvicorn.Config(
-            app, log_level="warning", server_header=False, timeout_graceful_shutdown=GRACE_S
+            app,
+            log_config=None,
+            log_level="warning",
+            server_header=False,
+            timeout_graceful_shutdown=GRACE_S,
         )
         super().__init__(config)
         self._feed = app.state.feed

@@ -1,7 +1,8 @@
 """What Prometheus may scrape: the campaigns of the store and the requests of this process."""
 
 from collections import Counter as Tally
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 
 from prometheus_client import CollectorRegistry, Counter
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -10,6 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from eigenfail.contracts import Store
 from eigenfail.values import Campaign, CampaignState
+from eigenfail_services.campaigns.summary import campaign_cost
 
 METHODS = frozenset({"GET", "POST", "HEAD", "OPTIONS", "PUT", "PATCH", "DELETE"})
 PAGE = 500
@@ -23,27 +25,36 @@ class Campaigns(Collector):
 
     def collect(self) -> Iterator[Metric]:
         """The figures of this moment."""
-        states, episodes = Tally(dict.fromkeys(CampaignState, 0)), Tally[str]()
+        states, ends = Tally[str](dict.fromkeys(CampaignState, 0)), Tally[str]()
+        failures = Tally[str]()
+        hours, usd = defaultdict[str, float](float), defaultdict[str, float](float)
         for campaign in every_campaign(self._store):
-            counts = campaign.counts
+            counts, method = campaign.counts, campaign.spec.method
             states[campaign.state] += 1
-            episodes.update(completed=counts.completed, failed=counts.failed)
-            episodes.update(failures=counts.failures)
-        by_state = GaugeMetricFamily("eigenfail_campaigns", "Campaigns by state", labels=["state"])
-        for state, number in states.items():
-            by_state.add_metric([state], number)
-        yield by_state
-        done = CounterMetricFamily(
-            "eigenfail_episodes",
-            "Episodes that are over, by whether they could be run",
-            labels=["end"],
-        )
-        done.add_metric(["completed"], episodes["completed"])
-        done.add_metric(["failed"], episodes["failed"])
-        yield done
-        yield CounterMetricFamily(
-            "eigenfail_failures", "Collisions found", value=episodes["failures"]
-        )
+            ends.update(completed=counts.completed, failed=counts.failed)
+            failures[method] += counts.failures
+            bill = campaign_cost(campaign)
+            hours[method] += bill.instance_hours
+            usd[method] += bill.total_usd
+        yield filled(GaugeMetricFamily, "campaigns", "Campaigns by state", "state", states)
+        yield filled(CounterMetricFamily, "episodes", "Episodes that are over", "end", ends)
+        yield filled(CounterMetricFamily, "failures", "Collisions found", "method", failures)
+        yield filled(CounterMetricFamily, "instance_hours", "Instance-hours", "method", hours)
+        yield filled(CounterMetricFamily, "cost_usd", "What they cost", "method", usd)
+
+
+def filled(
+    kind: type[GaugeMetricFamily] | type[CounterMetricFamily],
+    name: str,
+    words: str,
+    label: str,
+    values: Mapping[str, float],
+) -> Metric:
+    """A family of figures, one for each value of its label."""
+    family = kind(f"eigenfail_{name}", words, labels=[label])
+    for value, number in values.items():
+        family.add_metric([value], number)
+    return family
 
 
 def every_campaign(store: Store) -> Iterator[Campaign]:

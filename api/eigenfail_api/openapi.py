@@ -55,8 +55,8 @@ EXAMPLES: dict[str, Node] = {
     "create_analysis": {"components": 20, "clusters": 4},
 }
 EVERYWHERE = (400, 401, 403, 406, 422, 500, 503)
-WITH_ID = (404, 409)
-WITH_BODY = (409, 413, 415)
+WITH_ID = (404, 409, 410)
+WITH_BODY = (409, 410, 413, 415)
 MADE = ("201", "202")
 
 ATTRIBUTE = re.compile(r"(?P<name>\w+): (?P<words>.+)")

@@ -11,6 +11,7 @@ from fastapi.routing import APIRoute
 from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.wire.http import IDEMPOTENCY_KEY
+from eigenfail_api.access.callers import key_of_caller
 
 LARGEST = 2**63 - 1
 IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18}){0,99}$"
@@ -102,6 +103,7 @@ def query_parameters(dependant: Dependant) -> Iterator[tuple[str, Any]]:
 
 
 Stored = Annotated[Store, Depends(store_of)]
+MadeBy = Annotated[int | None, Depends(key_of_caller)]
 CampaignId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of a campaign.")]
 AnalysisId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of an analysis.")]
 EpisodeIndex = Annotated[int, Path(ge=0, le=LARGEST, description="Number within its campaign.")]

@@ -32,10 +32,13 @@ from eigenfail.values import (
 from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey
 from eigenfail.values.export import Export, ExportRequest
 from eigenfail.values.pool import PeerCosts
+from eigenfail.values.priority import PriorityChange
+from eigenfail.values.quotas import Quotas, Usage
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.report import Report
+from eigenfail.values.retention import Pruning
 from eigenfail.values.suite import SuiteStanding, SuiteTable
-from eigenfail.values.worker import Presence, WorkerShare
+from eigenfail.values.worker import Presence, Staffing, WorkerShare
 from eigenfail.wire import http
 from eigenfail.wire.drafts import MOST_AT_ONCE, CampaignCheck
 from eigenfail.wire.problems import Problem
@@ -70,19 +73,24 @@ BODIES = (
     Page[Event],
     Page[FailureMode],
     Page[PeerCosts],
+    Page[Pruning],
     Page[Summary],
     Page[Presence],
     Page[WorkerShare],
+    Staffing,
     Page[SuiteStanding],
     Page[http.PluginInfo],
     Policy,
+    PriorityChange,
     Problem,
     Proof,
+    Quotas,
     Region,
     Report,
     Safety,
     SuiteTable,
     Summary,
+    Usage,
     http.Digest,
     http.Health,
     http.ProofRequest,

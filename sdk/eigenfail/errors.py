@@ -6,10 +6,12 @@ EigenfailError
 │   └── InvalidValue         a value outside its type or bounds
 ├── Unauthorized             no key was shown, or none that is valid
 ├── Forbidden                the key that was shown does not allow it
+│   └── QuotaExceeded        it allows it, but not so much of it
 ├── NotFound                 no campaign, episode or analysis of that id
 ├── Conflict                 the thing exists, but its state forbids the request
 │   ├── IllegalTransition    a campaign cannot go from its state to the one asked for
-│   └── IdempotencyMismatch  one Idempotency-Key, two different requests
+│   ├── IdempotencyMismatch  one Idempotency-Key, two different requests
+│   └── NoisePruned          an episode whose noise was taken away to make room
 ├── EpisodeError             one episode cannot be completed; its campaign goes on
 │   ├── SimulatorError
 │   ├── PlannerError
@@ -88,6 +90,10 @@ class Forbidden(EigenfailError):
     exit_code = 2
 
 
+class QuotaExceeded(Forbidden):
+    """The key allows it, but not so much of it: the quota is named, with its limit."""
+
+
 class NotFound(EigenfailError):
     """No campaign, episode or analysis has that id."""
 
@@ -108,6 +114,12 @@ class IllegalTransition(Conflict):
 
 class IdempotencyMismatch(Conflict):
     """One Idempotency-Key was used for two different requests."""
+
+
+class NoisePruned(Conflict):
+    """An episode's row is there, but its noise was taken away to make room."""
+
+    http_status = 410
 
 
 class EpisodeError(EigenfailError):

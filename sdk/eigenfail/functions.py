@@ -18,7 +18,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from eigenfail import plugins
+from eigenfail import bridges, plugins
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import read_settings
 from eigenfail.values import CampaignSpec, DisturbanceModel, White
@@ -103,8 +103,8 @@ def check(spec: CampaignSpec) -> FunctionParameters:
 
 
 def simulators() -> list[str]:
-    """What a campaign may name as its simulator: those that are registered, and functions."""
-    return sorted([*plugins.names(plugins.SIMULATORS), SIMULATOR])
+    """What a campaign may name as its simulator: those registered, functions, and the bridge."""
+    return sorted([*plugins.names(plugins.SIMULATORS), SIMULATOR, bridges.SIMULATOR])
 
 
 def drives(spec: CampaignSpec) -> bool:

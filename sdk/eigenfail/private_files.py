@@ -7,6 +7,7 @@ from pathlib import Path
 from eigenfail.errors import InvalidValue
 
 OWNER_ONLY = 0o600
+FOLDER_MODE = 0o700
 OTHERS = 0o007
 
 
@@ -23,6 +24,18 @@ def write_private(path: Path, text: str, field: str) -> None:
         raise InvalidValue(field, problem, "Name another, or take that one away.") from error
     with os.fdopen(descriptor, "w") as file:
         file.write(f"{text}\n")
+
+
+def replace_private(path: Path, text: str, field: str) -> None:
+    """The same, in the place of what may be there already: all of it or nothing.
+
+    Raises:
+        InvalidValue: it cannot be written.
+    """
+    draft = path.with_name(f".{path.name}.new")
+    draft.unlink(missing_ok=True)
+    write_private(draft, text, field)
+    draft.replace(path)
 
 
 def read_private(path: Path, field: str) -> str:

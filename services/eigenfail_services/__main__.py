@@ -1,12 +1,12 @@
 """The services process: hub, supervisor and learners. `python -m eigenfail_services --help`."""
 
 import argparse
+import gc
 import json
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Event
@@ -14,16 +14,18 @@ from typing import NoReturn
 
 import structlog
 
+from eigenfail import logs
 from eigenfail.errors import EigenfailError, StoreUnavailable
 from eigenfail.processes import die_with_parent, end_now
-from eigenfail_services import bounds, logs
+from eigenfail_services import bounds, scrape, tracing
 from eigenfail_services.access import tool
 from eigenfail_services.campaigns.analysis_jobs import (
     DATABASE_VARIABLE,
     AnalysisJobs,
     run_analysis,
 )
-from eigenfail_services.campaigns.launcher import Launcher, NoLauncher, RayLauncher
+from eigenfail_services.campaigns.launching import options
+from eigenfail_services.campaigns.launching.staffing import Staffing
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub import key_tool
 from eigenfail_services.hub.binding import keys_for
@@ -36,11 +38,6 @@ RETRY_S = 1.0
 OWN_WORKERS = "own"
 """What the log calls the key of the workers that the service starts itself."""
 
-LAUNCHERS: dict[str, Callable[[argparse.Namespace], Launcher]] = {
-    "ray": lambda arguments: RayLauncher(arguments.workers, arguments.ray_address),
-    "none": lambda _arguments: NoLauncher(),
-}
-
 log = structlog.get_logger()
 
 
@@ -49,14 +46,14 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="eigenfail_services", description=__doc__)
     parser.add_argument("--database", default=os.environ.get(DATABASE_VARIABLE), help="URL")
     parser.set_defaults(command=serve)
-    parser.add_argument("--workers", type=int, default=max(1, os.cpu_count() or 1))
     parser.add_argument("--hub", default="tcp://127.0.0.1:*", help="address to listen on")
+    parser.add_argument("--advertise", help="the hub's address, as workers of Ray reach it")
     parser.add_argument(
         "--hub-keys", type=Path, default=key_tool.default_folder(), help="folder of its keys"
     )
-    parser.add_argument("--launcher", choices=LAUNCHERS, default="ray")
-    parser.add_argument("--ray-address", default=None, help="of a running cluster")
+    options.add_arguments(parser)
     bounds.add_arguments(parser)
+    scrape.add_arguments(parser)
     commands = parser.add_subparsers(title="commands")
     analyse = commands.add_parser("analyse", help="work on one analysis, then end")
     analyse.add_argument("analysis", type=int)
@@ -92,32 +89,38 @@ def status_of(arguments: argparse.Namespace) -> int:
 
 def serve(arguments: argparse.Namespace) -> None:
     """Run hub, supervisor and workers until SIGTERM or Ctrl-C."""
-    keys = keys_for(arguments.hub, arguments.hub_keys)
+    keys, launcher = keys_for(arguments.hub, arguments.hub_keys), options.launcher_of(arguments)
     stopping = Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
     store = open_store(arguments.database)
     hub = Hub(store, arguments.hub, keys, bounds.of_learners(arguments))
     analyses = AnalysisJobs(store, arguments.database, bounds.of_analyses(arguments))
-    supervisor = Supervisor(store, hub, analyses)
-    launcher = LAUNCHERS[arguments.launcher](arguments)
+    supervisor = Supervisor(store, hub, analyses, arguments.campaigns)
+    staffing = Staffing(launcher, hub, store.events)
     with ExitStack() as endings:  # the last one first, and each of them whatever the others meet
+        endings.callback(tracing.configure("services"))
         for ending in (store.close, launcher.stop, analyses.stop, supervisor.release, hub.stop):
             endings.callback(ending)
+        if arguments.metrics:
+            endings.callback(scrape.serve(arguments.metrics, hub.vitals.registry))
+        gc.freeze()  # all that is loaded by now stays: looking through it would hold up the hub
         hub.start()
-        launcher.start(hub.address, keys.own(OWN_WORKERS) if keys else None)
+        reached = arguments.advertise or hub.address
+        launcher.start(reached, keys.own(OWN_WORKERS) if keys else None)
         sys.stdout.write(json.dumps({"ready": True, "hub": hub.address}) + "\n")
         sys.stdout.flush()
-        supervise(supervisor, hub, stopping)
+        supervise(supervisor, staffing, hub, stopping)
     for number in (signal.SIGTERM, signal.SIGINT):  # as the interpreter ends, one more would kill
         signal.signal(number, signal.SIG_IGN)
 
 
-def supervise(supervisor: Supervisor, hub: Hub, stopping: Event) -> None:
+def supervise(supervisor: Supervisor, staffing: Staffing, hub: Hub, stopping: Event) -> None:
     """Turn after turn, until told to stop or until the hub is no more."""
     while not stopping.wait(TURN_S):
         try:
             supervisor.turn()
+            staffing.turn()
         except StoreUnavailable as error:
             log.warning("store unavailable", problem=str(error))
             time.sleep(RETRY_S)
@@ -127,9 +130,9 @@ def supervise(supervisor: Supervisor, hub: Hub, stopping: Event) -> None:
 
 def main() -> None:
     """Do what the command line says; one sentence and an exit code for every trouble."""
-    logs.configure()
     arguments = parse()
     try:
+        logs.configure("services")
         arguments.command(arguments)
     except EigenfailError as error:
         sys.exit(_complain(error))

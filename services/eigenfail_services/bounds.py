@@ -18,7 +18,12 @@ LEARNER_MEMORY = "EIGENFAIL_LEARNER_MEMORY_MIB"
 
 MIB = 1024 * 1024
 LEAST_MIB = 1024.0
-"""A learner with torch takes 300 MiB before its first step, an analysis 350 MiB in all."""
+"""A learner with torch takes `LEARNER_MIB` before its first step, an analysis 350 MiB in all."""
+
+CAMPAIGNS = "EIGENFAIL_CAMPAIGNS"
+SOME_CAMPAIGNS = 4
+LEARNER_MIB = 300.0
+"""What a learner with torch takes before its first step."""
 
 CONTAINERS_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
@@ -57,10 +62,35 @@ def half_of_the_memory_mib(containers_limit: Path = CONTAINERS_LIMIT) -> float:
 
     Never less than `LEAST_MIB`.
     """
+    return max(memory_mib(containers_limit) // 2, LEAST_MIB)
+
+
+def memory_mib(containers_limit: Path = CONTAINERS_LIMIT) -> float:
+    """What the machine has, or the container."""
     most = psutil.virtual_memory().total
     with contextlib.suppress(OSError, ValueError):  # there is no such file, or it says "max"
         most = min(most, int(containers_limit.read_text()))
-    return max(float(most // MIB // 2), LEAST_MIB)
+    return float(most // MIB)
+
+
+def most_campaigns(memory_mib: float) -> int:
+    """How many learners have room in so much memory before their first step; at least one."""
+    return max(1, int(memory_mib // LEARNER_MIB))
+
+
+def campaigns_at_once(text: str) -> int:
+    """How many campaigns run at a time, as the command line has it.
+
+    Raises:
+        ArgumentTypeError: it is no whole number above 0, or their learners have no room here.
+    """
+    most = most_campaigns(memory_mib())
+    if not (text.isdecimal() and text.isascii() and int(text[:9])):
+        raise argparse.ArgumentTypeError(f"'{text[:20]}' is no whole number above 0")
+    if int(text[:9]) > most:
+        needs = f"a learner takes {LEARNER_MIB:g} MiB before its first step"
+        raise argparse.ArgumentTypeError(f"{text[:9]} are too many here, at most {most}: {needs}")
+    return int(text[:9])
 
 
 def positive(text: str) -> float:
@@ -87,6 +117,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     ):
         given = os.environ.get(variable) or str(default)
         parser.add_argument(option, type=positive, default=given, help=words)
+    parser.add_argument(
+        "--campaigns",
+        type=campaigns_at_once,
+        default=os.environ.get(CAMPAIGNS) or str(min(SOME_CAMPAIGNS, most_campaigns(memory_mib()))),
+        help="how many run at a time, each with a learner of its own",
+    )
 
 
 def of_learners(arguments: argparse.Namespace) -> Bounds:

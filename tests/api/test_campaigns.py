@@ -225,3 +225,17 @@ def test_an_empty_list_of_campaigns_asks_for_one(http, problem):
     assert problem(http.post("/api/v1/campaigns/bulk", json=[]), 422)["remedy"] == (
         "Name at least one."
     )
+
+
+def test_a_priority_is_asked_for_and_changed(http, fields, store, problem):
+    made = http.post(URL, json={**fields, "priority": "low"}).json()
+    assert made["spec"]["priority"] == "low"
+    changed = http.post(f"{URL}/{made['id']}/priority", json={"priority": "high"})
+    assert changed.status_code == 200
+    assert changed.json() == {**made, "spec": {**made["spec"], "priority": "high"}}
+    assert http.get(f"{URL}/{made['id']}").json() == changed.json()
+    told = problem(http.post(f"{URL}/{made['id']}/priority", json={"priority": "urgent"}), 422)
+    assert told["field"] == "priority"
+    http.post(f"{URL}/{made['id']}/cancel")
+    problem(http.post(f"{URL}/{made['id']}/priority", json={"priority": "low"}), 409)
+    problem(http.post(f"{URL}/99/priority", json={"priority": "low"}), 404)

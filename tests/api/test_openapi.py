@@ -120,7 +120,7 @@ def test_every_refusal_names_the_types_of_its_problems(document):
     for status, response in document["components"]["responses"].items():
         assert "application/problem+json" in response["content"]
         assert ("urn:eigenfail:" in response["description"]) is (
-            status in {"400", "401", "403", "404", "409", "422", "503"}
+            status in {"400", "401", "403", "404", "409", "410", "422", "503"}
         )
     told = " ".join(each["description"] for each in document["components"]["responses"].values())
     for kind in tree(EigenfailError):
@@ -169,11 +169,13 @@ def test_bodies_are_described_where_they_are_read(document):
         "/api/v1/campaigns/bulk",
         "/api/v1/campaigns/check",
         "/api/v1/campaigns/{campaign}/clone",
+        "/api/v1/campaigns/{campaign}/priority",
         "/api/v1/campaigns/{campaign}/exports",
         "/api/v1/campaigns/{campaign}/analyses",
         "/api/v1/campaigns/{campaign}/episodes/{index}/replay",
         "/api/v1/analyses/{analysis}/proof",
         "/api/v1/keys",
+        "/api/v1/keys/{key}/quotas",
     }
 
 

@@ -32,7 +32,16 @@ def test_metrics_count_campaigns_episodes_and_failures(
     assert 'eigenfail_campaigns{state="done"} 0.0' in lines
     assert 'eigenfail_episodes_total{end="completed"} 2.0' in lines
     assert 'eigenfail_episodes_total{end="failed"} 1.0' in lines
-    assert "eigenfail_failures_total 1.0" in lines
+    assert 'eigenfail_failures_total{method="monte_carlo"} 1.0' in lines
+
+
+def test_metrics_tell_what_each_method_cost(http, store, campaign):
+    store.campaigns.add_active(campaign, 1_800.0)
+    spec = store.campaigns.get(campaign).spec
+    lines = http.get("/metrics").text.splitlines()
+    hours, usd = 0.5 * spec.instances, 0.5 * spec.instances * spec.price_usd_per_hour
+    assert f'eigenfail_instance_hours_total{{method="{spec.method}"}} {hours}' in lines
+    assert f'eigenfail_cost_usd_total{{method="{spec.method}"}} {usd}' in lines
 
 
 def test_requests_are_counted_by_route_not_by_address(http, fields, store, monkeypatch):
@@ -69,9 +78,9 @@ def unheard_of(*_):
 
 def test_workers_that_are_connected_are_listed_at_work_or_not(http, store, monkeypatch):
     told = Arrival(worker="w1", host="rack 4", pid=77, versions={"numpy": "2.4.6"})
-    number = store.roster.arrived(told)
-    gone = store.roster.arrived(Arrival(worker="gone", host="rack 5", pid=78))
-    store.roster.left(gone)
+    others = Arrival(worker="gone", host="rack 5", pid=78)
+    number, gone = store.roster.arrived([told, others])
+    store.roster.left([gone])
     (found,) = http.get("/api/v1/workers/present").json()["items"]
     assert (found["id"], found["worker"], found["host"]) == (number, "w1", "rack 4")
     assert found["versions"] == {"numpy": "2.4.6"}

@@ -47,6 +47,16 @@ def test_pausing_and_resuming(live, queue):
     expect(page.locator("#live .badge").first).to_contain_text("queued")
 
 
+def test_a_priority_is_changed_and_shown(live, store, queue):
+    campaign = queue("in a hurry")
+    page = live(f"/campaigns/{campaign}")
+    page.get_by_role("button", name="High priority").click()
+    expect(page.locator("#course")).to_contain_text("has the priority high from now on")
+    expect(page.get_by_role("button", name="Normal priority")).to_be_visible()
+    expect(page.get_by_role("button", name="High priority")).to_have_count(0)
+    assert store.campaigns.get(campaign).spec.priority == "high"
+
+
 def test_a_refusal_is_told_in_words(visit, store, queue):
     campaign = queue("soon gone")
     # Without the feed the page does not notice that the campaign moved on.

@@ -72,12 +72,14 @@ def test_an_administrator_makes_a_key_and_revokes_it(bare_address, token, visit)
     page.get_by_role("button", name="Sign in").click()
     page.get_by_label("For whom").fill("ci <i>")
     page.get_by_label("Scope").select_option("runner")
+    page.get_by_label("Campaigns open at once").fill("0")
     page.get_by_role("button", name="Make a key").click()
     expect(page.get_by_text("The key of ci <i>.")).to_be_visible()
     made = page.get_by_label("The new key").text_content()
     header = {"Authorization": f"Bearer {made}"}
     campaigns = f"{bare_address}/api/v1/campaigns"
     assert httpx2.get(campaigns, headers=header).status_code == 200
+    expect(page.get_by_role("row", name="ci <i>")).to_contain_text("0 of 0 campaigns open")
     page.once("dialog", lambda dialog: dialog.accept())
     page.get_by_role("button", name="Revoke the key of ci <i>").click()
     expect(page.get_by_role("row", name="ci <i>")).to_contain_text("revoked")

@@ -54,6 +54,14 @@ class Service:
             self.supervisor.turn()
             time.sleep(0.01)
 
+    def go_on(self, for_s: float) -> None:
+        """Let it work for some time."""
+        until_s = time.monotonic() + for_s
+        while time.monotonic() < until_s:
+            assert self.hub.alive(), "the hub's thread has died"
+            self.supervisor.turn()
+            time.sleep(0.01)
+
     def begin(self, **fields: object) -> int:
         """The id of a new campaign."""
         return self.store.campaigns.create(CampaignSpec(name="t", seed=5, **fields)).id  # type: ignore[arg-type]

@@ -59,8 +59,13 @@ class Server:
         postmaster.send_signal(signal.SIGQUIT)
         postmaster.wait(PATIENCE_S)
 
+    def pids(self) -> list[int]:
+        """Of all its processes."""
+        postmaster = self._server.get_postmaster_info().process
+        return [postmaster.pid, *(each.pid for each in postmaster.children())]
+
     def start(self) -> None:
-        """After `break_off`."""
+        """After `break_off`, or an end of its own."""
         start(self._server)
 
     def end(self) -> None:
@@ -69,9 +74,9 @@ class Server:
 
 
 @contextmanager
-def server() -> Iterator[Server]:
+def server(folder: str = "") -> Iterator[Server]:
     """One that is gone afterwards. Its folder has a short name, as paths of sockets must."""
-    folder = tempfile.mkdtemp(prefix="eigenfail-pg-", dir="/tmp")
+    folder = folder or tempfile.mkdtemp(prefix="eigenfail-pg-", dir="/tmp")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_RUNTIME_DIR", folder)
         running = Server(folder)

@@ -40,9 +40,9 @@ class Stage:
         self._started: list[Started] = []
         self._store = open_store(url)
 
-    def controller(self) -> Controller:
-        """Start one, and wait until it answers."""
-        return self._keep(Controller(self.url, self._folder / "controller.log"))
+    def controller(self, address: str = "") -> Controller:
+        """Start one, at an address or any, and wait until it answers."""
+        return self._keep(Controller(self.url, self._folder / "controller.log", address))
 
     def services(self, hub: str | None = None) -> Services:
         """Start them, and wait until they serve."""

@@ -87,8 +87,8 @@ class Started:
         return self.log.read_bytes()[self.said_before :].decode(errors="replace")
 
     def below(self) -> list[psutil.Process]:
-        """The processes that it started."""
-        return psutil.Process(self.process.pid).children() if self.alive else []
+        """The processes that it started, and those that these did; parents come first."""
+        return psutil.Process(self.process.pid).children(recursive=True) if self.alive else []
 
     def kill(self) -> None:
         """kill -9, as the out-of-memory killer does it."""
@@ -149,15 +149,19 @@ class Worker(Started):
 
     def kill_child(self) -> None:
         """kill -9 of the process in which simulator and planner run."""
-        for child in self.below():
-            child.kill()
+        for process in self.inner():
+            process.kill()
+
+    def inner(self) -> list[psutil.Process]:
+        """That process, and what it started; its guard is the first one below."""
+        return self.below()[1:]
 
 
 class Controller(Started):
     """A controller process: it answers HTTP."""
 
-    def __init__(self, url: str, log: Path) -> None:
-        self.url = f"http://127.0.0.1:{free_port()}"
+    def __init__(self, url: str, log: Path, address: str = "") -> None:
+        self.url = address or f"http://127.0.0.1:{free_port()}"
         port = self.url.rpartition(":")[2]
         super().__init__(["eigenfail_api", "--database", url, "--port", port], log)
         with Client(self.url) as client:

@@ -79,7 +79,7 @@ class Storm:
     def _kill_child(self) -> bool:
         worker = self._random.choice(self.workers)
         # An episode whose process dies three times is given up, as it should be.
-        return self._is_further(worker.name, self.stage.brought(worker)) and kill(worker.below())
+        return self._is_further(worker.name, self.stage.brought(worker)) and kill(worker.inner())
 
     def _kill_learner(self) -> bool:
         # So is a campaign whose learner dies three times without a round learnt in between.

@@ -3,13 +3,17 @@ services that stand still while they hold a lock there.
 """
 
 import random
+import subprocess
+import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 from postgresql import Server, server
 from sqlalchemy import text
+from sqlalchemy.exc import SQLAlchemyError
 from stage import Stage
 from started import Services, wait_until
 
@@ -28,6 +32,8 @@ MOVING = text(
     "SELECT count(*) FROM pg_stat_activity WHERE application_name = 'eigenfail' "
     "AND state_change > clock_timestamp() - interval '200 ms'"
 )
+NEW_LOG = text("SELECT pg_switch_wal()")
+HERE = text("SELECT 1")
 BUSY = text(
     "SELECT count(*) FROM pg_stat_activity WHERE application_name = 'eigenfail' "
     "AND state = 'active'"
@@ -42,9 +48,17 @@ def postgres_server() -> Iterator[Server]:
 
 @pytest.fixture
 def stage(postgres_server: Server, tmp_path: Path) -> Iterator[Stage]:
-    stage = Stage(postgres_server.url, tmp_path)
-    yield stage
-    stage.end()
+    with staged(postgres_server.url, tmp_path) as stage:
+        yield stage
+
+
+@contextmanager
+def staged(url: str, folder: Path) -> Iterator[Stage]:
+    stage = Stage(url, folder)
+    try:
+        yield stage
+    finally:
+        stage.end()
 
 
 def test_a_database_that_is_broken_off_costs_no_episode(
@@ -64,6 +78,99 @@ def test_a_database_that_is_broken_off_costs_no_episode(
     services = stage.services()
     stage.unchanged(campaigns, undisturbed)
     assert [process.end() for process in (services, worker)] == [0, 0]
+
+
+@pytest.fixture
+def strace() -> None:
+    """Skips where nobody may look into processes."""
+    try:
+        subprocess.run(["strace", "-qq", "-o", "/dev/null", "true"], check=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("no strace that may look into processes")
+
+
+@contextmanager
+def failing_to_sync(server: Server) -> Iterator[None]:
+    """Within the block, each process's fourth try to bring its log to the disk fails."""
+    faults = ["-e", "trace=fdatasync", "-e", "inject=fdatasync:error=EIO:when=4"]
+    each = [word for pid in server.pids() for word in ("-p", str(pid))]
+    with subprocess.Popen(["strace", "-f", "-qq", "-o", "/dev/null", *faults, *each]) as tracer:
+        try:
+            yield
+        finally:
+            tracer.terminate()
+
+
+def test_what_a_server_could_not_bring_to_disk_is_not_acknowledged(
+    strace: None, stage: Stage, postgres_server: Server, undisturbed: dict[str, str]
+) -> None:
+    """It breaks off by itself then, and begins anew with what was on the disk."""
+    services, worker = stage.services(), stage.worker()
+    campaigns = stage.launch("monte_carlo", "ast")
+    stage.wait_for_more_from(worker, 20)
+    with failing_to_sync(postgres_server):
+        wait_until(lambda: "store unavailable" in services.said(), "the services miss it")
+    wait_until(lambda: is_there(stage), "the server begins anew")
+    stage.unchanged(campaigns, undisturbed)
+    assert [process.end() for process in (services, worker)] == [0, 0]
+
+
+def is_there(stage: Stage) -> bool:
+    """Whether the server answers."""
+    with suppress(SQLAlchemyError):
+        return stage.ask(HERE) == 1
+    return False
+
+
+def begins_anew(running: Server, stage: Stage) -> bool:
+    """Start it, unless it is there; it may be about to end for want of room."""
+    if not is_there(stage):
+        running.start()
+    return is_there(stage)
+
+
+@pytest.fixture
+def small_folder() -> Iterator[Path]:
+    """One with little room, and a short name, as paths of sockets must."""
+    folder = Path(tempfile.mkdtemp(prefix="eigenfail-pg-", dir="/tmp"))
+    try:
+        command = ["mount", "-t", "tmpfs", "-o", "size=256m,mode=0755", "tmpfs", str(folder)]
+        subprocess.run(command, check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        folder.rmdir()
+        pytest.skip("no file system can be mounted here")
+    below = folder / "s"  # what the server removes at its end
+    below.mkdir(0o700)
+    yield below
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
+    folder.rmdir()
+
+
+def fill(file: Path) -> None:
+    """Take all the room that there is."""
+    with file.open("wb", buffering=0) as stream:
+        while True:
+            stream.write(bytes(4_096))
+
+
+def test_a_server_without_room_for_its_log_loses_nothing(
+    small_folder: Path, tmp_path: Path, undisturbed: dict[str, str]
+) -> None:
+    filler = small_folder / "filler"
+    with server(str(small_folder)) as running, staged(running.url, tmp_path) as stage:
+        services, worker = stage.services(), stage.worker()
+        campaigns = stage.launch("monte_carlo", "ast")
+        stage.wait_for_more_from(worker, 20)
+        with pytest.raises(OSError, match="No space"):
+            fill(filler)
+        with suppress(SQLAlchemyError):
+            stage.ask(NEW_LOG)  # or there is room in what is begun already
+        wait_until(lambda: "store unavailable" in services.said(), "the services miss it")
+        assert not stage.are_over(campaigns)
+        filler.unlink()
+        wait_until(lambda: begins_anew(running, stage), "the server begins anew")
+        stage.unchanged(campaigns, undisturbed)
+        assert [process.end() for process in (services, worker)] == [0, 0]
 
 
 def test_services_that_stand_still_in_a_transaction_hold_nobody_up(stage: Stage) -> None:

@@ -1,7 +1,12 @@
 """The services, the controller, and everything at once, killed in the middle and started again."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 from stage import Stage
+from started import wait_until
 
 from eigenfail.client import Client
 from eigenfail.values import CampaignState
@@ -44,3 +49,23 @@ def test_what_was_granted_outlives_who_granted_it(stage: Stage) -> None:
         process.kill()
     assert stage.campaign(paused).state in {CampaignState.PAUSING, CampaignState.PAUSED}
     assert stage.campaign(cancelled).state in {CampaignState.CANCELLING, CampaignState.CANCELLED}
+
+
+def test_who_watches_a_campaign_waits_for_a_controller_that_is_started_anew(
+    stage: Stage, tmp_path: Path
+) -> None:
+    campaign, controller = stage.create(method="monte_carlo", episodes=9), stage.controller()
+    command = [Path(sys.executable).with_name("eigenfail"), "campaign", "show", str(campaign)]
+    said, log = tmp_path / "said", tmp_path / "log"
+    with said.open("wb") as out, log.open("wb") as complaints:
+        watching = subprocess.Popen(
+            [*command, "--watch", "--url", controller.url], stdout=out, stderr=complaints
+        )
+    wait_until(lambda: b"queued" in said.read_bytes(), "it is watched")
+    controller.kill()
+    wait_until(lambda: b"waiting" in log.read_bytes(), "it is missed")
+    assert watching.poll() is None
+    stage.controller(controller.url)
+    stage.move(campaign, CampaignState.CANCELLED)
+    assert watching.wait(60) == 0
+    assert b"cancelled" in said.read_bytes()

@@ -1,8 +1,11 @@
 """The health checks of the containers, against real sockets."""
 
 import http.server
+import os
 import runpy
 import socket
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -19,11 +22,11 @@ def free_port():
 
 
 @pytest.fixture
-def health(free_port):
+def health(free_port, monkeypatch):
     """`main` of the script, looking at a port of this test."""
-    names = runpy.run_path(str(HEALTH))
-    names["main"].__globals__.update(CONTROLLER_PORT=free_port, HUB_PORT=free_port)
-    return names["main"]
+    for name in ("EIGENFAIL_PORT", "EIGENFAIL_HUB_PORT", "EIGENFAIL_RAY_PORT"):
+        monkeypatch.setenv(name, str(free_port))
+    return runpy.run_path(str(HEALTH))["main"]
 
 
 @pytest.fixture
@@ -52,20 +55,34 @@ def test_a_controller_is_well_when_it_is_ready(health, controller):
     assert health("controller") == 1
 
 
-@pytest.mark.parametrize("role", ["controller", "services", "worker"])
+@pytest.mark.parametrize("role", ["controller", "services", "worker", "ray-head", "ray-node"])
 def test_nobody_is_well_where_nothing_runs(health, role):
     assert health(role) == 1
 
 
-def test_services_are_well_when_the_hub_listens(health, free_port):
+@pytest.mark.parametrize("role", ["services", "ray-head"])
+def test_who_is_connected_to_is_well_when_it_listens(health, free_port, role):
     with socket.create_server(("127.0.0.1", free_port)):
-        assert health("services") == 0
+        assert health(role) == 0
 
 
-def test_a_worker_is_well_while_it_is_connected(health, free_port):
+@pytest.mark.parametrize("role", ["worker", "ray-node"])
+def test_who_connects_is_well_while_it_is_connected(health, free_port, role):
     with socket.create_server(("127.0.0.1", free_port)) as hub:
         with socket.create_connection(("127.0.0.1", free_port)):
             accepted, _ = hub.accept()
-            assert health("worker") == 0
+            assert health(role) == 0
             accepted.close()
-        assert health("worker") == 1
+        assert health(role) == 1
+
+
+@pytest.mark.parametrize(("words", "role"), [(["controller"], ""), ([], "controller")])
+def test_the_role_is_an_argument_or_a_variable(words, role, free_port):
+    environment = os.environ | {"EIGENFAIL_PORT": str(free_port), "EIGENFAIL_ROLE": role}
+    command = [sys.executable, HEALTH, *words]
+    assert subprocess.run(command, env=environment, check=False).returncode == 1
+
+
+def test_without_a_role_nothing_is_asked():
+    environment = {k: v for k, v in os.environ.items() if k != "EIGENFAIL_ROLE"}
+    assert subprocess.run([sys.executable, HEALTH], env=environment, check=False).returncode == 0

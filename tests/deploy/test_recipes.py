@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 
 from eigenfail_services import __main__ as program
 from eigenfail_services.exports.shelf import KEPT, folder_beside
@@ -25,11 +24,6 @@ except OSError as error:
     print(error)
 """
 PROGRAMS = {"eigenfail_api", "eigenfail_services", "eigenfail_workers"}
-
-
-@pytest.fixture(scope="module")
-def services():
-    return yaml.safe_load((DEPLOY / "compose.yaml").read_text())["services"]
 
 
 @pytest.fixture(scope="module")
@@ -71,8 +65,17 @@ def test_the_image_runs_as_nobody_in_particular():
     assert users == ["10001:10001"]
 
 
+def test_every_target_runs_as_nobody_in_particular_and_asks_for_its_health():
+    stages = re.split(r"^FROM ", (DEPLOY / "Dockerfile").read_text(), flags=re.MULTILINE)[1:]
+    by_name = {stage.split("\n")[0].split(" AS ")[1]: stage for stage in stages}
+    assert "HEALTHCHECK" in by_name["run"]
+    for target in ("worker", "everything"):
+        assert by_name[target].startswith("run AS")
+        assert "USER 10001:10001" in by_name[target].splitlines()
+
+
 def test_the_image_takes_its_versions_from_the_one_list():
-    assert "--constraint constraints.txt" in (DEPLOY / "Dockerfile").read_text()
+    assert (DEPLOY / "Dockerfile").read_text().count("--constraint constraints.txt") == 2
     constraints = (DEPLOY.parent / "constraints.txt").read_text()
     assert re.search(r"^torch==[\d.]+$", constraints, re.MULTILINE)
 
@@ -104,13 +107,14 @@ def test_only_the_controller_leaves_the_private_network(services):
 
 def test_every_role_runs_a_program_of_ours_with_few_rights(ours):
     for service in ours.values():
-        assert service["command"][0] in PROGRAMS
+        program = service["command"][0]
+        assert program in PROGRAMS or service["entrypoint"][0] in {"ray", "sh"}
         assert service["read_only"] is True
         assert service["cap_drop"] == ["ALL"]
 
 
 def test_the_hub_asks_for_keys_that_are_made_before_it_starts(services, monkeypatch):
-    hub, keys, worker = (services[name] for name in ("services", "keys", "worker"))
+    hub, keys, worker = (services[name] for name in ("services", "keys", "plain-worker"))
     assert binding.TRUST_VARIABLE not in hub["environment"]
     for service in (hub, keys):
         monkeypatch.setenv(binding.KEYS_VARIABLE, service["environment"][binding.KEYS_VARIABLE])
@@ -129,12 +133,15 @@ def test_nobody_holds_more_of_the_keys_than_it_needs(services):
             for mounted in service.get("volumes", ())
             if mounted.startswith(f"{volume}:")
         }
-        for volume in ("hub-keys", "worker-key")
+        for volume in ("hub-keys", "worker-key", "ray-token")
     }
     assert holders["hub-keys"] == {"keys": False, "services": True}
-    assert holders["worker-key"] == {"keys": False, "worker": True}
+    assert holders["worker-key"] == {"keys": False, "plain-worker": True}
+    nodes = dict.fromkeys(("ray-head", "services", "worker"), True)
+    assert holders["ray-token"] == {"ray-token": False} | nodes
     made = (DEPLOY / "Dockerfile").read_text()
-    assert "--mode=0700 \\\n        /var/lib/eigenfail-hub /var/lib/eigenfail-worker" in made
+    folders = "/var/lib/eigenfail-hub /var/lib/eigenfail-worker /var/lib/eigenfail-ray"
+    assert f"--mode=0700 \\\n        {folders}" in made
 
 
 def test_exports_are_on_a_bounded_volume_and_not_in_memory(monkeypatch, services):
@@ -159,7 +166,7 @@ def test_memory_for_temporary_files_is_bounded(ours):
 
 def test_whatever_stays_up_has_a_health_check(services):
     lasting = {name for name, service in services.items() if service["restart"] != "no"}
-    assert lasting == {"postgres", "controller", "services", "worker"}
+    assert lasting >= {"postgres", "controller", "services", "ray-head", "worker", "plain-worker"}
     assert all("healthcheck" in services[name] for name in lasting)
 
 
@@ -170,6 +177,7 @@ def test_no_password_stands_in_the_file(services):
     assert (DEPLOY / ".env.example").read_text().strip().endswith("POSTGRES_PASSWORD=")
 
 
-def test_workers_can_be_scaled(services):
-    assert "container_name" not in services["worker"]
-    assert "ports" not in services["worker"]
+@pytest.mark.parametrize("name", ["worker", "plain-worker"])
+def test_workers_can_be_scaled(services, name):
+    assert "container_name" not in services[name]
+    assert "ports" not in services[name]

@@ -27,6 +27,7 @@ WHOLE_PAGES = {
 COMPARED = {
     "README.md": {"demo": "test_for_real.py"},
     "docs/performance.md": dict.fromkeys(("episode", "service"), "test_performance_page.py"),
+    "docs/scale.md": {"workers": "test_scale_page.py", "episodes": "test_volume_page.py"},
 }
 COLUMNS = {
     "default": "a setting",

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -29,7 +30,8 @@ class Worker:
 
     def kill_child(self) -> None:
         """kill -9 of the process in which simulator and planner run."""
-        for child in psutil.Process(self.process.pid).children():
+        _guard, *below = psutil.Process(self.process.pid).children(recursive=True)
+        for child in below:
             child.kill()
 
     def stop(self) -> None:
@@ -69,9 +71,10 @@ def fresh_service(tmp_path: Path) -> Callable[..., "contextmanager[LocalService]
     """Starts services on one folder, one after the other."""
 
     @contextmanager
-    def start(launcher: Launcher = Launcher.NONE, workers: int = 1) -> Iterator[LocalService]:
+    def start(launcher: Launcher = Launcher.NONE, **staff: object) -> Iterator[LocalService]:
         with ExitStack() as stack:
-            plan = Plan(tmp_path / "data", port=0, workers=workers, launcher=launcher)
+            staffed: dict[str, Any] = {"workers": 1} | staff
+            plan = Plan(tmp_path / "data", port=0, launcher=launcher, **staffed)
             yield stack.enter_context(local_service(plan))
 
     return start

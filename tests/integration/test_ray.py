@@ -4,15 +4,18 @@ import time
 
 import psutil
 import pytest
+import reader
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import Launcher
+from eigenfail.hosting.span import Span
 from eigenfail.values import CampaignState
 from eigenfail_services.hub.keys import KeyFolder
 
 pytestmark = pytest.mark.service
 
 FIELDS = {"name": "ray", "method": "monte_carlo", "planner": "idm", "episodes": 400, "seed": 8}
+SHORT = FIELDS | {"episodes": 160}
 
 
 def actors(service) -> list[psutil.Process]:
@@ -51,6 +54,53 @@ def test_a_killed_ray_worker_is_replaced_and_changes_nothing(fresh_service, tmp_
     gone, alive = psutil.wait_procs(everything, timeout=20)
     assert not [p for p in alive if p.status() != psutil.STATUS_ZOMBIE]
     assert gone
+
+
+def driver(service) -> psutil.Process:
+    """The process of Ray's driver."""
+    services = psutil.Process(service.parts[1].process.pid)
+    return next(
+        below for below in services.children() if "ray_process" in " ".join(below.cmdline())
+    )
+
+
+def wait_until(condition, what: str) -> None:
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline, f"waited in vain: {what}"
+        time.sleep(0.05)
+
+
+def wait_for_more(client: Client, campaign: int) -> None:
+    """Until some more results are there."""
+    before = client.campaigns.get(campaign).counts.completed
+    wait_until(
+        lambda: client.campaigns.get(campaign).counts.completed >= before + 10, "results come"
+    )
+
+
+def test_workers_come_with_the_work_outlive_ray_and_go_with_it(fresh_service, tmp_path) -> None:
+    """Ray is killed with all its workers in the middle, and what drives it after that."""
+    span = Span(0, 2, idle_s=1.0)
+    with fresh_service(Launcher.RAY, span=span) as service, Client(service.address.url) as client:
+        assert client.present_workers() == ()
+        undisturbed = digest(client, client.campaigns.create(**SHORT).id)
+        campaign = client.campaigns.create(**SHORT)
+        wait_for_more(client, campaign.id)
+        raylet = next(p for p in driver(service).children() if p.name() == "raylet")
+        for process in (raylet, *raylet.children(recursive=True)):  # else its workers run on
+            process.kill()
+        wait_until(lambda: "Ray is back" in client.staffing().said, "another Ray is started")
+        wait_for_more(client, campaign.id)
+        driver(service).kill()
+        assert digest(client, campaign.id) == undisturbed
+        wait_until(lambda: client.present_workers() == (), "who has nothing to do goes")
+        wait_until(lambda: actors(service) == [], "and so does its process")
+        log = service.parts[1].log.read_text()
+    assert "Ray's process raylet has died." in log
+    assert "The process of Ray's driver ended with status -9." in log
+    found = reader.read(f"sqlite:///{tmp_path}/data/eigenfail.db")
+    assert (found.lost, found.doubled, found.complaints) == (0, 0, ())
 
 
 def test_a_cluster_that_is_not_there_is_said_in_one_sentence(tmp_path) -> None:

@@ -109,6 +109,46 @@ def fork_on(folder):
     (folder / str(pid)).touch()
 
 
+def escape(folder, live):
+    """Start one that is in nobody's group or session but its own, and nobody's child."""
+    between = os.fork()
+    if between:
+        os.waitpid(between, 0)
+        return
+    os.setsid()
+    if os.fork() == 0:
+        os.setsid()
+        (folder / str(os.getpid())).touch()
+        live()
+    os._exit(0)
+
+
+def escape_and_die(folder):
+    escape(folder, lambda: time.sleep(600.0))
+    until_there_is_one(folder)
+    os._exit(7)
+
+
+def escape_and_hang(folder):
+    escape(folder, lambda: time.sleep(600.0))
+    hang_in_c(folder)
+
+
+def spin():
+    while True:
+        pass
+
+
+def leave_one_that_spins(folder):
+    escape(folder, spin)
+    until_there_is_one(folder)
+
+
+def until_there_is_one(folder):
+    while not any(folder.iterdir()):
+        time.sleep(0.01)
+
+
 def start_processes(folder):
     while True:
         fork_on(folder)
@@ -157,6 +197,9 @@ WAYS = {
     "starts processes": start_processes,
     "forks and dies": fork_and_die,
     "forks and hangs": fork_and_hang,
+    "escapes and dies": escape_and_die,
+    "escapes and hangs": escape_and_hang,
+    "leaves one that spins": leave_one_that_spins,
     "prints": print_much,
     "reads": read_input,
     "wants too much": want_too_much,

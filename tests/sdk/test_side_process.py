@@ -1,10 +1,12 @@
 """A process that is asked something, and does not answer."""
 
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import psutil
 import pytest
 
@@ -42,6 +44,65 @@ def test_one_that_does_not_answer_is_killed_with_all_it_started(started) -> None
     with pytest.raises(ServiceError, match=r"no answer within 0.2 s"):
         side_process.ask("module", b"question", patience_s=0.2)
     until("what it started lives on", lambda: not lives(int(started.read_text())))
+
+
+ANSWERS = """#!{python}
+import os, sys, time
+sys.stdin.buffer.read()
+if os.fork() == 0:
+    for descriptor in (0, 1, 2):
+        os.close(descriptor)
+    time.sleep(600)
+    os._exit(0)
+{end}
+"""
+
+
+@pytest.fixture
+def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[int]]:
+    """Has the module be a program that leaves a process behind and then ends in some way."""
+
+    def put(end: str) -> None:
+        script = tmp_path / "python"
+        script.write_text(ANSWERS.format(python=sys.executable, end=end))
+        script.chmod(0o700)
+        monkeypatch.setattr(side_process.sys, "executable", str(script))
+
+    return put
+
+
+def left_behind(folder: Path) -> list[psutil.Process]:
+    """What runs a program of this folder."""
+    mark = str(folder / "python")
+    return [p for p in psutil.process_iter(["cmdline"]) if mark in (p.info["cmdline"] or [])]
+
+
+@pytest.mark.service
+def test_what_one_started_goes_though_it_answered_and_ended_by_itself(asked, tmp_path) -> None:
+    answer = msgspec.msgpack.encode(side_process.Told(b"yes"))
+    asked(f"os.write(1, {answer!r})")
+    assert side_process.ask("module", b"x" * 3_000_000, patience_s=WITHIN_S) == b"yes"
+    until("what it started lives on", lambda: not any(map(lives_still, left_behind(tmp_path))))
+
+
+@pytest.mark.service
+@pytest.mark.parametrize(
+    ("end", "said"),
+    [
+        ("sys.exit(5)", "ended with code 5"),
+        ("os.kill(os.getpid(), 9)", "ended with code -9"),
+        (r"os.write(1, b'\x92')", "was broken off"),
+    ],
+)
+def test_one_that_breaks_off_is_told_of(asked, tmp_path, end, said) -> None:
+    asked(end)
+    with pytest.raises(ServiceError, match=said):
+        side_process.ask("module", b"question", patience_s=WITHIN_S)
+    until("what it started lives on", lambda: not any(map(lives_still, left_behind(tmp_path))))
+
+
+def lives_still(process: psutil.Process) -> bool:
+    return lives(process.pid)
 
 
 def until(problem: str, holds: Callable[[], bool]) -> None:

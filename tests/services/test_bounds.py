@@ -73,3 +73,31 @@ def test_a_process_that_may_not_be_confined_ends_nothing(monkeypatch) -> None:
 
     monkeypatch.setattr(bounds.resource, "prlimit", refused)
     Bounds(inf, 64.0).confine(1)
+
+
+def test_how_many_campaigns_run_at_a_time(monkeypatch) -> None:
+    monkeypatch.delenv(bounds.CAMPAIGNS, raising=False)
+    monkeypatch.setattr(bounds, "memory_mib", lambda *_: 3_000.0)
+    assert services.parse([]).campaigns == bounds.SOME_CAMPAIGNS
+    monkeypatch.setenv(bounds.CAMPAIGNS, "6")
+    assert services.parse([]).campaigns == 6
+    assert services.parse(["--campaigns", "10"]).campaigns == 10
+    monkeypatch.delenv(bounds.CAMPAIGNS)
+    monkeypatch.setattr(bounds, "memory_mib", lambda *_: 700.0)
+    assert services.parse([]).campaigns == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        *((text, "is no whole number above 0") for text in ("0", "-1", "1.5", "four", "", "²")),
+        ("11", "at most 10: a learner takes 300 MiB"),
+        ("9" * 5_000, "are too many here"),
+    ],
+)
+def test_more_learners_than_memory_are_refused(text, problem, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(bounds, "memory_mib", lambda *_: 3_000.0)
+    with pytest.raises(SystemExit) as ended:
+        services.parse([f"--campaigns={text}"])
+    assert ended.value.code == 2
+    assert problem in capsys.readouterr().err

@@ -23,7 +23,7 @@ from eigenfail.values import (
     VehicleState,
     episode_seed,
 )
-from eigenfail_workers.engine import KEPT_POLICIES
+from eigenfail_workers.noise.policy import KEPT_POLICIES
 
 MakeEngine = Callable[..., EpisodeEngine]
 

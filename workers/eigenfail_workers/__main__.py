@@ -8,10 +8,12 @@ import sys
 from pathlib import Path
 from types import FrameType
 
+from eigenfail import logs
+from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE, check_address
 from eigenfail.errors import EigenfailError
 from eigenfail.private_files import read_private
 from eigenfail.wire.curve import WorkerKey, read_worker_key
-from eigenfail_workers.worker.limits import MEMORY_OPTION, read_limits
+from eigenfail_workers.worker.limits import CPU_OPTION, MEMORY_OPTION, read_limits
 from eigenfail_workers.worker.parent import Parent
 
 KEY_VARIABLE = "EIGENFAIL_WORKER_KEY_FILE"
@@ -32,6 +34,7 @@ def key_in(file: str | None) -> WorkerKey | None:
 def main() -> None:
     """Serve one hub until it says goodbye, or until SIGTERM or Ctrl-C."""
     try:
+        logs.configure("worker")
         serve()
     except EigenfailError as error:
         sys.stderr.write(f"{error}\n")
@@ -42,7 +45,8 @@ def serve() -> None:
     """Do what the command line says.
 
     Raises:
-        InvalidValue: the hub's address is none, or the limit, or the file of the key holds none.
+        InvalidValue: the hub's address is none, or the bridge's, or a limit, or the file of the key
+            holds none.
         Unauthorized: the hub does not let this worker in.
         ServiceUnreachable: whoever listens at its address is not the hub.
         ServiceError: no inner process can start here.
@@ -55,9 +59,18 @@ def serve() -> None:
         "--key-file", default=os.environ.get(KEY_VARIABLE), help="of the key that the hub asks for"
     )
     parser.add_argument(MEMORY_OPTION, help="of simulator and planner [MiB]")
+    parser.add_argument(CPU_OPTION, help="processor time of both for an episode [s]")
+    parser.add_argument(
+        ADDRESS_OPTION,
+        default=os.environ.get(ADDRESS_VARIABLE),
+        help='the bridge on which campaigns with simulator "bridge" run, tcp://127.0.0.1:port',
+    )
     arguments = parser.parse_args()
-    key, limits = key_in(arguments.key_file), read_limits(arguments.memory_limit)
-    parent = Parent(arguments.connect, arguments.name, arguments.episode_limit, key, limits)
+    if arguments.bridge:
+        os.environ[ADDRESS_VARIABLE] = check_address(arguments.bridge)
+    key, episode_s = key_in(arguments.key_file), arguments.episode_limit
+    limits = read_limits(arguments.memory_limit, arguments.cpu_limit, episode_s)
+    parent = Parent(arguments.connect, arguments.name, episode_s, key, limits)
 
     def leave(_signal: int, _frame: FrameType | None) -> None:
         parent.leave()

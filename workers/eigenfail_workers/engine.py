@@ -18,24 +18,13 @@ from eigenfail.errors import (
     SimulatorError,
 )
 from eigenfail.settings import read_settings
-from eigenfail.values import (
-    EpisodeFault,
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    Outcome,
-    Policy,
-    unrunnable,
-)
+from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.values.variation import read_variation
-from eigenfail_workers.episode import run_episode
+from eigenfail_workers.episode import completed, failed, run_episode
 from eigenfail_workers.faults import blamed_on, fault
 from eigenfail_workers.measures.recorder import Recorder
 from eigenfail_workers.noise import sources
-from eigenfail_workers.noise.policy import settled
-
-KEPT_POLICIES = 16
-"""Far more versions than a learner keeps in flight, far fewer than it makes."""
+from eigenfail_workers.noise.policy import keep
 
 
 def unwatched(planner: Planner) -> Planner:
@@ -76,10 +65,7 @@ class Engine:
 
     def learn(self, policy: Policy) -> None:
         """Keep a policy version, as it is now; the oldest make room."""
-        self._policies.pop(policy.version, None)
-        self._policies[policy.version] = settled(policy)
-        while len(self._policies) > KEPT_POLICIES:
-            del self._policies[next(iter(self._policies))]
+        keep(self._policies, policy)
 
     def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:
         """The results, in the order of the tasks."""
@@ -92,7 +78,7 @@ class Engine:
             result = self._complete(task, recorder)
         except (EpisodeError, InputError) as error:
             self._start_clean()
-            result = _failed(task, recorder, fault(error))
+            result = failed(task, recorder, fault(error))
         return structs.replace(result, wall_s=perf_counter() - began)
 
     def _complete(self, task: EpisodeTask, recorder: Recorder) -> EpisodeResult:
@@ -101,18 +87,7 @@ class Engine:
             given = sources.Circumstances(task.seed, simulation.steps, self._policies)
             noise = sources.begin(task.source, given)
             run_episode(simulation, task.seed, self._setup.disturbance, noise, recorder)
-            keep_scene = recorder.collided or task.index % self._setup.scene_every == 0
-            return EpisodeResult(
-                index=task.index,
-                seed=task.seed,
-                outcome=Outcome.COLLISION if recorder.collided else Outcome.SAFE,
-                steps=recorder.steps,
-                noise=recorder.noise(),
-                source=task.source_kind,
-                measures=recorder.measures(simulation.dt_s),
-                states=noise.states(),
-                scene=recorder.scene(simulation.dt_s) if keep_scene else None,
-            )
+            return completed(self._setup, task, noise, recorder, simulation.dt_s)
 
     def _opened(self, parameters: Any) -> Simulation:
         """The simulation for these parameters, opened with a fresh planner if there is none."""
@@ -149,8 +124,3 @@ class Engine:
         simulation, self._simulation = self._simulation, None
         if simulation is not None:
             simulation.close()
-
-
-def _failed(task: EpisodeTask, recorder: Recorder, why: EpisodeFault) -> EpisodeResult:
-    """What is left of an episode that could not be completed."""
-    return structs.replace(unrunnable(task, why), steps=recorder.steps, noise=recorder.noise())

@@ -2,14 +2,18 @@
 
 from collections.abc import Callable
 
-from eigenfail import functions
+from eigenfail import bridges, functions
 from eigenfail.contracts import EpisodeEngine
 from eigenfail.values import EpisodeSetup
+from eigenfail_workers.bridge.engine import from_setup as on_a_bridge
 from eigenfail_workers.engine import Engine
-from eigenfail_workers.functions.engine import from_setup
+from eigenfail_workers.functions.engine import from_setup as on_a_function
 
-ENGINES: dict[str, Callable[[EpisodeSetup], EpisodeEngine]] = {functions.SIMULATOR: from_setup}
-"""Simulators that drive nothing, by name; all others are driven."""
+ENGINES: dict[str, Callable[[EpisodeSetup], EpisodeEngine]] = {
+    functions.SIMULATOR: on_a_function,
+    bridges.SIMULATOR: on_a_bridge,
+}
+"""Simulators that are no plug-ins, by name."""
 
 
 def make_engine(setup: EpisodeSetup) -> EpisodeEngine:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from eigenfail import functions
+from eigenfail import bridges, functions
 from eigenfail.contracts import Planner
 from eigenfail.errors import InvalidValue, PlannerError
 from eigenfail.values import (
@@ -98,7 +98,7 @@ def thinned(path: Sequence[tuple[float, float]]) -> Path:
 
 def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
     """Run an episode and ask the planner why; see `Explainer`."""
-    refuse_functions(setup)
+    refuse_strangers(setup)
     told: list[Told] = []
     engine = Engine(
         msgspec.structs.replace(setup, scene_every=1), lambda planner: Witness(planner, told)
@@ -111,12 +111,14 @@ def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
     return ExplainedEpisode(result, tuple(steps))
 
 
-def refuse_functions(setup: EpisodeSetup) -> None:
+def refuse_strangers(setup: EpisodeSetup) -> None:
     """Raises InvalidValue where there is no planner that could explain anything."""
-    if setup.simulator == functions.SIMULATOR:
-        problem = "a function explains nothing: there is no planner, and there are no controls."
-        remedy = "Run it again with `eigenfail episode replay`."
-        raise InvalidValue("episode", problem, remedy)
+    why = {
+        functions.SIMULATOR: "a function explains nothing: there is no planner, and no controls.",
+        bridges.SIMULATOR: "a bridge explains nothing: what its planner thinks, it does not tell.",
+    }.get(setup.simulator)
+    if why:
+        raise InvalidValue("episode", why, "Run it again with `eigenfail episode replay`.")
 
 
 def _step(number: int, told: Told, result: EpisodeResult) -> ExplainedStep:

@@ -38,10 +38,22 @@ def acting(caller: Caller | None) -> Iterator[None]:
         _caller.reset(before)
 
 
+def lacking(needed: Scope) -> Caller | None:
+    """Who asks, if their key allows less than is needed."""
+    caller = _caller.get()
+    return None if caller is None or caller.scope.allows(needed) else caller
+
+
 def signed_in() -> Caller | None:
     """Who is signed in with a browser, if anybody is."""
     caller = _caller.get()
     return caller if caller is not None and caller.signed_in else None
+
+
+async def key_of_caller() -> int | None:
+    """The id of the key of whoever asks; None where nobody has to show one."""
+    caller = _caller.get()
+    return None if caller is None else caller.key
 
 
 def by_key(key: ApiKey, signed_in: bool = False) -> Caller:

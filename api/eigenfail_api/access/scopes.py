@@ -27,6 +27,7 @@ NEEDED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/campaigns/{{campaign}}/pause",
         f"POST {PREFIX}/campaigns/{{campaign}}/resume",
         f"POST {PREFIX}/campaigns/{{campaign}}/cancel",
+        f"POST {PREFIX}/campaigns/{{campaign}}/priority",
         f"POST {PREFIX}/campaigns/{{campaign}}/analyses",
         f"POST {PREFIX}/campaigns/{{campaign}}/exports",
         f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/replay",
@@ -39,6 +40,8 @@ NEEDED: Mapping[Scope, tuple[str, ...]] = {
         f"GET {PREFIX}/keys",
         f"GET {PREFIX}/keys/{{key}}",
         f"POST {PREFIX}/keys",
+        f"POST {PREFIX}/keys/{{key}}/quotas",
+        f"GET {PREFIX}/keys/{{key}}/usage",
         f"DELETE {PREFIX}/keys/{{key}}",
     ),
 }

@@ -8,7 +8,7 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail import plugins
 from eigenfail.contracts import Store
-from eigenfail.errors import EigenfailError, NotFound, ServiceBusy
+from eigenfail.errors import EigenfailError, NoisePruned, NotFound, ServiceBusy
 from eigenfail.values import CampaignSpec, EpisodeResult, Mission
 from eigenfail.values.variation import read_variation
 from eigenfail.versions import differences
@@ -112,12 +112,15 @@ def first(store: Store, campaign: int) -> EpisodeResult | None:
 
 
 def judged(store: Store, again: Run) -> Verdict | None:
-    """Whether a replay gave the result that is stored; None if it repeats no episode."""
+    """Whether a replay gave the result that is stored; None if it repeats none that is kept."""
     source = source_of(again.campaign.spec, again.result.index)
     if source is None:
         return None
     campaign, index = source
-    stored = store.episodes.finished(campaign, [index])
+    try:
+        stored = store.episodes.finished(campaign, [index])
+    except NoisePruned:
+        return None
     if not stored:
         return None
     differing = versions_apart(store, source, (again.campaign.id, again.result.index))

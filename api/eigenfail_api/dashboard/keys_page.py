@@ -27,7 +27,8 @@ def show_keys(
 ) -> HTMLResponse:
     """Keys, the form for a new one, and a button that revokes each."""
     listed = store.keys.page(KEYS_ON_A_PAGE, before)
-    view = keys_view(listed, before, door.clock(), is_locked=door.is_locked())
+    usage = store.keys.usage([key.id for key in listed.items])
+    view = keys_view(listed, usage, before, door.clock(), is_locked=door.is_locked())
     asked = Asked(method="POST", path="/keys", body={"name": "ci", "scope": "runner"})
     return page("keys.html", view, copies=copies(service_of(request), asked))
 

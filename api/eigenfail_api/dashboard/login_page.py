@@ -6,9 +6,11 @@ from urllib.parse import parse_qsl
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Depends, HTTPException, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
+from markupsafe import Markup
 
 from eigenfail.errors import Unauthorized
-from eigenfail_api.access.callers import by_key, signed_in
+from eigenfail.values.access import Scope
+from eigenfail_api.access.callers import by_key, lacking, signed_in
 from eigenfail_api.access.door import Door, address_of
 from eigenfail_api.access.record import change, record
 from eigenfail_api.access.sessions import COOKIE, LIFE_S
@@ -23,11 +25,22 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 HOME, LOGIN = "/", "/login"
 MOST_FIELDS = 10
 
-# The line at the head of every page that says who is signed in.
-TEMPLATES.globals["signed_in"] = signed_in
 
 Wanted = Annotated[str, Query(alias="next", max_length=2_000)]
 TheDoor = Annotated[Door, Depends(door_of)]
+
+
+def withheld(needed: str) -> Markup:
+    """Attributes of a button: whoever's key allows too little cannot press it, and reads why."""
+    caller = lacking(Scope(needed))
+    if caller is None:
+        return Markup()
+    why = f"This needs a key of the scope '{needed}'; that of '{caller.name}' is '{caller.scope}'."
+    return Markup(' disabled title="{}"').format(why)
+
+
+# The line at the head of every page that says who is signed in, and what is not theirs to press.
+TEMPLATES.globals |= {"signed_in": signed_in, "withheld": withheld}
 
 
 @router.get(LOGIN)

@@ -1,5 +1,6 @@
 """The addresses of the dashboard: all campaigns, and one."""
 
+from functools import partial
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Header, Query
@@ -25,7 +26,7 @@ from eigenfail_services.campaigns.ahead import (
     remembered,
 )
 from eigenfail_services.campaigns.course import course_of
-from eigenfail_services.campaigns.crew import ACTIVE_S, lately, present
+from eigenfail_services.campaigns.crew import ACTIVE_S, lately, present, staffing
 from eigenfail_services.campaigns.peers import methods_of, peer_costs
 from eigenfail_services.campaigns.summary import summaries_of, summarise
 
@@ -49,7 +50,8 @@ def show_overview(
 ) -> HTMLResponse:
     """Campaigns, newest first."""
     wanted = Wanted(state or None, method or None, search.strip() or None, before)
-    return page("overview.html", overview(known(store, wanted), wanted))
+    told = partial(staffing, store)
+    return page("overview.html", overview(known(store, wanted), wanted), staffing=told)
 
 
 def known(store: Store, wanted: Wanted) -> Known:
@@ -88,7 +90,8 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
         here=present(store),
     )
     measures = measures_of(seen, remembered(store, seen)) if begun and is_done(begun) else None
-    response = page("campaign.html", campaign_view(found), measures=measures)
+    told = partial(staffing, store)
+    response = page("campaign.html", campaign_view(found), measures=measures, staffing=told)
     response.background = BackgroundTask(finish, begun)
     return response
 

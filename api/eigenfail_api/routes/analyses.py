@@ -6,7 +6,7 @@ from fastapi import APIRouter, Depends
 
 from eigenfail.values import Analysis, AnalysisSettings, FailureMode, Page, Proof
 from eigenfail.wire.http import PREFIX, ProofRequest
-from eigenfail_api.parameters import AnalysisId, Before, CampaignId, Limit, Stored
+from eigenfail_api.parameters import AnalysisId, Before, CampaignId, Limit, MadeBy, Stored
 from eigenfail_api.schemas import Json, body_of, documented
 from eigenfail_services.campaigns.analysed import ground
 from eigenfail_services.campaigns.proofs import findings, proof
@@ -53,9 +53,10 @@ def prove_analysis(
     store: Stored,
     analysis: AnalysisId,
     request: Annotated[ProofRequest, Depends(body_of(ProofRequest))],
+    made_by: MadeBy,
 ) -> Json:
     """Queue a replay of eigenfailures and medoids in each scenario that has none yet."""
-    proven = prove(store, store.analyses.get(analysis), request.variations)
+    proven = prove(store, store.analyses.get(analysis), request.variations, made_by)
     return Json(proven, 202, {"Location": f"{PREFIX}/analyses/{analysis}/proof"})
 
 

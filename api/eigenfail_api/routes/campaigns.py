@@ -14,6 +14,7 @@ from eigenfail.values import (
     Summary,
 )
 from eigenfail.values.campaign_filter import CampaignFilter
+from eigenfail.values.priority import PriorityChange
 from eigenfail.wire.drafts import CampaignCheck
 from eigenfail.wire.http import PREFIX, Digest
 from eigenfail.wire.problems import problem_of
@@ -24,6 +25,7 @@ from eigenfail_api.parameters import (
     CampaignId,
     IdempotencyKey,
     Limit,
+    MadeBy,
     Stored,
 )
 from eigenfail_api.schemas import (
@@ -86,11 +88,12 @@ def created(campaign: Campaign) -> Json:
 def create_campaign(
     store: Stored,
     spec: Annotated[CampaignSpec, Depends(body_of(CampaignSpec))],
+    made_by: MadeBy,
     idempotency_key: IdempotencyKey = None,
 ) -> Json:
     """Queue a new campaign."""
     check_references(check_spec(spec), store)
-    return created(store.campaigns.create(spec, idempotency_key))
+    return created(store.campaigns.create(spec, idempotency_key, made_by))
 
 
 @router.post("/check", **documented_plain(CampaignCheck, 200, FIELDS))
@@ -103,9 +106,11 @@ def check_campaign(store: Stored, fields: Fields) -> Json:
 
 
 @router.post("/bulk", **documented_plain(Page[Campaign], 201, SPECS))
-def create_campaigns(store: Stored, specs: Items, idempotency_key: IdempotencyKey = None) -> Json:
+def create_campaigns(
+    store: Stored, specs: Items, made_by: MadeBy, idempotency_key: IdempotencyKey = None
+) -> Json:
     """Queue many new campaigns in the order of the list: all of them, or none."""
-    made = store.campaigns.create_many(read_many(specs, store), idempotency_key)
+    made = store.campaigns.create_many(read_many(specs, store), idempotency_key, made_by)
     return Json(Page(made), 201)
 
 
@@ -135,11 +140,15 @@ def get_campaign(store: Stored, campaign: CampaignId) -> Json:
 
 @router.post("/{campaign}/clone", **documented_plain(Campaign, 201, FIELDS))
 def clone_campaign(
-    store: Stored, campaign: CampaignId, changes: Fields, idempotency_key: IdempotencyKey = None
+    store: Stored,
+    campaign: CampaignId,
+    changes: Fields,
+    made_by: MadeBy,
+    idempotency_key: IdempotencyKey = None,
 ) -> Json:
     """Queue a new campaign like an earlier one, with other values for some of its fields."""
     spec = clone(store.campaigns.get(campaign).spec, changes, store)
-    return created(store.campaigns.create(spec, idempotency_key))
+    return created(store.campaigns.create(spec, idempotency_key, made_by))
 
 
 @router.post("/{campaign}/pause", **documented(Campaign))
@@ -158,6 +167,16 @@ def resume_campaign(store: Stored, campaign: CampaignId) -> Json:
 def cancel_campaign(store: Stored, campaign: CampaignId) -> Json:
     """End a campaign; finished episodes are kept."""
     return Json(steering.steer(store, campaign, steering.CANCEL))
+
+
+@router.post("/{campaign}/priority", **documented(Campaign, body=PriorityChange))
+def prioritise_campaign(
+    store: Stored,
+    campaign: CampaignId,
+    change: Annotated[PriorityChange, Depends(body_of(PriorityChange))],
+) -> Json:
+    """Give a campaign that has not ended another priority, from now on."""
+    return Json(store.campaigns.prioritise(campaign, change.priority))
 
 
 @router.get("/{campaign}/summary", **documented(Summary))

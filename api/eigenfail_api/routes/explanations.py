@@ -7,7 +7,7 @@ from fastapi import APIRouter, Depends, Response
 from eigenfail.values import Campaign, Explanation
 from eigenfail.wire.http import PREFIX, ReplayRequest
 from eigenfail_api.aside import Aside
-from eigenfail_api.parameters import CampaignId, EpisodeIndex, Stored
+from eigenfail_api.parameters import CampaignId, EpisodeIndex, MadeBy, Stored
 from eigenfail_api.schemas import Json, body_of, documented, refusal
 from eigenfail_services.campaigns.episode_replays import replay_episode
 from eigenfail_services.campaigns.episode_steps import steps_csv
@@ -34,9 +34,10 @@ def create_replay(
     campaign: CampaignId,
     index: EpisodeIndex,
     request: Annotated[ReplayRequest, Depends(body_of(ReplayRequest))],
+    made_by: MadeBy,
 ) -> Json:
     """Queue a campaign that injects the episode's noise again, as it was or scaled."""
-    made = replay_episode(store, campaign, index, request.scale)
+    made = replay_episode(store, campaign, index, request.scale, made_by)
     return Json(made, 201, {"Location": f"{PREFIX}/campaigns/{made.id}"})
 
 

@@ -6,6 +6,7 @@ from fastapi import APIRouter, Depends, Path, Request
 
 from eigenfail.values import Page
 from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey
+from eigenfail.values.quotas import Quotas, Usage
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.access.door import Door
 from eigenfail_api.parameters import LARGEST, Before, Limit, Stored
@@ -46,6 +47,21 @@ def list_keys(store: Stored, limit: Limit = 50, before: Before = None) -> Json:
 def get_key(store: Stored, key: KeyId) -> Json:
     """A key, without its secret."""
     return Json(store.keys.find(key).key)
+
+
+@router.get("/keys/{key}/usage", **documented(Usage))
+def get_usage(store: Stored, key: KeyId) -> Json:
+    """What the campaigns of a key use of its quotas now."""
+    found = store.keys.find(key).key
+    return Json(store.keys.usage([found.id])[found.id])
+
+
+@router.post("/keys/{key}/quotas", **documented(ApiKey, body=Quotas))
+def limit_key(
+    store: Stored, key: KeyId, quotas: Annotated[Quotas, Depends(body_of(Quotas))]
+) -> Json:
+    """Give a key these quotas from now on; what was made before stays, and counts."""
+    return Json(store.keys.limit(key, quotas))
 
 
 @router.delete("/keys/{key}", **documented(ApiKey))

@@ -5,11 +5,11 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from eigenfail.values import Page
-from eigenfail.values.worker import Presence, WorkerShare
+from eigenfail.values.worker import Presence, Staffing, WorkerShare
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_api.schemas import Json, documented
-from eigenfail_services.campaigns.crew import LATELY_S, lately, present, workers_of
+from eigenfail_services.campaigns.crew import LATELY_S, lately, present, staffing, workers_of
 
 router = APIRouter(prefix=PREFIX, tags=["workers"])
 
@@ -30,6 +30,12 @@ def list_workers(store: Stored, within_s: Within = LATELY_S) -> Json:
 def list_present_workers(store: Stored) -> Json:
     """Who is connected now, at work or not: where each runs, since when, with which versions."""
     return Json(Page(present(store)))
+
+
+@router.get("/workers/staffing", **documented(Staffing))
+def get_staffing(store: Stored) -> Json:
+    """How many workers are there, and what the services said last of those that they start."""
+    return Json(staffing(store))
 
 
 @router.get("/campaigns/{campaign}/workers", **documented(Page[WorkerShare]))

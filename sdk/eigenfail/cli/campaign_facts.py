@@ -24,6 +24,7 @@ def campaign_facts(campaign: Campaign) -> Table:
         ("simulator", f"{spec.simulator}, seed {spec.seed}"),
         ("disturbance", "; ".join(map(" ".join, disturbance_in_words(spec).items()))),
         ("budget", f"{spec.episodes} episodes{rules(spec)}"),
+        ("priority", spec.priority),
         ("episodes", ", ".join(episodes(counts))),
         ("failures", str(counts.failures)),
         *estimate_facts(campaign.estimate),

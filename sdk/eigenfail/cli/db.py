@@ -2,11 +2,12 @@
 
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
-import msgspec
 import typer
 
+from eigenfail.cli.db_options import Database, Force, said
+from eigenfail.cli.db_room import downgrade, prune, vacuum
 from eigenfail.cli.db_tables import verification
 from eigenfail.cli.options import DEFAULT_DATA, AsJson, Data
 from eigenfail.cli.output import show, to_json
@@ -16,25 +17,13 @@ from eigenfail.values.upkeep import Backup, Verification
 
 WRONG = 1
 
-Kind = TypeVar("Kind")
-
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="Create, upgrade, check, back up and restore a database.",
+    help="Create, upgrade, check, back up, restore and thin out a database.",
 )
 
-Database = Annotated[
-    str | None,
-    typer.Option(
-        "--database",
-        envvar="EIGENFAIL_DATABASE",
-        help="SQLAlchemy URL, instead of the data folder's database.",
-    ),
-]
-
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The backup.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
 Replay = Annotated[
     int, typer.Option("--replay", min=0, help="Run so many stored episodes again, here.")
 ]
@@ -139,6 +128,5 @@ def tell(action: str, database: str | None, data: Data, as_json: bool) -> None:
     )
 
 
-def said(kind: type[Kind], action: str, database: str, *options: str) -> Kind:
-    """What the database's own tool answers."""
-    return msgspec.json.decode(database_tool(action, database, *options), type=kind)
+for page in (prune, vacuum, downgrade):
+    app.command()(page)

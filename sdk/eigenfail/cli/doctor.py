@@ -1,7 +1,7 @@
 """`eigenfail doctor`: what is installed, what answers and what is missing."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated
 
@@ -10,10 +10,11 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from eigenfail import plugins
+from eigenfail import plugins, side_process
+from eigenfail.bridges import check_address
 from eigenfail.cli import completion
-from eigenfail.cli.checkups import Verdict, check_table, check_up
-from eigenfail.cli.db import Database, said
+from eigenfail.cli.checkups import Checked, Verdict, check_table, check_up
+from eigenfail.cli.db_options import Database, said
 from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL, AsJson, Data, Url
 from eigenfail.cli.output import show
 from eigenfail.cli.surroundings import client_at
@@ -23,12 +24,15 @@ from eigenfail.errors import EigenfailError, InvalidValue, StoreUnavailable
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.values import CampaignState
 from eigenfail.values.upkeep import Verification
+from eigenfail.values.worker import Presence
 
 PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")
 GROUPS = (plugins.SCENARIOS, plugins.PLANNERS, plugins.SIMULATORS, plugins.METHODS)
 TROUBLE = 3
 BROKEN = 1
 PLACE = "NAME|module:Class"
+BRIDGE_CHECK = "eigenfail_workers.bridge"
+BRIDGE_PATIENCE_S = 900.0
 
 app = typer.Typer(add_completion=False)
 
@@ -47,6 +51,10 @@ ScenarioPlugin = Annotated[
         help="Check this scenario.",
         autocompletion=completion.scenarios,
     ),
+]
+BridgeAddress = Annotated[
+    str | None,
+    typer.Option("--bridge", metavar="ADDRESS", help="Check the bridge at this address."),
 ]
 
 
@@ -74,13 +82,18 @@ def doctor(
     database: Database = None,
     planner: PlannerPlugin = None,
     scenario: ScenarioPlugin = None,
+    bridge: BridgeAddress = None,
     as_json: AsJson = False,
 ) -> None:
     """Say what is installed, what answers and what is missing.
 
     Exits with 3 if something is wrong. With --database: what `eigenfail db verify` finds, too. With
-    --planner or --scenario: check that plug-in alone; exits with 1 if it breaks its contract.
+    --planner or --scenario: check that plug-in alone; exits with 1 if it breaks its contract. With
+    --bridge: run episodes on that bridge, and say whether it keeps to the protocol.
     """
+    if bridge:
+        examine_bridge(bridge, as_json)
+        return
     if planner or scenario:
         examine(planner, scenario, as_json)
         return
@@ -102,6 +115,15 @@ def examine(planner: str | None, scenario: str | None, as_json: bool) -> None:
     show(checks, as_json, lambda: check_table(checks))
     if any(check.verdict is Verdict.BROKEN for check in checks):
         raise typer.Exit(BROKEN)
+
+
+def examine_bridge(address: str, as_json: bool) -> None:
+    """Hold a bridge against its protocol, in a process that has what it takes to talk to it."""
+    answer = side_process.ask(BRIDGE_CHECK, check_address(address).encode(), BRIDGE_PATIENCE_S)
+    checks = msgspec.json.decode(answer, type=list[Checked])
+    show(checks, as_json, lambda: check_table(checks))
+    if any(check.verdict is Verdict.BROKEN for check in checks):
+        raise typer.Exit(TROUBLE)
 
 
 def versions() -> Iterator[Finding]:
@@ -159,12 +181,19 @@ def workers_finding(client: Client) -> Finding:
     try:
         here = client.present_workers()
         waits = any(any(client.campaigns.list(state)) for state in WORKING)
+        said = "" if here else client.staffing().said
     except EigenfailError as error:
         return Finding("workers", error.problem, remedy=error.remedy)
     if here:
-        return Finding("workers", f"{len(here)} connected")
+        return Finding("workers", f"{len(here)} connected{of_versions(here)}")
     told = "none is connected" + (", and campaigns wait" if waits else "")
-    return Finding("workers", told, waits, NOBODY)
+    return Finding("workers", f"{told}. {said}" if said else told, waits, NOBODY)
+
+
+def of_versions(workers: Sequence[Presence]) -> str:
+    """Of which releases they are, where they differ."""
+    found = sorted({worker.versions.get("eigenfail", "unknown") for worker in workers})
+    return f", of eigenfail {' and '.join(found)}" if len(found) > 1 else ""
 
 
 def database_findings(database: str | None) -> Iterator[Finding]:

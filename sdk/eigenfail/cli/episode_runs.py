@@ -17,10 +17,10 @@ from eigenfail.cli.surroundings import client_at
 from eigenfail.cli.tables import facts
 from eigenfail.cli.verdict import judge
 from eigenfail.client.campaigns import SHRINK_WITHIN
-from eigenfail.errors import NotFound
+from eigenfail.errors import NoisePruned, NotFound
 from eigenfail.hosting.signals import interruptible
 from eigenfail.stories.explanations import Window, explanation_of
-from eigenfail.stories.replays import explain_episode, replay_episode
+from eigenfail.stories.replays import explain_episode, redraw_episode, replay_episode
 from eigenfail.values import CampaignSpec, Replayed
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.versions import differences, versions
@@ -41,14 +41,30 @@ def replay(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Run a stored episode again, here, and compare; exit with 1 if it differs."""
-    stored, spec = stored_episode(context, url, episode)
-    replayed = replay_episode(spec, stored)
+    """Run a stored episode again, here, and compare; exit with 1 if it differs.
+
+    Where its noise was pruned, and follows from its seed, it is drawn again.
+    """
+    replayed = run_again(context, url, episode)
     if not replayed.same:
         replayed = replace(replayed, differing=differing(context, url, episode))
     show(replayed, as_json, lambda: facts(rows(episode, replayed)))
     if not replayed.same:
         raise typer.Exit(DIFFERENT)
+
+
+def run_again(context: typer.Context, url: str, episode: str) -> Replayed:
+    """Its second run, with its noise as it is stored, or drawn again from its seed."""
+    try:
+        stored, spec = stored_episode(context, url, episode)
+    except NoisePruned:
+        campaign, index = episode_id(episode)
+        with client_at(context, url) as client:
+            only = f"index = {index}"
+            row = next(iter(client.episodes.list(campaign, filter=only)))
+            spec = client.campaigns.get(campaign).spec
+        return redraw_episode(spec, row)
+    return replay_episode(spec, stored)
 
 
 def explain(

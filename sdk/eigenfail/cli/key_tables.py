@@ -1,8 +1,9 @@
 """Keys and the audit log, as they are printed."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from time import time
 
+from msgspec.structs import asdict
 from rich.markup import escape
 from rich.table import Table
 
@@ -10,6 +11,7 @@ from eigenfail.cli.figures import UNKNOWN
 from eigenfail.cli.moments import utc
 from eigenfail.cli.tables import table
 from eigenfail.values.access import ApiKey, AuditEntry, NewKey
+from eigenfail.values.quotas import Quotas
 
 
 def new_key(made: NewKey) -> str:
@@ -26,11 +28,14 @@ def new_key(made: NewKey) -> str:
 def key_table(keys: Iterable[ApiKey]) -> Table:
     """One row for each key; times in UTC."""
     at_ms = round(1_000 * time())
-    grid = table("id", "name", "scope", "state", "made", "ends", "last used", right=("id",))
+    grid = table(
+        "id", "name", "scope", "state", "quotas", "made", "ends", "last used", right=("id",)
+    )
     for key in keys:
         times = (key.created_ms, key.expires_ms, key.last_used_ms)
         told = (UNKNOWN if each is None else utc(each) for each in times)
-        grid.add_row(str(key.id), escape(key.name), key.scope, state(key, at_ms), *told)
+        allowed = ", ".join(quotas(key.quotas)) or UNKNOWN
+        grid.add_row(str(key.id), escape(key.name), key.scope, state(key, at_ms), allowed, *told)
     return grid
 
 
@@ -39,6 +44,13 @@ def state(key: ApiKey, at_ms: int) -> str:
     if key.revoked_ms is not None:
         return "revoked"
     return "valid" if key.is_valid(at_ms) else "expired"
+
+
+def quotas(given: Quotas) -> Iterator[str]:
+    """The quotas that a key has."""
+    for name, limit in asdict(given).items():
+        if limit is not None:
+            yield f"{name} {limit:,}"
 
 
 def audit_table(entries: Iterable[AuditEntry]) -> Table:

@@ -7,7 +7,16 @@ import typer
 
 from eigenfail.cli.campaign_facts import campaign_facts
 from eigenfail.cli.drafts import checked, read_values
-from eigenfail.cli.options import DEFAULT_URL, AsJson, CampaignId, Episodes, Seed, SpecFile, Url
+from eigenfail.cli.options import (
+    DEFAULT_URL,
+    AsJson,
+    CampaignId,
+    Episodes,
+    Seed,
+    SpecFile,
+    Urgency,
+    Url,
+)
 from eigenfail.cli.output import show
 from eigenfail.cli.specs import read_spec
 from eigenfail.cli.surroundings import client_at
@@ -32,10 +41,11 @@ def of_file(act: Act) -> Callable[..., None]:
         url: Url = DEFAULT_URL,
         episodes: Episodes = None,
         seed: Seed = None,
+        priority: Urgency = None,
         quiet: Quiet = False,
         as_json: AsJson = False,
     ) -> None:
-        spec = read_spec(file, episodes=episodes, seed=seed)
+        spec = read_spec(file, episodes=episodes, seed=seed, priority=priority)
         with client_at(context, url) as client:
             act(client, spec, quiet, as_json)
 

@@ -25,8 +25,8 @@ COMMANDS = {
     "report": "Write a report on campaigns: one HTML file that needs nothing else, and its data.",
     "reproduce": "Run the paper's experiments, and print its tables with our numbers beside them.",
     "worker": "Run one worker for a service that runs elsewhere, or list those that it has.",
-    "key": "Make, list and revoke keys; read who changed what.",
-    "db": "Create, upgrade, check, back up and restore a database.",
+    "key": "Make, list, limit and revoke keys; read who changed what.",
+    "db": "Create, upgrade, check, back up, restore and thin out a database.",
     "doctor": "Say what is installed, what answers and what is missing.",
 }
 

@@ -5,9 +5,11 @@ from typing import Annotated
 
 import typer
 
+from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE
 from eigenfail.cli import completion
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import HOST
+from eigenfail.values import Priority
 
 PORT = 8440
 DEFAULT_URL = f"http://{HOST}:{PORT}"
@@ -36,6 +38,10 @@ Episodes = Annotated[
     int | None, typer.Option("--episodes", min=1, help="Budget, instead of the file's. [episodes]")
 ]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed, instead of the file's.")]
+Urgency = Annotated[
+    Priority | None,
+    typer.Option("--priority", help="Its share of the workers, instead of the file's."),
+]
 StopFailures = Annotated[
     int | None,
     typer.Option("--stop-failures", min=1, help="Stop at so many failures. [stop.failures]"),
@@ -69,6 +75,16 @@ Watched = Annotated[
 ]
 Limit = Annotated[int, typer.Option(min=1, help="How many to list at most.")]
 Workers = Annotated[int, typer.Option(min=0, help="How many workers to start; 0: one per core.")]
+
+Bridge = Annotated[
+    str | None,
+    typer.Option(
+        ADDRESS_OPTION,
+        envvar=ADDRESS_VARIABLE,
+        metavar="ADDRESS",
+        help="Where workers find what campaigns with simulator 'bridge' run on.",
+    ),
+]
 
 
 def episode_id(text: str) -> tuple[int, int]:

@@ -12,6 +12,7 @@ from eigenfail.cli.progress import nothing_wrong
 from eigenfail.cli.specs import check_plugins
 from eigenfail.cli.surroundings import client_at, is_default
 from eigenfail.client import Client
+from eigenfail.client.waiting import watching
 from eigenfail.errors import ServiceUnreachable
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.hosting.service import Plan, local_service
@@ -105,7 +106,7 @@ def somewhere(
             "Start one with 'eigenfail up', or leave --url out and one is started for this run.",
         )
     check_plugins(spec)
-    with local_service(plan) as service:
+    with local_service(plan) as service, watching(service.check):
         try:
             yield Place(service.address.url, service.check, f"eigenfail up --data {plan.data}")
         except ServiceUnreachable:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from eigenfail import functions, plugins
+from eigenfail import bridges, functions, plugins
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.suites import Suite
 from eigenfail.values import CampaignSpec
@@ -48,6 +48,8 @@ def packages(spec: CampaignSpec) -> Iterator[str]:
     if spec.simulator == functions.SIMULATOR:
         functions.require_module(spec.planner)
         yield spec.planner.partition(":")[0].partition(".")[0]
+        return
+    if spec.simulator == bridges.SIMULATOR:
         return
     parts = {
         plugins.PLANNERS: spec.planner,

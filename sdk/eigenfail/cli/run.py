@@ -17,6 +17,7 @@ from eigenfail.cli.options import (
     StopFailures,
     StopHalfWidth,
     StopWall,
+    Urgency,
     Workers,
 )
 from eigenfail.cli.output import show
@@ -38,6 +39,7 @@ def run(
     workers: Workers = 0,
     episodes: Episodes = None,
     seed: Seed = None,
+    priority: Urgency = None,
     stop_failures: StopFailures = None,
     stop_half_width: StopHalfWidth = None,
     stop_cv: StopCv = None,
@@ -59,7 +61,7 @@ def run(
         "wall_s": stop_wall_s,
         "cost_usd": stop_cost_usd,
     }
-    spec = read_spec(file, stop, episodes=episodes, seed=seed)
+    spec = read_spec(file, stop, episodes=episodes, seed=seed, priority=priority)
     with client_somewhere(context, spec, url, Plan(data, 0, workers)) as (client, place):
         created = client.campaigns.create(spec)
         ended = follow_or_pause(client, created.id, place.check, place.again)

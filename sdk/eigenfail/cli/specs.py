@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
-from eigenfail import functions, plugins
+from eigenfail import bridges, functions, plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import convert, read_settings
 from eigenfail.toml_files import read_toml
@@ -24,11 +24,12 @@ PLUGIN_FIELDS = {
 }
 READERS: dict[str, Callable[..., Any]] = {"Settings": read_settings, "Parameters": read_variation}
 TABLES: dict[str, type[msgspec.Struct]] = {"disturbance": DisturbanceModel, "stop": StopRules}
+Value = TypeVar("Value")
 NONE_GIVEN: Mapping[str, float | None] = {}
 
 
 def read_spec(
-    file: Path, stop: Mapping[str, float | None] = NONE_GIVEN, **instead: int | None
+    file: Path, stop: Mapping[str, float | None] = NONE_GIVEN, **instead: int | str | None
 ) -> CampaignSpec:
     """The campaign that a file describes; its name is the file's unless it has one.
 
@@ -52,7 +53,7 @@ def read_spec(
     return read_settings(CampaignSpec, fields, file.name)
 
 
-def given(values: Mapping[str, float | None]) -> dict[str, float]:
+def given(values: Mapping[str, Value | None]) -> dict[str, Value]:
     """Those of the values that there are."""
     return {name: value for name, value in values.items() if value is not None}
 
@@ -79,6 +80,9 @@ def check_plugins(spec: CampaignSpec) -> None:
     if spec.simulator == functions.SIMULATOR:
         functions.check(spec)
         functions.require_module(spec.planner)
+        fields = {"method": PLUGIN_FIELDS["method"]}
+    if spec.simulator == bridges.SIMULATOR:
+        bridges.check(spec)
         fields = {"method": PLUGIN_FIELDS["method"]}
     for field, (group, settings_field, kind) in fields.items():
         plugin = plugins.load(group, getattr(spec, field))

@@ -1,6 +1,7 @@
-"""`eigenfail campaign pause`, `resume` and `cancel`."""
+"""`eigenfail campaign pause`, `resume`, `cancel` and `priority`."""
 
 from collections.abc import Callable
+from typing import Annotated
 
 import typer
 
@@ -9,7 +10,7 @@ from eigenfail.cli.options import DEFAULT_URL, AsJson, CampaignId, Url
 from eigenfail.cli.output import show
 from eigenfail.cli.surroundings import client_at
 from eigenfail.client.campaigns import Campaigns
-from eigenfail.values import Campaign
+from eigenfail.values import Campaign, Priority
 
 Act = Callable[[Campaigns, int], Campaign]
 
@@ -36,7 +37,21 @@ def of_campaign(act: Act) -> Callable[..., None]:
     return command
 
 
+def priority(
+    context: typer.Context,
+    campaign: CampaignId,
+    wanted: Annotated[Priority, typer.Argument(metavar="PRIORITY", help="low, normal or high.")],
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Give a campaign another share of the workers, and another place in the queue."""
+    with client_at(context, url) as client:
+        found = client.campaigns.prioritise(campaign, wanted)
+    show(found, as_json, lambda: campaign_facts(found))
+
+
 def add_steering(app: typer.Typer) -> None:
     """Add the commands."""
     for name, (act, text) in ACTS.items():
         app.command(name, help=text)(of_campaign(act))
+    app.command()(priority)

@@ -1,5 +1,6 @@
 """`eigenfail up`: the whole service on this machine, until Ctrl-C."""
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -7,11 +8,13 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.cli.options import DEFAULT_DATA, PORT, AsJson, Data, Workers
+from eigenfail.bridges import ADDRESS_VARIABLE, check_address
+from eigenfail.cli.options import DEFAULT_DATA, PORT, AsJson, Bridge, Data, Workers
 from eigenfail.cli.output import to_json
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
 from eigenfail.hosting.signals import interruptible
+from eigenfail.hosting.span import span_of
 
 LOOK_EVERY_S = 0.2
 
@@ -19,6 +22,17 @@ app = typer.Typer(add_completion=False)
 
 Port = Annotated[int, typer.Option(min=0, max=65535, help="Of the dashboard and API; 0: any.")]
 HubPort = Annotated[int, typer.Option(min=0, max=65535, help="For workers; 0: any free one.")]
+Least = Annotated[
+    int | None, typer.Option("--min-workers", min=0, help="So many with nothing to do; 0.")
+]
+Most = Annotated[
+    int | None,
+    typer.Option("--max-workers", min=0, help="Start workers as there is work, up to so many."),
+]
+Idle = Annotated[
+    float | None,
+    typer.Option("--idle-s", help="How long until workers that are not needed leave; 60. [s]"),
+]
 Verbose = Annotated[bool, typer.Option("--verbose", help="Print what the processes log, too.")]
 Launch = Annotated[Launcher, typer.Option(help="Who starts the workers.")]
 
@@ -28,8 +42,12 @@ def up(
     data: Data = DEFAULT_DATA,
     port: Port = PORT,
     workers: Workers = 0,
+    min_workers: Least = None,
+    max_workers: Most = None,
+    idle_s: Idle = None,
     launcher: Launch = Launcher.RAY,
     hub_port: HubPort = 0,
+    bridge: Bridge = None,
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
@@ -38,7 +56,10 @@ def up(
     Prints its address when it is ready, and stays until Ctrl-C or SIGTERM; then everything that it
     started is ended. Logs are files in the data folder.
     """
-    plan = Plan(data, port, workers, launcher, hub_port)
+    if bridge:
+        os.environ[ADDRESS_VARIABLE] = check_address(bridge)
+    span = span_of(workers or None, min_workers, max_workers, idle_s)
+    plan = Plan(data, port, workers, launcher, hub_port, span)
     with interruptible(), suppress(KeyboardInterrupt), local_service(plan) as service:
         typer.echo(to_json(service.address, indent=0) if as_json else welcome(service, plan))
         with farewell():

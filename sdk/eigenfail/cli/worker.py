@@ -3,14 +3,16 @@
 import re
 import runpy
 import sys
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from eigenfail.bridges import ADDRESS_OPTION
 from eigenfail.cli import worker_keys
-from eigenfail.cli.options import AsJson
+from eigenfail.cli.options import AsJson, Bridge
 from eigenfail.cli.output import to_json
 from eigenfail.cli.worker_lists import list_workers
 from eigenfail.errors import InvalidValue, ServiceError
@@ -41,6 +43,15 @@ MemoryLimit = Annotated[
 ]
 
 
+CpuLimit = Annotated[
+    float | None,
+    typer.Option(
+        envvar="EIGENFAIL_CPU_LIMIT_S",
+        help="Processor time that they may take for an episode, all together. [s]",
+    ),
+]
+
+
 @app.callback(invoke_without_command=True)
 def worker(
     context: typer.Context,
@@ -48,6 +59,8 @@ def worker(
     name: Name = None,
     key_file: KeyFile = None,
     memory_limit: MemoryLimit = None,
+    cpu_limit: CpuLimit = None,
+    bridge: Bridge = None,
     as_json: AsJson = False,
 ) -> None:
     """Run one worker for a service that runs elsewhere, or list those that it has.
@@ -55,16 +68,17 @@ def worker(
     Ctrl-C or SIGTERM hands over what is finished and ends it.
     """
     if context.invoked_subcommand is None:
-        run_worker(connect or "", name, key_file, memory_limit, as_json)
+        options = {
+            "--name": name,
+            "--key-file": key_file,
+            "--memory-limit": memory_limit,
+            "--cpu-limit": cpu_limit,
+            ADDRESS_OPTION: bridge,
+        }
+        run_worker(connect or "", options, as_json)
 
 
-def run_worker(
-    connect: str,
-    name: str | None,
-    key_file: Path | None,
-    memory_limit: float | None,
-    as_json: bool,
-) -> None:
+def run_worker(connect: str, options: Mapping[str, object], as_json: bool) -> None:
     """Be a worker until interrupted.
 
     Raises:
@@ -79,13 +93,9 @@ def run_worker(
             "The worker is not installed here.", "Run: pip install 'eigenfail[worker]'"
         )
     words = f"A worker for the hub at {connect}; Ctrl-C ends it."
-    typer.echo(to_json({"hub": connect, "name": name}, indent=0) if as_json else words)
-    given = {
-        "--connect": connect,
-        "--name": name,
-        "--key-file": key_file,
-        "--memory-limit": memory_limit,
-    }
+    told = {"hub": connect, "name": options["--name"]}
+    typer.echo(to_json(told, indent=0) if as_json else words)
+    given = {"--connect": connect, **options}
     sys.argv[1:] = [f"{option}={value}" for option, value in given.items() if value is not None]
     runpy.run_module(PROGRAM, run_name="__main__")
 

@@ -25,6 +25,7 @@ from eigenfail.values.worker import Presence, WorkerShare
 ACTIVE_S = 60
 """Who brought a result within so many seconds is at work."""
 
+PACKAGE = "eigenfail"
 DAY_S = 86_400
 COUNTS = ("campaigns", "episodes", "failures", "not runnable")
 NOBODY = (
@@ -54,6 +55,7 @@ class WorkerStanding(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         worker: its name; that of a worker without one is its host and process.
         host: the machine that it runs on; empty if it is not connected now.
+        version: of its eigenfail; empty likewise.
         state: gone if it is not connected; at work if it brought a result in the last minute.
         campaigns: whose episodes it ran.
         since_ms: when it connected; milliseconds since 1970, null if it is not connected now.
@@ -62,6 +64,7 @@ class WorkerStanding(msgspec.Struct, frozen=True, kw_only=True):
 
     worker: str
     host: str
+    version: str
     state: WorkerState
     campaigns: tuple[int, ...]
     episodes: int
@@ -126,6 +129,7 @@ def standing(
     return WorkerStanding(
         worker=name,
         host=here.host if here else "",
+        version=here.versions.get(PACKAGE, "") if here else "",
         state=present if here else WorkerState.GONE,
         campaigns=tuple(sorted(share.campaign for share in shares)),
         episodes=sum(share.episodes for share in shares),
@@ -138,9 +142,9 @@ def standing(
 
 def drawn(workers: Sequence[WorkerStanding], within_s: int) -> RenderableType:
     """One row for each worker, or that there is none."""
-    grid = table("worker", "host", "state", *COUNTS, "last result", right=COUNTS)
+    grid = table("worker", "host", PACKAGE, "state", *COUNTS, "last result", right=COUNTS)
     for each in workers:
-        cells = (each.worker, each.host or UNKNOWN, each.state)
+        cells = (each.worker, each.host or UNKNOWN, each.version or UNKNOWN, each.state)
         counts = (len(each.campaigns), each.episodes, each.failures, each.failed)
         last = UNKNOWN if each.last_ms is None else moment(each.last_ms)
         grid.add_row(*map(escape, cells), *map(str, counts), last)

@@ -16,6 +16,7 @@ from eigenfail.values import (
     Summary,
 )
 from eigenfail.values.pool import PeerCosts
+from eigenfail.values.retention import Pruning
 from eigenfail.values.safety import LEVEL
 from eigenfail.values.worker import WorkerShare
 from eigenfail.wire.http import Digest
@@ -63,6 +64,14 @@ class CampaignFindings:
             InvalidValue: the level is outside its bounds.
         """
         return self._link.get(f"/campaigns/{campaign}/safety", Safety, {"level": str(level)})
+
+    def prunings(self, campaign: int) -> tuple[Pruning, ...]:
+        """What noise was taken from it to make room: by which rule, when, by whom, how much.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        return self._link.get(f"/campaigns/{campaign}/prunings", Page[Pruning]).items
 
     def workers(self, campaign: int) -> tuple[WorkerShare, ...]:
         """Who ran its episodes; who ran most comes first.

@@ -7,7 +7,9 @@ from eigenfail.client.campaign_making import SHRINK_WITHIN, CampaignMaking
 from eigenfail.client.link import Link
 from eigenfail.client.waiting import telling, wait_until
 from eigenfail.rows import Rows
-from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Page
+from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Page, Priority
+from eigenfail.values.priority import PriorityChange
+from eigenfail.wire.http import read_fields
 
 __all__ = ["AT_REST", "SHRINK_WITHIN", "Campaigns"]
 
@@ -75,6 +77,17 @@ class Campaigns(CampaignMaking, CampaignFindings):
             IllegalTransition: it has ended otherwise.
         """
         return self._link.post(f"/campaigns/{campaign}/cancel", Campaign)
+
+    def prioritise(self, campaign: int, priority: Priority | str) -> Campaign:
+        """Give it another priority, low, normal or high, from now on; its episodes stay the same.
+
+        Raises:
+            NotFound: no such campaign.
+            IllegalTransition: it has ended.
+            InvalidValue: there is no such priority.
+        """
+        change = read_fields({"priority": priority}, PriorityChange)
+        return self._link.post(f"/campaigns/{campaign}/priority", Campaign, change)
 
     def wait(
         self,

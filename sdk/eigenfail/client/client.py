@@ -18,7 +18,7 @@ from eigenfail.client.suites import Suites
 from eigenfail.errors import EigenfailError
 from eigenfail.values import Page
 from eigenfail.values.report import Report
-from eigenfail.values.worker import Presence, WorkerShare
+from eigenfail.values.worker import Presence, Staffing, WorkerShare
 from eigenfail.wire.http import PluginInfo
 
 DEFAULT_URL = "http://127.0.0.1:8440"
@@ -79,6 +79,10 @@ class Client:
     def present_workers(self) -> tuple[Presence, ...]:
         """Who is connected now, at work or not, with host, process and versions."""
         return self._link.get("/workers/present", Page[Presence]).items
+
+    def staffing(self) -> Staffing:
+        """How many workers are there, and what the services said last of those they start."""
+        return self._link.get("/workers/staffing", Staffing)
 
     def report(
         self,

@@ -13,6 +13,7 @@ import httpx2
 from eigenfail import __version__
 from eigenfail.client.asking import ask_again
 from eigenfail.client.refusals import refusal
+from eigenfail.client.speech import listen_first
 from eigenfail.client.waiting import patience
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable
 from eigenfail.rows import Rows
@@ -58,6 +59,7 @@ class Link:
             timeout=TIMEOUT,
             trust_env=not is_loopback(base_url),
             headers={"User-Agent": f"eigenfail/{__version__}", **shown(key)},
+            event_hooks={"request": [listen_first]},
         )
 
     def get(self, path: str, kind: type[Kind], params: Params | None = None) -> Kind:
@@ -150,6 +152,8 @@ class Link:
             answer = self._http.get(path, timeout=3.0)
         except httpx2.TransportError as error:
             return self.unreachable(error)
+        except ServiceUnreachable as error:
+            return error
         return None if answer.is_success else refusal(answer)
 
     def close(self) -> None:

@@ -3,14 +3,22 @@
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
+from itertools import count
+from logging import getLogger
+from math import inf
 from time import monotonic, sleep
 from typing import TypeVar
 
-from eigenfail.errors import ServiceError
+from eigenfail.errors import ServiceBusy, ServiceError, ServiceUnreachable, StoreUnavailable
 from eigenfail.values import Campaign
+
+AWAY_S = 60.0
+AWAY = (ServiceUnreachable, StoreUnavailable, ServiceBusy)
 
 Kind = TypeVar("Kind")
 Tell = Callable[[Campaign], None]
+
+log = getLogger("eigenfail.client")
 
 
 class Patience:
@@ -25,6 +33,22 @@ class Patience:
         return nullcontext()
 
 
+class Watchful(Patience):
+    """Looks after something while it waits.
+
+    Args:
+        check: raises if it is in trouble.
+    """
+
+    def __init__(self, check: Callable[[], None]) -> None:
+        self._check = check
+
+    def rest(self, seconds: float) -> None:
+        """Let time pass, unless there is trouble."""
+        self._check()
+        super().rest(seconds)
+
+
 patience: ContextVar[Patience] = ContextVar("patience", default=Patience())  # noqa: B039 - no state
 """Of the calls in this context; the asynchronous client has another."""
 
@@ -37,18 +61,46 @@ def wait_until(
 ) -> Kind:
     """The first look at which it is over.
 
+    A service that was there once may be away for a minute, to be started anew.
+
     Raises:
         ServiceError: it is not over in time; it goes on all the same.
     """
-    latest = None if timeout_s is None else monotonic() + timeout_s
-    while not is_over(seen := look()):
-        if latest is not None and monotonic() >= latest:
+    latest_s = inf if timeout_s is None else monotonic() + timeout_s
+    seen = look()
+    while not is_over(seen):
+        if monotonic() >= latest_s:
             raise ServiceError(
                 f"It is not over after {timeout_s:g} s, and goes on.",
                 "Wait longer, or look at the service's log if nothing moves.",
             )
         patience.get().rest(poll_s)
+        seen = back_again(look, poll_s, min(latest_s, monotonic() + AWAY_S))
     return seen
+
+
+def back_again(look: Callable[[], Kind], poll_s: float, until_s: float) -> Kind:
+    """What is seen as soon as the service is there; after some time, its absence is raised."""
+    for tries in count():
+        try:
+            return look()
+        except AWAY as error:
+            if monotonic() >= until_s:
+                raise
+            if not tries:
+                log.warning("%s It was there a moment ago: waiting.", error.problem)
+        patience.get().rest(poll_s)
+    raise AssertionError("counting has no end")
+
+
+@contextmanager
+def watching(check: Callable[[], None]) -> Iterator[None]:
+    """Within the block, whoever waits looks after something."""
+    token = patience.set(Watchful(check))
+    try:
+        yield
+    finally:
+        patience.reset(token)
 
 
 @contextmanager

@@ -5,6 +5,7 @@ Each contract has a conformance suite in `eigenfail.testing`.
 
 from eigenfail.contracts.access import AuditLog, KeyStore
 from eigenfail.contracts.learning import Estimator, Exploiter, Learner, Method, Paced, Trained
+from eigenfail.contracts.retention import RetentionStore
 from eigenfail.contracts.roster import Roster
 from eigenfail.contracts.storage import (
     AnalysisStore,
@@ -20,6 +21,7 @@ from eigenfail.contracts.world import (
     EpisodeEngine,
     Explainer,
     ExplainingPlanner,
+    LockstepEngine,
     Planner,
     PlannerPlugin,
     PlottingPlanner,
@@ -45,11 +47,13 @@ __all__ = [
     "JobQueue",
     "KeyStore",
     "Learner",
+    "LockstepEngine",
     "Method",
     "Paced",
     "Planner",
     "PlannerPlugin",
     "PlottingPlanner",
+    "RetentionStore",
     "Roster",
     "Scenario",
     "Simulation",

@@ -1,15 +1,24 @@
 """What remembers who may do what, and who did what."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from eigenfail.values import Page
 from eigenfail.values.access import ApiKey, AuditEntry, Change, KeyRecord, Scope
+from eigenfail.values.quotas import UNLIMITED, Quotas, Usage
 
 
 class KeyStore(Protocol):
     """Keys of the API. None is ever forgotten, so that the audit log can be read."""
 
-    def create(self, name: str, scope: Scope, digest: str, expires_ms: int | None = None) -> ApiKey:
+    def create(
+        self,
+        name: str,
+        scope: Scope,
+        digest: str,
+        expires_ms: int | None = None,
+        quotas: Quotas = UNLIMITED,
+    ) -> ApiKey:
         """A new key, of whose secret only the digest is kept."""
 
     def find(self, key: int) -> KeyRecord:
@@ -28,6 +37,16 @@ class KeyStore(Protocol):
         Raises:
             NotFound: no such key.
         """
+
+    def limit(self, key: int, quotas: Quotas) -> ApiKey:
+        """From now on it has these quotas; what was made before stays.
+
+        Raises:
+            NotFound: no such key.
+        """
+
+    def usage(self, wanted: Sequence[int]) -> dict[int, Usage]:
+        """What the campaigns of each key use of its quotas; nothing of a key that made none."""
 
     def used(self, key: int, at_ms: int) -> None:
         """Remember when it was last used; nothing, where there is no such key."""

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Protocol
 
 from eigenfail.contracts.access import AuditLog, KeyStore
+from eigenfail.contracts.retention import RetentionStore
 from eigenfail.contracts.roster import Roster
 from eigenfail.filters import BY_INDEX, Conditions, Sort
 from eigenfail.values import (
@@ -20,6 +21,7 @@ from eigenfail.values import (
     Overhead,
     Page,
     PairTotals,
+    Priority,
     SafetyTotals,
     SpendingTotals,
     Trials,
@@ -48,15 +50,26 @@ NOTHING = Overhead()
 class CampaignStore(Protocol):
     """Campaigns and their life."""
 
-    def create(self, spec: CampaignSpec, idempotency_key: str | None = None) -> Campaign:
+    def create(
+        self, spec: CampaignSpec, idempotency_key: str | None = None, made_by: int | None = None
+    ) -> Campaign:
         """A new campaign, queued with a job for it; the same one again for the same key.
 
+        Args:
+            spec: what is asked for.
+            idempotency_key: what tells this request from others, for ever.
+            made_by: id of the key of whoever asks; what counts against its quotas.
+
         Raises:
-            IdempotencyMismatch: the key was used for another spec.
+            IdempotencyMismatch: the key was used for another spec, whatever its priority.
+            QuotaExceeded: the key of whoever asks does not allow more.
         """
 
     def create_many(
-        self, specs: Sequence[CampaignSpec], idempotency_key: str | None = None
+        self,
+        specs: Sequence[CampaignSpec],
+        idempotency_key: str | None = None,
+        made_by: int | None = None,
     ) -> tuple[Campaign, ...]:
         """New campaigns in this order, all of them or none; the same ones again for the same key.
 
@@ -64,6 +77,15 @@ class CampaignStore(Protocol):
 
         Raises:
             IdempotencyMismatch: the key was used for another list of specs; none is new.
+            QuotaExceeded: the key of whoever asks does not allow all of them; none is new.
+        """
+
+    def prioritise(self, campaign: int, priority: Priority) -> Campaign:
+        """Give it another priority from now on, and log the event; the same again is no event.
+
+        Raises:
+            NotFound: no such campaign.
+            IllegalTransition: it has ended.
         """
 
     def get(self, campaign: int) -> Campaign:
@@ -141,6 +163,7 @@ class EpisodeStore(Protocol):
 
         Raises:
             NotFound: no such campaign, or the episode has no result.
+            NoisePruned: its noise was taken away.
         """
 
     def page(
@@ -158,7 +181,11 @@ class EpisodeStore(Protocol):
         """
 
     def finished(self, campaign: int, indices: Iterable[int]) -> list[EpisodeResult]:
-        """Those of the episodes that have a result, in index order, without their scenes."""
+        """Those of the episodes that have a result, in index order, without their scenes.
+
+        Raises:
+            NoisePruned: the noise of one of them was taken away.
+        """
 
     def failures(self, campaign: int) -> Failures:
         """The noise of all collisions."""
@@ -337,8 +364,9 @@ class JobQueue(Protocol):
     """Work for supervisors: claimed under a lease, back in the queue when the lease runs out."""
 
     def claim(self, owner: str, lease_s: float, kind: JobKind | None = None) -> Job | None:
-        """The oldest job (of a kind) that nobody works on, now leased to the owner.
+        """The next job (of a kind) that nobody works on, now leased to the owner.
 
+        That is the oldest, where each campaign counts as older by its priority's head start.
         A job that was claimed too often is buried with its reason instead, and its subject fails.
         """
 
@@ -363,6 +391,7 @@ class Store(Protocol):
     figures: FigureStore
     checkpoints: CheckpointStore
     analyses: AnalysisStore
+    retention: RetentionStore
     events: EventLog
     jobs: JobQueue
     keys: KeyStore

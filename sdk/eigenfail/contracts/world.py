@@ -1,7 +1,7 @@
 """What runs an episode: planner, scenario, simulator, engine."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import msgspec
 
@@ -126,6 +126,21 @@ class EpisodeEngine(Protocol):
 
     def close(self) -> None:
         """Let go of the simulation."""
+
+
+@runtime_checkable
+class LockstepEngine(EpisodeEngine, Protocol):
+    """An engine that runs several episodes side by side. No engine has to."""
+
+    @property
+    def room(self) -> int:
+        """How many more episodes may begin now."""
+
+    def begin(self, task: EpisodeTask) -> None:
+        """Begin an episode, for which there is room. Never raises for its troubles."""
+
+    def turn(self) -> list[EpisodeResult]:
+        """Go on with all of them for a while; the results of those that are over, in any order."""
 
 
 class Explainer(Protocol):

@@ -10,7 +10,10 @@ from eigenfail.suites.references import resolved
 from eigenfail.values import Campaign, CampaignSpec, CampaignState
 
 MAY_DIFFER = frozenset(
-    {"name", "planner", "planner_settings", "price_usd_per_hour", "instances", "scene_every"}
+    {
+        *("name", "planner", "planner_settings"),
+        *("price_usd_per_hour", "instances", "scene_every", "priority"),
+    }
 )
 """Fields in which a baseline may differ: the planner itself, and what changes no episode."""
 

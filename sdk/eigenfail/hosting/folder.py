@@ -10,6 +10,7 @@ from typing import IO
 import msgspec
 
 from eigenfail.errors import ServiceError, StoreUnavailable
+from eigenfail.private_files import FOLDER_MODE
 
 HOST = "127.0.0.1"
 
@@ -32,7 +33,12 @@ class DataFolder:
     @property
     def database(self) -> str:
         """The SQLAlchemy URL of its database."""
-        return f"sqlite:///{self.path / 'eigenfail.db'}"
+        return f"sqlite:///{self.database_file}"
+
+    @property
+    def database_file(self) -> Path:
+        """The file of its database."""
+        return self.path / "eigenfail.db"
 
     @property
     def hub_keys(self) -> Path:
@@ -70,7 +76,7 @@ class DataFolder:
             StoreUnavailable: it cannot be.
         """
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
+            self.path.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
             return self.lock.open("ab")
         except OSError as error:
             raise StoreUnavailable(

@@ -1,5 +1,6 @@
 """Keys on a database itself, without a service: the way to the first one."""
 
+from collections.abc import Iterator
 from typing import TypeVar
 
 import msgspec
@@ -8,6 +9,7 @@ from eigenfail.hosting.service import services_tool
 from eigenfail.rows import Rows
 from eigenfail.values import Page
 from eigenfail.values.access import ApiKey, AuditEntry, NewKey
+from eigenfail.values.quotas import UNLIMITED, Quotas
 
 Kind = TypeVar("Kind")
 
@@ -22,10 +24,21 @@ class DatabaseKeys:
     def __init__(self, database: str) -> None:
         self._database = database
 
-    def create(self, name: str, scope: str, expires_s: int | None = None) -> NewKey:
+    def create(
+        self, name: str, scope: str, expires_s: int | None = None, quotas: Quotas = UNLIMITED
+    ) -> NewKey:
         """Make a key; its token is in the answer, and can never be read again."""
         life = [] if expires_s is None else [f"--expires-s={expires_s}"]
-        return self._said(NewKey, "create", f"--name={name}", f"--scope={scope}", *life)
+        wanted = (f"--name={name}", f"--scope={scope}", *life, *words(quotas))
+        return self._said(NewKey, "create", *wanted)
+
+    def get(self, key: int) -> ApiKey:
+        """A key, without its secret."""
+        return self._said(ApiKey, "show", f"--key={key}")
+
+    def limit(self, key: int, quotas: Quotas) -> ApiKey:
+        """Give a key these quotas from now on; what was made before stays, and counts."""
+        return self._said(ApiKey, "limit", f"--key={key}", *words(quotas))
 
     def list(self) -> Rows[ApiKey]:
         """Keys, newest first; those that are no longer valid, too."""
@@ -41,3 +54,10 @@ class DatabaseKeys:
 
     def _said(self, kind: type[Kind], *words: str) -> Kind:
         return msgspec.json.decode(services_tool(("key", *words), self._database), type=kind)
+
+
+def words(quotas: Quotas) -> Iterator[str]:
+    """Quotas on a command line."""
+    for name, limit in msgspec.structs.asdict(quotas).items():
+        if limit is not None:
+            yield f"--{name.replace('_', '-')}={limit}"

@@ -20,6 +20,7 @@ from eigenfail.hosting.folder import HOST, Address, DataFolder
 from eigenfail.hosting.homemade import python_path
 from eigenfail.hosting.logs import bounded
 from eigenfail.hosting.processes import NOTHING, POLL_S, Part, end_marked, stop
+from eigenfail.hosting.span import Span, span_of
 from eigenfail.hosting.warden import warden
 
 READY_WITHIN_S = 90.0
@@ -45,6 +46,7 @@ class Plan:
     """What is to be started, and where: port 0 is any free one, 0 workers are one per core.
 
     Attributes:
+        span: within which the number of workers follows the work, instead of a number that stays.
         path: folders from which its processes import plug-ins that are not installed.
     """
 
@@ -53,6 +55,7 @@ class Plan:
     workers: int = 0
     launcher: Launcher = Launcher.RAY
     hub_port: int = 0
+    span: Span | None = None
     path: tuple[Path, ...] = ()
 
 
@@ -101,12 +104,8 @@ def commands(plan: Plan, database: str, port: int, hub_port: int) -> dict[str, l
     """The command line of each part."""
     python = (sys.executable, "-m")
     controller = ("--host", HOST, "--port", str(port))
-    services = (
-        "--workers",
-        str(plan.workers or default_workers()),
-        "--launcher",
-        plan.launcher.value,
-    )
+    span = plan.span or span_of(plan.workers or None, None, None, None)
+    services = (*span.options(), "--launcher", plan.launcher.value)
     hub = ("--hub", f"tcp://{HOST}:{hub_port}", *hub_keys(DataFolder(plan.data)))
     return {
         "controller": [*python, "eigenfail_api", "--database", database, *controller],
@@ -217,8 +216,3 @@ def ready_line(lines: Sequence[str]) -> Ready | None:
         except msgspec.DecodeError:
             continue
     return None
-
-
-def default_workers() -> int:
-    """How many workers keep this machine busy."""
-    return os.cpu_count() or 1

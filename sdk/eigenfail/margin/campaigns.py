@@ -31,7 +31,8 @@ def known_steps(client: Client, spec: CampaignSpec) -> Iterator[Step]:
     """
     for campaign in client.campaigns.list(CampaignState.DONE):
         scale = campaign.spec.disturbance.scale
-        if campaign.counts.completed and campaign.spec == step_suite(spec, scale).members[0].spec:
+        tried = step_suite(spec, scale).members[0].spec
+        if campaign.counts.completed and campaign.spec.is_like(tried):
             yield step_of(client, campaign)
 
 

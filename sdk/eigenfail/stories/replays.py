@@ -9,9 +9,13 @@ from eigenfail.values import (
     EpisodeResult,
     EpisodeTask,
     ExplainedEpisode,
+    Outcome,
+    PriorSource,
     Replayed,
     TrajectorySource,
 )
+from eigenfail.values.records import EpisodeRow
+from eigenfail.values.retention import DRAWN_AGAIN
 
 DEFAULT = "default"
 INFRASTRUCTURE = "infrastructure"
@@ -24,12 +28,32 @@ def replay_episode(spec: CampaignSpec, stored: EpisodeResult) -> Replayed:
         ServiceError: the world is not installed here.
         UnknownName: a plug-in of the campaign is not installed here.
     """
+    return compare(stored, run_once(spec, same_noise(stored)))
+
+
+def redraw_episode(spec: CampaignSpec, row: EpisodeRow) -> Replayed:
+    """Draw the noise of an episode again from its seed, and run it: for one that lost it.
+
+    Raises:
+        InvalidValue: its noise does not follow from its seed.
+        ServiceError: the world is not installed here.
+        UnknownName: a plug-in of the campaign is not installed here.
+    """
+    if row.source != DRAWN_AGAIN:
+        problem = f"Its noise by {row.source} is gone, and does not follow from its seed."
+        raise InvalidValue("episode", problem, "Restore a backup from before the pruning.")
+    again = run_once(spec, EpisodeTask(row.index, row.seed, PriorSource()))
+    return compared(row.index, (row.outcome, row.digest), again)
+
+
+def run_once(spec: CampaignSpec, task: EpisodeTask) -> EpisodeResult:
+    """One episode in this process."""
     engine = load_engine()(spec.setup())
     try:
-        (again,) = engine.run([same_noise(stored)])
+        result: EpisodeResult = next(iter(engine.run([task])))
     finally:
         engine.close()
-    return compare(stored, again)
+    return result
 
 
 def explain_episode(spec: CampaignSpec, stored: EpisodeResult) -> tuple[Replayed, ExplainedEpisode]:
@@ -53,14 +77,19 @@ def same_noise(stored: EpisodeResult) -> EpisodeTask:
 
 def compare(stored: EpisodeResult, again: EpisodeResult) -> Replayed:
     """The two results by their digests."""
-    digests = stored.digest(), again.digest()
+    return compared(stored.index, (stored.outcome, stored.digest()), again)
+
+
+def compared(index: int, stored: tuple[Outcome, str], again: EpisodeResult) -> Replayed:
+    """A stored outcome and digest, and what came of another run."""
+    outcome, digest = stored
     return Replayed(
-        index=stored.index,
-        stored_outcome=stored.outcome,
-        stored_digest=digests[0],
+        index=index,
+        stored_outcome=outcome,
+        stored_digest=digest,
         outcome=again.outcome,
-        digest=digests[1],
-        same=digests[0] == digests[1],
+        digest=again.digest(),
+        same=digest == again.digest(),
     )
 
 

@@ -26,7 +26,7 @@ def recognised(suite: Suite, alike: Mapping[str, Sequence[Campaign]]) -> Found:
         if all(name in found for name in references(member.spec)):
             spec = numbered(member, found)
             for campaign in alike.get(spec.name, ()):
-                if campaign.spec == spec:
+                if campaign.spec.is_like(spec):
                     found.setdefault(member.name, campaign)
     return found
 

@@ -14,15 +14,12 @@ from eigenfail.values.campaign import (
     Campaign,
     CampaignSpec,
     CampaignState,
-    Conflicts,
     Cost,
     Counts,
     Estimate,
     Interval,
-    MeanTime,
     Overhead,
     Rate,
-    Summary,
 )
 from eigenfail.values.comparison import (
     Comparison,
@@ -86,6 +83,7 @@ from eigenfail.values.learning import (
 from eigenfail.values.minimal import MinimalFailure
 from eigenfail.values.paging import Page
 from eigenfail.values.policy import STATE, Layer, Policy
+from eigenfail.values.priority import Priority
 from eigenfail.values.proof import (
     Proof,
     ProvenMode,
@@ -115,6 +113,7 @@ from eigenfail.values.spending import (
     TimeSplit,
 )
 from eigenfail.values.stopping import StopRules
+from eigenfail.values.summary import Conflicts, MeanTime, Summary
 
 __all__ = [
     "AXES",
@@ -190,6 +189,7 @@ __all__ = [
     "PolicySource",
     "Predecessor",
     "PriorSource",
+    "Priority",
     "Proof",
     "Proposal",
     "ProvenMode",

@@ -6,6 +6,8 @@ from typing import Annotated, Any
 
 import msgspec
 
+from eigenfail.values.quotas import UNLIMITED, Quotas
+
 TOKEN = re.compile(r"ef_(?P<id>[1-9]\d{0,17})_(?P<secret>[\w-]{43})", re.ASCII)
 """What its holder sends: the key's id and 256 random bits in base64url."""
 
@@ -40,6 +42,7 @@ class ApiKey(msgspec.Struct, frozen=True):
         expires_ms: from when on it is not valid any more; null if it does not end by itself.
         revoked_ms: when it was revoked.
         last_used_ms: when it was last used, to the minute.
+        quotas: how much may be done with it.
     """
 
     id: int
@@ -49,6 +52,7 @@ class ApiKey(msgspec.Struct, frozen=True):
     expires_ms: int | None = None
     revoked_ms: int | None = None
     last_used_ms: int | None = None
+    quotas: Quotas = UNLIMITED
 
     def is_valid(self, at_ms: int) -> bool:
         """Whether it opens anything at a moment."""
@@ -69,11 +73,13 @@ class KeyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         name: who or what it is for.
         scope: what it allows: viewer, runner or admin.
         expires_s: for how long it is valid [s]; null: until it is revoked.
+        quotas: how much may be done with it.
     """
 
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=100, pattern=r"^\S(.*\S)?$")]
     scope: Scope = Scope.VIEWER
     expires_s: Annotated[int, msgspec.Meta(ge=1, le=LONGEST_LIFE_S)] | None = None
+    quotas: Quotas = UNLIMITED
 
 
 class NewKey(msgspec.Struct, frozen=True):
@@ -115,7 +121,7 @@ class AuditEntry(Change, frozen=True, kw_only=True):
         id: number of the line.
         at_ms: when it was answered, in milliseconds since 1970.
         who: the key's name; `loopback` or `network` where nobody had to show one, `database` for
-            what was done on the database itself.
+            what was done on the database itself; the system's user for the keys of workers.
         key: id of the key.
         method: of the request.
         route: its address, with the names of what varies in braces.

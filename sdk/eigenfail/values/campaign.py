@@ -7,6 +7,7 @@ import msgspec
 
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.episode import EpisodeSetup
+from eigenfail.values.priority import Priority
 from eigenfail.values.randomness import MAX_SEED
 from eigenfail.values.showing import Shown
 from eigenfail.values.stopping import StopRules
@@ -26,6 +27,8 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         price_usd_per_hour: of one instance.
         instances: how many instances the campaign occupies while it runs.
         scene_every: besides all collisions, keep the scene of every n-th episode.
+        priority: how large its share of the workers is beside other campaigns, and how soon it has
+            its turn; it may be changed later, and changes no episode.
     """
 
     name: Name
@@ -43,6 +46,11 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     price_usd_per_hour: Annotated[float, msgspec.Meta(ge=0.0, le=100_000.0)] = 1.20
     instances: Annotated[int, msgspec.Meta(ge=1, le=100_000)] = 1
     scene_every: Annotated[int, msgspec.Meta(ge=1, le=MAX_EPISODES)] = 50
+    priority: Priority = Priority.NORMAL
+
+    def is_like(self, other: "CampaignSpec") -> bool:
+        """Whether both ask for the same, at whatever priority."""
+        return msgspec.structs.replace(self, priority=other.priority) == other
 
     def setup(self) -> EpisodeSetup:
         """What all of its episodes share."""
@@ -194,56 +202,3 @@ class Cost(msgspec.Struct, frozen=True):
     per_failure_usd: float | None
     interval_usd: Interval | None
     at_least_usd: float | None
-
-
-class MeanTime(msgspec.Struct, frozen=True):
-    """A mean over n episodes [s]; None over none."""
-
-    mean_s: float | None = None
-    n: int = 0
-
-
-class Conflicts(msgspec.Struct, frozen=True):
-    """The completed episodes of a campaign by conflict class, and how early collisions showed.
-
-    Attributes:
-        unavoidable: collisions that braking could not avoid once they showed.
-        planner_failures: collisions that it could.
-        unclassified: collisions of which too little was measured to class them.
-        near_misses: MinTTC < 1.5 s without a collision.
-        ttc_lead: from the first violation of MinTTC to the collision.
-        drac_lead: from the first violation of DRAC to the collision.
-    """
-
-    unavoidable: int = 0
-    planner_failures: int = 0
-    unclassified: int = 0
-    near_misses: int = 0
-    ttc_lead: MeanTime = MeanTime()
-    drac_lead: MeanTime = MeanTime()
-
-
-class Summary(Shown, msgspec.Struct, frozen=True):
-    """The row of a campaign in a result table.
-
-    Attributes:
-        failure_rate: collisions ÷ completed episodes; None before the first one.
-        mean_log_probability: of the failures, summed over their steps.
-        log_probability_per_step: of the failures: sum of log p over all their steps ÷ steps.
-        mean_severity: of the failures [m²/s²].
-        estimate: of the failure probability under p(x); None where the method tells none, or none
-            yet.
-    """
-
-    campaign: int
-    name: str
-    method: str
-    counts: Counts
-    failure_rate: Rate | None
-    mean_log_probability: float | None
-    log_probability_per_step: float | None
-    mean_severity: float | None
-    episodes_per_s: float | None
-    cost: Cost
-    conflicts: Conflicts = Conflicts()
-    estimate: Estimate | None = None

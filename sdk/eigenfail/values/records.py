@@ -37,6 +37,7 @@ class EpisodeRow(msgspec.Struct, frozen=True, kw_only=True):
         log_probability: sum of log p(a_t) until the episode ended.
         assessed: what outcome and measures say together.
         problem: why it failed, as "kind: message"; empty unless the outcome is `failed`.
+        noise_pruned_ms: when its noise and scene were taken away; None if they are kept.
     """
 
     campaign: int
@@ -65,6 +66,7 @@ class EpisodeRow(msgspec.Struct, frozen=True, kw_only=True):
     has_scene: bool
     assessed: Assessment = Assessment()
     problem: str = ""
+    noise_pruned_ms: int | None = None
 
 
 class EpisodeDetail(EpisodeResult, frozen=True, eq=False, kw_only=True):

@@ -5,8 +5,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.values.assessment import ConflictClass
-from eigenfail.values.campaign import Conflicts, Interval, Rate
+from eigenfail.values.campaign import Interval, Rate
 from eigenfail.values.showing import Shown, Tabular
+from eigenfail.values.summary import Conflicts
 
 MOST_POINTS = 2_000
 """How many failures a scatter shows at most."""

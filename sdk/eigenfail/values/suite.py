@@ -5,8 +5,9 @@ from collections.abc import Mapping
 
 import msgspec
 
-from eigenfail.values.campaign import CampaignState, Settings, Summary
+from eigenfail.values.campaign import CampaignState, Settings
 from eigenfail.values.showing import Shown, Tabular
+from eigenfail.values.summary import Summary
 
 SEPARATOR = ": "
 

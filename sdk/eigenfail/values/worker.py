@@ -43,6 +43,20 @@ class Presence(Arrival, frozen=True, kw_only=True):
     left_ms: int | None = None
 
 
+class Staffing(msgspec.Struct, frozen=True, kw_only=True):
+    """How many workers there are, and what the services said last of those that they start.
+
+    Attributes:
+        workers: that are connected now, at work or not.
+        said: such as that workers were asked of Ray and none was placed yet; empty if nothing.
+        said_ms: when that was; milliseconds since 1970.
+    """
+
+    workers: int
+    said: str = ""
+    said_ms: int | None = None
+
+
 class WorkerShare(msgspec.Struct, frozen=True, kw_only=True):
     """What one worker did for one campaign.
 

@@ -219,6 +219,24 @@ class Reader:
         return message
 
 
+class ForeignHello(msgspec.Struct, frozen=True, tag="Hello"):
+    """What every hello says, whatever protocol its worker speaks."""
+
+    protocol: int
+    versions: Versions = {}
+
+
+_foreign_decoder = msgspec.msgpack.Decoder(ForeignHello)
+
+
+def read_foreign_hello(data: bytes) -> ForeignHello | None:
+    """The hello of a worker of another release; None if the bytes are none."""
+    try:
+        return _foreign_decoder.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+
+
 read_worker_message = Reader(WorkerMessage)
 read_hub_message = Reader(HubMessage)
 read_learner_command = Reader(LearnerCommand)

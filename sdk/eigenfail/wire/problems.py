@@ -11,6 +11,7 @@ from eigenfail.errors import (
     EigenfailError,
     Forbidden,
     InputError,
+    NoisePruned,
     NotFound,
     ServiceError,
     Unauthorized,
@@ -96,6 +97,7 @@ def by_status(status: int) -> type[EigenfailError]:
         403: Forbidden,
         404: NotFound,
         409: Conflict,
+        410: NoisePruned,
     }
     return exact.get(status, ServiceError if status >= SERVER_SIDE else InputError)
 

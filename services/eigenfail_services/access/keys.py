@@ -31,7 +31,7 @@ def make_key(store: Store, request: KeyRequest) -> NewKey:
         )
     secret = secrets.token_urlsafe(SECRET_BYTES)
     expires_ms = None if request.expires_s is None else at_ms + 1_000 * request.expires_s
-    key = store.keys.create(request.name, request.scope, digest(secret), expires_ms)
+    key = store.keys.create(request.name, request.scope, digest(secret), expires_ms, request.quotas)
     return NewKey(key, f"ef_{key.id}_{secret}")
 
 

@@ -11,12 +11,14 @@ import msgspec
 
 from eigenfail.contracts import Store
 from eigenfail.values.access import AuditEntry, Change, KeyRequest, NewKey
+from eigenfail.values.quotas import Quotas
 from eigenfail.wire.http import PREFIX, encode, read_fields
 from eigenfail_services.access.keys import make_key, revoke_key
 from eigenfail_services.store import open_store
 
 MOST = 1_000
 CREATED, DONE = 201, 200
+QUOTAS = Quotas.__struct_fields__
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", help="of a new key")
     parser.add_argument("--scope", help="of a new key")
     parser.add_argument("--expires-s", type=int, help="how long a new key is valid")
-    parser.add_argument("--key", type=int, help="id of the key to revoke")
+    parser.add_argument("--key", type=int, help="id of the key to show, limit or revoke")
+    for name in QUOTAS:
+        parser.add_argument(f"--{name.replace('_', '-')}", type=int, help="a quota of the key")
     parser.add_argument("--database", default=argparse.SUPPRESS, help="URL")
     parser.set_defaults(command=tend_keys)
 
@@ -42,8 +46,8 @@ def tend_keys(arguments: argparse.Namespace) -> None:
 
 def create(store: Store, arguments: argparse.Namespace) -> NewKey:
     """A new key."""
-    given = {name: getattr(arguments, name) for name in KeyRequest.__struct_fields__}
-    made = make_key(store, read_fields(given, KeyRequest))
+    given = {name: getattr(arguments, name) for name in ("name", "scope", "expires_s")}
+    made = make_key(store, read_fields(given | {"quotas": quotas(arguments)}, KeyRequest))
     note(store, "POST", "", made.key.id, CREATED)
     return made
 
@@ -51,6 +55,23 @@ def create(store: Store, arguments: argparse.Namespace) -> NewKey:
 def listed(store: Store, _arguments: argparse.Namespace) -> msgspec.Struct:
     """The newest keys."""
     return store.keys.page(MOST)
+
+
+def shown(store: Store, arguments: argparse.Namespace) -> msgspec.Struct:
+    """A key."""
+    return store.keys.find(arguments.key).key
+
+
+def limit(store: Store, arguments: argparse.Namespace) -> msgspec.Struct:
+    """A key with these quotas, and no others, from now on."""
+    limited = store.keys.limit(arguments.key, read_fields(quotas(arguments), Quotas))
+    note(store, "POST", "/{key}/quotas", limited.id, DONE)
+    return limited
+
+
+def quotas(arguments: argparse.Namespace) -> dict[str, int | None]:
+    """What the command line says of quotas."""
+    return {name: getattr(arguments, name) for name in QUOTAS}
 
 
 def revoke(store: Store, arguments: argparse.Namespace) -> msgspec.Struct:
@@ -75,6 +96,8 @@ def note(store: Store, method: str, varying: str, key: int, status: int) -> Audi
 ACTIONS: Mapping[str, Callable[[Store, argparse.Namespace], msgspec.Struct]] = {
     "create": create,
     "list": listed,
+    "show": shown,
+    "limit": limit,
     "revoke": revoke,
     "audit": changes,
 }

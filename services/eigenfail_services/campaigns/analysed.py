@@ -5,7 +5,7 @@ from typing import NamedTuple, Self
 
 from msgspec.structs import replace
 
-from eigenfail import functions, plugins
+from eigenfail import bridges, functions, plugins
 from eigenfail.contracts import Scenario, Store
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.values import FINAL_STATES, AnalysedCampaign, AnalysisSettings, Campaign
@@ -110,6 +110,8 @@ def step_s(spec: CampaignSpec) -> float | None:
     """
     if not functions.drives(spec):
         return None
+    if spec.simulator == bridges.SIMULATOR:
+        return bridges.step_s(spec)
     plugin = plugins.load(plugins.SCENARIOS, spec.scenario)
     scenario: Scenario = plugin()
     variation = read_variation(plugin.Parameters, spec.scenario_parameters)

@@ -7,7 +7,7 @@ from unicodedata import category
 
 import msgspec
 
-from eigenfail import functions, plugins
+from eigenfail import bridges, functions, plugins
 from eigenfail.contracts import Scenario
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import convert, read_settings
@@ -41,6 +41,9 @@ def check_spec(spec: CampaignSpec) -> CampaignSpec:
     if spec.simulator == functions.SIMULATOR:
         functions.check(spec)
         return spec
+    if spec.simulator == bridges.SIMULATOR:
+        bridges.check(spec)
+        return spec
     planner = plugins.load(plugins.PLANNERS, spec.planner)
     read_settings(planner.Settings, spec.planner_settings, "planner_settings")
     horizon(spec)
@@ -62,6 +65,8 @@ def horizon(spec: CampaignSpec) -> int:
     """
     if spec.simulator == functions.SIMULATOR:
         return functions.check(spec).steps
+    if spec.simulator == bridges.SIMULATOR:
+        return bridges.horizon(spec)
     plugin = plugins.load(plugins.SCENARIOS, spec.scenario)
     scenario: Scenario = plugin()
     variation = read_variation(plugin.Parameters, spec.scenario_parameters)

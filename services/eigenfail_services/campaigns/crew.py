@@ -3,9 +3,13 @@
 from eigenfail.contracts import Store
 from eigenfail.errors import NotFound
 from eigenfail.values import Campaign
-from eigenfail.values.worker import Presence, WorkerShare
+from eigenfail.values.worker import Presence, Staffing, WorkerShare
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.refusals import no_episode
+
+LOOKED_AT = 200
+WORDS = frozenset({"workers.asked", "workers.refused", "ray.lost", "ray.back", "ray.machines"})
+"""Kinds of events that tell of workers which the services start."""
 
 LATELY_S = 600
 ACTIVE_S = 60
@@ -28,6 +32,18 @@ def lately(store: Store, within_s: int = LATELY_S) -> tuple[WorkerShare, ...]:
 def present(store: Store) -> tuple[Presence, ...]:
     """Who is connected to a hub now, by name, at work or not."""
     return store.roster.present(now_ms() - 1_000 * PRESENT_S)
+
+
+def staffing(store: Store) -> Staffing:
+    """How many are there, and what was said last of those that are to come.
+
+    Where nobody works hardly anything else is said: few events are looked at.
+    """
+    workers = len(present(store))
+    for event in store.events.latest(LOOKED_AT):
+        if event.kind in WORDS:
+            return Staffing(workers=workers, said=event.message, said_ms=event.at_ms)
+    return Staffing(workers=workers)
 
 
 def who_ran(store: Store, campaign: int, index: int) -> Presence:

@@ -21,7 +21,7 @@ THINGS = {
     "price_usd_per_hour": "price",
     "instances": "price",
 }
-"""Which thing a field of a spec belongs to; name, seed and kept scenes change no result."""
+"""Which thing a field of a spec belongs to; the others change no result."""
 
 DEFAULT = "default"
 

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail import functions, plugins
+from eigenfail import bridges, functions, plugins
 from eigenfail.contracts import Store
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import read_settings
@@ -128,6 +128,8 @@ def completed(spec: CampaignSpec) -> CampaignSpec:
     if spec.simulator == functions.SIMULATOR:
         parameters = plain(functions.check(spec))
         return replace(spec, settings=settings, scenario_parameters=parameters)
+    if spec.simulator == bridges.SIMULATOR:
+        return replace(spec, settings=settings)
     planner = plugins.load(plugins.PLANNERS, spec.planner)
     scenario = plugins.load(plugins.SCENARIOS, spec.scenario)
     return replace(

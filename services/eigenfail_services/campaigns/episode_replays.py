@@ -10,7 +10,9 @@ from eigenfail_services.campaigns.checks import check_spec
 from eigenfail_services.campaigns.proving import MAX_NAME
 
 
-def replay_episode(store: Store, campaign: int, index: int, scale: float) -> Campaign:
+def replay_episode(
+    store: Store, campaign: int, index: int, scale: float, made_by: int | None = None
+) -> Campaign:
     """Queue a campaign of one episode, whose scene is kept, in the scenario that the stored drew.
 
     Args:
@@ -18,11 +20,13 @@ def replay_episode(store: Store, campaign: int, index: int, scale: float) -> Cam
         campaign: of the episode.
         index: of the episode.
         scale: of the noise; 1 injects it as it was.
+        made_by: id of the key of whoever asks.
 
     Raises:
         NotFound: no such campaign, or the episode has no result yet.
         InvalidValue: the episode ended before its first step, so that there is no noise.
         UnknownName: a plug-in of the campaign is not installed here.
+        QuotaExceeded: the key does not allow another campaign.
     """
     spec = store.campaigns.get(campaign).spec
     stored = store.episodes.get(campaign, index)
@@ -38,7 +42,7 @@ def replay_episode(store: Store, campaign: int, index: int, scale: float) -> Cam
         scene_every=1,
         scenario_parameters={**spec.scenario_parameters, **drawn_for(spec, stored.seed)},
     )
-    return store.campaigns.create(check_spec(wanted))
+    return store.campaigns.create(check_spec(wanted), made_by=made_by)
 
 
 def refuse_silence(stored: EpisodeResult) -> None:

@@ -63,7 +63,7 @@ def data_campaigns(spec: CampaignSpec, store: Store) -> tuple[Campaign, ...]:
 
     Raises:
         InvalidValue: no such campaign, it has not ended, it has completed no episode, its episodes
-            are of another length, or there are too many to be looked through.
+            are of another length or were pruned, or there are too many to be looked through.
     """
     found = search(spec)
     field = f"{found.field}.{SETTING}"
@@ -71,6 +71,7 @@ def data_campaigns(spec: CampaignSpec, store: Store) -> tuple[Campaign, ...]:
     named = tuple(ended(number, field, store) for number in numbers)
     for before in named:
         check_data(before, field, horizon(spec))
+        refuse_pruned(before, field, store)
     if (count := sum(before.counts.completed for before in named)) > MOST_READ:
         problem = f"{count:,} episodes are more than the {MOST_READ:,} that can be looked through."
         raise InvalidValue(field, problem, "Name fewer or smaller campaigns.")
@@ -91,6 +92,14 @@ def check_data(before: Campaign, field: str, steps: int) -> None:
             f"the episodes of campaign {before.id} have {there} steps, here they have {steps}."
         )
         raise InvalidValue(field, problem, "Name campaigns in scenarios of as many steps.")
+
+
+def refuse_pruned(before: Campaign, field: str, store: Store) -> None:
+    """Raises InvalidValue where noise of a campaign was pruned: what is left is another sample."""
+    if records := store.retention.of(before.id):
+        lost = sum(each.weight.episodes for each in records)
+        problem = f"the noise of {lost:,} episodes of campaign {before.id} was pruned."
+        raise InvalidValue(field, problem, "Name another, or restore a backup from before.")
 
 
 def completed(campaign: int, store: Store) -> Iterator[Lived]:

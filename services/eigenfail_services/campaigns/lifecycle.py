@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import msgspec
 
 from eigenfail.errors import IllegalTransition
-from eigenfail.values import FINAL_STATES, Campaign, CampaignState
+from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Priority
 
 S = CampaignState
 
@@ -78,6 +78,23 @@ def moved(campaign: Campaign, to: CampaignState, because: str, at_ms: int) -> Ca
     begins = to is S.RUNNING and campaign.started_ms is None
     started_ms = at_ms if begins else campaign.started_ms
     return msgspec.structs.replace(campaign, state=to, started_ms=started_ms)
+
+
+def prioritised(campaign: Campaign, priority: Priority) -> Campaign:
+    """The campaign with another priority; the very same object if it has that one already.
+
+    Raises:
+        IllegalTransition: it has ended.
+    """
+    if campaign.state in FINAL_STATES:
+        raise IllegalTransition(
+            f"Campaign {campaign.id} {STORIES[campaign.state]}: no priority can change that.",
+            "Only one that is queued, at work or paused can be given another priority.",
+        )
+    if campaign.spec.priority is priority:
+        return campaign
+    spec = msgspec.structs.replace(campaign.spec, priority=priority)
+    return msgspec.structs.replace(campaign, spec=spec)
 
 
 def _ended(campaign: Campaign, to: CampaignState, because: str, at_ms: int) -> Campaign:

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from eigenfail import plugins
 from eigenfail.contracts import Store
+from eigenfail.errors import NoisePruned
 from eigenfail.settings import read_settings
 from eigenfail.values import (
     FINAL_STATES,
@@ -71,7 +72,10 @@ def told_by(teller: "Teller", store: Store, campaign: Campaign, result: Analysis
     if campaign.state not in FINAL_STATES:
         return [Estimate(by=teller.by, episodes=0, problem=UNDERWAY)] * modes
     mode_of = dict(zip(result.episodes, result.labels, strict=True))
-    return teller.tell(store, campaign, mode_of, modes)
+    try:
+        return teller.tell(store, campaign, mode_of, modes)
+    except NoisePruned as error:
+        return [Estimate(by=teller.by, episodes=0, problem=str(error))] * modes
 
 
 def by_levels(store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int) -> Told:

@@ -5,7 +5,7 @@ from typing import Any, get_args, get_type_hints
 
 import msgspec
 
-from eigenfail import functions, plugins
+from eigenfail import bridges, functions, plugins
 from eigenfail.values import CampaignSpec
 from eigenfail.values.variation import read_variation
 
@@ -33,7 +33,7 @@ def nearby(spec: CampaignSpec) -> tuple[dict[str, Any], ...]:
     a quarter of its range. They stay within the bounds, and a parameter that varies anyway is left
     alone.
     """
-    if spec.simulator == functions.SIMULATOR:
+    if spec.simulator in (functions.SIMULATOR, bridges.SIMULATOR):
         return ({},)
     kind = plugins.load(plugins.SCENARIOS, spec.scenario).Parameters
     variation = read_variation(kind, spec.scenario_parameters)

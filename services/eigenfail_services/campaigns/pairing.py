@@ -1,6 +1,7 @@
 """Whether the episodes of two groups of campaigns saw the same noise, one by one."""
 
 from collections.abc import Iterator, Sequence
+from math import lcm
 from typing import NamedTuple
 
 import numpy as np
@@ -82,12 +83,19 @@ def some_pairs(
 ) -> Iterator[tuple[EpisodeResult, EpisodeResult]]:
     """Some pairs of episodes with noise, spread over the campaigns."""
     reach = min(one.counts.planned, other.counts.planned)
-    places = {place * reach // LOOKED_AT for place in range(LOOKED_AT)}
+    each = spared(store, one, other)
+    places = {place * reach // LOOKED_AT // each * each for place in range(LOOKED_AT)}
     others = {result.index: result for result in store.episodes.finished(other.id, places)}
     for result in store.episodes.finished(one.id, places):
         partner = others.get(result.index)
         if partner is not None and result.steps and partner.steps:
             yield result, partner
+
+
+def spared(store: Store, *campaigns: Campaign) -> int:
+    """The number whose multiples have kept their noise in all of these campaigns."""
+    records = (record for each in campaigns for record in store.retention.of(each.id))
+    return lcm(*(record.retention.keep_every for record in records))
 
 
 def same_noise(first: EpisodeResult, second: EpisodeResult) -> bool:

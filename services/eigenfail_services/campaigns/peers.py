@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from eigenfail import plugins
+from eigenfail import bridges, plugins
 from eigenfail.errors import EigenfailError
 from eigenfail.values.campaign import Settings
 from eigenfail.values.pool import MethodCost, PeerCosts, Peers, Pool
@@ -52,6 +52,8 @@ def without_defaults(peers: Peers) -> Peers:
 
     The disturbance model has all its defaults filled in, so that there is nothing to leave out.
     """
+    if peers.simulator == bridges.SIMULATOR:
+        return peers
     scenario = told(peers.scenario_parameters, plugins.SCENARIOS, peers.scenario, "Parameters")
     planner = told(peers.planner_settings, plugins.PLANNERS, peers.planner, "Settings")
     return msgspec.structs.replace(peers, scenario_parameters=scenario, planner_settings=planner)

@@ -9,7 +9,15 @@ import msgspec
 
 from eigenfail.contracts import Store
 from eigenfail.errors import Conflict, InvalidValue
-from eigenfail.values import Analysis, CampaignSpec, CampaignState, Proof, ReplayKind, StopRules
+from eigenfail.values import (
+    Analysis,
+    CampaignSpec,
+    CampaignState,
+    Priority,
+    Proof,
+    ReplayKind,
+    StopRules,
+)
 from eigenfail_services.campaigns.checks import check_spec
 from eigenfail_services.campaigns.nearby import nearby
 from eigenfail_services.campaigns.proofs import differing, findings, proof
@@ -29,7 +37,12 @@ CAME_TO_NOTHING = frozenset({CampaignState.CANCELLED, CampaignState.DEAD})
 Parameters = Mapping[str, Any]
 
 
-def prove(store: Store, analysis: Analysis, variations: Sequence[Parameters] | None) -> Proof:
+def prove(
+    store: Store,
+    analysis: Analysis,
+    variations: Sequence[Parameters] | None,
+    made_by: int | None = None,
+) -> Proof:
     """Queue a replay in each scenario in which there is none yet, and tell how things stand.
 
     Args:
@@ -37,11 +50,13 @@ def prove(store: Store, analysis: Analysis, variations: Sequence[Parameters] | N
         analysis: that is done.
         variations: scenario parameters put over those in which the failures happened; None: that
             scenario and its neighbours.
+        made_by: id of the key of whoever asks.
 
     Raises:
         Conflict: the analysis is not done, found no failure mode, or is of several worlds.
         UnknownName: a parameter that the scenario does not have.
         InvalidValue: a parameter outside its bounds, or a distribution.
+        QuotaExceeded: the key does not allow so many more campaigns; those before stay.
     """
     result = findings(analysis)
     if not result.modes:
@@ -56,7 +71,7 @@ def prove(store: Store, analysis: Analysis, variations: Sequence[Parameters] | N
     pairs = product(wanted, worlds(store, analysis, result))
     specs = [check_spec(replay_of(analysis, analysed, *pair)) for pair in pairs]
     for spec in specs:
-        launch(store, analysis.id, spec)
+        launch(store, analysis.id, spec, made_by)
     return proof(store, analysis)
 
 
@@ -97,14 +112,15 @@ def replay_of(
     )
 
 
-def launch(store: Store, analysis: int, spec: CampaignSpec) -> None:
+def launch(store: Store, analysis: int, spec: CampaignSpec, made_by: int | None) -> None:
     """Queue a replay, unless there is one like it that did not come to nothing.
 
     Who asks twice, or at the same time as somebody else, gets one campaign: a replay is the same
     whenever it is run, and its key is made of what it is.
     """
     before = [store.campaigns.get(each) for each in store.analyses.replays(analysis)]
-    lost = sum(each.spec == spec and each.state in CAME_TO_NOTHING for each in before)
-    content = sha256(msgspec.json.encode(spec, order="deterministic")).hexdigest()
+    lost = sum(each.spec.is_like(spec) and each.state in CAME_TO_NOTHING for each in before)
+    unhurried = msgspec.structs.replace(spec, priority=Priority.NORMAL)
+    content = sha256(msgspec.json.encode(unhurried, order="deterministic")).hexdigest()
     key = f"replay {lost} of analysis {analysis}: {content}"
-    store.analyses.link_replay(analysis, store.campaigns.create(spec, key).id)
+    store.analyses.link_replay(analysis, store.campaigns.create(spec, key, made_by).id)

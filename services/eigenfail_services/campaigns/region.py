@@ -8,12 +8,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail import functions, plugins, side_process
+from eigenfail import functions, side_process
 from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Campaign, CampaignSpec, Region
 from eigenfail.values.region import MOST_TRIALS
-from eigenfail.values.variation import read_variation
+from eigenfail.variations import variation_of
 from eigenfail_services.campaigns.comparison_words import unfinished
 from eigenfail_services.campaigns.distinctions import mixed
 from eigenfail_services.campaigns.pairing import PAIRABLE
@@ -146,8 +146,7 @@ def parameters(spec: CampaignSpec, seeds: NDArray[np.int64]) -> Iterator[Paramet
     """The scenario parameters of episodes; a function under test has what its campaign set."""
     if not functions.drives(spec):
         return (dict(spec.scenario_parameters) for _ in seeds)
-    kind = plugins.load(plugins.SCENARIOS, spec.scenario).Parameters
-    return read_variation(kind, spec.scenario_parameters).table(seeds.tolist())
+    return variation_of(spec).table(seeds.tolist())
 
 
 def columns(rows: Sequence[Parameters]) -> tuple[tuple[str, ...], NDArray[np.float64], list[str]]:

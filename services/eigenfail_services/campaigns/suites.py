@@ -76,9 +76,9 @@ def differs(path: Path, one: dict[Path, Any], other: dict[Path, Any], absent: ob
 
 
 def settings_of(spec: CampaignSpec) -> dict[Path, Any]:
-    """All that a campaign was asked for but its name, each at its path."""
+    """All that a campaign was asked for but name and priority, each at its path."""
     table = msgspec.to_builtins(spec)
-    table.pop("name")
+    del table["name"], table["priority"]
     drawn = table.pop(DRAWN)
     found: dict[Path, Any] = {path: value for path, value in leaves(table) if value != {}}
     return found | {(DRAWN, name): value for name, value in drawn.items()}

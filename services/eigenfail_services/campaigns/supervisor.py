@@ -22,7 +22,7 @@ from eigenfail_services.hub.server import Ended, Hub
 LEASE_S = 10.0
 RENEW_S = 2.0
 ROOM = {JobKind.CAMPAIGN: 4, JobKind.ANALYSIS: 2}
-"""How many at a time; analyses never wait for campaigns."""
+"""How many at a time unless told otherwise; analyses never wait for campaigns."""
 
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
 
@@ -30,9 +30,23 @@ log = structlog.get_logger()
 
 
 class Supervisor:
-    """One turn after the other: claim, tend, conclude."""
+    """One turn after the other: claim, tend, conclude.
 
-    def __init__(self, store: Store, hub: Hub, analyses: AnalysisJobs) -> None:
+    Args:
+        store: where the queue is.
+        hub: runs campaigns.
+        analyses: runs analyses.
+        campaigns: how many campaigns run at a time, each with a learner of its own.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        hub: Hub,
+        analyses: AnalysisJobs,
+        campaigns: int = ROOM[JobKind.CAMPAIGN],
+    ) -> None:
+        self._room = ROOM | {JobKind.CAMPAIGN: campaigns}
         self._store = store
         self._hub = hub
         self._analyses = analyses
@@ -81,7 +95,7 @@ class Supervisor:
     def _has_room(self, kind: JobKind) -> bool:
         """Whether there is time for one more; looked at before the queue is locked for a claim."""
         running = {JobKind.CAMPAIGN: len(self._watched), JobKind.ANALYSIS: len(self._analyses)}
-        return running[kind] < ROOM[kind]
+        return running[kind] < self._room[kind]
 
     def _open_campaign(self, job: Job) -> None:
         if watch := self._watched.get(job.subject):
@@ -110,7 +124,7 @@ class Supervisor:
                 self._store.campaigns.move(campaign.id, CampaignState.DEAD, str(error), job)
             self._store.jobs.finish(job)
             return
-        watch = self._watched[campaign.id] = Watch(job)
+        watch = self._watched[campaign.id] = Watch(job, spec.priority)
         order = Order(
             campaign=campaign.id,
             setup=spec.setup(),
@@ -119,6 +133,7 @@ class Supervisor:
             seed=spec.seed,
             context=context,
             rules=spec.stop,
+            weight=spec.priority.weight,
             meter=watch.meter,
             claim=lambda: watch.job,
         )
@@ -130,6 +145,8 @@ class Supervisor:
             if watch.halting:
                 continue
             now = watch.so_far(self._store.campaigns.get(campaign))
+            if watch.has_new(now.spec.priority):
+                self._hub.weigh(campaign, now.spec.priority.weight)
             watch.spent = spent(now)
             if watch.spent or now.state in self._wishes:
                 watch.halting = True

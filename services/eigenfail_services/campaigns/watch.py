@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from eigenfail.contracts import Store
 from eigenfail.errors import ClaimLost, StoreUnavailable
-from eigenfail.values import Campaign, Counts
+from eigenfail.values import Campaign, Counts, Priority
 from eigenfail.values.records import Job
 from eigenfail_services.campaigns import stopping
 from eigenfail_services.campaigns.summary import campaign_cost
@@ -16,14 +16,20 @@ from eigenfail_services.hub.meter import Meter
 class Watch:
     """A campaign that runs on our hub, the job that says it is ours, and the time it is billed."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Job, priority: Priority = Priority.NORMAL) -> None:
         self.job = job
+        self.priority = priority
         self.meter = Meter()
         self.billed_s = time.monotonic()
         self.told: Counts | None = None
         self.halting = False
         self.lost = False
         self.spent = ""
+
+    def has_new(self, priority: Priority) -> bool:
+        """Whether this is another priority than it was; it is from now on."""
+        before, self.priority = self.priority, priority
+        return before is not priority
 
     def so_far(self, campaign: Campaign) -> Campaign:
         """The campaign with the time that is not yet billed."""

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from eigenfail import functions, plugins
+from eigenfail import bridges, functions, plugins
 from eigenfail.contracts import Store
 from eigenfail.errors import Conflict
 from eigenfail.values import Analysis, AnalysisResult, CampaignSpec, FailureMode, episode_seed
@@ -94,7 +94,7 @@ def world(spec: CampaignSpec) -> dict[str, Any]:
 
 def defaults(spec: CampaignSpec) -> dict[str, Any]:
     """What the scenario's parameters are unless a campaign says otherwise."""
-    if spec.simulator == functions.SIMULATOR:
+    if spec.simulator in (functions.SIMULATOR, bridges.SIMULATOR):
         return {}
     kind = plugins.load(plugins.SCENARIOS, spec.scenario).Parameters
     return dict(told_defaults(kind))

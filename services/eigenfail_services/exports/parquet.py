@@ -86,9 +86,11 @@ def schema_of(columns: tuple[str, ...], origin: Origin, *, noise: bool) -> Any:
 
 
 def noise_of(source: Source, rows: tuple[EpisodeRow, ...]) -> dict[str, list[Any]]:
-    """The noise of some rows, one list for each axis."""
-    results = source.store.episodes.finished(source.campaign, [row.index for row in rows])
-    noise = {result.index: result.noise.z for result in results}
+    """The noise of some rows, one list for each axis; none of those that were pruned."""
+    there = [row.index for row in rows if row.noise_pruned_ms is None]
+    results = source.store.episodes.finished(source.campaign, there)
+    noise = {result.index: result.noise.z.T for result in results}
     return {
-        axis: [noise[row.index][:, number] for row in rows] for number, axis in enumerate(NOISE)
+        axis: [noise[row.index][number] if row.index in noise else None for row in rows]
+        for number, axis in enumerate(NOISE)
     }

@@ -41,14 +41,17 @@ class Attendance:
         self._look_s = now_s + LOOK_EVERY_S
 
     def _arrivals(self) -> None:
-        for seat in [*self._seats.values()]:
-            if seat not in self._numbers:
-                self._numbers[seat] = self._roster.arrived(seat.arrival)
+        seats = [seat for seat in self._seats.values() if seat not in self._numbers]
+        if seats:
+            numbers = self._roster.arrived([seat.arrival for seat in seats])
+            self._numbers.update(zip(seats, numbers, strict=True))
 
     def _ends(self) -> None:
-        for seat in self._numbers.keys() - {*self._seats.values()}:
-            self._roster.left(self._numbers[seat])
-            del self._numbers[seat]
+        gone = self._numbers.keys() - {*self._seats.values()}
+        if gone:
+            self._roster.left([self._numbers[seat] for seat in gone])
+            for seat in gone:
+                del self._numbers[seat]
 
     def close(self) -> None:
         """Nobody is here any more.
@@ -56,6 +59,6 @@ class Attendance:
         Raises:
             StoreUnavailable: it could not be written down.
         """
-        for number in self._numbers.values():
-            self._roster.left(number)
+        if self._numbers:
+            self._roster.left(self._numbers.values())
         self._numbers.clear()

@@ -1,11 +1,25 @@
 """What workers say that they hold and the hub does not know of yet: pure bookkeeping."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
 
-from eigenfail.wire.claims import Claim
+from eigenfail.values import EpisodeTask
+from eigenfail.wire.claims import FINISHED, Claim
+from eigenfail_services.hub.waiting import Waiting
 
 Key = tuple[int, int]
 """Campaign and index of an episode."""
+
+Fingerprint = Callable[[int, EpisodeTask], bytes]
+"""Of a campaign's task, as workers tell it of what they hold."""
+
+
+class Claimed(NamedTuple):
+    """An episode that waits, and a worker that says that it holds it: the same task, or another."""
+
+    worker: bytes
+    key: Key
+    is_right: bool
 
 
 class Claims:
@@ -18,6 +32,7 @@ class Claims:
     def __init__(self) -> None:
         self._told: dict[int, dict[int, dict[bytes, bytes]]] = {}
         self._of: dict[bytes, set[Key]] = {}
+        self._to_look_at: set[int] = set()
 
     def take(self, worker: bytes, claims: Iterable[Claim]) -> None:
         """What a worker says in its hello, besides what it said before."""
@@ -25,6 +40,25 @@ class Claims:
             episodes = self._told.setdefault(claim.campaign, {})
             episodes.setdefault(claim.index, {})[worker] = claim.task
             self._of.setdefault(worker, set()).add((claim.campaign, claim.index))
+            self.look_again(claim.campaign)
+
+    def look_again(self, campaign: int) -> None:
+        """Something of a campaign waits that did not before."""
+        self._to_look_at.add(campaign)
+
+    def matching(self, waiting: Waiting, fingerprint: Fingerprint) -> Iterator[Claimed]:
+        """What waits, and somebody claims; with this, the claim is dealt with.
+
+        Campaigns of which nothing new waits or is claimed since the last call are passed over.
+        """
+        while self._to_look_at:
+            campaign = self._to_look_at.pop()
+            for key, worker, told in self.on(campaign):
+                task = waiting.of(campaign).get(key[1])
+                if task is not None:
+                    self.discard(worker, key)
+                    is_right = told in (FINISHED, fingerprint(campaign, task))
+                    yield Claimed(worker, key, is_right)
 
     def on(self, campaign: int) -> list[tuple[Key, bytes, bytes]]:
         """Episode, worker, fingerprint, of one campaign; who spoke first comes first."""

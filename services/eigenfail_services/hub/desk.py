@@ -1,7 +1,8 @@
 """The hub's side of the talk with workers: who is in, what each was told, what each brings."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import structlog
@@ -10,7 +11,6 @@ from eigenfail.errors import ProtocolError
 from eigenfail.values import EpisodeTask, PolicySource
 from eigenfail.wire.claims import fingerprint
 from eigenfail.wire.messages import (
-    PROTOCOL,
     Ack,
     Drop,
     Goodbye,
@@ -27,8 +27,12 @@ from eigenfail.wire.messages import (
 )
 from eigenfail_services.hub.commits import Commits, Committed
 from eigenfail_services.hub.deaths import HUB
+from eigenfail_services.hub.departures import Departures
+from eigenfail_services.hub.door import Refusals
 from eigenfail_services.hub.leases import Assignment, Leases
 from eigenfail_services.hub.runs import Run
+from eigenfail_services.hub.skew import foreign_reason, tell_difference, why_not
+from eigenfail_services.hub.vitals import Vitals
 
 HEARTBEAT_S = 1.0
 SILENCE_LIMIT_S = 10.0
@@ -48,10 +52,14 @@ Send = Callable[[bytes, Message], None]
 class Desk:
     """Answers workers. Messages leave through `send`; results go to `commits`."""
 
-    def __init__(self, send: Send, leases: Leases, commits: Commits) -> None:
+    def __init__(
+        self, send: Send, leases: Leases, commits: Commits, vitals: Vitals | None = None
+    ) -> None:
         self._send = send
+        self._vitals = vitals or Vitals()
         self._leases = leases
         self._commits = commits
+        self._refusals = Refusals()
         self._began_s = self._looked_s = time.monotonic()
         self._handlers: dict[type, Callable[[bytes, Any], None]] = {
             Hello: self._hello,
@@ -65,7 +73,10 @@ class Desk:
         try:
             message = read_worker_message(data)
         except ProtocolError as error:
-            self._send(worker, Refusal(str(error)))
+            if reason := foreign_reason(data):
+                self._refuse(worker, reason)
+            else:
+                self._send(worker, Refusal(str(error)))
             return
         if not isinstance(message, Hello) and not self._leases.heard(worker, time.monotonic()):
             self._send(worker, Refusal("The hub does not know this connection: say hello."))
@@ -73,15 +84,20 @@ class Desk:
             self._handlers[type(message)](worker, message)
 
     def _hello(self, worker: bytes, message: Hello) -> None:
-        if message.protocol != PROTOCOL:
-            versions = f"worker speaks protocol {message.protocol}, hub speaks {PROTOCOL}"
-            self._send(worker, Refusal(f"The {versions}: install the same eigenfail on both."))
+        if reason := why_not(message.protocol, message.versions):
+            self._refuse(worker, reason, named=message.worker, host=message.host)
             return
         seat = self._leases.heard(worker, time.monotonic())
         if seat is None or not seat.was_taken_by(message):
             log.info("worker joined", worker=message.worker, host=message.host, pid=message.pid)
+            tell_difference(message.worker, message.versions)
             self._leases.join(worker, message, time.monotonic())
         self._send(worker, Welcome(HEARTBEAT_S))
+
+    def _refuse(self, worker: bytes, reason: str, **facts: str) -> None:
+        """One of another release asks again and again: the log has one line for the many."""
+        self._refusals.note("it is of another release", why=reason, **facts)
+        self._send(worker, Refusal(reason))
 
     def _heartbeat(self, worker: bytes, message: Heartbeat) -> None:
         running = None
@@ -106,14 +122,31 @@ class Desk:
         if now_s - before_s > SILENCE_LIMIT_S / 2:  # the hub was held up, by its store or its host
             self._leases.excuse(now_s - before_s, now_s)
         for worker in self._leases.silent(now_s, SILENCE_LIMIT_S):
-            log.warning("worker lost", worker=self._leases.seats[worker].name)
+            seat = self._leases.seats[worker]
+            log.warning("worker lost", worker=seat.name, held=len(seat.held))
+            self._vitals.workers_lost.inc()
+            self._vitals.leases_expired.inc(len(seat.held))
             self._leases.lose(worker)
 
-    def acknowledge(self, committed: Committed) -> None:
-        """Tell the worker that its result is safe."""
-        self._leases.land(committed.campaign, committed.result.index)
-        if committed.worker != HUB:
-            self._send(committed.worker, Ack(committed.campaign, (committed.result.index,)))
+    def send_home(self, departures: Departures) -> None:
+        """Lease nothing more to those who are to leave, and let go who holds nothing."""
+        seats = self._leases.seats
+        leaving = departures.leaving(seats)
+        for worker in leaving:
+            self._leases.retire(worker)
+        for worker in departures.ready(leaving, seats, time.monotonic()):
+            log.info("worker not needed any more", worker=seats[worker].name)
+            self._send(worker, Goodbye("It is not needed any more."))
+
+    def acknowledge(self, committed: Iterable[Committed]) -> None:
+        """Tell workers which of their results are safe: each of them once for a campaign."""
+        indices: defaultdict[tuple[bytes, int], list[int]] = defaultdict(list)
+        for each in committed:
+            self._leases.land(each.campaign, each.result.index)
+            indices[each.worker, each.campaign].append(each.result.index)
+        for (worker, campaign), safe in indices.items():
+            if worker != HUB:
+                self._send(worker, Ack(campaign, tuple(safe)))
 
     def drop(self, campaign: int) -> None:
         """Let all workers forget a campaign: they may hold what another hub leased of it."""

@@ -5,6 +5,7 @@ It is kept by a thread of its own, so that no handshake holds up the hub and the
 
 import time
 from collections import Counter
+from collections.abc import Mapping
 from threading import Thread
 
 import structlog
@@ -12,11 +13,15 @@ import zmq
 from zmq.utils.monitor import recv_monitor_message
 
 from eigenfail.wire.curve import fingerprint
+from eigenfail_services.hub.guarded_router import GuardedRouter
 from eigenfail_services.hub.keys import HubKeys
 
 ASKED_AT = "inproc://zeromq.zap.01"
 DOMAIN = b"hub"
 HANDSHAKE_MS = 10_000
+LOOK_MS = 1_000
+"""Between two looks into the folder of keys: after so long, who is let in no more is cut off."""
+
 QUIET_S = 10.0
 """Between two lines on refusals of one kind."""
 
@@ -57,7 +62,8 @@ class Door:
 
     def router(self) -> "zmq.Socket[bytes]":
         """A ROUTER behind the door, not bound yet. The door goes with it."""
-        router: zmq.Socket[bytes] = self._context.socket(zmq.ROUTER)
+        self._router = router = self._context.socket(zmq.ROUTER, GuardedRouter)
+        router.let_in, router.cut_off = frozenset(), set()
         router.setsockopt(zmq.CURVE_SERVER, 1)
         router.setsockopt(zmq.CURVE_SECRETKEY, self._keys.secret)
         router.setsockopt(zmq.ZAP_DOMAIN, DOMAIN)
@@ -74,42 +80,49 @@ class Door:
         poller = zmq.Poller()
         poller.register(asked, zmq.POLLIN)
         poller.register(events, zmq.POLLIN)
-        is_open = True
+        is_open, look_s = True, 0.0
         while is_open:
-            ready = dict(poller.poll())
+            ready = dict(poller.poll(LOOK_MS))
+            if asked in ready or time.monotonic() >= look_s:
+                let_in, look_s = self._look(), time.monotonic() + LOOK_MS / 1_000
             if asked in ready:
-                asked.send_multipart(self._answer(asked.recv_multipart()))
+                asked.send_multipart(self._answer(asked.recv_multipart(), let_in))
             if events in ready:
                 is_open = self._saw(recv_monitor_message(events)["event"])
         asked.close(linger=0)
         events.close(linger=0)
         self._context.term()
 
-    def _answer(self, question: list[bytes]) -> list[bytes]:
-        """To ZeroMQ's question, as ZAP has it (RFC 27)."""
-        version, request, _domain, address, _identity, mechanism, *shown = question
+    def _look(self) -> Mapping[bytes, str] | None:
+        """Who is let in now, which the hub is told before they can speak; None if nobody can say.
+
+        Then nobody is let in, and nobody cut off.
+        """
         try:
-            name = self._name_of(shown[0], address.decode()) if mechanism == b"CURVE" else None
+            let_in = self._keys.let_in()
         except OSError as error:
             self._refusals.note(f"the folder of keys cannot be read: {error.strerror}")
+            return None
+        self._router.let_in = frozenset(map(bytes.hex, let_in))
+        return let_in
+
+    def _answer(self, question: list[bytes], let_in: Mapping[bytes, str] | None) -> list[bytes]:
+        """To ZeroMQ's question, as ZAP has it (RFC 27)."""
+        version, request, _domain, address, _identity, mechanism, *shown = question
+        if let_in is None:
             return [version, request, NOT_NOW, b"", b"", b""]
-        if name is None:
-            return [version, request, REFUSED, b"", b"", b""]
-        return [version, request, ALLOWED, b"", name.encode(), b""]
+        if mechanism == b"CURVE" and self._opens(shown[0], address.decode(), let_in):
+            return [version, request, ALLOWED, b"", shown[0].hex().encode(), b""]
+        return [version, request, REFUSED, b"", b"", b""]
 
-    def _name_of(self, public: bytes, address: str) -> str | None:
-        """Whose key was shown; None if nobody's.
-
-        Raises:
-            OSError: it cannot be looked up now.
-        """
-        key = fingerprint(public)
-        name = self._keys.name_of(public)
+    def _opens(self, public: bytes, address: str, let_in: Mapping[bytes, str]) -> bool:
+        """Whether the key that was shown is let in."""
+        key, name = fingerprint(public), let_in.get(public)
         if name is None:
             self._refusals.note("its key is not allowed", key=key, address=address)
         else:
             log.info("worker let in", named=name, key=key, address=address)
-        return name
+        return name is not None
 
     def _saw(self, event: int) -> bool:
         """Whether the socket is still there after what happened to it."""

@@ -31,6 +31,10 @@ class Flight:
             return None
         return next(t for r in self._rounds.values() for t in r.tasks if t.index == index)
 
+    def open(self) -> int:
+        """How many results open rounds wait for."""
+        return len(self._expected) - len(self._results)
+
     def land(self, result: EpisodeResult) -> None:
         """Take a result; one that no open round waits for is ignored."""
         if result.index in self._expected:

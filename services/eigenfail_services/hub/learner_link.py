@@ -6,34 +6,55 @@ import subprocess
 import sys
 import time
 from collections import deque
+from collections.abc import Callable
 
 import structlog
 import zmq
 
 from eigenfail.errors import ProtocolError
-from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group
+from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group, status_within
 from eigenfail.wire.messages import Message, Stop, Trouble, encode, read_learner_message
 from eigenfail_services.bounds import NO_BOUNDS, Bounds
 from eigenfail_services.hub.learner_curve import KEY_VARIABLE, lock
 from eigenfail_services.hub.soundness import sound
 
 STOP_S = 0.1
-LOOK_EVERY_S = 0.005
 
 log = structlog.get_logger()
 
 
 class LearnerLink:
-    """One life of a learner process, and the socket to it."""
+    """One life of a learner process, and the socket to it.
 
-    def __init__(self, bounds: Bounds = NO_BOUNDS) -> None:
+    Args:
+        bounds: of the process.
+        pause_s: before it begins; commands wait for it. [s]
+        clock: seconds that only ever grow.
+    """
+
+    def __init__(
+        self,
+        bounds: Bounds = NO_BOUNDS,
+        pause_s: float = 0.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PAIR)
         self._unsent: deque[bytes] = deque()
-        told = {KEY_VARIABLE: lock(self.socket)}
-        port: int = self.socket.bind_to_random_port("tcp://127.0.0.1")
-        self._process = start(f"tcp://127.0.0.1:{port}", told)
+        self._bounds = bounds
+        self._told = {KEY_VARIABLE: lock(self.socket)}
+        self._address = f"tcp://127.0.0.1:{self.socket.bind_to_random_port('tcp://127.0.0.1')}"
+        self._process: subprocess.Popen[bytes] | None = None
+        self._clock = clock
+        self._begins_s: float | None = clock() + pause_s
+        self._begin_in_time()
+
+    def _begin_in_time(self) -> None:
+        if self._begins_s is None or self._clock() < self._begins_s:
+            return
+        self._begins_s = None
+        self._process = start(self._address, self._told)
         if self._process is not None:
-            bounds.confine(self._process.pid)
+            self._bounds.confine(self._process.pid)
 
     def say(self, message: Message) -> None:
         """Send a command, now or as soon as the learner is there to take it."""
@@ -58,7 +79,10 @@ class LearnerLink:
             return Trouble(f"The learner cannot be understood: {error}")
 
     def exit_status(self) -> int | None:
-        """None while it lives; one that was never started has ended, too."""
+        """None before it begins and while it lives; one that did not start has ended, too."""
+        self._begin_in_time()
+        if self._begins_s is not None:
+            return None
         return os.EX_OSERR if self._process is None else exit_status(self._process)
 
     def stop(self) -> None:
@@ -67,13 +91,11 @@ class LearnerLink:
         What it started goes with it, as far as it did not leave its group of processes; also if it
         has ended by itself.
         """
-        if self.exit_status() is None:
+        if self._process is not None and exit_status(self._process) is None:
             self.say(Stop())
         self.socket.close(linger=100)
-        until_s = time.monotonic() + STOP_S
-        while self.exit_status() is None and time.monotonic() < until_s:
-            time.sleep(LOOK_EVERY_S)
         if self._process is not None:
+            status_within(self._process, STOP_S)
             kill_group(self._process)
 
 

@@ -1,20 +1,18 @@
 """Who runs which episode: a state machine without a socket. Events in, assignments out."""
 
-from collections import Counter, OrderedDict
-from collections.abc import Callable, Collection
-from math import ceil
+from collections.abc import Collection
 
 import msgspec
 
 from eigenfail.values import EpisodeTask
-from eigenfail.wire.claims import FINISHED, same_task
+from eigenfail.wire.claims import same_task
 from eigenfail.wire.messages import Hello
-from eigenfail_services.hub.claims import Claims, Key
-from eigenfail_services.hub.paces import Paces
+from eigenfail_services.hub.claims import Claims, Fingerprint, Key
+from eigenfail_services.hub.dealer import Dealer, Portion
+from eigenfail_services.hub.loans import Loans
+from eigenfail_services.hub.seating import Seating
 from eigenfail_services.hub.seats import Seat
-
-Fingerprint = Callable[[int, EpisodeTask], bytes]
-"""Of a campaign's task, as workers tell it of what they hold."""
+from eigenfail_services.hub.waiting import Waiting
 
 
 class Assignment(msgspec.Struct, frozen=True, eq=False):
@@ -33,14 +31,14 @@ class Leases:
     """
 
     def __init__(self) -> None:
-        self.seats: dict[bytes, Seat] = {}
+        self._seating = Seating()
+        self.seats = self._seating.seats
+        self._dealer = Dealer()
+        self._loans = Loans(self.seats, self._dealer)
+        self._waiting = Waiting()
         self._claims = Claims()
-        self._holder: dict[Key, bytes] = {}
-        self._waiting: dict[int, OrderedDict[int, EpisodeTask]] = {}
-        self._offered: dict[int, set[int]] = {}
         self._suspects: dict[Key, EpisodeTask] = {}
         self._brought: set[Key] = set()
-        self._paces = Paces()
 
     def join(self, worker: bytes, hello: Hello, now_s: float) -> None:
         """A worker sits down, with what it says that it holds.
@@ -48,16 +46,15 @@ class Leases:
         If it had a seat before, by this connection or another one, it begins anew: all else that
         it held there is free again.
         """
-        for old in [w for w, seat in self.seats.items() if w == worker or seat.is_of(hello)]:
+        for old in self._seating.of(worker, hello):
             self.leave(old)
-        self.seats[worker] = Seat(hello, now_s)
+        self._seating.sit(worker, hello, now_s)
         self._claims.take(worker, hello.claims)
+        self._dealer.look(worker, self.seats[worker])
 
     def heard(self, worker: bytes, now_s: float) -> Seat | None:
         """A worker was heard; None if it has no seat."""
-        if seat := self.seats.get(worker):
-            seat.heard_s = now_s
-        return seat
+        return self._seating.heard(worker, now_s)
 
     def beat(self, worker: bytes, running: Key | None, named: Collection[Key]) -> None:
         """A worker says which episode it is running, if any, and names all that it holds.
@@ -75,16 +72,25 @@ class Leases:
 
     def busy(self, campaign: int) -> bool:
         """Whether any episode of a campaign is with a worker."""
-        return any(held == campaign for held, _ in self._holder)
+        return self._loans.busy(campaign)
+
+    def pace_s(self, campaign: int) -> float:
+        """What an episode of a campaign is thought to take of a worker. [s]"""
+        return self._dealer.pace_s(campaign)
+
+    def retire(self, worker: bytes) -> None:
+        """A worker gets nothing more."""
+        seat = self.seats[worker]
+        seat.credit = 0
+        self._dealer.look(worker, seat)
 
     def silent(self, now_s: float, limit_s: float) -> list[bytes]:
         """The workers that were not heard for longer than the limit."""
-        return [w for w, seat in self.seats.items() if now_s - seat.heard_s > limit_s]
+        return self._seating.silent(now_s, limit_s)
 
     def excuse(self, away_s: float, now_s: float) -> None:
         """Nobody could be heard for a while: that is not the workers' silence."""
-        for seat in self.seats.values():
-            seat.heard_s = min(now_s, seat.heard_s + away_s)
+        self._seating.excuse(away_s, now_s)
 
     def leave(self, worker: bytes) -> None:
         """A worker goes, or begins anew: it lives, and has died of nothing that it ran.
@@ -92,15 +98,16 @@ class Leases:
         What it held waits again, at the front.
         """
         self._claims.leave(worker)
-        if seat := self.seats.pop(worker, None):
+        if seat := self.seats.get(worker):
             self._free(seat, set(seat.held))
+            self._seating.leave(worker)
+            self._dealer.leave(worker)
 
     def lose(self, worker: bytes) -> None:
         """A worker is gone without a word: what it ran is suspected, the rest waits again."""
         seat = self.seats[worker]
         if seat.running is not None and seat.running in seat.held:
-            del self._holder[seat.running]
-            self._suspects[seat.running] = seat.held.pop(seat.running)
+            self._suspects[seat.running] = self._loans.end(seat.running)[0]
         self.leave(worker)
 
     def suspects(self) -> list[tuple[int, EpisodeTask]]:
@@ -114,32 +121,35 @@ class Leases:
 
     def _free(self, seat: Seat, keys: Collection[Key]) -> None:
         for key in reversed([key for key in seat.held if key in keys]):
-            del self._holder[key]
-            self._put_back(key[0], seat.held.pop(key))
+            self._put_back(key[0], self._loans.undo(key))
 
     def _put_back(self, campaign: int, task: EpisodeTask) -> None:
-        # Else it will be offered again, if it is still wanted: with the policy that it needs.
-        if task.index in self._offered.get(campaign, ()):
-            self._waiting[campaign][task.index] = task
-            self._waiting[campaign].move_to_end(task.index, last=False)
+        self._waiting.put_back(campaign, task)
+        self._claims.look_again(campaign)
 
     def offer(self, campaign: int, tasks: tuple[EpisodeTask, ...]) -> None:
         """These episodes are to be run, unless somebody is at it or has just brought them."""
-        self._offered.setdefault(campaign, set()).update(task.index for task in tasks)
-        waiting = self._waiting.setdefault(campaign, OrderedDict())
-        waiting.update((task.index, task) for task in tasks if not self._is_out(campaign, task))
+        self._waiting.want(campaign, tasks)
+        self._claims.look_again(campaign)
+        for task in tasks:
+            if not self._is_out(campaign, task):
+                self._waiting.add(campaign, task)
 
     def _is_out(self, campaign: int, task: EpisodeTask) -> bool:
         key = campaign, task.index
         if key in self._brought or key in self._suspects:
             return True
-        if key not in self._holder:
+        held = self._loans.held(key)
+        if held is None:
             return False
-        held = self.seats[self._holder[key]].held
-        if same_task(held[key], task):
+        if same_task(held, task):
             return True
-        del held[key], self._holder[key]
+        self._loans.end(key)
         return False
+
+    def weigh(self, campaign: int, weight: float) -> None:
+        """From now on its share of the workers' time goes by this weight."""
+        self._dealer.weigh(campaign, weight)
 
     def suspend(self, campaign: int) -> None:
         """Its learner is lost. What is leased stays so: the next one proposes the same again.
@@ -147,18 +157,15 @@ class Leases:
         It goes on from a checkpoint that was committed before any of this was leased, and in
         which the open rounds lie with their indices, seeds and policy versions.
         """
-        self._waiting.pop(campaign, None)
-        self._offered.pop(campaign, None)
+        self._waiting.call_off(campaign)
 
     def withdraw(self, campaign: int) -> None:
         """Nothing of this campaign is to be run any more."""
-        self._waiting.pop(campaign, None)
-        self._offered.pop(campaign, None)
-        self._paces.forget(campaign)
+        self._waiting.call_off(campaign)
         self._claims.withdraw(campaign)
         self._suspects = {key: task for key, task in self._suspects.items() if key[0] != campaign}
-        for key in [key for key in self._holder if key[0] == campaign]:
-            del self.seats[self._holder.pop(key)].held[key]
+        self._loans.end_all(campaign)
+        self._dealer.forget(campaign)
 
     def bring(self, campaign: int, index: int, wall_s: float) -> None:
         """A result of the episode has come, and waits to be committed."""
@@ -174,13 +181,10 @@ class Leases:
         key = campaign, index
         self._claims.settle(key)
         self._suspects.pop(key, None)
-        self._offered.get(campaign, set()).discard(index)
-        if (holder := self._holder.pop(key, None)) is not None:
-            del self.seats[holder].held[key]
-        elif campaign in self._waiting:
-            self._waiting[campaign].pop(index, None)
-        if campaign in self._waiting:
-            self._paces.learn(campaign, wall_s)
+        self._waiting.settle(campaign, index)
+        thought_s = None if self._loans.held(key) is None else self._loans.end(key)[1]
+        if self._waiting.knows(campaign):
+            self._dealer.took(campaign, wall_s, thought_s)
 
     def adopt(self, fingerprint: Fingerprint) -> set[tuple[bytes, int]]:
         """What waits, and a worker says that it holds, is leased to that worker.
@@ -193,53 +197,23 @@ class Leases:
             Workers, and campaigns of which they hold something else than what is asked for here.
         """
         refused = set()
-        for campaign, waiting in self._waiting.items():
-            for key, worker, told in self._claims.on(campaign):
-                if key[1] not in waiting:
-                    continue
-                self._claims.discard(worker, key)
-                if told in (FINISHED, fingerprint(campaign, waiting[key[1]])):
-                    self._lend(worker, key, waiting.pop(key[1]))
-                else:
-                    refused.add((worker, campaign))
+        for claimed in self._claims.matching(self._waiting, fingerprint):
+            if claimed.is_right:
+                self._loans.lend(claimed.worker, claimed.key, self._waiting.take(*claimed.key))
+            else:
+                refused.add((claimed.worker, claimed.key[0]))
         return refused
 
     def assign(self) -> list[Assignment]:
-        """Hand out what waits: to the workers that hold least, from the campaign that has least."""
+        """Hand out what waits: to the workers with least work, from whose campaign's turn it is."""
         assignments = []
-        while (assignment := self._next()) is not None:
-            assignments.append(assignment)
+        while (portion := self._dealer.next(self.seats, self._waiting)) is not None:
+            assignments.append(self._hand_out(portion))
         return assignments
 
-    def _next(self) -> Assignment | None:
-        campaign = self._poorest_campaign()
-        if campaign is None:
-            return None
-        target = self._paces.target(campaign)
-        hungry = [w for w, s in self.seats.items() if s.is_hungry(target)]
-        if not hungry:
-            return None
-        worker = min(hungry, key=lambda w: len(self.seats[w].held))
-        return Assignment(worker, campaign, self._take(campaign, worker, target))
-
-    def _poorest_campaign(self) -> int | None:
-        waiting = [campaign for campaign, tasks in self._waiting.items() if tasks]
-        if len(waiting) < 2:
-            return waiting[0] if waiting else None
-        held = Counter(campaign for campaign, _ in self._holder)
-        return min(waiting, key=lambda campaign: (held[campaign], campaign))
-
-    def _take(self, campaign: int, worker: bytes, target: int) -> tuple[EpisodeTask, ...]:
-        seat, waiting = self.seats[worker], self._waiting[campaign]
-        campaigns = sum(bool(tasks) for tasks in self._waiting.values())
-        room = ceil((min(target, seat.credit) - len(seat.held)) / campaigns)
-        share = ceil(len(waiting) / (2 * len(self.seats)))
-        n = max(1, min(room, share))
-        tasks = tuple(waiting.popitem(last=False)[1] for _ in range(n))
+    def _hand_out(self, portion: Portion) -> Assignment:
+        worker, campaign, episodes = portion
+        tasks = tuple(self._waiting.take(campaign) for _ in range(episodes))
         for task in tasks:
-            self._lend(worker, (campaign, task.index), task)
-        return tasks
-
-    def _lend(self, worker: bytes, key: Key, task: EpisodeTask) -> None:
-        self.seats[worker].lend(key, task)
-        self._holder[key] = worker
+            self._loans.lend(worker, (campaign, task.index), task)
+        return Assignment(worker, campaign, tasks)

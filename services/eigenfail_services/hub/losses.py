@@ -24,6 +24,9 @@ checkpoint, they would come for ever. A death may be the machine's doing, and ha
 
 MOST_OF_ALL = max(MOST.values())
 
+PAUSES_S = (0.0, 1.0, 5.0)
+"""Before a life that follows so many losses: what a machine has run out of, it often has soon."""
+
 
 class Loss(msgspec.Struct, frozen=True):
     """Why a learner is no more.
@@ -70,6 +73,11 @@ class Losses:
     def add(self, loss: Loss) -> None:
         """It happened, and the learner begins again."""
         self._counts[loss.kind] += 1
+
+    @property
+    def pause_s(self) -> float:
+        """How long the next life waits for its begin, with what was lost so far."""
+        return PAUSES_S[min(self._counts.total(), len(PAUSES_S) - 1)]
 
     def end_with(self, loss: Loss) -> str:
         """Why the campaign ends with this one; empty if the learner may begin again."""

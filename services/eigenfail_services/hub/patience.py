@@ -20,9 +20,9 @@ class Patience:
         self._clock = clock
         self.renew()
 
-    def renew(self) -> None:
-        """From now on all of it is there again."""
-        self._spent_s = 0.0
+    def renew(self, pause_s: float = 0.0) -> None:
+        """All of it is there again, from now on or after a pause."""
+        self._spent_s = -pause_s
         self._looked_s = self._clock()
 
     def is_over(self) -> bool:

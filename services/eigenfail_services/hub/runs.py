@@ -1,5 +1,6 @@
 """One running campaign in the hub: its learner process, its rounds in flight, its leases."""
 
+import time
 from collections import Counter
 from collections.abc import Callable
 from math import inf
@@ -19,7 +20,9 @@ from eigenfail_services.hub.learner_link import LearnerLink
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.losses import Kind, Loss, Losses, died, hung
 from eigenfail_services.hub.meter import Meter, Phase
+from eigenfail_services.hub.muster import Work
 from eigenfail_services.hub.patience import Patience
+from eigenfail_services.hub.vitals import Vitals
 from eigenfail_services.store.judging import storable
 
 MAX_REFUSALS = 3
@@ -34,7 +37,8 @@ def no_claim() -> None:
 class Order(msgspec.Struct, frozen=True, eq=False):
     """What the hub needs to know to run a campaign, and where it writes down its time.
 
-    `claim` tells by what right it is run; it may be claimed anew meanwhile.
+    `claim` tells by what right it is run; it may be claimed anew meanwhile. The workers' time is
+    shared by `weight`.
     """
 
     campaign: int
@@ -46,6 +50,7 @@ class Order(msgspec.Struct, frozen=True, eq=False):
     rules: StopRules = StopRules()
     meter: Meter = msgspec.field(default_factory=Meter)
     claim: Callable[[], Job | None] = no_claim
+    weight: float = 1.0
 
 
 class Run:
@@ -56,6 +61,7 @@ class Run:
         store: where results and checkpoints are kept.
         leases: of all campaigns.
         bounds: of the learner; a step is to begin, or to learn from a round and propose the next.
+        vitals: where steps and losses of the learner are counted.
 
     Attributes:
         ended: why it is over, once it is: an empty text when the learner has no more to propose,
@@ -65,7 +71,12 @@ class Run:
     """
 
     def __init__(
-        self, order: Order, store: Store, leases: Leases, bounds: Bounds = NO_BOUNDS
+        self,
+        order: Order,
+        store: Store,
+        leases: Leases,
+        bounds: Bounds = NO_BOUNDS,
+        vitals: Vitals | None = None,
     ) -> None:
         self.order = order
         self.ended: str | None = None
@@ -73,7 +84,9 @@ class Run:
         self.resumed = False
         self._store = store
         self._leases = leases
+        leases.weigh(order.campaign, order.weight)
         self._losses = Losses()
+        self._vitals = vitals or Vitals()
         self._bounds = bounds
         self._patience = Patience(bounds.time_s)
         self._handlers: dict[type, Callable[[Any], None]] = {
@@ -97,14 +110,14 @@ class Run:
     def _start(self) -> None:
         """A new life of the learner, from its checkpoint; what is leased stays with its workers."""
         self._flight = Flight()
-        self._learning = True
+        self._learning_since_s: float | None = time.monotonic()
         self._handed_back = False
         self._unhandled: Message | None = None
         self._to_look_up: set[int] = set()
         self._refused = Counter[int]()
         self._briefed = False
         self._divergence: Loss | None = None
-        self._link = LearnerLink(self._bounds)
+        self._link = LearnerLink(self._bounds, self._losses.pause_s)
         self.look()
 
     def _brief(self) -> None:
@@ -120,7 +133,7 @@ class Run:
             Start(order.method, order.settings, order.context, order.seed, checkpoint, order.rules)
         )
         self._briefed = True
-        self._patience.renew()
+        self._patience.renew(self._losses.pause_s)
 
     def tend(self) -> None:
         """Hear the learner, and bring it back if it is lost.
@@ -147,7 +160,8 @@ class Run:
         campaign = self.order.campaign
         told = message.estimate, message.trained_episodes
         self._store.checkpoints.save(campaign, message.checkpoint, *told, self.order.claim())
-        self._learning = False
+        self._vitals.learner_s.observe(self.learner_s)
+        self._learning_since_s = None
         if self._handed_back:
             self._losses.forget()
         if not message.rounds:
@@ -175,7 +189,7 @@ class Run:
             return self._divergence
         if status is not None:
             return died(status)
-        if self._learning and self._patience.is_over():
+        if self._learning_since_s is not None and self._patience.is_over():
             return hung(self._bounds.time_s)
         return None
 
@@ -188,6 +202,7 @@ class Run:
         told = f"Campaign {campaign} goes on from its last checkpoint. {loss.problem}"
         self._store.events.append("learner.lost", told, campaign)
         log.warning("learner lost", campaign=campaign, problem=loss.problem)
+        self._vitals.learners_lost.labels(loss.kind).inc()
         self._losses.add(loss)
         self._leases.suspend(campaign)
         self._end_learner()
@@ -235,15 +250,26 @@ class Run:
 
     def _hand_back(self) -> None:
         """Let the learner observe the oldest round if it is whole and the learner is free."""
-        if not self._learning and (results := self._flight.whole()):
-            self._learning = self._handed_back = True
+        if self._learning_since_s is None and (results := self._flight.whole()):
+            self._learning_since_s, self._handed_back = time.monotonic(), True
             self._patience.renew()
             self._link.say(Observed(results))
+
+    @property
+    def learner_s(self) -> float:
+        """For how long the learner has been at its step; 0 while it waits. [s]"""
+        since_s = self._learning_since_s
+        return 0.0 if since_s is None else time.monotonic() - since_s
+
+    def work(self) -> Work:
+        """What there is for workers to do."""
+        episodes = self._flight.open()
+        return Work(episodes, episodes * self._leases.pace_s(self.order.campaign))
 
     def look(self) -> None:
         """Write down what the campaign is at from now on."""
         busy = self._leases.busy(self.order.campaign)
-        idle = Phase.LEARNING if self._learning else Phase.WAITING
+        idle = Phase.WAITING if self._learning_since_s is None else Phase.LEARNING
         self.order.meter.look(Phase.SIMULATING if busy else idle)
 
     def policy(self, version: int) -> Policy:

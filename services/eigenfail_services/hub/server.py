@@ -2,7 +2,7 @@
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
 
@@ -18,16 +18,23 @@ from eigenfail_services.hub.attendance import Attendance
 from eigenfail_services.hub.binding import bind
 from eigenfail_services.hub.commits import Commits
 from eigenfail_services.hub.deaths import Deaths
+from eigenfail_services.hub.departures import Departures
 from eigenfail_services.hub.desk import Desk
+from eigenfail_services.hub.ears import Ears
 from eigenfail_services.hub.keys import HubKeys
 from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.muster import Muster, muster
 from eigenfail_services.hub.runs import Order, Run
+from eigenfail_services.hub.vitals import Vitals, standing, timed
 
 TICK_MS = 20
 MESSAGES_PER_TURN = 1_000
 
 PARTING_S = 3.0
 """How long a hub that stops waits for those who hold episodes."""
+
+LOOK_EVERY_S = 1.0
+"""How old what is scraped may be."""
 
 log = structlog.get_logger()
 
@@ -51,6 +58,11 @@ class Hub:
     Commands come in and endings go out through queues; everything else happens in its thread.
     With keys, only workers that they let in reach it.
 
+    Attributes:
+        address: where it listens.
+        ended: campaigns that it has finished with.
+        vitals: how it is doing.
+
     Raises:
         PortTaken: another process listens on the address.
     """
@@ -68,12 +80,16 @@ class Hub:
         self._store = store
         self._learners = learners
         self._leases = Leases()
-        self._commits = Commits(store.episodes)
-        self._desk = Desk(self._send, self._leases, self._commits)
+        self.vitals = Vitals()
+        self._commits = Commits(store.episodes, self.vitals)
+        self._desk = Desk(self._send, self._leases, self._commits, self.vitals)
         self._deaths = Deaths(self._leases, self._commits, store.episodes)
         self._attendance = Attendance(store.roster, self._leases.seats)
+        self._departures = Departures()
         self._runs: dict[int, Run] = {}
         self._away = False
+        self._ears = Ears()
+        self._next_look_s = 0.0
         self._commands: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._stopping = Event()
         self._thread = Thread(target=self._serve, name="hub")
@@ -86,6 +102,10 @@ class Hub:
         """Run a campaign; `ended` says when it is over."""
         self._commands.put(lambda: self._launch(order))
 
+    def weigh(self, campaign: int, weight: float) -> None:
+        """From now on its share of the workers' time goes by this weight, if it runs."""
+        self._commands.put(lambda: self._weigh(campaign, weight))
+
     def halt(self, campaign: int) -> None:
         """Stop running a campaign; `ended` says when that is done."""
         self._commands.put(lambda: self._halt(Ended(campaign, "")))
@@ -93,6 +113,14 @@ class Hub:
     def workers(self) -> list[str]:
         """Names of the workers that are connected."""
         return [seat.name for seat in list(self._leases.seats.values())]
+
+    def muster(self) -> Muster:
+        """What there is to do, and who is there; any thread may ask."""
+        return muster([*self._runs.values()], [*self._leases.seats.values()])
+
+    def part_with(self, names: Collection[str]) -> None:
+        """Lease nothing more to these workers, and send each home once it holds nothing."""
+        self._departures.name(names)
 
     def alive(self) -> bool:
         """Whether its thread runs."""
@@ -107,7 +135,8 @@ class Hub:
         try:
             while not self._stopping.is_set():
                 self._wait()
-                self.turn()
+                with timed(self.vitals.turn_s):
+                    self.turn()
         finally:
             self._desk.dismiss()
             self._part()
@@ -123,16 +152,13 @@ class Hub:
             self._deaths.count()
             self._attendance.note()
         self._desk.bury_silent()
+        self._desk.send_home(self._departures)
         if not (self._away or self._commits.stuck):  # else what comes of it could not be kept
             self._desk.assign(self._runs)
         self._look()
 
     def _wait(self) -> None:
-        poller = zmq.Poller()
-        poller.register(self._router, zmq.POLLIN)
-        for run in self._runs.values():
-            poller.register(run.socket, zmq.POLLIN)
-        poller.poll(TICK_MS)
+        self._ears.wait([self._router, *(run.socket for run in self._runs.values())], TICK_MS)
 
     def _obey(self) -> None:
         with contextlib.suppress(Empty):
@@ -140,8 +166,12 @@ class Hub:
                 self._commands.get_nowait()()
 
     def _launch(self, order: Order) -> None:
-        run = Run(order, self._store, self._leases, self._learners)
+        run = Run(order, self._store, self._leases, self._learners, self.vitals)
         self._runs[order.campaign] = run
+
+    def _weigh(self, campaign: int, weight: float) -> None:
+        if campaign in self._runs:
+            self._leases.weigh(campaign, weight)
 
     def _halt(self, ended: Ended) -> None:
         if run := self._runs.pop(ended.campaign, None):
@@ -171,12 +201,16 @@ class Hub:
         """At the end of a turn: what is seen now lasts until the next one's end."""
         for run in self._runs.values():
             run.look()
+        if time.monotonic() >= self._next_look_s:
+            self.vitals.standing = standing(self._runs, self._leases.seats.values())
+            self._next_look_s = time.monotonic() + LOOK_EVERY_S
 
     def _commit(self, *, now: bool = False) -> None:
-        for committed in self._commits.flush(now=now):
-            self._desk.acknowledge(committed)
-            if run := self._runs.get(committed.campaign):
-                run.land(committed.result, committed.verdict)
+        committed = self._commits.flush(now=now)
+        self._desk.acknowledge(committed)
+        for each in committed:
+            if run := self._runs.get(each.campaign):
+                run.land(each.result, each.verdict)
 
     def _send(self, worker: bytes, message: Message) -> None:
         with contextlib.suppress(zmq.Again):

@@ -1,5 +1,6 @@
 """Keys and the audit log in SQL."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from msgspec.structs import asdict
@@ -7,9 +8,11 @@ from sqlalchemy import ColumnElement, RowMapping, Select, delete, func, insert, 
 
 from eigenfail.values import Page
 from eigenfail.values.access import ApiKey, AuditEntry, Change, KeyRecord, Scope
+from eigenfail.values.quotas import UNLIMITED, Quotas, Usage
 from eigenfail_services.store import limits
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
+from eigenfail_services.store.quotas import QUOTAS, used_by
 from eigenfail_services.store.refusals import no_key
 from eigenfail_services.store.schema import audit, keys
 
@@ -24,10 +27,18 @@ class SqlKeys:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def create(self, name: str, scope: Scope, digest: str, expires_ms: int | None = None) -> ApiKey:
+    def create(
+        self,
+        name: str,
+        scope: Scope,
+        digest: str,
+        expires_ms: int | None = None,
+        quotas: Quotas = UNLIMITED,
+    ) -> ApiKey:
         """A new key, of whose secret only the digest is kept."""
         values = {"name": name, "scope": scope.value, "digest": digest, "expires_ms": expires_ms}
-        statement = insert(keys).values(created_ms=now_ms(), **values).returning(*SHOWN)
+        made = insert(keys).values(created_ms=now_ms(), **values, **asdict(quotas))
+        statement = made.returning(*SHOWN)
         with self._database.writing() as connection:
             return _key(connection.execute(statement).mappings().one())
 
@@ -50,8 +61,19 @@ class SqlKeys:
 
     def revoke(self, key: int) -> ApiKey:
         """It opens nothing any more; a second time changes nothing."""
-        when = func.coalesce(keys.c.revoked_ms, now_ms())
-        change = update(keys).where(keys.c.id == key).values(revoked_ms=when).returning(*SHOWN)
+        return self._change(key, revoked_ms=func.coalesce(keys.c.revoked_ms, now_ms()))
+
+    def limit(self, key: int, quotas: Quotas) -> ApiKey:
+        """From now on it has these quotas; what was made before stays."""
+        return self._change(key, **asdict(quotas))
+
+    def usage(self, wanted: Sequence[int]) -> dict[int, Usage]:
+        """What the campaigns of each key use now."""
+        with self._database.reading() as connection:
+            return used_by(connection, wanted)
+
+    def _change(self, key: int, **values: Any) -> ApiKey:
+        change = update(keys).where(keys.c.id == key).values(**values).returning(*SHOWN)
         with self._database.writing() as connection:
             found = connection.execute(change).mappings().first()
         if found is None:
@@ -113,4 +135,5 @@ def newest(
 
 def _key(found: RowMapping | dict[str, Any]) -> ApiKey:
     values: dict[str, Any] = dict(found)
-    return ApiKey(scope=Scope(values.pop("scope")), **values)
+    quotas = Quotas(**{name: values.pop(name) for name in QUOTAS})
+    return ApiKey(scope=Scope(values.pop("scope")), quotas=quotas, **values)

@@ -2,25 +2,28 @@
 
 from typing import Any
 
-from sqlalchemy import Connection, Select, insert, select, update
+from sqlalchemy import Connection, Select, bindparam, insert, select, update
 
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Estimate
 from eigenfail.values.suite import suite_of
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import COUNTS, OVERHEAD, to_campaign, to_json
+from eigenfail_services.store.codec import COUNTS, OVERHEAD, spec_text, to_campaign, to_json
 from eigenfail_services.store.refusals import no_campaign
 from eigenfail_services.store.schema import campaigns
 
-ALL = select(campaigns)
+# Made once: they are asked for with every group of results.
+ONE = select(campaigns).where(campaigns.c.id == bindparam("campaign"))
+LOCKED = ONE.with_for_update(key_share=True)
+COUNTED = update(campaigns).where(campaigns.c.id == bindparam("campaign"))
 
 
-def one(connection: Connection, campaign: int, rows: Select[*tuple[Any, ...]] = ALL) -> Campaign:
+def one(connection: Connection, campaign: int, row: Select[*tuple[Any, ...]] = ONE) -> Campaign:
     """The campaign of an id.
 
     Raises:
         NotFound: no such campaign.
     """
-    found = connection.execute(rows.where(campaigns.c.id == campaign)).mappings().one_or_none()
+    found = connection.execute(row, {"campaign": campaign}).mappings().one_or_none()
     if found is None:
         raise no_campaign(campaign)
     return to_campaign(found)
@@ -32,16 +35,18 @@ def locked(connection: Connection, campaign: int) -> Campaign:
     Raises:
         NotFound: no such campaign.
     """
-    return one(connection, campaign, ALL.with_for_update(key_share=True))
+    return one(connection, campaign, LOCKED)
 
 
-def add(connection: Connection, spec: CampaignSpec) -> Campaign:
-    """A new campaign, queued."""
+def add(connection: Connection, spec: CampaignSpec, made_by: int | None = None) -> Campaign:
+    """A new campaign, queued, made by the holder of a key."""
     statement = (
         insert(campaigns)
         .values(
             state=CampaignState.QUEUED,
-            spec=to_json(spec),
+            spec=spec_text(spec),
+            priority=spec.priority,
+            made_by=made_by,
             created_ms=now_ms(),
             active_s=0.0,
             stopped_because="",
@@ -68,6 +73,11 @@ def write(connection: Connection, campaign: Campaign) -> None:
             **counted(campaign.counts),
         )
     )
+
+
+def write_counts(connection: Connection, campaign: int, counts: Counts) -> None:
+    """The new counts of a locked campaign."""
+    connection.execute(COUNTED, {"campaign": campaign} | counted(counts))
 
 
 def write_told(

@@ -7,11 +7,11 @@ from msgspec.structs import replace
 from sqlalchemy import ColumnElement, Connection, func, select, update
 from sqlalchemy.exc import IntegrityError
 
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Overhead, Page
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Overhead, Page, Priority
 from eigenfail.values.campaign_filter import ANY_CAMPAIGN, CampaignFilter
 from eigenfail.values.records import Job, JobKind
 from eigenfail.values.suite import SuiteStanding
-from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved
+from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved, prioritised
 from eigenfail_services.store import sentences
 from eigenfail_services.store.campaign_rows import locked, one, write
 from eigenfail_services.store.clock import now_ms
@@ -30,7 +30,7 @@ NOTHING = Overhead()
 
 Asked = TypeVar("Asked")
 Made = TypeVar("Made")
-Maker = Callable[[Connection, Asked, str | None], Made]
+Maker = Callable[[Connection, Asked, str | None, int | None], Made]
 
 
 class SqlCampaigns:
@@ -39,24 +39,36 @@ class SqlCampaigns:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def create(self, spec: CampaignSpec, idempotency_key: str | None = None) -> Campaign:
+    def create(
+        self, spec: CampaignSpec, idempotency_key: str | None = None, made_by: int | None = None
+    ) -> Campaign:
         """A new campaign, queued with a job for it; the same one again for the same key."""
-        return self._once(create, spec, idempotency_key)
+        return self._once(create, spec, idempotency_key, made_by)
 
     def create_many(
-        self, specs: Sequence[CampaignSpec], idempotency_key: str | None = None
+        self,
+        specs: Sequence[CampaignSpec],
+        idempotency_key: str | None = None,
+        made_by: int | None = None,
     ) -> tuple[Campaign, ...]:
         """New campaigns, all or none; the same ones again for the same key."""
-        return self._once(create_many, specs, idempotency_key)
+        return self._once(create_many, specs, idempotency_key, made_by)
 
-    def _once(self, make: Maker[Asked, Made], asked: Asked, key: str | None) -> Made:
+    def _once(
+        self, make: Maker[Asked, Made], asked: Asked, key: str | None, made_by: int | None
+    ) -> Made:
         try:
             with self._database.writing() as connection:
-                return make(connection, asked, key)
+                return make(connection, asked, key, made_by)
         except IntegrityError:
             # Somebody else used the key at the same time: now theirs can be seen.
             with self._database.writing() as connection:
-                return make(connection, asked, key)
+                return make(connection, asked, key, made_by)
+
+    def prioritise(self, campaign: int, priority: Priority) -> Campaign:
+        """Give it another priority from now on, and log the event."""
+        with self._database.writing() as connection:
+            return prioritise(connection, campaign, priority)
 
     def get(self, campaign: int) -> Campaign:
         """The campaign as it stands."""
@@ -150,6 +162,18 @@ def change(
     if before.state is CampaignState.QUEUED and after.state in WITHDRAWN:
         withdraw(connection, JobKind.CAMPAIGN, campaign)
     append(connection, "campaign.state", sentences.campaign_moved(after, because), campaign)
+    return after
+
+
+def prioritise(connection: Connection, campaign: int, priority: Priority) -> Campaign:
+    """Give a campaign another priority: its row, its event."""
+    before = locked(connection, campaign)
+    after = prioritised(before, priority)
+    if after is not before:
+        connection.execute(
+            update(campaigns).where(campaigns.c.id == campaign).values(priority=priority)
+        )
+        append(connection, "campaign.priority", sentences.campaign_prioritised(after), campaign)
     return after
 
 

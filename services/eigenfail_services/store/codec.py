@@ -24,6 +24,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
     Overhead,
+    Priority,
     Scene,
     Shape,
     assess,
@@ -42,14 +43,21 @@ COUNTS = Counts.__struct_fields__
 OVERHEAD = Overhead.__struct_fields__
 
 
-def to_json(value: CampaignSpec | AnalysisSettings | Estimate) -> str:
+def to_json(value: AnalysisSettings | Estimate) -> str:
     """The one JSON text of a value: equal values give equal texts."""
     return msgspec.json.encode(value, order="deterministic").decode()
 
 
+def spec_text(spec: CampaignSpec) -> str:
+    """The one JSON text of a spec; its priority, which may change, is kept beside it."""
+    fields = msgspec.to_builtins(spec)
+    del fields["priority"]
+    return msgspec.json.encode(fields, order="deterministic").decode()
+
+
 def spec_hash(spec: CampaignSpec) -> str:
-    """SHA-256 of a spec, to recognise it by."""
-    return hashlib.sha256(to_json(spec).encode()).hexdigest()
+    """SHA-256 of a spec, to recognise it by at whatever priority."""
+    return hashlib.sha256(spec_text(spec).encode()).hexdigest()
 
 
 def to_settings(text: str) -> AnalysisSettings:
@@ -87,9 +95,11 @@ def to_campaign(found: RowMapping) -> Campaign:
     values: dict[str, Any] = dict(found)
     estimate = values.pop("estimate")
     values.pop("suite")  # it is in the name
+    values.pop("made_by")
+    spec = _specs.decode(values.pop("spec"))
     spent = [values.pop(name) for name in OVERHEAD]
     return Campaign(
-        spec=_specs.decode(values.pop("spec")),
+        spec=msgspec.structs.replace(spec, priority=Priority(values.pop("priority"))),
         state=CampaignState(values.pop("state")),
         counts=Counts(**{name: values.pop(name) for name in COUNTS}),
         estimate=None if estimate is None else _estimates.decode(estimate),

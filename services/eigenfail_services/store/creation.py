@@ -12,41 +12,52 @@ from eigenfail_services.store.campaign_rows import add, one
 from eigenfail_services.store.codec import spec_hash
 from eigenfail_services.store.events import append
 from eigenfail_services.store.jobs import enqueue
+from eigenfail_services.store.quotas import admit
 from eigenfail_services.store.refusals import key_used
 from eigenfail_services.store.schema import idempotency_keys
 
 
-def create(connection: Connection, spec: CampaignSpec, key: str | None) -> Campaign:
+def create(
+    connection: Connection, spec: CampaignSpec, key: str | None, made_by: int | None
+) -> Campaign:
     """A new campaign, or the one that the key has made."""
     if key is None:
-        return queued(connection, spec)
+        return queued(connection, [spec], made_by)[0]
     if earlier := made_with(connection, [key], spec_hash(spec)):
         return earlier[0]
-    campaign = queued(connection, spec)
-    remember(connection, [key], spec_hash(spec), [campaign])
-    return campaign
+    made = queued(connection, [spec], made_by)
+    remember(connection, [key], spec_hash(spec), made)
+    return made[0]
 
 
 def create_many(
-    connection: Connection, specs: Sequence[CampaignSpec], key: str | None
+    connection: Connection, specs: Sequence[CampaignSpec], key: str | None, made_by: int | None
 ) -> tuple[Campaign, ...]:
     """New campaigns in their order, or those that the key has made."""
     if key is None:
-        return tuple(queued(connection, spec) for spec in specs)
+        return queued(connection, specs, made_by)
     keys, asked = [key_of(key, place) for place in range(len(specs))], hash_of(specs)
     if earlier := made_with(connection, keys, asked):
         return earlier
-    made = tuple(queued(connection, spec) for spec in specs)
+    made = queued(connection, specs, made_by)
     remember(connection, keys, asked, made)
     return made
 
 
-def queued(connection: Connection, spec: CampaignSpec) -> Campaign:
-    """A new campaign with its job and its event."""
-    campaign = add(connection, spec)
-    enqueue(connection, JobKind.CAMPAIGN, campaign.id)
-    append(connection, "campaign.created", sentences.campaign_created(campaign), campaign.id)
-    return campaign
+def queued(
+    connection: Connection, specs: Sequence[CampaignSpec], made_by: int | None
+) -> tuple[Campaign, ...]:
+    """New campaigns with their jobs and their events.
+
+    Raises:
+        QuotaExceeded: whoever makes them may not have so many, or so much in them.
+    """
+    admit(connection, made_by, specs)
+    made = tuple(add(connection, spec, made_by) for spec in specs)
+    for campaign in made:
+        enqueue(connection, JobKind.CAMPAIGN, campaign.id)
+        append(connection, "campaign.created", sentences.campaign_created(campaign), campaign.id)
+    return made
 
 
 def made_with(connection: Connection, keys: Sequence[str], asked: str) -> tuple[Campaign, ...]:

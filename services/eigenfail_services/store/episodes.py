@@ -3,8 +3,7 @@
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 
-import msgspec
-from sqlalchemy import Connection, insert, select
+from sqlalchemy import Connection, RowMapping, select
 
 from eigenfail.filters import BY_INDEX, Conditions, Sort
 from eigenfail.values import (
@@ -28,24 +27,20 @@ from eigenfail.values.records import (
 from eigenfail.values.region import MOST_TRIALS
 from eigenfail.values.safety import MOST_POINTS
 from eigenfail.values.spending import MOST_LANDINGS
-from eigenfail_services.store import deaths, sentences
+from eigenfail_services.store import deaths
 from eigenfail_services.store.blocks import course, paired
-from eigenfail_services.store.campaign_rows import locked, one, write
-from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import pack, to_blob, to_floats, to_result, to_row
+from eigenfail_services.store.campaign_rows import locked, one
+from eigenfail_services.store.codec import to_floats, to_result, to_row
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.episode_pages import number, pages
-from eigenfail_services.store.events import append
-from eigenfail_services.store.judging import Kept, judge, row_of
-from eigenfail_services.store.refusals import no_episode
+from eigenfail_services.store.landing import CHUNK, chunks, land
+from eigenfail_services.store.refusals import no_episode, pruned
 from eigenfail_services.store.remembered import Remembered
+from eigenfail_services.store.retention import pruned_ms
 from eigenfail_services.store.safety import safety
 from eigenfail_services.store.schema import campaigns, episodes, scenes, trajectories
 from eigenfail_services.store.spending import spending
 from eigenfail_services.store.trials import trials
-
-CHUNK = 500
-"""How many indices one statement names, and how many rows are fetched at a time."""
 
 SAME_TRAJECTORY = (trajectories.c.campaign == episodes.c.campaign) & (
     trajectories.c["index"] == number
@@ -56,8 +51,11 @@ RESULTS = (
     .add_columns(trajectories.c.z, trajectories.c.sigma, trajectories.c.states)
     .select_from(episodes)
     .join(campaigns, campaigns.c.id == episodes.c.campaign)
-    .join(trajectories, SAME_TRAJECTORY)
+    .outerjoin(trajectories, SAME_TRAJECTORY)
+    .add_columns(pruned_ms().label("pruned_ms"))
 )
+
+ROWS = select(*episodes.c, pruned_ms().label("noise_pruned_ms"))
 
 
 class SqlEpisodes:
@@ -70,16 +68,7 @@ class SqlEpisodes:
     def commit(self, campaign: int, deliveries: Sequence[Delivery]) -> list[Verdict]:
         """Keep results, update the counts, and log alarms; one verdict for each delivery."""
         with self._database.writing() as connection:
-            before = locked(connection, campaign)
-            known = _digests(connection, campaign, {d.result.index for d in deliveries})
-            judgement = judge(before, known, deliveries)
-            _insert(connection, campaign, judgement.kept)
-            if judgement.counts != before.counts:
-                write(connection, msgspec.structs.replace(before, counts=judgement.counts))
-            for alarm in judgement.alarms:
-                message = sentences.episode_alarm(campaign, alarm.result.index, alarm.worker)
-                append(connection, "episode.alarm", message, campaign)
-        return judgement.verdicts
+            return land(connection, campaign, deliveries)
 
     def add_death(self, campaign: int, index: int) -> int:
         """One more worker was lost while it ran this episode; how many that makes.
@@ -101,7 +90,7 @@ class SqlEpisodes:
         with self._database.reading() as connection:
             one(connection, campaign)
             found = connection.execute(query).mappings().one_or_none()
-        if found is None:
+        if found is None or not is_there(found):
             raise no_episode(campaign, index)
         return to_result(found, found["scene"])
 
@@ -130,8 +119,9 @@ class SqlEpisodes:
         with self._database.reading() as connection:
             return [
                 to_result(found)
-                for chunk in _chunks(set(indices))
+                for chunk in chunks(set(indices))
                 for found in connection.execute(query.where(number.in_(chunk))).mappings()
+                if is_there(found)
             ]
 
     def failures(self, campaign: int) -> Failures:
@@ -203,61 +193,23 @@ def digest(connection: Connection, campaign: int) -> str:
     return lines.hexdigest()
 
 
-def _chunks(indices: set[int]) -> Iterator[list[int]]:
-    ordered = sorted(indices)
-    for start in range(0, len(ordered), CHUNK):
-        yield ordered[start : start + CHUNK]
+def is_there(found: RowMapping) -> bool:
+    """Whether the noise of an episode is; without it, and not pruned, it has no result either.
+
+    Raises:
+        NoisePruned: it was taken away.
+    """
+    if found["z"] is None and found["pruned_ms"] is not None:
+        raise pruned(found["campaign"], found["index"], found["source"], found["pruned_ms"])
+    return found["z"] is not None
 
 
 def _rows(connection: Connection, campaign: int, indices: Sequence[int]) -> list[EpisodeRow]:
     """The rows of some episodes, in the order of these."""
-    query = select(episodes).where(episodes.c.campaign == campaign)
+    query = ROWS.where(episodes.c.campaign == campaign)
     found = {
         row["index"]: to_row(row)
-        for chunk in _chunks(set(indices))
+        for chunk in chunks(set(indices))
         for row in connection.execute(query.where(number.in_(chunk))).mappings()
     }
     return [found[index] for index in indices]
-
-
-def _digests(connection: Connection, campaign: int, indices: set[int]) -> dict[int, str]:
-    query = select(number, episodes.c.digest).where(episodes.c.campaign == campaign)
-    return {
-        index: known
-        for chunk in _chunks(indices)
-        for index, known in connection.execute(query.where(number.in_(chunk)))
-    }
-
-
-def _insert(connection: Connection, campaign: int, kept: list[Kept]) -> None:
-    if not kept:
-        return
-    at_ms = now_ms()
-    keys = [{"campaign": campaign, "index": one.result.index} for one in kept]
-    blobs = [key | _blobs(one.result) for key, one in zip(keys, kept, strict=True)]
-    sights = [
-        key | {"scene": pack(one.result.scene)}
-        for key, one in zip(keys, kept, strict=True)
-        if one.result.scene is not None
-    ]
-    connection.execute(insert(episodes), [_columns(campaign, one, at_ms) for one in kept])
-    connection.execute(insert(trajectories), blobs)
-    if sights:
-        connection.execute(insert(scenes), sights)
-
-
-def _columns(campaign: int, kept: Kept, at_ms: int) -> dict[str, object]:
-    columns = msgspec.structs.asdict(row_of(campaign, kept, at_ms))
-    del columns["problem"]
-    fault = kept.result.fault
-    columns["fault_kind"] = fault.kind if fault else None
-    columns["fault_message"] = fault.message if fault else None
-    return columns
-
-
-def _blobs(result: EpisodeResult) -> dict[str, bytes | None]:
-    return {
-        "z": to_blob(result.noise.z),
-        "sigma": to_blob(result.noise.sigma),
-        "states": None if result.states is None else to_blob(result.states),
-    }

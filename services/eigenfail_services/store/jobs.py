@@ -18,6 +18,7 @@ from sqlalchemy import (
     update,
 )
 
+from eigenfail.values import Priority
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
@@ -78,23 +79,23 @@ class SqlJobQueue:
         self._undertakers = undertakers
 
     def claim(self, owner: str, lease_s: float, kind: JobKind | None = None) -> Job | None:
-        """The oldest job (of a kind) that nobody works on, now leased to the owner."""
+        """The next job (of a kind) that nobody works on, now leased to the owner."""
         while (job := self._take(owner, lease_s, kind)) and job.attempts > MAX_ATTEMPTS:
             self._bury(job)
         return job
 
     def _take(self, owner: str, lease_s: float, kind: JobKind | None) -> Job | None:
-        oldest = (
+        first = (
             select(jobs.c.id)
             .where(free(kind))
-            .order_by(jobs.c.id)
+            .order_by(place(), jobs.c.id)
             .limit(1)
             .with_for_update(skip_locked=True)
         )
         progress = finished()
         statement = (
             update(jobs)
-            .where(jobs.c.id == oldest.scalar_subquery())
+            .where(jobs.c.id == first.scalar_subquery())
             .values(
                 owner=owner,
                 token=uuid4().hex,
@@ -150,6 +151,17 @@ def free(kind: JobKind | None) -> ColumnElement[bool]:
     """Jobs (of a kind) that nobody holds."""
     wanted = true() if kind is None else jobs.c.kind == kind
     return wanted & NOT_BURIED & LEASE_OVER
+
+
+def place() -> ColumnElement[int]:
+    """Where a job stands in the queue: by when it was queued, less what its priority is worth."""
+    starts = {priority.value: priority.head_start_ms for priority in Priority}
+    head_start = (
+        select(case(starts, value=campaigns.c.priority))
+        .where(campaigns.c.id == jobs.c.subject, jobs.c.kind == JobKind.CAMPAIGN)
+        .scalar_subquery()
+    )
+    return jobs.c.queued_ms - func.coalesce(head_start, Priority.NORMAL.head_start_ms)
 
 
 def finished() -> ColumnElement[int]:

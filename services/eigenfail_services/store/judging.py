@@ -25,6 +25,7 @@ MAX_STEPS = 2**31 - 1
 
 MEASURES = Measures.__struct_fields__
 COUNTED = ("hard_brakings", "clipped_steps")
+NOTHING_MEASURED: dict[str, Any] = dict.fromkeys(MEASURES)
 
 
 class Kept(msgspec.Struct, frozen=True, eq=False):
@@ -151,23 +152,30 @@ def count(number: int | None) -> int | None:
 
 
 def row_of(campaign: int, kept: Kept, at_ms: int) -> EpisodeRow:
-    """A kept result as a line in a list; a log-probability that is not finite reads 0."""
+    """A kept result as a line in a list."""
     result, fault = kept.result, kept.result.fault
-    measures = result.measures
     return EpisodeRow(
-        campaign=campaign,
-        index=result.index,
-        seed=result.seed,
-        outcome=result.outcome,
-        steps=result.steps,
-        source=result.source,
-        worker=kept.worker,
-        log_probability=finite(result.noise.log_probability) or 0.0,
-        wall_s=result.wall_s,
-        finished_ms=at_ms,
-        digest=kept.digest,
-        has_scene=result.scene is not None,
-        assessed=assess(result.outcome, measures),
+        assessed=assess(result.outcome, result.measures),
         problem=f"{fault.kind}: {fault.message}" if fault else "",
-        **{name: getattr(measures, name, None) for name in MEASURES},
+        **columns_of(campaign, kept, at_ms),
     )
+
+
+def columns_of(campaign: int, kept: Kept, at_ms: int) -> dict[str, Any]:
+    """What of a kept result can be looked for; a log-probability that is not finite reads 0."""
+    result, measures = kept.result, kept.result.measures
+    return {
+        "campaign": campaign,
+        "index": result.index,
+        "seed": result.seed,
+        "outcome": result.outcome,
+        "steps": result.steps,
+        "source": result.source,
+        "worker": kept.worker,
+        "log_probability": finite(result.noise.log_probability) or 0.0,
+        "wall_s": result.wall_s,
+        "finished_ms": at_ms,
+        "digest": kept.digest,
+        "has_scene": result.scene is not None,
+        **(NOTHING_MEASURED if measures is None else msgspec.structs.asdict(measures)),
+    }

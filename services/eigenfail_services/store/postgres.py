@@ -1,5 +1,6 @@
 """PostgreSQL, through psycopg 3."""
 
+from functools import cache
 from importlib.util import find_spec
 
 from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, event, text
@@ -16,7 +17,12 @@ QUERY = {
     "tcp_user_timeout": "10000",
     "application_name": "eigenfail",
 }
-OPTIONS = "-c synchronous_commit=on -c lock_timeout=30000"
+# The second line is what the server does where this host is the one that has gone silent.
+OPTIONS = (
+    "-c synchronous_commit=on -c lock_timeout=30000 "
+    "-c tcp_keepalives_idle=5 -c tcp_keepalives_interval=2 -c tcp_keepalives_count=3 "
+    "-c tcp_user_timeout=10000"
+)
 
 POOL_SIZE = 10
 MAX_OVERFLOW = 20
@@ -25,9 +31,11 @@ POOL_WAIT_S = 10.0
 # disk_full, io_error, read_only_sql_transaction
 UNWRITABLE = frozenset({"53100", "58030", "25006"})
 
-# Whoever stands still in the middle of a change holds what it has locked; a host that is gone does
-# so until the server's system notices, which takes two hours as a rule. Readers lock nothing.
-WRITERS_ONLY = "SET LOCAL idle_in_transaction_session_timeout = '10s'"
+# Whoever stands still in the middle of a change holds what it has locked. Readers lock nothing.
+# The first limit ends who does so between two statements; in the midst of one, as rows are handed
+# over, the second alone does, and servers know it from 17 on.
+LIMITS = {"idle_in_transaction_session_timeout": "10s", "transaction_timeout": "30s"}
+SINCE = {"transaction_timeout": (17,)}
 
 SCHEMA_LOCK = text("SELECT pg_advisory_xact_lock(hashtext('eigenfail_schema'))")
 
@@ -102,7 +110,16 @@ class Postgres:
 def begin(connection: Connection) -> None:
     """Give writers a limit on how long they may stand still."""
     if connection.get_execution_options().get("writes", False):
-        connection.exec_driver_sql(WRITERS_ONLY)
+        connection.exec_driver_sql(limiting(connection.dialect.server_version_info or ()))
+
+
+@cache
+def limiting(server: tuple[int, ...]) -> str:
+    """The statement that limits the transaction in which it stands, at a server of some version."""
+    known = {name: limit for name, limit in LIMITS.items() if server >= SINCE.get(name, ())}
+    return "SELECT " + ", ".join(
+        f"set_config('{name}', '{limit}', true)" for name, limit in known.items()
+    )
 
 
 def _one(value: str | tuple[str, ...]) -> str:

@@ -1,9 +1,19 @@
 """The errors that every store raises, in one wording."""
 
+from datetime import UTC, datetime
 from shlex import quote
 
-from eigenfail.errors import ClaimLost, IdempotencyMismatch, NotFound, ProtocolError
+from eigenfail.errors import (
+    ClaimLost,
+    Conflict,
+    IdempotencyMismatch,
+    NoisePruned,
+    NotFound,
+    ProtocolError,
+)
+from eigenfail.values import Campaign
 from eigenfail.values.records import Job
+from eigenfail.values.retention import DRAWN_AGAIN
 
 
 def no_campaign(campaign: int) -> NotFound:
@@ -16,6 +26,28 @@ def no_episode(campaign: int, index: int) -> NotFound:
     return NotFound(
         f"Episode {index} of campaign {campaign} has no result.",
         "It is still open, was cancelled, or is beyond the campaign's budget.",
+    )
+
+
+def pruned(campaign: int, index: int, source: str, at_ms: int) -> NoisePruned:
+    """The noise of an episode was taken away at a time."""
+    day = datetime.fromtimestamp(at_ms / 1_000, UTC).date()
+    drawn = (
+        f"It follows from the episode's seed: `eigenfail episode replay {campaign}/{index}` draws "
+        "it again, and compares."
+    )
+    chosen = "Its method chose it: it is in backups from before, and nowhere else."
+    return NoisePruned(
+        f"The noise of episode {campaign}/{index} was pruned on {day}.",
+        drawn if source == DRAWN_AGAIN else chosen,
+    )
+
+
+def not_ended(campaign: Campaign) -> Conflict:
+    """Noise of a campaign is needed as long as it has not ended."""
+    return Conflict(
+        f"Campaign {campaign.id} is {campaign.state}: its noise cannot be pruned.",
+        f"Wait for its end (`eigenfail campaign watch {campaign.id}`), or cancel it.",
     )
 
 

@@ -1,6 +1,6 @@
 """Which workers are there, and were, in SQL."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import msgspec
 from msgspec.structs import asdict
@@ -10,9 +10,11 @@ from eigenfail.values.worker import Arrival, Presence, Versions
 from eigenfail_services.store import limits
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
+from eigenfail_services.store.landing import chunks
 from eigenfail_services.store.schema import arrivals
 
 PRUNED_EVERY = 1_000
+ARRIVED = insert(arrivals).returning(arrivals.c.id, sort_by_parameter_order=True)
 
 _versions = msgspec.json.Decoder(Versions)
 
@@ -23,28 +25,30 @@ class SqlRoster:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def arrived(self, arrival: Arrival) -> int:
-        """A worker has come; the number under which it is there."""
+    def arrived(self, arrivals: Sequence[Arrival]) -> list[int]:
+        """Workers have come; the numbers under which they are there, rising, in the same order."""
+        if not arrivals:
+            return []
         at_ms = now_ms()
-        values = asdict(arrival) | {"versions": msgspec.json.encode(arrival.versions).decode()}
-        statement = insert(arrivals).values(arrived_ms=at_ms, heard_ms=at_ms, **values)
         with self._database.writing() as connection:
-            number: int = connection.execute(statement.returning(arrivals.c.id)).scalar_one()
-            prune(connection, number)
-        return number
+            rows = [_row(arrival, at_ms) for arrival in arrivals]
+            numbers = [*connection.execute(ARRIVED, rows).scalars()]
+            prune(connection, numbers)
+        return numbers
 
     def heard(self, presences: Collection[int]) -> None:
         """These are still there."""
-        self._note(update(arrivals).where(arrivals.c.id.in_(presences)).values(heard_ms=now_ms()))
+        self._note(update(arrivals).values(heard_ms=now_ms()), presences)
 
-    def left(self, presence: int) -> None:
-        """It is not there any more; a second time changes nothing."""
-        here = (arrivals.c.id == presence) & arrivals.c.left_ms.is_(None)
-        self._note(update(arrivals).where(here).values(left_ms=now_ms()))
+    def left(self, presences: Collection[int]) -> None:
+        """They are not there any more; a second time changes nothing."""
+        here = update(arrivals).where(arrivals.c.left_ms.is_(None))
+        self._note(here.values(left_ms=now_ms()), presences)
 
-    def _note(self, statement: Update) -> None:
+    def _note(self, statement: Update, presences: Collection[int]) -> None:
         with self._database.writing() as connection:
-            connection.execute(statement)
+            for some in chunks(set(presences)):
+                connection.execute(statement.where(arrivals.c.id.in_(some)))
 
     def present(self, since_ms: int) -> tuple[Presence, ...]:
         """Those that were heard since then and have not left, by name."""
@@ -62,11 +66,16 @@ class SqlRoster:
         return None if found is None else _presence(found)
 
 
-def prune(connection: Connection, number: int) -> None:
+def prune(connection: Connection, numbers: Sequence[int]) -> None:
     """Forget what is too old, now and then."""
-    if number % PRUNED_EVERY == 0:
-        oldest = number - limits.KEPT_ARRIVALS
+    if any(number % PRUNED_EVERY == 0 for number in numbers):
+        oldest = numbers[-1] - limits.KEPT_ARRIVALS
         connection.execute(delete(arrivals).where(arrivals.c.id <= oldest))
+
+
+def _row(arrival: Arrival, at_ms: int) -> dict[str, object]:
+    versions = msgspec.json.encode(arrival.versions).decode()
+    return asdict(arrival) | {"versions": versions, "arrived_ms": at_ms, "heard_ms": at_ms}
 
 
 def _presence(found: RowMapping) -> Presence:

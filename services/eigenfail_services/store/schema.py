@@ -20,7 +20,9 @@ from sqlalchemy import (
 )
 from sqlalchemy.types import TypeEngine
 
-VERSION = "0013"
+from eigenfail.values import Priority
+
+VERSION = "0015"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -93,9 +95,13 @@ campaigns = Table(
     Column("waiting_s", Double),
     Column("discarded_s", Double),
     Column("suite", Prose),
+    Column("priority", Text, nullable=False, server_default=Priority.NORMAL),
+    Column("made_by", Number),  # id of the key; none where none was needed
     CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
     Index(None, "state", "id"),
     Index(None, "suite", "id"),
+    Index(None, "made_by", "created_ms"),
+    Index(None, "made_by", "ended_ms"),
     sqlite_autoincrement=True,
 )
 
@@ -175,6 +181,25 @@ scenes = Table(
     Column("index", Number, primary_key=True, autoincrement=False),
     Column("scene", LargeBinary, nullable=False),  # MessagePack
     ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
+)
+
+# What was taken away: of a campaign's safe episodes of one source, up to an index, all but each
+# so-manyth.
+prunings = Table(
+    "prunings",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("campaign", Number, ForeignKey("campaigns.id"), nullable=False),
+    Column("source", Prose, nullable=False),
+    Column("keep_every", BigInteger, nullable=False),
+    Column("through", Number, nullable=False),
+    Column("pruned_ms", BigInteger, nullable=False),
+    Column("who", Prose, nullable=False),
+    Column("episodes", BigInteger, nullable=False),
+    Column("scenes", BigInteger, nullable=False),
+    Column("bytes", BigInteger, nullable=False),
+    Index(None, "campaign", "id"),
+    sqlite_autoincrement=True,
 )
 
 # Of episodes that were running as their workers were lost.
@@ -272,6 +297,9 @@ keys = Table(
     Column("expires_ms", BigInteger),
     Column("revoked_ms", BigInteger),
     Column("last_used_ms", BigInteger),
+    Column("max_open", BigInteger),
+    Column("max_episodes", BigInteger),
+    Column("max_episodes_per_day", BigInteger),
     sqlite_autoincrement=True,
 )
 

@@ -1,6 +1,7 @@
 """What the event log says to a person."""
 
 from eigenfail.values import Analysis, AnalysisResult, AnalysisState, Campaign
+from eigenfail.values.retention import Retention
 from eigenfail_services.campaigns.lifecycle import STORIES
 
 
@@ -13,6 +14,11 @@ def campaign_created(campaign: Campaign) -> str:
 def campaign_moved(campaign: Campaign, because: str) -> str:
     """A campaign in a new state."""
     return f"{_named(campaign)} {STORIES[campaign.state]}. {because}".strip()
+
+
+def campaign_prioritised(campaign: Campaign) -> str:
+    """A campaign with another priority."""
+    return f"{_named(campaign)} has the priority {campaign.spec.priority} from now on."
 
 
 def episode_alarm(campaign: int, index: int, worker: str) -> str:
@@ -28,6 +34,14 @@ def checkpoint_damaged(campaign: int) -> str:
     return (
         f"The last checkpoint of campaign {campaign} is damaged: its SHA-256 does not match. The "
         "campaign goes on from the one before it, with the same episodes. Check the disk."
+    )
+
+
+def pruning(campaign: int, rule: Retention, who: str) -> str:
+    """The noise of a campaign's episodes begins to go."""
+    return (
+        f"{who} prunes campaign {campaign}: of its safe episodes with noise by {rule.source}, each "
+        f"{rule.keep_every}th keeps noise and scene. All rows and all failures stay."
     )
 
 

@@ -12,6 +12,7 @@ from eigenfail.contracts import (
     FigureStore,
     JobQueue,
     KeyStore,
+    RetentionStore,
     Roster,
 )
 from eigenfail.values.records import JobKind
@@ -26,6 +27,7 @@ from eigenfail_services.store.events import SqlEventLog
 from eigenfail_services.store.figures import SqlFigures
 from eigenfail_services.store.jobs import SqlJobQueue
 from eigenfail_services.store.remembered import Remembered
+from eigenfail_services.store.retention import SqlRetention
 from eigenfail_services.store.roster import SqlRoster
 from eigenfail_services.store.schema import event_counter
 
@@ -38,6 +40,7 @@ class SqlStore:
     figures: FigureStore
     checkpoints: CheckpointStore
     analyses: AnalysisStore
+    retention: RetentionStore
     events: EventLog
     jobs: JobQueue
     keys: KeyStore
@@ -52,6 +55,7 @@ class SqlStore:
         self.figures = SqlFigures(database, remembered)
         self.checkpoints = SqlCheckpoints(database)
         self.analyses = SqlAnalyses(database)
+        self.retention = SqlRetention(database)
         self.events = SqlEventLog(database)
         self.jobs = SqlJobQueue(
             database,

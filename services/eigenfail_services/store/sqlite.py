@@ -1,13 +1,16 @@
 """SQLite: one file, many readers, one writer at a time."""
 
+import os
 import sqlite3
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, event
 
 from eigenfail.errors import InvalidValue, StoreUnavailable
+from eigenfail.private_files import FOLDER_MODE, OWNER_ONLY
 from eigenfail_services.store.clock import LeaseClock, steady_ms
 from eigenfail_services.store.distress import FolderLock
 from eigenfail_services.store.refusals import upgrade_command
@@ -59,8 +62,11 @@ class Sqlite:
         return self._tuned(engine)
 
     def prepare(self) -> None:
-        """Make the folder."""
-        self._path.parent.mkdir(parents=True, exist_ok=True)
+        """Make the folder and the file, for their owner alone; what is there already stays."""
+        self._path.parent.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
+        # Before SQLite does: it gives the files beside it the mode that this one has.
+        with suppress(FileExistsError):
+            os.close(os.open(self._path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, OWNER_ONLY))
 
     def require(self) -> None:
         """Refuse a file that is not there."""

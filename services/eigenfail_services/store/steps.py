@@ -18,15 +18,19 @@ def configured(connection: Connection | None = None) -> Config:
     return config
 
 
+def revisions() -> list[str]:
+    """All that this program knows, oldest first."""
+    script = ScriptDirectory.from_config(configured())
+    return [revision.revision for revision in script.walk_revisions()][::-1]
+
+
 def refuse_newer(version: str | None, label: str) -> None:
     """Leave alone what a later program made.
 
     Raises:
         SchemaMismatch: no migration of this program leads to that version.
     """
-    script = ScriptDirectory.from_config(configured())
-    known = {revision.revision for revision in script.walk_revisions()}
-    if version is not None and version not in known:
+    if version is not None and version not in revisions():
         raise SchemaMismatch(
             f"The schema of {label} is {version}, newer than this program's {VERSION}.",
             "Update eigenfail, or use another database; this one was left as it is.",

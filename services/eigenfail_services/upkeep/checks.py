@@ -19,7 +19,6 @@ from sqlalchemy import (
     func,
     or_,
     select,
-    true,
 )
 
 from eigenfail.errors import ProtocolError
@@ -29,11 +28,13 @@ from eigenfail.values.upkeep import Defect
 from eigenfail_services.campaigns.checkpoint import read_checkpoint
 from eigenfail_services.store.jobs import NOT_BURIED, SUBJECTS
 from eigenfail_services.store.leases import LEASE_OVER
+from eigenfail_services.store.retention import NOISE, TAKEN
 from eigenfail_services.store.schema import (
     campaigns,
     checkpoints,
     episodes,
     jobs,
+    prunings,
     scenes,
     trajectories,
 )
@@ -160,7 +161,7 @@ def without(part: Table, wanted: ColumnElement[bool]) -> Select[Any]:
 
 
 PARTS: Sequence[tuple[Table, str, ColumnElement[bool]]] = (
-    (trajectories, "trajectory", true()),
+    (trajectories, "trajectory", ~exists().where(TAKEN).correlate(episodes)),
     (scenes, "scene", episodes.c.has_scene),
 )
 
@@ -171,6 +172,21 @@ def missing_parts(connection: Connection) -> Iterator[Defect]:
         for found in rows(connection, without(table, wanted)):
             where = f"episode {found.campaign}/{found.index}"
             yield Defect(where, f"Its {name} is missing.", RESTORE)
+
+
+def misrecorded(connection: Connection) -> Iterator[Defect]:
+    """Campaigns of which more, or fewer, episodes are without noise than was recorded."""
+    of_campaign = episodes.c.campaign == prunings.c.campaign
+    silent = select(func.count()).select_from(episodes).where(of_campaign, ~exists().where(NOISE))
+    sums = select(
+        prunings.c.campaign,
+        func.sum(prunings.c.episodes).label("recorded"),
+        silent.correlate(prunings).scalar_subquery().label("silent"),
+    )
+    for found in rows(connection, sums.group_by(prunings.c.campaign)):
+        if found.recorded != found.silent:
+            told = f"{found.silent} episodes are without noise; {found.recorded} were pruned."
+            yield Defect(f"campaign {found.campaign}", told, RESTORE)
 
 
 def unreadable_checkpoints(connection: Connection) -> Iterator[Defect]:
@@ -202,7 +218,10 @@ QUESTIONS = (
     Question("ends", "No campaign that has ended has open episodes.", open_ends),
     Question("jobs", "No job is left over for what has ended.", left_over_jobs),
     Question(
-        "parts", "Every episode has its trajectory, and its scene if it says so.", missing_parts
+        "parts",
+        "Every episode has its trajectory unless it was pruned, and its scene if it says so.",
+        missing_parts,
     ),
+    Question("prunings", "As many episodes are without noise as were pruned.", misrecorded),
     Question("checkpoints", "Every checkpoint can be read.", unreadable_checkpoints),
 )

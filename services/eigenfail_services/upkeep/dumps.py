@@ -19,6 +19,8 @@ from eigenfail_services.upkeep.refusals import HAS_ROWS, no_backup, not_empty
 
 REVISION = re.compile(rf"^COPY [^\n]*{VERSION_TABLE}[^\n]* FROM stdin;\n(\S+)\n\\\.", re.MULTILINE)
 PLAIN = ("--no-owner", "--no-privileges")
+# What most of it is made of, noise in hexadecimal digits, comes to no less by more effort.
+LIGHTLY = "--compress=1"
 SCRIPT = ("--clean", "--if-exists", "--file=-")
 STRICT = ("--no-psqlrc", "--quiet", "--set=ON_ERROR_STOP=1")
 
@@ -50,7 +52,7 @@ class Dumps:
 
     def save(self, draft: Path) -> None:
         """As of one moment: pg_dump reads in one transaction."""
-        self._run("pg_dump", "--format=custom", *PLAIN, f"--file={draft}", self._target())
+        self._run("pg_dump", "--format=custom", LIGHTLY, *PLAIN, f"--file={draft}", self._target())
 
     def revision(self, file: Path) -> str:
         """The revision among the data of a dump."""

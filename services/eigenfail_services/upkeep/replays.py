@@ -6,9 +6,9 @@ from itertools import accumulate
 from sqlalchemy import Connection, select
 
 from eigenfail.contracts import Store
-from eigenfail.errors import InputError
-from eigenfail.stories.replays import replay_episode
-from eigenfail.values import Outcome
+from eigenfail.errors import InputError, NoisePruned
+from eigenfail.stories.replays import redraw_episode, replay_episode
+from eigenfail.values import Outcome, Replayed
 from eigenfail.values.upkeep import Defect
 from eigenfail_services.store.schema import campaigns, episodes
 from eigenfail_services.upkeep.checks import Question
@@ -53,13 +53,21 @@ def nth(connection: Connection, campaign: int, place: int) -> Sequence[int]:
     return connection.execute(query).scalars().all()
 
 
+def run_again(store: Store, campaign: int, index: int) -> Replayed:
+    """An episode's second run; of one that lost its noise, from its seed."""
+    spec = store.campaigns.get(campaign).spec
+    try:
+        return replay_episode(spec, store.episodes.get(campaign, index))
+    except NoisePruned:
+        (row,) = store.episodes.page(campaign, 1, after=index - 1).items
+        return redraw_episode(spec, row)
+
+
 def difference(store: Store, campaign: int, index: int) -> Iterator[Defect]:
     """What an episode's second run shows, if it is not what is stored."""
     where = f"episode {campaign}/{index}"
     try:
-        again = replay_episode(
-            store.campaigns.get(campaign).spec, store.episodes.get(campaign, index)
-        )
+        again = run_again(store, campaign, index)
     except InputError as error:
         yield Defect(where, f"It cannot be run here: {error.problem}", error.remedy)
         return

@@ -6,9 +6,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from eigenfail.errors import InvalidValue
+from eigenfail.values.retention import DRAWN_AGAIN, KEEP_EVERY, Retention
 from eigenfail.wire.http import encode
 from eigenfail_services.store import migrate, open_store
 from eigenfail_services.upkeep.backup import backup, restore
+from eigenfail_services.upkeep.pruning import Which, prune, rehearse
+from eigenfail_services.upkeep.revisions import downgrade
+from eigenfail_services.upkeep.vacuum import vacuum
 from eigenfail_services.upkeep.verify import verify
 
 
@@ -20,6 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="replace what is there")
     parser.add_argument("--replay", type=int, default=0, help="how many episodes to run again")
     parser.add_argument("--repair", action="store_true", help="mend what is safe to mend")
+    parser.add_argument("--to", default="", help="the revision to go back to")
+    parser.add_argument("--keep-every", type=int, default=KEEP_EVERY, help="which noise stays")
+    parser.add_argument("--source", default=DRAWN_AGAIN, help="of the noise that goes")
+    parser.add_argument("--older-than", type=float, default=0.0, help="days since the end")
+    parser.add_argument("--campaign", type=int, action="append", default=[], help="only these")
     parser.set_defaults(command=tend_database)
 
 
@@ -65,6 +74,36 @@ def restored(arguments: argparse.Namespace) -> str:
     return encode(restore(arguments.database, named(arguments), force=arguments.force)).decode()
 
 
+def downgraded(arguments: argparse.Namespace) -> str:
+    """The older revision that the schema has now."""
+    return downgrade(arguments.database, arguments.to, force=arguments.force)
+
+
+def rehearsed(arguments: argparse.Namespace) -> str:
+    """What a pruning would take away, as JSON."""
+    return encode(rehearse(arguments.database, rule(arguments), which(arguments))).decode()
+
+
+def pruned(arguments: argparse.Namespace) -> str:
+    """What was taken away, as JSON."""
+    return encode(prune(arguments.database, rule(arguments), which(arguments))).decode()
+
+
+def rule(arguments: argparse.Namespace) -> Retention:
+    """Which noise stays."""
+    return Retention(arguments.keep_every, arguments.source)
+
+
+def which(arguments: argparse.Namespace) -> Which:
+    """Of which campaigns."""
+    return Which(tuple(arguments.campaign), arguments.older_than)
+
+
+def vacuumed(arguments: argparse.Namespace) -> str:
+    """What a database was and is, as JSON."""
+    return encode(vacuum(arguments.database)).decode()
+
+
 def named(arguments: argparse.Namespace) -> Path:
     """The file of a backup.
 
@@ -84,4 +123,8 @@ ACTIONS: Mapping[str, Callable[[argparse.Namespace], str]] = {
     "verify": verified,
     "backup": saved,
     "restore": restored,
+    "downgrade": downgraded,
+    "rehearse-prune": rehearsed,
+    "prune": pruned,
+    "vacuum": vacuumed,
 }

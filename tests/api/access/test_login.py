@@ -1,8 +1,11 @@
 """Signing in with a browser: a key is shown once, and a cookie stands for it from then on."""
 
+import re
+
 import pytest
 from starlette.testclient import TestClient
 
+from eigenfail.values import CampaignSpec
 from eigenfail_api.access.sessions import COOKIE, MOST, Sessions
 from eigenfail_api.dashboard.login_page import own
 
@@ -151,3 +154,19 @@ def test_the_oldest_session_makes_room():
     first, *others = (sessions.open(key, 0) for key in range(MOST + 1))
     assert sessions.key_of(first, 0) is None
     assert sessions.key_of(others[0], 0) == 1
+
+
+SPEC = {"name": "a", "method": "monte_carlo", "episodes": 3, "planner": "idm", "seed": 1}
+BUTTONS = re.compile(r"<form[^>]* data-api.*?(<button.*?>)", re.DOTALL)
+LAUNCH = re.compile(r'<button[^>]*value="launch".*?>')
+
+
+@pytest.mark.parametrize(("scope", "reads_only"), [("viewer", True), ("runner", False)])
+def test_what_is_not_theirs_to_press_says_so(store, browser, sign_in, scope, reads_only):
+    campaign = store.campaigns.create(CampaignSpec(**SPEC)).id
+    sign_in(scope)
+    page, form = browser.get(f"/campaigns/{campaign}").text, browser.get("/launch").text
+    buttons = BUTTONS.findall(page) + LAUNCH.findall(form)
+    assert len(buttons) >= 3  # pause, cancel, launch
+    assert {" disabled title=" in button for button in buttons} == {reads_only}
+    assert ("</b>, to read" in page) is reads_only

@@ -180,7 +180,7 @@ def test_a_replay_under_other_versions_names_them(*, store, campaign, deliver, r
         while now_ms() == here:  # who comes in one millisecond with a result may have brought it
             pass
         told = {"worker": "worker-1", "host": "", "pid": 1}
-        store.roster.arrived(Arrival(**told, versions={"numpy": numpy}))
+        store.roster.arrived([Arrival(**told, versions={"numpy": numpy})])
 
     arrive("2.4.5")
     deliver(campaign, result(0, Outcome.COLLISION))

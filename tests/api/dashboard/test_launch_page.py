@@ -122,6 +122,13 @@ SPECS = [
         "planner": "m:f",
         "scenario_parameters": {"steps": 12},
     },
+    {
+        "simulator": "bridge",
+        "scenario": "crossing",
+        "planner": "theirs",
+        "scenario_parameters": {"steps": 12, "dt_s": 0.05, "gap_m": {"uniform": [9.0, 12.0]}},
+        "planner_settings": {"bold": True},
+    },
 ]
 
 

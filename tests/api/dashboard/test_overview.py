@@ -75,9 +75,24 @@ def test_who_brought_results_lately_is_at_work(campaign, deliver, result, look):
 def test_work_without_workers_is_told_until_one_comes(store, campaign, look):
     pages = ("/", f"/campaigns/{campaign}")
     assert all("No worker is connected" in look(page) for page in pages)
-    store.roster.arrived(Arrival(worker="w1", host="here", pid=7))
+    store.roster.arrived([Arrival(worker="w1", host="here", pid=7)])
     assert not any("No worker is connected" in look(page) for page in pages)
     assert "Workers now 1 0 with results of the last 60 s" in look("/")
+
+
+def test_where_nobody_works_the_last_word_on_workers_that_are_to_come_is_told(
+    store, campaign, look, http
+):
+    store.events.append("workers.asked", "4 workers asked of Ray, none placed yet.")
+    store.events.append("campaign.progress", "0 of 10 episodes.", campaign)
+    pages = ("/", f"/campaigns/{campaign}")
+    assert all("4 workers asked of Ray, none placed yet." in look(page) for page in pages)
+    told = http.get("/api/v1/workers/staffing").json()
+    assert (told["workers"], told["said"]) == (0, "4 workers asked of Ray, none placed yet.")
+    assert told["said_ms"] > 0
+    store.roster.arrived([Arrival(worker="w1", host="here", pid=7)])
+    assert not any("asked of Ray" in look(page) for page in pages[:1])
+    assert http.get("/api/v1/workers/staffing").json()["workers"] == 1
 
 
 def test_who_ran_the_episodes_is_told_on_the_campaigns_page(campaign, deliver, result, look):

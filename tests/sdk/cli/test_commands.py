@@ -17,7 +17,8 @@ from eigenfail.cli.options import DEFAULT_URL
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.service import Plan
 from eigenfail.stories import replays
-from eigenfail.values.worker import Arrival
+from eigenfail.values.retention import Retention
+from eigenfail.values.worker import Arrival, Presence, Staffing
 from eigenfail.versions import versions
 
 
@@ -184,6 +185,17 @@ def test_a_stored_episode_replays_to_the_same_digest(eigenfail, done):
     assert "bit for bit" in eigenfail("episode", "replay", f"{done}/3").stdout
 
 
+def test_an_episode_without_noise_is_drawn_again_from_its_seed(eigenfail, done, store):
+    stored = json.loads(eigenfail("episode", "replay", f"{done}/3", "--json").stdout)
+    assert store.retention.prune(done, Retention(keep_every=2), "test")
+    drawn = eigenfail("episode", "replay", f"{done}/3", "--json")
+    assert drawn.exit_code == 0, drawn.output
+    assert json.loads(drawn.stdout) == stored
+    shown = eigenfail("episode", "show", f"{done}/3")
+    assert shown.exit_code == 2
+    assert f"`eigenfail episode replay {done}/3` draws it again" in shown.stderr
+
+
 def test_an_episode_that_varies_shows_and_replays_what_it_drew(eigenfail, spec_file):
     varied = "[scenario_parameters]\ndistance_m = { uniform = [52, 70] }\n"
     spec_file.write_text(spec_file.read_text() + varied)
@@ -213,7 +225,7 @@ def test_a_replay_that_differs_says_under_which_versions(
     *, eigenfail, spec_file, store, monkeypatch, numpy, words
 ):
     there = versions() | {"numpy": numpy}
-    store.roster.arrived(Arrival(worker="by hand", host="", pid=1, versions=there))
+    store.roster.arrived([Arrival(worker="by hand", host="", pid=1, versions=there)])
     assert eigenfail("run", spec_file).exit_code == 0
     load = replays.load_engine
     monkeypatch.setattr(replays, "load_engine", lambda: lambda setup: Shifted(load()(setup)))
@@ -386,18 +398,39 @@ def test_the_doctor_finds_what_is_there(eigenfail, tmp_path):
     assert "eigenfail.planners" in eigenfail("doctor", "--data", tmp_path).stdout
 
 
+def there(version):
+    times = {"arrived_ms": 0, "heard_ms": 0}
+    return Presence(id=1, worker="w", host="h", pid=7, versions={"eigenfail": version}, **times)
+
+
+ASKED = "4 workers asked of Ray, none placed yet."
+
+
 @pytest.mark.parametrize(
-    ("here", "states", "found", "wrong"),
+    ("here", "states", "said", "found", "wrong"),
     [
-        ((), (), "none is connected", False),
-        ((), ("queued",), "none is connected, and campaigns wait", True),
-        ((), ("running",), "none is connected, and campaigns wait", True),
-        (("w",), ("running",), "1 connected", False),
+        ((), (), "", "none is connected", False),
+        ((), ("queued",), "", "none is connected, and campaigns wait", True),
+        ((), ("running",), "", "none is connected, and campaigns wait", True),
+        ((), ("running",), ASKED, f"none is connected, and campaigns wait. {ASKED}", True),
+        ((there("1.0.0"),), ("running",), ASKED, "1 connected", False),
+        (
+            (there("1.0.0"), there("1.0.1"), there("1.0.0")),
+            (),
+            "",
+            "3 connected, of eigenfail 1.0.0 and 1.0.1",
+            False,
+        ),
     ],
 )
-def test_the_doctor_says_whether_anybody_works(here, states, found, wrong):
+def test_the_doctor_says_whether_anybody_works(here, states, said, found, wrong):
     campaigns = SimpleNamespace(list=lambda state: [1] if state in states else [])
-    finding = workers_finding(SimpleNamespace(present_workers=lambda: here, campaigns=campaigns))
+    client = SimpleNamespace(
+        present_workers=lambda: here,
+        campaigns=campaigns,
+        staffing=lambda: Staffing(workers=len(here), said=said),
+    )
+    finding = workers_finding(client)
     assert (finding.found, finding.wrong) == (found, wrong)
 
 
@@ -419,3 +452,15 @@ def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
     found = SimpleNamespace(name=source)
     context = SimpleNamespace(get_parameter_source=lambda _: found)
     assert list(places_module.nearby(context, Plan(tmp_path, 0))) == places
+
+
+def test_a_priority_is_given_shown_and_changed(eigenfail, spec_file, store):
+    launched = eigenfail("campaign", "create", spec_file, "--priority", "low", "--quiet")
+    number = int(launched.stdout)
+    assert store.campaigns.get(number).spec.priority == "low"
+    changed = eigenfail("campaign", "priority", number, "high")
+    assert changed.exit_code == 0, changed.output
+    assert re.search(r"priority +high", eigenfail("campaign", "show", number).stdout)
+    refused = eigenfail("campaign", "priority", number, "urgent")
+    assert refused.exit_code == 2
+    assert "low" in refused.stderr

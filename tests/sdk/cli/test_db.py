@@ -88,3 +88,48 @@ def test_a_backup_is_made_and_restored(eigenfail, tmp_path):
     assert json.loads(done.stdout)["file"] == str(file)
     with closing(open_store(DataFolder(tmp_path / "b").database)) as store:
         assert store.campaigns.get(1).spec.name == "example"
+
+
+def filled(url, count=20):
+    """A database with a campaign that is done."""
+    with closing(open_store(url)) as store:
+        campaign = running(store, episodes=count)
+        deliver(store, campaign, *map(result, range(count)))
+        store.campaigns.move(campaign.id, "done")
+
+
+@pytest.mark.service
+def test_noise_is_pruned_and_its_room_given_back(eigenfail, tmp_path):
+    filled(DataFolder(tmp_path).database)
+    here = ("--data", tmp_path, "--keep-every", 10)
+    would = eigenfail("db", "prune", *here, "--dry-run")
+    assert would.exit_code == 0, would.output
+    assert "18 episodes would lose their noise and 0 scenes" in would.stdout
+    assert (
+        json.loads(eigenfail("db", "prune", *here, "--older-than", 1, "--json").stdout)["campaigns"]
+        == []
+    )
+    assert eigenfail("db", "prune", *here, "--campaign", 7).exit_code == 2
+    done = eigenfail("db", "prune", *here)
+    assert "18 episodes lost their noise" in done.stdout
+    assert "0 episodes lost" in eigenfail("db", "prune", *here).stdout
+
+    with DataFolder(tmp_path).claimed():
+        assert "A service runs on" in eigenfail("db", "vacuum", "--data", tmp_path).stderr
+    swept = eigenfail("db", "vacuum", "--data", tmp_path)
+    assert swept.exit_code == 0, swept.output
+    assert re.search(r"takes [\d,]+ bytes; [\d,]+ were given back", swept.stdout)
+
+
+@pytest.mark.service
+def test_the_schema_goes_back_once_it_is_said_that_there_is_a_backup(eigenfail, tmp_path):
+    filled(DataFolder(tmp_path).database)
+    here = ("--data", tmp_path, "--to")
+    asked = eigenfail("db", "downgrade", *here, "0010")
+    assert asked.exit_code == 2
+    assert "Make a backup first: eigenfail db backup FILE" in asked.stderr
+    assert "Known: 0001, 0002" in eigenfail("db", "downgrade", *here, "base", "--force").stderr
+    done = eigenfail("db", "downgrade", *here, "0010", "--force")
+    assert done.stdout == "The database's schema is at revision 0010.\n"
+    assert eigenfail("db", "check", "--data", tmp_path).exit_code == 3
+    assert eigenfail("db", "upgrade", "--data", tmp_path).exit_code == 0

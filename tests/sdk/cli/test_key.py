@@ -104,3 +104,36 @@ def test_the_real_program_works_on_a_database(database):
     made = keys.create("--me", "admin", 3_600)
     assert TOKEN.fullmatch(made.token)
     assert [key.name for key in keys.list()] == ["--me"]
+
+
+def test_quotas_are_set_changed_one_by_one_and_lifted(eigenfail, at_hand, database):
+    there = ("--database", database)
+    assert eigenfail("key", "create", "me", "--scope", "admin", *there).exit_code == 0
+    wanted = ("--max-open", 3, "--max-episodes-per-day", 1_000)
+    made = eigenfail("key", "create", "ci", "--scope", "runner", *wanted, *there)
+    assert made.exit_code == 0, made.output
+    changed = eigenfail("key", "limit", 2, "--max-open", "none", "--max-episodes", 50, *there)
+    assert changed.exit_code == 0, changed.output
+    listed = json.loads(eigenfail("key", "list", "--json", *there).stdout)
+    none = {"max_open": None, "max_episodes": None, "max_episodes_per_day": None}
+    assert listed[0]["quotas"] == none | {"max_episodes": 50, "max_episodes_per_day": 1_000}
+    assert listed[1]["quotas"] == none
+    audit = json.loads(eigenfail("key", "audit", "--json", *there).stdout)
+    assert (audit[0]["route"], audit[0]["subject"]) == (
+        "/api/v1/keys/{key}/quotas",
+        "/api/v1/keys/2",
+    )
+
+
+@pytest.mark.parametrize("limit", ["many", "-1", "1.5", "", "9" * 19])
+def test_a_limit_that_is_none_is_refused(eigenfail, limit):
+    refused = eigenfail("key", "create", "me", "--scope", "admin", f"--max-open={limit}")
+    assert refused.exit_code == 2
+    assert "max_open" in refused.stderr
+
+
+def test_a_service_limits_keys(eigenfail, monkeypatch):
+    made = json.loads(eigenfail("key", "create", "me", "--scope", "admin", "--json").stdout)
+    monkeypatch.setenv("EIGENFAIL_KEY", made["token"])
+    assert "max_open 0" in eigenfail("key", "limit", 1, "--max-open", 0).stdout
+    assert eigenfail("key", "limit", 9, "--max-open", 0).exit_code == 2

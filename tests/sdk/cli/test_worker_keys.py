@@ -2,11 +2,13 @@
 
 import json
 import os
-from contextlib import redirect_stdout
+import platform
+from contextlib import closing, redirect_stdout
 from io import StringIO
 from pathlib import Path
 
 import pytest
+from structlog.testing import capture_logs
 
 from eigenfail.errors import EigenfailError, InputError, InvalidValue
 from eigenfail.hosting import service as local_service
@@ -14,18 +16,23 @@ from eigenfail.hosting import worker_keys
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.hosting.service import Plan
 from eigenfail.private_files import read_private
-from eigenfail.wire.curve import read_worker_key
+from eigenfail.wire.curve import fingerprint, read_worker_key
 from eigenfail_services import __main__ as services
 from eigenfail_services.hub.binding import keys_for
+from eigenfail_services.hub.key_tool import user
 from eigenfail_services.hub.keys import HubKeys, KeyFolder, public_of
+from eigenfail_services.store import open_store
 
 
 @pytest.fixture(autouse=True)
 def at_hand(monkeypatch, tmp_path):
     """The services' program runs in this process, in a folder of the test."""
 
-    def program(words):
-        arguments = services.parse([*words])
+    def program(words, variables):
+        with monkeypatch.context() as patch:
+            for name, value in variables.items():
+                patch.setenv(name, value)
+            arguments = services.parse([*words])
         with redirect_stdout(StringIO()) as said:
             try:
                 arguments.command(arguments)
@@ -35,6 +42,7 @@ def at_hand(monkeypatch, tmp_path):
 
     monkeypatch.setattr(worker_keys, "services_program", program)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("EIGENFAIL_DATABASE", raising=False)
 
 
 @pytest.fixture
@@ -141,3 +149,106 @@ def test_a_service_on_the_folder_asks_for_keys_once_there_are_some(key, tmp_path
     words = local_service.commands(plan, "", 1, 2)["services"]
     assert words[-2:] == ["--hub-keys", str(DataFolder(plan.data).hub_keys)]
     assert isinstance(services.parse(words[3:]).hub_keys, Path)
+
+
+def test_a_hub_that_is_made_by_the_way_is_told_of(key):
+    made = key("create", "crew")
+    hub = HubKeys(KeyFolder(Path("eigenfail-data/hub-keys")))
+    assert "had no key" in made.stderr
+    assert fingerprint(public_of(hub.secret)) in made.stderr
+    assert key("create", "second").stderr == ""
+    typo = key("create", "third", "--hub-keys", "eigenfail-data/hub-kyes")
+    assert "a new one was made there" in typo.stderr
+
+
+def test_a_key_that_ends_is_listed_with_its_end(key):
+    assert ", until 20" in key("create", "crew", "--expires", "12h").stdout
+    (listed,) = json.loads(key("list", "--json").stdout)
+    assert round((listed["until_ms"] - listed["made_ms"]) / 1_000) == 12 * 3_600
+    assert "valid" in key("list").stdout
+    file = Path("eigenfail-data/hub-keys/workers/crew")
+    public, made, _ = file.read_text().split()
+    file.write_text(f"{public} {made} {made}\n")
+    assert "expired" in key("list").stdout
+    assert HubKeys(KeyFolder(Path("eigenfail-data/hub-keys"))).let_in() == {}
+    wrong = key("create", "second", "--expires", "soon")
+    assert (wrong.exit_code, "Write it like 90d" in wrong.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("line", "valid"),
+    [("{}", True), ("{} 5 -", True), ("{} 5 9", False), ("{} x y", False), ("\n{}\n\n", True)],
+)
+def test_what_was_written_by_hand_is_read(key, line, valid):
+    key("create", "crew")
+    file = Path("eigenfail-data/hub-keys/workers/crew")
+    public = file.read_text().split()[0]
+    file.write_text(line.format(public))
+    folder = KeyFolder(Path("eigenfail-data/hub-keys"))
+    assert [each.name for each in folder.list()] == ["crew"]
+    assert bool(list(folder.valid())) is valid
+
+
+def test_a_key_is_renewed_at_once_or_with_a_time_for_both(key):
+    key("create", "crew")
+    first = secret_in("crew.key")
+    hub = HubKeys(KeyFolder(Path("eigenfail-data/hub-keys")))
+    refused = key("rotate", "crew")
+    assert (refused.exit_code, "crew.key" in refused.stderr) == (2, True)
+    assert list(hub.let_in().values()) == ["crew"]
+    assert key("rotate", "crew", "--file", "2.key", "--keep-old", "1d").exit_code == 0
+    assert hub.let_in().keys() == {public_of(first.secret), public_of(secret_in("2.key").secret)}
+    assert len(json.loads(key("list", "--json").stdout)) == 2
+    assert key("rotate", "crew", "--file", "3.key").exit_code == 0
+    assert hub.let_in().keys() == {public_of(secret_in("3.key").secret)}
+    assert key("rotate", "nobody").exit_code == 2
+    assert key("revoke", "crew").exit_code == 0
+    assert hub.let_in() == {}
+
+
+def test_a_hub_is_given_another_key_and_its_workers_follow(key):
+    key("create", "crew")
+    before = HubKeys(KeyFolder(Path("eigenfail-data/hub-keys")))
+    made = key("rotate-hub")
+    hub = HubKeys(KeyFolder(Path("eigenfail-data/hub-keys")))
+    assert before.secret != hub.secret
+    (word,) = (word for word in made.stdout.split() if word.startswith("efh_"))
+    assert key("follow", "crew.key", word).exit_code == 0
+    shown = secret_in("crew.key")
+    assert shown.hub == public_of(hub.secret)
+    assert hub.let_in()[public_of(shown.secret)] == "crew"
+    assert Path("crew.key").stat().st_mode & 0o777 == 0o600
+    for wrong in ("efh_short", word[4:], shown.text()):
+        refused = key("follow", "crew.key", wrong)
+        assert (refused.exit_code, "no public key of a hub" in refused.stderr) == (2, True)
+    assert key("rotate-hub", "--hub-keys", "nowhere").exit_code == 2
+    assert not Path("nowhere").exists()
+
+
+def test_changes_are_in_the_audit_log_of_the_folders_database(key, tmp_path):
+    folder = DataFolder(tmp_path / "eigenfail-data")
+    with closing(open_store(folder.database)) as store:
+        key("create", "crew")
+        key("rotate", "crew", "--file", "2.key")
+        key("list")
+        key("rotate-hub")
+        key("revoke", "crew")
+        key("revoke", "crew")
+        told = [(each.method, each.subject) for each in store.audit.page(9).items]
+        (line, *_) = store.audit.page(1).items
+    assert told[::-1] == [
+        ("POST", "/worker-keys/crew"),
+        ("POST", "/worker-keys/crew"),
+        ("POST", "/hub-key"),
+        ("DELETE", "/worker-keys/crew"),
+    ]
+    assert (line.who, line.key, line.address, line.status) == (user(), None, platform.node(), 200)
+
+
+def test_without_its_database_a_key_is_made_all_the_same_and_the_log_says_so(key, monkeypatch):
+    monkeypatch.setenv("EIGENFAIL_DATABASE", "sqlite:///nowhere/a.db")
+    with capture_logs() as told:
+        assert key("create", "crew").exit_code == 0
+    (line,) = told
+    assert (line["event"], line["subject"]) == ("not in the audit log", "/worker-keys/crew")
+    assert not Path("nowhere").exists()

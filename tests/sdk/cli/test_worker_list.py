@@ -12,7 +12,7 @@ def test_who_brought_results_is_listed_once(eigenfail, done, spec_file):
     assert eigenfail("run", spec_file, "--seed", "2").exit_code == 0
     told = eigenfail("worker", "list")
     assert told.exit_code == 0, told.output
-    assert told.stdout.splitlines()[-1].split()[:6] == ["by", "hand", "–", "gone", "2", "48"]
+    assert told.stdout.splitlines()[-1].split()[:7] == ["by", "hand", "–", "–", "gone", "2", "48"]
     (found,) = json.loads(eigenfail("worker", "list", "--json").stdout)
     assert (found["worker"], found["state"], found["campaigns"]) == ("by hand", "gone", [1, 2])
     assert (found["episodes"], found["failed"]) == (48, 0)
@@ -61,8 +61,8 @@ def test_what_a_worker_did_for_several_campaigns_is_added_up(here, is_at_work, s
 
 
 def test_who_waits_is_listed_before_the_first_result(eigenfail, store):
-    store.roster.arrived(Arrival(worker="idle [1]", host="rack 4", pid=7))
+    store.roster.arrived([Arrival(worker="idle [1]", host="rack 4", pid=7)])
     told = eigenfail("worker", "list").stdout.splitlines()[-1].split()
-    assert told == ["idle", "[1]", "rack", "4", "waiting", "0", "0", "0", "0", "–"]
+    assert told == ["idle", "[1]", "rack", "4", "–", "waiting", "0", "0", "0", "0", "–"]
     (found,) = json.loads(eigenfail("worker", "list", "--json").stdout)
     assert (found["state"], found["last_ms"], found["campaigns"]) == ("waiting", None, [])

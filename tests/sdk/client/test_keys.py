@@ -9,8 +9,16 @@ import pytest
 from starlette.testclient import TestClient
 
 from eigenfail.client import AsyncClient, Client
-from eigenfail.errors import Forbidden, InvalidValue, NotFound, ServiceUnreachable, Unauthorized
+from eigenfail.errors import (
+    Forbidden,
+    InvalidValue,
+    NotFound,
+    QuotaExceeded,
+    ServiceUnreachable,
+    Unauthorized,
+)
 from eigenfail.values.access import KeyRequest, Scope
+from eigenfail.values.quotas import Quotas, Usage
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.access.keys import make_key
@@ -110,3 +118,18 @@ def test_a_key_is_in_no_text(caplog):
     assert "No eigenfail service answers" in told
     secret = TOKEN.removeprefix("ef_1_")
     assert secret not in f"{told}{client!r}{vars(client)}{vars(client._link)}{caplog.text}"
+
+
+def test_quotas_are_set_seen_and_kept_to(locked, fields):
+    transport, token = locked
+    with Client(transport=transport, key=token) as admin:
+        made = admin.keys.create("ci", "runner", quotas=Quotas(max_open=1))
+        with Client(transport=transport, key=made.token) as client:
+            client.campaigns.create(**fields)
+            with pytest.raises(QuotaExceeded, match="max_open"):
+                client.campaigns.create(**fields)
+        number = made.key.id
+        assert admin.keys.usage(number) == Usage(1, admin.campaigns.get(1).counts.planned)
+        assert (
+            admin.keys.limit(number, Quotas()).quotas == admin.keys.get(number).quotas == Quotas()
+        )

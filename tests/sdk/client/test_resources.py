@@ -29,6 +29,7 @@ from eigenfail.values import (
     Measures,
     NoiseTrajectory,
     Outcome,
+    Priority,
     Scene,
 )
 from eigenfail.values.records import Delivery
@@ -330,3 +331,14 @@ def test_a_closed_client_says_so(client):
     client.close()
     with pytest.raises(ServiceUnreachable, match="is closed"):
         client.campaigns.get(1)
+
+
+def test_a_priority_is_given_and_changed(client, fields):
+    made = client.campaigns.create(**fields, priority="low")
+    assert made.spec.priority is Priority.LOW
+    assert client.campaigns.prioritise(made.id, "high").spec.priority is Priority.HIGH
+    with pytest.raises(InvalidValue, match="priority"):
+        client.campaigns.prioritise(made.id, "urgent")
+    client.campaigns.cancel(made.id)
+    with pytest.raises(IllegalTransition, match="no priority can change that"):
+        client.campaigns.prioritise(made.id, Priority.LOW)

@@ -31,6 +31,7 @@ OTHER = {
     "price_usd_per_hour": 9.0,
     "instances": 7,
     "scene_every": 3,
+    "priority": "high",
 }
 
 

@@ -27,7 +27,7 @@ from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.store import MemoryStore
 
 EPISODES = 50
-CHANGES_NO_RESULT = {"name", "seed", "scene_every"}
+CHANGES_NO_RESULT = {"name", "seed", "scene_every", "priority"}
 
 
 @pytest.fixture

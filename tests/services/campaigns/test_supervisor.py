@@ -11,6 +11,7 @@ from eigenfail.values import (
     CampaignState,
     EpisodeFault,
     EpisodeTask,
+    Priority,
     PriorSource,
     StopRules,
     unrunnable,
@@ -30,9 +31,14 @@ class Hub:
         self.ended: SimpleQueue[Ended] = SimpleQueue()
         self.launched: list[int] = []
         self.halted: list[int] = []
+        self.weights: list[tuple[int, float]] = []
 
     def launch(self, order) -> None:
         self.launched.append(order.campaign)
+        self.weigh(order.campaign, order.weight)
+
+    def weigh(self, campaign: int, weight: float) -> None:
+        self.weights.append((campaign, weight))
 
     def halt(self, campaign: int) -> None:
         self.halted.append(campaign)
@@ -59,8 +65,8 @@ class House:
         self.analyses = Analyses()
         self.supervisor = self.another_supervisor()
 
-    def another_supervisor(self) -> Supervisor:
-        return Supervisor(self.store, self.hub, self.analyses)  # type: ignore[arg-type]
+    def another_supervisor(self, **more) -> Supervisor:
+        return Supervisor(self.store, self.hub, self.analyses, **more)  # type: ignore[arg-type]
 
     def create(self, **fields) -> int:
         spec = CampaignSpec(**{"name": "t", "method": "monte_carlo", "episodes": 5} | fields)
@@ -390,3 +396,32 @@ def test_a_user_who_asks_first_is_heeded_although_time_runs_out(house: House, mo
     house.hub.ended.put(Ended(campaign, ""))
     clock.turn(house, 90.0)
     assert house.state(campaign) is CampaignState.CANCELLED
+
+
+def test_as_many_run_at_a_time_as_it_is_told(house: House) -> None:
+    campaigns = [house.create() for _ in range(3)]
+    supervisor = house.another_supervisor(campaigns=1)
+    for campaign in campaigns:
+        supervisor.turn()
+        assert house.hub.launched[-1] == campaign
+        house.hub.ended.put(Ended(campaign, ""))
+        supervisor.turn()
+    assert house.hub.launched == campaigns
+
+
+def test_the_urgent_ones_run_first(house: House) -> None:
+    wanted = [house.create(priority=priority) for priority in reversed(Priority)]
+    last = house.create(priority=Priority.LOW)
+    first = house.create(priority=Priority.HIGH)
+    house.another_supervisor(campaigns=5).turn()
+    high, normal, low = wanted
+    assert house.hub.launched == [high, first, normal, low, last]
+
+
+def test_a_new_priority_is_a_new_weight_once(house: House) -> None:
+    campaign = house.create(priority=Priority.LOW)
+    house.supervisor.turn()
+    house.store.campaigns.prioritise(campaign, Priority.HIGH)
+    for _ in range(3):
+        house.supervisor.turn()
+    assert house.hub.weights == [(campaign, 1), (campaign, 9)]

@@ -73,6 +73,22 @@ def test_those_who_stay_are_named_every_few_seconds(table, monkeypatch):
     assert 2 <= len(heard) <= 3
 
 
+def test_a_crowd_comes_and_goes_in_one_stroke(table, monkeypatch):
+    strokes = []
+    for verb in ("arrived", "left"):
+        write = getattr(table.roster, verb)
+        monkeypatch.setattr(
+            table.roster, verb, lambda some, w=write: strokes.append(len(some)) or w(some)
+        )
+    for number in range(50):
+        table.take(f"w{number}")
+    table.pass_s(LOOK_EVERY_S)
+    table.seats.clear()
+    table.pass_s(LOOK_EVERY_S)
+    assert strokes == [50, 50]
+    assert table.present() == []
+
+
 def test_what_could_not_be_written_is_written_later(table, monkeypatch):
     def refuse(arrival):
         raise StoreUnavailable("The database is away.")

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from structlog.testing import capture_logs
 
 from eigenfail.values import (
     CampaignSpec,
@@ -18,6 +19,7 @@ from eigenfail.values import (
     unrunnable,
 )
 from eigenfail.values.records import Verdict
+from eigenfail.versions import versions
 from eigenfail.wire.claims import MAX_CLAIMS, Claim, fingerprint
 from eigenfail.wire.messages import (
     LONGEST_LIFE,
@@ -68,6 +70,10 @@ class Episodes:
         return [Verdict.KEPT for _ in deliveries]
 
 
+def done(index: int):
+    return unrunnable(EpisodeTask(index, 0, PriorSource()), EpisodeFault("input", "test"))
+
+
 class Room:
     """A desk, and everything that it sent."""
 
@@ -107,13 +113,52 @@ def test_a_worker_is_welcomed(room: Room) -> None:
     assert room.said_to(b"a") == [Welcome]
 
 
-def test_another_protocol_is_refused_with_both_versions(room: Room) -> None:
-    room.join(b"a", protocol=99)
-    (_, refusal) = room.sent[0]
-    assert isinstance(refusal, Refusal)
-    assert "99" in refusal.reason
-    assert str(PROTOCOL) in refusal.reason
+OURS = versions()["eigenfail"]
+MAJOR, MINOR, PATCH = map(int, OURS.split("."))
+NEWER = f"{MAJOR}.{MINOR + 1}.0"
+
+
+@pytest.mark.parametrize(
+    ("protocol", "theirs"),
+    [(PROTOCOL + 1, NEWER), (PROTOCOL - 1, "0.0.9"), (PROTOCOL, NEWER), (99, "")],
+)
+def test_another_release_is_refused_with_both_versions(room: Room, protocol, theirs) -> None:
+    with capture_logs() as log:
+        for _ in range(2):
+            room.join(b"a", protocol, versions={"eigenfail": theirs} if theirs else {})
     assert room.leases.seats == {}
+    refusal = room.sent[0][1]
+    assert isinstance(refusal, Refusal)
+    of = f" (eigenfail {theirs})" if theirs else ""
+    assert refusal.reason == (
+        f"The worker speaks protocol {protocol}{of}, the hub speaks {PROTOCOL} (eigenfail {OURS}): "
+        "install the same eigenfail on both."
+    )
+    assert [(line["event"], line["why"]) for line in log] == [("worker refused", refusal.reason)]
+
+
+def test_a_hello_with_words_of_a_later_protocol_is_refused_with_both_versions(room: Room) -> None:
+    later = {"type": "Hello", "protocol": PROTOCOL + 1, "worker": 7, "mood": ["good"]}
+    room.desk.hear(b"a", msgspec.msgpack.encode(later | {"versions": {"eigenfail": NEWER}}))
+    room.desk.hear(b"b", msgspec.msgpack.encode(later | {"protocol": PROTOCOL}))
+    (_, refused), (_, unreadable) = room.sent
+    assert f"protocol {PROTOCOL + 1} (eigenfail {NEWER})" in refused.reason
+    assert "Not a message of this protocol" in unreadable.reason
+
+
+def test_a_correction_more_or_less_is_let_in_and_told(room: Room) -> None:
+    other = f"{MAJOR}.{MINOR}.{PATCH + 1}"
+    with capture_logs() as log:
+        room.join(b"a", versions={"eigenfail": other})
+        room.join(b"b", versions={"eigenfail": OURS})
+    assert [seat.arrival.versions["eigenfail"] for seat in room.leases.seats.values()] == [
+        other,
+        OURS,
+    ]
+    told = [line for line in log if line["event"] == "worker of another version"]
+    assert [(line["worker"], line["worker_has"], line["hub_has"]) for line in told] == [
+        ("a", other, OURS)
+    ]
 
 
 def test_a_stranger_is_asked_to_say_hello(room: Room) -> None:
@@ -144,12 +189,24 @@ def test_after_a_drop_the_setup_comes_again(room: Room) -> None:
 def test_results_are_acknowledged_after_their_commit_alone(room: Room) -> None:
     room.join(b"a")
     room.said_to(b"a")
-    done = unrunnable(EpisodeTask(0, 0, PriorSource()), EpisodeFault("input", "test"))
-    room.desk.hear(b"a", encode(Results(1, (done,))))
+    room.desk.hear(b"a", encode(Results(1, (done(0),))))
     assert room.said_to(b"a") == []
-    for committed in room.commits.flush(now=True):
-        room.desk.acknowledge(committed)
+    room.desk.acknowledge(room.commits.flush(now=True))
     assert room.said_to(b"a") == [Ack]
+
+
+def test_a_worker_is_told_once_of_all_that_was_committed_together(room: Room) -> None:
+    for worker in (b"a", b"b"):
+        room.join(worker)
+    for worker, campaign, index in ((b"a", 1, 0), (b"b", 1, 1), (b"a", 1, 2), (b"a", 2, 0)):
+        room.desk.hear(worker, encode(Results(campaign, (done(index),))))
+    del room.sent[:]
+    room.desk.acknowledge(room.commits.flush(now=True))
+    assert sorted((to, ack.campaign, ack.indices) for to, ack in room.sent) == [
+        (b"a", 1, (0, 2)),
+        (b"a", 2, (0,)),
+        (b"b", 1, (1,)),
+    ]
 
 
 def test_a_leaving_worker_s_episodes_go_to_another(room: Room) -> None:

@@ -13,7 +13,7 @@ from structlog.testing import capture_logs
 
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable, Unauthorized
 from eigenfail.private_files import read_private
-from eigenfail.wire.curve import WorkerKey, read_worker_key
+from eigenfail.wire.curve import WorkerKey, read_hub_key, read_worker_key
 from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Welcome, encode
 from eigenfail_services.bounds import NO_BOUNDS
 from eigenfail_services.hub import binding, door
@@ -163,15 +163,72 @@ def test_whoever_has_not_ends_with_words_and_gets_nothing(
         assert hub.workers() == ["another"]
 
 
-def test_who_is_in_stays_when_the_key_is_revoked_until_the_connection_ends(
-    hub: Hub, key: WorkerKey, folder: KeyFolder
-) -> None:
-    with closing(welcomed(hub, key)) as link:
-        folder.revoke("ours")
+def until_refused(link: Link) -> None:
+    """Speak as a worker does, which makes its connection anew when nobody answers."""
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline:
         link.send(Hello(PROTOCOL, "w", 1))
-        wait_for(link, Welcome)
-    with pytest.raises(Unauthorized):
-        welcomed(hub, key)
+        if not link.socket.poll(SILENCE_MS):
+            link.connect_again()
+        list(link.receive())
+    raise AssertionError("it is let in again and again")
+
+
+def taken_away(folder: KeyFolder, _clock: list[int], _tmp_path: Path) -> None:
+    folder.revoke("ours")
+
+
+def run_out(_folder: KeyFolder, clock: list[int], _tmp_path: Path) -> None:
+    clock[0] += 90_000
+
+
+def renewed(folder: KeyFolder, _clock: list[int], tmp_path: Path) -> None:
+    folder.rotate("ours", tmp_path / "new.key")
+
+
+@pytest.mark.parametrize("ended", [taken_away, run_out, renewed])
+def test_who_is_in_is_cut_off_when_the_key_ends(tmp_path: Path, ended) -> None:
+    clock = [1_000_000]
+    folder = KeyFolder(tmp_path / "hub-keys", lambda: clock[0])
+    file = tmp_path / "ours.key"
+    folder.create("ours", file, until_ms=clock[0] + 60_000)
+    folder.create("others", tmp_path / "others.key")
+    key = read_worker_key(read_private(file, ""), "")
+    other = read_worker_key(read_private(tmp_path / "others.key", ""), "")
+    with (
+        serving(HubKeys(folder)) as hub,
+        closing(welcomed(hub, other, "other")) as stays,
+        closing(welcomed(hub, key)) as link,
+        capture_logs() as told,
+    ):
+        assert set(hub.workers()) == {"w", "other"}
+        ended(folder, clock, tmp_path)
+        with pytest.raises(Unauthorized, match="does not let in this worker's key"):
+            until_refused(link)
+        assert hub.workers() == ["other"]
+        stays.send(Hello(PROTOCOL, "other", 1))
+        wait_for(stays, Welcome)
+    assert [line["event"] for line in told].count("worker cut off") == 1
+
+
+def test_a_key_that_is_renewed_opens_with_the_old_one_for_a_while(
+    hub: Hub, key: WorkerKey, folder: KeyFolder, tmp_path: Path
+) -> None:
+    in_an_hour_ms = round(1_000 * time.time()) + 3_600_000
+    folder.rotate("ours", tmp_path / "new.key", old_until_ms=in_an_hour_ms)
+    new = read_worker_key(read_private(tmp_path / "new.key", ""), "")
+    with closing(welcomed(hub, key)), closing(welcomed(hub, new, "new")):
+        assert set(hub.workers()) == {"w", "new"}
+
+
+def test_a_hub_with_a_new_key_knows_its_workers_which_follow_it(
+    key: WorkerKey, folder: KeyFolder, impatient: None
+) -> None:
+    made = folder.rotate_hub()
+    with serving(HubKeys(folder)) as hub:
+        with pytest.raises(ServiceUnreachable, match="one of this hub's"):
+            welcomed(hub, key)
+        welcomed(hub, key.following(read_hub_key(made.hub, ""))).close()
 
 
 def test_plain_zeromq_hears_nothing_and_is_not_heard(hub: Hub, key: WorkerKey) -> None:

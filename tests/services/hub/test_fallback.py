@@ -141,7 +141,7 @@ class Stage:
 def stage(tmp_path, monkeypatch) -> Iterator:
     links: list[HereLink] = []
 
-    def link(_bounds) -> HereLink:
+    def link(_bounds, _pause_s) -> HereLink:
         links.append(HereLink())
         return links[-1]
 

@@ -119,6 +119,10 @@ class LeaseTable(RuleBasedStateMachine):
         if at_once:
             self.assign()
 
+    @rule(campaign=CAMPAIGNS, weight=st.integers(1, 9))
+    def weigh(self, campaign: int, weight: int) -> None:
+        self.leases.weigh(campaign, weight)
+
     @rule(campaign=CAMPAIGNS)
     def withdraw(self, campaign: int) -> None:
         self.leases.withdraw(campaign)
@@ -168,6 +172,15 @@ class LeaseTable(RuleBasedStateMachine):
     @invariant()
     def seats_hold_what_they_were_given(self) -> None:
         assert {w: set(seat.held) for w, seat in self.leases.seats.items()} == self.given
+
+    @invariant()
+    def what_is_counted_as_it_comes_is_what_there_is(self) -> None:
+        held = {key for keys in self.given.values() for key in keys}
+        for campaign in (1, 2):
+            assert self.leases.busy(campaign) == any(key[0] == campaign for key in held)
+        for seat in self.leases.seats.values():
+            assert seat.load_s == pytest.approx(sum(seat._work_s.values()))
+            assert seat._work_s.keys() == seat.held.keys()
 
     def teardown(self) -> None:
         """Whatever is open is run in the end, once, by a worker that brings all it gets."""

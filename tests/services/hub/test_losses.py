@@ -35,6 +35,16 @@ def ended_with(*losses: Loss) -> str:
     return counted.end_with(losses[-1])
 
 
+def test_the_next_life_waits_longer_with_each_loss_and_not_at_all_after_a_round() -> None:
+    losses, pauses_s = Losses(), []
+    for _ in range(4):
+        pauses_s.append(losses.pause_s)
+        losses.add(DIED)
+    assert pauses_s == [0.0, 1.0, 5.0, 5.0]
+    losses.forget()
+    assert losses.pause_s == 0.0
+
+
 @pytest.mark.parametrize(
     ("losses", "times"),
     [

@@ -235,6 +235,22 @@ def test_one_that_cannot_be_started_is_a_loss_like_any_other(house: House, monke
     assert told.endswith(f"died with exit status {os.EX_OSERR}.")
 
 
+def test_a_machine_that_has_no_process_left_for_seconds_ends_no_campaign(
+    house: House, monkeypatch
+) -> None:
+    popen, until_s = learner_link.subprocess.Popen, time.monotonic() + 2.0
+
+    def refused_for_a_while(command, **named):
+        if time.monotonic() < until_s:
+            raise OSError(errno.EAGAIN, "Try again")
+        return popen(command, **named)
+
+    monkeypatch.setattr(learner_link.subprocess, "Popen", refused_for_a_while)
+    campaign = house.create()
+    assert house.ended(campaign).state is CampaignState.DONE
+    assert len(house.losses(campaign)) == 2
+
+
 def test_a_death_has_one_more_try_and_then_ends_the_campaign(house: House) -> None:
     campaign = house.astray("die", times=1000)
     ended = house.ended(campaign)

@@ -73,7 +73,7 @@ class Stage:
         order = Order(self.campaign, SPEC.setup(), SPEC.method, {}, 0, context)
         self.run = Run(order, self.store, self.leases)
 
-    def _link(self, _bounds) -> PlayedLink:
+    def _link(self, _bounds, _pause_s) -> PlayedLink:
         self.links.append(PlayedLink())
         return self.links[-1]
 

@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import pytest
 
 from eigenfail.contracts import Store
 from eigenfail_services.store import MemoryStore, open_store
+
+sys.path.append(str(Path(__file__).parent))
 
 
 @pytest.fixture(scope="session")

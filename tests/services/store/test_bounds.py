@@ -22,7 +22,7 @@ def test_the_list_of_workers_forgets_its_oldest(store, monkeypatch) -> None:
     monkeypatch.setattr(roster, "PRUNED_EVERY", 5)
     for number in range(1, 31):
         told = Arrival(worker=f"{number:02}", host="", pid=number)
-        assert store.roster.arrived(told) == number
+        assert store.roster.arrived([told]) == [number]
     assert [presence.id for presence in store.roster.present(0)] == list(range(24, 31))
 
 

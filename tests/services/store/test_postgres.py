@@ -1,5 +1,9 @@
 """What only PostgreSQL can do to a store."""
 
+import os
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -13,6 +17,7 @@ from eigenfail.values import CampaignState
 from eigenfail_services.store import events, open_store
 from eigenfail_services.store.campaign_rows import locked
 from eigenfail_services.store.engine import Database, find
+from eigenfail_services.store.postgres import limiting
 
 CUT = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{}'"
 
@@ -55,11 +60,62 @@ def cut(postgres, prepared_postgres_url):
         ("transaction_isolation", "read committed"),
         ("lock_timeout", "30s"),
         ("idle_in_transaction_session_timeout", "10s"),
+        ("transaction_timeout", "30s"),
     ],
 )
 def test_every_connection_is_durable_and_bounded(database, setting, wanted) -> None:
     with database.writing() as connection:
         assert connection.exec_driver_sql(f"SHOW {setting}").scalar() == wanted
+
+
+def test_a_server_is_asked_for_what_it_knows_alone() -> None:
+    assert "transaction_timeout" not in limiting((16, 9))
+    assert "idle_in_transaction_session_timeout" in limiting((16, 9))
+    assert "transaction_timeout" in limiting((17, 0))
+
+
+def test_a_server_that_is_far_away_notices_that_this_host_is_gone(prepared_postgres_url) -> None:
+    """On a socket of the same machine it knows no such limits: what is asked for is looked at."""
+    options = find(prepared_postgres_url).engine().url.query["options"]
+    for limit in ("keepalives_idle=5", "keepalives_interval=2", "keepalives_count=3"):
+        assert f"-c tcp_{limit}" in options
+    assert "-c tcp_user_timeout=10000" in options
+
+
+HANDS_OVER = """
+import os, signal, sys
+from eigenfail_services.store import postgres
+postgres.LIMITS.update({"idle_in_transaction_session_timeout": "1s", "transaction_timeout": "3s"})
+from eigenfail_services.store.campaign_rows import locked
+from eigenfail_services.store.engine import Database, find
+from eigenfail_services.store.postgres import limiting
+
+def rows():
+    for row in range(20_000):
+        if row == 15_000:
+            os.kill(os.getpid(), signal.SIGSTOP)
+        yield (row,)
+
+with Database(find(sys.argv[1])).writing() as connection:
+    locked(connection, int(sys.argv[2]))
+    cursor = connection.connection.driver_connection.cursor()
+    cursor.executemany("SELECT %s::int", rows())
+"""
+
+
+@pytest.mark.timeout(120)
+def test_who_stands_still_as_it_hands_over_rows_holds_nobody_up(prepared_postgres_url, store):
+    """It is not between two statements: only the whole change has a limit there."""
+    campaign = running(store)
+    command = [sys.executable, "-c", HANDS_OVER, prepared_postgres_url, str(campaign.id)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as stopped:
+        try:
+            os.waitpid(stopped.pid, os.WUNTRACED)
+            assert store.campaigns.move(campaign.id, CampaignState.DONE).state == "done"
+        finally:
+            stopped.send_signal(signal.SIGCONT)
+        assert b"the connection is lost" in stopped.stderr.read()
+    assert stopped.returncode == 1
 
 
 def test_an_earlier_event_never_appears_after_a_later_one(database, store) -> None:

@@ -1,6 +1,9 @@
 """What only SQLite has to be told."""
 
+import os
+from collections.abc import Iterator
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -52,3 +55,31 @@ def test_ids_are_never_given_twice(sqlite_url) -> None:
     running(store)
     assert store.jobs.claim("somebody", 60.0).id == job.id + 1
     store.close()
+
+
+@pytest.fixture
+def lenient() -> Iterator[None]:
+    """Files are made for everybody, unless their maker says otherwise."""
+    before = os.umask(0)
+    yield
+    os.umask(before)
+
+
+def modes(folder: Path) -> dict[str, str]:
+    return {path.name: f"{path.stat().st_mode & 0o777:o}" for path in (folder, *folder.iterdir())}
+
+
+def test_what_is_stored_is_for_its_owner_alone(tmp_path, lenient) -> None:
+    folder = tmp_path / "data"
+    with closing(open_store(f"sqlite:///{folder / 'a.db'}")) as store:
+        running(store)
+        found = modes(folder)
+    assert found == {"data": "700", "a.db": "600", "a.db-wal": "600", "a.db-shm": "600"}
+
+
+def test_whoever_was_let_in_stays(tmp_path, lenient) -> None:
+    path = tmp_path / "a.db"
+    path.touch(0o640)
+    with closing(open_store(f"sqlite:///{path}")) as store:
+        running(store)
+        assert modes(tmp_path)["a.db-wal"] == modes(tmp_path)["a.db"] == "640"

@@ -21,7 +21,7 @@ from eigenfail_services.store.engine import Database, find
 from eigenfail_services.upkeep.verify import MOST_SHOWN, verify
 
 STATE = write_checkpoint(Checkpoint(FORMAT, 1, 10, 1, 0, False, None, (), b""))
-FINE = {"references", "accounts", "ends", "jobs", "parts", "checkpoints"}
+FINE = {"references", "accounts", "ends", "jobs", "parts", "prunings", "checkpoints"}
 LEFT_OVER = (
     "INSERT INTO jobs (kind, subject, queued_ms, lease_until_ms, lease_ms, attempts, progress) "
     "VALUES ('{}', {}, 0, 0, 0, 1, 0)"

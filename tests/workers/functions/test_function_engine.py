@@ -27,7 +27,8 @@ from eigenfail.values import (
     White,
     episode_seed,
 )
-from eigenfail_workers.functions.engine import KEPT_POLICIES, FunctionEngine
+from eigenfail_workers.functions.engine import FunctionEngine
+from eigenfail_workers.noise.policy import KEPT_POLICIES
 
 STEPS = 12
 SHAPES = (White(), Correlated(), HeavyTailed())

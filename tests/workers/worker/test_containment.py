@@ -1,7 +1,8 @@
 """Planners that a stranger might bring, in real processes: each costs what it did itself."""
 
 import os
-from collections.abc import Iterator
+import signal
+from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
 from threading import Thread
@@ -128,26 +129,54 @@ def test_files_that_a_planner_forgets_cost_no_episode(lasting_hub, worker) -> No
     lasting_hub.say(Ack(campaign, tuple(episodes)))
 
 
+@pytest.mark.parametrize("way", ["forks and dies", "escapes and dies"])
 def test_what_a_planner_started_does_not_outlive_its_process(
-    lasting_hub, worker, tmp_path, eventually
+    lasting_hub, worker, tmp_path, eventually, way
 ) -> None:
-    run_four(lasting_hub, "forks and dies", tmp_path)
-    assert len(forked(tmp_path)) == 3
+    run_four(lasting_hub, way, tmp_path)
+    assert forked(tmp_path)
     eventually(lambda: all(map(is_gone, forked(tmp_path))))
 
 
-def test_nothing_outlives_a_worker_that_is_killed(hub, start_worker, tmp_path, eventually) -> None:
-    worker = start_worker()
+@pytest.fixture
+def busy(hub, start_worker, tmp_path, eventually) -> Callable[[str], list[int]]:
+    """Has a planner of a worker start something; the processes of both are told."""
+
+    def run(way: str) -> list[int]:
+        worker = start_worker()
+        hub.hear(Hello)
+        planner = setup(1, "test_misbehaves", way=way, folder=str(tmp_path))
+        hub.say(Welcome(SELDOM_S), planner, Lease(1, (task(0, leaps=True),)))
+        eventually(lambda: forked(tmp_path))
+        below = [each.pid for each in psutil.Process(worker.pid).children(recursive=True)]
+        assert set(forked(tmp_path)) < set(below)
+        return [worker.pid, *below]
+
+    return run
+
+
+@pytest.mark.parametrize("way", ["forks and hangs", "escapes and hangs"])
+@pytest.mark.parametrize("signal_to_end", [signal.SIGKILL, signal.SIGTERM])
+def test_nothing_outlives_a_worker_that_ends(busy, eventually, way, signal_to_end) -> None:
+    worker, *below = busy(way)
+    os.kill(worker, signal_to_end)
+    eventually(lambda: all(map(is_gone, below)))
+
+
+def test_the_guard_is_killed_last_of_all_or_takes_the_planner_with_it(busy, eventually) -> None:
+    _, guard, *below = busy("forks and hangs")
+    os.kill(guard, signal.SIGKILL)
+    eventually(lambda: is_gone(below[0]))
+
+
+def test_what_a_planner_leaves_spinning_is_ended_though_its_episodes_were_quick(
+    hub, start_worker, tmp_path, eventually
+) -> None:
+    start_worker("--cpu-limit", "10")
     hub.hear(Hello)
-    hub.say(
-        Welcome(SELDOM_S), setup(1, "test_misbehaves", way="forks and hangs", folder=str(tmp_path))
-    )
-    hub.say(Lease(1, (task(0, leaps=True),)))
-    eventually(lambda: forked(tmp_path))
-    started = [child.pid for child in psutil.Process(worker.pid).children(recursive=True)]
-    assert set(forked(tmp_path)) < set(started)
-    worker.kill()
-    eventually(lambda: all(map(is_gone, started)))
+    hub.say(Welcome(SELDOM_S))
+    assert set(run_four(hub, "leaves one that spins", tmp_path).values()) == {None}
+    eventually(lambda: all(map(is_gone, forked(tmp_path))))
 
 
 def test_a_planner_that_hangs_in_c_is_given_up(hub, start_worker, tmp_path) -> None:
@@ -162,7 +191,8 @@ def test_a_planner_that_hangs_in_c_is_given_up(hub, start_worker, tmp_path) -> N
 
 def test_no_core_is_dumped_and_the_kernel_takes_the_inner_process_first(lasting_hub, worker):
     run_four(lasting_hub, "prints", Path())
-    (pid,) = (p.pid for p in psutil.Process().children() if "worker.child" in " ".join(p.cmdline()))
+    (guard,) = (p for p in psutil.Process().children() if "worker.child" in " ".join(p.cmdline()))
+    (pid,) = (child.pid for child in guard.children())
     assert psutil.Process(pid).rlimit(psutil.RLIMIT_CORE) == (0, 0)
     assert psutil.Process(pid).rlimit(psutil.RLIMIT_NOFILE) == (256, 256)
     assert Path(f"/proc/{pid}/oom_score_adj").read_text() == "1000\n"

@@ -9,7 +9,13 @@ import psutil
 import pytest
 
 from eigenfail.errors import InvalidValue
-from eigenfail_workers.worker.limits import MEMORY_VARIABLE, Limits, files_used_up, read_limits
+from eigenfail_workers.worker.limits import (
+    CPU_VARIABLE,
+    MEMORY_VARIABLE,
+    Limits,
+    files_used_up,
+    read_limits,
+)
 from eigenfail_workers.worker.watch import Watch, family
 
 TOLD = "\nimport sys; print(flush=True); sys.stdin.read()"
@@ -49,6 +55,23 @@ def test_the_limit_of_memory_is_read(monkeypatch, written, memory_mib) -> None:
         monkeypatch.setenv(MEMORY_VARIABLE, written)
     assert read_limits().memory_mib == memory_mib
     assert read_limits("512").memory_mib == 512.0
+
+
+def test_processor_time_goes_by_the_wall_time_of_an_episode(monkeypatch) -> None:
+    monkeypatch.delenv(CPU_VARIABLE, raising=False)
+    for episode_s, written, told in (
+        (60.0, None, (240.0, 4.0)),
+        (600.0, None, (2400.0, 4.0)),
+        (60.0, "120", (120.0, 2.0)),
+        (60.0, "10", (10.0, 1.0)),
+    ):
+        limits = read_limits(cpu_limit=written, episode_limit_s=episode_s)
+        assert (limits.cpu_s, limits.processors) == told
+    assert read_limits() == Limits()
+    monkeypatch.setenv(CPU_VARIABLE, "99")
+    assert read_limits().cpu_s == 99.0
+    with pytest.raises(InvalidValue, match=r"--cpu-limit: '9' is no .* seconds, 10 or more.*CPU_"):
+        read_limits(cpu_limit="9")
 
 
 @pytest.mark.parametrize("written", ["many", "nan", "inf", "-1", "0", "255", "4 GiB"])

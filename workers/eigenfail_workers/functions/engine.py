@@ -26,10 +26,9 @@ from eigenfail_workers.faults import blamed_on, fault
 from eigenfail_workers.functions.asking import robustness_of
 from eigenfail_workers.functions.finding import find
 from eigenfail_workers.noise import sources
-from eigenfail_workers.noise.policy import settled
+from eigenfail_workers.noise.policy import keep
 from eigenfail_workers.noise.rounding import to_float32
 
-KEPT_POLICIES = 16
 NOBODY = VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """What an adversary sees where there is nobody: zero throughout."""
 
@@ -64,10 +63,7 @@ class FunctionEngine:
 
     def learn(self, policy: Policy) -> None:
         """Keep a policy version, as it is now; the oldest make room."""
-        self._policies.pop(policy.version, None)
-        self._policies[policy.version] = settled(policy)
-        while len(self._policies) > KEPT_POLICIES:
-            del self._policies[next(iter(self._policies))]
+        keep(self._policies, policy)
 
     def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:
         """The results, in the order of the tasks."""

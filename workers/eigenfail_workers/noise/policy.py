@@ -4,6 +4,7 @@ One product for each state, never a batch of them: the last bits of a BLAS produ
 size of the batch, and an episode must not depend on its neighbours.
 """
 
+from collections.abc import MutableMapping
 from math import isfinite
 
 import msgspec
@@ -13,6 +14,9 @@ from eigenfail.errors import InvalidValue
 from eigenfail.values import STATE, Floats, Layer, Observation, Policy, VehicleState
 
 Pair = tuple[float, float]
+
+KEPT_POLICIES = 16
+"""Far more versions than a learner keeps in flight, far fewer than it makes."""
 
 ACTIONS = 2
 LOG_STD_MIN, LOG_STD_MAX = np.float32(-20.0), np.float32(2.0)
@@ -134,3 +138,11 @@ class PolicyNoise:
     def states(self) -> Floats:
         """What was seen at each step, shape (steps, len(STATE))."""
         return np.array(self._seen, np.float32).reshape(-1, len(STATE))
+
+
+def keep(policies: MutableMapping[int, Policy], policy: Policy) -> None:
+    """Add a policy version, as it is now; the oldest make room."""
+    policies.pop(policy.version, None)
+    policies[policy.version] = settled(policy)
+    while len(policies) > KEPT_POLICIES:
+        del policies[next(iter(policies))]

@@ -1,5 +1,6 @@
 """The worker as Ray sees it. Ray places it and starts it again; it is never asked what happened."""
 
+import platform
 import time
 from itertools import count
 
@@ -20,6 +21,10 @@ log = structlog.get_logger()
 
 class WorkerActor:
     """Made into a Ray actor by whoever launches it."""
+
+    def place(self) -> str:
+        """The machine that Ray has placed it on."""
+        return platform.node()
 
     def run(self, address: str, name: str, key: WorkerKey | None = None) -> None:
         """Serve the hub at the address until it says goodbye; show it the key, if there is one.

@@ -16,7 +16,7 @@ import msgspec
 from msgspec.structs import replace
 
 from eigenfail.errors import ProtocolError, ServiceError
-from eigenfail.processes import ONE_THREAD, as_parent, exit_status
+from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group, status_within
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.wire.messages import (
     Drop,
@@ -38,11 +38,14 @@ START_LIMIT_S = 120.0
 STANDSTILL_S = 2.0
 """No parent is away from its loop for so long, unless it was stopped or its machine was."""
 
+GUARD_S = 5.0
+"""More than its guard takes to end it and all that it started; else it is killed without."""
+
 LAST_WORDS_S = 1.0
 """What left the child's group may hold its pipe open; the parent does not wait for that."""
 
 DEPTH = 2
-"""Episodes in the child at a time: one runs, one waits, so that the child never does."""
+"""Episodes in the child for each that runs: as many wait as run, so that the child never does."""
 
 
 class Held(msgspec.Struct, frozen=True, eq=False):
@@ -66,15 +69,15 @@ def write_all(pipe: BinaryIO, messages: "SimpleQueue[Message | None]") -> None:
         pipe.close()
 
 
-def start() -> "subprocess.Popen[bytes]":
-    """The inner process, the leader of a session of its own.
+def start(limits: Limits) -> "subprocess.Popen[bytes]":
+    """The guard of the inner process, which it starts, and as which it ends.
 
     Raises:
         ServiceError: the system starts no process.
     """
     try:
         return subprocess.Popen(
-            [sys.executable, "-m", "eigenfail_workers.worker.child"],
+            [sys.executable, "-m", "eigenfail_workers.worker.child", str(limits.files)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | ONE_THREAD | as_parent(),
@@ -99,21 +102,20 @@ class ChildProcess:
         limits: what it may take, with all that it starts.
 
     Attributes:
-        running: the episodes it holds; the first is the one being run.
+        running: the episodes it holds; those that were begun are the first.
         ready: whether it said that it can take episodes.
-        began: whether it said that it began on that first one.
+        begun: on how many of them it said that it began.
 
     Raises:
         ServiceError: the system starts no process.
     """
 
     def __init__(self, limits: Limits) -> None:
-        self._process = start()
+        self._process = start(limits)
         if self._process.stdin is None or self._process.stdout is None:
             raise RuntimeError("pipes were asked for")
         self._stdout = self._process.stdout
         os.set_blocking(self._stdout.fileno(), False)
-        limits.confine(self._process.pid)
         self._watch = Watch(self._process.pid, limits)
         # A thread writes: parent and child never wait for each other over two full pipes.
         self._messages: SimpleQueue[Message | None] = SimpleQueue()
@@ -123,12 +125,12 @@ class ChildProcess:
             self._writer.start()
         except RuntimeError as error:  # the process was the last that the system had to give
             with self._process:
-                self._process.kill()
+                kill_group(self._process)
             raise not_started(error) from error
         self._buffer = FrameBuffer()
         self.running: deque[Held] = deque()
         self.ready = False
-        self.began = False
+        self.begun = 0
         self._since_s = self._looked_s = time.monotonic()
         self._set_up: set[int] = set()
         self._learnt: set[tuple[int, int]] = set()
@@ -141,7 +143,7 @@ class ChildProcess:
     @property
     def has_room(self) -> bool:
         """Whether it may be given another episode."""
-        return len(self.running) < DEPTH
+        return len(self.running) < DEPTH * max(1, self.begun)
 
     def set_up(self, campaign: int, setup: EpisodeSetup) -> None:
         """Tell it, once, what the episodes of a campaign share."""
@@ -185,13 +187,19 @@ class ChildProcess:
             message = read_worker_message(frame)
             self._since_s = time.monotonic()
             self.ready = True
-            self.began = isinstance(message, Heartbeat) and message.running is not None
+            self.begun += isinstance(message, Heartbeat) and message.running is not None
             if isinstance(message, Results):
                 for result in message.results:
-                    if not self.running:
-                        raise ProtocolError("A result came from the child that nobody asked for.")
-                    self.running.popleft()
+                    self._take_off(message.campaign, result.index)
                     yield message.campaign, result
+
+    def _take_off(self, campaign: int, index: int) -> None:
+        for place, held in enumerate(self.running):
+            if (held.campaign, held.task.index) == (campaign, index):
+                del self.running[place]
+                self.begun = max(self.begun - 1, 0)
+                return
+        raise ProtocolError("A result came from the child that nobody asked for.")
 
     def overdue(self, limit_s: float) -> bool:
         """Whether the running episode, or loading what it needs, has taken longer than it may.
@@ -202,22 +210,23 @@ class ChildProcess:
         self._looked_s = now_s
         if now_s - before_s > STANDSTILL_S:
             self._since_s += now_s - before_s
-        limit_s = limit_s if self.began else START_LIMIT_S
+        limit_s = limit_s * self.begun if self.begun else START_LIMIT_S
         return bool(self.running) and now_s - self._since_s > limit_s
 
     def excess(self) -> str:
         """What it takes more of than it may, as the predicate of a sentence; empty if nothing."""
-        return self._watch.excess()
+        return self._watch.excess(self.running[0] if self.running else None)
 
     def has_ended(self) -> bool:
         """Whether it runs no more, though what it started may still hold its pipe open."""
         return exit_status(self._process) is not None
 
     def end(self) -> int:
-        """Kill what lives of it and its group; its exit status, negative for a signal."""
+        """Have its guard kill what lives of it and of its own; its exit status, or -signal."""
         if self._process.returncode is None:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(self._process.pid, signal.SIGKILL)
+            os.kill(self._process.pid, signal.SIGTERM)
+            status_within(self._process, GUARD_S)
+            kill_group(self._process)
         self._messages.put(None)
         self._writer.join(LAST_WORDS_S)
         self._stdout.close()

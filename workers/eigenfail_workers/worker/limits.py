@@ -13,12 +13,30 @@ from eigenfail.errors import InvalidValue
 
 MEMORY_VARIABLE = "EIGENFAIL_MEMORY_LIMIT_MIB"
 MEMORY_OPTION = "--memory-limit"
-LEAST_MEMORY_MIB = 256.0
-"""Simulator, planner and numpy take 150 MiB before the first episode begins."""
+MEMORY_MIB = 4096.0
+CPU_VARIABLE = "EIGENFAIL_CPU_LIMIT_S"
+CPU_OPTION = "--cpu-limit"
+PROCESSORS = 4.0
 
+DEFAULT_FILES = 4096
 SPARE_FILES = 64
 FIRST_TO_GO = "1000"
 """Should the machine itself run out of memory, the kernel takes the inner process first."""
+
+
+class Meant(msgspec.Struct, frozen=True):
+    """A limit that can be given: by which names, in what unit, and the least that makes sense."""
+
+    option: str
+    variable: str
+    unit: str
+    least: float
+    spare: str
+
+
+# Simulator, planner and numpy take 150 MiB, and a few seconds, before the first episode begins.
+MEMORY = Meant(MEMORY_OPTION, MEMORY_VARIABLE, "MiB", 256.0, "and 200 MiB")
+CPU = Meant(CPU_OPTION, CPU_VARIABLE, "seconds", 10.0, "and 5 s")
 
 
 class Limits(msgspec.Struct, frozen=True):
@@ -28,20 +46,29 @@ class Limits(msgspec.Struct, frozen=True):
         memory_mib: of all together; without what the kernel can drop, as the pages of files.
         files: open at a time, of each process.
         threads: of all together; a process counts as one at least.
+        cpu_s: processor time of all together, for an episode.
+        processors: how many all together may keep busy from one episode to the next.
     """
 
-    memory_mib: float = 4096.0
-    files: int = 4096
+    memory_mib: float = MEMORY_MIB
+    files: int = DEFAULT_FILES
     threads: int = 1024
+    cpu_s: float = PROCESSORS * 60.0
+    processors: float = PROCESSORS
 
-    def confine(self, pid: int) -> None:
-        """Have the kernel keep these of a process, and of what it will start (Linux)."""
-        if sys.platform == "linux":
-            with contextlib.suppress(OSError):  # it has ended, or /proc cannot be written
-                files = min(self.files, resource.getrlimit(resource.RLIMIT_NOFILE)[1])
-                resource.prlimit(pid, resource.RLIMIT_NOFILE, (files, files))
-                resource.prlimit(pid, resource.RLIMIT_CORE, (0, 0))
-                Path(f"/proc/{pid}/oom_score_adj").write_text(FIRST_TO_GO)
+
+def confine(files: int = DEFAULT_FILES) -> None:
+    """Have the kernel keep these of this process, and of what it will start (Linux).
+
+    Args:
+        files: open at a time, of each.
+    """
+    if sys.platform == "linux":
+        files = min(files, resource.getrlimit(resource.RLIMIT_NOFILE)[1])
+        resource.setrlimit(resource.RLIMIT_NOFILE, (files, files))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        with contextlib.suppress(OSError):  # /proc cannot be written
+            Path("/proc/self/oom_score_adj").write_text(FIRST_TO_GO)
 
 
 def files_used_up() -> bool:
@@ -54,25 +81,40 @@ def files_used_up() -> bool:
     return lowest + SPARE_FILES > resource.getrlimit(resource.RLIMIT_NOFILE)[0]
 
 
-def read_limits(memory_limit: str | None = None) -> Limits:
-    """The limits with that of memory [MiB] as an option has it, or else the environment.
+def read_limits(
+    memory_limit: str | None = None, cpu_limit: str | None = None, episode_limit_s: float = 60.0
+) -> Limits:
+    """The limits of memory [MiB] and processor time [s] as options or the environment have them.
+
+    Args:
+        memory_limit: as the option has it, if it was given.
+        cpu_limit: likewise.
+        episode_limit_s: wall time of an episode, by which processor time is measured.
 
     Raises:
-        InvalidValue: it is no number, or less than an inner process takes by itself.
+        InvalidValue: one is no number, or less than an inner process takes by itself.
     """
-    written = memory_limit or os.environ.get(MEMORY_VARIABLE)
-    return Limits(_memory_mib(written)) if written else Limits()
+    memory, cpu = (
+        given or os.environ.get(variable)
+        for given, variable in ((memory_limit, MEMORY_VARIABLE), (cpu_limit, CPU_VARIABLE))
+    )
+    cpu_s = _number(cpu, CPU) if cpu else PROCESSORS * episode_limit_s
+    return Limits(
+        memory_mib=_number(memory, MEMORY) if memory else MEMORY_MIB,
+        cpu_s=cpu_s,
+        processors=max(1.0, cpu_s / episode_limit_s),
+    )
 
 
-def _memory_mib(written: str) -> float:
+def _number(written: str, meant: Meant) -> float:
     try:
         limit = float(written)
     except ValueError:
         limit = math.nan
-    if not LEAST_MEMORY_MIB <= limit < math.inf:
+    if not meant.least <= limit < math.inf:
         raise InvalidValue(
-            MEMORY_OPTION,
-            f"'{written}' is no number of MiB, {LEAST_MEMORY_MIB:g} or more.",
-            f"Give the option or {MEMORY_VARIABLE} what a planner needs, and 200 MiB to spare.",
+            meant.option,
+            f"'{written}' is no number of {meant.unit}, {meant.least:g} or more.",
+            f"Give the option or {meant.variable} what a planner needs, {meant.spare} to spare.",
         )
     return limit

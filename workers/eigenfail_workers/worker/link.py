@@ -1,6 +1,7 @@
 """A worker's connection to the hub: one DEALER socket, messages in and out."""
 
 import contextlib
+import time
 from collections.abc import Iterator
 
 import zmq
@@ -18,6 +19,8 @@ from eigenfail_workers.worker.admission import Admission, show_key
 
 LINGER_MS = 1_000
 HIGH_WATER_MARK = 10_000
+LOOK_EVERY_S = 0.1
+"""Between two looks at how the handshakes went."""
 
 
 class Link:
@@ -28,6 +31,8 @@ class Link:
     Raises:
         InvalidValue: the address is none.
     """
+
+    _look_s = 0.0
 
     def __init__(self, address: str, key: WorkerKey | None = None) -> None:
         self.address = address
@@ -57,7 +62,9 @@ class Link:
             Unauthorized: the hub does not let this worker in.
             ServiceUnreachable: whoever is there is not the hub.
         """
-        self.admission.check()
+        if (now_s := time.monotonic()) >= self._look_s:
+            self._look_s = now_s + LOOK_EVERY_S
+            self.admission.check()
         while True:
             try:
                 data = self.socket.recv(zmq.NOBLOCK)

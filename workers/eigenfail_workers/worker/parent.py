@@ -87,7 +87,10 @@ class Parent:
         self._supplies = Supplies()
         self._deaths = Deaths()
         self._child = self._start_child()
+        self._poller = zmq.Poller()
+        self._heard: ChildProcess | None = None
         self._heartbeat_s = 0.0
+        self._refusal = ""
         self._next_beat_s = 0.0
         self._unanswered = 0
         self._ending = Ending()
@@ -152,10 +155,11 @@ class Parent:
 
     def _wait(self) -> bool:
         """For a word of the hub or of the child, but not for long; whether the child spoke."""
-        poller = zmq.Poller()
-        poller.register(self._link.socket, zmq.POLLIN)
-        poller.register(self._child.descriptor, zmq.POLLIN)
-        return self._child.descriptor in dict(poller.poll(TICK_MS))
+        if self._heard is not self._child:
+            self._heard, self._poller = self._child, zmq.Poller()
+            self._poller.register(self._link.socket, zmq.POLLIN)
+            self._poller.register(self._child.descriptor, zmq.POLLIN)
+        return self._child.descriptor in dict(self._poller.poll(TICK_MS))
 
     def _hear_hub(self) -> None:
         for message in self._link.receive():
@@ -166,15 +170,17 @@ class Parent:
         if self._heartbeat_s:
             return  # one for each hello that waited for the hub to come up
         log.info("welcomed", worker=self._hello.worker, hub=self._link.address)
-        self._heartbeat_s = message.heartbeat_s
+        self._heartbeat_s, self._refusal = message.heartbeat_s, ""
         self._hello = replace(self._hello, asked=self._hello.asked + 1)
         for (campaign, _), result in self._outbox.items():
             self._link.send(Results(campaign, (result,)))
 
     def _refused(self, message: Refusal) -> None:
         """The hub does not know us (it was restarted, or we were given up): introduce again."""
-        log.info("refused", worker=self._hello.worker, reason=message.reason)
-        self._heartbeat_s = 0.0
+        if message.reason != self._refusal:
+            said = log.info if self._heartbeat_s else log.warning  # a hello was refused, else
+            said("refused, trying again", worker=self._hello.worker, reason=message.reason)
+        self._refusal, self._heartbeat_s = message.reason, 0.0
 
     def _lease(self, message: Lease) -> None:
         mine = {(each.campaign, each.task.index) for each in self._held()}
@@ -205,7 +211,7 @@ class Parent:
         ended = self._child.has_ended()  # first: what it wrote before is all there then
         alive = self._listen() if spoke or ended else True
         if ended or not alive:
-            self._replace_child("killed its process", 1 if self._child.began else 0)
+            self._replace_child("killed its process", 1 if self._child.begun else 0)
         elif self._child.overdue(self._episode_limit_s):
             weight = MAX_CHILD_DEATHS if self._child.ready else 0
             self._replace_child(f"took longer than {self._episode_limit_s:g} s", weight)
@@ -241,7 +247,8 @@ class Parent:
             return
         self._child = self._start_child()
         self._waiting.extendleft(filter(self._supplies.suffice, reversed(held[1:])))
-        log.warning("child replaced", worker=self._hello.worker, status=status, why=what)
+        facts = {"campaign": held[0].campaign, "episode": held[0].task.index} if held else {}
+        log.warning("child replaced", worker=self._hello.worker, status=status, why=what, **facts)
         if held and self._supplies.suffice(held[0]):
             self._blame(held[0], f"The episode {what} (exit status {status}).", weight)
 

@@ -23,12 +23,6 @@ def write_message(pipe: BinaryIO, message: Message) -> None:
     pipe.flush()
 
 
-def read_frames(pipe: BinaryIO) -> Iterator[bytes]:
-    """Every message's bytes until the writer closes the pipe; blocks between them."""
-    while header := pipe.read(LENGTH.size):
-        yield pipe.read(LENGTH.unpack(header)[0])
-
-
 class FrameBuffer:
     """Collects what a pipe gives whenever it gives something, and hands out whole frames."""
 

@@ -17,7 +17,7 @@ class Unborn(ChildProcess):
 
     def __init__(self) -> None:
         self.running: deque[Held] = deque()
-        self.ready = self.began = False
+        self.ready, self.begun = False, 0
         self._until_s = time.monotonic() + AGAIN_AFTER_S
 
     @property

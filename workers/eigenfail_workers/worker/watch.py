@@ -12,6 +12,7 @@ from pathlib import Path
 import psutil
 
 from eigenfail_workers.worker.limits import MEMORY_OPTION, MEMORY_VARIABLE, Limits
+from eigenfail_workers.worker.processor_time import ProcessorTime, processor_time_s
 
 LOOK_EVERY_S = 0.2
 MIB = 1024 * 1024
@@ -30,15 +31,24 @@ class Watch:
         self._pid = pid
         self._limits = limits
         self._next_look_s = 0.0
+        self._processor_time = ProcessorTime(limits)
 
-    def excess(self) -> str:
-        """What it takes too much of, as the predicate of a sentence; empty if nothing is seen."""
+    def excess(self, episode: object = None) -> str:
+        """What it takes too much of, as the predicate of a sentence; empty if nothing is seen.
+
+        Args:
+            episode: that it runs, if it runs one.
+        """
         now_s = time.monotonic()
         if now_s < self._next_look_s:
             return ""
         self._next_look_s = now_s + LOOK_EVERY_S
         members = family(self._pid)
-        return self._excess_of_threads(members) or self._excess_of_memory(members)
+        return (
+            self._excess_of_threads(members)
+            or self._excess_of_memory(members)
+            or self._processor_time.excess(processor_time_s(members), episode)
+        )
 
     def _excess_of_memory(self, members: list[psutil.Process]) -> str:
         limit_mib = self._limits.memory_mib

@@ -7,6 +7,7 @@ import msgspec
 
 from eigenfail.functions import disturbance_in_words, drives
 from eigenfail.values import (
+    FINAL_STATES,
     Analysis,
     AnalysisSettings,
     Campaign,
@@ -14,6 +15,7 @@ from eigenfail.values import (
     Course,
     Event,
     Page,
+    Priority,
     Summary,
 )
 from eigenfail.values.records import EpisodeRow
@@ -76,6 +78,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
         wishes: what a user may ask of it now: pause, resume, cancel.
         conflicts: episodes by class; empty before the first one, and where nothing drives.
         asked: how the form analyses unless its user says otherwise.
+        priorities: what its priority may be changed to.
         settings: groups of names and values.
     """
 
@@ -92,6 +95,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     asked: AnalysisSettings
     events: tuple[Event, ...]
     times: tuple[tuple[str, str], ...]
+    priorities: tuple[Priority, ...]
     settings: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
     digest: str
     latest: int
@@ -115,6 +119,7 @@ def campaign_view(found: Findings) -> CampaignView:
         asked=AnalysisSettings(),
         events=found.events,
         times=times(campaign),
+        priorities=priorities(campaign),
         settings=settings(campaign),
         digest=campaign.digest or "",
         latest=found.latest,
@@ -133,6 +138,12 @@ def wishes(state: CampaignState) -> tuple[str, ...]:
     return tuple(name for name, wish in WISHES.items() if state in wish.steps)
 
 
+def priorities(campaign: Campaign) -> tuple[Priority, ...]:
+    """The priorities that it may have instead of its own; none once it has ended."""
+    others = tuple(each for each in Priority if each is not campaign.spec.priority)
+    return () if campaign.state in FINAL_STATES else others
+
+
 def tiles(now: Standing, *, is_sampled: bool) -> tuple[tuple[str, Figure], ...]:
     """The figures at the top; what was searched for is no rate under p(x)."""
     searched = () if is_sampled else (SEARCHED,)
@@ -149,8 +160,9 @@ def tiles(now: Standing, *, is_sampled: bool) -> tuple[tuple[str, Figure], ...]:
 
 
 def times(campaign: Campaign) -> tuple[tuple[str, str], ...]:
-    """When what happened."""
+    """When what happened, and how urgent it is."""
     return (
+        ("Priority", campaign.spec.priority),
         ("Created", formats.moment(campaign.created_ms)),
         ("Started", formats.moment(campaign.started_ms)),
         ("Ended", formats.moment(campaign.ended_ms)),

@@ -1,9 +1,12 @@
 """Keys and the audit log, as tables."""
 
+from collections.abc import Iterator, Mapping
+
 import msgspec
 
 from eigenfail.values import Page
 from eigenfail.values.access import ApiKey, AuditEntry, Scope
+from eigenfail.values.quotas import Quotas, Usage
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.paging import Pager, pager
 from eigenfail_api.dashboard.views.states import Badge
@@ -16,7 +19,11 @@ REFUSED = 400
 
 
 class KeyLine(msgspec.Struct, frozen=True, kw_only=True):
-    """A key in the table; `can_revoke` as long as it opens anything."""
+    """A key in the table; `can_revoke` as long as it opens anything.
+
+    Attributes:
+        quotas: how much may be done with it, and how much of that is used.
+    """
 
     id: int
     name: str
@@ -24,6 +31,7 @@ class KeyLine(msgspec.Struct, frozen=True, kw_only=True):
     badge: Badge
     made: str
     used: str
+    quotas: tuple[str, ...]
     ends: str
     can_revoke: bool
 
@@ -60,16 +68,23 @@ class AuditView(msgspec.Struct, frozen=True, kw_only=True):
     pages: Pager
 
 
-def keys_view(listed: Page[ApiKey], before: int | None, at_ms: int, *, is_locked: bool) -> KeysView:
+def keys_view(
+    listed: Page[ApiKey],
+    usage: Mapping[int, Usage],
+    before: int | None,
+    at_ms: int,
+    *,
+    is_locked: bool,
+) -> KeysView:
     """The page of keys at a moment."""
     return KeysView(
-        lines=tuple(key_line(key, at_ms) for key in listed.items),
+        lines=tuple(key_line(key, usage[key.id], at_ms) for key in listed.items),
         pages=pager("/keys", before, listed.next),
         is_locked=is_locked,
     )
 
 
-def key_line(key: ApiKey, at_ms: int) -> KeyLine:
+def key_line(key: ApiKey, usage: Usage, at_ms: int) -> KeyLine:
     """One of them."""
     return KeyLine(
         id=key.id,
@@ -78,9 +93,20 @@ def key_line(key: ApiKey, at_ms: int) -> KeyLine:
         badge=badge_of(key, at_ms),
         made=formats.moment(key.created_ms),
         used=formats.moment(key.last_used_ms),
+        quotas=tuple(quotas(key.quotas, usage)),
         ends=formats.moment(key.revoked_ms or key.expires_ms),
         can_revoke=key.is_valid(at_ms),
     )
+
+
+def quotas(given: Quotas, usage: Usage) -> Iterator[str]:
+    """Each quota that a key has, and what is used of it."""
+    if given.max_open is not None:
+        yield f"{usage.open:,} of {given.max_open:,} campaigns open"
+    if given.max_episodes is not None:
+        yield f"{given.max_episodes:,} episodes in one"
+    if given.max_episodes_per_day is not None:
+        yield f"{usage.episodes_of_day:,} of {given.max_episodes_per_day:,} episodes in 24 h"
 
 
 def badge_of(key: ApiKey, at_ms: int) -> Badge:

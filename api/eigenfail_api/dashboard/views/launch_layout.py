@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail import functions, plugins
+from eigenfail import bridges, functions, plugins
 from eigenfail.values import CampaignSpec
 from eigenfail.wire.http import PluginInfo
 from eigenfail_api.dashboard.views.launch_entries import Texts
@@ -28,7 +28,11 @@ HELP = {
     "price_usd_per_hour": "Of one instance.",
     "instances": "How many instances it occupies while it runs.",
     "scene_every": "Besides all collisions, the scene of every n-th episode is kept.",
+    "priority": "Its share of the workers beside other campaigns, and its place in the queue.",
+    "scenario_parameters": 'As JSON: {"steps": 100}, "dt_s" if it is not 0.1, and its own.',
+    "planner_settings": "As JSON: those of the planner, as eigenfail doctor --bridge lists them.",
 }
+BRIDGE_NAME = "A name that the bridge of the workers knows: eigenfail doctor --bridge lists them."
 FUNCTION_PLANNER = "A function as module:function; workers look for it where they are started."
 SHAPES: Mapping[str, str] = SPEC["$defs"]["DisturbanceModel"]["properties"]["shape"][
     "discriminator"
@@ -67,8 +71,8 @@ def layout(texts: Texts) -> tuple[Part, ...]:
         ),
         Part(
             id="records",
-            title="Price and records",
-            fields=own("price_usd_per_hour", "instances", "scene_every"),
+            title="Priority, price and records",
+            fields=own("priority", "price_usd_per_hour", "instances", "scene_every"),
         ),
     )
 
@@ -80,6 +84,8 @@ def world(texts: Texts) -> tuple[Part, ...]:
     swapping = choice("simulator", known, simulator)
     if simulator == functions.SIMULATOR:
         return function_parts(swapping)
+    if simulator == bridges.SIMULATOR:
+        return bridge_parts(swapping)
     scenario, planner = (chosen(texts, name, PROPERTIES[name]["default"]) for name in WORLD)
     part = plugin_part("scenario", plugins.SCENARIOS, parameters_of, scenario)
     return (
@@ -100,6 +106,21 @@ def function_parts(swapping: Field) -> tuple[Part, ...]:
     return (
         Part(id="scenario", title="Scenario", fields=(swapping, only), settings=parameters),
         Part(id="planner", title="Planner", fields=(planner,)),
+    )
+
+
+def bridge_parts(swapping: Field) -> tuple[Part, ...]:
+    """What a bridge is asked with; what parameters and settings it has, it alone knows."""
+    scenario, planner = (
+        replace(own(name)[0], default="", help=BRIDGE_NAME, required=True) for name in WORLD
+    )
+    return (
+        Part(
+            id="scenario",
+            title="Scenario",
+            fields=(swapping, scenario, *own("scenario_parameters")),
+        ),
+        Part(id="planner", title="Planner", fields=(planner, *own("planner_settings"))),
     )
 
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from eigenfail import functions, plugins
+from eigenfail import bridges, functions, plugins
 from eigenfail.errors import InputError
 from eigenfail.values import Campaign, CampaignSpec
 from eigenfail.values.report import Cell, ReportSection
@@ -88,7 +88,12 @@ def given(group: str, values: Mapping[str, Any]) -> Iterator[Setting]:
 
 def defaults(specs: list[CampaignSpec]) -> Iterator[tuple[Cell, ...]]:
     """The defaults of every plug-in that was used, each plug-in once."""
-    used = dict.fromkeys((kind, str(getattr(spec, kind))) for kind in KINDS for spec in specs)
+    used = dict.fromkeys(
+        (kind, str(getattr(spec, kind)))
+        for kind in KINDS
+        for spec in specs
+        if kind == "method" or spec.simulator != bridges.SIMULATOR
+    )
     for kind, plugin in used:
         for name, value in leaves(defaults_of(kind, plugin)):
             yield (kind, plugin, name, value)

@@ -10,6 +10,7 @@ from eigenfail.contracts import (
     FigureStore,
     JobQueue,
     KeyStore,
+    RetentionStore,
     Roster,
 )
 from eigenfail.values.records import JobKind
@@ -20,6 +21,7 @@ from eigenfail_services.store.memory.checkpoints import MemoryCheckpoints
 from eigenfail_services.store.memory.episodes import MemoryEpisodes
 from eigenfail_services.store.memory.figures import MemoryFigures
 from eigenfail_services.store.memory.queue import MemoryJobQueue
+from eigenfail_services.store.memory.retention import MemoryRetention
 from eigenfail_services.store.memory.roster import MemoryRoster
 from eigenfail_services.store.memory.tables import MemoryEventLog, Tables
 
@@ -32,6 +34,7 @@ class MemoryStore:
     figures: FigureStore
     checkpoints: CheckpointStore
     analyses: AnalysisStore
+    retention: RetentionStore
     events: EventLog
     jobs: JobQueue
     keys: KeyStore
@@ -47,6 +50,7 @@ class MemoryStore:
         self.figures = MemoryFigures(tables, episodes)
         self.checkpoints = MemoryCheckpoints(tables)
         self.analyses = analyses
+        self.retention = MemoryRetention(tables)
         self.events = MemoryEventLog(tables)
         self.jobs = MemoryJobQueue(
             tables, {JobKind.CAMPAIGN: campaigns.give_up, JobKind.ANALYSIS: analyses.fail}

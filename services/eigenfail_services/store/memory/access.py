@@ -1,13 +1,16 @@
 """Keys and the audit log in memory."""
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 from msgspec.structs import asdict, replace
 
 from eigenfail.values import Page
 from eigenfail.values.access import ApiKey, AuditEntry, Change, KeyRecord, Scope
+from eigenfail.values.quotas import UNLIMITED, Quotas, Usage
 from eigenfail_services.store import limits
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.memory.quotas import used_by
 from eigenfail_services.store.memory.tables import Tables
 from eigenfail_services.store.refusals import no_key
 
@@ -19,12 +22,20 @@ class MemoryKeys:
 
     def __init__(self, tables: Tables) -> None:
         self._tables = tables
-        self._records: dict[int, KeyRecord] = {}
+        self._records = tables.records
 
-    def create(self, name: str, scope: Scope, digest: str, expires_ms: int | None = None) -> ApiKey:
+    def create(
+        self,
+        name: str,
+        scope: Scope,
+        digest: str,
+        expires_ms: int | None = None,
+        quotas: Quotas = UNLIMITED,
+    ) -> ApiKey:
         """A new key, of whose secret only the digest is kept."""
         with self._tables.lock:
-            key = ApiKey(len(self._records) + 1, name, scope, now_ms(), expires_ms)
+            number = len(self._records) + 1
+            key = ApiKey(number, name, scope, now_ms(), expires_ms, quotas=quotas)
             self._records[key.id] = KeyRecord(key, digest)
         return key
 
@@ -45,6 +56,16 @@ class MemoryKeys:
         with self._tables.lock:
             seen = self.find(key).key
             return self._keep(replace(seen, revoked_ms=seen.revoked_ms or now_ms()))
+
+    def limit(self, key: int, quotas: Quotas) -> ApiKey:
+        """From now on it has these quotas; what was made before stays."""
+        with self._tables.lock:
+            return self._keep(replace(self.find(key).key, quotas=quotas))
+
+    def usage(self, wanted: Sequence[int]) -> dict[int, Usage]:
+        """What the campaigns of each key use now."""
+        with self._tables.lock:
+            return {key: used_by(self._tables, key) for key in wanted}
 
     def used(self, key: int, at_ms: int) -> None:
         """Remember when it was last used."""

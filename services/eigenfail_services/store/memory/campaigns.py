@@ -11,14 +11,16 @@ from eigenfail.values import (
     Counts,
     Overhead,
     Page,
+    Priority,
 )
 from eigenfail.values.campaign_filter import ANY_CAMPAIGN, CampaignFilter
 from eigenfail.values.records import Job, JobKind
 from eigenfail.values.suite import SuiteStanding, suite_of
-from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved
+from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved, prioritised
 from eigenfail_services.store import sentences
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.memory.episodes import digest
+from eigenfail_services.store.memory.quotas import admit
 from eigenfail_services.store.memory.suites import suites_page
 from eigenfail_services.store.memory.tables import Tables
 from eigenfail_services.store.refusals import key_used
@@ -32,37 +34,45 @@ class MemoryCampaigns:
     def __init__(self, tables: Tables) -> None:
         self._tables = tables
 
-    def create(self, spec: CampaignSpec, idempotency_key: str | None = None) -> Campaign:
+    def create(
+        self, spec: CampaignSpec, idempotency_key: str | None = None, made_by: int | None = None
+    ) -> Campaign:
         """A new campaign, queued with a job for it; the same one again for the same key."""
         with self._tables.lock:
             if idempotency_key is not None and idempotency_key in self._tables.keys:
                 return self._earlier(self._tables.keys[idempotency_key], spec)
-            campaign = self._add(spec)
+            admit(self._tables, made_by, [spec])
+            campaign = self._add(spec, made_by)
             if idempotency_key is not None:
                 self._tables.keys[idempotency_key] = campaign.id
             return campaign
 
     def create_many(
-        self, specs: Sequence[CampaignSpec], idempotency_key: str | None = None
+        self,
+        specs: Sequence[CampaignSpec],
+        idempotency_key: str | None = None,
+        made_by: int | None = None,
     ) -> tuple[Campaign, ...]:
         """New campaigns, all or none; the same ones again for the same key."""
         with self._tables.lock:
             earlier = self._tables.batches.get(idempotency_key or "", ())
             found = tuple(map(self._tables.campaign, earlier))
-            if found and [each.spec for each in found] != [*specs]:
+            if found and not alike(found, specs):
                 raise key_used(earlier[0])
-            made = found or tuple(map(self._add, specs))
+            if not found:
+                admit(self._tables, made_by, specs)
+            made = found or tuple(self._add(spec, made_by) for spec in specs)
             if idempotency_key is not None:
                 self._tables.batches[idempotency_key] = tuple(each.id for each in made)
             return made
 
     def _earlier(self, number: int, spec: CampaignSpec) -> Campaign:
         earlier = self._tables.campaign(number)
-        if earlier.spec != spec:
+        if not earlier.spec.is_like(spec):
             raise key_used(number)
         return earlier
 
-    def _add(self, spec: CampaignSpec) -> Campaign:
+    def _add(self, spec: CampaignSpec, made_by: int | None) -> Campaign:
         campaign = Campaign(
             id=len(self._tables.campaigns) + 1,
             spec=spec,
@@ -73,9 +83,22 @@ class MemoryCampaigns:
         )
         self._tables.campaigns[campaign.id] = campaign
         self._tables.episodes[campaign.id] = {}
+        if made_by is not None:
+            self._tables.made_by[campaign.id] = made_by
         self._tables.enqueue(JobKind.CAMPAIGN, campaign.id)
         self._tables.log("campaign.created", sentences.campaign_created(campaign), campaign.id)
         return campaign
+
+    def prioritise(self, campaign: int, priority: Priority) -> Campaign:
+        """Give it another priority from now on, and log the event."""
+        with self._tables.lock:
+            before = self._tables.campaign(campaign)
+            after = prioritised(before, priority)
+            if after is not before:
+                self._tables.campaigns[campaign] = after
+                told = sentences.campaign_prioritised(after)
+                self._tables.log("campaign.priority", told, campaign)
+            return after
 
     def get(self, campaign: int) -> Campaign:
         """The campaign as it stands."""
@@ -151,6 +174,12 @@ class MemoryCampaigns:
                 active_s=before.active_s + seconds,
                 overhead=before.overhead and added(before.overhead, overhead),
             )
+
+
+def alike(made: Sequence[Campaign], specs: Sequence[CampaignSpec]) -> bool:
+    """Whether these are the campaigns that were asked for, at whatever priorities."""
+    pairs = zip(made, specs, strict=False)
+    return len(made) == len(specs) and all(each.spec.is_like(spec) for each, spec in pairs)
 
 
 def added(one: Overhead, other: Overhead) -> Overhead:

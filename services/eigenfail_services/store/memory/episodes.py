@@ -40,7 +40,7 @@ from eigenfail_services.store.memory.safety import safety
 from eigenfail_services.store.memory.spending import spending
 from eigenfail_services.store.memory.tables import Tables
 from eigenfail_services.store.memory.trials import trials
-from eigenfail_services.store.refusals import no_episode
+from eigenfail_services.store.refusals import no_episode, pruned
 
 
 class MemoryEpisodes:
@@ -79,7 +79,7 @@ class MemoryEpisodes:
             episodes = self._tables.episodes[campaign]
             if index not in episodes:
                 raise no_episode(campaign, index)
-            return episodes[index][1]
+            return kept(*episodes[index])
 
     def page(
         self,
@@ -98,7 +98,7 @@ class MemoryEpisodes:
         """Those of the episodes that have a result, in index order, without their scenes."""
         wanted = set(indices)
         return [
-            replace(result, scene=None)
+            replace(kept(row, result), scene=None)
             for row, result in ordered(self._tables, campaign)
             if row.index in wanted
         ]
@@ -152,6 +152,13 @@ class MemoryEpisodes:
     def digest(self, campaign: int) -> str:
         """SHA-256 over the digests of all results in index order."""
         return digest(self._tables, campaign)
+
+
+def kept(row: EpisodeRow, result: EpisodeResult) -> EpisodeResult:
+    """A result whose noise is there, or NoisePruned."""
+    if row.noise_pruned_ms is not None:
+        raise pruned(row.campaign, row.index, row.source, row.noise_pruned_ms)
+    return result
 
 
 def ordered(tables: Tables, campaign: int) -> list[tuple[EpisodeRow, EpisodeResult]]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from uuid import uuid4
 
+from eigenfail.values import Priority
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.store.clock import length_ms, steady_ms
 from eigenfail_services.store.limits import BURIED, MAX_ATTEMPTS
@@ -19,9 +20,9 @@ class MemoryJobQueue:
         self._undertakers = undertakers
 
     def claim(self, owner: str, lease_s: float, kind: JobKind | None = None) -> Job | None:
-        """The oldest job (of a kind) that nobody works on, now leased to the owner."""
+        """The next job (of a kind) that nobody works on, now leased to the owner."""
         with self._tables.lock:
-            while (job := self._oldest(kind)) is not None:
+            while (job := self._first(kind)) is not None:
                 self._lease(job, owner, lease_s)
                 if job.attempts <= MAX_ATTEMPTS:
                     return Job(job.id, job.kind, job.subject, job.token, job.attempts)
@@ -59,9 +60,15 @@ class MemoryJobQueue:
         with self._tables.lock:
             return sum(job.kind is kind and free(job) for job in self._tables.jobs.values())
 
-    def _oldest(self, kind: JobKind | None) -> QueuedJob | None:
-        jobs = self._tables.jobs.values()
-        return next((job for job in jobs if kind in (None, job.kind) and free(job)), None)
+    def _first(self, kind: JobKind | None) -> QueuedJob | None:
+        waiting = [job for job in self._tables.jobs.values() if kind in (None, job.kind)]
+        return min(filter(free, waiting), key=self._place, default=None)
+
+    def _place(self, job: QueuedJob) -> tuple[int, int]:
+        is_campaign = job.kind is JobKind.CAMPAIGN
+        spec = self._tables.campaign(job.subject).spec if is_campaign else None
+        priority = spec.priority if spec else Priority.NORMAL
+        return job.queued_ms - priority.head_start_ms, job.id
 
     def _lease(self, job: QueuedJob, owner: str, lease_s: float) -> None:
         progress = self._progress(job)

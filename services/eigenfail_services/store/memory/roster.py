@@ -1,6 +1,6 @@
 """Which workers are there, and were, in memory."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from msgspec.structs import asdict, replace
 
@@ -18,16 +18,19 @@ class MemoryRoster:
         self._presences: dict[int, Presence] = {}
         self._last = 0
 
-    def arrived(self, arrival: Arrival) -> int:
-        """A worker has come; the number under which it is there."""
+    def arrived(self, arrivals: Sequence[Arrival]) -> list[int]:
+        """Workers have come; the numbers under which they are there, rising, in the same order."""
         with self._tables.lock:
-            self._last += 1
-            at_ms = now_ms()
-            self._presences[self._last] = Presence(
-                **asdict(arrival), id=self._last, arrived_ms=at_ms, heard_ms=at_ms
-            )
-            self._presences.pop(self._last - limits.KEPT_ARRIVALS, None)
-            return self._last
+            return [self._arrived(arrival) for arrival in arrivals]
+
+    def _arrived(self, arrival: Arrival) -> int:
+        self._last += 1
+        at_ms = now_ms()
+        self._presences[self._last] = Presence(
+            **asdict(arrival), id=self._last, arrived_ms=at_ms, heard_ms=at_ms
+        )
+        self._presences.pop(self._last - limits.KEPT_ARRIVALS, None)
+        return self._last
 
     def heard(self, presences: Collection[int]) -> None:
         """These are still there."""
@@ -35,12 +38,12 @@ class MemoryRoster:
             for number in self._presences.keys() & set(presences):
                 self._presences[number] = replace(self._presences[number], heard_ms=now_ms())
 
-    def left(self, presence: int) -> None:
-        """It is not there any more; a second time changes nothing."""
+    def left(self, presences: Collection[int]) -> None:
+        """They are not there any more; a second time changes nothing."""
         with self._tables.lock:
-            seen = self._presences.get(presence)
-            if seen is not None and seen.left_ms is None:
-                self._presences[presence] = replace(seen, left_ms=now_ms())
+            for number in self._presences.keys() & set(presences):
+                if (seen := self._presences[number]).left_ms is None:
+                    self._presences[number] = replace(seen, left_ms=now_ms())
 
     def present(self, since_ms: int) -> tuple[Presence, ...]:
         """Those that were heard since then and have not left, by name."""

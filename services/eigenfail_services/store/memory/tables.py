@@ -7,7 +7,9 @@ from threading import RLock
 import msgspec
 
 from eigenfail.values import Analysis, Campaign, EpisodeResult, Event
+from eigenfail.values.access import KeyRecord
 from eigenfail.values.records import EpisodeRow, Job, JobKind
+from eigenfail.values.retention import Pruning
 from eigenfail_services.store import limits
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.refusals import claim_lost, no_analysis, no_campaign
@@ -19,6 +21,7 @@ class QueuedJob(msgspec.Struct):
     id: int
     kind: JobKind
     subject: int
+    queued_ms: int
     owner: str = ""
     token: str = ""
     lease_until_ms: int = 0
@@ -41,11 +44,14 @@ class Tables:
         self.campaigns: dict[int, Campaign] = {}
         self.keys: dict[str, int] = {}
         self.batches: dict[str, tuple[int, ...]] = {}
+        self.made_by: dict[int, int] = {}
+        self.records: dict[int, KeyRecord] = {}
         self.episodes: dict[int, dict[int, tuple[EpisodeRow, EpisodeResult]]] = {}
         self.deaths = Counter[tuple[int, int]]()
         self.checkpoints: dict[int, list[KeptCheckpoint]] = {}
         self.analyses: dict[int, Analysis] = {}
         self.replays: dict[int, set[int]] = {}
+        self.prunings: dict[int, Pruning] = {}
         self.events: dict[int, Event] = {}
         self.jobs: dict[int, QueuedJob] = {}
         self.job_ids = count(1)
@@ -74,7 +80,7 @@ class Tables:
     def enqueue(self, kind: JobKind, subject: int) -> None:
         """A job at the end of the queue; one that was left over is taken from its holder."""
         self.withdraw(kind, subject)
-        job = QueuedJob(next(self.job_ids), kind, subject)
+        job = QueuedJob(next(self.job_ids), kind, subject, now_ms())
         self.jobs[job.id] = job
 
     def held(self, claim: Job) -> QueuedJob | None:

@@ -42,7 +42,14 @@ function settle(form, done, answer) {
 
 function fieldsOf(form) {
   const filled = [...form.elements].filter((element) => element.name && element.value !== "");
-  return Object.fromEntries(filled.map((element) => [element.name, valueOf(element)]));
+  const fields = {};
+  for (const element of filled) put(fields, element.name.split("."), valueOf(element));
+  return fields;
+}
+
+function put(fields, [name, ...below], value) {
+  if (below.length) put((fields[name] ??= {}), below, value);
+  else fields[name] = value;
 }
 
 function valueOf({ dataset, value }) {

@@ -1,0 +1,170 @@
+"""Many workers in one process: each has a connection of its own, and speaks as real ones do.
+
+What they bring is one real episode's result, over and over, with index and seed of what was asked
+for, and with a robustness made of the seed: an episode takes them no work, and as long as they are
+told to sleep over it.
+`python benchmarks/crowd.py HUB WORKERS EPISODE_S`, until it is ended.
+"""
+
+import contextlib
+import os
+import random
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from math import inf
+from typing import Any, NoReturn
+
+import numpy as np
+import zmq
+from bare import tasks
+from msgspec.structs import replace
+
+from eigenfail import plugins
+from eigenfail.processes import die_with_parent
+from eigenfail.values import STATE, CampaignSpec, EpisodeResult, EpisodeTask
+from eigenfail.versions import versions
+from eigenfail.wire.messages import (
+    PROTOCOL,
+    Drop,
+    Heartbeat,
+    Hello,
+    Lease,
+    Message,
+    Refusal,
+    Results,
+    Welcome,
+    encode,
+    read_hub_message,
+)
+
+CREDIT = 256
+HELLO_EVERY_S = 1.0
+LOOK_EVERY_S = 0.002
+SCENE_EVERY = 50
+SEED = 5
+
+Held = tuple[int, EpisodeTask]
+
+
+def examples() -> tuple[EpisodeResult, EpisodeResult]:
+    """A result as most are, and one with its scene; both with what an adversary saw."""
+    spec = CampaignSpec(name="crowd", method="monte_carlo", episodes=SCENE_EVERY + 2, seed=SEED)
+    engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
+    with_scene, plain = engine.run(tasks(0, 2, SEED))
+    states = np.full((plain.steps, len(STATE)), 0.5, np.float32)
+    return replace(plain, states=states), replace(with_scene, states=states)
+
+
+class Worker:
+    """One of them: one connection, one episode at a time."""
+
+    def __init__(self, number: int, address: str, episode_s: float) -> None:
+        self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+        self.socket.setsockopt(zmq.LINGER, 0)
+        self.socket.connect(address)
+        self.due_s = 0.0
+        self._episode_s = episode_s
+        life = f"{os.getpid()}-{number}"
+        self._hello = Hello(PROTOCOL, f"crowd-{number}", CREDIT, life=life, versions=versions())
+        self._held: deque[Held] = deque()
+        self._heartbeat_s = 0.0
+        self._next_beat_s = 0.0
+        self._ends_s = inf
+        self._handlers: dict[type[Message], Callable[[Any], None]] = {
+            Welcome: self._welcome,
+            Refusal: self._refused,
+            Lease: self._lease,
+            Drop: self._drop,
+        }
+
+    def hear(self) -> None:
+        """Take what the hub said."""
+        with contextlib.suppress(zmq.Again):
+            while True:
+                message = read_hub_message(self.socket.recv(zmq.NOBLOCK))
+                self._handlers.get(type(message), nothing)(message)
+
+    def act(self, now_s: float, plain: EpisodeResult, with_scene: EpisodeResult) -> None:
+        """Do what is due: end episodes, begin others, be heard; `due_s` is when there is more."""
+        while self._held and now_s >= self._ends_s:
+            campaign, task = self._held.popleft()
+            shown = plain if task.index % SCENE_EVERY else with_scene
+            self.socket.send(encode(Results(campaign, (brought(shown, task),))))
+            self._begin(self._ends_s)
+        if now_s >= self._next_beat_s:
+            self._beat(now_s)
+        self.due_s = min(self._ends_s, self._next_beat_s)
+
+    def _begin(self, at_s: float) -> None:
+        self._ends_s = at_s + self._episode_s if self._held else inf
+
+    def _beat(self, now_s: float) -> None:
+        if not self._heartbeat_s:
+            self.socket.send(encode(self._hello))
+            self._next_beat_s = now_s + HELLO_EVERY_S
+            return
+        held = tuple((campaign, task.index) for campaign, task in self._held)
+        running = held[0] if held else (None, None)
+        self.socket.send(encode(Heartbeat(*running, held)))
+        self._next_beat_s = now_s + self._heartbeat_s
+
+    def _welcome(self, message: Welcome) -> None:
+        self._heartbeat_s = message.heartbeat_s
+        # Real ones do not all come at the same moment.
+        self._next_beat_s = time.monotonic() + self._heartbeat_s * random.random()
+
+    def _refused(self, _message: Refusal) -> None:
+        self._heartbeat_s = 0.0
+
+    def _lease(self, message: Lease) -> None:
+        was_idle = not self._held
+        self._held.extend((message.campaign, task) for task in message.tasks)
+        if was_idle:
+            self._begin(time.monotonic())
+        self.due_s = 0.0
+
+    def _drop(self, message: Drop) -> None:
+        self._held = deque(held for held in self._held if held[0] != message.campaign)
+        self._begin(time.monotonic())
+
+
+def brought(shown: EpisodeResult, task: EpisodeTask) -> EpisodeResult:
+    """What comes of an episode."""
+    measures = replace(shown.measures, robustness_m=0.5 + task.seed % 1_000 / 100.0)
+    kind, seed = task.source_kind, task.seed
+    return replace(shown, index=task.index, seed=seed, source=kind, measures=measures)
+
+
+def nothing(_message: Message) -> None:
+    """Setups and policies are of no use here, and what was acknowledged is forgotten already."""
+
+
+def serve(workers: list[Worker]) -> NoReturn:
+    """Turn after turn."""
+    shown = examples()
+    poller = zmq.Poller()
+    by_socket = {worker.socket: worker for worker in workers}
+    for socket in by_socket:
+        poller.register(socket, zmq.POLLIN)
+    while True:
+        for socket, _ in poller.poll(0):
+            by_socket[socket].hear()
+        now_s = time.monotonic()
+        for worker in workers:
+            if worker.due_s <= now_s:
+                worker.act(now_s, *shown)
+        time.sleep(LOOK_EVERY_S)
+
+
+def main() -> None:
+    """Come to the hub, and stay."""
+    die_with_parent()
+    address, workers, episode_s = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
+    zmq.Context.instance().set(zmq.MAX_SOCKETS, workers + 8)
+    serve([Worker(number, address, episode_s) for number in range(workers)])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""How fast a service is with many workers: predicted from what a result costs, and measured.
+
+`python benchmarks/scale.py` prints the tables of docs/scale.md from benchmarks/latest.json; with
+`measure` it takes the figures anew before that, with `write` it puts the tables into the page.
+"""
+
+import sys
+from collections.abc import Mapping, Sequence
+from math import ceil
+
+import msgspec
+from figures import ROOT, Figure, write
+from hub import COMMAND, crowd, hub_figures, playing
+from learner_cost import CASES
+from scale_costs import cost_figures
+from scale_table import CREWS, EPISODE_S, method_of, predicted, table
+from sqlalchemy import text
+from stage import Stage
+
+LATEST = ROOT / "benchmarks" / "latest.json"
+PAGE = ROOT / "docs" / "scale.md"
+MARKS = ("<!-- workers -->", "<!-- /workers -->")
+
+MEASURED = {"monte_carlo": CREWS[:3], "many": (1_000,), "ast": CREWS[:2], "difs": CREWS[:2]}
+SETTLED = {"monte_carlo": 100, "many": 2_000, "ast": 80, "difs": 120}
+"""Episodes after which rounds are as they stay."""
+
+WARM_S, SPAN_S = 4.0, 12.0
+LEAST_ROUNDS = 3
+
+LANDED_MS = text(
+    "SELECT finished_ms FROM episodes WHERE campaign = :campaign"
+    " ORDER BY finished_ms LIMIT 1 OFFSET :before"
+)
+
+
+def scale_figures(hub: Mapping[str, Figure]) -> dict[str, Figure]:
+    """What a result and a round cost, and how fast crews of sleepers were.
+
+    Args:
+        hub: what the hub can take.
+    """
+    costs = cost_figures()
+    rates = {
+        f"rate_{name}_{workers}": measured(name, workers, {**hub, **costs})
+        for name, crews in MEASURED.items()
+        for workers in crews
+    }
+    return costs | rates
+
+
+def measured(name: str, workers: int, figures: Mapping[str, Figure]) -> Figure:
+    """Episodes per second of a real hub and learner, with workers that sleep."""
+    case, method = CASES[name], method_of(name, figures)
+    expected = predicted(name, workers, EPISODE_S, figures).episodes_per_s
+    first = whole(max(SETTLED[name], WARM_S * expected), method.round_size)
+    span = whole(SPAN_S * expected, method.round_size)
+    span = max(span, LEAST_ROUNDS * method.round_size)
+    with playing() as stage:
+        services = stage.services()
+        told = {"method": case.method, "settings": case.settings, "episodes": case.episodes}
+        campaign = stage.create(**told, simulator="highway", planner="rulebook")
+        with crowd(services.hub, workers, EPISODE_S):
+            stage.wait_for(campaign, first + span + 1)
+            took_ms = landed_ms(stage, campaign, first + span) - landed_ms(stage, campaign, first)
+    return Figure(value=1000.0 * span / took_ms, unit="1/s", n=span, command=COMMAND)
+
+
+def whole(episodes: float, round_size: int) -> int:
+    """As many rounds as it takes."""
+    return ceil(episodes / round_size) * round_size
+
+
+def landed_ms(stage: Stage, campaign: int, before: int) -> int:
+    """When a result was committed before which there were so many."""
+    return int(stage.ask(LANDED_MS, {"campaign": campaign, "before": before}))
+
+
+def latest() -> dict[str, Figure]:
+    """What was measured last."""
+    return msgspec.json.decode(LATEST.read_bytes(), type=dict[str, Figure])
+
+
+def put(lines: Sequence[str]) -> None:
+    """Into the page, between its marks."""
+    before, rest = PAGE.read_text().split(MARKS[0])
+    after = rest.split(MARKS[1])[1]
+    PAGE.write_text("\n".join((before + MARKS[0], *lines, MARKS[1] + after)))
+
+
+def main() -> None:
+    """As told."""
+    if "measure" in sys.argv:
+        hub = hub_figures()
+        write(LATEST, latest() | hub | scale_figures(hub))
+    lines = [*table(latest())]
+    if "write" in sys.argv:
+        put(lines)
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()

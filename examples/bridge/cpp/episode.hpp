@@ -1,0 +1,83 @@
+// What a bridge is made of: yours are the episodes, and what the bridge says of itself.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "messagepack.hpp"
+
+namespace eigenfail {
+
+
+struct Vehicle {
+    double x_m, y_m, heading_rad, speed_mps, length_m, width_m;
+};
+
+struct Pair {
+    double first, second;
+};
+
+// What is true now; what the planner saw and did is told after a step.
+struct Truth {
+    Vehicle ego;
+    std::vector<Vehicle> others;
+    bool collided = false;
+    std::optional<Pair> perceived, control, applied;
+    bool off_road = false;
+};
+
+// Throw it for what is not the simulator's fault: "planner", "solver" or "input".
+struct Fault : std::runtime_error {
+    Fault(std::string whose, const std::string& message)
+        : std::runtime_error(message), whose(std::move(whose)) {}
+    std::string whose;
+};
+
+// One episode, from its start; yours. Counting steps and ending is the bridge's.
+class Episode {
+public:
+    virtual ~Episode() = default;
+    virtual Truth truth() const = 0;
+    virtual void step(Pair disturbance_m) = 0;
+};
+
+// Of a reset: what is to begin. Parameters and settings are complete: defaults, or what was set.
+struct Start {
+    std::uint64_t seed;
+    std::string scenario;
+    Value parameters;
+    std::string planner;
+    Value settings;
+};
+
+struct Scenario {
+    std::string name;
+    double dt_s;
+    std::uint64_t steps;
+    Map parameters;
+};
+
+struct Planner {
+    std::string name;
+    Map settings;
+};
+
+struct Description {
+    std::string name, version;
+    std::uint64_t slots;
+    std::vector<Scenario> scenarios;
+    std::vector<Planner> planners;
+};
+
+// Which vehicle's perceived position is disturbed: the nearest by its centre, of equals the first.
+inline std::size_t nearest(const Truth& truth) {
+    auto away = [&](const Vehicle& one) {
+        return std::hypot(one.x_m - truth.ego.x_m, one.y_m - truth.ego.y_m);
+    };
+    auto nearer = [&](const Vehicle& one, const Vehicle& other) { return away(one) < away(other); };
+    auto found = std::min_element(truth.others.begin(), truth.others.end(), nearer);
+    return static_cast<std::size_t>(found - truth.others.begin());
+}
+
+}  // namespace eigenfail

@@ -1,0 +1,142 @@
+"""A bridge: a process that holds simulator and planner. docs/bridge.md has the protocol.
+
+python minimal.py tcp://127.0.0.1:9000
+"""
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import zmq
+from msgspec.msgpack import decode, encode
+from msgspec.structs import asdict, astuple
+
+from eigenfail import plugins
+from eigenfail.contracts import Simulation
+from eigenfail.errors import InputError
+from eigenfail.settings import read_settings
+from eigenfail.values import Observation
+
+Open = Callable[[dict[str, Any]], Simulation]
+MOST_SESSIONS = 8
+
+
+class Bridge:
+    """Answers requests. `open_simulation` makes what one slot needs, from the map of a reset."""
+
+    def __init__(self, welcome: dict[str, Any], open_simulation: Open) -> None:
+        self.welcome, self.open = welcome, open_simulation
+        self.sessions: dict[str, dict[int, tuple[dict[str, Any], Simulation]]] = {}
+
+    def answer(self, request: dict[str, Any]) -> dict[str, Any]:
+        """One message for one message."""
+        if request["type"] == "hello":
+            if request["protocol"] != self.welcome["protocol"]:
+                return {"type": "refusal", "reason": "I speak protocol 1."}
+            self.sessions[request["session"]] = {}
+            while len(self.sessions) > MOST_SESSIONS:  # nobody says goodbye for who was killed
+                del self.sessions[next(iter(self.sessions))]
+            return self.welcome
+        if request["session"] not in self.sessions:
+            told = {"fault": "simulator", "message": "I do not know this session."}
+            return {"type": "error", "id": request["id"], **told}
+        if request["type"] == "close":
+            del self.sessions[request["session"]]
+            return {"type": "closed", "id": request["id"]}
+        act = {"reset": self.reset, "step": self.step}[request["type"]]
+        slots = [act(self.sessions[request["session"]], each) for each in request["slots"]]
+        return {"type": "observations", "id": request["id"], "slots": slots}
+
+    def reset(self, held: dict[int, Any], asked: dict[str, Any]) -> dict[str, Any]:
+        """Begin an episode; the simulation of the last one serves again if it is the same."""
+        slot, seed = asked.pop("slot"), asked.pop("seed")
+        try:
+            if slot not in held or held[slot][0] != asked:
+                held[slot] = asked, self.open(asked)
+            return shown(held[slot][1].reset(seed))
+        except Exception as error:  # noqa: BLE001 - whatever it is, its slot alone fails
+            held.pop(slot, None)
+            return fault(error)
+
+    def step(self, held: dict[int, Any], asked: dict[str, Any]) -> dict[str, Any]:
+        """Move one slot by one step."""
+        try:
+            longitudinal, lateral = asked["disturbance"]
+            return shown(held[asked["slot"]][1].step((longitudinal, lateral)))
+        except Exception as error:  # noqa: BLE001 - the same
+            held.pop(asked["slot"], None)
+            return fault(error)
+
+
+def shown(seen: Observation) -> dict[str, Any]:
+    """An observation as a map."""
+    return {
+        "step": seen.step,
+        "ego": astuple(seen.ego),
+        "others": [astuple(other) for other in seen.others],
+        "collided": seen.collided,
+        "ended": seen.ended,
+        "perceived": seen.perceived,
+        "control": astuple(seen.control) if seen.control else None,
+        "applied": astuple(seen.applied) if seen.applied else None,
+        "off_road": seen.off_road,
+    }
+
+
+def fault(error: Exception) -> dict[str, Any]:
+    """Whose fault it was: errors of eigenfail say so; all others are the simulator's."""
+    kind = "input" if isinstance(error, InputError) else getattr(error, "kind", "simulator")
+    return {"fault": kind, "message": str(error) or type(error).__name__}
+
+
+def serve(address: str, bridge: Bridge) -> None:
+    """Answer for ever."""
+    socket = zmq.Context.instance().socket(zmq.REP)
+    socket.bind(address)
+    while True:
+        socket.send(encode(bridge.answer(decode(socket.recv()))))
+
+
+def built_in(asked: dict[str, Any]) -> Simulation:
+    """highway-env with the scenario and the planner of that name; yours goes here."""
+    scenario = plugins.load(plugins.SCENARIOS, asked["scenario"])
+    planner = plugins.load(plugins.PLANNERS, asked["planner"])
+    parameters = read_settings(scenario.Parameters, asked["parameters"], "parameters")
+    settings = read_settings(planner.Settings, asked["settings"], "settings")
+    simulator = plugins.load(plugins.SIMULATORS, "highway")()
+    simulation: Simulation = simulator.open(scenario(), parameters, planner(settings))
+    simulation.steps = asked["steps"]
+    return simulation
+
+
+def told(scenario: str) -> dict[str, Any]:
+    """What a worker is told of a scenario."""
+    plugin = plugins.load(plugins.SCENARIOS, scenario)
+    situation = plugin()(plugin.Parameters(), 0)
+    defaults = asdict(plugin.Parameters())
+    dt_s, steps = situation.mission.dt_s, situation.steps
+    return {"name": scenario, "dt_s": dt_s, "steps": steps, "parameters": defaults}
+
+
+def of_planner(planner: str) -> dict[str, Any]:
+    """What a worker is told of a planner."""
+    defaults = asdict(plugins.load(plugins.PLANNERS, planner).Settings())
+    plain = {name: value for name, value in defaults.items() if isinstance(value, int | float)}
+    return {"name": planner, "settings": plain}
+
+
+def welcome(slots: int = 32) -> dict[str, Any]:
+    """What this bridge is."""
+    return {
+        "type": "welcome",
+        "protocol": 1,
+        "name": "minimal",
+        "version": "1",
+        "slots": slots,
+        "scenarios": [told(name) for name in ("cut_in", "lead_brake", "merge_in")],
+        "planners": [of_planner(name) for name in ("idm", "rulebook")],
+    }
+
+
+if __name__ == "__main__":
+    serve(sys.argv[1], Bridge(welcome(), built_in))

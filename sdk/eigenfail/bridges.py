@@ -1,0 +1,141 @@
+"""Any process as a system under test, simulator and planner in one; docs/bridge.md.
+
+A campaign has `simulator` "bridge"; `scenario` and `planner` are names that the bridge knows. Where
+the bridge is, a campaign cannot say: whoever starts a worker does.
+"""
+
+import os
+import re
+from collections.abc import Mapping
+from math import isfinite
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+
+from eigenfail.errors import InvalidValue
+from eigenfail.values import CampaignSpec
+from eigenfail.values.variation import Variation, read_variation
+
+SIMULATOR = "bridge"
+"""What a campaign names as its simulator."""
+
+ADDRESS_VARIABLE = "EIGENFAIL_BRIDGE"
+ADDRESS_OPTION = "--bridge"
+TRUST_VARIABLE = "EIGENFAIL_TRUST_NETWORK"
+ADDRESS = re.compile(r"tcp://(\[[0-9a-fA-F:.]+\]|[\w.-]+):[1-9]\d{0,4}|ipc:///?[^\s\0]{1,100}")
+LOOPBACK = re.compile(r"tcp://(127(\.\d{1,3}){3}|localhost|\[::1\]):|ipc://")
+
+LONGEST_TEXT = 200
+MOST_PARAMETERS = 64
+
+Plain = bool | int | float | str
+Steps = Annotated[int, Meta(ge=1, le=10_000)]
+StepTime = Annotated[float, Meta(gt=0.0, le=10.0)]
+
+OWN = ("steps", "dt_s")
+"""Of `scenario_parameters`, those that eigenfail reads itself; all others are the bridge's."""
+
+
+def check_address(address: str) -> str:
+    """The address, if a worker may connect to it.
+
+    Raises:
+        InvalidValue: it is none; or it is on another machine, and nobody vouches for the network.
+    """
+    if not ADDRESS.fullmatch(address):
+        problem = f"'{address}' is no address of a bridge."
+        remedy = "Write it as tcp://127.0.0.1:PORT or ipc://PATH."
+        raise InvalidValue(ADDRESS_OPTION, problem, remedy)
+    if not LOOPBACK.match(address) and os.environ.get(TRUST_VARIABLE) != "1":
+        raise InvalidValue(
+            ADDRESS_OPTION,
+            f"'{address}' is on another machine, and a bridge has no keys.",
+            f"Run the bridge beside the worker. On a private network, {TRUST_VARIABLE}=1 does "
+            "without keys and encryption.",
+        )
+    return address
+
+
+def check(spec: CampaignSpec) -> Variation:
+    """The scenario parameters of a campaign on a bridge; whether it knows them it says later.
+
+    Raises:
+        InvalidValue: the horizon is missing, a value is no number, truth value or text, or there
+            are too many.
+    """
+    read_plain(spec.planner_settings, "planner_settings")
+    return variation(spec.scenario_parameters)
+
+
+def horizon(spec: CampaignSpec) -> int:
+    """The number of steps of a full episode, of the longest where they vary; see `check`."""
+    return check(spec).largest(lambda parameters: int(parameters.steps))
+
+
+def step_s(spec: CampaignSpec) -> float:
+    """The duration of a step, as the campaign has it. [s]"""
+    return max(float(parameters.dt_s) for parameters in check(spec).corners())
+
+
+def variation(given: Mapping[str, Any], field: str = "scenario_parameters") -> Variation:
+    """Scenario parameters as a user gave them, each fixed or drawn.
+
+    Raises:
+        InvalidValue: as `check` does.
+    """
+    if "steps" not in given:
+        remedy = "Give the horizon of the scenario, as `eigenfail doctor --bridge ADDRESS` shows."
+        raise InvalidValue(f"{field}.steps", "is missing.", remedy)
+    refuse_too_many(given, field)
+    found = read_variation(parameters_kind(given), given, field)
+    for corner in found.corners():
+        read_plain(msgspec.structs.asdict(corner), field)
+    return found
+
+
+def parameters_kind(given: Mapping[str, Any]) -> type[msgspec.Struct]:
+    """A struct of the parameters that were given: any, but for the two that eigenfail reads.
+
+    Raises:
+        InvalidValue: a name that none can have.
+    """
+    others = [str(name) for name in given if name not in OWN]
+    for name in others:
+        if not name.isidentifier():
+            problem = "is no name of a parameter."
+            raise InvalidValue(f"scenario_parameters.{name}", problem, "Use letters, digits and _.")
+    return msgspec.defstruct(
+        "BridgeParameters",
+        [("steps", Steps), *((name, Plain) for name in others), ("dt_s", StepTime, 0.1)],
+        frozen=True,
+        forbid_unknown_fields=True,
+    )
+
+
+def foreign(parameters: msgspec.Struct) -> dict[str, Plain]:
+    """Of the parameters of an episode, those that the bridge is told under their names."""
+    named = msgspec.structs.asdict(parameters)
+    return {name: value for name, value in named.items() if name not in OWN}
+
+
+def read_plain(given: Mapping[str, Any], field: str) -> dict[str, Plain]:
+    """The values themselves, if every bridge can be told them.
+
+    Raises:
+        InvalidValue: one is no finite number, truth value or short text, or there are too many.
+    """
+    refuse_too_many(given, field)
+    for name, value in given.items():
+        fits = {str: lambda text: len(text) <= LONGEST_TEXT, float: isfinite}
+        if type(value) not in Plain.__args__ or not fits.get(type(value), lambda _: True)(value):
+            problem = "is no finite number, no truth value and no short text."
+            raise InvalidValue(f"{field}.{name}", problem, "A bridge is told nothing else.")
+    return dict(given)
+
+
+def refuse_too_many(given: Mapping[str, Any], field: str) -> None:
+    """Raises InvalidValue for more than a bridge is told."""
+    if len(given) > MOST_PARAMETERS:
+        problem = f"there are {len(given)}."
+        raise InvalidValue(field, problem, f"A bridge is told {MOST_PARAMETERS} at most.")

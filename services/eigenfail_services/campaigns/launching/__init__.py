@@ -1,0 +1,1 @@
+"""Who starts workers, how many, and what becomes of them: Ray, or nobody here."""

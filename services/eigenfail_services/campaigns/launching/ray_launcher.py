@@ -1,0 +1,138 @@
+"""Has Ray place as many workers as the work needs, and brings a Ray back that has died."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+import msgspec
+import structlog
+
+from eigenfail.errors import ClusterUnavailable
+from eigenfail.hosting.span import Span
+from eigenfail.wire.curve import WorkerKey
+from eigenfail_services.campaigns.launching.launcher import Notice, Table
+from eigenfail_services.campaigns.launching.placement import ASKED, Placement
+from eigenfail_services.campaigns.launching.ray_link import RayLink
+from eigenfail_services.campaigns.launching.ray_words import Begin, Lost, Standing
+from eigenfail_services.campaigns.launching.roll import Roll
+
+LOST, BACK = "ray.lost", "ray.back"
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
+"""Before another try: twice as long each time, until a Ray has lasted for as long."""
+
+LOOK_EVERY_S = 0.05
+NO_ROOM = "{} episodes wait, and Ray may be asked for no worker: the limit (--max-workers) is 0."
+
+log = structlog.get_logger()
+
+
+class RayLauncher:
+    """Workers as Ray actors, on a cluster or on a Ray of one machine that it starts.
+
+    Args:
+        span: between which numbers of workers; the same one twice is just that many.
+        cluster: address of a running Ray; None starts one on this machine, for as long as it lasts.
+        clock: seconds that only ever grow.
+    """
+
+    def __init__(
+        self, span: Span, cluster: str | None = None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._span = span
+        self._cluster = cluster
+        self._clock = clock
+        self._roll = Roll(span)
+        self._placement = Placement()
+        self._standing: Standing | None = None
+        self._link: RayLink | None = None
+        self._notices: deque[Notice] = deque()
+        self._again_s, self._since_s, self._pause_s = 0.0, 0.0, FIRST_PAUSE_S
+        self._was_lost = self._said_none = False
+
+    def start(self, hub: str, key: WorkerKey | None = None) -> None:
+        """Connect to Ray, and ask it for the workers that there are to be in any case.
+
+        Raises:
+            ClusterUnavailable: Ray is not installed, or does not start.
+        """
+        self._begin = Begin(hub, key.text() if key else None, self._cluster, self._span.most)
+        self._link = RayLink(self._begin)
+        self._link.want((*self._roll.names,))
+        while self._standing is None:
+            if lost := self._heard(self._link):
+                raise ClusterUnavailable(lost.problem, lost.remedy)
+            time.sleep(LOOK_EVERY_S)
+
+    def tend(self, table: Table) -> Sequence[Notice]:
+        """Hear how Ray stands, bring it back if it is lost, and ask it for whom is needed."""
+        if (link := self._link) is None:
+            self._try_again()
+        elif lost := self._heard(link):
+            self._lose(link, lost)
+        self._staff(table)
+        notices = (*self._notices,)
+        self._notices.clear()
+        return notices
+
+    def stop(self) -> None:
+        """Wait a moment for the workers to leave by themselves, then let go of Ray."""
+        if self._link is not None:
+            self._link.stop()
+            self._link = None
+
+    def _heard(self, link: RayLink) -> Lost | None:
+        """How things stand is noted; that Ray is lost is told."""
+        with suppress(msgspec.DecodeError):
+            for word in link.hear():
+                if isinstance(word, Lost):
+                    return word
+                self._stands(word)
+        problem = link.trouble()
+        return Lost(problem, "The log of the services has its last words.") if problem else None
+
+    def _stands(self, standing: Standing) -> None:
+        if self._standing is None:
+            self._since_s = self._clock()
+        self._standing = standing
+        self._notices += self._placement.note(self._clock(), standing)
+        if self._was_lost:
+            self._was_lost = False
+            self._say(BACK, f"Ray is back (machines: {standing.machines}).")
+
+    def _lose(self, link: RayLink, lost: Lost) -> None:
+        link.kill()
+        if self._standing and self._clock() - self._since_s >= LONGEST_PAUSE_S:
+            self._pause_s = FIRST_PAUSE_S
+        self._link, self._standing, self._placement = None, None, Placement()
+        if not self._was_lost:
+            what = "It is connected to anew." if self._cluster else "Another one is started."
+            self._say(LOST, f"Ray is lost. {lost.problem} {what} What its workers ran runs again.")
+        self._was_lost = True
+        self._again_s = self._clock() + self._pause_s
+        log.warning("ray lost", problem=lost.problem, again_in_s=self._pause_s)
+        self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)
+
+    def _try_again(self) -> None:
+        if self._clock() < self._again_s:
+            return
+        try:
+            self._link = RayLink(self._begin)
+        except OSError as error:
+            log.warning("ray process not started", problem=str(error))
+            self._again_s = self._clock() + self._pause_s
+
+    def _staff(self, table: Table) -> None:
+        muster = table.muster()
+        self._roll.look(self._clock(), muster)
+        if self._span.most == 0 and muster.work.episodes and not self._said_none:
+            self._said_none = True
+            self._say(ASKED, NO_ROOM.format(muster.work.episodes))
+        if self._standing is not None:
+            placed = {*self._standing.placed, *self._standing.unplaced}
+            table.part_with(placed.difference(self._roll.names))
+        if self._link is not None:
+            self._link.want((*self._roll.names,))
+
+    def _say(self, kind: str, message: str) -> None:
+        self._notices.append(Notice(kind, message))

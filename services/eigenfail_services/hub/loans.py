@@ -1,0 +1,59 @@
+"""Which episode is with which worker."""
+
+from collections import defaultdict
+
+from eigenfail.values import EpisodeTask
+from eigenfail_services.hub.claims import Key
+from eigenfail_services.hub.dealer import Dealer
+from eigenfail_services.hub.seats import Seat
+
+
+class Loans:
+    """Keeps seats, campaigns and the dealer at one mind on what is held; each change is O(log n).
+
+    Args:
+        seats: who is here, by their connections.
+        dealer: told of all that goes out and comes back.
+    """
+
+    def __init__(self, seats: dict[bytes, Seat], dealer: Dealer) -> None:
+        self._seats = seats
+        self._dealer = dealer
+        self._holders: defaultdict[int, dict[int, bytes]] = defaultdict(dict)
+
+    def busy(self, campaign: int) -> bool:
+        """Whether any episode of a campaign is with a worker."""
+        return bool(self._holders.get(campaign))
+
+    def held(self, key: Key) -> EpisodeTask | None:
+        """What somebody holds of an episode; None if nobody does."""
+        worker = self._holders.get(key[0], {}).get(key[1])
+        return None if worker is None else self._seats[worker].held[key]
+
+    def lend(self, worker: bytes, key: Key, task: EpisodeTask) -> None:
+        """A worker has it now, which its campaign is charged for."""
+        seat, work_s = self._seats[worker], self._dealer.pace_s(key[0])
+        seat.lend(key, task, work_s)
+        self._holders[key[0]][key[1]] = worker
+        self._dealer.lent(key[0], work_s)
+        self._dealer.look(worker, seat)
+
+    def end(self, key: Key) -> tuple[EpisodeTask, float]:
+        """Nobody has it any more; what it was charged as stays charged. [s]"""
+        worker = self._holders[key[0]].pop(key[1])
+        seat = self._seats[worker]
+        ended = seat.give_back(key)
+        self._dealer.look(worker, seat)
+        return ended
+
+    def undo(self, key: Key) -> EpisodeTask:
+        """Nobody has it any more, nor did anybody run it."""
+        task, work_s = self.end(key)
+        self._dealer.lent(key[0], -work_s)
+        return task
+
+    def end_all(self, campaign: int) -> None:
+        """Nobody has anything of a campaign any more."""
+        for index in [*self._holders.get(campaign, ())]:
+            self.end((campaign, index))
+        self._holders.pop(campaign, None)

@@ -1,0 +1,27 @@
+"""The made-up workers of the benchmarks speak with a real hub as real ones do."""
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EPISODES, WORKERS = 120, 5
+
+
+@pytest.fixture(autouse=True)
+def benchmarks(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+
+
+@pytest.mark.service
+def test_a_crowd_sees_a_campaign_through():
+    from hub import crowd, playing, present, wait_until
+
+    with playing() as stage:
+        services = stage.services()
+        campaign = stage.create(method="monte_carlo", episodes=EPISODES)
+        with crowd(services.hub, WORKERS):
+            found = stage.finish(campaign)
+            wait_until(lambda: present(stage) == WORKERS, "all of them are written down")
+        assert (found.repeated, len(found.digests)) == (0, 1)
+        assert stage.campaign(campaign).counts.duplicates == 0

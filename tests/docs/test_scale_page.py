@@ -1,0 +1,56 @@
+"""docs/scale.md shows what the model of scale makes of the figures of `make bench`."""
+
+import re
+from importlib import import_module
+
+import pytest
+
+PAGE = "docs/scale.md"
+
+
+@pytest.fixture(scope="module")
+def page(root):
+    return (root / PAGE).read_text()
+
+
+@pytest.fixture
+def benchmark(root, monkeypatch):
+    """Imports a script of benchmarks/, as it is when it is run."""
+    monkeypatch.syspath_prepend(root / "benchmarks")
+    return import_module
+
+
+def test_the_table_of_workers_is_what_the_model_says_now(page, benchmark):
+    scale = benchmark("scale")
+    begin, end = scale.MARKS
+    shown = page.split(begin)[1].split(end)[0].strip().splitlines()
+    assert shown == [*scale.table(scale.latest())]
+
+
+def test_every_measured_crew_is_in_the_table(page, benchmark):
+    scale, columns = benchmark("scale"), benchmark("scale_table").HEADS
+    place = columns.index("measured /s")
+    rows = [line.split("|")[1:-1] for line in page.splitlines() if line.startswith("| `")]
+    measured = sum(bool(row[place].strip()) for row in rows if len(row) == len(columns))
+    assert measured == sum(map(len, scale.MEASURED.values()))
+
+
+def test_how_far_a_method_looks_ahead_is_what_the_method_says(benchmark):
+    table, cases = benchmark("scale_table"), benchmark("learner_cost").CASES
+    plugins = import_module("eigenfail.plugins")
+    for name, case in cases.items():
+        method = plugins.load(plugins.METHODS, case.method)
+        assert method.lookahead == table.LOOKAHEAD[name], name
+
+
+def test_the_model_and_the_hub_have_the_same_bounds(benchmark):
+    parts = benchmark("scale_parts")
+    commits = import_module("eigenfail_services.hub.commits")
+    server = import_module("eigenfail_services.hub.server")
+    assert (parts.GROUP_S, parts.GROUP) == (commits.MAX_WAIT_S, commits.MAX_RESULTS)
+    assert parts.TURN == server.MESSAGES_PER_TURN
+
+
+def test_the_page_names_files_that_exist(page, root):
+    for name in re.findall(r"(?:benchmarks|tests)/[\w/.]+\w", page):
+        assert (root / name).exists(), name

@@ -1,0 +1,122 @@
+"""Bridges of strangers, started as programs, and what searches for failures in them."""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from eigenfail import bridges, plugins
+from eigenfail.cli.specs import read_spec
+from eigenfail.settings import read_settings
+from eigenfail.values import CampaignSpec, EpisodeResult, LearnerContext, learner_seed
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_workers.bridge.engine import BridgeEngine
+from eigenfail_workers.bridge.line import Line
+
+BRIDGES = Path(__file__).parents[3] / "examples" / "bridge"
+COMPILER = (
+    *("g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-O0"),
+    *("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-I", str(BRIDGES / "cpp")),
+)
+
+
+class Started(NamedTuple):
+    """A bridge that runs, and where."""
+
+    program: subprocess.Popen[str]
+    address: str
+
+
+@pytest.fixture(scope="session")
+def compiled(tmp_path_factory) -> Callable[[Path], Path]:
+    """Builds a C++ bridge; a warning is an error, and so is what the sanitizers see later."""
+
+    def build(source: Path) -> Path:
+        program = tmp_path_factory.mktemp("compiled") / source.stem
+        subprocess.run([*COMPILER, str(source), "-o", str(program), "-lzmq"], check=True)
+        return program
+
+    return build
+
+
+@pytest.fixture
+def start(tmp_path) -> Iterator[Callable[..., Started]]:
+    """Starts bridges, given their command without the address."""
+    started: list[Started] = []
+
+    def run(*command: object) -> Started:
+        address = f"ipc://{tmp_path}/b{len(started)}"
+        words = [*map(str, command), address]
+        program = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+        started.append(Started(program, address))
+        return started[-1]
+
+    yield run
+    for each in started:
+        each.program.kill()
+        each.program.communicate()
+
+
+@pytest.fixture
+def start_python(start) -> Callable[[str], Started]:
+    """Starts one of the examples in Python."""
+    return lambda name: start(sys.executable, BRIDGES / name)
+
+
+@pytest.fixture
+def engine() -> Iterator[Callable[[CampaignSpec, str], BridgeEngine]]:
+    """Engines on bridges."""
+    lines: list[Line] = []
+
+    def make(spec: CampaignSpec, address: str) -> BridgeEngine:
+        lines.append(Line(address))
+        return BridgeEngine(spec.setup(), lines[-1])
+
+    yield make
+    for line in lines:
+        line.close()
+
+
+@pytest.fixture
+def search(engine) -> Callable[..., list[EpisodeResult]]:
+    """Runs a campaign file on a bridge, with a smaller budget."""
+
+    def run(file: Path, address: str, episodes: int) -> list[EpisodeResult]:
+        spec = replace(read_spec(file), episodes=episodes)
+        steps = bridges.horizon(spec)
+        method = plugins.load(plugins.METHODS, spec.method)
+        settings = read_settings(method.Settings, spec.settings, "settings")
+        none = np.zeros((0, steps, 2), np.float32)
+        learner = method(LearnerContext(learner_seed(spec.seed), episodes, steps, none), settings)
+        rounds = Rounds(learner, spec.seed, episodes)
+        return list(run_in_process(rounds, engine(spec, address)))
+
+    return run
+
+
+@pytest.fixture
+def check_bridge(eigenfail_command) -> Callable[[str], None]:
+    """Holds a bridge against its protocol, as its author would."""
+
+    def check(address: str) -> None:
+        told = eigenfail_command("doctor", "--bridge", address)
+        assert told.returncode == 0, told.stdout + told.stderr
+        assert "broken" not in told.stdout
+
+    return check
+
+
+@pytest.fixture
+def eigenfail_command() -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Runs the command line."""
+    program = Path(sys.executable).with_name("eigenfail")
+
+    def run(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([program, *words], capture_output=True, text=True, check=False)
+
+    return run

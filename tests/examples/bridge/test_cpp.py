@@ -1,0 +1,137 @@
+"""The C++ headers, built with warnings as errors and with sanitizers, by the golden bytes."""
+
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+import zmq
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from msgspec.msgpack import decode, encode
+
+HERE = Path(__file__).parent
+GOLDEN = {
+    file.stem: file.read_bytes()
+    for file in sorted((HERE.parents[1] / "workers" / "bridge" / "golden").iterdir())
+}
+DIALOGUE = (
+    ("hello_of_protocol_2", "refusal"),
+    ("hello", "welcome"),
+    ("reset", "observations_at_start"),
+    ("step", "observations_after_step"),
+    ("step_of_another_session", "error"),
+    ("close", "closed"),
+)
+ABOVE = (0, 127, 128, 255, 256, 2**16, 2**32, 2**64 - 1)
+BELOW = (-1, -32, -33, -128, -129, -(2**15) - 1, -(2**31), -(2**63))
+SIZES = (0, 15, 16, 31, 32, 255, 256, 2**16)
+CASES = {
+    "numbers": [*ABOVE, *BELOW, 0.1, -1e300, float("inf"), True, False, None],
+    "texts": ["a" * size for size in SIZES],
+    "lists": [[0] * size for size in SIZES],
+    "maps": [{str(key): key for key in range(size)} for size in SIZES],
+}
+
+
+@pytest.fixture(scope="module")
+def stub(compiled) -> Path:
+    return compiled(HERE / "stub.cpp")
+
+
+@pytest.fixture
+def ask(start, stub):
+    """Sends requests to the stub, which has to end well afterwards."""
+    started = start(stub)
+    with zmq.Context() as context, context.socket(zmq.REQ) as socket:
+        socket.setsockopt(zmq.RCVTIMEO, 10_000)
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.connect(started.address)
+
+        def run(request: bytes) -> bytes:
+            socket.send(request)
+            return socket.recv()
+
+        yield run
+    started.program.send_signal(signal.SIGTERM)
+    _, told = started.program.communicate(timeout=30)
+    assert (started.program.returncode, told) == (0, "")
+
+
+def echoed(stub: Path, message: bytes) -> bytes:
+    return subprocess.run([stub, "echo"], input=message, capture_output=True, check=True).stdout
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_golden_messages_are_read_and_written_by_the_byte(stub, name) -> None:
+    assert echoed(stub, GOLDEN[name]) == GOLDEN[name]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_values_of_every_size_are_written_as_everybody_does(stub, name) -> None:
+    message = encode(CASES[name])
+    assert echoed(stub, message) == message
+
+
+def test_messages_that_end_too_early_or_never_are_refused(stub) -> None:
+    whole = GOLDEN["reset"]
+    wrong = [whole[:length] for length in (0, 1, 5, 40, len(whole) - 1)]
+    wrong += [
+        whole + b"\0",
+        b"\xdf\xff\xff\xff\xff",
+        b"\x91" * 1000,
+        b"\xc1",
+        b"\xdb\xff\xff\xff\xff",
+    ]
+    for message in wrong:
+        told = subprocess.run([stub, "echo"], input=message, capture_output=True, check=False)
+        assert (told.returncode, told.stderr) == (1, b""), message
+
+
+def told_of(answer: bytes) -> object:
+    """What an answer says; nil is what is left out, and words to people are any words."""
+    return without_nil(decode(answer))
+
+
+def without_nil(value: object) -> object:
+    if isinstance(value, list):
+        return [without_nil(each) for each in value]
+    if isinstance(value, dict):
+        kept = {key: without_nil(each) for key, each in value.items() if each is not None}
+        return kept | {key: "…" for key in ("reason", "message") if kept.get(key)}
+    return value
+
+
+def test_it_leads_the_golden_dialogue(ask) -> None:
+    for request, answer in DIALOGUE:
+        assert told_of(ask(GOLDEN[request])) == told_of(GOLDEN[answer]), request
+
+
+def test_slots_that_are_over_and_names_that_nobody_knows_are_faults(ask) -> None:
+    ask(GOLDEN["hello"])
+    ask(GOLDEN["reset"])
+    ask(GOLDEN["step"])
+    over = decode(ask(GOLDEN["step"]))["slots"]
+    assert [each["fault"] for each in over] == ["simulator"] * 2
+    reset = decode(GOLDEN["reset"])
+    for key, value in {
+        "scenario": "x",
+        "planner": "x",
+        "steps": 101,
+        "parameters": {"x": 1},
+    }.items():
+        reset["slots"] = [decode(GOLDEN["reset"])["slots"][0] | {key: value}]
+        assert decode(ask(encode(reset)))["slots"][0]["fault"] == "input", key
+    reset["slots"] = [decode(GOLDEN["reset"])["slots"][0] | {"slot": 2}]
+    assert decode(ask(encode(reset)))["type"] == "error"
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
+@given(st.sampled_from(["hello", "reset", "step"]), st.integers(0, 400), st.integers(0, 255))
+def test_spoilt_requests_are_answered_and_nothing_else(ask, name, place, byte) -> None:
+    ask(GOLDEN["hello"])
+    spoilt = bytearray(GOLDEN[name])
+    spoilt[place % len(spoilt)] = byte
+    assert decode(ask(bytes(spoilt)), strict=False)["type"] in {
+        *("welcome", "refusal", "observations", "closed", "error"),
+    }

@@ -1,0 +1,103 @@
+"""`eigenfail doctor --bridge`: a bridge is held against its protocol, over the wire."""
+
+import json
+import socketserver
+import subprocess
+import sys
+from pathlib import Path
+from threading import Thread
+
+import pytest
+
+BRIDGES = Path(__file__).parents[3] / "examples" / "bridge"
+LOOK = "Look at its own log; `eigenfail doctor --bridge` tries it."
+CARELESS = """
+import sys
+sys.path.insert(0, sys.argv[2])
+import minimal
+
+class Careless(minimal.Bridge):
+    # It takes every seed for another, and lets a step after the end be one more.
+    runs = 0
+
+    def reset(self, held, asked):
+        Careless.runs += 1
+        return super().reset(held, asked) | {"ego": [Careless.runs, 0, 0, 20, 16, 2]}
+
+    def step(self, held, asked):
+        shown = super().step(held, asked)
+        shown.pop("fault", None)
+        return {"step": 1, "ego": [0, 0, 0, 1, 1, 1], "others": [[9, 0, 0, 1, 1, 1]]} | shown
+
+minimal.serve(sys.argv[1], Careless(minimal.welcome(), minimal.built_in))
+"""
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Starts a bridge; where it listens."""
+    started = []
+
+    def run(*command: object) -> str:
+        address = f"ipc://{tmp_path}/b{len(started)}"
+        words = [sys.executable, *map(str, command[:2]), address, *map(str, command[2:])]
+        started.append(subprocess.Popen(words))
+        return address
+
+    yield run
+    for program in started:
+        program.kill()
+        program.wait()
+
+
+def verdicts(told) -> dict[tuple[str, str], tuple[str, str]]:
+    checks = json.loads(told.stdout)
+    return {(each["plugin"], each["check"]): (each["verdict"], each["said"]) for each in checks}
+
+
+def test_the_reference_bridge_does_all_that_it_should(eigenfail, start) -> None:
+    address = start(BRIDGES / "minimal.py")
+    told = eigenfail("doctor", "--bridge", address, "--json")
+    assert told.exit_code == 0, told.output
+    found = verdicts(told)
+    assert {verdict for verdict, _ in found.values()} == {"passed"}
+    assert found["cut_in", "scenario"][1].startswith("steps = 100, dt_s = 0.1, distance_m = 58.0")
+    assert ("cut_in, idm", "keeps slots apart") in found
+    assert ("merge_in, idm", "counts steps") in found
+
+
+def test_what_a_bridge_does_wrong_is_named(eigenfail, start) -> None:
+    address = start("-c", CARELESS, BRIDGES)
+    told = eigenfail("doctor", "--bridge", address, "--json")
+    assert told.exit_code == 3
+    found = verdicts(told)
+    assert found["cut_in, idm", "repeats itself"] == (
+        "broken",
+        "The second episode differs from the first.",
+    )
+    assert found["cut_in, idm", "refuses what is over"][0] == "broken"
+    assert found["cut_in, idm", "starts at step zero"][0] == "passed"
+
+
+class HangsUp(socketserver.BaseRequestHandler):
+    """Whatever it is, it is no bridge."""
+
+
+def test_where_no_bridge_answers_nothing_else_is_asked(eigenfail) -> None:
+    with socketserver.TCPServer(("127.0.0.1", 0), HangsUp) as server:
+        thread = Thread(target=server.serve_forever)
+        thread.start()
+        address = f"tcp://127.0.0.1:{server.server_address[1]}"
+        told = eigenfail("doctor", "--bridge", address, "--json")
+        server.shutdown()
+        thread.join()
+    assert told.exit_code == 3
+    (_, hello), *others = verdicts(told).items()
+    assert hello == ("broken", f"The bridge at {address} went away. {LOOK}")
+    assert {verdict for _, (verdict, _) in others} == {"skipped"}
+
+
+def test_a_bridge_elsewhere_is_wrong_usage(eigenfail) -> None:
+    told = eigenfail("doctor", "--bridge", "tcp://192.0.2.1:9000")
+    assert told.exit_code == 2
+    assert "EIGENFAIL_TRUST_NETWORK" in told.output

@@ -1,0 +1,53 @@
+"""Numbers of workers: which of them go together, and what the services are told."""
+
+import math
+import os
+
+import pytest
+
+from eigenfail.errors import InvalidValue
+from eigenfail.hosting.span import Span, span_of
+
+CORES = os.cpu_count() or 1
+
+
+@pytest.mark.parametrize(
+    ("given", "span"),
+    [
+        ((None, None, None, None), Span(CORES, CORES)),
+        ((3, None, None, None), Span(3, 3)),
+        ((0, None, None, None), Span(0, 0)),
+        ((None, None, 8, None), Span(0, 8, 60.0)),
+        ((None, 2, 8, 5.0), Span(2, 8, 5.0)),
+        ((None, None, 0, None), Span(0, 0)),
+    ],
+)
+def test_a_number_stays_and_a_range_follows_the_work(given, span) -> None:
+    assert span_of(*given) == span
+
+
+@pytest.mark.parametrize(
+    ("given", "problem"),
+    [
+        ((None, 2, None, None), "--min-workers: says how to scale, and nothing is scaled."),
+        ((None, None, None, 2.0), "--idle-s: says how to scale, and nothing is scaled."),
+        ((2, None, 3, None), "--workers: is a number that stays"),
+        ((None, 4, 3, None), "--min-workers: 4 is not between 0 and"),
+        ((None, -1, 3, None), "--min-workers: -1 is not between 0 and"),
+        ((None, None, -1, None), "--min-workers: 0 is not between 0 and --max-workers, which is"),
+        ((-1, None, None, None), "--workers: -1 is below 0"),
+        ((None, None, 3, 0.0), "--idle-s: 0 is not above 0"),
+        ((None, None, 3, math.nan), "--idle-s: nan is not above 0"),
+    ],
+)
+def test_what_does_not_go_together_is_refused_by_name(given, problem) -> None:
+    with pytest.raises(InvalidValue, match=problem):
+        span_of(*given)
+
+
+@pytest.mark.parametrize("span", [Span(2, 2), Span(0, 0), Span(0, 8, 5.0), Span(2, 3)])
+def test_the_services_read_what_they_are_told(span) -> None:
+    from eigenfail_services.__main__ import parse
+
+    told = parse([*span.options()])
+    assert span_of(told.workers, told.min_workers, told.max_workers, told.idle_s) == span

@@ -1,0 +1,112 @@
+"""Campaigns on a bridge: what they may ask for, and where a bridge may be."""
+
+import pytest
+
+from eigenfail import bridges, functions
+from eigenfail.cli.planner_code import packages
+from eigenfail.cli.specs import check_plugins
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.values import CampaignSpec
+from eigenfail.variations import drawn_for, variation_of
+
+
+def spec(**parameters) -> CampaignSpec:
+    return CampaignSpec(
+        name="t",
+        method="monte_carlo",
+        episodes=9,
+        simulator="bridge",
+        scenario="crossing, wet",
+        planner="theirs 2.1",
+        planner_settings={"speed": 9.5, "bold": True, "map": "a"},
+        scenario_parameters=parameters,
+    )
+
+
+def test_any_name_and_any_plain_parameter_will_do() -> None:
+    asked = spec(steps=80, gap_m=12.5, wet=False, kind="van")
+    check_plugins(asked)
+    assert bridges.horizon(asked) == 80
+    assert bridges.step_s(asked) == 0.1
+    (parameters,) = bridges.check(asked).corners()
+    assert bridges.foreign(parameters) == {"gap_m": 12.5, "wet": False, "kind": "van"}
+
+
+def test_a_parameter_may_vary_as_any_scenarios() -> None:
+    asked = spec(steps=80, gap_m={"uniform": [10.0, 14.0]}, kind={"choice": ["van", "car"]})
+    drawn = [drawn_for(asked, seed) for seed in range(50)]
+    assert {each["kind"] for each in drawn} == {"van", "car"}
+    assert all(10.0 <= each["gap_m"] <= 14.0 for each in drawn)
+    assert variation_of(asked).drawn(3) == drawn[3]
+
+
+def test_the_longest_episode_is_the_horizon() -> None:
+    assert bridges.horizon(spec(steps={"choice": [50, 70, 60]}, dt_s=0.05)) == 70
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({}, "scenario_parameters.steps: is missing."),
+        ({"steps": 0}, "scenario_parameters.steps: Expected `int` >= 1"),
+        ({"steps": 2.5}, "scenario_parameters.steps: Expected `int`"),
+        ({"steps": 9, "dt_s": 0.0}, "scenario_parameters.dt_s: Expected `float` > 0"),
+        ({"steps": 9, "gap_m": float("nan")}, "scenario_parameters.gap_m: is no finite number"),
+        ({"steps": 9, "gap_m": [1.0]}, "scenario_parameters.gap_m: Expected"),
+        ({"steps": 9, "gap_m": None}, "scenario_parameters.gap_m: Expected"),
+        ({"steps": 9, "kind": "v" * 201}, "scenario_parameters.kind: is no finite number"),
+        ({"steps": 9, "gap m": 1.0}, "scenario_parameters.gap m: is no name of a parameter."),
+        ({"steps": 9, "gap_m": {"uniform": [2.0, 1.0]}}, "gap_m.uniform: .* is not an interval"),
+        ({"steps": 9} | {f"p{n}": 1.0 for n in range(64)}, "scenario_parameters: there are 65."),
+    ],
+)
+def test_what_no_bridge_can_be_told_is_refused(parameters, said: str) -> None:
+    with pytest.raises((InvalidValue, UnknownName), match=said):
+        bridges.check(spec(**parameters))
+
+
+def test_settings_of_the_planner_are_plain_too() -> None:
+    with pytest.raises(InvalidValue, match=r"planner_settings\.speed: is no finite number"):
+        bridges.read_plain({"speed": {"a": 1}}, "planner_settings")
+
+
+def test_a_foreign_planner_has_no_code_here() -> None:
+    assert list(packages(spec(steps=9))) == []
+
+
+def test_the_bridge_is_a_simulator_that_campaigns_may_name() -> None:
+    assert {"bridge", "function", "highway"} <= set(functions.simulators())
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["tcp://127.0.0.1:9000", "tcp://localhost:1", "tcp://[::1]:65535", "ipc:///tmp/a.bridge"],
+)
+def test_a_bridge_on_this_machine_needs_no_trust(address: str, monkeypatch) -> None:
+    monkeypatch.delenv("EIGENFAIL_TRUST_NETWORK", raising=False)
+    assert bridges.check_address(address) == address
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "tcp://10.0.0.7:9000",
+        "tcp://127.example.org:9000",
+        "tcp://localhost.example.org:9000",
+        "tcp://[2001:db8::1]:9000",
+    ],
+)
+def test_a_bridge_elsewhere_is_a_decision(address: str, monkeypatch) -> None:
+    monkeypatch.delenv("EIGENFAIL_TRUST_NETWORK", raising=False)
+    with pytest.raises(InvalidValue, match="EIGENFAIL_TRUST_NETWORK=1"):
+        bridges.check_address(address)
+    monkeypatch.setenv("EIGENFAIL_TRUST_NETWORK", "1")
+    assert bridges.check_address(address) == address
+
+
+@pytest.mark.parametrize(
+    "address", ["", "9000", "tcp://127.0.0.1", "tcp://*:1", "inproc://a", "ipc://"]
+)
+def test_what_is_no_address_is_refused(address: str) -> None:
+    with pytest.raises(InvalidValue, match="is no address of a bridge"):
+        bridges.check_address(address)

@@ -1,0 +1,154 @@
+"""A Ray that dies, in played time: when it is tried again, what is said, who is asked for."""
+
+from collections import deque
+
+import pytest
+
+from eigenfail.errors import ClusterUnavailable
+from eigenfail.hosting.span import Span
+from eigenfail_services.campaigns.launching import ray_launcher as module
+from eigenfail_services.campaigns.launching.ray_launcher import LONGEST_PAUSE_S, RayLauncher
+from eigenfail_services.campaigns.launching.ray_words import Begin, Lost, Standing
+from eigenfail_services.hub.muster import Muster, Work
+
+STATUS = "The process of Ray's driver ended with status 1."
+
+
+class PlayedLink:
+    """A Ray process that says what it is told to, and ends when it is told to."""
+
+    lives: list["PlayedLink"]
+
+    def __init__(self, begin: Begin) -> None:
+        self.begin, self.names = begin, ()
+        self.words: deque[object] = deque([Standing(machines=1)])
+        self.problem = ""
+        self.killed = False
+        self.lives.append(self)
+
+    def want(self, names: tuple[str, ...]) -> None:
+        self.names = names
+
+    def hear(self):
+        while self.words:
+            yield self.words.popleft()
+
+    def trouble(self) -> str:
+        return self.problem
+
+    def kill(self) -> None:
+        self.killed = True
+
+    stop = kill
+
+
+class Table:
+    """A hub with work, or without."""
+
+    def __init__(self) -> None:
+        self.found, self.leaving = Muster(), frozenset()
+
+    def muster(self) -> Muster:
+        return self.found
+
+    def part_with(self, names) -> None:
+        self.leaving = frozenset(names)
+
+
+@pytest.fixture
+def lives(monkeypatch) -> list[PlayedLink]:
+    lives: list[PlayedLink] = []
+    monkeypatch.setattr(module, "RayLink", type("Link", (PlayedLink,), {"lives": lives}))
+    return lives
+
+
+@pytest.fixture
+def now_s() -> list[float]:
+    return [0.0]
+
+
+def started(now_s: list[float], span: Span, cluster: str | None = None) -> RayLauncher:
+    launcher = RayLauncher(span, cluster, clock=lambda: now_s[0])
+    launcher.start("tcp://127.0.0.1:1")
+    return launcher
+
+
+def kinds(launcher: RayLauncher, table: Table) -> list[str]:
+    return [notice.kind for notice in launcher.tend(table)]
+
+
+def test_a_ray_that_is_lost_is_replaced_after_ever_longer_pauses(lives, now_s) -> None:
+    launcher, table, pauses = started(now_s, Span(2, 2)), Table(), []
+    for _ in range(8):
+        lives[-1].problem = STATUS
+        assert kinds(launcher, table) == ["ray.lost"]
+        lost_s = now_s[0]
+        while lives[-1].problem != "":
+            now_s[0] += 0.25
+            assert kinds(launcher, table) == []
+        pauses.append(now_s[0] - lost_s)
+        assert kinds(launcher, table) == ["ray.back"]
+    assert pauses == [1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0, 30.0]
+    assert all(life.killed for life in lives[:-1])
+    assert {life.names for life in lives} == {lives[0].names}
+    assert len(lives[0].names) == 2
+
+    now_s[0] += LONGEST_PAUSE_S
+    lives[-1].problem = STATUS
+    kinds(launcher, table)
+    now_s[0] += 1.0
+    kinds(launcher, table)
+    assert lives[-1].problem == ""
+
+
+def test_a_cluster_that_stays_away_is_said_once(lives, now_s) -> None:
+    launcher, table = started(now_s, Span(1, 1), "head:6379"), Table()
+    said = []
+    for _ in range(400):
+        if len(lives) < 5:
+            lives[-1].words = deque([Lost("Ray cannot be used: nobody listens.")])
+        now_s[0] += 0.25
+        said += launcher.tend(table)
+    assert [notice.kind for notice in said] == ["ray.lost", "ray.back"]
+    assert said[0].message == (
+        "Ray is lost. Ray cannot be used: nobody listens. It is connected to anew. "
+        "What its workers ran runs again."
+    )
+    assert len(lives) == 5
+
+
+def test_a_cluster_that_is_not_there_at_the_start_is_refused(monkeypatch, lives, now_s) -> None:
+    monkeypatch.setattr(module.RayLink, "hear", lambda _: iter([Lost("Nobody.", "Start it.")]))
+    with pytest.raises(ClusterUnavailable, match=r"Nobody\. Start it\."):
+        started(now_s, Span(1, 1))
+
+
+def test_who_is_struck_out_is_to_leave_the_hub_until_ray_has_it_no_more(lives, now_s) -> None:
+    launcher, table = started(now_s, Span(0, 2, 10.0)), Table()
+
+    def pass_by(seconds: float) -> None:
+        for _ in range(int(4 * seconds)):
+            now_s[0] += 0.25
+            launcher.tend(table)
+
+    table.found = Muster(Work(100, 100.0))
+    pass_by(3.0)
+    names = lives[0].names
+    assert len(names) == 2
+    lives[0].words.append(Standing(machines=1, placed=names))
+    here = frozenset(names)
+    table.found = Muster(Work(), present=here, idle=here)
+    pass_by(11.0)
+    assert (lives[0].names, table.leaving) == ((), here)
+    lives[0].words.append(Standing(machines=1, placed=names[:1]))
+    pass_by(0.5)
+    assert table.leaving == {names[0]}
+
+
+def test_work_that_no_worker_may_be_asked_for_is_said_once(lives, now_s) -> None:
+    launcher, table = started(now_s, Span(0, 0)), Table()
+    assert launcher.tend(table) == ()
+    table.found = Muster(Work(7, 1.0))
+    (notice,) = launcher.tend(table)
+    assert notice.message.startswith("7 episodes wait, and Ray may be asked for no worker")
+    assert launcher.tend(table) == ()

@@ -1,0 +1,51 @@
+"""Whoever speaks ends the wait, whoever is to be heard by then."""
+
+import pytest
+import zmq
+
+from eigenfail_services.hub.ears import Ears
+
+LONG_MS = 60_000
+
+
+@pytest.fixture
+def pairs():
+    """Sockets to hear, and those at their other ends."""
+    context = zmq.Context()
+    made = []
+    for place in range(2):
+        hears, says = context.socket(zmq.PAIR), context.socket(zmq.PAIR)
+        hears.bind(f"inproc://pair-{place}")
+        says.connect(f"inproc://pair-{place}")
+        made.append((hears, says))
+    yield made
+    context.destroy(linger=0)
+
+
+def test_a_word_of_anybody_ends_the_wait(pairs):
+    ears, everybody = Ears(), [hears for hears, _ in pairs]
+    for hears, says in pairs:
+        says.send(b"word")
+        ears.wait([*everybody], LONG_MS)
+        assert hears.recv(zmq.NOBLOCK) == b"word"
+
+
+def test_who_comes_later_is_heard_and_who_has_left_is_not(pairs):
+    ears = Ears()
+    (first, first_says), (second, second_says) = pairs
+    ears.wait([first], 0)
+    first_says.send(b"to nobody")
+    ears.wait([second], 0)
+    second_says.send(b"word")
+    ears.wait([second], LONG_MS)
+    assert second.recv(zmq.NOBLOCK) == b"word"
+
+
+def test_a_socket_that_was_closed_does_not_disturb(pairs):
+    ears = Ears()
+    (first, _), (second, second_says) = pairs
+    ears.wait([first, second], 0)
+    first.close()
+    second_says.send(b"word")
+    ears.wait([second], LONG_MS)
+    assert second.recv(zmq.NOBLOCK) == b"word"

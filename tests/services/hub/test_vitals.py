@@ -1,0 +1,50 @@
+"""What Prometheus sees of a hub: what happened, and how it stands."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from eigenfail_services.hub.muster import Work
+from eigenfail_services.hub.vitals import Load, Standing, Vitals, standing, timed
+
+
+def value(vitals, name, **labels):
+    return vitals.registry.get_sample_value(f"eigenfail_{name}", labels)
+
+
+def seat(*held):
+    return SimpleNamespace(held=dict.fromkeys(held))
+
+
+def campaign(episodes, learner_s=0.0):
+    return SimpleNamespace(work=lambda: Work(episodes), learner_s=learner_s)
+
+
+def test_what_waits_is_what_is_open_and_with_nobody():
+    seats = [seat((1, 0), (1, 1)), seat((2, 0)), seat()]
+    stands = standing({1: campaign(10, 0.5), 2: campaign(1)}, seats)
+    assert stands == Standing({1: Load(8, 2, 0.5), 2: Load(0, 1)}, 3)
+
+
+def test_a_result_that_waits_for_its_commit_makes_no_negative_queue():
+    assert standing({1: campaign(0)}, [seat((1, 0))]).campaigns == {1: Load(0, 1)}
+
+
+def test_what_stands_is_scraped_for_those_campaigns_alone_that_run():
+    vitals = Vitals()
+    vitals.standing = Standing({7: Load(3, 2, 1.5)}, 4)
+    assert value(vitals, "workers") == 4
+    assert value(vitals, "episodes_waiting", campaign="7") == 3
+    assert value(vitals, "episodes_leased", campaign="7") == 2
+    assert value(vitals, "learner_busy_seconds", campaign="7") == 1.5
+    vitals.standing = Standing()
+    assert value(vitals, "episodes_waiting", campaign="7") is None
+
+
+def test_a_block_that_breaks_off_is_not_timed():
+    vitals = Vitals()
+    with timed(vitals.commit_s):
+        pass
+    with pytest.raises(ZeroDivisionError), timed(vitals.commit_s):
+        raise ZeroDivisionError
+    assert value(vitals, "commit_seconds_count") == 1

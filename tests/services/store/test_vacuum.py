@@ -1,0 +1,140 @@
+"""Room that is given back, and the way back to an older schema."""
+
+from contextlib import closing
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from eigenfail.errors import Conflict, SchemaMismatch, ServiceError, StoreUnavailable, UnknownName
+from eigenfail.testing.store.examples import deliver, result, running
+from eigenfail.values import CampaignState
+from eigenfail.values.retention import Retention
+from eigenfail_services.store import migrate, open_store, schema, steps
+from eigenfail_services.upkeep import vacuum as module
+from eigenfail_services.upkeep.pruning import Which, prune
+from eigenfail_services.upkeep.revisions import downgrade
+from eigenfail_services.upkeep.vacuum import vacuum
+from eigenfail_services.upkeep.verify import verify
+
+COUNT = 1_000
+BEFORE = "0013"
+
+
+class Usage(NamedTuple):
+    """A disk."""
+
+    free: int
+
+
+def fill(url: str) -> None:
+    with closing(open_store(url)) as store:
+        campaign = running(store, episodes=COUNT)
+        deliver(store, campaign, *(result(n, steps=200) for n in range(COUNT)))
+        store.campaigns.move(campaign.id, CampaignState.DONE)
+        assert (job := store.jobs.claim("test", 60.0))
+        assert store.jobs.finish(job)
+    prune(url, Retention(keep_every=1_000), Which())
+
+
+def test_what_was_pruned_is_given_back(url) -> None:
+    fill(url)
+    done = vacuum(url)
+    assert done.bytes_after < done.bytes_before
+    if url.startswith("sqlite"):
+        assert done.bytes_before - done.bytes_after > COUNT * 200 * 2 * 2 * 4 * 0.9
+        assert Path(url.removeprefix("sqlite:///")).stat().st_size == done.bytes_after
+    assert verify(url).defects == 0
+    with closing(open_store(url)) as store:
+        assert store.campaigns.get(1).counts.completed == COUNT
+
+
+def test_a_file_that_somebody_uses_is_left_alone(sqlite_url) -> None:
+    with closing(open_store(sqlite_url)) as store:
+        store.ping()
+        with pytest.raises(ServiceError, match=r"locked.*Stop the service"):
+            vacuum(sqlite_url)
+        running(store)
+    vacuum(sqlite_url)
+    with closing(open_store(sqlite_url)) as store:
+        assert store.campaigns.get(1)
+
+
+def test_a_server_is_swept_beside_a_service(prepared_postgres_url) -> None:
+    with closing(open_store(prepared_postgres_url)) as store:
+        running(store)
+        assert vacuum(prepared_postgres_url).bytes_after
+        assert store.campaigns.get(1)
+
+
+def test_no_room_is_said_before_anything_is_begun(sqlite_url, monkeypatch, tmp_path) -> None:
+    size = Path(sqlite_url.removeprefix("sqlite:///")).stat().st_size
+    monkeypatch.setattr(module, "disk_usage", lambda _: Usage(2 * size - 1))
+    monkeypatch.setenv("SQLITE_TMPDIR", str(tmp_path))
+    with pytest.raises(ServiceError, match=rf"needs {2 * size} bytes in {tmp_path}.*Make room"):
+        vacuum(sqlite_url)
+    monkeypatch.setattr(module, "disk_usage", lambda _: Usage(2 * size))
+    vacuum(sqlite_url)
+
+
+def test_the_copy_is_written_where_sqlite_writes_it(monkeypatch, tmp_path) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setenv("SQLITE_TMPDIR", str(tmp_path / "none"))
+    assert module.temporary_folder() == tmp_path
+    (tmp_path / "none").mkdir()
+    assert module.temporary_folder() == tmp_path / "none"
+
+
+def test_two_disks_need_room_each(tmp_path) -> None:
+    shm = Path("/dev/shm")
+    if not shm.exists() or shm.stat().st_dev == tmp_path.stat().st_dev:
+        pytest.skip("there is one disk")
+    assert module.needs(shm, 3, tmp_path, 4) == {shm: 3, tmp_path: 4}
+    assert module.needs(tmp_path, 3, tmp_path, 4) == {tmp_path: 7}
+
+
+def test_what_is_not_there_or_of_another_schema_is_refused(sqlite_url, tmp_path) -> None:
+    with pytest.raises(StoreUnavailable):
+        vacuum(f"sqlite:///{tmp_path / 'none.db'}")
+    migrate.downgrade(sqlite_url, BEFORE)
+    with pytest.raises(SchemaMismatch):
+        vacuum(sqlite_url)
+
+
+def test_the_way_back_and_forward_again(url) -> None:
+    with closing(open_store(url)) as store:
+        deliver(store, running(store), *map(result, range(5)))
+        before = store.episodes.digest(1)
+    with pytest.raises(Conflict, match=rf"From {schema.VERSION} back to {BEFORE}.*db backup FILE"):
+        downgrade(url, BEFORE, force=False)
+    assert migrate.current(url) == schema.VERSION
+    assert downgrade(url, BEFORE, force=True) == BEFORE == migrate.current(url)
+    migrate.upgrade(url)
+    assert verify(url).defects == 0
+    with closing(open_store(url)) as store:
+        assert store.episodes.digest(1) == before
+
+
+@pytest.mark.parametrize("revision", ["", "base", "head", "9999", "-1"])
+def test_a_revision_that_is_none_is_refused_with_those_there_are(url, revision) -> None:
+    with pytest.raises(UnknownName) as refused:
+        downgrade(url, revision, force=True)
+    assert refused.value.known == steps.revisions()
+    assert migrate.current(url) == schema.VERSION
+
+
+def test_forward_is_another_command(sqlite_url) -> None:
+    for revision in (schema.VERSION, BEFORE):
+        if revision == BEFORE:
+            downgrade(sqlite_url, BEFORE, force=True)
+        with pytest.raises(Conflict, match="db upgrade"):
+            downgrade(sqlite_url, revision, force=True)
+
+
+def test_nobody_may_use_it_meanwhile(url) -> None:
+    with closing(open_store(url)) as store:
+        store.ping()
+        with pytest.raises(ServiceError, match="Stop"):
+            downgrade(url, BEFORE, force=True)
+        assert migrate.current(url) == schema.VERSION
+        running(store)

@@ -1,0 +1,51 @@
+"""The port at which the services are scraped: loopback, unless somebody vouches for the network."""
+
+import socket
+from urllib.request import urlopen
+
+import pytest
+
+from eigenfail.errors import InvalidValue, PortTaken
+from eigenfail_services.hub.vitals import Standing, Vitals
+from eigenfail_services.scrape import parted, serve
+
+
+@pytest.fixture
+def free():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    return f"127.0.0.1:{port}"
+
+
+def test_the_figures_are_served_until_that_is_ended(free):
+    vitals = Vitals()
+    vitals.standing = Standing(workers=2)
+    end = serve(free, vitals.registry)
+    with urlopen(f"http://{free}/metrics") as answer:
+        lines = answer.read().decode().splitlines()
+    assert "eigenfail_workers 2.0" in lines
+    assert any(line.startswith("process_resident_memory_bytes ") for line in lines)
+    end()
+    with pytest.raises(OSError, match="refused"):
+        urlopen(f"http://{free}/metrics")
+
+
+def test_a_taken_port_is_told(free):
+    host, port = parted(free)
+    with socket.create_server((host, port)), pytest.raises(PortTaken, match=free):
+        serve(free, Vitals().registry)
+
+
+@pytest.mark.parametrize("address", ["", "8442", "127.0.0.1", "127.0.0.1:", "localhost:x", "a:0"])
+def test_what_is_no_address_is_refused(address):
+    with pytest.raises(InvalidValue, match="metrics"):
+        parted(address)
+
+
+def test_other_machines_reach_it_only_where_somebody_vouches(monkeypatch):
+    monkeypatch.delenv("EIGENFAIL_TRUST_NETWORK", raising=False)
+    with pytest.raises(InvalidValue, match="asks nobody for a key"):
+        parted("0.0.0.0:8442")
+    monkeypatch.setenv("EIGENFAIL_TRUST_NETWORK", "1")
+    assert parted("0.0.0.0:8442") == ("0.0.0.0", 8442)
+    assert parted("[::1]:8442") == ("::1", 8442)

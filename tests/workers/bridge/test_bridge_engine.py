@@ -1,0 +1,136 @@
+"""Campaigns on a bridge: the same episodes as built in, whatever runs beside them."""
+
+import numpy as np
+import pytest
+
+from eigenfail.contracts import LockstepEngine
+from eigenfail.errors import InvalidValue
+from eigenfail.values import (
+    DisturbanceModel,
+    EpisodeSetup,
+    EpisodeTask,
+    Outcome,
+    PolicySource,
+    PriorSource,
+    TrajectorySource,
+    episode_seed,
+)
+from eigenfail_workers.engine import Engine
+from eigenfail_workers.engines import make_engine
+
+NOISY = DisturbanceModel(scale=2.0)
+IN_BATCHES_OF = (1, 7, 64)
+
+
+def tasks(episodes: int) -> list[EpisodeTask]:
+    return [EpisodeTask(i, episode_seed(5, i), PriorSource()) for i in range(episodes)]
+
+
+def built_in(planner: str, **changes) -> Engine:
+    given = {"simulator": "highway", "scenario": "cut_in", "scenario_parameters": {}}
+    rest = {"planner": planner, "planner_settings": {}, "disturbance": NOISY}
+    return Engine(EpisodeSetup(**(given | rest | changes)))
+
+
+@pytest.mark.parametrize("planner", ["idm", "rulebook"])
+def test_episodes_are_those_of_the_same_world_built_in(planner, serving, on_bridge) -> None:
+    expected = [each.digest() for each in built_in(planner).run(tasks(24))]
+    with serving() as address:
+        engine = on_bridge(address, planner, disturbance=NOISY)
+        results = list(engine.run(tasks(24)))
+    assert [each.digest() for each in results] == expected
+    failures = sum(each.is_failure for each in results)
+    assert failures >= (5 if planner == "idm" else 1)
+
+
+def test_an_episode_does_not_depend_on_its_neighbours(serving, on_bridge) -> None:
+    found = {}
+    for slots in IN_BATCHES_OF:
+        with serving(slots=slots) as address:
+            results = list(on_bridge(address, disturbance=NOISY).run(tasks(70)))
+        assert [each.index for each in results] == list(range(70))
+        found[slots] = [each.digest() for each in results]
+    with serving(slots=7) as address:
+        backwards = list(on_bridge(address, disturbance=NOISY).run(tasks(70)[::-1]))
+    assert found[1] == found[7] == found[64] == [each.digest() for each in backwards[::-1]]
+
+
+def test_scenes_and_measures_are_those_of_the_built_in_world(serving, on_bridge) -> None:
+    (expected,) = built_in("idm").run(tasks(1))
+    with serving() as address:
+        (found,) = on_bridge(address, disturbance=NOISY).run(tasks(1))
+    assert found.measures == expected.measures
+    np.testing.assert_array_equal(found.scene.vehicles, expected.scene.vehicles)
+    np.testing.assert_array_equal(found.scene.controls, expected.scene.controls)
+    np.testing.assert_array_equal(found.scene.perceived, expected.scene.perceived)
+
+
+def test_a_stored_episode_is_the_same_when_it_is_replayed(serving, on_bridge) -> None:
+    with serving() as address:
+        (first,) = on_bridge(address, disturbance=NOISY).run(tasks(1))
+        again = EpisodeTask(0, first.seed, TrajectorySource(first.noise.z))
+        (replayed,) = on_bridge(address, disturbance=NOISY).run([again])
+    assert replayed.digest() == first.digest()
+
+
+def test_parameters_are_drawn_here_and_told_to_the_bridge(serving, on_bridge) -> None:
+    varied = {"steps": 100, "distance_m": {"uniform": [56.0, 60.0]}}
+    inside = {"distance_m": {"uniform": [56.0, 60.0]}}
+    expected = [each.digest() for each in built_in("idm", scenario_parameters=inside).run(tasks(8))]
+    with serving() as address:
+        engine = on_bridge(address, disturbance=NOISY, scenario_parameters=varied)
+        assert [each.digest() for each in engine.run(tasks(8))] == expected
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"scenario": "cutin"}, "scenario: 'cutin' is not known. Did you mean 'cut_in'?"),
+        ({"planner": "autoware"}, "planner: 'autoware' is not known."),
+        ({"scenario_parameters": {"steps": 100, "gap": 1.0}}, "scenario_parameters: 'gap' is not"),
+        ({"scenario_parameters": {"steps": 101}}, "'cut_in' has no more than 100 steps"),
+        ({"scenario_parameters": {"steps": 9, "dt_s": 0.2}}, "takes 0.1 s, and not 0.2 s."),
+        ({"planner_settings": {"speed": 1.0}}, "planner_settings: 'speed' is not known."),
+        ({"scenario_parameters": {"steps": 9, "distance_m": 9.0}}, "bridge: parameters.distance_m"),
+    ],
+)
+def test_what_the_bridge_does_not_know_is_the_campaigns_fault(
+    changes, said, serving, on_bridge
+) -> None:
+    with serving() as address:
+        (result,) = on_bridge(address, **changes).run(tasks(1))
+        assert result.outcome is Outcome.FAILED
+        assert result.fault.kind == "input"
+        assert said in result.fault.message
+        (usual,) = on_bridge(address).run(tasks(1))
+        assert usual.fault is None
+
+
+def test_a_policy_that_nobody_sent_is_the_inputs_fault_and_the_others_run(serving, on_bridge):
+    unknown = EpisodeTask(1, 7, PolicySource(3))
+    known = EpisodeTask(2, 8, PriorSource())
+    with serving() as address:
+        results = list(on_bridge(address).run([*tasks(1), unknown, known]))
+    assert [each.fault and each.fault.kind for each in results] == [None, "input", None]
+
+
+def test_it_is_an_engine_that_runs_episodes_side_by_side(serving, on_bridge) -> None:
+    with serving(slots=3) as address:
+        engine = on_bridge(address)
+        assert isinstance(engine, LockstepEngine)
+        assert engine.room == 1  # how many there are, the bridge has not told yet
+        for task in tasks(3):
+            engine.begin(task)
+        assert engine.room == 0
+        finished = []
+        while len(finished) < 3:
+            finished += engine.turn()
+        assert sorted(each.index for each in finished) == [0, 1, 2]
+        assert engine.room == 3
+
+
+def test_a_worker_without_a_bridge_says_so(monkeypatch) -> None:
+    monkeypatch.delenv("EIGENFAIL_BRIDGE", raising=False)
+    setup = EpisodeSetup("bridge", "cut_in", {"steps": 9}, "idm", {}, DisturbanceModel())
+    with pytest.raises(InvalidValue, match=r"this worker has no bridge\. Start it with --bridge"):
+        make_engine(setup)

@@ -1,0 +1,164 @@
+"""The protocol, byte for byte: every kind of message is a file in golden/."""
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.msgpack import decode
+from msgspec.msgpack import encode as pack
+
+from eigenfail.errors import PlannerError, SimulatorError
+from eigenfail.values import Control, Observation, VehicleState
+from eigenfail_workers.bridge import messages as said
+from eigenfail_workers.bridge.messages import encode, read_answer
+
+GOLDEN = Path(__file__).parent / "golden"
+SESSION = "0123456789abcdef0123456789abcdef"
+OF_TRUCK = {"distance_m": 55.0, "wet": True, "kind": "truck", "lanes": 2}
+STARTS = (
+    said.Start(0, 7, "cut_in", OF_TRUCK, "rulebook", {"beside_m": 6.0}, 100),
+    said.Start(1, 2**63 - 1, "cut_in", {}, "idm", {}, 100),
+)
+PUSHES = (said.Push(0, (0.5, -0.25)), said.Push(1, (-1.0, 0.125)))
+REQUESTS = {
+    "hello": said.Hello(1, SESSION),
+    "hello_of_protocol_2": said.Hello(2, SESSION),
+    "reset": said.Reset(SESSION, 1, STARTS),
+    "step": said.Step(SESSION, 2, PUSHES),
+    "step_of_another_session": said.Step("f" * 32, 3, PUSHES),
+    "close": said.Close(SESSION, 4),
+}
+ego, other, moved = (0.0, 0.0, 0.0, 24.0, 16.5, 2.5), (100.0, 4.0, 0.0, 12.5, 4.5, 1.8), 2.375
+ANSWERS = {
+    "welcome": said.Welcome(
+        1,
+        "stub",
+        "1.0",
+        2,
+        (said.Scenario("cut_in", 0.1, 100, OF_TRUCK),),
+        (said.Planner("rulebook", {"beside_m": 6.0}), said.Planner("idm", {})),
+    ),
+    "refusal": said.Refusal("I speak protocol 1."),
+    "observations_at_start": said.Observations(
+        1,
+        (said.Seen(0, ego, (other,), False, False, off_road=False),) * 2,
+    ),
+    "observations_after_step": said.Observations(
+        2,
+        (
+            said.Seen(
+                step=1,
+                ego=(moved, *ego[1:]),
+                others=(other, other),
+                collided=True,
+                ended=True,
+                perceived=(100.5, 3.75),
+                control=(-7.5, 0.01),
+                applied=(-7.0, 0.01),
+                off_road=True,
+            ),
+            said.Seen(fault="planner", message="It looked away."),
+        ),
+    ),
+    "error": said.Error(3, "simulator", "I do not know this session."),
+    "closed": said.Closed(4),
+}
+DIALOGUE = (
+    ("hello_of_protocol_2", "refusal"),
+    ("hello", "welcome"),
+    ("reset", "observations_at_start"),
+    ("step", "observations_after_step"),
+    ("step_of_another_session", "error"),
+    ("close", "closed"),
+)
+
+
+class Stub:
+    """The simulations of the golden answers: the one of slot 1 fails in its first step."""
+
+    def __init__(self, asked: dict[str, Any]) -> None:
+        self.asked = asked
+
+    def reset(self, seed: int) -> Observation:
+        return Observation(0, VehicleState(*ego), (VehicleState(*other),))
+
+    def step(self, disturbance: tuple[float, float]) -> Observation:
+        if self.asked["planner"] == "idm":
+            raise PlannerError("It looked away.")
+        return Observation(
+            step=1,
+            ego=VehicleState(moved, *ego[1:]),
+            others=(VehicleState(*other),) * 2,
+            collided=True,
+            ended=True,
+            perceived=(100.0 + disturbance[0], 4.0 + disturbance[1]),
+            control=Control(-7.5, 0.01),
+            applied=Control(-7.0, 0.01),
+            off_road=True,
+        )
+
+
+def golden(name: str) -> bytes:
+    return (GOLDEN / f"{name}.msgpack").read_bytes()
+
+
+def test_every_file_is_a_message_and_every_message_a_file() -> None:
+    assert {file.stem for file in GOLDEN.iterdir()} == {*REQUESTS, *ANSWERS}
+
+
+@pytest.mark.parametrize("name", REQUESTS)
+def test_workers_ask_by_the_byte(name: str) -> None:
+    assert encode(REQUESTS[name]) == golden(name)
+
+
+@pytest.mark.parametrize("name", ANSWERS)
+def test_workers_understand_every_answer(name: str) -> None:
+    assert read_answer(golden(name)) == ANSWERS[name]
+
+
+def test_the_reference_bridge_answers_by_the_byte(minimal) -> None:
+    welcome = decode(golden("welcome"))
+    bridge = minimal.Bridge(welcome, Stub)
+    for request, answer in DIALOGUE:
+        assert pack(bridge.answer(decode(golden(request)))) == golden(answer), request
+
+
+def test_an_answer_may_leave_out_what_is_optional_and_hold_what_nobody_knows() -> None:
+    seen = {"step": 1, "ego": [0, 0, 0, 24, 16, 2], "others": [[9, 0, 0, 12, 4, 2]], "new": [1]}
+    data = pack({"later": 1, "slots": [seen], "id": 5, "type": "observations"})
+    whole = said.Seen(1, (0.0, 0.0, 0.0, 24.0, 16.0, 2.0), ((9.0, 0.0, 0.0, 12.0, 4.0, 2.0),))
+    assert read_answer(data) == said.Observations(5, (whole,))
+
+
+WRONG = {
+    "no map": [1, 2],
+    "no type": {"id": 1},
+    "another type": {"type": "hello", "protocol": 1, "session": SESSION},
+    "not a number": {"type": "observations", "id": 1, "slots": [{"ego": [float("nan")] * 6}]},
+    "too large": {"type": "observations", "id": 1, "slots": [{"perceived": [1e10, 0.0]}]},
+    "five numbers": {"type": "observations", "id": 1, "slots": [{"ego": [0.0] * 5}]},
+    "no length": {"type": "observations", "id": 1, "slots": [{"ego": [0.0] * 6}]},
+    "a crowd": {"type": "observations", "id": 1, "slots": [{"others": [[1.0] * 6] * 257}]},
+    "too many slots": {"type": "observations", "id": 1, "slots": [{}] * 257},
+    "nobody's fault": {"type": "observations", "id": 1, "slots": [{"fault": "weather"}]},
+    "no slots": {**decode(golden("welcome")), "slots": 0},
+    "endless steps": {"type": "welcome", "scenarios": [{"name": "a", "dt_s": 0.1, "steps": 1e9}]},
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_outside_the_protocol_is_the_simulators_fault(name: str) -> None:
+    with pytest.raises(SimulatorError, match="cannot be read"):
+        read_answer(pack(WRONG[name]))
+
+
+@given(st.sampled_from(sorted(ANSWERS)), st.integers(0, 400), st.integers(0, 255), st.data())
+def test_a_spoilt_answer_is_read_or_refused_and_nothing_else(name, place, byte, data) -> None:
+    spoilt = bytearray(golden(name))
+    spoilt[place % len(spoilt)] = byte
+    cut = bytes(spoilt[: data.draw(st.integers(0, len(spoilt)))])
+    with suppress(SimulatorError):
+        read_answer(cut)

@@ -1,0 +1,89 @@
+"""One slot of a bridge keeps the contract of a simulation, as every simulator does."""
+
+from contextlib import closing
+
+import pytest
+
+from eigenfail import plugins
+from eigenfail.errors import PlannerError, SimulatorError
+from eigenfail.testing.simulation import SIMULATION_CHECKS, Cruise
+from eigenfail.values import Control, Observation, VehicleState
+from eigenfail_workers.bridge.connection import Connection
+from eigenfail_workers.bridge.messages import Seen, Start
+from eigenfail_workers.bridge.observing import after_step, at_start
+from eigenfail_workers.bridge.simulation import BridgeSimulation
+
+START = Start(0, 0, "cut_in", {}, "idm", {}, 100)
+
+
+@pytest.mark.parametrize("simulator", plugins.names(plugins.SIMULATORS))
+@pytest.mark.parametrize("check", SIMULATION_CHECKS, ids=lambda check: check.__name__)
+def test_simulations(check, simulator: str, serving) -> None:
+    cut_in = plugins.load(plugins.SCENARIOS, "cut_in")
+    opener = plugins.load(plugins.SIMULATORS, simulator)()
+    drivers = []
+
+    def of_test(_asked):
+        return opener.open(cut_in(), cut_in.Parameters(), drivers[-1])
+
+    with serving(of_test) as address:
+        connections = []
+
+        def open_simulation(planner):
+            drivers.append(planner)
+            connections.append(Connection(address))
+            return BridgeSimulation(connections[-1], START)
+
+        check(open_simulation)
+        for connection in connections:
+            connection.close()
+
+
+def test_a_fault_is_blamed_on_whom_the_bridge_blames(serving) -> None:
+    class Broken(Cruise):
+        def act(self, perception):
+            raise ZeroDivisionError("on purpose")
+
+    cut_in = plugins.load(plugins.SCENARIOS, "cut_in")
+    opener = plugins.load(plugins.SIMULATORS, "point_mass")()
+    with (
+        serving(lambda _: opener.open(cut_in(), cut_in.Parameters(), Broken())) as address,
+        closing(Connection(address)) as connection,
+    ):
+        simulation = BridgeSimulation(connection, START)
+        simulation.reset(1)
+        with pytest.raises(PlannerError, match="The planner raised ZeroDivisionError: on purpose"):
+            simulation.step((0.0, 0.0))
+
+
+EGO, OTHER = (0.0, 0.0, 0.0, 20.0, 16.0, 2.5), (30.0, 1.0, 0.0, 12.0, 4.5, 1.8)
+
+
+def test_what_a_bridge_does_not_tell_is_seen_from_outside() -> None:
+    before = at_start(Seen(0, EGO, (OTHER, (90.0, *OTHER[1:]))))
+    slower = Seen(1, (2.0, 0.0, 0.0, 19.5, 16.0, 2.5), (OTHER, OTHER))
+    assert after_step(slower, before, (0.5, -0.25), 0.1) == Observation(
+        step=1,
+        ego=VehicleState(2.0, 0.0, 0.0, 19.5, 16.0, 2.5),
+        others=(VehicleState(*OTHER),) * 2,
+        perceived=(30.5, 0.75),
+        control=Control(-5.0, 0.0),
+    )
+
+
+@pytest.mark.parametrize(
+    ("seen", "said"),
+    [
+        (Seen(1, None, (OTHER,)), "has no ego"),
+        (Seen(1, EGO, ()), "has no other vehicles"),
+        (Seen(2, EGO, (OTHER,)), "step 2 where step 1 is due"),
+        (Seen(None, EGO, (OTHER,)), "step None where step 1 is due"),
+        (Seen(1, EGO, (OTHER, OTHER)), "There were 1 other vehicles, and now 2"),
+        (Seen(fault="simulator", message="lost\x00 it"), "lost  it"),
+        (Seen(fault="simulator"), "blames the simulator without a word"),
+    ],
+)
+def test_what_is_no_observation_is_the_simulators_fault(seen: Seen, said: str) -> None:
+    before = at_start(Seen(0, EGO, (OTHER,)))
+    with pytest.raises(SimulatorError, match=said):
+        after_step(seen, before, (0.0, 0.0), 0.1)

@@ -1,0 +1,171 @@
+"""Bridges that die, hang or talk nonsense: an episode fails, the worker goes on."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Thread
+
+import pytest
+import zmq
+from msgspec.msgpack import encode
+
+from eigenfail.errors import SimulatorError
+from eigenfail.values import EpisodeResult, EpisodeTask, PriorSource
+from eigenfail_workers.bridge import drive
+from eigenfail_workers.bridge.connection import Connection
+
+MISBEHAVING = Path(__file__).parent / "misbehaving.py"
+REFERENCE = Path(__file__).parents[3] / "examples" / "bridge" / "minimal.py"
+PATIENCE_S = 30.0
+SOON_S = 2.0
+
+SAID = {
+    "hangs": ("simulator", "did not answer within 2 s"),
+    "dies": ("simulator", "went away"),
+    "garbage": ("simulator", "cannot be read"),
+    "empty": ("simulator", "cannot be read"),
+    "nan": ("simulator", "cannot be read: Expected `float`"),
+    "jumps": ("simulator", "shows step 7 where step 6 is due"),
+    "another id": ("simulator", "answered another question"),
+    "too few": ("simulator", "answered for 0 of 1 slots"),
+    "welcomes": ("simulator", "said welcome in the middle of episodes"),
+    "closes": ("simulator", "answered another question"),
+    "planner": ("planner", "No more."),
+    "solver": ("solver", "No more."),
+    "input": ("input", "No more."),
+}
+
+
+def task(index: int) -> EpisodeTask:
+    return EpisodeTask(index, index, PriorSource())
+
+
+FATAL = ("hangs", "dies")
+
+
+def check_fault(how: str, result: EpisodeResult) -> None:
+    kind, said = SAID[how]
+    assert result.fault.kind == kind
+    assert said in result.fault.message
+    assert result.steps > 0  # what there was of it is kept
+
+
+@pytest.fixture(scope="module")
+def lasting() -> Iterator[str]:
+    """A bridge that goes wrong again and again, and stays."""
+    address = f"ipc:///tmp/eigenfail-misbehaving-{os.getpid()}"
+    program = subprocess.Popen([sys.executable, MISBEHAVING, address])
+    yield address
+    program.kill()
+    program.wait()
+
+
+@pytest.mark.parametrize("how", [how for how in SAID if how not in FATAL])
+def test_an_episode_fails_with_the_right_blame_and_the_next_begins_anew(
+    how: str, lasting: str, on_bridge
+) -> None:
+    (result,) = on_bridge(lasting, scenario=how).run([task(0)])
+    check_fault(how, result)
+    engine = on_bridge(lasting)
+    assert [each.fault for each in engine.run([task(1), task(2)])] == [None, None]
+
+
+@pytest.mark.parametrize("how", FATAL)
+def test_after_a_restart_the_next_episode_begins_anew(
+    how: str, free_address: str, run_program, on_bridge
+) -> None:
+    bad = run_program(MISBEHAVING, free_address)
+    engine = on_bridge(free_address, scenario=how, answer_s=SOON_S)
+    list(on_bridge(free_address).run([task(0)]))  # it has loaded what it needs
+    (result,) = engine.run([task(0)])
+    check_fault(how, result)
+    bad.kill()
+    bad.wait()
+    run_program(REFERENCE, free_address)
+    (result,) = on_bridge(free_address).run([task(1)])
+    assert result.fault is None
+
+
+def test_a_bridge_may_be_restarted_while_nothing_runs(
+    free_address: str, run_program, on_bridge
+) -> None:
+    engine = on_bridge(free_address)
+    for index in range(2):
+        program = run_program(REFERENCE, free_address)
+        (result,) = engine.run([task(index)])
+        assert result.fault is None
+        program.kill()
+        program.wait()
+        assert engine._line.connection()._news.poll(PATIENCE_S * 1000)
+
+
+def test_all_that_run_side_by_side_fail_with_it_and_none_is_tried_again(
+    free_address: str, run_program, on_bridge
+) -> None:
+    run_program(MISBEHAVING, free_address)
+    engine = on_bridge(free_address, scenario="dies")
+    engine.begin(task(0))
+    while engine.room:
+        engine.begin(task(4 - engine.room))
+    results = []
+    while len(results) < 4:
+        results += engine.turn()
+    assert {each.fault.kind for each in results} == {"simulator"}
+    assert sorted(each.index for each in results) == [0, 1, 2, 3]
+    assert engine.turn() == []
+
+
+def test_where_no_bridge_is_each_episode_waits_once_and_fails(free_address, on_bridge) -> None:
+    engine = on_bridge(free_address, hello_s=0.2)
+    results = list(engine.run([task(0), task(1)]))
+    assert [each.fault.kind for each in results] == ["simulator"] * 2
+    assert "did not answer within 0.2 s" in results[0].fault.message
+
+
+def test_a_bridge_that_comes_up_late_is_waited_for(free_address, run_program, on_bridge) -> None:
+    run_program(REFERENCE, free_address)
+    (result,) = on_bridge(free_address).run([task(0)])
+    assert result.fault is None
+
+
+def test_an_episode_that_takes_too_long_is_given_up(serving, on_bridge, monkeypatch) -> None:
+    monkeypatch.setattr(drive, "EPISODE_S", 0.0)
+    with serving() as address:
+        (result,) = on_bridge(address).run([task(0)])
+    assert result.fault.kind == "simulator"
+    assert "The episode took longer than 0 s." in result.fault.message
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        ({"type": "refusal", "reason": "We are\nfull."}, "refuses: We are full."),
+        ({"type": "closed", "id": 0}, "answered a hello with closed"),
+        ("welcome 2", "speaks protocol 2, and not 1"),
+    ],
+)
+def test_who_does_not_let_us_in_says_why(answer, said, minimal) -> None:
+    given = {**minimal.welcome(), "protocol": 2} if answer == "welcome 2" else answer
+    with zmq.Context.instance().socket(zmq.ROUTER) as server:
+        port = server.bind_to_random_port("tcp://127.0.0.1")
+        server.linger = 0
+        address = f"tcp://127.0.0.1:{port}"
+        with pytest.raises(SimulatorError, match=said):
+            answered(server, address, encode(given))
+
+
+def answered(server, address: str, answer: bytes) -> None:
+    """Open a connection whose hello is answered so."""
+
+    def reply() -> None:
+        identity, delimiter, _hello = server.recv_multipart()
+        server.send_multipart((identity, delimiter, answer))
+
+    thread = Thread(target=reply)
+    thread.start()
+    try:
+        Connection(address).close()
+    finally:
+        thread.join()

@@ -1,0 +1,185 @@
+"""The inner process of a worker with engines that run several episodes at a time."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from eigenfail.testing.store.examples import result
+from eigenfail.values import CampaignSpec, EpisodeTask, Outcome, PriorSource, episode_seed
+from eigenfail.wire.messages import (
+    Drop,
+    Heartbeat,
+    Hello,
+    Lease,
+    Results,
+    Setup,
+    Welcome,
+    read_worker_message,
+)
+from eigenfail_workers.worker.child import Child
+from eigenfail_workers.worker.one_by_one import side_by_side
+from eigenfail_workers.worker.pipe import FrameBuffer
+
+BRIDGE = Path(__file__).parents[3] / "examples" / "bridge" / "minimal.py"
+SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=99, planner="idm")
+ON_BRIDGE = replace(SPEC, simulator="bridge", scenario_parameters={"steps": 100})
+
+
+def lease(campaign: int, *indices: int) -> Lease:
+    tasks = (EpisodeTask(i, episode_seed(0, i), PriorSource()) for i in indices)
+    return Lease(campaign, tuple(tasks))
+
+
+class Three:
+    """Runs three episodes side by side: in each turn the youngest is over."""
+
+    def __init__(self, *_) -> None:
+        self.running: list[EpisodeTask] = []
+
+    @property
+    def room(self) -> int:
+        return 3 - len(self.running)
+
+    def begin(self, task: EpisodeTask) -> None:
+        assert self.room > 0
+        self.running.append(task)
+
+    def turn(self):
+        task = self.running.pop()
+        return [replace(result(task.index % 50, seed=task.seed), index=task.index)]
+
+    def learn(self, policy) -> None: ...
+
+    def run(self, tasks): ...
+
+    def close(self) -> None:
+        assert not self.running
+
+
+@pytest.fixture
+def played():
+    """A child without a pipe, and what it has said since one asked last."""
+    out, buffer = BytesIO(), FrameBuffer()
+    child = Child(out, Three)
+
+    def said() -> list[tuple[str, int]]:
+        buffer._bytes += out.getvalue()
+        out.seek(0)
+        out.truncate()
+        heard = [read_worker_message(frame) for frame in buffer.frames()]
+        found = []
+        for message in heard:
+            if isinstance(message, Heartbeat):
+                found.append(("begins", message.running))
+            else:
+                found += [("ends", each.index) for each in message.results]
+        return found
+
+    return child, said
+
+
+def test_as_many_begin_as_there_is_room_for_and_the_next_when_one_is_over(played) -> None:
+    child, said = played
+    child.handle(Setup(1, SPEC.setup()))
+    child.handle(lease(1, 0, 1, 2, 3))
+    child.turn()
+    assert said() == [("begins", 0), ("begins", 1), ("begins", 2), ("ends", 2)]
+    child.turn()
+    assert said() == [("begins", 3), ("ends", 3)]
+    child.turn()
+    child.turn()
+    assert said() == [("ends", 1), ("ends", 0)]
+    assert not child.is_busy
+
+
+def test_the_episodes_of_two_campaigns_are_not_mixed(played) -> None:
+    child, said = played
+    child.handle(Setup(1, SPEC.setup()))
+    child.handle(Setup(2, SPEC.setup()))
+    child.handle(lease(1, 0, 1))
+    child.handle(lease(2, 7))
+    child.turn()
+    child.turn()
+    assert said() == [("begins", 0), ("begins", 1), ("ends", 1), ("ends", 0)]
+    child.turn()
+    assert said() == [("begins", 7), ("ends", 7)]
+
+
+def test_what_was_leased_is_run_before_its_campaign_is_forgotten(played) -> None:
+    child, said = played
+    child.handle(Setup(1, SPEC.setup()))
+    child.handle(lease(1, 0, 1, 2, 3, 4))
+    child.turn()
+    child.handle(Drop(1))
+    assert sorted(index for what, index in said() if what == "ends") == [0, 1, 2, 3, 4]
+    assert not child.is_busy
+
+
+def test_an_engine_of_one_at_a_time_has_room_for_one() -> None:
+    class Plain:
+        def run(self, tasks):
+            return (replace(result(task.index), index=task.index) for task in tasks)
+
+        def learn(self, policy) -> None: ...
+
+        def close(self) -> None: ...
+
+    engine = side_by_side(Plain())
+    assert engine.room == 1
+    assert engine.turn() == []
+    engine.begin(*lease(1, 4).tasks)
+    assert engine.room == 0
+    assert [each.index for each in engine.turn()] == [4]
+    assert engine.room == 1
+
+
+@pytest.fixture
+def bridge(tmp_path: Path) -> Iterator[str]:
+    """The reference bridge as a program of its own; where it listens."""
+    address = f"ipc://{tmp_path}/b"
+    program = subprocess.Popen([sys.executable, BRIDGE, address])
+    yield address
+    program.kill()
+    program.wait()
+
+
+def results_of(hub, n: int):
+    found = []
+    while len(found) < n:
+        found += hub.hear(Results).results
+    return found
+
+
+@pytest.mark.service
+def test_a_worker_runs_what_it_is_leased_on_its_bridge(hub, start_worker, bridge) -> None:
+    start_worker("--bridge", bridge, "--name", "w")
+    hub.hear(Hello)
+    hub.say(Welcome(1.0), Setup(1, ON_BRIDGE.setup()), lease(1, *range(80)))
+    on_bridge = {each.index: each.digest() for each in results_of(hub, 80)}
+    hub.say(Setup(2, SPEC.setup()), lease(2, *range(80)))
+    built_in = {each.index: each.digest() for each in results_of(hub, 80)}
+    assert on_bridge == built_in
+
+
+@pytest.mark.service
+def test_a_worker_without_a_bridge_says_so_for_each_episode(hub, start_worker) -> None:
+    start_worker("--name", "w")
+    hub.hear(Hello)
+    hub.say(Welcome(1.0), Setup(1, ON_BRIDGE.setup()), lease(1, 0, 1), Setup(2, SPEC.setup()))
+    for each in results_of(hub, 2):
+        assert (each.outcome, each.fault.kind) == (Outcome.FAILED, "input")
+        assert "this worker has no bridge. Start it with --bridge ADDRESS" in each.fault.message
+    hub.say(lease(2, 0))
+    assert results_of(hub, 1)[0].fault is None
+
+
+@pytest.mark.service
+@pytest.mark.parametrize("address", ["tcp://10.1.2.3:9000", "nowhere"])
+def test_a_worker_is_not_started_for_any_bridge(address, start_worker, tmp_path) -> None:
+    assert start_worker("--bridge", address).wait(60) == 2
+    assert "--bridge: " in (tmp_path / "said").read_text()

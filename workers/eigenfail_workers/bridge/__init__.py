@@ -1,0 +1,1 @@
+"""Episodes in a process that holds simulator and planner, over ZeroMQ; docs/bridge.md."""
