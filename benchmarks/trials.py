@@ -11,6 +11,7 @@ from crew import Crew
 from curves import Curve
 from faults import faults
 from figures import Figure
+from foreign import found_in_others
 from fuzzing import fuzzed
 from known_answers import clouds, corners, planted
 from learning import ast, cem, difs, likely_ast, merge
@@ -66,6 +67,7 @@ TRIALS = (
     Trial(("merge_in.difs.",), partial(merge, "difs")),
     Trial(("paper.", "cut_in.eigenfailures."), reproduction.find),
     Trial(("cut_in.true_failures.",), confirmed),
+    Trial(("bridges.",), found_in_others),
     Trial(("cut_in.idm.varied.",), partial(varied.idm, "cut_in", varied.IDM_IN_CUT_IN)),
     Trial(("merge_in.idm.varied.",), partial(varied.idm, "merge_in", varied.IDM_IN_MERGE_IN)),
     Trial(("cut_in.rulebook.varied.",), varied.rulebook),

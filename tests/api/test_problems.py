@@ -16,6 +16,9 @@ ROUTES = [
     for method in route.methods
 ]
 WITH_IDS = [route for route in ROUTES if {"campaign", "analysis"} & {*route[2]}]
+BODIES = {"/api/v1/campaigns/{campaign}/priority": {"priority": "high"}}
+"""Where one must be given."""
+
 WITH_BODIES = [
     ("POST", "/api/v1/campaigns"),
     ("POST", "/api/v1/campaigns/1/analyses"),
@@ -49,14 +52,16 @@ def test_other_verbs_are_refused_with_the_right_ones(http, problem, route):
 )
 def test_ids_are_small_positive_numbers(http, problem, route, id_):
     method, path, ids = route
-    told = problem(http.request(method, path.format(**dict.fromkeys(ids, id_))), 422)
+    asked = path.format(**dict.fromkeys(ids, id_))
+    told = problem(http.request(method, asked, json=BODIES.get(path)), 422)
     assert told["field"] in ids
 
 
 @pytest.mark.parametrize("route", WITH_IDS, ids=named)
 def test_what_is_not_there_is_not_found(http, problem, route):
     method, path, ids = route
-    told = problem(http.request(method, path.format(**dict.fromkeys(ids, 2**63 - 1))), 404)
+    asked = path.format(**dict.fromkeys(ids, 2**63 - 1))
+    told = problem(http.request(method, asked, json=BODIES.get(path)), 404)
     assert told["type"] == "urn:eigenfail:not-found"
 
 

@@ -92,7 +92,8 @@ def test_a_bridge_that_dies_costs_the_episodes_in_it_and_no_more(
     bridge.start()
     ended = client.campaigns.wait(created.id, timeout_s=120)
     assert ended.state is CampaignState.DONE
-    assert 1 <= ended.counts.failed <= 32  # as many as it held side by side
+    # As many as it held side by side, and what began in their slots before its death was seen.
+    assert 1 <= ended.counts.failed <= 64
     failed = [row for row in client.episodes.list(created.id) if row.outcome is Outcome.FAILED]
     assert {row.problem.partition(":")[0] for row in failed} == {"simulator"}
 

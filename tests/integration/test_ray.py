@@ -1,6 +1,7 @@
 """Workers that Ray places: found, killed, replaced, and gone when the service ends."""
 
 import time
+from contextlib import suppress
 
 import psutil
 import pytest
@@ -89,7 +90,8 @@ def test_workers_come_with_the_work_outlive_ray_and_go_with_it(fresh_service, tm
         wait_for_more(client, campaign.id)
         raylet = next(p for p in driver(service).children() if p.name() == "raylet")
         for process in (raylet, *raylet.children(recursive=True)):  # else its workers run on
-            process.kill()
+            with suppress(psutil.NoSuchProcess):  # it has died of its parent's death
+                process.kill()
         wait_until(lambda: "Ray is back" in client.staffing().said, "another Ray is started")
         wait_for_more(client, campaign.id)
         driver(service).kill()

@@ -50,9 +50,12 @@ def to_json(value: AnalysisSettings | Estimate) -> str:
 
 def spec_text(spec: CampaignSpec) -> str:
     """The one JSON text of a spec; its priority, which may change, is kept beside it."""
-    fields = msgspec.to_builtins(spec)
-    del fields["priority"]
-    return msgspec.json.encode(fields, order="deterministic").decode()
+    told = {
+        name: msgspec.Raw(msgspec.json.encode(getattr(spec, name), order="deterministic"))
+        for name in spec.__struct_fields__
+        if name != "priority"
+    }
+    return msgspec.json.encode(told).decode()
 
 
 def spec_hash(spec: CampaignSpec) -> str:

@@ -1,6 +1,10 @@
 """Campaigns that are made once for each key."""
 
+from msgspec.structs import replace
+
 from eigenfail.testing.store.examples import spec
+from eigenfail.values import CampaignSpec, Priority
+from eigenfail_services.store.codec import spec_text
 from eigenfail_services.store.creation import hash_of, key_of
 
 
@@ -15,3 +19,22 @@ def test_a_list_is_recognised_by_what_is_in_it_and_by_its_order() -> None:
     lists = [(), (one,), (other,), (one, other), (other, one), (one, one)]
     assert len({hash_of(each) for each in lists}) == len(lists)
     assert hash_of([spec(seed=1)]) == hash_of((one,))
+
+
+TOLD = (
+    '{"name":"x","method":"ast","episodes":4,"seed":3,"settings":{"a":{"y":2,"z":1},"b":1},'
+    '"scenario":"cut_in","scenario_parameters":{"c":{"high":2,"low":1},"q":1.0},'
+    '"planner":"rulebook","planner_settings":{},"simulator":"highway",'
+    '"disturbance":{"longitudinal_slope":0.02,"longitudinal_base_m":1.0,"lateral_slope":0.00625,'
+    '"lateral_base_m":0.2,"scale":1.0,"shape":{"kind":"white"}},"stop":{"failures":null,'
+    '"half_width":null,"cv":null,"wall_s":null,"cost_usd":null},"price_usd_per_hour":1.2,'
+    '"instances":1,"scene_every":50}'
+)
+
+
+def test_a_specs_text_is_that_of_earlier_releases_at_whatever_priority() -> None:
+    """Keys and suites of theirs are recognised by it, and digests hold a part of it."""
+    fields = {"settings": {"b": 1, "a": {"z": 1, "y": 2}}, "seed": 3}
+    fields["scenario_parameters"] = {"q": 1.0, "c": {"low": 1, "high": 2}}
+    asked = CampaignSpec(name="x", method="ast", episodes=4, **fields)
+    assert {spec_text(replace(asked, priority=each)) for each in Priority} == {TOLD}

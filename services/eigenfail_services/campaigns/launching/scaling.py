@@ -14,8 +14,8 @@ RISE_AFTER_S = 2.0
 
 
 def needed(work: Work) -> int:
-    """How many workers that is work for: an episode runs on one of them."""
-    return min(work.episodes, ceil(work.worker_s / WORK_EACH_S))
+    """How many workers that is work for: one at least for what is quick, one at most an episode."""
+    return min(work.episodes, max(1, ceil(work.worker_s / WORK_EACH_S)))
 
 
 class Spell:
