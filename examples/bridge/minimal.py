@@ -18,7 +18,7 @@ from eigenfail.settings import read_settings
 from eigenfail.values import Observation
 
 Open = Callable[[dict[str, Any]], Simulation]
-MOST_SESSIONS = 8
+MOST_SESSIONS = 64
 
 
 class Bridge:
@@ -34,17 +34,19 @@ class Bridge:
             if request["protocol"] != self.welcome["protocol"]:
                 return {"type": "refusal", "reason": "I speak protocol 1."}
             self.sessions[request["session"]] = {}
-            while len(self.sessions) > MOST_SESSIONS:  # nobody says goodbye for who was killed
+            # Nobody says goodbye for who was killed: the one goes that has not asked for longest.
+            while len(self.sessions) > MOST_SESSIONS:
                 del self.sessions[next(iter(self.sessions))]
             return self.welcome
         if request["session"] not in self.sessions:
             told = {"fault": "simulator", "message": "I do not know this session."}
             return {"type": "error", "id": request["id"], **told}
+        held = self.sessions.pop(request["session"])
         if request["type"] == "close":
-            del self.sessions[request["session"]]
             return {"type": "closed", "id": request["id"]}
         act = {"reset": self.reset, "step": self.step}[request["type"]]
-        slots = [act(self.sessions[request["session"]], each) for each in request["slots"]]
+        self.sessions[request["session"]] = held
+        slots = [act(held, each) for each in request["slots"]]
         return {"type": "observations", "id": request["id"], "slots": slots}
 
     def reset(self, held: dict[int, Any], asked: dict[str, Any]) -> dict[str, Any]:
@@ -94,7 +96,18 @@ def serve(address: str, bridge: Bridge) -> None:
     socket = zmq.Context.instance().socket(zmq.REP)
     socket.bind(address)
     while True:
-        socket.send(encode(bridge.answer(decode(socket.recv()))))
+        socket.send(encode(answered(bridge, socket.recv())))
+
+
+def answered(bridge: Bridge, data: bytes) -> dict[str, Any]:
+    """The answer to a message, also to one that makes no sense: it ends its episodes alone."""
+    request: Any = None
+    try:
+        request = decode(data)
+        return bridge.answer(request)
+    except Exception as error:  # noqa: BLE001 - whatever it is, the others go on
+        number = request.get("id") if isinstance(request, dict) else None
+        return {"type": "error", "id": number or 0, **fault(error)}
 
 
 def built_in(asked: dict[str, Any]) -> Simulation:

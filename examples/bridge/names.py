@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from eigenfail.errors import UnknownName
+from eigenfail.errors import InvalidValue, UnknownName
 
 
 def check(welcome: Mapping[str, Any], asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -11,6 +11,7 @@ def check(welcome: Mapping[str, Any], asked: Mapping[str, Any]) -> dict[str, Any
 
     Raises:
         UnknownName: the scenario, the planner, or one of those.
+        InvalidValue: a text where a number is due, or the other way round.
     """
     scenario = of_name("scenario", asked["scenario"], welcome["scenarios"])
     planner = of_name("planner", asked["planner"], welcome["planners"])
@@ -19,6 +20,8 @@ def check(welcome: Mapping[str, Any], asked: Mapping[str, Any]) -> dict[str, Any
     for name in given:
         if name not in known:
             raise UnknownName("parameter", name, known)
+        if isinstance(known[name], str) is not isinstance(given[name], str):
+            raise InvalidValue(name, f"{given[name]!r} is not what its default {known[name]!r} is.")
     return dict(known | given)
 
 

@@ -1,6 +1,8 @@
 """The port at which the services are scraped: loopback, unless somebody vouches for the network."""
 
 import socket
+import subprocess
+import sys
 from urllib.request import urlopen
 
 import pytest
@@ -49,3 +51,13 @@ def test_other_machines_reach_it_only_where_somebody_vouches(monkeypatch):
     monkeypatch.setenv("EIGENFAIL_TRUST_NETWORK", "1")
     assert parted("0.0.0.0:8442") == ("0.0.0.0", 8442)
     assert parted("[::1]:8442") == ("::1", 8442)
+
+
+def test_a_wrong_address_is_told_in_a_sentence(tmp_path):
+    database = f"sqlite:///{tmp_path}/e.db"
+    command = [sys.executable, "-m", "eigenfail_services", "--database", database]
+    command += ["--launcher", "none", "--metrics", "nowhere"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert "'nowhere' is no address" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -35,7 +35,7 @@ public:
     }
 
 private:
-    static constexpr std::size_t most_sessions = 16;
+    static constexpr std::size_t most_sessions = 64;
 
     struct Slot {
         std::unique_ptr<Episode> episode;

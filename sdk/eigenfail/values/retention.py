@@ -1,13 +1,13 @@
 """Which episodes keep their noise, and which lost it to make room."""
 
-from typing import Annotated
+from typing import Annotated, Final, Literal
 
 import msgspec
 
 from eigenfail.values.episode import Outcome
 
 KEEP_EVERY = 100
-DRAWN_AGAIN = "prior"
+DRAWN_AGAIN: Final = "prior"
 """The source whose noise follows from an episode's seed, so that nothing is lost with it."""
 
 
@@ -20,7 +20,7 @@ class Retention(msgspec.Struct, frozen=True):
     """
 
     keep_every: Annotated[int, msgspec.Meta(ge=2)] = KEEP_EVERY
-    source: str = DRAWN_AGAIN
+    source: Literal["prior", "trajectory", "policy"] = DRAWN_AGAIN
 
     def takes(self, outcome: Outcome, source: str, index: int) -> bool:
         """Whether an episode's noise goes: only what ran, and ended in no collision."""

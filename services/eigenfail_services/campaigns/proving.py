@@ -1,7 +1,6 @@
 """Proof by replay, launched: eigenfailures and medoids again, here and in other scenarios."""
 
 from collections.abc import Mapping, Sequence
-from hashlib import sha256
 from itertools import product
 from typing import Any
 
@@ -13,7 +12,6 @@ from eigenfail.values import (
     Analysis,
     CampaignSpec,
     CampaignState,
-    Priority,
     Proof,
     ReplayKind,
     StopRules,
@@ -30,6 +28,7 @@ from eigenfail_services.campaigns.worlds import (
     varied,
     worlds,
 )
+from eigenfail_services.store.codec import spec_hash
 
 MAX_NAME = 200
 CAME_TO_NOTHING = frozenset({CampaignState.CANCELLED, CampaignState.DEAD})
@@ -120,7 +119,5 @@ def launch(store: Store, analysis: int, spec: CampaignSpec, made_by: int | None)
     """
     before = [store.campaigns.get(each) for each in store.analyses.replays(analysis)]
     lost = sum(each.spec.is_like(spec) and each.state in CAME_TO_NOTHING for each in before)
-    unhurried = msgspec.structs.replace(spec, priority=Priority.NORMAL)
-    content = sha256(msgspec.json.encode(unhurried, order="deterministic")).hexdigest()
-    key = f"replay {lost} of analysis {analysis}: {content}"
+    key = f"replay {lost} of analysis {analysis}: {spec_hash(spec)}"
     store.analyses.link_replay(analysis, store.campaigns.create(spec, key, made_by).id)

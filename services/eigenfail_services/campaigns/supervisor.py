@@ -9,7 +9,7 @@ from queue import Empty
 import structlog
 
 from eigenfail.contracts import Store
-from eigenfail.errors import ClaimLost, IllegalTransition, InputError, NotFound
+from eigenfail.errors import ClaimLost, Conflict, IllegalTransition, InputError, NotFound
 from eigenfail.values import FINAL_STATES, Campaign, CampaignState
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
@@ -119,7 +119,7 @@ class Supervisor:
         spec = campaign.spec
         try:
             context = learner_context(campaign, self._store)
-        except (InputError, NotFound) as error:
+        except (InputError, NotFound, Conflict) as error:
             with contextlib.suppress(ClaimLost):
                 self._store.campaigns.move(campaign.id, CampaignState.DEAD, str(error), job)
             self._store.jobs.finish(job)

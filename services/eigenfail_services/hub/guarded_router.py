@@ -38,6 +38,7 @@ class GuardedRouter(zmq.Socket[bytes]):
         frames = super().recv_multipart(flags, copy=False)
         sender, key = frames[0].bytes, str(frames[-1].get(WHO))
         if key in self.let_in:
+            self.cut_off.discard(sender)
             return [frame.bytes for frame in frames]
         if sender not in self.cut_off:
             self.cut_off.add(sender)

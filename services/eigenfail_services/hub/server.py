@@ -129,7 +129,10 @@ class Hub:
     def stop(self) -> None:
         """Send the workers home, end the learners, commit what came, and close."""
         self._stopping.set()
-        self._thread.join()
+        if self._thread.ident is None:  # it was never started
+            self._router.close()
+        else:
+            self._thread.join()
 
     def _serve(self) -> None:
         try:

@@ -15,6 +15,8 @@ from prometheus_client import CollectorRegistry, Counter, Histogram
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from eigenfail.values.records import Verdict
+from eigenfail_services.hub.losses import Kind
 from eigenfail_services.hub.muster import Work
 from eigenfail_services.hub.seats import Seat
 
@@ -68,6 +70,11 @@ class Vitals(Collector):
         self.episode_s = self._histogram("episode_seconds", "Episodes, at their workers", LONG_S)
         self.learner_s = self._histogram("learner_step_seconds", "Steps of learners", LONG_S)
         self.registry.register(self)
+        # A series that begins with 1 shows no increase: the first alarm would not be seen.
+        for verdict in Verdict:
+            self.results.labels(verdict)
+        for kind in Kind:
+            self.learners_lost.labels(kind)
 
     def _counter(self, name: str, words: str, *labels: str) -> Counter:
         return Counter(f"eigenfail_{name}", words, labels, registry=self.registry)

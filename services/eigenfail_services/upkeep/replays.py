@@ -9,6 +9,7 @@ from eigenfail.contracts import Store
 from eigenfail.errors import InputError, NoisePruned
 from eigenfail.stories.replays import redraw_episode, replay_episode
 from eigenfail.values import Outcome, Replayed
+from eigenfail.values.retention import DRAWN_AGAIN
 from eigenfail.values.upkeep import Defect
 from eigenfail_services.store.schema import campaigns, episodes
 from eigenfail_services.upkeep.checks import Question
@@ -53,14 +54,17 @@ def nth(connection: Connection, campaign: int, place: int) -> Sequence[int]:
     return connection.execute(query).scalars().all()
 
 
-def run_again(store: Store, campaign: int, index: int) -> Replayed:
-    """An episode's second run; of one that lost its noise, from its seed."""
+def run_again(store: Store, campaign: int, index: int) -> Replayed | None:
+    """An episode's second run; of one that lost its noise, from its seed.
+
+    None if it does not follow from that: whoever had the noise taken away was told so.
+    """
     spec = store.campaigns.get(campaign).spec
     try:
         return replay_episode(spec, store.episodes.get(campaign, index))
     except NoisePruned:
         (row,) = store.episodes.page(campaign, 1, after=index - 1).items
-        return redraw_episode(spec, row)
+        return redraw_episode(spec, row) if row.source == DRAWN_AGAIN else None
 
 
 def difference(store: Store, campaign: int, index: int) -> Iterator[Defect]:
@@ -71,6 +75,6 @@ def difference(store: Store, campaign: int, index: int) -> Iterator[Defect]:
     except InputError as error:
         yield Defect(where, f"It cannot be run here: {error.problem}", error.remedy)
         return
-    if not again.same:
+    if again is not None and not again.same:
         found = f"Its digest is {again.stored_digest}; run again it is {again.digest}."
         yield Defect(where, found, DIFFERENT)

@@ -5,6 +5,8 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import msgspec
+
 from eigenfail.errors import InvalidValue
 from eigenfail.values.retention import DRAWN_AGAIN, KEEP_EVERY, Retention
 from eigenfail.wire.http import encode
@@ -90,8 +92,16 @@ def pruned(arguments: argparse.Namespace) -> str:
 
 
 def rule(arguments: argparse.Namespace) -> Retention:
-    """Which noise stays."""
-    return Retention(arguments.keep_every, arguments.source)
+    """Which noise stays.
+
+    Raises:
+        InvalidValue: there is no such source, or all would stay.
+    """
+    asked = {"keep_every": arguments.keep_every, "source": arguments.source}
+    try:
+        return msgspec.convert(asked, Retention)
+    except msgspec.ValidationError as error:
+        raise InvalidValue("retention", f"{error}.") from None
 
 
 def which(arguments: argparse.Namespace) -> Which:

@@ -48,3 +48,9 @@ def test_a_block_that_breaks_off_is_not_timed():
     with pytest.raises(ZeroDivisionError), timed(vitals.commit_s):
         raise ZeroDivisionError
     assert value(vitals, "commit_seconds_count") == 1
+
+
+def test_what_has_not_happened_is_counted_as_0_times():
+    vitals = Vitals()
+    assert value(vitals, "results_total", verdict="alarm") == 0
+    assert value(vitals, "learners_lost_total", kind="hung") == 0

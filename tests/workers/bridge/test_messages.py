@@ -162,3 +162,20 @@ def test_a_spoilt_answer_is_read_or_refused_and_nothing_else(name, place, byte, 
     cut = bytes(spoilt[: data.draw(st.integers(0, len(spoilt)))])
     with suppress(SimulatorError):
         read_answer(cut)
+
+
+@pytest.mark.parametrize("data", [b"", b"\xc1", b"\x01", b"\x80"])
+def test_what_makes_no_sense_does_not_end_the_reference_bridge(minimal, data) -> None:
+    bridge = minimal.Bridge(minimal.welcome(), minimal.built_in)
+    told = minimal.answered(bridge, data)
+    assert (told["type"], told["id"], told["fault"]) == ("error", 0, "simulator")
+    assert told["message"]
+
+
+def test_the_session_goes_that_has_not_asked_for_longest(minimal) -> None:
+    bridge = minimal.Bridge(minimal.welcome(), minimal.built_in)
+    for number in range(minimal.MOST_SESSIONS):
+        bridge.answer({"type": "hello", "protocol": 1, "session": str(number)})
+    bridge.answer({"type": "step", "session": "0", "id": 1, "slots": []})
+    bridge.answer({"type": "hello", "protocol": 1, "session": "new"})
+    assert {*map(str, range(minimal.MOST_SESSIONS)), "new"} - {*bridge.sessions} == {"1"}

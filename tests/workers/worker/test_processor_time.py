@@ -91,3 +91,10 @@ def test_a_child_that_was_waited_for_counts() -> None:
         [sys.executable, "-c", WAITED_FOR], capture_output=True, check=True, text=True
     )
     assert float(told.stdout) > 0.3
+
+
+def test_many_side_by_side_may_take_as_often_as_much() -> None:
+    meter = ProcessorTime(LIMITS, lambda: 0.0)
+    assert meter.excess(0.0, (1, 0), beside=3) == ""
+    assert meter.excess(120.0, (1, 0), beside=3) == ""
+    assert "where 120 s is the limit" in meter.excess(121.0, (1, 0), beside=3)

@@ -46,7 +46,7 @@ class Drive:
         self._foreign = foreign(parameters)
         named = msgspec.structs.asdict(parameters)
         self._steps, self._dt_s = int(named["steps"]), float(named["dt_s"])
-        self._began_s = perf_counter()
+        self._spent_s, self._looked_s = 0.0, perf_counter()
         self._recorder = Recorder(setup.disturbance.shape)
         given = sources.Circumstances(task.seed, self._steps, policies)
         self._noise = sources.begin(task.source, given)
@@ -95,7 +95,7 @@ class Drive:
             return self.fail(error, beside)
 
     def _go_on(self, seen: Seen, beside: int) -> EpisodeResult | None:
-        before = self._seen
+        before, wall_s = self._seen, self._wall_s(beside)
         if before is None:
             now = at_start(seen)
         else:
@@ -104,9 +104,9 @@ class Drive:
         disturbance = self._tester.disturb(now)
         if disturbance is None:
             done = completed(self._setup, self.task, self._noise, self._recorder, self._dt_s)
-            return replace(done, wall_s=self._wall_s(beside))
+            return replace(done, wall_s=wall_s)
         self._disturbance = disturbance
-        if self._wall_s(beside) > EPISODE_S:
+        if wall_s > EPISODE_S:
             problem = f"The episode took longer than {EPISODE_S:g} s."
             raise SimulatorError(problem, "Make the bridge faster, or its episodes shorter.")
         return None
@@ -117,4 +117,8 @@ class Drive:
         return replace(left, wall_s=self._wall_s(beside))
 
     def _wall_s(self, beside: int) -> float:
-        return (perf_counter() - self._began_s) / beside
+        """Its part of the time so far: since the last look, of as many as there are beside it."""
+        now_s = perf_counter()
+        self._spent_s += (now_s - self._looked_s) / beside
+        self._looked_s = now_s
+        return self._spent_s

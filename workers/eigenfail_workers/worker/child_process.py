@@ -215,7 +215,9 @@ class ChildProcess:
 
     def excess(self) -> str:
         """What it takes more of than it may, as the predicate of a sentence; empty if nothing."""
-        return self._watch.excess(self.running[0] if self.running else None)
+        first = self.running[0] if self.running else None
+        named = (first.campaign, first.task.index) if first else None
+        return self._watch.excess(named, max(1, self.begun))
 
     def has_ended(self) -> bool:
         """Whether it runs no more, though what it started may still hold its pipe open."""

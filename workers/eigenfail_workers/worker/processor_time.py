@@ -27,17 +27,18 @@ class ProcessorTime:
         self._since_s = clock()
         self._before_s = 0.0
 
-    def excess(self, taken_s: float, episode: object) -> str:
+    def excess(self, taken_s: float, episode: object, beside: int = 1) -> str:
         """What was taken too much, as the predicate of a sentence; empty if it was not.
 
         Args:
             taken_s: by all of its processes in their lives so far. [s]
-            episode: that runs; None while none does.
+            episode: that runs, by a name; None while none does.
+            beside: how many run side by side, which may take as often as much.
         """
-        if episode is not self._episode:
+        if episode != self._episode:
             self._settle(taken_s)
             self._episode = episode
-        counted_s, limit_s = taken_s - self._before_s, self._limits.cpu_s
+        counted_s, limit_s = taken_s - self._before_s, self._limits.cpu_s * beside
         if counted_s <= limit_s:
             return ""
         return (

@@ -6,6 +6,7 @@ processes that a planner starts; RLIMIT_NPROC counts everybody's.
 """
 
 import contextlib
+import os
 import time
 from pathlib import Path
 
@@ -16,6 +17,8 @@ from eigenfail_workers.worker.processor_time import ProcessorTime, processor_tim
 
 LOOK_EVERY_S = 0.2
 MIB = 1024 * 1024
+LISTED = Path("/proc/self/task") / str(os.getpid()) / "children"
+"""Only where the kernel was built with CONFIG_PROC_CHILDREN."""
 KEPT_IN_MEMORY = ("Pss_Anon:", "Pss_Shmem:", "SwapPss:")
 
 
@@ -33,11 +36,12 @@ class Watch:
         self._next_look_s = 0.0
         self._processor_time = ProcessorTime(limits)
 
-    def excess(self, episode: object = None) -> str:
+    def excess(self, episode: object = None, beside: int = 1) -> str:
         """What it takes too much of, as the predicate of a sentence; empty if nothing is seen.
 
         Args:
-            episode: that it runs, if it runs one.
+            episode: that it runs, by a name, if it runs one.
+            beside: how many it runs side by side.
         """
         now_s = time.monotonic()
         if now_s < self._next_look_s:
@@ -47,7 +51,7 @@ class Watch:
         return (
             self._excess_of_threads(members)
             or self._excess_of_memory(members)
-            or self._processor_time.excess(processor_time_s(members), episode)
+            or self._processor_time.excess(processor_time_s(members), episode, beside)
         )
 
     def _excess_of_memory(self, members: list[psutil.Process]) -> str:
@@ -70,7 +74,7 @@ class Watch:
 
 
 def family(pid: int) -> list[psutil.Process]:
-    """A process and its descendants, as the kernel lists them; alone where it does not."""
+    """A process and its descendants."""
     found: list[psutil.Process] = []
     pids = [pid]
     for each in pids:
@@ -78,7 +82,14 @@ def family(pid: int) -> list[psutil.Process]:
             found.append(psutil.Process(each))
             for children in Path(f"/proc/{each}/task").glob("*/children"):
                 pids.extend(map(int, children.read_text().split()))
-    return found
+    return found if LISTED.exists() else [*found, *below(found)]
+
+
+def below(found: list[psutil.Process]) -> list[psutil.Process]:
+    """Descendants as all processes of the machine tell them, which takes longer."""
+    with contextlib.suppress(psutil.Error, IndexError):
+        return list(found[0].children(recursive=True))
+    return []
 
 
 def resident_mib(process: psutil.Process) -> float:

@@ -50,18 +50,20 @@ class RayLink:
         if self._process.stdin is None or self._process.stdout is None:
             raise RuntimeError("pipes were asked for")
         self._wishes, self._words = self._process.stdin, self._process.stdout
-        self._wishes.write(line(begin))
+        with suppress(OSError):  # it ended at once: `trouble` tells
+            self._wishes.write(line(begin))
         os.set_blocking(self._wishes.fileno(), False)
         self._lines = Lines(self._words.fileno(), msgspec.json.Decoder(Word))
         self._patience = Patience(BEGIN_WITHIN_S)
         self._wanted: tuple[str, ...] | None = None
+        self._unsent = b""
 
     def want(self, names: tuple[str, ...]) -> None:
-        """Tell it whom it is to have, if that is new; never waits."""
-        if names != self._wanted:
-            with suppress(OSError):  # it ends, or does not read: then it is started anew
-                self._wishes.write(line(Wanted(names)))
-                self._wanted = names
+        """Tell it whom it is to have, if that is new; never waits: what has no room goes later."""
+        if not self._unsent and names != self._wanted:
+            self._unsent, self._wanted = line(Wanted(names)), names
+        with suppress(OSError):  # it ends, or does not read: then it is started anew
+            self._unsent = self._unsent[self._wishes.write(self._unsent) or 0 :]
 
     def hear(self) -> Iterator[Word]:
         """All that it has said."""
