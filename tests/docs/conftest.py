@@ -1,6 +1,7 @@
 """The documents, and the code blocks in them."""
 
 import re
+from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,6 +32,13 @@ def document(name):
 @pytest.fixture(scope="session")
 def root():
     return ROOT
+
+
+@pytest.fixture
+def benchmark(monkeypatch):
+    """Imports a script of benchmarks/, as it is when it is run."""
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    return import_module
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,6 @@ import json
 import re
 import subprocess
 import sys
-from importlib import import_module
 
 import pytest
 
@@ -14,13 +13,6 @@ PAGE = "docs/performance.md"
 @pytest.fixture(scope="module")
 def page(root):
     return (root / PAGE).read_text()
-
-
-@pytest.fixture
-def benchmark(root, monkeypatch):
-    """Imports a script of benchmarks/, as it is when it is run."""
-    monkeypatch.syspath_prepend(root / "benchmarks")
-    return import_module
 
 
 def table(page, name):

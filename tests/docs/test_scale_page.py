@@ -13,13 +13,6 @@ def page(root):
     return (root / PAGE).read_text()
 
 
-@pytest.fixture
-def benchmark(root, monkeypatch):
-    """Imports a script of benchmarks/, as it is when it is run."""
-    monkeypatch.syspath_prepend(root / "benchmarks")
-    return import_module
-
-
 def test_the_table_of_workers_is_what_the_model_says_now(page, benchmark):
     scale = benchmark("scale")
     begin, end = scale.MARKS

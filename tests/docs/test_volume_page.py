@@ -1,16 +1,14 @@
 """docs/scale.md shows what `make volume` has measured of a million episodes."""
 
 import json
-from importlib import import_module
 
 import pytest
 
 
 @pytest.fixture
-def volume(root, monkeypatch):
+def volume(benchmark):
     """The script that writes the table."""
-    monkeypatch.syspath_prepend(root / "benchmarks")
-    return import_module("volume_table")
+    return benchmark("volume_table")
 
 
 @pytest.fixture

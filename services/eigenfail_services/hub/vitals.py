@@ -17,7 +17,7 @@ from prometheus_client.registry import Collector
 
 from eigenfail.values.records import Verdict
 from eigenfail_services.hub.losses import Kind
-from eigenfail_services.hub.muster import Work
+from eigenfail_services.hub.muster import Working
 from eigenfail_services.hub.seats import Seat
 
 SHORT_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
@@ -99,15 +99,12 @@ class Vitals(Collector):
             yield family
 
 
-class Watched(Protocol):
-    """A campaign that runs."""
+class Watched(Working, Protocol):
+    """A campaign that runs, with its learner."""
 
     @property
     def learner_s(self) -> float:
         """For how long its learner has been at its step. [s]"""
-
-    def work(self) -> Work:
-        """What there is for workers to do."""
 
 
 def standing(campaigns: Mapping[int, Watched], seats: Collection[Seat]) -> Standing:
