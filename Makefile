@@ -8,7 +8,7 @@ SECONDS ?= 600
 PROCESSES ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help image-steps setup chromium headers demo test coverage lint format bench volume claims intervals pictures openapi screens vendor soak overload lock clean
+.PHONY: help image-steps setup chromium headers tools demo test coverage lint format bench volume claims intervals pictures openapi screens vendor soak explore overload lock clean
 
 help: ## this list
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -30,14 +30,19 @@ headers: ## Debian's g++ and ZeroMQ for C++, for the tests of the C++ bridge
 		|| (apt-get update -qq && apt-get install -y -qq g++ libzmq3-dev >/dev/null) \
 		|| (echo "The C++ bridge needs g++ and zmq.h: install them with your package manager." && false)
 
+tools: ## Debian's strace, iproute2 and curl, for the tests of faults and of texts to copy
+	@{ command -v strace && command -v ip && command -v curl; } >/dev/null \
+		|| (apt-get update -qq && apt-get install -y -qq strace iproute2 curl >/dev/null) \
+		|| echo "No strace, ip or curl: the tests that need them are skipped, and told at the end."
+
 demo: setup ## a short campaign of each method, analysed, replayed, priced
 	$(BIN)/python examples/demo.py
 
-test: setup chromium headers lint ## every check and every test
+test: setup chromium headers tools lint ## every check and every test
 	$(BIN)/python -m pytest -q tests/test_full_loop.py
 	$(BIN)/python -m pytest tests --numprocesses $(PROCESSES) --dist loadfile
 
-coverage: setup chromium headers ## which lines the tests reach; takes half as long again
+coverage: setup chromium headers tools ## which lines the tests reach; takes half as long again
 	$(BIN)/coverage erase
 	$(BIN)/coverage run -m pytest tests --numprocesses $(PROCESSES) --dist loadfile
 	@$(BIN)/coverage combine --quiet
@@ -81,6 +86,9 @@ vendor: setup ## the dashboard's libraries anew, from npm
 
 soak: setup ## kill parts of a running service for MINUTES=5, then check that nothing was lost
 	$(BIN)/python tests/soak/soak.py --minutes $(MINUTES)
+
+explore: setup ## new lives of the state machines for MINUTES=5; SEED=N lives those of one seed again
+	$(BIN)/python tests/machines/explore.py --minutes $(MINUTES) $(if $(SEED),--seed $(SEED))
 
 overload: setup ## six workers and a learner on two cores for SECONDS=600: nobody who lives is given up
 	EIGENFAIL_OVERLOAD_S=$(SECONDS) $(BIN)/python -m pytest -q tests/chaos/test_overload.py

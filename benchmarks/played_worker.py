@@ -66,7 +66,7 @@ class PlayedChild(ChildProcess):
         self.running = deque()
         self.ready, self.begun = True, 0
         self._since_s = self._looked_s = child_process.time.monotonic()
-        self._set_up, self._learnt = set(), set()
+        self._set_up, self._learnt, self._slots = set(), set(), {}
         self.alive = True
         self._out = BytesIO()
         self._child = Child(self._out, PlayedEngine)

@@ -17,6 +17,8 @@ from tempfile import TemporaryDirectory
 from counted import COUNTS
 from figures import ROOT, Figure
 
+from eigenfail.functions import ALLOWED_VARIABLE
+
 sys.path.append(str(ROOT / "tests" / "chaos"))
 
 from stage import Stage
@@ -100,6 +102,7 @@ def playing() -> Iterator[Stage]:
     """A stage whose processes find the function, and where to count its calls."""
     with TemporaryDirectory() as folder:
         os.environ |= {"PYTHONPATH": str(ROOT / "benchmarks"), COUNTS: str(Path(folder) / "calls")}
+        os.environ[ALLOWED_VARIABLE] = "counted"
         stage = Stage(f"sqlite:///{Path(folder) / 'eigenfail.db'}", Path(folder))
         try:
             yield stage

@@ -15,6 +15,8 @@ sys.path.append(str(Path(__file__).parent / "chaos"))
 
 from postgresql import start_server
 
+pytest_plugins = ["proofs"]
+
 settings.register_profile("here", deadline=None)
 settings.load_profile("here")
 
@@ -23,6 +25,7 @@ PLUGINS = str(Path(__file__).parent / "plugins")
 # Plug-ins of strangers, for this process and for those that tests start.
 sys.path.append(PLUGINS)
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), PLUGINS]))
+os.environ["EIGENFAIL_FUNCTIONS"] = "any_function,eigenfail_sleeping"
 
 
 class Postgres:

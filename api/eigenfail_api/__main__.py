@@ -16,6 +16,7 @@ from pydantic_settings import SettingsError
 from eigenfail import logs
 from eigenfail.errors import EigenfailError, InvalidValue, PortTaken
 from eigenfail.processes import end_now
+from eigenfail.values.access import redacted
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings, refuse_open_door
 from eigenfail_services import tracing
@@ -31,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         logs.configure("controller")
         serve(read_settings(arguments))
     except EigenfailError as error:
-        sys.stderr.write(f"eigenfail: {error}\n")
+        sys.stderr.write(redacted(f"eigenfail: {error}\n"))
         return error.exit_code
     return 0
 

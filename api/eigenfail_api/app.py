@@ -5,7 +5,7 @@ from prometheus_client import CollectorRegistry
 
 from eigenfail import __version__
 from eigenfail.contracts import Store
-from eigenfail_api import metrics, openapi, schemas
+from eigenfail_api import bodies, metrics, openapi
 from eigenfail_api.access.door import Clock, Door
 from eigenfail_api.access.gate import Gate
 from eigenfail_api.access.secrets import redact_logs
@@ -15,6 +15,7 @@ from eigenfail_api.dashboard import (
     copies_page,
     episode_page,
     episodes_page,
+    glossary_page,
     keys_page,
     launch_page,
     login_page,
@@ -86,6 +87,7 @@ ROUTERS = (
     copies_page.router,
     suites_page.router,
     api_page.router,
+    glossary_page.router,
 )
 
 
@@ -109,7 +111,7 @@ def create_app(store: Store, settings: ApiSettings, clock: Clock = now_ms) -> Fa
         summary="Finds the rare failures of driving stacks, groups, replays and prices them.",
         docs_url=None,
         redoc_url=None,
-        default_response_class=schemas.Json,
+        default_response_class=bodies.Json,
         exception_handlers=for_browsers(HANDLERS),
         generate_unique_id_function=lambda route: route.name,
     )
@@ -133,7 +135,7 @@ def create_app(store: Store, settings: ApiSettings, clock: Clock = now_ms) -> Fa
     app.add_middleware(Etags)
     app.add_middleware(Heads)
     app.add_middleware(Gate, door=app.state.door, store=store)
-    app.add_middleware(Guard, hosts=settings.hosts if settings.is_private else None)
+    app.add_middleware(Guard, hosts=settings.names)
     app.add_middleware(metrics.Requests, registry=app.state.registry)
     app.add_middleware(SecurityHeaders)
     return app

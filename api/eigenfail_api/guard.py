@@ -26,7 +26,7 @@ class Guard:
 
     def __init__(self, app: ASGIApp, hosts: Collection[str] | None) -> None:
         self._app = app
-        self._hosts = hosts
+        self._hosts = None if hosts is None else {name.lower() for name in hosts}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass on, or refuse."""
@@ -37,7 +37,7 @@ class Guard:
         host, origin = headers.get("host", ""), headers.get("origin")
         if not self._is_ours(host):
             detail = f"'{host}' is not a name of this service."
-            remedy = "Ask for 127.0.0.1 or localhost."
+            remedy = "Ask for 127.0.0.1 or localhost, or have its name in EIGENFAIL_HOSTS."
             await answer(untyped_problem(400, detail, scope["path"], remedy))(scope, receive, send)
         elif origin is not None and place_of(origin) != host.lower():
             detail = f"Pages of '{origin}' may not ask here."

@@ -1,13 +1,11 @@
-"""Bodies in and out: one definition of each, the SDK's structs, also in the OpenAPI document."""
+"""What the OpenAPI document is told of bodies: one definition of each, the SDK's structs."""
 
-from collections.abc import Awaitable, Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 import numpy as np
-from fastapi import FastAPI, HTTPException, Request
+from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
-from fastapi.responses import JSONResponse
 
 from eigenfail import __version__
 from eigenfail.values import (
@@ -111,56 +109,6 @@ SPECS = {
     "maxItems": MOST_AT_ONCE,
     "items": {"$ref": REF.format(name="CampaignSpec")},
 }
-
-Body = TypeVar("Body", bound=msgspec.Struct)
-Plain = TypeVar("Plain", dict[str, Any], list[Any])
-
-
-class Json(JSONResponse):
-    """A struct as JSON."""
-
-    def render(self, content: Any) -> bytes:
-        """The bytes of the body."""
-        return http.encode(content)
-
-
-def body_of(kind: type[Body]) -> Callable[[Request], Awaitable[Body]]:
-    """A dependency: the body of the request.
-
-    It raises ProtocolError, UnknownName or InvalidValue, as `read_body` does.
-    """
-
-    async def read(request: Request) -> Body:
-        return http.read_body(await read_within(request), kind)
-
-    return read
-
-
-def plain_body(kind: type[Plain]) -> Callable[[Request], Awaitable[Plain]]:
-    """A dependency: the body of the request as plain data; nothing at all stands for none.
-
-    It raises ProtocolError for what is no JSON, and InvalidValue for JSON of another kind.
-    """
-
-    async def read(request: Request) -> Plain:
-        return http.read_plain(await read_within(request), kind)
-
-    return read
-
-
-async def read_within(request: Request) -> bytes:
-    """The bytes of a request's body, as far as they are within the limit.
-
-    Raises:
-        HTTPException: 413, they are not.
-    """
-    most = request.app.state.settings.max_body_bytes
-    data = bytearray()
-    async for part in request.stream():
-        data += part
-        if len(data) > most:
-            raise HTTPException(413, f"The body is larger than {most} bytes.")
-    return bytes(data)
 
 
 def documented(

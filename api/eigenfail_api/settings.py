@@ -1,6 +1,5 @@
 """How the API is set up."""
 
-from ipaddress import ip_address
 from typing import Annotated
 
 from pydantic import Field
@@ -8,6 +7,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from eigenfail.contracts import KeyStore
 from eigenfail.errors import InvalidValue
+from eigenfail.loopback import is_loopback
 from eigenfail_services.store.clock import now_ms
 
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
@@ -24,9 +24,10 @@ class ApiSettings(BaseSettings):
             administrator, other machines may reach the address.
         trust_network: listen for other machines although nobody has to show a key. For containers
             behind a private network, and nothing else.
-        hosts: names under which this machine may be asked, against DNS rebinding.
+        hosts: names under which it may be asked, against DNS rebinding; see `names`.
         max_body_bytes: largest body of a request.
         max_requests_per_s: of one key, on average over five seconds; more is a 429.
+        max_keyless_requests_per_s: the same of one address, where nobody has to show a key.
         poll_s: how often the event log is looked at while somebody follows it.
     """
 
@@ -37,18 +38,27 @@ class ApiSettings(BaseSettings):
     port: Annotated[int, Field(ge=0, le=65535)] = 8440
     require_keys: bool = False
     trust_network: bool = False
-    hosts: tuple[str, ...] = LOOPBACK_NAMES
+    hosts: tuple[str, ...] | None = None
     max_body_bytes: Annotated[int, Field(ge=1)] = 1_000_000
     max_requests_per_s: Annotated[float, Field(gt=0.0)] = 200.0
+    max_keyless_requests_per_s: Annotated[float, Field(gt=0.0)] = 500.0
     poll_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.25
 
     @property
     def is_private(self) -> bool:
         """Whether only this machine can reach the address."""
-        try:
-            return ip_address(self.host).is_loopback
-        except ValueError:
-            return self.host == "localhost"
+        return is_loopback(self.host)
+
+    @property
+    def names(self) -> tuple[str, ...] | None:
+        """Names under which it may be asked: those that were set, else those of this machine.
+
+        None takes any, where other machines may reach it and everybody there shows a key: no page
+        of somebody else's has one to send.
+        """
+        if self.hosts is not None:
+            return self.hosts
+        return None if self.require_keys and not self.is_private else LOOPBACK_NAMES
 
 
 def refuse_open_door(settings: ApiSettings) -> None:

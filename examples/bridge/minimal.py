@@ -5,6 +5,8 @@ python minimal.py tcp://127.0.0.1:9000
 
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from time import monotonic
 from typing import Any
 
 import zmq
@@ -18,7 +20,22 @@ from eigenfail.settings import read_settings
 from eigenfail.values import Observation
 
 Open = Callable[[dict[str, Any]], Simulation]
+Act = Callable[[dict[int, Any], dict[str, Any]], dict[str, Any]]
 MOST_SESSIONS = 64
+SILENT_S = 60.0
+
+
+@dataclass
+class Session:
+    """Of a worker: what is in its slots, in which of them an episode runs, when it asked last."""
+
+    held: dict[int, tuple[dict[str, Any], Simulation]] = field(default_factory=dict)
+    running: set[int] = field(default_factory=set)
+    asked_s: float = field(default_factory=monotonic)
+
+    def may_go(self) -> bool:
+        """Nobody says goodbye for a worker that was killed, but it is silent."""
+        return not self.running or monotonic() - self.asked_s > SILENT_S
 
 
 class Bridge:
@@ -26,28 +43,43 @@ class Bridge:
 
     def __init__(self, welcome: dict[str, Any], open_simulation: Open) -> None:
         self.welcome, self.open = welcome, open_simulation
-        self.sessions: dict[str, dict[int, tuple[dict[str, Any], Simulation]]] = {}
+        self.sessions: dict[str, Session] = {}
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """One message for one message."""
         if request["type"] == "hello":
-            if request["protocol"] != self.welcome["protocol"]:
-                return {"type": "refusal", "reason": "I speak protocol 1."}
-            self.sessions[request["session"]] = {}
-            # Nobody says goodbye for who was killed: the one goes that has not asked for longest.
-            while len(self.sessions) > MOST_SESSIONS:
-                del self.sessions[next(iter(self.sessions))]
-            return self.welcome
+            return self.let_in(request["protocol"], request["session"])
         if request["session"] not in self.sessions:
-            told = {"fault": "simulator", "message": "I do not know this session."}
+            told = {"fault": "simulator", "message": "I do not know this session.", "lost": True}
             return {"type": "error", "id": request["id"], **told}
-        held = self.sessions.pop(request["session"])
+        session = self.sessions.pop(request["session"])
         if request["type"] == "close":
             return {"type": "closed", "id": request["id"]}
         act = {"reset": self.reset, "step": self.step}[request["type"]]
-        self.sessions[request["session"]] = held
-        slots = [act(held, each) for each in request["slots"]]
+        self.sessions[request["session"]], session.asked_s = session, monotonic()
+        slots = [self.acted(act, session, each) for each in request["slots"]]
         return {"type": "observations", "id": request["id"], "slots": slots}
+
+    def let_in(self, protocol: int, name: str) -> dict[str, Any]:
+        """Begin a session; if there is no room, one ends that is idle, idle for longest."""
+        if protocol != self.welcome["protocol"]:
+            return {"type": "refusal", "reason": "I speak protocol 1."}
+        self.sessions.pop(name, None)
+        if len(self.sessions) >= MOST_SESSIONS:
+            left = [each for each, session in self.sessions.items() if session.may_go()]
+            if not left:
+                return {"type": "refusal", "reason": "All sessions are in use.", "full": True}
+            del self.sessions[min(left, key=lambda each: len(self.sessions[each].running) > 0)]
+        self.sessions[name] = Session()
+        return self.welcome
+
+    def acted(self, act: Act, session: Session, asked: dict[str, Any]) -> dict[str, Any]:
+        """What came of it in one slot, and whether an episode runs there now."""
+        slot = asked["slot"]
+        seen = act(session.held, asked)
+        over = "fault" in seen or seen.get("ended", False)
+        (session.running.discard if over else session.running.add)(slot)
+        return seen
 
     def reset(self, held: dict[int, Any], asked: dict[str, Any]) -> dict[str, Any]:
         """Begin an episode; the simulation of the last one serves again if it is the same."""

@@ -9,6 +9,7 @@ from math import radians
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from xml.etree.ElementTree import Element, SubElement, tostring
 
 import libsumo
 from libsumo import vehicle
@@ -32,19 +33,29 @@ ROAD = """<net version="1.20">
               shape="5000,-2 5000,2"/>
 </net>"""
 
-TRAFFIC = """<routes>
-    <vType id="truck" vClass="truck" carFollowModel="{model}" tau="{tau_s}" minGap="{min_gap_m}"
-           maxSpeed="{speed_mps}" sigma="0" speedDev="0"/>
-    <vType id="car" vClass="passenger" maxSpeed="{speed_mps}" sigma="0" speedDev="0" length="5"/>
-    <route id="along" edges="road"/>
-    <vehicle id="lead" type="car" route="along" depart="0" departPos="{lead_at_m}"
-             departSpeed="{speed_mps}" insertionChecks="none"/>
-    <vehicle id="ego" type="truck" route="along" depart="0" departPos="100"
-             departSpeed="{speed_mps}" insertionChecks="none"/>
-</routes>"""
-
 WITHIN_ACCELERATION = 2
 """A speed mode: SUMO holds a speed that it is told against the vehicle's acceleration alone."""
+
+
+def traffic(model: str, given: dict[str, float]) -> str:
+    """The truck and the car, as SUMO reads them."""
+    routes = Element("routes")
+    undrawn = {"sigma": 0, "speedDev": 0, "maxSpeed": given["speed_mps"]}
+    driver = {"carFollowModel": model, "tau": given["tau_s"], "minGap": given["min_gap_m"]}
+    put(routes, "vType", id="truck", vClass="truck", **driver, **undrawn)
+    put(routes, "vType", id="car", vClass="passenger", length=5, **undrawn)
+    put(routes, "route", id="along", edges="road")
+    at_start = {"route": "along", "depart": 0, "departSpeed": given["speed_mps"]}
+    ahead_m = 105.0 + given["gap_m"]
+    for name, kind, place_m in (("lead", "car", ahead_m), ("ego", "truck", 100)):
+        where = {"departPos": place_m, "insertionChecks": "none"}
+        put(routes, "vehicle", id=name, type=kind, **at_start, **where)
+    return tostring(routes, "unicode")
+
+
+def put(parent: Element, tag: str, **attributes: object) -> None:
+    """An element; whatever a campaign has set stays an attribute."""
+    SubElement(parent, tag, {name: str(value) for name, value in attributes.items()})
 
 
 class BrakingLead:
@@ -63,8 +74,7 @@ class BrakingLead:
         self.steps, self._given = steps, given
         road, routes = folder / "road.net.xml", folder / "traffic.rou.xml"
         road.write_text(ROAD)
-        lead_at_m = 105.0 + given["gap_m"]
-        routes.write_text(TRAFFIC.format(model=model, lead_at_m=lead_at_m, **given))
+        routes.write_text(traffic(model, given))
         self._words = [
             *("--net-file", str(road), "--route-files", str(routes), "--step-length", str(DT_S)),
             *("--collision.action", "warn", "--collision.mingap-factor", "0"),

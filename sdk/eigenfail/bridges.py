@@ -14,6 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.errors import InvalidValue
+from eigenfail.loopback import is_own_endpoint
 from eigenfail.values import CampaignSpec
 from eigenfail.values.variation import Variation, read_variation
 
@@ -22,9 +23,10 @@ SIMULATOR = "bridge"
 
 ADDRESS_VARIABLE = "EIGENFAIL_BRIDGE"
 ADDRESS_OPTION = "--bridge"
+EPISODE_VARIABLE = "EIGENFAIL_EPISODE_LIMIT_S"
+EPISODE_OPTION = "--episode-limit"
 TRUST_VARIABLE = "EIGENFAIL_TRUST_NETWORK"
 ADDRESS = re.compile(r"tcp://(\[[0-9a-fA-F:.]+\]|[\w.-]+):[1-9]\d{0,4}|ipc:///?[^\s\0]{1,100}")
-LOOPBACK = re.compile(r"tcp://(127(\.\d{1,3}){3}|localhost|\[::1\]):|ipc://")
 
 LONGEST_TEXT = 200
 MOST_PARAMETERS = 64
@@ -47,7 +49,7 @@ def check_address(address: str) -> str:
         problem = f"'{address}' is no address of a bridge."
         remedy = "Write it as tcp://127.0.0.1:PORT or ipc://PATH."
         raise InvalidValue(ADDRESS_OPTION, problem, remedy)
-    if not LOOPBACK.match(address) and os.environ.get(TRUST_VARIABLE) != "1":
+    if not is_own_endpoint(address) and os.environ.get(TRUST_VARIABLE) != "1":
         raise InvalidValue(
             ADDRESS_OPTION,
             f"'{address}' is on another machine, and a bridge has no keys.",

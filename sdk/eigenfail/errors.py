@@ -15,7 +15,8 @@ EigenfailError
 ├── EpisodeError             one episode cannot be completed; its campaign goes on
 │   ├── SimulatorError
 │   ├── PlannerError
-│   └── SolverError
+│   ├── SolverError
+│   └── BridgeLost           the process that it ran in went away
 ├── ProtocolError            a message that does not follow the wire contract
 └── ServiceError             a part of the service is missing or in trouble
     ├── StoreUnavailable
@@ -142,6 +143,12 @@ class SolverError(EpisodeError):
     """A solver inside the planner gave no usable answer and there was no fallback."""
 
     kind = "solver"
+
+
+class BridgeLost(EpisodeError):
+    """The bridge went away, forgot who asks, or has no room: no episode is to blame."""
+
+    kind = "infrastructure"
 
 
 class ProtocolError(EigenfailError):

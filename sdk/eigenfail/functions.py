@@ -6,7 +6,7 @@ A campaign has `simulator` and `scenario` "function", and as its `planner` a `mo
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import update_wrapper
 from importlib.util import find_spec
 from pathlib import Path
@@ -30,7 +30,7 @@ PLACE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 LIMIT_S = 30.0
 
 ALLOWED_VARIABLE = "EIGENFAIL_FUNCTIONS"
-"""Modules and packages whose functions may be named, with commas; not set: whatever is declared."""
+"""Modules and packages whose functions may be named, with commas; not set: none."""
 
 Noise = NDArray[np.float64]
 
@@ -133,19 +133,49 @@ def require_module(place: str) -> None:
 
 
 def refuse_unlisted(place: str) -> None:
-    """Where whoever started this process listed what may be imported, hold to the list.
+    """Hold to the list of what may be imported, of whoever started this process.
+
+    A campaign comes from a request, and to import is to run: no request adds to the list.
 
     Raises:
         InvalidValue: neither the module nor a package around it is on it.
     """
-    listed = os.environ.get(ALLOWED_VARIABLE)
-    if listed is None:
-        return
+    listed = os.environ.get(ALLOWED_VARIABLE, "")
     module = place.partition(":")[0]
     if not any(f"{module}.".startswith(f"{name.strip()}.") for name in listed.split(",")):
         problem = f"'{module}' is none of the modules whose functions may be run here."
-        remedy = f"Start the service and its workers with it in {ALLOWED_VARIABLE}."
+        remedy = (
+            f"Start the service with `eigenfail up --functions {module}`, or it and its workers "
+            f"with {ALLOWED_VARIABLE}={module}."
+        )
         raise InvalidValue("planner", problem, remedy)
+
+
+def allow(places: str) -> None:
+    """List what may be imported, for this process and those that it starts from now on.
+
+    Args:
+        places: modules and packages, with commas.
+
+    Raises:
+        InvalidValue: one of them is no name of a module.
+    """
+    for name in places.split(","):
+        if not all(part.isidentifier() for part in name.strip().split(".")):
+            problem = f"'{name.strip()}' is no name of a module."
+            raise InvalidValue("--functions", problem, "Write --functions my_module,my_package.")
+    os.environ[ALLOWED_VARIABLE] = places
+
+
+def allow_of(specs: Iterable[CampaignSpec]) -> None:
+    """List the modules that campaigns name, for a service that is started for these alone.
+
+    Whoever starts that service chose the file of the campaigns; a list of theirs holds.
+    """
+    places = [spec.planner for spec in specs if spec.simulator == SIMULATOR]
+    modules = sorted({place.partition(":")[0] for place in places if PLACE.fullmatch(place)})
+    if modules:
+        os.environ.setdefault(ALLOWED_VARIABLE, ",".join(modules))
 
 
 def look_in_this_folder() -> None:

@@ -3,23 +3,26 @@
 As JSON, each line is an object: `timestamp`, `level`, `event`, `process` (controller, services,
 worker), and whatever it concerns by the same names everywhere: `campaign`, `episode`, `worker`.
 structlog comes with services and workers; the bare client has none, and logs nothing.
+
+Whatever is written is rid of keys and passwords, and no traceback shows the values of variables.
 """
 
 import logging
 import os
 import sys
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TextIO
 
 from eigenfail.errors import InvalidValue
+from eigenfail.uncaught import tell_uncaught
 from eigenfail.values.access import redacted
 
 VARIABLE = "EIGENFAIL_LOG_FORMAT"
 
 
 class LossyStderr:
-    """Standard error, as it is by then, without what cannot be written.
+    """Standard error, as it is by then, without secrets, and without what cannot be written.
 
     A full disk must not end who complains of it, nor a stream that somebody has closed.
     """
@@ -27,7 +30,7 @@ class LossyStderr:
     def write(self, text: str) -> int:
         """As many characters as are written, or lost."""
         with suppress(OSError, ValueError):
-            sys.stderr.write(text)
+            sys.stderr.write(redacted(text))
         return len(text)
 
     def flush(self) -> None:
@@ -36,8 +39,18 @@ class LossyStderr:
             sys.stderr.flush()
 
 
+class Handler(logging.StreamHandler[TextIO]):
+    """What others log by the standard library, such as the HTTP server."""
+
+    def handleError(self, _record: logging.LogRecord) -> None:  # noqa: N802 - the library's name
+        """A line that cannot be made: the library would print what was to stand in it."""
+        import structlog
+
+        structlog.get_logger().error("a line of the log cannot be made", exc_info=True)
+
+
 def configure(process: str) -> None:
-    """Log to standard error, and never fail at it.
+    """Log to standard error, and never fail at it; so are errors told that nobody caught.
 
     Args:
         process: which one of the service it is.
@@ -45,22 +58,42 @@ def configure(process: str) -> None:
     Raises:
         InvalidValue: the environment asks for a format that there is not.
     """
+    import structlog
+
     stream: TextIO = LossyStderr()  # type: ignore[assignment]
     wanted = os.environ.get(VARIABLE) or "text"
     if wanted not in FORMATS:
         raise InvalidValue(VARIABLE, f"'{wanted}' is no format of logs.", "Take text or json.")
     FORMATS[wanted](process, stream)
+    log = structlog.get_logger()
+    tell_uncaught(lambda error: log.error("nobody caught an error", exc_info=error))
 
 
 def _as_text(_process: str, stream: TextIO) -> None:
     import structlog
 
-    structlog.configure(logger_factory=structlog.PrintLoggerFactory(stream))
-    logging.basicConfig(stream=stream, format="%(levelname)s: %(message)s")
+    lines = structlog.dev.ConsoleRenderer(
+        colors=sys.stderr.isatty(),
+        # The library's own choice prints the values of variables, and so keys and passwords.
+        exception_formatter=structlog.dev.plain_traceback,
+    )
+    structlog.configure(
+        processors=[
+            structlog.contextvars.merge_contextvars,
+            structlog.processors.add_log_level,
+            structlog.processors.StackInfoRenderer(),
+            structlog.dev.set_exc_info,
+            structlog.processors.TimeStamper(fmt="%Y-%m-%d %H:%M:%S", utc=False),
+            lines,
+        ],
+        logger_factory=structlog.PrintLoggerFactory(stream),
+    )
+    handler = Handler(stream)
+    handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
+    logging.basicConfig(handlers=[handler])
 
 
 def _as_json(process: str, stream: TextIO) -> None:
-    """Also what others log by the standard library, such as the HTTP server."""
     import structlog
 
     def named(_logger: Any, _method: str, event: dict[str, Any]) -> dict[str, Any]:
@@ -74,17 +107,13 @@ def _as_json(process: str, stream: TextIO) -> None:
         named,
     ]
     json = structlog.processors.JSONRenderer()
-
-    def rendered(logger: Any, method: str, event: MutableMapping[str, Any]) -> str:
-        return redacted(str(json(logger, method, event)))
-
     factory = structlog.PrintLoggerFactory(stream)
-    structlog.configure(processors=[*common, rendered], logger_factory=factory)
-    handler = logging.StreamHandler(stream)
+    structlog.configure(processors=[*common, json], logger_factory=factory)
+    handler = Handler(stream)
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(
             foreign_pre_chain=common,
-            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, rendered],
+            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, json],
         )
     )
     logging.basicConfig(handlers=[handler])

@@ -39,7 +39,7 @@ from eigenfail.values.suite import SuiteStanding, SuiteTable
 
 Drawing = RenderableType
 
-LISTS: dict[type, Callable[[Any], Table]] = {
+LISTS: dict[type, Callable[[Any], Drawing]] = {
     Campaign: campaign_table,
     Summary: result_table,
     EpisodeRow: episode_table,

@@ -32,6 +32,17 @@ def read_settings(kind: type[Kind], given: Mapping[str, Any], field: str) -> Kin
     return convert(dict(given), kind, field)
 
 
+def defaults_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
+    """What the fields of a struct are unless they are given, as plain data; required ones aside."""
+    found: dict[str, Any] = {}
+    for field in msgspec.structs.fields(kind):
+        if field.default is not msgspec.NODEFAULT:
+            found[field.encode_name] = msgspec.to_builtins(field.default)
+        elif field.default_factory is not msgspec.NODEFAULT:
+            found[field.encode_name] = msgspec.to_builtins(field.default_factory())
+    return found
+
+
 def convert(value: Any, kind: type[Kind], field: str = "") -> Kind:
     """A struct from plain data.
 

@@ -17,6 +17,7 @@ import structlog
 from eigenfail import logs
 from eigenfail.errors import EigenfailError, StoreUnavailable
 from eigenfail.processes import die_with_parent, end_now
+from eigenfail.values.access import redacted
 from eigenfail_services import bounds, scrape, tracing
 from eigenfail_services.access import tool
 from eigenfail_services.campaigns.analysis_jobs import (
@@ -107,9 +108,10 @@ def serve(arguments: argparse.Namespace) -> None:
         gc.freeze()  # all that is loaded by now stays: looking through it would hold up the hub
         hub.start()
         reached = arguments.advertise or hub.address
-        launcher.start(reached, keys.own(OWN_WORKERS) if keys else None)
-        sys.stdout.write(json.dumps({"ready": True, "hub": hub.address}) + "\n")
-        sys.stdout.flush()
+        launcher.start(reached, keys.own(OWN_WORKERS) if keys else None, stopping.is_set)
+        if not stopping.is_set():
+            sys.stdout.write(json.dumps({"ready": True, "hub": hub.address}) + "\n")
+            sys.stdout.flush()
         supervise(supervisor, staffing, hub, stopping)
     for number in (signal.SIGTERM, signal.SIGINT):  # as the interpreter ends, one more would kill
         signal.signal(number, signal.SIG_IGN)
@@ -139,7 +141,7 @@ def main() -> None:
 
 
 def _complain(error: EigenfailError) -> int:
-    sys.stderr.write(f"{error}\n")
+    sys.stderr.write(redacted(f"{error}\n"))
     return error.exit_code
 
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from prometheus_client import CollectorRegistry, ProcessCollector, start_http_server
 
-from eigenfail.client.link import is_loopback
 from eigenfail.errors import InvalidValue, PortTaken
+from eigenfail.loopback import is_loopback
 from eigenfail_services.hub.binding import TRUST_VARIABLE
 
 VARIABLE = "EIGENFAIL_METRICS"
@@ -53,7 +53,7 @@ def parted(address: str) -> tuple[str, int]:
     host = host.removeprefix("[").removesuffix("]")
     if not (host and port.isdecimal() and 0 < int(port) < 65_536):
         raise InvalidValue("metrics", f"'{address}' is no address.", "Give host:port.")
-    if not is_loopback(f"http://{address}") and os.environ.get(TRUST_VARIABLE) != "1":
+    if not is_loopback(host) and os.environ.get(TRUST_VARIABLE) != "1":
         raise InvalidValue(
             "metrics",
             f"'{address}' can be reached from other machines, and it asks nobody for a key.",

@@ -4,14 +4,18 @@ import pytest
 from starlette.testclient import TestClient
 
 from eigenfail.errors import InvalidValue
+from eigenfail.values.access import KeyRequest, Scope
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
+from eigenfail_services.access.keys import make_key
 
 HEADERS = {
     "content-security-policy": (
         "default-src 'self'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
-        "frame-ancestors 'none'"
+        "frame-ancestors 'none'; form-action 'self'; base-uri 'none'; object-src 'none'"
     ),
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
     "x-content-type-options": "nosniff",
     "referrer-policy": "same-origin",
 }
@@ -79,11 +83,40 @@ def test_an_open_door_is_refused_while_nobody_has_to_show_a_key(store, host):
     assert "EIGENFAIL_TRUST_NETWORK=1" in refusal.value.remedy
 
 
-def test_a_private_network_can_be_vouched_for(store, monkeypatch):
+def status(app, method, path, host, origin=None, **request):
+    headers = {"Host": host} | ({"Origin": origin} if origin else {})
+    with TestClient(app, base_url="http://127.0.0.1:8440") as client:
+        return client.request(method, path, headers=headers, **request).status_code
+
+
+REBOUND = ("evil.example:8440", "http://evil.example:8440")
+"""Host and Origin of a page of somebody else's, whose name leads here by now."""
+
+FIRST = {"name": "mine", "scope": "admin"}
+
+
+def test_on_a_private_network_only_listed_names_are_taken(store, monkeypatch):
     monkeypatch.setenv("EIGENFAIL_TRUST_NETWORK", "1")
     app = create_app(store, ApiSettings(host="0.0.0.0"))
-    with TestClient(app, base_url="http://controller:8440") as client:
-        assert client.get("/healthz").status_code == 200
+    assert status(app, "GET", "/healthz", "127.0.0.1:8440") == 200
+    assert status(app, "GET", "/healthz", "controller:8440") == 400
+    assert status(app, "POST", "/api/v1/keys", *REBOUND, json=FIRST) == 400
+    assert not store.keys.exist()
+    monkeypatch.setenv("EIGENFAIL_HOSTS", '["Controller"]')
+    app = create_app(store, ApiSettings(host="0.0.0.0"))
+    assert status(app, "GET", "/healthz", "controller:8440") == 200
+    assert status(app, "GET", "/healthz", "127.0.0.1:8440") == 400
+    assert status(app, "POST", "/api/v1/keys", *REBOUND, json=FIRST) == 400
+
+
+def test_names_that_are_set_hold_also_where_everybody_shows_a_key(store):
+    make_key(store, KeyRequest("me", Scope.ADMIN))
+    app = create_app(store, ApiSettings(host="0.0.0.0", require_keys=True, hosts=("lab.example",)))
+    assert status(app, "GET", "/healthz", "lab.example") == 200
+    assert status(app, "GET", "/healthz", *REBOUND) == 400
+    anywhere = create_app(store, ApiSettings(host="0.0.0.0", require_keys=True))
+    assert status(anywhere, "GET", "/healthz", "10.1.2.3:8440") == 200
+    assert status(anywhere, "GET", "/healthz", "10.1.2.3:8440", "http://evil.example") == 403
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.9", "::1", "localhost"])

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import reader
+from proxy import Proxy
 from sqlalchemy import TextClause, text
 from started import Controller, Services, Started, Worker, free_port, wait_until
 
@@ -38,6 +39,7 @@ class Stage:
         self.hub = f"tcp://127.0.0.1:{free_port()}"
         self._folder = folder
         self._started: list[Started] = []
+        self._lines: list[Proxy] = []
         self._store = open_store(url)
 
     def controller(self, address: str = "") -> Controller:
@@ -53,6 +55,11 @@ class Stage:
         """Start one; it connects by itself, as soon as somebody listens."""
         name = f"w{len(self._started)}"
         return self._keep(Worker(hub or self.hub, name, self._folder / f"{name}.log"))
+
+    def line(self, seed: int) -> Proxy:
+        """A line to the hub that can be cut."""
+        self._lines.append(Proxy(self.hub, seed))
+        return self._lines[-1]
 
     def _keep(self, started):
         self._started.append(started)
@@ -174,4 +181,6 @@ class Stage:
             if started.alive:
                 started.go_on()
                 started.kill()
+        for line in self._lines:
+            line.close()
         self._store.close()

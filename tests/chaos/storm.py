@@ -1,17 +1,21 @@
-"""Every process of a service on one stage, and the faults that befall it; all from one seed."""
+"""Every process of a service on one stage, and the faults that befall it; all from one seed.
+
+The workers' one line to the hub is a stranger's, too: it is cut, gone for a while, or mute one way.
+"""
 
 import time
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
 from random import Random
 from types import MappingProxyType
 from typing import NamedTuple
 
 import psutil
 import reader
+from proxy import Way
 from stage import CAMPAIGNS, Stage
-from started import Started, wait_until
+from started import Started, Worker, wait_until
 
 WORKERS = 2
 PAUSE_S = (0.2, 12.0)
@@ -34,17 +38,20 @@ class Storm:
         faults: what may befall them, by its name.
         befell: how often each was caused.
         campaigns: that were run, in order, with their methods.
+        met: the kinds of faults that a campaign met.
     """
 
     def __init__(self, stage: Stage, random: Random, more: Mapping[str, Fault] = NOTHING_MORE):
         self.stage = stage
         self.befell = Counter[str]()
         self.campaigns: list[tuple[str, int]] = []
+        self.met: defaultdict[int, set[str]] = defaultdict(set)
         self._random = random
         self._deck: list[str] = []
         self._spared: dict[str, int] = {}
         self.services, self.controller = stage.services(), stage.controller()
-        self.workers = [stage.worker() for _ in range(WORKERS)]
+        self._line = stage.line(seed=random.randrange(2**31))
+        self.workers = [self._worker() for _ in range(WORKERS)]
         self.faults: dict[str, Fault] = {
             "inner process killed": self._kill_child,
             "worker killed": self._kill_worker,
@@ -54,6 +61,9 @@ class Storm:
             "services killed": self._kill_services,
             "controller killed": self._kill_controller,
             "everything killed": self._kill_everything,
+            "line cut": self._cut,
+            "line away": lambda: self._pause(self._line.severed()),
+            "line mute one way": lambda: self._pause(self._line.muted(self._random.choice([*Way]))),
             **more,
         }
 
@@ -69,6 +79,7 @@ class Storm:
                 self.stage.wait_for(campaign, self.stage.finished(campaign) + more)
                 kind = self._draw(kinds)
                 self.befell[kind] += self.faults[kind]()
+                self.met[campaign].add(kind)
 
     def _draw(self, kinds: list[str]) -> str:
         """Each kind comes as often as any other."""
@@ -95,7 +106,7 @@ class Storm:
     def _kill_worker(self) -> bool:
         place = self._random.randrange(WORKERS)
         self.workers[place].kill()
-        self.workers[place] = self.stage.worker()
+        self.workers[place] = self._worker()
         return True
 
     def _kill_services(self) -> bool:
@@ -112,14 +123,33 @@ class Storm:
         for process in (self.services, self.controller, *self.workers):
             process.kill()
         self.services, self.controller = self.stage.services(), self.stage.controller()
-        self.workers = [self.stage.worker() for _ in range(WORKERS)]
+        self.workers = [self._worker() for _ in range(WORKERS)]
+        return True
+
+    def _worker(self) -> Worker:
+        return self.stage.worker(self._line.address)
+
+    def _cut(self) -> bool:
+        self._line.cut()
         return True
 
     def _hold_up(self, process: Started) -> bool:
-        process.halt()
-        time.sleep(self._random.uniform(*PAUSE_S))
-        process.go_on()
+        return self._pause(held_up(process))
+
+    def _pause(self, trouble: AbstractContextManager[None]) -> bool:
+        with trouble:
+            time.sleep(self._random.uniform(*PAUSE_S))
         return True
+
+
+@contextmanager
+def held_up(process: Started) -> Iterator[None]:
+    """Meanwhile it stands still."""
+    process.halt()
+    try:
+        yield
+    finally:
+        process.go_on()
 
 
 def kill(processes: list[psutil.Process]) -> bool:

@@ -5,7 +5,6 @@ Played: learners, inner processes, the network between, and the clock. A life ta
 seed is the same life again.
 """
 
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from heapq import heappop, heappush
@@ -45,7 +44,7 @@ PAUSE_S = (0.5, 4.0)
 
 HALT_S = (1.0, 25.0)
 AWAY_S = 3.0
-FAULTS = ("cut",) * 3 + ("halt", "worker", "child", "learner") * 2 + ("service",)
+FAULTS = ("cut",) * 3 + ("halt", "worker", "child", "learner", "wall") * 2 + ("service",)
 """Of one life, in any order: too few for an episode or a learner to be given up."""
 
 A_LEASE_S = max(SILENCE_LIMIT_S, LEASE_S, UNNAMED_BEATS * HEARTBEAT_S)
@@ -82,6 +81,7 @@ class World:
 
     def __init__(self, store: Store, learners: list[PlayedLearner], random: Random) -> None:
         self.now_s = 1_000.0
+        self.wall_s = 1.8e9
         self._store, self._learners, self._random = store, learners, random
         self._bad = False
         self._due: list[tuple[float, int, object, object]] = []
@@ -94,6 +94,7 @@ class World:
             "child": self._kill_child,
             "learner": self._kill_learner,
             "service": self._kill_service,
+            "wall": self._set_wall,
         }
 
     def begin(self) -> None:
@@ -188,6 +189,9 @@ class World:
         self._open()
         self._away_until_s = self.now_s + AWAY_S
 
+    def _set_wall(self) -> None:
+        self.wall_s += self._random.choice((-3_600.0, 3_600.0))
+
     def _open(self) -> None:
         self._hub, self._router = played_hub(self._store)
         self._supervisor = Supervisor(self._store, self._hub, NoAnalyses())
@@ -202,7 +206,7 @@ def world(seed: int) -> Iterator[World]:
         told = SimpleNamespace(
             monotonic=lambda: made.now_s,
             monotonic_ns=lambda: int(made.now_s * 1e9),
-            time_ns=time.time_ns,
+            time_ns=lambda: int((made.wall_s + made.now_s) * 1e9),
         )
         for module in (desk, commits, supervisor, watch, clock, parent, child_process):
             stack.enter_context(patch.object(module, "time", told))

@@ -123,12 +123,17 @@ class Composed:
         """
         client = Container("client", self._images[image], self._folder, self._network, {})
         client.log.unlink(missing_ok=True)
-        client.start(words, {})
+        client.start(words, self._key())
         assert client.process is not None
         code = client.process.wait(WITHIN_S)
         told = client.log.read_text()
         assert code == 0, told
         return told
+
+    def _key(self) -> dict[str, str]:
+        """That of the administrator, once it is there, as somebody takes it from its volume."""
+        file = self._folder / "volume-admin-key" / "key"
+        return {"EIGENFAIL_KEY": file.read_text().strip()} if file.exists() else {}
 
     def _start(self, name: str, service: Mapping[str, Any]) -> None:
         image = self._images["worker" if name == "plain-worker" else "everything"]

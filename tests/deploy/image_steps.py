@@ -88,7 +88,8 @@ def name_of(line: str) -> str:
 
 def lead_through(composed: Composed) -> None:
     """What somebody does with it who follows the document."""
-    composed.up("postgres", "migrate", "keys", "ray-token", "controller", "ray-head", "services")
+    composed.up("postgres", "migrate", "admin-key", "keys", "ray-token")
+    composed.up("controller", "ray-head", "services")
     composed.up("worker", "worker-2")
     composed.check_cannot_write()
     composed.run_campaign(CAMPAIGN, "workers of Ray")

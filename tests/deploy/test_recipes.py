@@ -6,10 +6,17 @@ import sys
 from pathlib import Path
 
 import pytest
+from starlette.testclient import TestClient
 
+from eigenfail.errors import InvalidValue
+from eigenfail.values.access import KeyRequest, Scope
+from eigenfail_api.__main__ import read_settings
+from eigenfail_api.app import create_app
 from eigenfail_services import __main__ as program
+from eigenfail_services.access.keys import make_key
 from eigenfail_services.exports.shelf import KEPT, folder_beside
 from eigenfail_services.hub import binding
+from eigenfail_services.store.memory import MemoryStore
 from eigenfail_workers import __main__ as workers
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -125,6 +132,47 @@ def test_the_hub_asks_for_keys_that_are_made_before_it_starts(services, monkeypa
     assert hub["depends_on"]["keys"] == {"condition": "service_completed_successfully"}
 
 
+ANOTHER = {"name": "mine", "scope": "admin"}
+
+
+@pytest.fixture
+def controller(services, monkeypatch):
+    """The controller with the variables of the compose file, on a store in memory; its store."""
+    for name, value in services["controller"]["environment"].items():
+        if name not in {"EIGENFAIL_DATABASE", "PGPASSWORD", "TMPDIR"}:
+            monkeypatch.setenv(name, value)
+    store = MemoryStore()
+    yield store, read_settings(services["controller"]["command"][1:])
+    store.close()
+
+
+def test_the_controller_starts_once_an_administrator_has_a_key(services, controller):
+    store, settings = controller
+    with pytest.raises(InvalidValue, match="no administrator has a valid key"):
+        create_app(store, settings)
+    made = {"condition": "service_completed_successfully"}
+    assert services["controller"]["depends_on"]["admin-key"] == made
+    assert services["admin-key"]["depends_on"]["migrate"] == made
+
+
+def test_neither_a_page_nor_a_container_makes_a_key_without_one(controller):
+    store, settings = controller
+    token = make_key(store, KeyRequest("compose", Scope.ADMIN)).token
+    with TestClient(create_app(store, settings), base_url="http://x") as client:
+
+        def make(host, **headers):
+            sent = {"Host": host, **headers}
+            return client.post("/api/v1/keys", json=ANOTHER, headers=sent).status_code
+
+        assert make("evil.example:8440", Origin="http://evil.example:8440") == 400
+        assert make("127.0.0.1:8440", Origin="http://evil.example:8440") == 403
+        assert make("controller:8440") == make("127.0.0.1:8440") == 401
+        assert store.keys.page(10).items[0].name == "compose"
+        shown = {"Authorization": f"Bearer {token}"}
+        assert make("controller:8440", **shown) == make("127.0.0.1:8440", **shown) == 201
+        assert client.get("/readyz", headers={"Host": "127.0.0.1:8440"}).status_code == 200
+
+
 def test_nobody_holds_more_of_the_keys_than_it_needs(services):
     holders = {
         volume: {
@@ -133,15 +181,16 @@ def test_nobody_holds_more_of_the_keys_than_it_needs(services):
             for mounted in service.get("volumes", ())
             if mounted.startswith(f"{volume}:")
         }
-        for volume in ("hub-keys", "worker-key", "ray-token")
+        for volume in ("admin-key", "hub-keys", "worker-key", "ray-token")
     }
+    assert holders["admin-key"] == {"admin-key": False}
     assert holders["hub-keys"] == {"keys": False, "services": True}
     assert holders["worker-key"] == {"keys": False, "plain-worker": True}
     nodes = dict.fromkeys(("ray-head", "services", "worker"), True)
     assert holders["ray-token"] == {"ray-token": False} | nodes
     made = (DEPLOY / "Dockerfile").read_text()
     folders = "/var/lib/eigenfail-hub /var/lib/eigenfail-worker /var/lib/eigenfail-ray"
-    assert f"--mode=0700 \\\n        {folders}" in made
+    assert f"--mode=0700 \\\n        {folders} \\\n        /var/lib/eigenfail-admin \\\n" in made
 
 
 def test_exports_are_on_a_bounded_volume_and_not_in_memory(monkeypatch, services):

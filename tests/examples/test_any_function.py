@@ -17,7 +17,7 @@ from starlette.testclient import TestClient
 from eigenfail.cli.course_tables import campaign_page
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.errors import InputError, InvalidValue, UnknownName
-from eigenfail.functions import simulators
+from eigenfail.functions import ALLOWED_VARIABLE, simulators
 from eigenfail.stories.replays import explain_episode, replay_episode, same_noise
 from eigenfail.values import Correlated, DisturbanceModel
 from eigenfail.values.records import Delivery
@@ -36,6 +36,7 @@ PAGE = (EXAMPLES.parent / "docs" / "any_function.md").read_text()
 def module(monkeypatch):
     """The module, imported as workers do that were started in its folder."""
     monkeypatch.chdir(EXAMPLES)
+    monkeypatch.setenv(ALLOWED_VARIABLE, "any_function,no_such_module,sut_here")
     monkeypatch.setattr(sys, "path", [*sys.path, str(EXAMPLES)])
     monkeypatch.delitem(sys.modules, "any_function", raising=False)
     yield import_module("any_function")

@@ -1,5 +1,8 @@
 """Workers that Ray places: found, killed, replaced, and gone when the service ends."""
 
+import socket
+import subprocess
+import sys
 import time
 from contextlib import suppress
 
@@ -26,6 +29,14 @@ def actors(service) -> list[psutil.Process]:
     return [process for process in below if process.name().startswith("ray::WorkerAct")]
 
 
+def doors(service) -> set[str]:
+    """The addresses at which the services listen, and all that they started."""
+    services = psutil.Process(service.parts[1].process.pid)
+    family = [services, *services.children(recursive=True)]
+    sockets = [each for process in family for each in process.net_connections("inet")]
+    return {each.laddr.ip for each in sockets if each.status == psutil.CONN_LISTEN}
+
+
 def digest(client: Client, campaign: int) -> str:
     ended = client.campaigns.wait(campaign, timeout_s=120)
     assert (ended.state, ended.counts.open) == (CampaignState.DONE, 0)
@@ -44,6 +55,7 @@ def test_a_killed_ray_worker_is_replaced_and_changes_nothing(fresh_service, tmp_
         assert "named=own" in service.parts[1].log.read_text()
         before = actors(service)
         assert len(before) == 2
+        assert doors(service) <= {"127.0.0.1", "::ffff:127.0.0.1", "::1"}
         before[0].kill()
         assert digest(client, campaign.id) == undisturbed
 
@@ -105,10 +117,24 @@ def test_workers_come_with_the_work_outlive_ray_and_go_with_it(fresh_service, tm
     assert (found.lost, found.doubled, found.complaints) == (0, 0, ())
 
 
-def test_a_cluster_that_is_not_there_is_said_in_one_sentence(tmp_path) -> None:
-    import subprocess
-    import sys
+def test_a_service_that_still_waits_for_ray_ends_when_it_is_told_to(tmp_path) -> None:
+    """Somebody listens at the cluster's address, and never says a word."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"127.0.0.1:{silent.getsockname()[1]}"
+        command = [sys.executable, "-m", "eigenfail_services", "--ray-address", address]
+        database = ["--database", f"sqlite:///{tmp_path}/e.db"]
+        with subprocess.Popen([*command, *database], stderr=subprocess.PIPE, text=True) as process:
+            silent.settimeout(60)
+            silent.accept()[0].close()
+            below = psutil.Process(process.pid).children(recursive=True)
+            process.terminate()
+            _, said = process.communicate(timeout=30)
+    assert (process.returncode, "Traceback" in said) == (0, False)
+    assert below
+    assert psutil.wait_procs(below, timeout=20)[1] == []
 
+
+def test_a_cluster_that_is_not_there_is_said_in_one_sentence(tmp_path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "eigenfail_services", "--database", f"sqlite:///{tmp_path}/e.db",
          "--ray-address", "127.0.0.1:1"],

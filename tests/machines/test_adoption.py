@@ -4,11 +4,11 @@ Real: the store, the hub, the workers and all that they are made of. Played: lea
 the sockets between, and the clock.
 """
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
 from unittest.mock import patch
 
 import played_worker
@@ -20,10 +20,11 @@ from eigenfail.testing.store.examples import spec
 from eigenfail.values import EpisodeResult, EpisodeTask
 from eigenfail_services.hub import commits, desk
 from eigenfail_services.hub.deaths import MAX_DEATHS
-from eigenfail_services.hub.desk import GREETING_S, SILENCE_LIMIT_S
+from eigenfail_services.hub.desk import GREETING_S, HEARTBEAT_S, SILENCE_LIMIT_S
 from eigenfail_services.hub.runs import Order
 from eigenfail_services.store import MemoryStore
 from eigenfail_workers.worker import child_process, parent
+from eigenfail_workers.worker.parent import MAX_UNANSWERED
 
 EPISODES = 18
 STEP_S = 0.25
@@ -51,6 +52,8 @@ class House:
     def __init__(self, now_s: list[float], learners: list[PlayedLearner]) -> None:
         self.now_s, self.learners = now_s, learners
         self._steps = 0
+        self.cut: set[bytes] = set()
+        self.held_up: list[tuple[deque[Any], Any]] = []
         self.store = MemoryStore()
         self.campaign = self.store.campaigns.create(spec(episodes=EPISODES)).id
         self.workers = {b"a": PlayedWorker(), b"b": PlayedWorker()}
@@ -76,12 +79,20 @@ class House:
             worker.turn()
             worker.work(messages=1 if self._steps % STEPS_OF_WORK == 0 else 0)
             while worker.dealer.outbox:
-                self.router.inbox.append([connection, worker.dealer.outbox.popleft()])
+                said = [connection, worker.dealer.outbox.popleft()]
+                self.carry(connection, self.router.inbox, said)
         self.hub.turn()
         while self.router.outbox:
             connection, data = self.router.outbox.popleft()
             if worker := self.workers.get(connection):
-                worker.dealer.inbox.append(data)
+                self.carry(connection, worker.dealer.inbox, data)
+
+    def carry(self, connection: bytes, inbox: deque[Any], message: Any) -> None:
+        """To the other end of a line, unless it is cut."""
+        if connection in self.cut:
+            self.held_up.append((inbox, message))
+        else:
+            inbox.append(message)
 
     def end(self) -> str:
         """Go on until all is run; the digest of it."""
@@ -162,6 +173,33 @@ def test_nor_does_a_connection(calm: str, house: House, moment: int) -> None:
     house.workers[b"c"] = house.workers.pop(b"a")
     assert house.end() == calm
     assert each_once(house)
+
+
+def cut_for(house: House, seconds: float, *connections: bytes) -> None:
+    """Nothing comes through these lines for so long, both ways; workers work on.
+
+    What was said comes late, as TCP does it, unless the worker has made the line anew.
+    """
+    house.cut = {*connections}
+    for _ in range(int(seconds / STEP_S)):
+        house.step()
+    house.cut, held_up, house.held_up = set(), house.held_up, []
+    for inbox, message in held_up if seconds < MAX_UNANSWERED * HEARTBEAT_S else ():
+        inbox.append(message)
+
+
+@pytest.mark.parametrize("lines", [(b"a", b"b"), (b"a",)])
+@pytest.mark.parametrize("seconds", [1.0, 10.0, 120.0])
+@pytest.mark.parametrize("moment", MOMENTS[::4])
+def test_nor_do_lines_that_are_cut(calm: str, house: House, moment: int, seconds, lines) -> None:
+    for _ in range(moment):
+        house.step()
+    cut_for(house, seconds, *lines)
+    assert house.end() == calm
+    counts = house.store.campaigns.get(house.campaign).counts
+    assert (counts.completed, counts.failed) == (EPISODES, 0)
+    assert counts.duplicates <= CountingEngine.runs.total() - EPISODES
+    assert lines == (b"a",) or max(CountingEngine.runs.values()) == 1
 
 
 def test_all_of_it_again_and_again(calm: str, house: House) -> None:

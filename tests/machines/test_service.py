@@ -13,7 +13,6 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
@@ -22,6 +21,7 @@ from hypothesis.stateful import (
     rule,
     run_state_machine_as_test,
 )
+from lives import lives
 from played import played_learners, quiet
 from service_house import EPISODES, Away, House
 from service_workers import PlayedWorker
@@ -202,14 +202,7 @@ def run(opened, examples: int) -> None:
     """Let the machine live many lives."""
     run_state_machine_as_test(
         lambda: Service(opened),
-        settings=settings(
-            max_examples=examples,
-            stateful_step_count=40,
-            deadline=None,
-            derandomize=True,
-            report_multiple_bugs=False,
-            suppress_health_check=list(HealthCheck),
-        ),
+        settings=lives(examples, 40),
     )
 
 

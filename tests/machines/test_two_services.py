@@ -33,7 +33,7 @@ from eigenfail.wire.messages import (
 from eigenfail_services.campaigns import supervisor, watch
 from eigenfail_services.campaigns.supervisor import LEASE_S, Supervisor
 from eigenfail_services.hub import commits, desk
-from eigenfail_services.hub.server import Ended
+from eigenfail_services.hub.ended import Ended
 from eigenfail_services.store import MemoryStore, clock, open_store
 
 EPISODES = 20

@@ -8,9 +8,9 @@ from contextlib import ExitStack
 from types import SimpleNamespace
 from unittest.mock import patch
 
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
+from lives import lives
 from played import LAYER, quiet
 from played_worker import PlayedEngine, PlayedWorker
 
@@ -84,7 +84,7 @@ class Worker(RuleBasedStateMachine):
         named = set(said.held)
         assert len(named) == len(said.held)
         assert named <= self.leased
-        assert self.owed - self.brought <= named
+        assert self.owed - self.brought - self.acknowledged <= named
         if said.running is not None:
             assert (said.campaign, said.running) in self.leased
 
@@ -203,6 +203,7 @@ class Worker(RuleBasedStateMachine):
         self.say(Refusal("who are you?"), Welcome(1.0))
         self.run_all()
         assert self.brought >= missing
+        self.acknowledged |= self.leased
         self.say(*(Ack(campaign, (index,)) for campaign, index in self.leased))
         self.brought.clear()
         self.say(Refusal("who are you?"), Welcome(1.0))
@@ -220,14 +221,4 @@ HEEDING = {Hello: Worker.hear_hello, Heartbeat: Worker.hear_beat, Results: Worke
 
 
 def test_lives_of_a_worker() -> None:
-    run_state_machine_as_test(
-        Worker,
-        settings=settings(
-            max_examples=80,
-            stateful_step_count=40,
-            deadline=None,
-            derandomize=True,
-            report_multiple_bugs=False,
-            suppress_health_check=list(HealthCheck),
-        ),
-    )
+    run_state_machine_as_test(Worker, settings=lives(80, 40))

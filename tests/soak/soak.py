@@ -1,8 +1,8 @@
-"""Kill and hold up every process of a service at random for some minutes; nothing may be lost.
+"""Kill, hold up and cut off every process of a service at random; nothing may be lost.
 
-`make soak MINUTES=5`. Prints its seed; the same seed draws the same faults in the same order. In
-the first half the services themselves are spared, so that what they take can be told from its
-first quarter to its last; in the second half nobody is.
+`make soak MINUTES=5`: half of the time on SQLite, half on PostgreSQL. Prints its seed; the same
+seed draws the same faults in the same order. On each database the services themselves are spared at
+first, so that what they take can be told from the first quarter of that time to its last.
 """
 
 import argparse
@@ -10,23 +10,22 @@ import random
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[1] / "chaos"))
 
+from postgresql import Server, server
+from promises import late, run_again
 from resources import Sample, growth, quarters, sample, told
 from stage import CAMPAIGNS, Stage
-from storm import Storm, verdict
+from storm import NOTHING_MORE, Fault, Storm, verdict
 
-SPARED = ("services killed", "services held up", "everything killed")
+HARMLESS = ("inner process killed", "learner killed", "controller killed")
+"""Whoever holds a result lives, and so does the line: nothing may be run again."""
 
-
-def calm(stage: Stage) -> dict[str, str]:
-    """The digests of campaigns that nothing disturbs."""
-    campaigns = stage.launch()
-    digests = stage.finish(*campaigns.values()).digests
-    return {method: digests[campaign] for method, campaign in campaigns.items()}
+SPARED = ("services killed", "services held up", "everything killed", "PostgreSQL broken off")
 
 
 def until(minutes: float, look: Callable[[], object]) -> Callable[[], bool]:
@@ -40,38 +39,87 @@ def until(minutes: float, look: Callable[[], object]) -> Callable[[], bool]:
     return over
 
 
-def soak(stage: Stage, minutes: float, seed: int) -> list[str]:
-    """Calm, half a storm, storm, verdict: what is to be complained of."""
-    storm = Storm(stage, random.Random(seed))
-    digests = calm(stage)
+def calm(stage: Stage) -> tuple[dict[str, str], dict[str, float]]:
+    """Digests, and times in seconds, of campaigns that nothing disturbs, one after the other."""
+    digests, times = {}, {}
+    for method in CAMPAIGNS:
+        (campaign,) = stage.launch(method).values()
+        began_s = time.monotonic()
+        digests[method] = stage.finish(campaign).digests[campaign]
+        times[method] = time.monotonic() - began_s
+    return digests, times
+
+
+def soak(
+    stage: Stage, minutes: float, seed: int, more: Mapping[str, Fault] = NOTHING_MORE
+) -> list[str]:
+    """Calm, a breeze, half a storm, storm, verdict: what is to be complained of."""
+    storm = Storm(stage, random.Random(seed), more)
+    digests, times_s = calm(stage)
     samples: list[Sample] = []
     pid = storm.services.process.pid
     gentle = [kind for kind in storm.faults if kind not in SPARED]
-    storm.rage(until(minutes / 2, lambda: samples.append(sample(pid))), gentle)
+    for kinds in (HARMLESS, gentle):
+        storm.rage(until(minutes / 4, lambda: samples.append(sample(pid))), kinds)
     first, last = quarters(samples)
     storm.rage(until(minutes / 2, lambda: None))
+    tardy = [*late(storm, times_s)]
     found, differing = verdict(storm, digests)
     print(f"caused {dict(storm.befell)} during {len(storm.campaigns)} campaigns of {[*CAMPAIGNS]}")
     print(f"services in the first quarter: {told(first)}; in the last: {told(last)}")
-    print(f"lost {found.lost}, doubled {found.doubled}, run again {found.repeated}")
+    print(f"lost {found.lost}, doubled {found.doubled}, brought again {found.repeated}")
     other = [f"campaign {number}: another digest" for number in differing]
-    return [*found.complaints, *other, *growth(first, last)]
+    again = run_again(storm, HARMLESS)
+    return [*found.complaints, *other, *growth(first, last), *again, *tardy]
+
+
+@contextmanager
+def on(url: str) -> Iterator[Stage]:
+    """A stage, all of whose processes are ended afterwards."""
+    with tempfile.TemporaryDirectory() as folder:
+        stage = Stage(url or f"sqlite:///{folder}/eigenfail.db", Path(folder))
+        try:
+            yield stage
+        finally:
+            stage.end()
+
+
+def on_sqlite(minutes: float, seed: int) -> list[str]:
+    """What is to be complained of there."""
+    with on("") as stage:
+        return soak(stage, minutes, seed)
+
+
+def on_postgresql(minutes: float, seed: int) -> list[str]:
+    """What is to be complained of there, where the server is broken off, too."""
+    with server() as running, on(running.url) as stage:
+        return soak(stage, minutes, seed, {"PostgreSQL broken off": lambda: broken_off(running)})
+
+
+def broken_off(running: Server) -> bool:
+    """An immediate stop, and a new start."""
+    running.break_off()
+    running.start()
+    return True
+
+
+DATABASES = {"sqlite": on_sqlite, "postgresql": on_postgresql}
 
 
 def main() -> None:
-    """Exit code 1 if anything was lost, changed or has grown."""
+    """Exit code 1 if anything was lost, changed, late or has grown."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=5.0)
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(2**31))
+    parser.add_argument("--database", choices=DATABASES, action="append")
     arguments = parser.parse_args()
+    databases = arguments.database or [*DATABASES]
     print(f"seed {arguments.seed}, {arguments.minutes:g} minutes", flush=True)
-    with tempfile.TemporaryDirectory() as folder:
-        stage = Stage(f"sqlite:///{folder}/eigenfail.db", Path(folder))
-        try:
-            found = soak(stage, arguments.minutes, arguments.seed)
-        finally:
-            stage.end()
-    print("\n".join(found) or "nothing lost, nothing doubled, every digest as in the calm")
+    found = []
+    for database in databases:
+        print(f"on {database}:", flush=True)
+        found += DATABASES[database](arguments.minutes / len(databases), arguments.seed)
+    print("\n".join(found) or "nothing lost, doubled or late, every digest as in the calm")
     sys.exit(bool(found))
 
 

@@ -9,11 +9,17 @@ from pathlib import Path
 from types import FrameType
 
 from eigenfail import logs
-from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE, check_address
+from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE, EPISODE_OPTION, check_address
 from eigenfail.errors import EigenfailError
 from eigenfail.private_files import read_private
+from eigenfail.values.access import redacted
 from eigenfail.wire.curve import WorkerKey, read_worker_key
-from eigenfail_workers.worker.limits import CPU_OPTION, MEMORY_OPTION, read_limits
+from eigenfail_workers.worker.limits import (
+    CPU_OPTION,
+    MEMORY_OPTION,
+    read_episode_limit,
+    read_limits,
+)
 from eigenfail_workers.worker.parent import Parent
 
 KEY_VARIABLE = "EIGENFAIL_WORKER_KEY_FILE"
@@ -37,7 +43,7 @@ def main() -> None:
         logs.configure("worker")
         serve()
     except EigenfailError as error:
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(redacted(f"{error}\n"))
         sys.exit(error.exit_code)
 
 
@@ -54,7 +60,7 @@ def serve() -> None:
     parser = argparse.ArgumentParser(prog="eigenfail worker", description=__doc__)
     parser.add_argument("--connect", required=True, help="the hub's address, tcp://host:port")
     parser.add_argument("--name", default=f"{platform.node()}-{os.getpid()}")
-    parser.add_argument("--episode-limit", type=float, default=60.0, help="wall time [s]")
+    parser.add_argument(EPISODE_OPTION, help="wall time [s]")
     parser.add_argument(
         "--key-file", default=os.environ.get(KEY_VARIABLE), help="of the key that the hub asks for"
     )
@@ -68,7 +74,7 @@ def serve() -> None:
     arguments = parser.parse_args()
     if arguments.bridge:
         os.environ[ADDRESS_VARIABLE] = check_address(arguments.bridge)
-    key, episode_s = key_in(arguments.key_file), arguments.episode_limit
+    key, episode_s = key_in(arguments.key_file), read_episode_limit(arguments.episode_limit)
     limits = read_limits(arguments.memory_limit, arguments.cpu_limit, episode_s)
     parent = Parent(arguments.connect, arguments.name, episode_s, key, limits)
 

@@ -39,7 +39,7 @@ class Attempts:
             if wrong is None or wrong.count < MOST_WRONG:
                 return
             left_ms = wrong.since_ms + WITHIN_MS - at_ms
-            if left_ms <= 0:
+            if not 0 < left_ms <= WITHIN_MS:  # it is over, or the clock was set back
                 del self._wrong[address, key]
                 return
         wait_s = str(-(-left_ms // 1_000))
@@ -49,7 +49,7 @@ class Attempts:
         """One more."""
         with self._lock:
             wrong = self._wrong.get((address, key))
-            if wrong is None or at_ms - wrong.since_ms >= WITHIN_MS:
+            if wrong is None or not 0 <= at_ms - wrong.since_ms < WITHIN_MS:
                 self._wrong.pop((address, key), None)
                 while len(self._wrong) >= MOST_KNOWN:
                     del self._wrong[next(iter(self._wrong))]

@@ -39,7 +39,8 @@ class Door:
         self.clock = clock
         self._store = store
         self._attempts = Attempts()
-        self._pace = Pace(settings.max_requests_per_s)
+        self._pace = Pace(settings.max_requests_per_s, "This key")
+        self._keyless = Pace(settings.max_keyless_requests_per_s, "This address")
         self._lock = Lock()
         self._locked = settings.require_keys
         self._looked_ms: int | None = None
@@ -59,9 +60,17 @@ class Door:
                     self._looked_ms = self.clock()
         return self._locked
 
-    def anybody(self) -> Caller | None:
-        """Whoever it is, where no key is needed as far as was seen a moment ago."""
-        return None if self._locked or not self._has_looked() else self._nobody
+    def anybody(self, asked: HTTPConnection) -> Caller | None:
+        """Whoever it is, where no key is needed as far as was seen a moment ago.
+
+        Raises:
+            HTTPException: 429, from there it was asked too often.
+        """
+        return None if self._locked or not self._has_looked() else self._stranger(asked)
+
+    def _stranger(self, asked: HTTPConnection) -> Caller:
+        self._keyless.take(address_of(asked), self.clock())
+        return self._nobody
 
     def _has_looked(self) -> bool:
         seen_ms = self._looked_ms
@@ -82,7 +91,7 @@ class Door:
             HTTPException: 429, somebody who tried or asked too often.
         """
         if not self.is_locked():
-            return self._nobody
+            return self._stranger(asked)
         shown = asked.headers.get("authorization")
         if shown is not None:
             scheme, _, token = shown.partition(" ")

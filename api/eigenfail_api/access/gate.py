@@ -63,7 +63,7 @@ class Gate:
         least = needed(request.method, request.scope["path"])
         if least is None:
             return self._app, None
-        caller = self._door.anybody()
+        caller = self._door.anybody(request)
         if caller is None:
             caller = await run_sync(self._door.caller, request)
         allowed = caller.scope.allows(least)

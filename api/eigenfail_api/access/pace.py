@@ -1,4 +1,4 @@
-"""How many requests a key may send: so many a second, and those of a few seconds at once."""
+"""How many requests somebody may send: so many a second, and those of a few seconds at once."""
 
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -24,35 +24,37 @@ class Pace:
 
     Args:
         per_s: requests a second. [1/s]
+        who: what a caller is, as a refusal tells it.
     """
 
-    def __init__(self, per_s: float) -> None:
+    def __init__(self, per_s: float, who: str) -> None:
         self._per_s = per_s
+        self._who = who
         self._lock = Lock()
-        self._buckets: OrderedDict[int, Bucket] = OrderedDict()
+        self._buckets: OrderedDict[int | str, Bucket] = OrderedDict()
 
-    def take(self, key: int, at_ms: int) -> None:
-        """One request of the holder of a key.
+    def take(self, caller: int | str, at_ms: int) -> None:
+        """One request of a caller: by the id of a key, or by an address.
 
         Raises:
             HTTPException: 429, there were too many lately, with the time to wait.
         """
         with self._lock:
-            bucket = self._filled(key, at_ms)
+            bucket = self._filled(caller, at_ms)
             if bucket.left >= 1.0:
                 bucket.left -= 1.0
                 return
             wait_s = str(ceil((1.0 - bucket.left) / self._per_s))
-        problem = f"This key sends more than {self._per_s:g} requests a second."
+        problem = f"{self._who} sends more than {self._per_s:g} requests a second."
         raise HTTPException(429, problem, {"Retry-After": wait_s})
 
-    def _filled(self, key: int, at_ms: int) -> Bucket:
+    def _filled(self, caller: int | str, at_ms: int) -> Bucket:
         most = max(1.0, BURST_S * self._per_s)
-        bucket = self._buckets.setdefault(key, Bucket(most, at_ms))
+        bucket = self._buckets.setdefault(caller, Bucket(most, at_ms))
         passed_s = max(0, at_ms - bucket.at_ms) / 1_000.0
         bucket.left = min(most, bucket.left + passed_s * self._per_s)
         bucket.at_ms = at_ms
-        self._buckets.move_to_end(key)
+        self._buckets.move_to_end(caller)
         if len(self._buckets) > MOST_KNOWN:
             self._buckets.popitem(last=False)
         return bucket

@@ -13,6 +13,7 @@ from fastapi.responses import HTMLResponse
 from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import Campaign, CampaignSpec
+from eigenfail_api.bodies import read_within
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.dashboard.views.copying import Asked, Service, copies, service_of
 from eigenfail_api.dashboard.views.launch import (
@@ -27,7 +28,6 @@ from eigenfail_api.dashboard.views.launch import (
 from eigenfail_api.dashboard.views.launch_entries import Texts, body_of
 from eigenfail_api.dashboard.views.launch_layout import layout
 from eigenfail_api.parameters import LARGEST, Stored
-from eigenfail_api.schemas import read_within
 from eigenfail_services.campaigns.clones import changed
 from eigenfail_services.campaigns.drafts import COMPANIONS, completed, problems_of, read_draft
 

@@ -14,11 +14,11 @@ from eigenfail_api.access.callers import by_key, lacking, signed_in
 from eigenfail_api.access.door import Door, address_of
 from eigenfail_api.access.record import change, record
 from eigenfail_api.access.sessions import COOKIE, LIFE_S
+from eigenfail_api.bodies import read_within
 from eigenfail_api.dashboard.rendering import TEMPLATES, page
 from eigenfail_api.dashboard.views.login import LoginView
 from eigenfail_api.parameters import Stored
 from eigenfail_api.routes.keys import door_of
-from eigenfail_api.schemas import read_within
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 

@@ -10,6 +10,7 @@ from starlette.background import BackgroundTask
 from eigenfail.contracts import Store
 from eigenfail.values import Campaign, CampaignState, Summary
 from eigenfail_api.dashboard.episodes_page import failures_of
+from eigenfail_api.dashboard.likelihood import MOST_FAILURES, reference_of
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.dashboard.views.campaign import Findings, campaign_view
 from eigenfail_api.dashboard.views.campaign_costs import REPLAY
@@ -29,6 +30,7 @@ from eigenfail_services.campaigns.course import course_of
 from eigenfail_services.campaigns.crew import ACTIVE_S, lately, present, staffing
 from eigenfail_services.campaigns.peers import methods_of, peer_costs
 from eigenfail_services.campaigns.summary import summaries_of, summarise
+from eigenfail_services.store.clock import now_ms
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
@@ -78,16 +80,20 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
     """One campaign; its later part is begun beside it, and in it if that is known already."""
     latest, seen = store.events.last(), store.campaigns.get(campaign)
     begun = () if again else begin(store, seen)
+    listed = failures_of(store, campaign, None)
+    first = [row.index for row in listed.items[:MOST_FAILURES]]
     found = Findings(
         campaign=seen,
         summary=summary_of(store, seen),
         course=course_of(store, seen),
         rows=store.figures.samples(campaign),
-        listed=failures_of(store, campaign, None),
+        listed=listed,
         analyses=store.analyses.page(ANALYSES_ON_A_PAGE, None, campaign).items,
         events=tuple(store.events.latest(EVENTS_SHOWN, campaign)),
         latest=latest,
         here=present(store),
+        reference=reference_of(store, campaign, first),
+        at_ms=now_ms(),
     )
     measures = measures_of(seen, remembered(store, seen)) if begun and is_done(begun) else None
     told = partial(staffing, store)

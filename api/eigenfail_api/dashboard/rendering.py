@@ -12,6 +12,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from eigenfail import __version__
+from eigenfail.glossary import term_of
 from eigenfail.wire import http
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.lists import CLUSTERERS
@@ -80,6 +81,7 @@ def environment() -> Environment:
         "version": __version__,
         "clusterers": CLUSTERERS,
         "modules_of": modules_of,
+        "term_of": term_of,
     }
     return made
 

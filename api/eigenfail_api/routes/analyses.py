@@ -6,8 +6,9 @@ from fastapi import APIRouter, Depends
 
 from eigenfail.values import Analysis, AnalysisSettings, FailureMode, Page, Proof
 from eigenfail.wire.http import PREFIX, ProofRequest
+from eigenfail_api.bodies import Json, body_of
 from eigenfail_api.parameters import AnalysisId, Before, CampaignId, Limit, MadeBy, Stored
-from eigenfail_api.schemas import Json, body_of, documented
+from eigenfail_api.schemas import documented
 from eigenfail_services.campaigns.analysed import ground
 from eigenfail_services.campaigns.proofs import findings, proof
 from eigenfail_services.campaigns.proving import prove

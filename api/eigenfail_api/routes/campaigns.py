@@ -19,6 +19,7 @@ from eigenfail.wire.drafts import CampaignCheck
 from eigenfail.wire.http import PREFIX, Digest
 from eigenfail.wire.problems import problem_of
 from eigenfail_api import steering
+from eigenfail_api.bodies import Json, body_of, plain_body
 from eigenfail_api.parameters import (
     LARGEST,
     Before,
@@ -28,15 +29,7 @@ from eigenfail_api.parameters import (
     MadeBy,
     Stored,
 )
-from eigenfail_api.schemas import (
-    FIELDS,
-    SPECS,
-    Json,
-    body_of,
-    documented,
-    documented_plain,
-    plain_body,
-)
+from eigenfail_api.schemas import FIELDS, SPECS, documented, documented_plain
 from eigenfail_services.campaigns.bulk import read_many
 from eigenfail_services.campaigns.checks import check_spec
 from eigenfail_services.campaigns.clones import clone

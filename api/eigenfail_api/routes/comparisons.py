@@ -6,8 +6,9 @@ from fastapi import APIRouter, Query
 
 from eigenfail.values import Comparison
 from eigenfail.wire.http import PREFIX
+from eigenfail_api.bodies import Json
 from eigenfail_api.parameters import IDS, Stored
-from eigenfail_api.schemas import Json, documented
+from eigenfail_api.schemas import documented
 from eigenfail_services.campaigns.comparison import compare
 
 router = APIRouter(prefix=f"{PREFIX}/comparisons", tags=["campaigns"])

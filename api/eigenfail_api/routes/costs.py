@@ -5,8 +5,9 @@ from fastapi import APIRouter
 from eigenfail.values import CampaignCost, Page
 from eigenfail.values.pool import PeerCosts
 from eigenfail.wire.http import PREFIX
+from eigenfail_api.bodies import Json
 from eigenfail_api.parameters import CampaignId, Stored
-from eigenfail_api.schemas import Json, documented
+from eigenfail_api.schemas import documented
 from eigenfail_services.campaigns.peers import peer_costs
 from eigenfail_services.campaigns.spending import spending_of
 

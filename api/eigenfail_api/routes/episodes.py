@@ -11,8 +11,9 @@ from eigenfail.values import Outcome, Page
 from eigenfail.values.records import EpisodeDetail, EpisodeRow, detailed
 from eigenfail.values.worker import Presence
 from eigenfail.wire.http import PREFIX
+from eigenfail_api.bodies import Json
 from eigenfail_api.parameters import LARGEST, CampaignId, EpisodeIndex, Limit, Stored
-from eigenfail_api.schemas import Json, documented
+from eigenfail_api.schemas import documented
 from eigenfail_services.campaigns.crew import who_ran
 from eigenfail_services.exports.selection import picked
 

@@ -8,9 +8,10 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from eigenfail.values import Event, Page
 from eigenfail.wire import http
+from eigenfail_api.bodies import Json
 from eigenfail_api.feed import Feed
 from eigenfail_api.parameters import LARGEST, Limit, Stored
-from eigenfail_api.schemas import Json, documented, documented_stream
+from eigenfail_api.schemas import documented, documented_stream
 
 router = APIRouter(prefix=http.PREFIX, tags=["events"])
 

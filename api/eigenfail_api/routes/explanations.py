@@ -7,8 +7,9 @@ from fastapi import APIRouter, Depends, Response
 from eigenfail.values import Campaign, Explanation
 from eigenfail.wire.http import PREFIX, ReplayRequest
 from eigenfail_api.aside import Aside
+from eigenfail_api.bodies import Json, body_of
 from eigenfail_api.parameters import CampaignId, EpisodeIndex, MadeBy, Stored
-from eigenfail_api.schemas import Json, body_of, documented, refusal
+from eigenfail_api.schemas import documented, refusal
 from eigenfail_services.campaigns.episode_replays import replay_episode
 from eigenfail_services.campaigns.episode_steps import steps_csv
 from eigenfail_services.campaigns.explanations import Explanations

@@ -10,9 +10,10 @@ from eigenfail.contracts import Store
 from eigenfail.filters import COLUMNS
 from eigenfail.values.export import Export, ExportRequest
 from eigenfail.wire.http import PREFIX
+from eigenfail_api.bodies import Json, body_of
 from eigenfail_api.parameters import EXPORT, CampaignId, Stored
 from eigenfail_api.routes.episodes import Wanted, WantedEpisodes
-from eigenfail_api.schemas import Json, body_of, documented, refusal
+from eigenfail_api.schemas import documented, refusal
 from eigenfail_services.exports.jobs import ExportJobs
 from eigenfail_services.exports.lines import csv_lines, ndjson
 from eigenfail_services.exports.selection import Selection, Source

@@ -9,8 +9,9 @@ from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey
 from eigenfail.values.quotas import Quotas, Usage
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.access.door import Door
+from eigenfail_api.bodies import Json, body_of
 from eigenfail_api.parameters import LARGEST, Before, Limit, Stored
-from eigenfail_api.schemas import Json, body_of, documented
+from eigenfail_api.schemas import documented
 from eigenfail_services.access import keys
 
 router = APIRouter(prefix=PREFIX, tags=["keys"])

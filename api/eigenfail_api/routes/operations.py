@@ -5,8 +5,9 @@ from fastapi.responses import PlainTextResponse
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 from eigenfail.wire.http import Health
+from eigenfail_api.bodies import Json
 from eigenfail_api.parameters import Stored
-from eigenfail_api.schemas import Json, documented
+from eigenfail_api.schemas import documented
 
 router = APIRouter(tags=["operations"])
 

@@ -11,7 +11,8 @@ from eigenfail import functions, plugins
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.values import Page
 from eigenfail.wire.http import PREFIX, PluginInfo
-from eigenfail_api.schemas import Json, documented
+from eigenfail_api.bodies import Json
+from eigenfail_api.schemas import documented
 
 router = APIRouter(prefix=PREFIX, tags=["plug-ins"])
 

@@ -4,8 +4,9 @@ from fastapi import APIRouter
 
 from eigenfail.values.policy import Policy
 from eigenfail.wire.http import PREFIX
+from eigenfail_api.bodies import Json
 from eigenfail_api.parameters import CampaignId, Stored
-from eigenfail_api.schemas import Json, documented
+from eigenfail_api.schemas import documented
 from eigenfail_services.campaigns.policies import newest_policy
 
 router = APIRouter(prefix=f"{PREFIX}/campaigns", tags=["campaigns"])

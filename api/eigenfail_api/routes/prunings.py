@@ -5,8 +5,9 @@ from fastapi import APIRouter
 from eigenfail.values import Page
 from eigenfail.values.retention import Pruning
 from eigenfail.wire.http import PREFIX
+from eigenfail_api.bodies import Json
 from eigenfail_api.parameters import CampaignId, Stored
-from eigenfail_api.schemas import Json, documented
+from eigenfail_api.schemas import documented
 
 router = APIRouter(prefix=f"{PREFIX}/campaigns", tags=["campaigns"])
 

@@ -8,9 +8,10 @@ from eigenfail.values import Region, Safety
 from eigenfail.values.safety import LEVEL
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.aside import Aside
+from eigenfail_api.bodies import Json
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_api.routes.comparisons import Ids, numbers
-from eigenfail_api.schemas import Json, documented
+from eigenfail_api.schemas import documented
 from eigenfail_services.campaigns.region import region_aside
 from eigenfail_services.campaigns.safety import safety_of
 

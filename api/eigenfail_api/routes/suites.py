@@ -7,8 +7,9 @@ from fastapi import APIRouter, Path
 from eigenfail.values import Page
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.wire.http import PREFIX
+from eigenfail_api.bodies import Json
 from eigenfail_api.parameters import Before, Limit, Stored
-from eigenfail_api.schemas import Json, documented
+from eigenfail_api.schemas import documented
 from eigenfail_services.campaigns.suites import suite_table
 
 router = APIRouter(prefix=f"{PREFIX}/suites", tags=["suites"])

@@ -7,8 +7,9 @@ from fastapi import APIRouter, Query
 from eigenfail.values import Page
 from eigenfail.values.worker import Presence, Staffing, WorkerShare
 from eigenfail.wire.http import PREFIX
+from eigenfail_api.bodies import Json
 from eigenfail_api.parameters import CampaignId, Stored
-from eigenfail_api.schemas import Json, documented
+from eigenfail_api.schemas import documented
 from eigenfail_services.campaigns.crew import LATELY_S, lately, present, staffing, workers_of
 
 router = APIRouter(prefix=PREFIX, tags=["workers"])

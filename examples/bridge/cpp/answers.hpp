@@ -2,9 +2,9 @@
 #pragma once
 
 #include <functional>
-#include <memory>
 
-#include "episode.hpp"
+#include "parameters.hpp"
+#include "sessions.hpp"
 
 namespace eigenfail {
 
@@ -15,8 +15,9 @@ class Bridge {
 public:
     using Open = std::function<std::unique_ptr<Episode>(const Start&)>;
 
-    Bridge(Description description, Open open)
-        : description_(std::move(description)), open_(std::move(open)) {}
+    // Who has asked nothing for the time of patience makes room for others, if there is none.
+    Bridge(Description description, Open open, Clock::duration patience = std::chrono::minutes(1))
+        : description_(std::move(description)), open_(std::move(open)), sessions_(patience) {}
 
     // The answer to a request, whatever it is.
     std::string answer(std::string_view bytes) {
@@ -26,33 +27,32 @@ public:
             if (request["type"].text() == "hello") return Writer::write(hello(request));
             id = request["id"].whole();
             return Writer::write(asked(request, id));
-        } catch (const std::exception& error) {
-            Map told{{"type", text("error")}, {"id", whole(id)}};
-            told.emplace_back("fault", text("simulator"));
-            told.emplace_back("message", text(error.what()));
+        } catch (const Unknown& error) {
+            Map told = trouble(id, error);
+            told.emplace_back("lost", Value{true});
             return Writer::write({std::move(told)});
+        } catch (const std::exception& error) {
+            return Writer::write({trouble(id, error)});
         }
     }
 
 private:
-    static constexpr std::size_t most_sessions = 64;
+    static Map trouble(std::uint64_t id, const std::exception& error) {
+        return {{"type", text("error")}, {"id", whole(id)}, {"fault", text("simulator")},
+                {"message", text(error.what())}};
+    }
 
-    struct Slot {
-        std::unique_ptr<Episode> episode;
-        std::uint64_t step, horizon;
-    };
-    struct Session {
-        std::string name;
-        std::vector<Slot> slots;
-    };
+    static Value refusal(const char* reason, bool full) {
+        Map told{{"type", text("refusal")}, {"reason", text(reason)}};
+        if (full) told.emplace_back("full", Value{true});
+        return {std::move(told)};
+    }
 
     Value hello(const Value& request) {
         if (request["protocol"].whole() != 1)
-            return {Map{{"type", text("refusal")}, {"reason", text("This is protocol 1.")}}};
-        forget(request["session"].text());
-        // Nobody says goodbye for a worker that was killed.
-        if (sessions_.size() == most_sessions) sessions_.erase(sessions_.begin());
-        sessions_.push_back({request["session"].text(), std::vector<Slot>(description_.slots)});
+            return refusal("This is protocol 1.", false);
+        if (!sessions_.begin(request["session"].text(), description_.slots))
+            return refusal("All sessions are in use.", true);
         return welcome();
     }
 
@@ -70,9 +70,9 @@ private:
     }
 
     Value asked(const Value& request, std::uint64_t id) {
-        Session& session = session_of(request["session"].text());
+        Session& session = sessions_.of(request["session"].text());
         if (request["type"].text() == "close") {
-            forget(std::string(session.name));
+            sessions_.forget(std::string(session.name));
             return {Map{{"type", text("closed")}, {"id", whole(id)}}};
         }
         auto act = request["type"].text() == "reset" ? &Bridge::reset : &Bridge::step;
@@ -118,15 +118,11 @@ private:
     }
 
     void step(Slot& slot, const Value& each) {
-        if (!slot.episode || over(slot))
+        if (!slot.runs())
             throw std::logic_error("There is no episode to go on with.");
         const List& disturbance = each["disturbance"].list();
         slot.episode->step({disturbance.at(0).number(), disturbance.at(1).number()});
         ++slot.step;
-    }
-
-    static bool over(const Slot& slot) {
-        return slot.step >= slot.horizon || slot.episode->truth().collided;
     }
 
     static Value shown(const Slot& slot) {
@@ -135,7 +131,7 @@ private:
         for (const Vehicle& other : truth.others) others.push_back(shown(other));
         Map seen{{"step", whole(slot.step)}, {"ego", shown(truth.ego)},
                  {"others", {std::move(others)}}, {"collided", {truth.collided}},
-                 {"ended", {over(slot)}}};
+                 {"ended", {slot.over()}}};
         if (truth.perceived) seen.emplace_back("perceived", shown(*truth.perceived));
         if (truth.control) seen.emplace_back("control", shown(*truth.control));
         if (truth.applied) seen.emplace_back("applied", shown(*truth.applied));
@@ -157,32 +153,9 @@ private:
         throw Fault("input", "There is no " + kind + " of that name.");
     }
 
-    // The defaults, with what was set in their place.
-    static Map filled(Map defaults, const Value& given) {
-        for (const auto& [name, value] : given.map()) {
-            auto is_it = [&name = name](const auto& pair) { return pair.first == name; };
-            auto found = std::find_if(defaults.begin(), defaults.end(), is_it);
-            if (found == defaults.end())
-                throw Fault("input", "There is no parameter of that name.");
-            found->second = value;
-        }
-        return defaults;
-    }
-
-    Session& session_of(const std::string& name) {
-        for (Session& session : sessions_)
-            if (session.name == name) return session;
-        throw std::invalid_argument("This session said no hello, or is over.");
-    }
-
-    void forget(const std::string& name) {
-        auto is_it = [&](const Session& session) { return session.name == name; };
-        sessions_.erase(std::remove_if(sessions_.begin(), sessions_.end(), is_it), sessions_.end());
-    }
-
     Description description_;
     Open open_;
-    std::vector<Session> sessions_;
+    Sessions sessions_;
 };
 
 }  // namespace eigenfail

@@ -3,12 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <optional>
 
 #include "messagepack.hpp"
 
 namespace eigenfail {
-
 
 struct Vehicle {
     double x_m, y_m, heading_rad, speed_mps, length_m, width_m;
@@ -42,7 +42,8 @@ public:
     virtual void step(Pair disturbance_m) = 0;
 };
 
-// Of a reset: what is to begin. Parameters and settings are complete: defaults, or what was set.
+// Of a reset: what is to begin. Parameters and settings are complete: defaults, or what was set,
+// each of the kind of its default.
 struct Start {
     std::uint64_t seed;
     std::string scenario;

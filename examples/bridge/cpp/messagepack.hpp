@@ -32,6 +32,14 @@ struct Value {
     const List& list() const { return expect<List>("a list"); }
     const Map& map() const { return expect<Map>("a map"); }
 
+    // What kind of thing it is, for people.
+    const char* kind() const {
+        static constexpr const char* kinds[] = {"nothing", "a truth value", "a whole number",
+                                                "a whole number", "a number", "a text", "a list",
+                                                "a map"};
+        return kinds[is.index()];
+    }
+
     // The value under a key; nil if there is none.
     const Value& operator[](std::string_view key) const {
         static const Value nil;
@@ -43,7 +51,7 @@ struct Value {
 private:
     template <class T> const T& expect(const char* what) const {
         if (auto found = std::get_if<T>(&is)) return *found;
-        throw std::invalid_argument(std::string("There is no ") + what + " where one is due.");
+        throw std::invalid_argument(std::string("There is ") + kind() + " where " + what + " is due.");
     }
 };
 

@@ -27,6 +27,7 @@ class Verdict(StrEnum):
 
     PASSED = "passed"
     BROKEN = "broken"
+    SLOW = "slow"
     SKIPPED = "skipped"
 
 

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from eigenfail.cli.figures import UNKNOWN, cost_per_failure, number, usd
+from eigenfail.cli.figures import UNKNOWN, cost_per_failure, count, number, usd
 from eigenfail.cli.options import DEFAULT_URL, AsJson, Url
 from eigenfail.cli.output import show
 from eigenfail.cli.surroundings import client_at
@@ -57,7 +57,7 @@ def bill_table(found: Sequence[CampaignCost]) -> Table:
     """What each campaign cost, and what that bought."""
     grid = table("id", "name", "method", *BILL, right=("id", *BILL))
     for each in found:
-        bought = (cost_per_failure(each.cost), known(each.modes), usd(each.per_mode_usd))
+        bought = (cost_per_failure(each.cost), count(each.modes), usd(each.per_mode_usd))
         counts = (str(each.completed), str(each.failures), usd(each.cost.total_usd))
         cells = (str(each.campaign), each.name, each.method, *counts, *bought)
         grid.add_row(*map(escape, cells))
@@ -100,8 +100,3 @@ def bought(found: CampaignCost, spent: float) -> str:
     point: CostPoint = curve[max(bisect_right([each.usd for each in curve], spent) - 1, 0)]
     modes = "" if point.modes is None else f" ({point.modes} modes)"
     return f"{point.failures} failures{modes}"
-
-
-def known(count: int | None) -> str:
-    """A count, if there is one."""
-    return UNKNOWN if count is None else str(count)

@@ -23,6 +23,7 @@ def finding_facts(summary: Summary) -> Table:
     return facts(
         [
             ("failure rate", f"{rate(summary.failure_rate)} (n = {summary.counts.completed})"),
+            *([("", summary.remark)] if summary.remark else []),
             ("log p per step", f"{number(summary.log_probability_per_step)} of failures ({n})"),
             ("severity", f"{number(summary.mean_severity, 1)} m²/s², mean of failures ({n})"),
             ("cost per failure", f"{cost_per_failure(summary.cost)} USD ({n})"),

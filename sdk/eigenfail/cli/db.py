@@ -6,14 +6,14 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.cli.db_options import Database, Force, said
+from eigenfail.cli.db_options import Database, Force, Repair, Replay, said, verified
 from eigenfail.cli.db_room import downgrade, prune, vacuum
 from eigenfail.cli.db_tables import verification
 from eigenfail.cli.options import DEFAULT_DATA, AsJson, Data
 from eigenfail.cli.output import show, to_json
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.hosting.service import database_tool
-from eigenfail.values.upkeep import Backup, Verification
+from eigenfail.values.upkeep import Backup
 
 WRONG = 1
 
@@ -24,15 +24,6 @@ app = typer.Typer(
 )
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The backup.")]
-Replay = Annotated[
-    int, typer.Option("--replay", min=0, help="Run so many stored episodes again, here.")
-]
-Repair = Annotated[
-    bool,
-    typer.Option(
-        "--repair", help="First count anew what is miscounted, and remove jobs that are left over."
-    ),
-]
 
 
 @app.command()
@@ -65,8 +56,7 @@ def verify(
 
     A service may use it meanwhile.
     """
-    options = [f"--replay={replay}", *["--repair"] * repair]
-    found = said(Verification, "verify", database or DataFolder(data).database, *options)
+    found = verified(database or DataFolder(data).database, replay, repair)
     show(found, as_json, lambda: verification(found))
     if found.defects:
         raise typer.Exit(WRONG)

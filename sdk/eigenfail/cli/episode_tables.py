@@ -6,7 +6,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from eigenfail.cli.figures import UNKNOWN, number
+from eigenfail.cli.figures import UNKNOWN, count, number
 from eigenfail.cli.tables import facts, table
 from eigenfail.client.episodes import Picked
 from eigenfail.filters import COLUMNS, Value
@@ -57,7 +57,7 @@ def figure(value: Value | None) -> str:
 
 def class_of(assessed: Assessment) -> str:
     """The class beside an outcome, in words."""
-    return (assessed.conflict or UNKNOWN).replace("_", " ")
+    return assessed.beside((assessed.conflict or UNKNOWN).replace("_", " "))
 
 
 def episode_facts(campaign: int, result: EpisodeDetail, drawn: Mapping[str, Any]) -> Table:
@@ -88,6 +88,7 @@ def measured(measures: Measures, assessed: Assessment) -> list[tuple[str, str]]:
         "TTC < 1.5 s at [s]": measures.ttc_violated_s,
         "DRAC > 7 m/s² at [s]": measures.drac_violated_s,
         "DRAC at the first of TTC [m/s²]": measures.drac_at_warning_mps2,
+        "DRAC at the last step [m/s²]": measures.final_drac_mps2,
         "collision at [s]": measures.collided_s,
         "lead time of TTC [s]": assessed.ttc_lead_s,
         "lead time of DRAC [s]": assessed.drac_lead_s,
@@ -96,11 +97,6 @@ def measured(measures: Measures, assessed: Assessment) -> list[tuple[str, str]]:
     }
     return [
         *((name, number(value, 3)) for name, value in figures.items()),
-        ("hard brakings", whole(measures.hard_brakings)),
-        ("steps beyond the truck", whole(measures.clipped_steps)),
+        ("hard brakings", count(measures.hard_brakings)),
+        ("steps beyond the truck", count(measures.clipped_steps)),
     ]
-
-
-def whole(value: int | None) -> str:
-    """A count."""
-    return UNKNOWN if value is None else str(value)

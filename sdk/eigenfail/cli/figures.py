@@ -12,6 +12,11 @@ def number(value: float | None, digits: int = 2) -> str:
     return UNKNOWN if value is None or not isfinite(value) else f"{value:.{digits}f}"
 
 
+def count(value: int | None) -> str:
+    """A count, if there is one."""
+    return UNKNOWN if value is None else str(value)
+
+
 def usd(value: float | None) -> str:
     """With at least two decimals and at least two significant digits."""
     if value is None or not isfinite(value):

@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 from eigenfail import __version__
 from eigenfail.cli.lazy import DeferredCommand
 from eigenfail.cli.refusals import JSON, told
+from eigenfail.uncaught import tell_uncaught
 
 COMMANDS = {
     "up": "Start the service on this machine, on an embedded database.",
@@ -79,4 +80,5 @@ def eigenfail(version: Version = False) -> None:
 
 def main() -> None:
     """The command line."""
+    tell_uncaught()
     app()

@@ -7,6 +7,7 @@ from typing import Annotated, NamedTuple
 import typer
 from msgspec.structs import replace
 
+from eigenfail import functions
 from eigenfail.cli.options import DEFAULT_URL
 from eigenfail.cli.progress import nothing_wrong
 from eigenfail.cli.specs import check_plugins
@@ -65,6 +66,7 @@ def client_of_suite(
         InvalidValue: a setting outside its bounds.
     """
     specs = [with_any_numbers(member.spec) for member in suite.members]
+    functions.allow_of(specs)
     with client_somewhere(context, specs[0], url, plan) as (client, place):
         if place.again:
             for spec in specs:
@@ -105,6 +107,7 @@ def somewhere(
             f"No eigenfail service answers at {url}.",
             "Start one with 'eigenfail up', or leave --url out and one is started for this run.",
         )
+    functions.allow_of([spec])
     check_plugins(spec)
     with local_service(plan) as service, watching(service.check):
         try:

@@ -37,7 +37,9 @@ def told(as_json: bool) -> Iterator[None]:
 
 def refuse(error: EigenfailError, as_json: bool) -> None:
     """Tell of an error, and exit with its code."""
-    typer.echo(problem_line(error) if as_json else f"eigenfail: {error}", err=True)
+    from eigenfail.values.access import redacted
+
+    typer.echo(redacted(problem_line(error) if as_json else f"eigenfail: {error}"), err=True)
     raise typer.Exit(error.exit_code) from error
 
 

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eigenfail.cli.figures import UNKNOWN, cost_per_failure, number, probability, rate
-from eigenfail.cli.tables import PROBABILITY, table
+from eigenfail.cli.tables import PROBABILITY, remarked, table
 from eigenfail.suites.changes import text
 from eigenfail.values.suite import SuiteRow, SuiteStanding, SuiteTable
 from eigenfail.values.variation import in_words
@@ -41,7 +41,8 @@ def named_suite(found: SuiteTable) -> RenderableType:
         last = told * (probability(row.summary.estimate),)
         grid.add_row(*map(escape, (*cells(row, found.columns), *last)))
     remarks = " ".join(remarks_on(found))
-    return Group(grid, Text(remarks)) if remarks else grid
+    page = remarked(grid, (row.summary for row in found.members))
+    return Group(page, Text(remarks)) if remarks else page
 
 
 def cells(row: SuiteRow, columns: Iterable[str]) -> Iterator[str]:

@@ -3,13 +3,19 @@
 from collections.abc import Iterator, Sequence
 
 import msgspec
-from rich.console import Group
+from rich.console import Group, RenderableType
 from rich.markup import escape
-from rich.table import Table
 from rich.text import Text
 
 from eigenfail.cli.figures import UNKNOWN, probability
-from eigenfail.cli.tables import PROBABILITY, RESULT_COLUMNS, RESULT_FIGURES, result_row, table
+from eigenfail.cli.tables import (
+    PROBABILITY,
+    RESULT_COLUMNS,
+    RESULT_FIGURES,
+    remarked,
+    result_row,
+    table,
+)
 from eigenfail.suites import Member, Suite
 from eigenfail.values import Campaign, CampaignState, Summary
 
@@ -78,7 +84,7 @@ def plan_table(plan: SuitePlan) -> Group:
     return Group(grid, Text(budget))
 
 
-def suite_table(result: SuiteResult) -> Table:
+def suite_table(result: SuiteResult) -> RenderableType:
     """One row for each member: what a campaign's result table says, and which member it is."""
     told = any(member.summary and member.summary.estimate for member in result.members)
     columns = ("member", "state", *RESULT_COLUMNS, *told * PROBABILITY)
@@ -86,7 +92,7 @@ def suite_table(result: SuiteResult) -> Table:
     for member in result.members:
         last = probability(member.summary.estimate if member.summary else None)
         grid.add_row(*map(escape, (*cells(member), *told * (last,))))
-    return grid
+    return remarked(grid, (member.summary for member in result.members if member.summary))
 
 
 def cells(member: MemberResult) -> Iterator[str]:

@@ -3,9 +3,10 @@
 from collections.abc import Iterable
 
 from rich import box
-from rich.console import JustifyMethod
+from rich.console import Group, JustifyMethod, RenderableType
 from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from eigenfail.cli.figures import cost_per_failure, number, probability, rate
 from eigenfail.cli.fitting import Fitting
@@ -42,15 +43,21 @@ def facts(rows: Iterable[tuple[str, str]]) -> Table:
     return grid
 
 
-def result_table(summaries: Iterable[Summary]) -> Table:
-    """What campaigns found and what it cost: one row each."""
+def result_table(summaries: Iterable[Summary]) -> RenderableType:
+    """What campaigns found and what it cost: one row each, and remarks on their failure rates."""
     rows = list(summaries)
     told = any(summary.estimate for summary in rows)
     grid = table(*RESULT_COLUMNS, *told * PROBABILITY, right={*RESULT_FIGURES, *PROBABILITY})
     for summary in rows:
         cells = (*result_row(summary), *told * (probability(summary.estimate),))
         grid.add_row(*map(escape, cells))
-    return grid
+    return remarked(grid, rows)
+
+
+def remarked(grid: Table, summaries: Iterable[Summary]) -> RenderableType:
+    """A table, and what is to be known of the failure rates in it."""
+    told = [Text(f"Campaign {each.campaign}: {each.remark}") for each in summaries if each.remark]
+    return Group(grid, *told) if told else grid
 
 
 def result_row(summary: Summary) -> tuple[str, ...]:

@@ -11,10 +11,11 @@ import typer
 from eigenfail.bridges import ADDRESS_VARIABLE, check_address
 from eigenfail.cli.options import DEFAULT_DATA, PORT, AsJson, Bridge, Data, Workers
 from eigenfail.cli.output import to_json
+from eigenfail.functions import allow
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
 from eigenfail.hosting.signals import interruptible
-from eigenfail.hosting.span import span_of
+from eigenfail.hosting.span import refuse_scaling, span_of
 
 LOOK_EVERY_S = 0.2
 
@@ -34,6 +35,10 @@ Idle = Annotated[
     typer.Option("--idle-s", help="How long until workers that are not needed leave; 60. [s]"),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", help="Print what the processes log, too.")]
+Functions = Annotated[
+    str | None,
+    typer.Option(help="Modules whose functions campaigns may name, with commas; without it, none."),
+]
 Launch = Annotated[Launcher, typer.Option(help="Who starts the workers.")]
 
 
@@ -48,6 +53,7 @@ def up(
     launcher: Launch = Launcher.RAY,
     hub_port: HubPort = 0,
     bridge: Bridge = None,
+    functions: Functions = None,
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
@@ -58,6 +64,10 @@ def up(
     """
     if bridge:
         os.environ[ADDRESS_VARIABLE] = check_address(bridge)
+    if functions:
+        allow(functions)
+    if launcher is Launcher.NONE:
+        refuse_scaling(min_workers, max_workers, idle_s)
     span = span_of(workers or None, min_workers, max_workers, idle_s)
     plan = Plan(data, port, workers, launcher, hub_port, span)
     with interruptible(), suppress(KeyboardInterrupt), local_service(plan) as service:

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.bridges import ADDRESS_OPTION
+from eigenfail.bridges import ADDRESS_OPTION, EPISODE_OPTION, EPISODE_VARIABLE
 from eigenfail.cli import worker_keys
 from eigenfail.cli.options import AsJson, Bridge
 from eigenfail.cli.output import to_json
@@ -42,12 +42,21 @@ MemoryLimit = Annotated[
     ),
 ]
 
-
 CpuLimit = Annotated[
     float | None,
     typer.Option(
         envvar="EIGENFAIL_CPU_LIMIT_S",
         help="Processor time that they may take for an episode, all together. [s]",
+    ),
+]
+
+
+EpisodeLimit = Annotated[
+    float | None,
+    typer.Option(
+        EPISODE_OPTION,
+        envvar=EPISODE_VARIABLE,
+        help="Wall time of an episode; one that takes longer is given up. 60 by default. [s]",
     ),
 ]
 
@@ -60,6 +69,7 @@ def worker(
     key_file: KeyFile = None,
     memory_limit: MemoryLimit = None,
     cpu_limit: CpuLimit = None,
+    episode_limit: EpisodeLimit = None,
     bridge: Bridge = None,
     as_json: AsJson = False,
 ) -> None:
@@ -73,6 +83,7 @@ def worker(
             "--key-file": key_file,
             "--memory-limit": memory_limit,
             "--cpu-limit": cpu_limit,
+            EPISODE_OPTION: episode_limit,
             ADDRESS_OPTION: bridge,
         }
         run_worker(connect or "", options, as_json)

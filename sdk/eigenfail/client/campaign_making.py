@@ -7,6 +7,7 @@ import msgspec
 
 from eigenfail.client.link import Link
 from eigenfail.values import Campaign, CampaignSpec, Page, StopRules
+from eigenfail.values.campaign import LONGEST_NAME
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.variations import drawn_for
 from eigenfail.wire.drafts import CampaignCheck
@@ -14,8 +15,6 @@ from eigenfail.wire.http import read_fields
 
 SHRINK_WITHIN = 2_000
 """Replays that are enough to shrink a failure of a hundred steps, as a rule."""
-
-MAX_NAME = 200
 
 
 class CampaignMaking:
@@ -94,7 +93,7 @@ class CampaignMaking:
         failure = self._link.get(f"/campaigns/{campaign}/episodes/{episode}", EpisodeDetail)
         wanted = msgspec.structs.replace(
             spec,
-            name=f"{spec.name}: minimal failure of {campaign}/{episode}"[-MAX_NAME:],
+            name=f"{spec.name}: minimal failure of {campaign}/{episode}"[-LONGEST_NAME:],
             method="minimal",
             settings={"campaign": campaign, "episode": episode},
             episodes=episodes,

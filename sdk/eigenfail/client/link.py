@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
-from ipaddress import ip_address
 from socket import SHUT_RDWR
 from typing import Any, TypeVar
 from uuid import uuid4
@@ -16,6 +15,7 @@ from eigenfail.client.refusals import refusal
 from eigenfail.client.speech import listen_first
 from eigenfail.client.waiting import patience
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable
+from eigenfail.loopback import is_loopback
 from eigenfail.rows import Rows
 from eigenfail.values import Page
 from eigenfail.wire import http
@@ -57,7 +57,7 @@ class Link:
             base_url=base_url,
             transport=transport,
             timeout=TIMEOUT,
-            trust_env=not is_loopback(base_url),
+            trust_env=not is_loopback(httpx2.URL(base_url).host),
             headers={"User-Agent": f"eigenfail/{__version__}", **shown(key)},
             event_hooks={"request": [listen_first]},
         )
@@ -210,12 +210,3 @@ def content(body: object) -> bytes:
 def given(params: Params | None) -> dict[str, int | str]:
     """The parameters that were given."""
     return {name: value for name, value in (params or {}).items() if value is not None}
-
-
-def is_loopback(base_url: str) -> bool:
-    """Whether an address is of this machine, so that no proxy lies on the way."""
-    host = httpx2.URL(base_url).host
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

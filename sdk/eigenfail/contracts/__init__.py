@@ -4,19 +4,17 @@ Each contract has a conformance suite in `eigenfail.testing`.
 """
 
 from eigenfail.contracts.access import AuditLog, KeyStore
+from eigenfail.contracts.analyses import AnalysisStore
+from eigenfail.contracts.campaigns import CampaignStore
+from eigenfail.contracts.checkpoints import CheckpointStore
+from eigenfail.contracts.episodes import EpisodeStore
+from eigenfail.contracts.events import EventLog
+from eigenfail.contracts.figures import FigureStore
+from eigenfail.contracts.jobs import JobQueue
 from eigenfail.contracts.learning import Estimator, Exploiter, Learner, Method, Paced, Trained
 from eigenfail.contracts.retention import RetentionStore
 from eigenfail.contracts.roster import Roster
-from eigenfail.contracts.storage import (
-    AnalysisStore,
-    CampaignStore,
-    CheckpointStore,
-    EpisodeStore,
-    EventLog,
-    FigureStore,
-    JobQueue,
-    Store,
-)
+from eigenfail.contracts.storage import Store
 from eigenfail.contracts.world import (
     EpisodeEngine,
     Explainer,

@@ -31,7 +31,14 @@ class RetentionStore(Protocol):
 
         Raises:
             NotFound: no such campaign.
-            Conflict: it has not ended.
+            Conflict: it has not ended, or others need its noise that have not: see `in_use`. No
+                campaign that names it is made meanwhile.
+        """
+
+    def in_use(self) -> frozenset[int]:
+        """Campaigns that settings of others name which have not ended, or that are analysed.
+
+        These learn from their noise, or inject it again.
         """
 
     def of(self, campaign: int) -> tuple[Pruning, ...]:

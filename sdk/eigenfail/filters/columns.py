@@ -69,6 +69,7 @@ LISTED = (
     Column("max_jerk_mps3", N, "largest jerk [m/s³]"),
     Column("hard_brakings", W, "how often hard braking began"),
     Column("clipped_steps", W, "steps in which more was asked for than the truck can do"),
+    Column("final_drac_mps2", N, "DRAC at the last step, 0 without a conflict then [m/s²]"),
     Column("wall_s", N, "time that the worker spent on it [s]"),
     Column("finished_ms", W, "when its result was stored [ms since 1970]"),
     Column("digest", T, "SHA-256 of what happened"),

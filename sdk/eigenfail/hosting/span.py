@@ -77,6 +77,14 @@ def refuse_half(least: int | None, idle_s: float | None) -> None:
             raise InvalidValue(option, "says how to scale, and nothing is scaled.", remedy)
 
 
+def refuse_scaling(least: int | None, most: int | None, idle_s: float | None) -> None:
+    """Raises InvalidValue if workers are to follow the work, and nobody here starts any."""
+    for option, given in (("--max-workers", most), ("--min-workers", least), ("--idle-s", idle_s)):
+        if given is not None:
+            remedy = f"Leave {option} away, or have Ray start workers: --launcher ray."
+            raise InvalidValue(option, "scales workers, and --launcher none starts none.", remedy)
+
+
 def scaled(least: int, most: int, idle_s: float) -> Span:
     """The span that was given.
 

@@ -72,8 +72,6 @@ SAFETY: Rows = MappingProxyType(
 SAFETY_EPISODES = 300
 """Of DiFS."""
 
-LEAD_TIMES_S = MappingProxyType({"min_ttc": 2.24, "drac": 0.23})
-
 EXPLAINED_BY_THREE = MappingProxyType({"longitudinal": 0.40})
 
 MODES = 3

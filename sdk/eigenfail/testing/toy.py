@@ -123,7 +123,13 @@ class ToyEngine:
 
 
 def decide(policy: Policy, state: Floats, eps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """z of one decision, as `Policy` defines it."""
+    """z of one decision, shape (2,), as `Policy` defines it.
+
+    Args:
+        policy: which decides.
+        state: shape (len(STATE),).
+        eps: standard normal numbers, shape (2,).
+    """
     h: NDArray[np.floating] = state
     for layer in policy.hidden:
         h = np.maximum(_affine(layer, h), 0.0)

@@ -113,7 +113,7 @@ from eigenfail.values.spending import (
     TimeSplit,
 )
 from eigenfail.values.stopping import StopRules
-from eigenfail.values.summary import Conflicts, MeanTime, Summary
+from eigenfail.values.summary import Conflicts, MeanTime, Summary, Unresolved
 
 __all__ = [
     "AXES",
@@ -218,6 +218,7 @@ __all__ = [
     "TrainingInterval",
     "TrajectorySource",
     "Trials",
+    "Unresolved",
     "VehicleState",
     "Violations",
     "White",

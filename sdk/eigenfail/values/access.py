@@ -14,6 +14,16 @@ TOKEN = re.compile(r"ef_(?P<id>[1-9]\d{0,17})_(?P<secret>[\w-]{43})", re.ASCII)
 SECRET = re.compile(r"(?<=ef_)(\d+)_[\w-]{16,}", re.ASCII)
 """The same wherever it turns up, whole or cut."""
 
+HIDDEN = (
+    (SECRET, r"\1_…"),
+    # The key of a worker, with a CURVE secret in it.
+    (re.compile(r"(?<=efw_)[\w-]{16,}", re.ASCII), "…"),
+    # The password in the URL of a database, and among the words of a connection.
+    (re.compile(r"(?<=://)([^\s:/@\"]*):[^\s@\"]+@"), r"\1:…@"),
+    (re.compile(r"(?i)(password=)[^\s&\"']+"), r"\1…"),
+)
+"""What nobody is to read, and what stands there instead."""
+
 LONGEST_LIFE_S = 10 * 366 * 86_400
 """Of a key that ends by itself. [s]"""
 
@@ -135,5 +145,7 @@ class AuditEntry(Change, frozen=True, kw_only=True):
 
 
 def redacted(text: str) -> str:
-    """A text in which no key can be read."""
-    return SECRET.sub(r"\1_…", text)
+    """A text in which no key can be read, nor the password of a database."""
+    for secret, instead in HIDDEN:
+        text = secret.sub(instead, text)
+    return text

@@ -37,6 +37,9 @@ IN_WORDS = {
     ConflictClass.NONE: "no conflict",
 }
 
+UNRESOLVED = "unresolved at the horizon"
+"""Beside the class of an episode that ended too early to be called safe."""
+
 
 class Assessment(msgspec.Struct, frozen=True):
     """What an episode was.
@@ -46,16 +49,23 @@ class Assessment(msgspec.Struct, frozen=True):
             before there were classes.
         ttc_lead_s: from the first violation of MinTTC to the collision [s]; None without either.
         drac_lead_s: the same for DRAC.
+        unresolved: whether it ended at its horizon while braking could not avoid a collision any
+            more; None if an older release did not measure enough to say.
     """
 
     conflict: ConflictClass | None = None
     ttc_lead_s: float | None = None
     drac_lead_s: float | None = None
+    unresolved: bool | None = False
 
     @property
     def words(self) -> str:
         """The class in words; empty if there is none."""
-        return IN_WORDS[self.conflict] if self.conflict else ""
+        return self.beside(IN_WORDS[self.conflict] if self.conflict else "")
+
+    def beside(self, words: str) -> str:
+        """Words on the episode, and whether it was unresolved at the horizon."""
+        return ", ".join(filter(None, (words, UNRESOLVED if self.unresolved else "")))
 
 
 def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
@@ -69,12 +79,26 @@ def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
         return Assessment()
     if outcome is Outcome.SAFE:
         near = measures.min_ttc_s is not None and measures.min_ttc_s < NEAR_MISS_TTC_S
-        return Assessment(ConflictClass.NEAR_MISS if near else ConflictClass.NONE)
+        conflict = ConflictClass.NEAR_MISS if near else ConflictClass.NONE
+        return Assessment(conflict, unresolved=unresolved(measures))
     return Assessment(
         _of_collision(measures),
         _lead_s(measures, measures.ttc_violated_s),
         _lead_s(measures, measures.drac_violated_s),
     )
+
+
+def unresolved(measures: Measures) -> bool | None:
+    """Whether an episode without a collision ended while braking could not avoid one any more.
+
+    At a closing speed v and a gap g, constant braking avoids the crash if v² / (2 · g), which is
+    DRAC (FHWA-RD-03-050), is at most what the brakes can do; others are taken to keep their
+    velocities. None where the last step's DRAC is not known and the largest does not settle it.
+    """
+    if measures.max_drac_mps2 is None or measures.max_drac_mps2 <= PEAK_BRAKING_MPS2:
+        return False
+    last_mps2 = measures.final_drac_mps2
+    return None if last_mps2 is None else last_mps2 > PEAK_BRAKING_MPS2
 
 
 def _of_collision(measures: Measures) -> ConflictClass | None:

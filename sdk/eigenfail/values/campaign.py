@@ -13,8 +13,9 @@ from eigenfail.values.showing import Shown
 from eigenfail.values.stopping import StopRules
 
 MAX_EPISODES = 10_000_000
+LONGEST_NAME = 200
 
-Name = Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=LONGEST_NAME)]
 Settings = dict[str, Any]
 
 

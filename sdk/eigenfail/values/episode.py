@@ -16,6 +16,9 @@ from eigenfail.values.showing import Brief
 FIRST_MEASURES = 4
 """How many measures the first release had."""
 
+DIGESTED_MEASURES = 12
+"""How many measures a digest covers: those that came later follow from the same course."""
+
 
 class PriorSource(msgspec.Struct, frozen=True, tag="prior"):
     """Draw every z_t from the disturbance model itself."""
@@ -105,6 +108,8 @@ class Measures(msgspec.Struct, frozen=True):
         max_jerk_mps3: largest |change| of the acceleration applied, by time.
         hard_brakings: how often braking harder than 3.0 m/s² began.
         clipped_steps: in how many steps the planner asked for more than the truck can do.
+        final_drac_mps2: DRAC at the last step, the largest of any vehicle; 0 if the ego closed in
+            on nobody, None on a collision.
     """
 
     robustness_m: float
@@ -119,14 +124,15 @@ class Measures(msgspec.Struct, frozen=True):
     max_jerk_mps3: float | None = None
     hard_brakings: int | None = None
     clipped_steps: int | None = None
+    final_drac_mps2: float | None = None
 
     def packed(self) -> bytes:
-        """All of them as little-endian doubles, NaN for None, for a digest.
+        """The first twelve of them as little-endian doubles, NaN for None, for a digest.
 
         Whatever is None at the end does not count beyond the fourth: so results that were stored
         before there were more than four measures keep their digests.
         """
-        numbers = list(msgspec.structs.astuple(self))
+        numbers = list(msgspec.structs.astuple(self)[:DIGESTED_MEASURES])
         while len(numbers) > FIRST_MEASURES and numbers[-1] is None:
             numbers.pop()
         return struct.pack(

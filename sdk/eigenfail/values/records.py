@@ -60,6 +60,7 @@ class EpisodeRow(msgspec.Struct, frozen=True, kw_only=True):
     max_jerk_mps3: float | None = None
     hard_brakings: int | None = None
     clipped_steps: int | None = None
+    final_drac_mps2: float | None = None
     wall_s: float
     finished_ms: int
     digest: str
@@ -88,6 +89,8 @@ class ConflictTotals(msgspec.Struct, frozen=True):
         unclassified: collisions of which too little was measured to class them.
         ttc_lead_s: sum of the lead times of MinTTC, of which there are `ttc_leads`.
         drac_lead_s: sum of the lead times of DRAC, of which there are `drac_leads`.
+        unresolved: episodes that ended while braking could not avoid a collision any more.
+        perhaps_unresolved: of which too little was measured to say whether they did.
     """
 
     unavoidable: int = 0
@@ -98,6 +101,8 @@ class ConflictTotals(msgspec.Struct, frozen=True):
     ttc_leads: int = 0
     drac_lead_s: float = 0.0
     drac_leads: int = 0
+    unresolved: int = 0
+    perhaps_unresolved: int = 0
 
 
 class Totals(msgspec.Struct, frozen=True):

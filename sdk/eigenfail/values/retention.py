@@ -82,7 +82,8 @@ class PruneReport(msgspec.Struct, frozen=True):
         database: its address, without secrets.
         retention: by which rule.
         is_rehearsal: nothing was changed.
-        in_use: campaigns that were passed over, since one that has not ended learns from them.
+        in_use: campaigns that were passed over, or left before their end: one that has not ended
+            needs their noise.
     """
 
     database: str

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from eigenfail.values.assessment import ConflictClass
 from eigenfail.values.campaign import Interval, Rate
 from eigenfail.values.showing import Shown, Tabular
-from eigenfail.values.summary import Conflicts
+from eigenfail.values.summary import Conflicts, Unresolved
 
 MOST_POINTS = 2_000
 """How many failures a scatter shows at most."""
@@ -137,6 +137,7 @@ class Safety(Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
         collisions: ÷ completed episodes; None before the first one, as `near_misses`.
         near_misses: MinTTC < 1.5 s without a collision ÷ completed episodes.
         conflicts: unavoidable versus planner's failure, and the mean lead times.
+        unresolved: episodes that are no collisions only because they ended.
         ttc: of MinTTC [s].
         drac: of the largest DRAC [m/s²].
         severity: of the failures [m²/s²], each counted once, however likely it is under p(x).
@@ -155,4 +156,5 @@ class Safety(Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     drac: Violations
     severity: SeverityRisk
     scatter: Scatter
+    unresolved: Unresolved = Unresolved()
     notes: tuple[str, ...] = ()

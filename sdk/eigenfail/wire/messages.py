@@ -23,7 +23,7 @@ from eigenfail.values.arrays import Floats, PackedArray, encode_array, unpack
 from eigenfail.values.worker import Name, Versions
 from eigenfail.wire.claims import MAX_CLAIMS, Claim
 
-PROTOCOL = 4
+PROTOCOL = 5
 """Counts up with every change that an older peer would not understand."""
 
 MAX_MESSAGE_BYTES = 256 * 1024 * 1024
@@ -45,6 +45,7 @@ class Hello(Message, frozen=True):
         claims: what it holds from before: leased and not begun, running, or finished and not
             acknowledged.
         versions: of what it runs its episodes with.
+        bridge: whether it has one, so that it can run what is to be run on a bridge.
     """
 
     protocol: int
@@ -56,6 +57,7 @@ class Hello(Message, frozen=True):
     asked: int = 0
     claims: Annotated[tuple[Claim, ...], msgspec.Meta(max_length=MAX_CLAIMS)] = ()
     versions: Versions = {}
+    bridge: bool = False
 
 
 class Welcome(Message, frozen=True):
@@ -74,11 +76,13 @@ class Heartbeat(Message, frozen=True):
     """Worker: I live. `running` is the episode being run, if any.
 
     `held` are campaign and index of all that it holds and has not finished, that one included.
+    `slots` says how many episodes of the campaign that it runs may be run side by side.
     """
 
     campaign: int | None = None
     running: int | None = None
     held: Annotated[tuple[tuple[int, int], ...], msgspec.Meta(max_length=MAX_CLAIMS)] = ()
+    slots: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLAIMS)] = 1
 
 
 class Setup(Message, frozen=True):

@@ -6,13 +6,16 @@ It prints JSON. Who asks is not asked for a key: the first one is made here.
 import argparse
 import sys
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import msgspec
 
 from eigenfail.contracts import Store
+from eigenfail.errors import InvalidValue
 from eigenfail.values.access import AuditEntry, Change, KeyRequest, NewKey
 from eigenfail.values.quotas import Quotas
 from eigenfail.wire.http import PREFIX, encode, read_fields
+from eigenfail_services.access.first_key import FirstKey, first_key
 from eigenfail_services.access.keys import make_key, revoke_key
 from eigenfail_services.store import open_store
 
@@ -25,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What the command line takes."""
     parser.add_argument("action", choices=ACTIONS)
     parser.add_argument("--name", help="of a new key")
+    parser.add_argument("--file", type=Path, help="where `first` writes the key to")
     parser.add_argument("--scope", help="of a new key")
     parser.add_argument("--expires-s", type=int, help="how long a new key is valid")
     parser.add_argument("--key", type=int, help="id of the key to show, limit or revoke")
@@ -50,6 +54,20 @@ def create(store: Store, arguments: argparse.Namespace) -> NewKey:
     made = make_key(store, read_fields(given | {"quotas": quotas(arguments)}, KeyRequest))
     note(store, "POST", "", made.key.id, CREATED)
     return made
+
+
+def first(store: Store, arguments: argparse.Namespace) -> FirstKey:
+    """An administrator's key, in a file, unless there is one.
+
+    Raises:
+        InvalidValue: no file or no name is given, or it cannot be written.
+    """
+    if arguments.file is None or not arguments.name:
+        raise InvalidValue("--file", "a file for the key, and its name, are needed.", "Give both.")
+    told = first_key(store, arguments.name, arguments.file)
+    if told.made is not None:
+        note(store, "POST", "", told.made.id, CREATED)
+    return told
 
 
 def listed(store: Store, _arguments: argparse.Namespace) -> msgspec.Struct:
@@ -95,6 +113,7 @@ def note(store: Store, method: str, varying: str, key: int, status: int) -> Audi
 
 ACTIONS: Mapping[str, Callable[[Store, argparse.Namespace], msgspec.Struct]] = {
     "create": create,
+    "first": first,
     "list": listed,
     "show": shown,
     "limit": limit,

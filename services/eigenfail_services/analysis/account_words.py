@@ -3,11 +3,12 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
+from eigenfail.stories.moments import NOTHING
+from eigenfail.stories.sentences import word
 from eigenfail.values import ExplainedEpisode, ExplainedStep
 from eigenfail_services.analysis.words import Clock
 
 MOST_RULES = 2
-NOTHING = frozenset({"", "none"})
 
 
 def describe_account(episode: ExplainedEpisode, clock: Clock) -> str:
@@ -22,7 +23,7 @@ def describe_account(episode: ExplainedEpisode, clock: Clock) -> str:
 
 def rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[str]:
     """Which rules decided, and in how many of the steps."""
-    counted = Counter(word for step in steps if (word := said(step, "rule")) not in NOTHING)
+    counted = Counter(rule for step in steps if (rule := word(step, "rule")) not in NOTHING)
     if counted:
         shares = (
             f"{plain(name)} in {count} of {len(steps)} steps"
@@ -33,7 +34,7 @@ def rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[str]:
 
 def overrides(steps: Sequence[ExplainedStep], clock: Clock) -> Iterator[str]:
     """What overrode the plan, from when to when."""
-    names = [said(step, "override") for step in steps]
+    names = [word(step, "override") for step in steps]
     for name in sorted({*names} - NOTHING):
         places = [place for place, each in enumerate(names) if each == name]
         window = clock.window(places[0], places[-1])
@@ -56,11 +57,6 @@ def count(step: ExplainedStep, name: str) -> float:
         return float(step.account.get(name, 0.0))
     except (TypeError, ValueError):
         return 0.0
-
-
-def said(step: ExplainedStep, name: str) -> str:
-    """A word of the account; empty if it has none of that name."""
-    return str(step.account.get(name, ""))
 
 
 def plain(name: str) -> str:

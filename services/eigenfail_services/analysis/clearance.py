@@ -42,7 +42,16 @@ def beside(a: Array, size_a: Array, b: Array, size_b: Array) -> tuple[NDArray[np
 
 
 def in_frame(a: Array, b: Array, size_b: Array) -> Array:
-    """The corners of `b` where the centre of `a` is the origin and its heading the x axis."""
+    """The corners of `b` where the centre of `a` is the origin and its heading the x axis.
+
+    Args:
+        a: x [m], y [m] and heading [rad], shape (..., vehicles, 3).
+        b: as `a`.
+        size_b: length and width [m], shape (vehicles, 2).
+
+    Returns:
+        x and y [m], shape (..., vehicles, corners, 2).
+    """
     turned = CORNERS * size_b[:, None, :]
     in_road = turn(turned, b[..., 2]) + b[..., None, :2]
     return turn(in_road - a[..., None, :2], -a[..., 2])

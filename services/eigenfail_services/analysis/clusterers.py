@@ -42,7 +42,12 @@ class Clusterer(Protocol):
         """The numbers of groups to try; the best silhouette decides."""
 
     def fit(self, scores: Scores, groups: int) -> Grouping | None:
-        """Groups among rows that differ more often than there are groups; None if none show."""
+        """Groups among rows that differ more often than there are groups; None if none show.
+
+        Args:
+            scores: shape (rows, components).
+            groups: how many to find.
+        """
 
 
 class ScaledGroups(NamedTuple):

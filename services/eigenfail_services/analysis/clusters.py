@@ -114,7 +114,12 @@ def count_different(scores: Scores) -> int:
 
 
 def largest_first(labels: Labels, episodes: NDArray[np.int64]) -> Labels:
-    """The groups numbered by size; of equal ones, that of the earliest episode comes first."""
+    """The groups numbered by size; of equal ones, that of the earliest episode comes first.
+
+    Args:
+        labels: the group of each failure, shape (failures,); the answer has the same.
+        episodes: the index of each, shape (failures,).
+    """
     names, sizes = np.unique(labels, return_counts=True)
     earliest = [episodes[labels == name].min() for name in names]
     order = np.lexsort((earliest, -sizes))

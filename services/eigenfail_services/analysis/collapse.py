@@ -49,6 +49,9 @@ def diversity(failures: Aligned, result: AnalysisResult, episodes: Mapping[int, 
 def effective_modes(shares: NDArray[np.float64]) -> float:
     """exp(−sum p log p): how many equally large modes would be as diverse.
 
+    Args:
+        shares: p, of the failures, shape (modes,).
+
     Source: Hill 1973, Ecology 54, 427–432, order 1.
     """
     return exp(-sum(p * log(p) for p in shares.tolist() if p > 0.0))

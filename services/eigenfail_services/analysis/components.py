@@ -45,7 +45,11 @@ class ComponentSpace(NamedTuple):
     scores: Array
 
     def invert(self, scores: Array) -> Array:
-        """Back to noise space: D* V_k^T + mu (paper, inverse transform)."""
+        """Back to noise space: D* V_k^T + mu (paper, inverse transform).
+
+        Args:
+            scores: D*, shape (…, k); the answer's is (…, columns).
+        """
         return scores @ self.components + self.mean
 
 
@@ -76,7 +80,13 @@ def fit(data: Data, wanted: int) -> ComponentSpace:
 
 
 def directions(data: Data, mean: Array, count: int) -> Directions:
-    """The directions of largest variance, in the way that suits the size of the data."""
+    """The directions of largest variance, in the way that suits the size of the data.
+
+    Args:
+        data: D, shape (rows, columns).
+        mean: mu, shape (columns,).
+        count: k.
+    """
     if data.size <= SMALL_ENTRIES:
         # LAPACK's fastest way (gesdd) now and then finds no end on rows that come twice.
         with suppress(np.linalg.LinAlgError):

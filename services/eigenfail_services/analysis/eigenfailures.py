@@ -22,6 +22,11 @@ def mode(failures: Aligned, space: ComponentSpace, members: NDArray[np.intp]) ->
     """The mode of these failures: its centre, the real failure nearest to it, its eigenfailure.
 
     The eigenfailure is centre · V_k^T + mu (paper, inverse transform), taken back to the start.
+
+    Args:
+        failures: all of them.
+        space: in which they are, row by row.
+        members: the rows of these, shape (members,).
     """
     scores = space.scores[members]
     centre = scores.mean(axis=0)

@@ -14,7 +14,7 @@ def check_clusterer(settings: AnalysisSettings) -> None:
 
 
 def check_noise(z: Floats, index: int, horizon: int) -> None:
-    """Raises InvalidValue for noise that cannot be analysed."""
+    """Raises InvalidValue for noise that is not finite of shape (at most `horizon`, 2)."""
     if z.ndim != 2 or z.shape[1] != 2 or len(z) > horizon or not np.isfinite(z).all():
         raise InvalidValue(
             "failures",

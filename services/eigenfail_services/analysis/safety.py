@@ -13,6 +13,7 @@ from eigenfail.values import (
     Safety,
     SafetyTotals,
     Scatter,
+    Unresolved,
     Violations,
 )
 from eigenfail.values.assessment import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
@@ -26,7 +27,11 @@ FROM_PRIOR = "monte_carlo"
 
 
 def safety(
-    campaign: Campaign, totals: SafetyTotals, conflicts: Conflicts, level: float = LEVEL
+    campaign: Campaign,
+    totals: SafetyTotals,
+    conflicts: Conflicts,
+    unresolved: Unresolved,
+    level: float = LEVEL,
 ) -> Safety:
     """The table of a campaign, from what the store made of its completed episodes.
 
@@ -34,6 +39,7 @@ def safety(
         campaign: as it stands.
         totals: over its completed episodes.
         conflicts: these by class.
+        unresolved: those that are no collisions only because they ended.
         level: of VaR and CVaR of severity.
 
     Raises:
@@ -51,7 +57,8 @@ def safety(
         drac=violations(totals.drac, PEAK_BRAKING_MPS2, totals.completed),
         severity=tail_risk(totals.severities, level),
         scatter=Scatter(totals.points, len(totals.severities), correlation(totals.points)),
-        notes=tuple(notes(campaign, totals)),
+        unresolved=unresolved,
+        notes=tuple(notes(campaign, totals, unresolved)),
     )
 
 
@@ -79,8 +86,10 @@ def correlation(points: Sequence[FailurePoint]) -> Figure | None:
     )
 
 
-def notes(campaign: Campaign, totals: SafetyTotals) -> Iterator[str]:
+def notes(campaign: Campaign, totals: SafetyTotals, unresolved: Unresolved) -> Iterator[str]:
     """What the numbers cannot know."""
+    if words := unresolved.words(totals.completed):
+        yield words
     if campaign.spec.method != FROM_PRIOR and totals.failures:
         yield (
             f"The episodes are those that {campaign.spec.method} chose: shares, medians and "

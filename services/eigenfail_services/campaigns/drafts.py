@@ -1,7 +1,7 @@
 """Campaigns before they are launched: all that is wrong with them, and all that they would be."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from eigenfail import bridges, functions, plugins
 from eigenfail.contracts import Store
 from eigenfail.errors import InputError, InvalidValue, UnknownName
-from eigenfail.settings import read_settings
+from eigenfail.settings import defaults_of, read_settings
 from eigenfail.values import CampaignSpec
 from eigenfail.values.campaign import MAX_EPISODES
 from eigenfail.wire.http import MISSING, read_fields
@@ -136,7 +136,7 @@ def completed(spec: CampaignSpec) -> CampaignSpec:
         spec,
         settings=settings,
         planner_settings=plain(read_settings(planner.Settings, spec.planner_settings, "")),
-        scenario_parameters={**dict(defaults(scenario.Parameters)), **spec.scenario_parameters},
+        scenario_parameters={**defaults_of(scenario.Parameters), **spec.scenario_parameters},
     )
 
 
@@ -144,12 +144,3 @@ def plain(settings: msgspec.Struct) -> dict[str, Any]:
     """A struct as plain data."""
     data: dict[str, Any] = msgspec.to_builtins(settings)
     return data
-
-
-def defaults(kind: type[msgspec.Struct]) -> Iterator[tuple[str, Any]]:
-    """What the fields of a struct are unless they are given."""
-    for field in msgspec.structs.fields(kind):
-        if field.default is not msgspec.NODEFAULT:
-            yield field.encode_name, msgspec.to_builtins(field.default)
-        elif field.default_factory is not msgspec.NODEFAULT:
-            yield field.encode_name, msgspec.to_builtins(field.default_factory())

@@ -5,9 +5,9 @@ import msgspec
 from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Campaign, EpisodeResult, StopRules
+from eigenfail.values.campaign import LONGEST_NAME
 from eigenfail.variations import drawn_for
 from eigenfail_services.campaigns.checks import check_spec
-from eigenfail_services.campaigns.proving import MAX_NAME
 
 
 def replay_episode(
@@ -34,7 +34,7 @@ def replay_episode(
     scaled = f", noise × {scale:g}" if scale != 1.0 else ""
     wanted = msgspec.structs.replace(
         spec,
-        name=f"{spec.name}: replay of {campaign}/{index}{scaled}"[-MAX_NAME:],
+        name=f"{spec.name}: replay of {campaign}/{index}{scaled}"[-LONGEST_NAME:],
         method="replay",
         settings={"campaign": campaign, "episodes": [index], "scale": scale},
         episodes=1,

@@ -8,10 +8,10 @@ import msgspec
 
 from eigenfail import bridges, plugins
 from eigenfail.errors import EigenfailError
+from eigenfail.settings import defaults_of
 from eigenfail.values.campaign import Settings
 from eigenfail.values.pool import MethodCost, PeerCosts, Peers, Pool
 from eigenfail_services.analysis.cost import SECONDS_PER_HOUR, cost
-from eigenfail_services.campaigns.drafts import defaults
 from eigenfail_services.statistics.intervals import rate
 
 BASELINE = "monte_carlo"
@@ -69,7 +69,7 @@ def told(given: Settings, group: str, name: str, kind: str) -> Settings:
         return given
     types = {each.encode_name: each.type for each in msgspec.structs.fields(fields)}
     whole = {each: completed(value, types.get(each, Any)) for each, value in given.items()}
-    known = dict(defaults(fields))
+    known = defaults_of(fields)
     return {each: value for each, value in whole.items() if known.get(each, NEW) != value}
 
 

@@ -16,6 +16,7 @@ from eigenfail.values import (
     ReplayKind,
     StopRules,
 )
+from eigenfail.values.campaign import LONGEST_NAME
 from eigenfail_services.campaigns.checks import check_spec
 from eigenfail_services.campaigns.nearby import nearby
 from eigenfail_services.campaigns.proofs import differing, findings, proof
@@ -30,7 +31,6 @@ from eigenfail_services.campaigns.worlds import (
 )
 from eigenfail_services.store.codec import spec_hash
 
-MAX_NAME = 200
 CAME_TO_NOTHING = frozenset({CampaignState.CANCELLED, CampaignState.DEAD})
 
 Parameters = Mapping[str, Any]
@@ -102,7 +102,7 @@ def replay_of(
     some = {"modes": [place + 1 for place in home.modes]} if varied(analysed) else {}
     return msgspec.structs.replace(
         spec,
-        name=name[-MAX_NAME:],
+        name=name[-LONGEST_NAME:],
         method="replay",
         settings=settings | some,
         episodes=len(ReplayKind) * len(home.modes),

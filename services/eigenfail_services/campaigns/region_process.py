@@ -2,6 +2,7 @@
 
 import msgspec
 
+from eigenfail import logs
 from eigenfail.side_process import answer
 from eigenfail_services.campaigns.region import Wanted, region_in
 
@@ -12,4 +13,5 @@ def reply(question: bytes) -> bytes:
 
 
 if __name__ == "__main__":
+    logs.configure("services")
     answer(reply)

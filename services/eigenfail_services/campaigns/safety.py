@@ -5,7 +5,7 @@ from eigenfail.values import Campaign, Safety
 from eigenfail.values.safety import LEVEL
 from eigenfail_services.analysis.safety import safety
 from eigenfail_services.campaigns.remembered import Remembered
-from eigenfail_services.campaigns.summary import conflicts
+from eigenfail_services.campaigns.summary import conflicts, unresolved
 
 MOST_TABLES = 500
 
@@ -24,5 +24,11 @@ def safety_of(store: Store, campaign: Campaign, level: float = LEVEL) -> Safety:
         store,
         (campaign.id, level),
         (campaign.counts, totals, measured.completed),
-        lambda: safety(campaign, measured, conflicts(totals.conflicts), level),
+        lambda: safety(
+            campaign,
+            measured,
+            conflicts(totals.conflicts),
+            unresolved(campaign, totals.conflicts),
+            level,
+        ),
     )

@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 
 from eigenfail.contracts import Store
-from eigenfail.values import Campaign, Conflicts, Cost, MeanTime, Rate, Summary
+from eigenfail.values import Campaign, Conflicts, Cost, MeanTime, Rate, Summary, Unresolved
 from eigenfail.values.records import ConflictTotals, Totals
 from eigenfail_services.analysis.cost import cost
+from eigenfail_services.campaigns.horizon import horizon_s
 from eigenfail_services.statistics.intervals import rate
 
 
@@ -29,6 +30,7 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
         cost=campaign_cost(campaign),
         conflicts=conflicts(totals.conflicts),
         estimate=campaign.estimate,
+        unresolved=unresolved(campaign, totals.conflicts),
     )
 
 
@@ -50,8 +52,13 @@ def conflicts(totals: ConflictTotals) -> Conflicts:
     )
 
 
+def unresolved(campaign: Campaign, totals: ConflictTotals) -> Unresolved:
+    """Episodes that are no failures only because they ended, and when they did."""
+    return Unresolved(totals.unresolved, totals.perhaps_unresolved, horizon_s(campaign.spec))
+
+
 def failure_rate(campaign: Campaign) -> Rate | None:
-    """Collisions ÷ completed episodes; None before the first one."""
+    """Collisions within the horizon ÷ completed episodes; None before the first one."""
     counts = campaign.counts
     return rate(counts.failures, counts.completed) if counts.completed else None
 

@@ -16,8 +16,9 @@ from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.materials import learner_context
 from eigenfail_services.campaigns.owner import is_lost, this_process
 from eigenfail_services.campaigns.watch import Watch, spent
+from eigenfail_services.hub.ended import Ended
 from eigenfail_services.hub.runs import Order
-from eigenfail_services.hub.server import Ended, Hub
+from eigenfail_services.hub.server import Hub
 
 LEASE_S = 10.0
 RENEW_S = 2.0
@@ -124,7 +125,7 @@ class Supervisor:
                 self._store.campaigns.move(campaign.id, CampaignState.DEAD, str(error), job)
             self._store.jobs.finish(job)
             return
-        watch = self._watched[campaign.id] = Watch(job, spec.priority)
+        watch = self._watched[campaign.id] = Watch(job, spec.priority, campaign.active_s)
         order = Order(
             campaign=campaign.id,
             setup=spec.setup(),

@@ -1,6 +1,6 @@
 """The scenarios in which an analysis's failures happened, so that replays can be run in them."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import msgspec
@@ -8,6 +8,7 @@ import msgspec
 from eigenfail import bridges, functions, plugins
 from eigenfail.contracts import Store
 from eigenfail.errors import Conflict
+from eigenfail.settings import defaults_of
 from eigenfail.values import Analysis, AnalysisResult, CampaignSpec, FailureMode, episode_seed
 from eigenfail.values.variation import KINDS
 from eigenfail.variations import drawn_for
@@ -96,12 +97,4 @@ def defaults(spec: CampaignSpec) -> dict[str, Any]:
     """What the scenario's parameters are unless a campaign says otherwise."""
     if spec.simulator in (functions.SIMULATOR, bridges.SIMULATOR):
         return {}
-    kind = plugins.load(plugins.SCENARIOS, spec.scenario).Parameters
-    return dict(told_defaults(kind))
-
-
-def told_defaults(kind: type[msgspec.Struct]) -> Iterator[tuple[str, Any]]:
-    """The parameters that have a default, with it."""
-    for each in msgspec.structs.fields(kind):
-        if each.default is not msgspec.NODEFAULT:
-            yield each.name, each.default
+    return defaults_of(plugins.load(plugins.SCENARIOS, spec.scenario).Parameters)

@@ -6,13 +6,13 @@ from pathlib import Path
 import zmq
 
 from eigenfail.errors import InvalidValue, PortTaken
+from eigenfail.loopback import is_own_endpoint
 from eigenfail.wire.messages import MAX_MESSAGE_BYTES
 from eigenfail_services.hub.door import Door
 from eigenfail_services.hub.keys import FIELD, HubKeys, KeyFolder, closed_to_us
 
 KEYS_VARIABLE = "EIGENFAIL_HUB_KEYS"
 TRUST_VARIABLE = "EIGENFAIL_TRUST_NETWORK"
-LOOPBACK = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:", "ipc://")
 
 
 def keys_for(address: str, folder: Path | None) -> HubKeys | None:
@@ -24,7 +24,7 @@ def keys_for(address: str, folder: Path | None) -> HubKeys | None:
     """
     if folder is not None:
         return keys_in(folder)
-    if not address.startswith(LOOPBACK) and os.environ.get(TRUST_VARIABLE) != "1":
+    if not is_own_endpoint(address) and os.environ.get(TRUST_VARIABLE) != "1":
         raise InvalidValue(
             "hub",
             f"'{address}' can be reached from other machines, and there are no keys for workers.",
@@ -57,6 +57,7 @@ def bind(address: str, keys: HubKeys | None = None) -> "zmq.Socket[bytes]":
     router = Door(keys).router() if keys else zmq.Context.instance().socket(zmq.ROUTER)
     router.setsockopt(zmq.MAXMSGSIZE, MAX_MESSAGE_BYTES)
     router.setsockopt(zmq.LINGER, 1_000)
+    router.setsockopt(zmq.ROUTER_MANDATORY, 1)  # what is for nobody is not dropped without a word
     try:
         router.bind(address)
     except zmq.ZMQError as error:

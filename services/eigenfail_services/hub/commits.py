@@ -65,6 +65,10 @@ class Commits:
             self._due_s = max(self._due_s, now_s + MAX_WAIT_S)
         self._pending.append(Pending(worker, campaign, Delivery(result, name), now_s))
 
+    def campaigns(self) -> set[int]:
+        """Those of which results wait."""
+        return {pending.campaign for pending in self._pending}
+
     def flush(self, *, now: bool = False) -> list[Committed]:
         """Write what is due, or everything; what became of it.
 

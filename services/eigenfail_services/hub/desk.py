@@ -30,6 +30,8 @@ from eigenfail_services.hub.deaths import HUB
 from eigenfail_services.hub.departures import Departures
 from eigenfail_services.hub.door import Refusals
 from eigenfail_services.hub.leases import Assignment, Leases
+from eigenfail_services.hub.lines import QUIET_BEATS, Lines, Reaches, everybody
+from eigenfail_services.hub.post import HEARD
 from eigenfail_services.hub.runs import Run
 from eigenfail_services.hub.skew import foreign_reason, tell_difference, why_not
 from eigenfail_services.hub.vitals import Vitals
@@ -38,11 +40,8 @@ HEARTBEAT_S = 1.0
 SILENCE_LIMIT_S = 10.0
 
 GREETING_S = 3.0
-"""What a hub that has just begun waits for hellos: a heartbeat is refused first, a second later a
+"""What a hub that has just begun waits for hellos: a heartbeat is refused first, and then a
 hello comes. Until then others may hold what a campaign that goes on has open."""
-
-HEARD = Ack(0, ())
-"""The answer to a heartbeat."""
 
 log = structlog.get_logger()
 
@@ -50,12 +49,21 @@ Send = Callable[[bytes, Message], None]
 
 
 class Desk:
-    """Answers workers. Messages leave through `send`; results go to `commits`."""
+    """Answers workers. Messages leave through `send`; results go to `commits`.
+
+    Whose connection is closed is told by `reaches`.
+    """
 
     def __init__(
-        self, send: Send, leases: Leases, commits: Commits, vitals: Vitals | None = None
+        self,
+        send: Send,
+        leases: Leases,
+        commits: Commits,
+        vitals: Vitals | None = None,
+        reaches: Reaches = everybody,
     ) -> None:
         self._send = send
+        self._lines = Lines(reaches)
         self._vitals = vitals or Vitals()
         self._leases = leases
         self._commits = commits
@@ -103,7 +111,7 @@ class Desk:
         running = None
         if message.campaign is not None and message.running is not None:
             running = (message.campaign, message.running)
-        self._leases.beat(worker, running, set(message.held))
+        self._leases.beat(worker, running, set(message.held), message.slots)
         self._send(worker, HEARD)
 
     def _results(self, worker: bytes, message: Results) -> None:
@@ -116,17 +124,28 @@ class Desk:
         self._leases.leave(worker)
 
     def bury_silent(self) -> None:
-        """Give up the workers that were not heard for long; a late result is still welcome."""
+        """Give up who was not heard for long, or for less if its connection is closed.
+
+        A late result is still welcome.
+        """
         now_s, before_s = time.monotonic(), self._looked_s
         self._looked_s = now_s
         if now_s - before_s > SILENCE_LIMIT_S / 2:  # the hub was held up, by its store or its host
             self._leases.excuse(now_s - before_s, now_s)
         for worker in self._leases.silent(now_s, SILENCE_LIMIT_S):
-            seat = self._leases.seats[worker]
-            log.warning("worker lost", worker=seat.name, held=len(seat.held))
-            self._vitals.workers_lost.inc()
-            self._vitals.leases_expired.inc(len(seat.held))
+            self._give_up(worker, why="it is silent")
             self._leases.lose(worker)
+        quiet = self._leases.silent(now_s, QUIET_BEATS * HEARTBEAT_S)
+        for worker in self._lines.closed(quiet, now_s):
+            self._give_up(worker, why="its connection is closed")
+            self._leases.miss(worker, self._leases.seats[worker].heard_s + SILENCE_LIMIT_S)
+        self._leases.suspect(now_s)
+
+    def _give_up(self, worker: bytes, why: str) -> None:
+        seat = self._leases.seats[worker]
+        log.warning("worker lost", worker=seat.name, held=len(seat.held), why=why)
+        self._vitals.workers_lost.inc()
+        self._vitals.leases_expired.inc(len(seat.held))
 
     def send_home(self, departures: Departures) -> None:
         """Lease nothing more to those who are to leave, and let go who holds nothing."""

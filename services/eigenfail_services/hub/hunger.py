@@ -33,8 +33,8 @@ class Hungry:
         """It has enough, or is gone."""
         self._entries.pop(worker, None)
 
-    def first(self) -> bytes | None:
+    def first(self) -> Entry | None:
         """Who has least; of equals, who has had so little for longest. None if all have enough."""
         while self._heap and self._entries.get(self._heap[0][2]) is not self._heap[0]:
             heappop(self._heap)
-        return self._heap[0][2] if self._heap else None
+        return self._heap[0] if self._heap else None

@@ -51,12 +51,13 @@ def tend_keys(arguments: argparse.Namespace) -> None:
     """
     if arguments.hub_keys is None:
         raise InvalidValue(FIELD, "is not given.", "Name the folder of the hub's keys.")
-    action = ACTIONS[arguments.action]
+    action, folder = ACTIONS[arguments.action], KeyFolder(arguments.hub_keys)
     try:
-        found = action.run(KeyFolder(arguments.hub_keys), arguments)
+        is_known = action.keeps and folder.knows(arguments.name)
+        found = action.run(folder, arguments)
     except OSError as error:
         raise closed_to_us(arguments.hub_keys, error) from error
-    if action.change is not None and arguments.database:
+    if action.change is not None and arguments.database and not is_known:
         note(arguments.database, action.change(arguments.name))
     sys.stdout.write(msgspec.json.encode(found).decode() + "\n")
 
@@ -131,14 +132,19 @@ def revoke(folder: KeyFolder, arguments: argparse.Namespace) -> msgspec.Struct:
 
 
 class Action(NamedTuple):
-    """What is done, and what the audit log tells of it, if it changes something."""
+    """What is done, and what the audit log tells of it, if it changes something.
+
+    Attributes:
+        keeps: a key that has the name already stays as it is.
+    """
 
     run: Callable[[KeyFolder, argparse.Namespace], msgspec.Struct | tuple[msgspec.Struct, ...]]
     change: Callable[[str], Change] | None = None
+    keeps: bool = False
 
 
 ACTIONS: Mapping[str, Action] = {
-    "create": Action(create, changing("POST", "", MADE)),
+    "create": Action(create, changing("POST", "", MADE), keeps=True),
     "list": Action(listed),
     "rotate": Action(rotate, changing("POST", "/{name}/rotations", MADE)),
     "rotate-hub": Action(rotate_hub, of_hub),

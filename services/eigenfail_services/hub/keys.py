@@ -88,7 +88,7 @@ class KeyFolder:
         """
         new_hub = self._prepare(name)
         hub = public_of(self.secret())
-        if name in {key.name for key in self.allowed()}:
+        if self.knows(name):
             return NewWorkerKey(self._made_before(name, hub, file).told())
         made = self._make(name, file, until_ms)
         self._write(name, made)
@@ -133,6 +133,14 @@ class KeyFolder:
         *_, newest = self._of(name)
         (self._workers / name).unlink(missing_ok=True)
         return newest.told()
+
+    def knows(self, name: str) -> bool:
+        """Whether a key has the name.
+
+        Raises:
+            OSError: the folder cannot be read.
+        """
+        return any(key.name == name for key in self.allowed())
 
     def allowed(self) -> Iterator[Allowed]:
         """All keys of workers, also those that have ended; what is no key is passed over.

@@ -9,7 +9,7 @@ import sys
 
 import zmq
 
-from eigenfail import plugins
+from eigenfail import logs, plugins
 from eigenfail.errors import EigenfailError, LearnerDiverged
 from eigenfail.processes import die_with_parent
 from eigenfail.settings import read_settings
@@ -90,6 +90,7 @@ class LearnerProcess:
 def main() -> None:
     """Serve the hub at the address in the command line."""
     die_with_parent()
+    logs.configure("services")
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     process = LearnerProcess(sys.argv[1], os.environ.pop(KEY_VARIABLE))
     try:

@@ -12,6 +12,7 @@ from eigenfail_services.hub.dealer import Dealer, Portion
 from eigenfail_services.hub.loans import Loans
 from eigenfail_services.hub.seating import Seating
 from eigenfail_services.hub.seats import Seat
+from eigenfail_services.hub.suspects import Missed, Suspects
 from eigenfail_services.hub.waiting import Waiting
 
 
@@ -37,7 +38,7 @@ class Leases:
         self._loans = Loans(self.seats, self._dealer)
         self._waiting = Waiting()
         self._claims = Claims()
-        self._suspects: dict[Key, EpisodeTask] = {}
+        self._suspects = Suspects()
         self._brought: set[Key] = set()
 
     def join(self, worker: bytes, hello: Hello, now_s: float) -> None:
@@ -48,6 +49,7 @@ class Leases:
         """
         for old in self._seating.of(worker, hello):
             self.leave(old)
+        self._suspects.is_back(hello.life)
         self._seating.sit(worker, hello, now_s)
         self._claims.take(worker, hello.claims)
         self._dealer.look(worker, self.seats[worker])
@@ -56,14 +58,18 @@ class Leases:
         """A worker was heard; None if it has no seat."""
         return self._seating.heard(worker, now_s)
 
-    def beat(self, worker: bytes, running: Key | None, named: Collection[Key]) -> None:
+    def beat(
+        self, worker: bytes, running: Key | None, named: Collection[Key], slots: int = 1
+    ) -> None:
         """A worker says which episode it is running, if any, and names all that it holds.
 
         The first is the one to suspect if the worker is lost. What it does not name for long is
         free again: a lease or a result went astray.
+        Of the campaign that it runs, it can run so many side by side as it has `slots`.
         """
         seat = self.seats[worker]
-        seat.running = running
+        if seat.runs(running, slots):
+            self._dealer.look(worker, seat)
         claimed = self._claims.of(worker)
         missed = seat.missed(seat.held.keys() | claimed, named)
         for key in missed & claimed:
@@ -73,6 +79,10 @@ class Leases:
     def busy(self, campaign: int) -> bool:
         """Whether any episode of a campaign is with a worker."""
         return self._loans.busy(campaign)
+
+    def expects(self, campaign: int) -> bool:
+        """Whether more results of a campaign are to come: some episode is out, or waits to go."""
+        return self.busy(campaign) or campaign in self._waiting.campaigns()
 
     def pace_s(self, campaign: int) -> float:
         """What an episode of a campaign is thought to take of a worker. [s]"""
@@ -101,22 +111,36 @@ class Leases:
         if seat := self.seats.get(worker):
             self._free(seat, set(seat.held))
             self._seating.leave(worker)
-            self._dealer.leave(worker)
+            self._dealer.leave(worker, seat)
 
     def lose(self, worker: bytes) -> None:
         """A worker is gone without a word: what it ran is suspected, the rest waits again."""
         seat = self.seats[worker]
         if seat.running is not None and seat.running in seat.held:
-            self._suspects[seat.running] = self._loans.end(seat.running)[0]
+            self._suspects.add(seat.running, self._loans.end(seat.running).task)
         self.leave(worker)
 
+    def miss(self, worker: bytes, until_s: float) -> None:
+        """Its line is closed: all that it held waits. What it ran is suspected if it stays away."""
+        seat = self.seats[worker]
+        if seat.running is not None and (task := seat.held.get(seat.running)) is not None:
+            self._suspects.miss(seat.life or worker.hex(), Missed(seat.running, task, until_s))
+        self.leave(worker)
+
+    def suspect(self, now_s: float) -> None:
+        """Those who are missed, and not back in time, were lost with what they ran."""
+        for key, task, _ in self._suspects.overdue(now_s):
+            if self._waiting.wants(*key):
+                self._suspects.add(key, task)
+
     def suspects(self) -> list[tuple[int, EpisodeTask]]:
-        """Campaigns and episodes that were running as their workers were lost; nobody gets them."""
-        return [(campaign, task) for (campaign, _), task in self._suspects.items()]
+        """Campaigns and episodes that ran as their workers were lost, and are to be counted."""
+        return [*self._suspects]
 
     def acquit(self, campaign: int, index: int) -> None:
-        """An episode that was suspected waits again, at the front."""
-        if task := self._suspects.pop((campaign, index), None):
+        """An episode that was suspected waits again, at the front, unless somebody has it."""
+        key = campaign, index
+        if (task := self._suspects.pop(key)) and self._loans.held(key) is None:
             self._put_back(campaign, task)
 
     def _free(self, seat: Seat, keys: Collection[Key]) -> None:
@@ -140,16 +164,22 @@ class Leases:
         if key in self._brought or key in self._suspects:
             return True
         held = self._loans.held(key)
-        if held is None:
-            return False
-        if same_task(held, task):
-            return True
+        if held is None or same_task(held, task):
+            return held is not None
         self._loans.end(key)
         return False
 
     def weigh(self, campaign: int, weight: float) -> None:
         """From now on its share of the workers' time goes by this weight."""
         self._dealer.weigh(campaign, weight)
+
+    def need_bridge(self, campaign: int) -> None:
+        """Only workers with a bridge get anything of it."""
+        self._dealer.need_bridge(campaign)
+
+    def stranded(self) -> Collection[int]:
+        """Campaigns of which something waits that nobody who is here can run."""
+        return self._dealer.stranded(self._waiting.campaigns())
 
     def suspend(self, campaign: int) -> None:
         """Its learner is lost. What is leased stays so: the next one proposes the same again.
@@ -163,7 +193,7 @@ class Leases:
         """Nothing of this campaign is to be run any more."""
         self._waiting.call_off(campaign)
         self._claims.withdraw(campaign)
-        self._suspects = {key: task for key, task in self._suspects.items() if key[0] != campaign}
+        self._suspects.withdraw(campaign)
         self._loans.end_all(campaign)
         self._dealer.forget(campaign)
 
@@ -180,11 +210,11 @@ class Leases:
         """The episode has a result, from whomever it came."""
         key = campaign, index
         self._claims.settle(key)
-        self._suspects.pop(key, None)
+        self._suspects.pop(key)
         self._waiting.settle(campaign, index)
-        thought_s = None if self._loans.held(key) is None else self._loans.end(key)[1]
+        loan = None if self._loans.held(key) is None else self._loans.end(key)
         if self._waiting.knows(campaign):
-            self._dealer.took(campaign, wall_s, thought_s)
+            self._dealer.took(campaign, wall_s, loan)
 
     def adopt(self, fingerprint: Fingerprint) -> set[tuple[bytes, int]]:
         """What waits, and a worker says that it holds, is leased to that worker.

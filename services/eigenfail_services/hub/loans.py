@@ -5,7 +5,7 @@ from collections import defaultdict
 from eigenfail.values import EpisodeTask
 from eigenfail_services.hub.claims import Key
 from eigenfail_services.hub.dealer import Dealer
-from eigenfail_services.hub.seats import Seat
+from eigenfail_services.hub.seats import Loan, Seat
 
 
 class Loans:
@@ -32,14 +32,15 @@ class Loans:
 
     def lend(self, worker: bytes, key: Key, task: EpisodeTask) -> None:
         """A worker has it now, which its campaign is charged for."""
-        seat, work_s = self._seats[worker], self._dealer.pace_s(key[0])
+        seat = self._seats[worker]
+        work_s = self._dealer.work_s(key[0], seat)
         seat.lend(key, task, work_s)
         self._holders[key[0]][key[1]] = worker
-        self._dealer.lent(key[0], work_s)
+        self._dealer.lent(key[0], seat, work_s)
         self._dealer.look(worker, seat)
 
-    def end(self, key: Key) -> tuple[EpisodeTask, float]:
-        """Nobody has it any more; what it was charged as stays charged. [s]"""
+    def end(self, key: Key) -> Loan:
+        """Nobody has it any more; what it was charged as stays charged."""
         worker = self._holders[key[0]].pop(key[1])
         seat = self._seats[worker]
         ended = seat.give_back(key)
@@ -48,9 +49,9 @@ class Loans:
 
     def undo(self, key: Key) -> EpisodeTask:
         """Nobody has it any more, nor did anybody run it."""
-        task, work_s = self.end(key)
-        self._dealer.lent(key[0], -work_s)
-        return task
+        ended = self.end(key)
+        self._dealer.lent(key[0], ended.seat, -ended.work_s)
+        return ended.task
 
     def end_all(self, campaign: int) -> None:
         """Nobody has anything of a campaign any more."""

@@ -1,7 +1,6 @@
 """One running campaign in the hub: its learner process, its rounds in flight, its leases."""
 
 import time
-from collections import Counter
 from collections.abc import Callable
 from math import inf
 from typing import Any
@@ -15,17 +14,14 @@ from eigenfail.values import EpisodeResult, EpisodeSetup, LearnerContext, Policy
 from eigenfail.values.records import Job, Verdict
 from eigenfail.wire.messages import Diverged, Message, Observed, Proposed, Start, Trouble
 from eigenfail_services.bounds import NO_BOUNDS, Bounds
-from eigenfail_services.hub.flight import Flight
 from eigenfail_services.hub.learner_link import LearnerLink
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.losses import Kind, Loss, Losses, died, hung
 from eigenfail_services.hub.meter import Meter, Phase
 from eigenfail_services.hub.muster import Work
+from eigenfail_services.hub.open_rounds import OpenRounds
 from eigenfail_services.hub.patience import Patience
 from eigenfail_services.hub.vitals import Vitals
-from eigenfail_services.store.judging import storable
-
-MAX_REFUSALS = 3
 
 log = structlog.get_logger()
 
@@ -94,12 +90,6 @@ class Run:
             Trouble: self._trouble,
             Diverged: self._diverged,
         }
-        self._landings: dict[Verdict, Callable[[EpisodeResult], None]] = {
-            Verdict.KEPT: self._count,
-            Verdict.DUPLICATE: self._look_up,
-            Verdict.ALARM: self._look_up,
-            Verdict.UNWANTED: self._offer_again,
-        }
         self._start()
 
     @property
@@ -109,12 +99,11 @@ class Run:
 
     def _start(self) -> None:
         """A new life of the learner, from its checkpoint; what is leased stays with its workers."""
-        self._flight = Flight()
+        shape = self.order.setup.disturbance.shape
+        self._rounds = OpenRounds(self.order.campaign, shape, self._store, self._leases)
         self._learning_since_s: float | None = time.monotonic()
         self._handed_back = False
         self._unhandled: Message | None = None
-        self._to_look_up: set[int] = set()
-        self._refused = Counter[int]()
         self._briefed = False
         self._divergence: Loss | None = None
         self._link = LearnerLink(self._bounds, self._losses.pause_s)
@@ -144,7 +133,8 @@ class Run:
         """
         if not self._briefed:
             self._brief()
-        self._count_those_kept()
+        if self._rounds.count_those_kept():
+            self._hand_back()
         status = self._link.exit_status()  # before listening: its last words are heard all the same
         self._listen()
         if self.ended is None and (loss := self._lost(status)) is not None:
@@ -167,14 +157,7 @@ class Run:
         if not message.rounds:
             self.ended, self.because = "", message.because
             return
-        indices = [task.index for task in self._flight.new(message.rounds)]
-        finished = self._store.episodes.finished(campaign, indices)
-        # Only now, when the store can no longer be away: a round takes off once.
-        tasks = self._flight.take_off(message.rounds)
-        known = {result.index for result in finished}
-        self._leases.offer(campaign, tuple(task for task in tasks if task.index not in known))
-        for result in finished:
-            self._flight.land(result)
+        self._rounds.open(message.rounds)
         self._hand_back()
 
     def _trouble(self, message: Trouble) -> None:
@@ -212,45 +195,13 @@ class Run:
         """A result was judged: what is learnt from is what the store keeps, and nothing else."""
         if verdict is not Verdict.KEPT and 0.0 < result.wall_s < inf:  # it came over the wire
             self.order.meter.discard(result.wall_s)
-        self._landings[verdict](result)
-
-    def _count(self, result: EpisodeResult) -> None:
-        # It may have been proposed after it was brought, while its commit was still to come.
-        self._leases.settle(self.order.campaign, result.index, wall_s=0.0)
-        # As the store keeps it: a learner that begins again is shown what was read from there.
-        kept = storable(result, self.order.setup.disturbance.shape)
-        self._flight.land(msgspec.structs.replace(kept, scene=None))
+        self._rounds.land(result, verdict)
+        self.ended = self._rounds.problem or self.ended
         self._hand_back()
-
-    def _look_up(self, result: EpisodeResult) -> None:
-        """It is a second one. If the first came to another hub, that one is learnt from."""
-        if self._flight.awaited(result.index) is not None:
-            self._to_look_up.add(result.index)
-
-    def _count_those_kept(self) -> None:
-        if self._to_look_up:
-            for kept in self._store.episodes.finished(self.order.campaign, self._to_look_up):
-                self._count(kept)
-            self._to_look_up.clear()
-
-    def _offer_again(self, result: EpisodeResult) -> None:
-        """What the store does not take leaves its episode open, but not for ever."""
-        task = self._flight.awaited(result.index)
-        if task is None:
-            return
-        self._refused[result.index] += 1
-        if self._refused[result.index] < MAX_REFUSALS:
-            self._leases.offer(self.order.campaign, (task,))
-            return
-        self.ended = (
-            f"The result of episode {result.index} was refused {MAX_REFUSALS} times: its seed, "
-            "steps or shapes are not those of this campaign. Install the same eigenfail, and the "
-            "same plug-ins, on all workers."
-        )
 
     def _hand_back(self) -> None:
         """Let the learner observe the oldest round if it is whole and the learner is free."""
-        if self._learning_since_s is None and (results := self._flight.whole()):
+        if self._learning_since_s is None and (results := self._rounds.whole()):
             self._learning_since_s, self._handed_back = time.monotonic(), True
             self._patience.renew()
             self._link.say(Observed(results))
@@ -263,7 +214,7 @@ class Run:
 
     def work(self) -> Work:
         """What there is for workers to do."""
-        episodes = self._flight.open()
+        episodes = self._rounds.awaited()
         return Work(episodes, episodes * self._leases.pace_s(self.order.campaign))
 
     def look(self) -> None:
@@ -274,7 +225,7 @@ class Run:
 
     def policy(self, version: int) -> Policy:
         """A policy that an open round needs."""
-        return self._flight.policy(version)
+        return self._rounds.policy(version)
 
     def stop(self) -> None:
         """Lease nothing more of it and end its learner; what is not finished stays open."""

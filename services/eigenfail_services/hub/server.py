@@ -6,13 +6,12 @@ from collections.abc import Callable, Collection, Iterator
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
 
-import msgspec
 import structlog
 import zmq
 
+from eigenfail import bridges
 from eigenfail.contracts import Store
 from eigenfail.errors import ClaimLost, StoreUnavailable
-from eigenfail.wire.messages import Message, encode
 from eigenfail_services.bounds import NO_BOUNDS, Bounds
 from eigenfail_services.hub.attendance import Attendance
 from eigenfail_services.hub.binding import bind
@@ -21,10 +20,13 @@ from eigenfail_services.hub.deaths import Deaths
 from eigenfail_services.hub.departures import Departures
 from eigenfail_services.hub.desk import Desk
 from eigenfail_services.hub.ears import Ears
+from eigenfail_services.hub.ended import Ended
 from eigenfail_services.hub.keys import HubKeys
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.muster import Muster, muster
+from eigenfail_services.hub.post import Post
 from eigenfail_services.hub.runs import Order, Run
+from eigenfail_services.hub.stranded import Stranded
 from eigenfail_services.hub.vitals import Vitals, standing, timed
 
 TICK_MS = 20
@@ -37,19 +39,6 @@ LOOK_EVERY_S = 1.0
 """How old what is scraped may be."""
 
 log = structlog.get_logger()
-
-
-class Ended(msgspec.Struct, frozen=True):
-    """A campaign that the hub has finished with; `problem` is empty if it ran to its end.
-
-    `because` says why it came to its end; it is empty if it was halted. `lost` if it is somebody
-    else's by now.
-    """
-
-    campaign: int
-    problem: str
-    because: str = ""
-    lost: bool = False
 
 
 class Hub:
@@ -82,9 +71,11 @@ class Hub:
         self._leases = Leases()
         self.vitals = Vitals()
         self._commits = Commits(store.episodes, self.vitals)
-        self._desk = Desk(self._send, self._leases, self._commits, self.vitals)
+        post, kept = Post(self._router), (self._leases, self._commits, self.vitals)
+        self._desk = Desk(post.send, *kept, post.reaches)
         self._deaths = Deaths(self._leases, self._commits, store.episodes)
         self._attendance = Attendance(store.roster, self._leases.seats)
+        self._stranded = Stranded(store.events, self._leases.stranded)
         self._departures = Departures()
         self._runs: dict[int, Run] = {}
         self._away = False
@@ -154,6 +145,7 @@ class Hub:
             self._commit()
             self._deaths.count()
             self._attendance.note()
+            self._stranded.note(self._runs.keys())
         self._desk.bury_silent()
         self._desk.send_home(self._departures)
         if not (self._away or self._commits.stuck):  # else what comes of it could not be kept
@@ -161,7 +153,8 @@ class Hub:
         self._look()
 
     def _wait(self) -> None:
-        self._ears.wait([self._router, *(run.socket for run in self._runs.values())], TICK_MS)
+        learners = [run.socket for run in self._runs.values()]
+        self._ears.wait([self._router], learners, TICK_MS)
 
     def _obey(self) -> None:
         with contextlib.suppress(Empty):
@@ -171,6 +164,8 @@ class Hub:
     def _launch(self, order: Order) -> None:
         run = Run(order, self._store, self._leases, self._learners, self.vitals)
         self._runs[order.campaign] = run
+        if order.setup.simulator == bridges.SIMULATOR:
+            self._leases.need_bridge(order.campaign)
 
     def _weigh(self, campaign: int, weight: float) -> None:
         if campaign in self._runs:
@@ -209,15 +204,16 @@ class Hub:
             self._next_look_s = time.monotonic() + LOOK_EVERY_S
 
     def _commit(self, *, now: bool = False) -> None:
-        committed = self._commits.flush(now=now)
+        committed = self._commits.flush(now=now or self._is_awaited())
         self._desk.acknowledge(committed)
         for each in committed:
             if run := self._runs.get(each.campaign):
                 run.land(each.result, each.verdict)
 
-    def _send(self, worker: bytes, message: Message) -> None:
-        with contextlib.suppress(zmq.Again):
-            self._router.send_multipart([worker, encode(message)], zmq.NOBLOCK)
+    def _is_awaited(self) -> bool:
+        """Whether the last results of a round wait: none is to come to share their commit."""
+        campaigns = set() if self._commits.stuck else self._commits.campaigns()
+        return not all(map(self._leases.expects, campaigns))
 
     @contextlib.contextmanager
     def _patience(self) -> Iterator[None]:

@@ -26,6 +26,10 @@ class Waiting:
         """Whether anything of a campaign was asked for, and not called off."""
         return campaign in self._lines
 
+    def wants(self, campaign: int, index: int) -> bool:
+        """Whether a result of an episode is wanted, whoever has it."""
+        return index in self._wanted.get(campaign, ())
+
     def want(self, campaign: int, tasks: Collection[EpisodeTask]) -> None:
         """Results of these are wanted, whoever has them."""
         self._wanted.setdefault(campaign, set()).update(task.index for task in tasks)
@@ -38,7 +42,7 @@ class Waiting:
 
     def put_back(self, campaign: int, task: EpisodeTask) -> None:
         """At its front, if it is wanted; else it will be, with the policy that it then needs."""
-        if task.index in self._wanted.get(campaign, ()):
+        if self.wants(campaign, task.index):
             self.add(campaign, task)
             self._lines[campaign].move_to_end(task.index, last=False)
 

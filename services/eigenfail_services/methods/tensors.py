@@ -10,6 +10,7 @@ from itertools import chain
 import numpy as np
 import torch
 
+from eigenfail.errors import LearnerDiverged
 from eigenfail_services.methods.archive import Array, Arrays, take
 
 
@@ -24,6 +25,24 @@ def own_randomness(seed: int, draw: int) -> Iterator[np.random.Generator]:
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(int(generator.integers(2**63)))
         yield generator
+
+
+@contextmanager
+def within_memory() -> Iterator[None]:
+    """What a device has no room for is told in words: the learner can go back, but not on.
+
+    Raises:
+        LearnerDiverged: the memory of the device was not enough.
+    """
+    try:
+        yield
+    except torch.OutOfMemoryError as error:
+        told, *_ = str(error).splitlines()
+        raise LearnerDiverged(
+            f"The learner ran out of memory on its device: {told}",
+            "Set device to cpu, or lower batch_size or width, or end what else uses the GPU; then "
+            "start a campaign like it anew.",
+        ) from error
 
 
 def module_arrays(prefix: str, module: torch.nn.Module) -> dict[str, Array]:

@@ -37,7 +37,7 @@ def rank_correlation(one: Array, other: Array) -> Figure | None:
 
 
 def midranks(values: Array) -> Array:
-    """The ranks from 1 on; equal values share their mean rank."""
+    """The ranks from 1 on, in the shape of the values, (n,); equal ones share their mean rank."""
     _, places, counts = np.unique(values, return_inverse=True, return_counts=True)
     last = np.cumsum(counts)
     middle: Array = (2 * last - counts + 1) / 2.0

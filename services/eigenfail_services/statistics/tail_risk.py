@@ -64,7 +64,7 @@ def tail_risk(values: Array, level: float) -> SeverityRisk:
 
 
 def mean(values: Array) -> Figure:
-    """The mean with Student's 95 % interval, cut at 0; without one of a single value."""
+    """The mean of values, shape (n,), with Student's 95 % interval, cut at 0; none of one value."""
     from scipy.special import stdtrit  # the API starts sooner without it
 
     n, centre = len(values), float(values.mean())
@@ -80,14 +80,14 @@ def rank(n: int, level: float) -> int:
 
 
 def tail(ordered: Array, level: float) -> tuple[float, float]:
-    """VaR and CVaR of ascending values."""
+    """VaR and CVaR of ascending values, shape (n,)."""
     n, k = len(ordered), rank(len(ordered), level)
     var = float(ordered[k - 1])
     return var, var + float((ordered[k:] - var).sum()) / ((1.0 - level) * n)
 
 
 def bootstrap(ordered: Array, level: float) -> tuple[Interval, Interval]:
-    """Percentile intervals of VaR and CVaR over resamples of ascending values.
+    """Percentile intervals of VaR and CVaR over resamples of ascending values, shape (n,).
 
     A resample of n is x[⌊n·u⌋] of n uniform numbers u. Only those from the k-th smallest on count:
     that one is Beta(k, n − k + 1), and given it those above are uniform between it and 1. So a

@@ -12,8 +12,10 @@ from eigenfail_services.store.campaign_rows import add, one
 from eigenfail_services.store.codec import spec_hash
 from eigenfail_services.store.events import append
 from eigenfail_services.store.jobs import enqueue
+from eigenfail_services.store.naming import hold
 from eigenfail_services.store.quotas import admit
 from eigenfail_services.store.refusals import key_used
+from eigenfail_services.store.retention import refuse_gone
 from eigenfail_services.store.schema import idempotency_keys
 
 
@@ -51,7 +53,10 @@ def queued(
 
     Raises:
         QuotaExceeded: whoever makes them may not have so many, or so much in them.
+        NoisePruned: one names an episode that has lost its noise.
     """
+    hold(connection, specs)
+    refuse_gone(connection, specs)
     admit(connection, made_by, specs)
     made = tuple(add(connection, spec, made_by) for spec in specs)
     for campaign in made:

@@ -2,6 +2,7 @@
 
 from functools import cache
 from importlib.util import find_spec
+from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, event, text
 
@@ -75,13 +76,14 @@ class Postgres:
             pool_pre_ping=True,
         )
         event.listen(engine, "begin", begin)
-        return engine
+        return knowing_text(engine)
 
     def schema_engine(self) -> Engine:
         """For migrations."""
-        return create_engine(
+        engine = create_engine(
             self._url, isolation_level="READ COMMITTED", hide_parameters=True, poolclass=NullPool
         )
+        return knowing_text(engine)
 
     def prepare(self) -> None:
         """Nothing more: databases are made by whoever runs the server."""
@@ -105,6 +107,26 @@ class Postgres:
     def signal(self) -> AdvisoryLock:
         """A lock at the server."""
         return AdvisoryLock(self.schema_engine())
+
+
+def knowing_text(engine: Engine) -> Engine:
+    """The same, which refuses a database that keeps bytes and does not know what text they are."""
+    # Before SQLAlchemy asks the server anything: it takes the answers for text.
+    event.listen(engine, "connect", refuse_bytes, insert=True)
+    return engine
+
+
+def refuse_bytes(connection: Any, _record: object) -> None:
+    """Raises InvalidValue for a database in SQL_ASCII."""
+    name = connection.info.dbname
+    if connection.info.parameter_status("server_encoding") == "SQL_ASCII":
+        connection.close()
+        raise InvalidValue(
+            "database",
+            f"'{name}' keeps text in no encoding (SQL_ASCII).",
+            "Make one that does, and name that: CREATE DATABASE eigenfail TEMPLATE template0 "
+            "ENCODING 'UTF8'.",
+        )
 
 
 def begin(connection: Connection) -> None:

@@ -51,6 +51,14 @@ def not_ended(campaign: Campaign) -> Conflict:
     )
 
 
+def still_needed(campaign: int) -> Conflict:
+    """Noise of a campaign is needed by others."""
+    return Conflict(
+        f"A campaign or an analysis that has not ended needs the noise of campaign {campaign}.",
+        "Wait for its end, or cancel it.",
+    )
+
+
 def no_analysis(analysis: int) -> NotFound:
     """No analysis has the id."""
     return NotFound(f"There is no analysis {analysis}.", "`eigenfail analyze` starts one.")

@@ -1,5 +1,6 @@
 """Noise and scenes that go to make room, and the record of what is gone, in SQL."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from sqlalchemy import (
@@ -15,14 +16,16 @@ from sqlalchemy import (
 )
 from sqlalchemy.engine import RowMapping
 
-from eigenfail.values import FINAL_STATES, Outcome
+from eigenfail.values import FINAL_STATES, CampaignSpec, Outcome
 from eigenfail.values.retention import Pruning, Retention, Weight
 from eigenfail_services.store import sentences
 from eigenfail_services.store.campaign_rows import locked, one
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import append
-from eigenfail_services.store.refusals import not_ended
+from eigenfail_services.store.landing import chunks
+from eigenfail_services.store.naming import episodes_of, in_use
+from eigenfail_services.store.refusals import not_ended, pruned, still_needed
 from eigenfail_services.store.schema import episodes, prunings, scenes, trajectories
 
 SLICE = 2_000
@@ -78,6 +81,8 @@ class SqlRetention:
             subject = locked(connection, campaign)
             if subject.state not in FINAL_STATES:
                 raise not_ended(subject)
+            if campaign in in_use(connection, campaign):
+                raise still_needed(campaign)
             found = next_slice(connection, campaign, rule, begun)
             if not found:
                 return None
@@ -85,6 +90,11 @@ class SqlRetention:
                 begun = begin(connection, campaign, rule, who)
             take(connection, campaign, found)
             return recorded(connection, begun, found)
+
+    def in_use(self) -> frozenset[int]:
+        """Campaigns whose noise others need that have not ended."""
+        with self._database.reading() as connection:
+            return in_use(connection)
 
     def of(self, campaign: int) -> tuple[Pruning, ...]:
         """What was taken from a campaign, oldest first."""
@@ -164,3 +174,14 @@ def to_pruning(found: RowMapping) -> Pruning:
     rule = Retention(values.pop("keep_every"), values.pop("source"))
     weight = Weight(values.pop("episodes"), values.pop("scenes"), values.pop("bytes"))
     return Pruning(retention=rule, weight=weight, **values)
+
+
+def refuse_gone(connection: Connection, specs: Iterable[CampaignSpec]) -> None:
+    """Raises NoisePruned if an episode that a new campaign names has lost its noise."""
+    for campaign, indices in (episodes_of(spec.settings) for spec in specs):
+        found = select(number, episodes.c.source, pruned_ms().label("at_ms"))
+        query = found.where(episodes.c.campaign == campaign)
+        for some in chunks(indices):
+            for index, source, at_ms in connection.execute(query.where(number.in_(some))):
+                if at_ms is not None:
+                    raise pruned(campaign or 0, index, source, at_ms)

@@ -7,14 +7,13 @@ is a pause behind it. What was killed is begun again, and goes on where noise is
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from contextlib import closing
-from typing import Any
 
 import msgspec
 
 from eigenfail.contracts import Store
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.values import FINAL_STATES, Campaign, CampaignState
 from eigenfail.values.retention import PrunedCampaign, PruneReport, Retention, Weight
 from eigenfail_services.store import open_store
@@ -27,9 +26,6 @@ DAY_MS = 86_400_000
 
 EVIDENCE = frozenset({"replay", "minimal"})
 """Methods whose every episode shows something: their noise is asked for by proofs."""
-
-NAMING = frozenset({"campaign", "data_from"})
-"""Settings of methods that name campaigns whose noise is injected or learnt from."""
 
 
 class Which(msgspec.Struct, frozen=True):
@@ -44,6 +40,14 @@ class Which(msgspec.Struct, frozen=True):
     older_than_days: float = 0.0
 
 
+class Found(msgspec.Struct, frozen=True):
+    """What goes of a campaign, or went; and whether others need what is left."""
+
+    campaign: Campaign
+    weight: Weight
+    in_use: bool
+
+
 def rehearse(address: str, rule: Retention, which: Which) -> PruneReport:
     """What a pruning would take away; nothing changes.
 
@@ -54,44 +58,53 @@ def rehearse(address: str, rule: Retention, which: Which) -> PruneReport:
         StoreUnavailable: there is no database, or it does not answer.
         SchemaMismatch: its schema is another.
     """
-
-    def weighed(store: Store, campaign: int) -> Weight:
-        return store.retention.weigh(campaign, rule)
-
-    return report(address, rule, which, weighed)
+    with closing(open_store(address, migrate=False)) as store:
+        in_use = store.retention.in_use()
+        found = [
+            Found(each, Weight(), True)
+            if each.id in in_use
+            else Found(each, store.retention.weigh(each.id, rule), False)
+            for each in meant(store, which)
+        ]
+    return report(address, rule, found, is_rehearsal=True)
 
 
 def prune(address: str, rule: Retention, which: Which) -> PruneReport:
     """Take it away, and record it; raises what `rehearse` does, and StoreUnwritable."""
     who = whoever_asks()
-    found = report(address, rule, which, lambda store, campaign: taken(store, campaign, rule, who))
-    return msgspec.structs.replace(found, is_rehearsal=False)
+    with closing(open_store(address, migrate=False)) as store:
+        found = [taken(store, each, rule, who) for each in list(meant(store, which))]
+    return report(address, rule, found, is_rehearsal=False)
 
 
 def report(
-    address: str, rule: Retention, which: Which, weight_of: Callable[[Store, int], Weight]
+    address: str, rule: Retention, found: Sequence[Found], *, is_rehearsal: bool
 ) -> PruneReport:
     """What comes of each campaign; those of which nothing goes are left out."""
-    with closing(open_store(address, migrate=False)) as store:
-        in_use = named_by_others(store)
-        chosen = list(meant(store, which))
-        pruned = [
-            PrunedCampaign(each.id, each.spec.name, weight)
-            for each in chosen
-            if each.id not in in_use and (weight := weight_of(store, each.id)).episodes
-        ]
-        passed = tuple(each.id for each in chosen if each.id in in_use)
-    return PruneReport(find(address).label, rule, True, tuple(pruned), passed)
+    return PruneReport(
+        find(address).label,
+        rule,
+        is_rehearsal,
+        tuple(
+            PrunedCampaign(each.campaign.id, each.campaign.spec.name, each.weight)
+            for each in found
+            if each.weight.episodes
+        ),
+        tuple(each.campaign.id for each in found if each.in_use),
+    )
 
 
-def taken(store: Store, campaign: int, rule: Retention, who: str) -> Weight:
-    """Slice by slice; who else writes has at least half of the time."""
+def taken(store: Store, campaign: Campaign, rule: Retention, who: str) -> Found:
+    """Slice by slice, until others need the rest; who else writes has half of the time at least."""
     weight, begun = Weight(), None
     while True:
         before_s = time.monotonic()
-        record = store.retention.prune(campaign, rule, who, begun)
+        try:
+            record = store.retention.prune(campaign.id, rule, who, begun)
+        except Conflict:  # it has ended, for good: so it is this
+            return Found(campaign, weight, True)
         if record is None:
-            return weight
+            return Found(campaign, weight, False)
         weight, begun = record.weight, record.id
         time.sleep(time.monotonic() - before_s)
 
@@ -143,19 +156,3 @@ def in_state(store: Store, state: CampaignState) -> Iterator[Campaign]:
     while page.next is not None:
         page = store.campaigns.page(PAGE, page.next, state=state)
         yield from page.items
-
-
-def named_by_others(store: Store) -> frozenset[int]:
-    """Campaigns whose noise one that has not ended learns from, or injects again."""
-    alive = [state for state in CampaignState if state not in FINAL_STATES]
-    settings = (each.spec.settings for state in alive for each in in_state(store, state))
-    return frozenset(number for each in settings for number in numbers(each))
-
-
-def numbers(settings: Mapping[str, Any]) -> Iterator[int]:
-    """The campaigns that settings name, those of an ensemble's members included."""
-    for name, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from numbers(value)
-        if name in NAMING:
-            yield from value if isinstance(value, list | tuple) else filter(None, [value])

@@ -1,8 +1,11 @@
 """The pages of keys and of the audit log."""
 
+import re
+
 import pytest
 
 from eigenfail.values.access import KeyRequest, Scope
+from eigenfail.values.quotas import Quotas
 from eigenfail_services.access.keys import make_key
 from eigenfail_services.store.clock import now_ms
 
@@ -39,6 +42,17 @@ def test_keys_are_listed_with_their_states_and_no_secret(http, store, key_of) ->
     assert text.count('data-method="DELETE"') == 1
     assert admin["Authorization"].rpartition("_")[2] not in text
     assert "Authorization: Bearer $EIGENFAIL_KEY" in text
+
+
+def test_the_quotas_of_a_key_can_be_changed_while_it_opens_anything(http, store, key_of) -> None:
+    admin = key_of("ada")
+    key_of("gone", Scope.RUNNER)
+    store.keys.limit(1, Quotas(max_open=3))
+    store.keys.revoke(2)
+    text = http.get("/keys", headers=admin).text
+    assert re.findall(r'action="/api/v1/keys/(\d+)/quotas"', text) == ["1"]
+    values = dict(re.findall(r'<input name="(max_\w+)"[^>]* value="(\d*)"', text))
+    assert values == {"max_open": "3", "max_episodes": "", "max_episodes_per_day": ""}
 
 
 def test_older_keys_are_on_further_pages(http, key_of, monkeypatch) -> None:

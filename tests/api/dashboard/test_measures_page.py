@@ -40,6 +40,22 @@ def test_a_campaign_page_links_its_parts_and_its_report(http, driven):
     assert f'href="/api/v1/report?campaign={driven}&amp;format=html" download' in html
 
 
+def test_a_campaign_page_offers_every_form_in_which_its_results_can_be_had(http, driven):
+    html = http.get(f"/campaigns/{driven}", headers=HTML).text
+    for form in ("zip", "json"):
+        assert f'href="/api/v1/report?campaign={driven}&amp;format={form}" download' in html
+    for form in ("csv", "ndjson"):
+        assert f'href="/api/v1/campaigns/{driven}/episodes.{form}" download' in html
+    assert f'data-export="/api/v1/campaigns/{driven}/exports"' in html
+
+
+def test_both_parts_say_as_of_when_they_are(look, store, driven):
+    assert "As of 10 completed episodes, 20" in look(f"/campaigns/{driven}")
+    assert "As of 10 completed episodes: worked out less" in look(f"/campaigns/{driven}/measures")
+    store.campaigns.move(driven, "done")
+    assert "As of" not in look(f"/campaigns/{driven}")
+
+
 def test_the_table_of_the_paper(look, driven):
     text = look(f"/campaigns/{driven}/measures")
     assert "Collision 3 30.0 % (10.8 – 60.3 %) – –" in text
@@ -89,7 +105,7 @@ def test_without_an_episode_there_is_nothing_to_tell_now_or_ever(look, store, ca
 
 def test_figures_that_lag_say_of_how_many_episodes_they_are(look, store, driven):
     address = f"/campaigns/{driven}/measures"
-    assert "Over the first 10 completed episodes: worked out less often" in look(address)
+    assert "As of 10 completed episodes: worked out less often" in look(address)
     assert "Cost so far" in look(f"/campaigns/{driven}")
     store.campaigns.move(driven, "done")
     assert "Over all episodes that were completed: 10." in look(address)

@@ -147,6 +147,23 @@ def test_a_campaign_counts_its_conflicts(look, campaign, deliver, result):
     assert "Not classified" not in text
 
 
+def test_who_ended_too_early_to_tell_stands_beside_the_failures(
+    look, http, campaign, deliver, result
+):
+    ended = Measures(1.3, None, 0.2, 30.0, final_drac_mps2=22.0)
+    deliver(campaign, replace(result(0), measures=ended), result(1))
+    words = "1 of 2 had no collision within 10 s, but ended while braking could not avoid one"
+    assert words in look(f"/campaigns/{campaign}")
+    assert words in look(f"/campaigns/{campaign}/measures")
+    assert "near miss, unresolved at the horizon" in look(f"/campaigns/{campaign}/episodes")
+    text = look(f"/campaigns/{campaign}/episodes/0")
+    assert "Class near miss, unresolved at the horizon" in text
+    assert "At the last step it was 22.0 m/s²." in text
+    told = http.get(f"/api/v1/campaigns/{campaign}/summary").json()
+    assert told["unresolved"] == {"count": 1, "not_known": 0, "horizon_s": 10.0}
+    assert (told["failure_rate"]["k"], told["failure_rate"]["n"]) == (0, 2)
+
+
 def test_an_episode_without_a_scene_says_why(look, campaign, deliver, result):
     deliver(campaign, result(3))
     text = look(f"/campaigns/{campaign}/episodes/3")

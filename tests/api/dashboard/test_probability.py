@@ -36,7 +36,8 @@ def campaign() -> Campaign:
 
 def shown(campaign):
     summary = summarise(campaign, Totals(0, 0.0, 0, 0.0))
-    return dict(tiles(standing(campaign, summary), is_sampled=True))
+    now = standing(campaign, summary)
+    return dict(tiles(now, now.likelihood, is_sampled=True))
 
 
 def test_a_probability_has_its_interval_beside_it(campaign):

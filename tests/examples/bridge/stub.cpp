@@ -1,6 +1,7 @@
 // The bridge of the golden messages, and an echo of MessagePack, in C++.
 //
 //     stub tcp://127.0.0.1:9000
+//     stub 0 tcp://127.0.0.1:9000     with so many seconds of patience for silent workers
 //     stub echo < message > message
 
 #include <iterator>
@@ -56,8 +57,10 @@ int echo() {
 
 }  // namespace
 
-int main(int, char** words) {
+int main(int count, char** words) {
     if (std::string(words[1]) == "echo") return echo();
-    Bridge bridge(description(), [](const Start& start) { return std::make_unique<Golden>(start); });
-    serve(words[1], bridge);
+    std::chrono::seconds patience(count == 3 ? std::stoi(words[1]) : 60);
+    Bridge bridge(
+        description(), [](const Start& start) { return std::make_unique<Golden>(start); }, patience);
+    serve(words[count - 1], bridge);
 }

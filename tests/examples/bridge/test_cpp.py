@@ -40,9 +40,15 @@ def stub(compiled) -> Path:
 
 
 @pytest.fixture
-def ask(start, stub):
+def patience() -> tuple[str, ...]:
+    """What the stub is told of it."""
+    return ()
+
+
+@pytest.fixture
+def ask(start, stub, patience):
     """Sends requests to the stub, which has to end well afterwards."""
-    started = start(stub)
+    started = start(stub, *patience)
     with zmq.Context() as context, context.socket(zmq.REQ) as socket:
         socket.setsockopt(zmq.RCVTIMEO, 10_000)
         socket.setsockopt(zmq.LINGER, 0)
@@ -124,6 +130,93 @@ def test_slots_that_are_over_and_names_that_nobody_knows_are_faults(ask) -> None
         assert decode(ask(encode(reset)))["slots"][0]["fault"] == "input", key
     reset["slots"] = [decode(GOLDEN["reset"])["slots"][0] | {"slot": 2}]
     assert decode(ask(encode(reset)))["type"] == "error"
+
+
+WRONG = {
+    "distance_m": ("far", "'distance_m' has to be a number, and not a text."),
+    "wet": (1, "'wet' has to be a truth value, and not a whole number."),
+    "kind": (3.5, "'kind' has to be a text, and not a number."),
+    "lanes": (1.5, "'lanes' has to be a whole number, and not a number."),
+    "lamps": (1, "There is no parameter 'lamps'."),
+}
+RIGHT = {"distance_m": [1, -2, 3.5], "wet": [False], "kind": [""], "lanes": [3, 3.0, -1]}
+
+
+def reset_with(parameters: dict[str, object]) -> bytes:
+    reset = decode(GOLDEN["reset"])
+    reset["slots"] = [reset["slots"][0] | {"parameters": parameters}]
+    return encode(reset)
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_parameter_of_the_wrong_kind_is_refused_with_its_name(ask, name) -> None:
+    value, said = WRONG[name]
+    ask(GOLDEN["hello"])
+    (fault,) = decode(ask(reset_with({name: value})))["slots"]
+    assert (fault["fault"], fault["message"]) == ("input", said)
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_any_number_will_do_for_a_number_and_a_whole_one_for_a_whole_one(ask, name) -> None:
+    ask(GOLDEN["hello"])
+    for value in RIGHT[name]:
+        (seen,) = decode(ask(reset_with({name: value})))["slots"]
+        assert "fault" not in seen, seen
+
+
+def test_a_request_of_the_wrong_kinds_is_an_error_that_says_so(ask) -> None:
+    ask(GOLDEN["hello"])
+    step = decode(GOLDEN["step"])
+    for wrong, said in (
+        ({"slots": 7}, "There is a whole number where a list is due."),
+        ({"slots": [{"slot": "a"}]}, "There is a text where a whole number from 0 is due."),
+        ({"session": 7}, "There is a whole number where a text is due."),
+    ):
+        answer = decode(ask(encode(step | wrong)))
+        assert (answer["type"], answer["message"]) == ("error", said)
+        assert "lost" not in answer
+
+
+SESSIONS = 64
+
+
+def hello(ask, session: str) -> dict[str, object]:
+    return decode(ask(encode(decode(GOLDEN["hello"]) | {"session": session})))
+
+
+def begins(ask, session: str) -> str:
+    """An episode that runs, as far as the bridge lets it begin."""
+    return decode(ask(encode(decode(GOLDEN["reset"]) | {"session": session})))["type"]
+
+
+def test_idle_sessions_make_room_and_then_nobody_does(ask) -> None:
+    for number in range(SESSIONS):
+        assert hello(ask, str(number))["type"] == "welcome"
+        if number != 1:
+            assert begins(ask, str(number)) == "observations"
+    assert hello(ask, "a")["type"] == "welcome"
+    gone = decode(ask(encode(decode(GOLDEN["step"]) | {"session": "1"})))
+    assert (gone["type"], gone["lost"]) == ("error", True)
+    assert begins(ask, "a") == "observations"
+    assert hello(ask, "b") == {
+        "type": "refusal",
+        "reason": "All sessions are in use.",
+        "full": True,
+    }
+    assert begins(ask, "0") == "observations"
+    ask(encode(decode(GOLDEN["close"]) | {"session": "0"}))
+    assert hello(ask, "b")["type"] == "welcome"
+
+
+@pytest.mark.parametrize("patience", [("0",)])
+def test_a_worker_that_is_silent_makes_room_though_its_episode_is_not_over(ask) -> None:
+    for number in range(SESSIONS):
+        hello(ask, str(number))
+        begins(ask, str(number))
+    assert begins(ask, "0") == "observations"
+    assert hello(ask, "a")["type"] == "welcome"
+    assert begins(ask, "0") == "observations"
+    assert begins(ask, "1") == "error"
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)

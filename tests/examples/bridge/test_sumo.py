@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree.ElementTree import fromstring
 
 import pytest
 
@@ -29,6 +30,26 @@ sumo.WITHIN_ACCELERATION = ALL_THAT_SUMO_HEEDS
 sumo.vehicle.setSpeed = lambda *_: None
 print(json.dumps([through_us, course()]))
 """
+
+
+WRITE = """
+import json, sys
+sys.path.insert(0, sys.argv[1])
+import sumo_world as sumo
+
+given = sumo.PARAMETERS | sumo.SETTINGS | json.loads(sys.argv[2])
+print(sumo.traffic("ACC", given))
+"""
+
+
+def test_what_a_campaign_sets_stays_an_attribute(monkeypatch) -> None:
+    monkeypatch.setenv("LIBSUMO_AS_TRACI", "quiet")
+    breaks_out = '1" sigma="1"/><vehicle id="third" x="&amp;'
+    words = [sys.executable, "-c", WRITE, str(BRIDGES), json.dumps({"tau_s": breaks_out})]
+    told = subprocess.run(words, capture_output=True, text=True, check=True)
+    routes = fromstring(told.stdout)
+    assert [each.get("tau") for each in routes.iter("vType")] == [breaks_out, None]
+    assert [each.get("id") for each in routes.iter("vehicle")] == ["lead", "ego"]
 
 
 @pytest.mark.parametrize("model", ["ACC", "IDM", "Krauss"])

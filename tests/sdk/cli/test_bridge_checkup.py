@@ -9,6 +9,8 @@ from threading import Thread
 
 import pytest
 
+from eigenfail.bridges import EPISODE_VARIABLE
+
 BRIDGES = Path(__file__).parents[3] / "examples" / "bridge"
 LOOK = "Look at its own log; `eigenfail doctor --bridge` tries it."
 CARELESS = """
@@ -30,6 +32,30 @@ class Careless(minimal.Bridge):
         return {"step": 1, "ego": [0, 0, 0, 1, 1, 1], "others": [[9, 0, 0, 1, 1, 1]]} | shown
 
 minimal.serve(sys.argv[1], Careless(minimal.welcome(), minimal.built_in))
+"""
+
+
+GOES_WRONG = """
+import os, sys
+sys.path.insert(0, sys.argv[2])
+import minimal
+
+welcome = minimal.welcome(4)
+welcome["scenarios"], welcome["planners"] = welcome["scenarios"][:1], welcome["planners"][:1]
+
+{how}
+
+minimal.serve(sys.argv[1], minimal.Bridge(welcome, minimal.built_in))
+"""
+DIES = """
+minimal.Bridge.step = lambda *_: os._exit(1)
+"""
+GARBLES = """
+packed = minimal.encode
+minimal.encode = lambda said: bytes([0xC1]) if said["type"] == "observations" else packed(said)
+"""
+IS_SLOW = """
+welcome["scenarios"][0]["dt_s"] = 1e-9
 """
 
 
@@ -77,6 +103,44 @@ def test_what_a_bridge_does_wrong_is_named(eigenfail, start) -> None:
     )
     assert found["cut_in, idm", "refuses what is over"][0] == "broken"
     assert found["cut_in, idm", "starts at step zero"][0] == "passed"
+
+
+def test_a_bridge_that_disconnects_is_not_asked_for_ever(eigenfail, start, monkeypatch) -> None:
+    monkeypatch.setenv(EPISODE_VARIABLE, "30")  # it is waited for by that
+    told = eigenfail(
+        "doctor", "--bridge", start("-c", GOES_WRONG.format(how=DIES), BRIDGES), "--json"
+    )
+    assert told.exit_code == 3
+    checks = list(verdicts(told).values())
+    assert [verdict for verdict, _ in checks[:4]] == ["passed", "passed", "passed", "broken"]
+    assert "went away" in checks[3][1]
+    assert {verdict for verdict, _ in checks[4:]} == {"skipped"}
+    assert len(checks) > 10
+
+
+def test_garbage_is_named_as_such(eigenfail, start) -> None:
+    told = eigenfail(
+        "doctor", "--bridge", start("-c", GOES_WRONG.format(how=GARBLES), BRIDGES), "--json"
+    )
+    assert told.exit_code == 3
+    found = verdicts(told)
+    for check in ("keeps pace", "starts at step zero", "refuses unknown names"):
+        verdict, said = found["cut_in, idm", check]
+        assert verdict == "broken"
+        assert "The bridge's answer cannot be read" in said
+
+
+def test_a_bridge_slower_than_real_time_is_told_and_does_what_it_should(eigenfail, start) -> None:
+    told = eigenfail(
+        "doctor", "--bridge", start("-c", GOES_WRONG.format(how=IS_SLOW), BRIDGES), "--json"
+    )
+    assert told.exit_code == 0, told.output
+    found = verdicts(told)
+    verdict, said = found.pop(("cut_in, idm", "keeps pace"))
+    assert verdict == "slow"
+    assert "× real time; " in said
+    assert " ms for 4 side by side. Slower than real time" in said
+    assert {verdict for verdict, _ in found.values()} == {"passed"}
 
 
 class HangsUp(socketserver.BaseRequestHandler):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from eigenfail.cli import places as places_module
-from eigenfail.cli.doctor import workers_finding
+from eigenfail.cli.doctor_findings import workers_finding
 from eigenfail.cli.interruption import INTERRUPTED
 from eigenfail.cli.options import DEFAULT_URL
 from eigenfail.errors import InvalidValue

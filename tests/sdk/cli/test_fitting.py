@@ -1,12 +1,21 @@
 """Tables fit the screen: nothing is broken inside a word, and what is left out is said."""
 
 import pytest
+from msgspec.structs import replace
 from rich.console import Console
 
 from eigenfail.cli.fitting import ALWAYS
 from eigenfail.cli.output import PLAIN_WIDTH
 from eigenfail.cli.tables import campaign_table, result_table, table
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Cost, Counts, Summary
+from eigenfail.values import (
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    Cost,
+    Counts,
+    Summary,
+    Unresolved,
+)
 
 COST = Cost(12.0, 10.0, None, None, 0.5)
 
@@ -28,6 +37,15 @@ def drawn(grid, width):
     with console.capture() as capture:
         console.print(grid)
     return [line.rstrip() for line in capture.get().splitlines()]
+
+
+def test_a_failure_rate_has_its_remark_below() -> None:
+    ended = replace(summary(23), counts=Counts(9, 9), unresolved=Unresolved(2, 0, 10.0))
+    *_, line = drawn(result_table([summary(1), ended]), 200)
+    assert line == (
+        "Campaign 23: 2 of 9 had no collision within 10 s, but ended while braking could not avoid "
+        "one any more."
+    )
 
 
 GRIDS = {

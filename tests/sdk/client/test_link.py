@@ -9,7 +9,6 @@ import pytest
 from eigenfail import errors
 from eigenfail.client import Client
 from eigenfail.client.asking import JITTER_S, LONGEST_PAUSE_S, pause_after, worth_another_try
-from eigenfail.client.link import is_loopback
 from eigenfail.errors import (
     Conflict,
     InputError,
@@ -215,17 +214,3 @@ def test_a_stream_of_a_service_that_stays_away_ends(scripted, monkeypatch):
     with pytest.raises(ServiceUnreachable):
         next(client.events.follow())
     assert len(asked) == 5
-
-
-@pytest.mark.parametrize(
-    ("url", "ours"),
-    [
-        ("http://127.0.0.1:8440", True),
-        ("http://[::1]:8440", True),
-        ("http://localhost:1", True),
-        ("http://10.0.0.1", False),
-        ("https://eigenfail.example", False),
-    ],
-)
-def test_no_proxy_lies_on_the_way_to_this_machine(url, ours):
-    assert is_loopback(url) == ours

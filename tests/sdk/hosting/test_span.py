@@ -4,7 +4,9 @@ import math
 import os
 
 import pytest
+from typer.testing import CliRunner
 
+from eigenfail.cli.main import app
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.span import Span, span_of
 
@@ -43,6 +45,20 @@ def test_a_number_stays_and_a_range_follows_the_work(given, span) -> None:
 def test_what_does_not_go_together_is_refused_by_name(given, problem) -> None:
     with pytest.raises(InvalidValue, match=problem):
         span_of(*given)
+
+
+@pytest.mark.parametrize("option", ["--min-workers=1", "--max-workers=2", "--idle-s=5"])
+def test_workers_that_nobody_starts_are_not_scaled(option, tmp_path) -> None:
+    from eigenfail_services.__main__ import parse
+    from eigenfail_services.campaigns.launching.options import launcher_of
+
+    problem = f"{option.partition('=')[0]}: scales workers, and --launcher none starts none."
+    with pytest.raises(InvalidValue, match=problem):
+        launcher_of(parse(["--launcher", "none", option]))
+    up = ["up", "--data", str(tmp_path / "data"), "--launcher", "none", option]
+    done = CliRunner().invoke(app, up)
+    assert (done.exit_code, problem in done.stderr) == (2, True)
+    assert not (tmp_path / "data").exists()
 
 
 @pytest.mark.parametrize("span", [Span(2, 2), Span(0, 0), Span(0, 8, 5.0), Span(2, 3)])

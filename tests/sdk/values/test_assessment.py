@@ -6,7 +6,7 @@ import struct
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from eigenfail.values import (
@@ -20,7 +20,8 @@ from eigenfail.values import (
     Outcome,
     assess,
 )
-from eigenfail.values.assessment import IN_WORDS
+from eigenfail.values.assessment import IN_WORDS, PEAK_BRAKING_MPS2, unresolved
+from eigenfail.values.episode import DIGESTED_MEASURES
 from eigenfail.values.records import detailed
 
 replace = msgspec.structs.replace
@@ -85,6 +86,39 @@ def test_near_misses(min_ttc_s: float | None, conflict: ConflictClass) -> None:
     assert assess(Outcome.SAFE, measures) == Assessment(conflict)
 
 
+@pytest.mark.parametrize(
+    ("largest_mps2", "last_mps2", "unresolved"),
+    [
+        (None, 0.0, False),
+        (22.0, 7.0, False),
+        (22.0, 7.01, True),
+        (22.0, 0.0, False),
+        # an older release told the largest alone: it settles the last one only where it is small
+        (7.0, None, False),
+        (7.01, None, None),
+    ],
+)
+def test_the_last_step_says_whether_the_end_came_before_the_collision(
+    largest_mps2: float | None, last_mps2: float | None, unresolved: bool | None
+) -> None:
+    measures = Measures(1.3, None, 0.3, largest_mps2, final_drac_mps2=last_mps2)
+    found = assess(Outcome.SAFE, measures)
+    assert found == Assessment(ConflictClass.NEAR_MISS, unresolved=unresolved)
+    assert (found.words == "near miss, unresolved at the horizon") == (unresolved is True)
+    assert not assess(Outcome.COLLISION, measures).unresolved
+
+
+@many
+@given(st.floats(0.5, 40.0), st.floats(0.1, 100.0))
+def test_unresolved_is_what_the_brakes_could_not_stop(closing_mps: float, gap_m: float) -> None:
+    """Against full braking from the last step on, by its stopping distance v² / (2 · b)."""
+    drac_mps2 = closing_mps**2 / (2.0 * gap_m)
+    stops_in_m = closing_mps**2 / (2.0 * PEAK_BRAKING_MPS2)
+    assume(abs(stops_in_m - gap_m) > 1e-9 * gap_m)
+    measures = Measures(gap_m, None, None, drac_mps2, final_drac_mps2=drac_mps2)
+    assert unresolved(measures) is (stops_in_m > gap_m)
+
+
 def test_what_was_not_run_or_not_measured_has_no_class() -> None:
     assert assess(Outcome.FAILED, CRASH) == assess(Outcome.SAFE, None) == Assessment()
     assert Assessment().words == ""
@@ -135,11 +169,17 @@ def result(measures: Measures | None = CRASH, outcome: Outcome = Outcome.COLLISI
     return EpisodeResult(4, 7, outcome, 3, NoiseTrajectory(z, z + 2), "prior", measures)
 
 
-@pytest.mark.parametrize("name", Measures.__struct_fields__)
+@pytest.mark.parametrize("name", Measures.__struct_fields__[:DIGESTED_MEASURES])
 def test_the_digest_covers_every_measure(name: str) -> None:
     known = replace(CRASH, left_road_s=1.0, max_jerk_mps3=4.0, hard_brakings=1, clipped_steps=0)
     digests = {result(replace(known, **{name: value})).digest() for value in (None, 0, 17)}
     assert len(digests) == 3
+
+
+def test_what_was_measured_since_leaves_digests_as_they_were() -> None:
+    assert Measures.__struct_fields__[DIGESTED_MEASURES:] == ("final_drac_mps2",)
+    later = replace(CRASH, final_drac_mps2=22.0)
+    assert result(later).digest() == result().digest()
 
 
 def test_results_of_the_first_release_keep_their_digests() -> None:

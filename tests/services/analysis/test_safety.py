@@ -14,11 +14,13 @@ from eigenfail.values import (
     MeanTime,
     MeasureTotals,
     SafetyTotals,
+    Unresolved,
 )
 from eigenfail_services.analysis.safety import safety
 from eigenfail_services.statistics.intervals import rate
 
 PAPER = Conflicts(4, 5, 0, 10, MeanTime(2.24, 9), MeanTime(0.23, 4))
+NOBODY = Unresolved()
 
 
 def campaign(method: str = "difs") -> Campaign:
@@ -44,7 +46,7 @@ def point(index: int) -> FailurePoint:
 
 
 def test_the_paper_s_table() -> None:
-    found = safety(campaign(), totals([100.0] * 9, map(point, range(9))), PAPER)
+    found = safety(campaign(), totals([100.0] * 9, map(point, range(9))), PAPER, NOBODY)
     assert (found.campaign, found.name, found.method, found.completed) == (7, "truck", "difs", 300)
     assert found.collisions == rate(9, 300)
     assert found.near_misses == rate(10, 300)
@@ -59,14 +61,18 @@ def test_the_paper_s_table() -> None:
 
 
 def test_failures_that_a_search_chose_are_said_to_be_chosen() -> None:
-    chosen = safety(campaign(), totals([1.0] * 9, map(point, range(9))), PAPER).notes
-    drawn = safety(campaign("monte_carlo"), totals([1.0] * 9, map(point, range(9))), PAPER).notes
+    chosen = safety(campaign(), totals([1.0] * 9, map(point, range(9))), PAPER, NOBODY).notes
+    drawn = safety(
+        campaign("monte_carlo"), totals([1.0] * 9, map(point, range(9))), PAPER, Unresolved()
+    ).notes
     assert "those that difs chose" in " ".join(chosen)
     assert drawn == ()
 
 
 def test_what_is_left_out_is_said() -> None:
-    found = safety(campaign("monte_carlo"), totals([1.0] * 7, map(point, range(4))), PAPER)
+    found = safety(
+        campaign("monte_carlo"), totals([1.0] * 7, map(point, range(4))), PAPER, Unresolved()
+    )
     assert found.scatter.of == 7
     assert found.notes == (
         "2 of 9 failures have no severity and are left out of it.",
@@ -75,13 +81,21 @@ def test_what_is_left_out_is_said() -> None:
 
 
 def test_severe_failures_that_are_rarer_show() -> None:
-    found = safety(campaign(), totals([1.0] * 12, map(point, range(12)), 12), PAPER)
+    found = safety(campaign(), totals([1.0] * 12, map(point, range(12)), 12), PAPER, NOBODY)
     assert found.scatter.rank_correlation.value == pytest.approx(-1.0)
 
 
 def test_before_the_first_episode_nothing_is_known() -> None:
     nothing = SafetyTotals(0, 0, MeasureTotals(), MeasureTotals(), np.zeros(0), ())
-    found = safety(campaign(), nothing, Conflicts())
+    found = safety(campaign(), nothing, Conflicts(), NOBODY)
     assert found.collisions is found.near_misses is found.ttc.beyond is found.drac.median is None
     assert found.severity.problem == "There is no failure."
     assert found.notes == ()
+
+
+def test_who_ended_before_a_collision_is_said_first() -> None:
+    ended = Unresolved(5, 0, 10.0)
+    found = safety(campaign("monte_carlo"), totals(failures=0), Conflicts(), ended)
+    assert found.unresolved == ended
+    (words,) = found.notes
+    assert words.startswith("5 of 300 had no collision within 10 s, but ended while braking")

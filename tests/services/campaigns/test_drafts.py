@@ -68,7 +68,8 @@ def test_what_is_completed_can_be_launched_and_is_complete(store: Store, method:
     assert set(whole.settings) > set()
 
 
-def test_a_function_under_test_is_completed_too() -> None:
+def test_a_function_under_test_is_completed_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EIGENFAIL_FUNCTIONS", "m")
     spec = CampaignSpec(
         **{**FIELDS, "simulator": "function", "scenario": "function", "planner": "m:f"},
         scenario_parameters={"steps": 5},

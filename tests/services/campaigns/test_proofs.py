@@ -1,6 +1,7 @@
 """Proof by replay, minimal failures and words for modes, on campaigns that are run here."""
 
 from collections.abc import Iterator
+from hashlib import sha256
 from threading import Event
 
 import numpy as np
@@ -108,6 +109,26 @@ def test_every_medoid_fails_again_where_it_was_found_and_everything_is_told(hous
         again = house.store.episodes.get(replay.campaign, replay.index)
         assert again.digest() == stored.digest()
         assert replay.log_probability == stored.noise.log_probability
+
+
+QUEUED_BEFORE = (
+    '{"name":"t: replay of analysis 1","method":"replay","episodes":4,"seed":3,'
+    '"settings":{"analysis":1,"what":["eigenfailure","medoid"]},"scenario":"cut_in",'
+    '"scenario_parameters":{},"planner":"idm","planner_settings":{},"simulator":"point_mass",'
+    '"disturbance":{"longitudinal_slope":0.02,"longitudinal_base_m":1.0,"lateral_slope":0.00625,'
+    '"lateral_base_m":0.2,"scale":1.0,"shape":{"kind":"white"}},"stop":{"failures":null,'
+    '"half_width":null,"cv":null,"wall_s":null,"cost_usd":null},"price_usd_per_hour":1.2,'
+    '"instances":1,"scene_every":1}'
+)
+"""A replay as earlier releases wrote it down."""
+
+
+def test_a_proof_that_an_earlier_release_queued_is_not_queued_again(house) -> None:
+    assert house.analysis == 1
+    (same, *_) = proof(house.store, house.store.analyses.get(1)).scenarios
+    replay = house.store.campaigns.get(same.campaign)
+    key = f"replay 0 of analysis 1: {sha256(QUEUED_BEFORE.encode()).hexdigest()}"
+    assert house.store.campaigns.create(replay.spec, key).id == replay.id
 
 
 def test_the_words_of_a_mode_name_its_medoid_and_agree_with_its_noise(house) -> None:

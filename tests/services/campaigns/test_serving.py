@@ -13,7 +13,7 @@ class Launcher:
     def __init__(self, _arguments) -> None:
         pass
 
-    def start(self, hub: str, _key: object) -> None:
+    def start(self, hub: str, _key: object, _given_up: object) -> None:
         pass
 
     def stop(self) -> None:

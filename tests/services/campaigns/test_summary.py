@@ -11,6 +11,7 @@ from eigenfail.values import (
     Counts,
     Estimate,
     MeanTime,
+    Unresolved,
 )
 from eigenfail.values.records import ConflictTotals, Totals
 from eigenfail_services.analysis.cost import cost
@@ -92,3 +93,16 @@ def test_the_learners_estimate_is_the_summarys() -> None:
 
 def test_lead_times_of_nothing_are_unknown() -> None:
     assert summarise(campaign(Counts(10)), NOTHING).conflicts == Conflicts()
+
+
+def test_what_ended_too_early_to_tell_stands_beside_the_rate() -> None:
+    found = ConflictTotals(unresolved=5, perhaps_unresolved=2)
+    row = summarise(campaign(Counts(300, completed=300)), Totals(0, 0.0, 0, None, found))
+    assert row.failure_rate == rate(0, 300)
+    assert row.unresolved == Unresolved(5, 2, 10.0)
+    assert row.remark == (
+        "5 of 300 had no collision within 10 s, but ended while braking could not avoid one any "
+        "more. 2 of 300 without a collision within 10 s may have ended like that: an older "
+        "release, which ran them, did not tell."
+    )
+    assert summarise(campaign(Counts(300, completed=300)), NOTHING).remark == ""

@@ -19,8 +19,8 @@ from eigenfail.values import (
 from eigenfail.values.records import Delivery, JobKind
 from eigenfail_services.campaigns import supervisor as module
 from eigenfail_services.campaigns.supervisor import Supervisor
+from eigenfail_services.hub.ended import Ended
 from eigenfail_services.hub.meter import Phase
-from eigenfail_services.hub.server import Ended
 from eigenfail_services.store import MemoryStore
 
 ROOM = module.ROOM[JobKind.CAMPAIGN]

@@ -211,6 +211,21 @@ def test_who_is_in_is_cut_off_when_the_key_ends(tmp_path: Path, ended) -> None:
     assert [line["event"] for line in told].count("worker cut off") == 1
 
 
+def test_a_key_that_is_let_in_again_opens_again(
+    hub: Hub, key: WorkerKey, folder: KeyFolder
+) -> None:
+    file = folder.path / "workers" / "ours"
+    line = file.read_text()
+    with closing(welcomed(hub, key)) as link:
+        folder.revoke("ours")
+        with pytest.raises(Unauthorized, match="does not let in this worker's key"):
+            until_refused(link)
+    assert hub.workers() == []
+    file.write_text(line)
+    with closing(welcomed(hub, key)):
+        assert hub.workers() == ["w"]
+
+
 def test_a_key_that_is_renewed_opens_with_the_old_one_for_a_while(
     hub: Hub, key: WorkerKey, folder: KeyFolder, tmp_path: Path
 ) -> None:

@@ -23,29 +23,40 @@ def pairs():
 
 
 def test_a_word_of_anybody_ends_the_wait(pairs):
-    ears, everybody = Ears(), [hears for hears, _ in pairs]
+    ears, (patient, urgent) = Ears(), [hears for hears, _ in pairs]
     for hears, says in pairs:
         says.send(b"word")
-        ears.wait([*everybody], LONG_MS)
+        ears.wait([patient], [urgent], LONG_MS)
         assert hears.recv(zmq.NOBLOCK) == b"word"
 
 
 def test_who_comes_later_is_heard_and_who_has_left_is_not(pairs):
     ears = Ears()
     (first, first_says), (second, second_says) = pairs
-    ears.wait([first], 0)
+    ears.wait([first], [], 0)
     first_says.send(b"to nobody")
-    ears.wait([second], 0)
+    ears.wait([second], [], 0)
     second_says.send(b"word")
-    ears.wait([second], LONG_MS)
+    ears.wait([second], [], LONG_MS)
     assert second.recv(zmq.NOBLOCK) == b"word"
 
 
 def test_a_socket_that_was_closed_does_not_disturb(pairs):
     ears = Ears()
     (first, _), (second, second_says) = pairs
-    ears.wait([first, second], 0)
+    ears.wait([first, second], [], 0)
     first.close()
     second_says.send(b"word")
-    ears.wait([second], LONG_MS)
+    ears.wait([second], [], LONG_MS)
     assert second.recv(zmq.NOBLOCK) == b"word"
+
+
+def test_the_urgent_are_heard_at_once_and_the_others_together(pairs, monkeypatch):
+    monkeypatch.setattr("eigenfail_services.hub.ears.APART_S", LONG_MS / 1_000)
+    ears = Ears()
+    (patient, patient_says), (urgent, urgent_says) = pairs
+    ears.wait([patient], [urgent], 0)
+    patient_says.send(b"not yet")
+    urgent_says.send(b"now")
+    ears.wait([patient], [urgent], LONG_MS)
+    assert urgent.recv(zmq.NOBLOCK) == b"now"

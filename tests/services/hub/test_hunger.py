@@ -21,7 +21,8 @@ def test_the_one_with_least_is_first_and_of_equals_the_one_that_has_been_so_for_
         else:
             hungry.put(worker, load)
             loads[worker] = load
-        assert hungry.first() == min(loads, key=loads.__getitem__, default=None)
+        first = hungry.first()
+        assert (first and first[-1]) == min(loads, key=loads.__getitem__, default=None)
 
 
 def test_it_holds_no_more_than_twice_as_much_as_there_are() -> None:

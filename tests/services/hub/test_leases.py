@@ -4,9 +4,9 @@ from math import inf, nan
 
 import msgspec
 import pytest
-from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+from lives import lives
 
 from eigenfail.values import CampaignSpec, EpisodeTask, PolicySource, PriorSource
 from eigenfail.wire.claims import FINISHED, Claim, fingerprint
@@ -196,9 +196,7 @@ class LeaseTable(RuleBasedStateMachine):
         assert not self.open
 
 
-LeaseTable.TestCase.settings = settings(
-    max_examples=100, stateful_step_count=40, deadline=None, derandomize=True
-)
+LeaseTable.TestCase.settings = lives(100, 40)
 TestLeaseTable = LeaseTable.TestCase
 
 

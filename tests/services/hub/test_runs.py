@@ -24,7 +24,7 @@ from eigenfail.values import (
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Proposed, Start, Trouble, encode
 from eigenfail_services.bounds import NO_BOUNDS
-from eigenfail_services.hub import learner_link, runs
+from eigenfail_services.hub import learner_link, open_rounds, runs
 from eigenfail_services.hub.learner_curve import lock, unlock
 from eigenfail_services.hub.learner_link import LearnerLink
 from eigenfail_services.hub.leases import Leases
@@ -219,7 +219,7 @@ def test_an_episode_that_the_store_refuses_again_and_again_ends_the_campaign(sta
     stage.run.tend()
     stage.leased()
     misfit = msgspec.structs.replace(result(0), steps=-1)
-    for _ in range(runs.MAX_REFUSALS):
+    for _ in range(open_rounds.MAX_REFUSALS):
         assert stage.run.ended is None
         stage.deliver(misfit)
         stage.leased()

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from eigenfail import plugins
 from eigenfail.contracts import Exploiter
 from eigenfail.errors import InvalidValue, ProtocolError, UnknownName
 from eigenfail.settings import read_settings
@@ -22,9 +23,10 @@ from eigenfail.values import (
     learner_seed,
 )
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods import ensemble as module
 from eigenfail_services.methods.cem.method import CrossEntropyMethod
-from eigenfail_services.methods.ensemble import Ensemble, member_seed, shares
+from eigenfail_services.methods.ensemble import Ensemble
+from eigenfail_services.methods.ensemble.members import member_seed
+from eigenfail_services.methods.ensemble.settings import shares
 
 CORRIDOR = Corridor()
 AST = {"round_size": 4, "warm_up": 4, "buffer_size": 70, "gradient_steps": 2}
@@ -128,7 +130,7 @@ class Scripts:
 def scripted(monkeypatch):
     def make(*scripts, lookahead=0, episodes=1000, kind=Scripted):
         method = Scripts(kind, scripts, lookahead)
-        monkeypatch.setattr(module.plugins, "load", lambda group, name: method)
+        monkeypatch.setattr(plugins, "load", lambda group, name: method)
         return ensemble(episodes, method="monte_carlo", members=len(scripts)), method.made
 
     return make

@@ -2,23 +2,30 @@
 
 from contextlib import closing
 
+import pytest
 from sqlalchemy import event
 
 from eigenfail.testing.store.examples import collision, deliver, result, running
 from eigenfail.values import Measures
 from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import Database, find
-from eigenfail_services.store.totals import near_misses, totals
+from eigenfail_services.store.totals import near_misses, totals, unresolved
+
+QUESTIONS = {
+    "COVERING INDEX ix_episodes_campaign_outcome_min_ttc_s": near_misses,
+    "INDEX ix_episodes_campaign_max_drac_mps2_index_outcome": unresolved,
+}
 
 
-def test_near_misses_are_counted_in_the_index(sqlite_url) -> None:
+@pytest.mark.parametrize("index", QUESTIONS)
+def test_what_was_near_is_counted_in_an_index(sqlite_url, index) -> None:
     with closing(Database(find(sqlite_url))) as database, database.reading() as connection:
         asked = []
         event.listen(connection, "before_cursor_execute", lambda *told: asked.append(told[2:4]))
-        assert near_misses(connection, [1]) == {}
+        assert QUESTIONS[index](connection, [1]) == {}
         ((statement, given),) = asked
         plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {statement}", given).all()
-    assert "COVERING INDEX ix_episodes_campaign_outcome_min_ttc_s" in str(plan)
+    assert index in str(plan)
 
 
 def test_sums_do_not_depend_on_the_order_of_arrival(url) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from threading import Event, Thread
+from types import SimpleNamespace
 
 import pytest
 from sqlalchemy import make_url
@@ -16,6 +17,8 @@ from sqlalchemy import make_url
 from eigenfail.contracts import Store
 from eigenfail.errors import StoreUnavailable
 from eigenfail.testing.store.examples import deliver, result, running, spec
+from eigenfail.testing.store.jobs import claimed
+from eigenfail_services.campaigns import watch
 from eigenfail_services.store import open_store
 from eigenfail_services.upkeep.verify import verify
 
@@ -107,3 +110,20 @@ def test_a_campaign_that_was_made_without_a_reply_is_made_once(
         store.campaigns.create(spec(), "key")
     made = store.campaigns.create(spec(), "key")
     assert [each.id for each in store.campaigns.page(9).items] == [made.id]
+
+
+def test_time_that_was_billed_without_a_reply_is_billed_once(
+    between: Between, store: Store, monkeypatch
+) -> None:
+    now_s = [0.0]
+    monkeypatch.setattr(watch, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    campaign = running(store).id
+    bills = watch.Watch(claimed(store))
+    now_s[0] = 100.0
+    between.armed.set()
+    with pytest.raises(StoreUnavailable):
+        bills.bill(store)
+    assert store.campaigns.get(campaign).active_s == 100.0
+    now_s[0] = 110.0
+    bills.bill(store)
+    assert store.campaigns.get(campaign).active_s == 110.0

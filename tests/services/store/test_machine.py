@@ -6,7 +6,6 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
@@ -15,6 +14,7 @@ from hypothesis.stateful import (
     rule,
     run_state_machine_as_test,
 )
+from lives import lives
 
 from eigenfail.errors import IllegalTransition
 from eigenfail.testing.store.examples import collision, deliver, failed, result, spec
@@ -180,13 +180,7 @@ def run(opened, examples: int) -> None:
     """Let the machine live many lives."""
     run_state_machine_as_test(
         lambda: Life(opened),
-        settings=settings(
-            max_examples=examples,
-            stateful_step_count=50,
-            deadline=None,
-            derandomize=True,
-            suppress_health_check=list(HealthCheck),
-        ),
+        settings=lives(examples, 50),
     )
 
 

@@ -11,7 +11,7 @@ from contextlib import closing
 
 import pytest
 
-from eigenfail.errors import StoreUnavailable
+from eigenfail.errors import InvalidValue, StoreUnavailable
 from eigenfail.testing.store.examples import deliver, result, running, spec
 from eigenfail.values import CampaignState
 from eigenfail_services.store import events, open_store
@@ -66,6 +66,17 @@ def cut(postgres, prepared_postgres_url):
 def test_every_connection_is_durable_and_bounded(database, setting, wanted) -> None:
     with database.writing() as connection:
         assert connection.exec_driver_sql(f"SHOW {setting}").scalar() == wanted
+
+
+def test_a_database_that_knows_no_text_is_refused_with_what_to_do(postgres) -> None:
+    with postgres.database("template0 ENCODING 'SQL_ASCII' LOCALE 'C'") as url:
+        command = [sys.executable, "-m", "eigenfail_services", "--database", url, "db", "upgrade"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        with pytest.raises(InvalidValue, match="SQL_ASCII"):
+            open_store(url)
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False)
+    assert "keeps text in no encoding" in done.stderr
+    assert "ENCODING 'UTF8'" in done.stderr
 
 
 def test_a_server_is_asked_for_what_it_knows_alone() -> None:

@@ -7,6 +7,7 @@ import pytest
 from pruned import COUNT, EVERYTHING, FIFTHS, LOST, change, ended, fill
 
 from eigenfail import plugins
+from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue, NoisePruned
 from eigenfail.testing.store.examples import (
     WORKER,
@@ -87,18 +88,33 @@ def test_a_campaign_cannot_learn_from_what_is_gone(sqlite_url) -> None:
             check_references(wanted, store)
 
 
+def really_run(store: Store) -> None:
+    """Four episodes that can be run again."""
+    campaign = running(store, planner="idm", episodes=4)
+    engine = plugins.load(plugins.ENGINES, "default")(campaign.spec.setup())
+    seed = campaign.spec.seed
+    tasks = [EpisodeTask(n, episode_seed(seed, n), PriorSource()) for n in range(4)]
+    store.episodes.commit(campaign.id, [Delivery(each, WORKER) for each in engine.run(tasks)])
+    engine.close()
+    ended(store, campaign)
+
+
+def test_pruned_noise_that_its_method_chose_cannot_be_drawn_again_and_is_no_defect(
+    sqlite_url,
+) -> None:
+    with closing(open_store(sqlite_url)) as store:
+        really_run(store)
+    change(sqlite_url, "UPDATE episodes SET source = 'policy', digest = 'x' WHERE \"index\" = 1")
+    prune(sqlite_url, Retention(2, "policy"), EVERYTHING)
+    assert verify(sqlite_url, 4).defects == 0
+
+
 def test_a_pruned_episode_is_drawn_again_from_its_seed(sqlite_url) -> None:
     with closing(open_store(sqlite_url)) as store:
-        campaign = running(store, planner="idm", episodes=4)
-        engine = plugins.load(plugins.ENGINES, "default")(campaign.spec.setup())
-        seed = campaign.spec.seed
-        tasks = [EpisodeTask(n, episode_seed(seed, n), PriorSource()) for n in range(4)]
-        store.episodes.commit(campaign.id, [Delivery(each, WORKER) for each in engine.run(tasks)])
-        engine.close()
-        ended(store, campaign)
+        really_run(store)
         prune(sqlite_url, Retention(keep_every=4), EVERYTHING)
         with pytest.raises(NoisePruned):
-            store.episodes.get(campaign.id, 1)
+            store.episodes.get(1, 1)
     assert verify(sqlite_url, 4).defects == 0
     change(sqlite_url, "UPDATE episodes SET digest = 'x' WHERE \"index\" = 1")
     wrong = [check for check in verify(sqlite_url, 4).checks if check.defects]

@@ -4,7 +4,9 @@ import json
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -25,9 +27,11 @@ from eigenfail.values import (
 from eigenfail.values.retention import Retention
 from eigenfail_services.campaigns.safety import safety_of
 from eigenfail_services.campaigns.summary import summarise
-from eigenfail_services.store import migrate, open_store
+from eigenfail_services.store import migrate, open_store, retention
+from eigenfail_services.store.creation import create
 from eigenfail_services.store.engine import Database, find
 from eigenfail_services.store.retention import SLICE
+from eigenfail_services.upkeep import pruning
 from eigenfail_services.upkeep.pruning import Which, prune, rehearse
 from eigenfail_services.upkeep.verify import verify
 
@@ -122,6 +126,46 @@ def test_what_another_campaign_still_needs_is_left_alone(filled, settings) -> No
     with closing(open_store(filled)) as store:
         store.campaigns.move(other, CampaignState.CANCELLED)
     assert prune(filled, FIFTHS, EVERYTHING).weight.episodes == LOST
+
+
+def test_a_replay_that_is_queued_meanwhile_keeps_what_is_left(filled, monkeypatch) -> None:
+    asked: list[int] = []
+
+    def queue_after_the_first_slice(_seconds: float) -> None:
+        if not asked:
+            with closing(open_store(filled)) as store:
+                replay = spec(method="replay", settings={"campaign": 1, "episodes": [COUNT - 1]})
+                asked.append(store.campaigns.create(replay).id)
+
+    monkeypatch.setattr(retention, "SLICE", 3)
+    played = SimpleNamespace(monotonic=float, sleep=queue_after_the_first_slice)
+    monkeypatch.setattr(pruning, "time", played)
+    found = prune(filled, FIFTHS, EVERYTHING)
+    assert (found.weight.episodes, found.in_use) == (3, (1,))
+    with closing(open_store(filled)) as store:
+        assert store.episodes.get(1, COUNT - 1).noise.z.size
+        store.campaigns.move(asked[0], CampaignState.CANCELLED)
+    assert prune(filled, FIFTHS, EVERYTHING).weight.episodes == LOST - 3
+    assert verify(filled).defects == 0
+
+
+def test_noise_waits_for_a_replay_that_is_just_being_queued(prepared_postgres_url) -> None:
+    """Whoever writes a SQLite database is alone there; a PostgreSQL one has many writers."""
+    url = prepared_postgres_url
+    waits = "SELECT count(*) FROM pg_locks WHERE NOT granted"
+    with closing(open_store(url)) as store, closing(Database(find(url))) as database:
+        fill(store)
+        with ThreadPoolExecutor() as threads:
+            with database.writing() as connection:
+                replay = spec(method="replay", settings={"campaign": 1, "episodes": [1]})
+                create(connection, replay, None, None)
+                done = threads.submit(prune, url, FIFTHS, EVERYTHING)
+                with database.reading() as watching:
+                    while not watching.exec_driver_sql(waits).scalar():
+                        assert not done.done()
+            found = done.result()
+        assert (found.campaigns, found.in_use) == ((), (1,))
+        assert store.episodes.get(1, 1).noise.z.size
 
 
 @pytest.mark.service

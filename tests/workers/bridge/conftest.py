@@ -12,11 +12,13 @@ from typing import Any
 import pytest
 import zmq
 from msgspec.msgpack import decode, encode
+from msgspec.structs import replace
 
 from eigenfail.contracts import Simulation
 from eigenfail.values import DisturbanceModel, EpisodeSetup
 from eigenfail_workers.bridge.engine import BridgeEngine
 from eigenfail_workers.bridge.line import Line
+from eigenfail_workers.bridge.patience import patience_of
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "bridge"
 POLL_MS = 20
@@ -71,9 +73,12 @@ def on_bridge() -> Iterator[Callable[..., BridgeEngine]]:
         planner: str = "idm",
         answer_s: float = PATIENCE_S,
         hello_s: float = PATIENCE_S,
+        episode_s: float = 2.0 * PATIENCE_S,
         **changes: Any,
     ) -> BridgeEngine:
-        lines.append(Line(address, answer_s, hello_s))
+        usual = patience_of(2.0 * PATIENCE_S)
+        given = {"answer_s": answer_s, "hello_s": hello_s, "episode_s": episode_s}
+        lines.append(Line(address, replace(usual, **given)))
         given = {
             "simulator": "bridge",
             "scenario": "cut_in",

@@ -1,5 +1,7 @@
 """The protocol, byte for byte: every kind of message is a file in golden/."""
 
+import json
+import re
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -7,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import convert
 from msgspec.msgpack import decode
 from msgspec.msgpack import encode as pack
 
@@ -14,6 +17,7 @@ from eigenfail.errors import PlannerError, SimulatorError
 from eigenfail.values import Control, Observation, VehicleState
 from eigenfail_workers.bridge import messages as said
 from eigenfail_workers.bridge.messages import encode, read_answer
+from eigenfail_workers.bridge.observing import after_step, asked_for, at_start
 
 GOLDEN = Path(__file__).parent / "golden"
 SESSION = "0123456789abcdef0123456789abcdef"
@@ -63,7 +67,7 @@ ANSWERS = {
             said.Seen(fault="planner", message="It looked away."),
         ),
     ),
-    "error": said.Error(3, "simulator", "I do not know this session."),
+    "error": said.Error(3, "simulator", "I do not know this session.", lost=True),
     "closed": said.Closed(4),
 }
 DIALOGUE = (
@@ -133,6 +137,27 @@ def test_an_answer_may_leave_out_what_is_optional_and_hold_what_nobody_knows() -
     assert read_answer(data) == said.Observations(5, (whole,))
 
 
+def told_on_its_page() -> list[tuple[str, dict[str, Any]]]:
+    """What each side says in the session on docs/bridge.md."""
+    page = (Path(__file__).parents[3] / "docs" / "bridge.md").read_text()
+    block = page.split("```json\n")[1].split("```")[0]
+    return [(line[0], json.loads(line[1:])) for line in re.split(r"\n(?=[→←])", block)]
+
+
+def test_the_session_on_the_page_is_one() -> None:
+    sides, words = zip(*told_on_its_page(), strict=True)
+    assert "".join(sides) == "→←" * 4
+    kinds = {"hello": said.Hello, "reset": said.Reset, "step": said.Step, "close": said.Close}
+    for request in words[::2]:
+        assert encode(convert(request, kinds[request["type"]])) == pack(request)
+    answers = [read_answer(pack(answer)) for answer in words[1::2]]
+    began, went = (answer.slots[0] for answer in answers[1:3])
+    start = at_start(began)
+    after_step(went, start, tuple(words[4]["slots"][0]["disturbance"]), 0.1)
+    assert went.perceived == asked_for(start, (0.5, -0.25))
+    assert [answer.id for answer in answers[1:]] == [request["id"] for request in words[2::2]]
+
+
 WRONG = {
     "no map": [1, 2],
     "no type": {"id": 1},
@@ -170,6 +195,25 @@ def test_what_makes_no_sense_does_not_end_the_reference_bridge(minimal, data) ->
     told = minimal.answered(bridge, data)
     assert (told["type"], told["id"], told["fault"]) == ("error", 0, "simulator")
     assert told["message"]
+
+
+def test_a_session_in_use_does_not_go_unless_its_worker_is_silent(minimal, monkeypatch) -> None:
+    bridge = minimal.Bridge(decode(golden("welcome")), Stub)
+    reset = decode(golden("reset"))
+    for number in range(minimal.MOST_SESSIONS):
+        bridge.answer({"type": "hello", "protocol": 1, "session": str(number)})
+        slots = [{**each} for each in reset["slots"]]
+        if number != 1:
+            bridge.answer({**reset, "session": str(number), "slots": slots})
+    hello = {"type": "hello", "protocol": 1}
+    assert bridge.answer({**hello, "session": "a"})["type"] == "welcome"
+    assert "0" in bridge.sessions
+    assert "1" not in bridge.sessions
+    bridge.answer({**reset, "session": "a"})
+    assert bridge.answer({**hello, "session": "b"})["full"]
+    monkeypatch.setattr(minimal, "SILENT_S", -1.0)
+    assert bridge.answer({**hello, "session": "b"})["type"] == "welcome"
+    assert "0" not in bridge.sessions
 
 
 def test_the_session_goes_that_has_not_asked_for_longest(minimal) -> None:

@@ -35,12 +35,14 @@ STEPS = {"steps": 5}
 def module(tmp_path, monkeypatch):
     """Writes a module into the working folder; nothing of it is left."""
     names = []
+    monkeypatch.setenv(ALLOWED_VARIABLE, "os,this,sut_nowhere,sut_stranger")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
 
     def write(name, text=GOOD):
         (tmp_path / f"{name}.py").write_text(text)
         names.append(name)
+        monkeypatch.setenv(ALLOWED_VARIABLE, f"{os.environ[ALLOWED_VARIABLE]},{name}")
         return tmp_path / f"{name}.py"
 
     yield write
@@ -143,6 +145,15 @@ def test_what_is_not_listed_is_not_even_imported(module, monkeypatch, listed):
     with pytest.raises(InvalidValue, match=ALLOWED_VARIABLE):
         find("sut_unlisted:robustness")
     assert "sut_unlisted" not in sys.modules
+
+
+def test_where_nothing_is_listed_nothing_may_be_run(module, monkeypatch):
+    module("sut_default", GOOD + "raise SystemExit\n")
+    monkeypatch.delenv(ALLOWED_VARIABLE)
+    with pytest.raises(InvalidValue, match="may be run here") as refused:
+        find("sut_default:robustness")
+    assert "eigenfail up --functions sut_default" in refused.value.remedy
+    assert "sut_default" not in sys.modules
 
 
 def test_a_package_is_listed_with_all_that_is_in_it(monkeypatch):

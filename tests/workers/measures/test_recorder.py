@@ -171,3 +171,24 @@ def test_the_ride_is_measured_with_the_rest() -> None:
     measures = recorder.measures(DT_S)
     assert measures.max_jerk_mps3 == pytest.approx(40.0)
     assert (measures.hard_brakings, measures.clipped_steps) == (1, 2)
+
+
+def test_drac_at_the_last_step_is_the_largest_of_any_vehicle_then() -> None:
+    # closing at 10 m/s on standing cars: DRAC = 50 / gap
+    ended = course((2.0, 99.0), (9.0, 6.0), (5.0, 4.0), collided=False).measures(DT_S)
+    assert ended.max_drac_mps2 == pytest.approx(50.0 / 2.0)
+    assert ended.final_drac_mps2 == pytest.approx(50.0 / 4.0)
+    assert assess(Outcome.SAFE, ended).unresolved
+
+
+def test_a_conflict_that_was_over_at_the_last_step_is_resolved() -> None:
+    alone = Observation(1, car(0.0, 0.0, 10.0), (car(30.0, 0.0, 10.0), car(0.0, 8.0, 10.0)))
+    measures = recorded(seen(0, 16.0), alone).measures(DT_S)
+    assert measures.max_drac_mps2 == pytest.approx(50.0 / 4.0)
+    assert measures.final_drac_mps2 == 0.0
+    assert assess(Outcome.SAFE, measures).unresolved is False
+
+
+def test_after_a_collision_there_is_no_drac_left() -> None:
+    measures = course((2.0, 99.0), (0.0, 99.0), collided=True).measures(DT_S)
+    assert measures.final_drac_mps2 is None

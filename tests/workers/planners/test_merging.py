@@ -8,12 +8,8 @@ from eigenfail_workers.planners.rulebook.candidates import CandidateSettings, St
 from eigenfail_workers.planners.rulebook.driving_modes import Task
 from eigenfail_workers.planners.rulebook.kalman import AxisFilter
 from eigenfail_workers.planners.rulebook.lanes import Phase
-from eigenfail_workers.planners.rulebook.merging import (
-    ABORT,
-    COMMITMENT,
-    MergeSettings,
-    lane_planner,
-)
+from eigenfail_workers.planners.rulebook.merging import ABORT, COMMITMENT, lane_planner
+from eigenfail_workers.planners.rulebook.ramp import MergeSettings
 from eigenfail_workers.planners.rulebook.rules import Question, RuleSettings, Verdict, choose
 from eigenfail_workers.planners.rulebook.surroundings import Surroundings
 from eigenfail_workers.planners.rulebook.tracker import Track, TrackState

@@ -193,4 +193,4 @@ def test_the_process_of_an_actor_ends_so_that_ray_starts_another(hub, tmp_path) 
         check=False,
     )
     assert (ended.returncode, "raised nothing" in ended.stdout) == (3, False)
-    assert "No inner process can start here: 10 ended" in ended.stdout
+    assert "No inner process can start here: 10 ended" in ended.stderr

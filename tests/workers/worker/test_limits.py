@@ -8,12 +8,14 @@ from pathlib import Path
 import psutil
 import pytest
 
+from eigenfail.bridges import EPISODE_VARIABLE
 from eigenfail.errors import InvalidValue
 from eigenfail_workers.worker.limits import (
     CPU_VARIABLE,
     MEMORY_VARIABLE,
     Limits,
     files_used_up,
+    read_episode_limit,
     read_limits,
 )
 from eigenfail_workers.worker.watch import Watch, family
@@ -72,6 +74,16 @@ def test_processor_time_goes_by_the_wall_time_of_an_episode(monkeypatch) -> None
     assert read_limits().cpu_s == 99.0
     with pytest.raises(InvalidValue, match=r"--cpu-limit: '9' is no .* seconds, 10 or more.*CPU_"):
         read_limits(cpu_limit="9")
+
+
+def test_the_wall_time_of_an_episode_is_that_of_the_option_or_of_the_environment(monkeypatch):
+    monkeypatch.delenv(EPISODE_VARIABLE, raising=False)
+    assert read_episode_limit() == 60.0
+    monkeypatch.setenv(EPISODE_VARIABLE, "90")
+    assert read_episode_limit() == 90.0
+    assert read_episode_limit("120.5") == 120.5
+    with pytest.raises(InvalidValue, match=r"--episode-limit: '0' is no .* 1 or more.*EPISODE_"):
+        read_episode_limit("0")
 
 
 @pytest.mark.parametrize("written", ["many", "nan", "inf", "-1", "0", "255", "4 GiB"])

@@ -21,6 +21,8 @@ from eigenfail.wire.messages import (
     Welcome,
     read_worker_message,
 )
+from eigenfail_workers.bridge.connection import Connection
+from eigenfail_workers.bridge.patience import patience_of
 from eigenfail_workers.worker.child import Child
 from eigenfail_workers.worker.one_by_one import side_by_side
 from eigenfail_workers.worker.pipe import FrameBuffer
@@ -164,6 +166,25 @@ def test_a_worker_runs_what_it_is_leased_on_its_bridge(hub, start_worker, bridge
     hub.say(Setup(2, SPEC.setup()), lease(2, *range(80)))
     built_in = {each.index: each.digest() for each in results_of(hub, 80)}
     assert on_bridge == built_in
+
+
+HANGS = BRIDGE.parents[2] / "tests" / "workers" / "bridge" / "misbehaving.py"
+
+
+@pytest.mark.service
+def test_the_limit_of_an_episode_governs_the_bridge_too(hub, start_worker, tmp_path) -> None:
+    address = f"ipc://{tmp_path}/b"
+    with subprocess.Popen([sys.executable, HANGS, address]) as bridge:
+        Connection(address, patience_of(600.0)).close()  # it is there
+        start_worker("--bridge", address, "--episode-limit", "6")
+        hub.hear(Hello)
+        hangs = replace(ON_BRIDGE, scenario="hangs")
+        hub.say(Welcome(1.0), Setup(1, hangs.setup()), lease(1, 0))
+        (result,) = results_of(hub, 1)
+        bridge.kill()
+    assert result.fault.kind == "simulator"
+    assert f"The bridge at {address} did not answer within 3 s." in result.fault.message
+    assert "give the worker a longer --episode-limit than 6 s" in result.fault.message
 
 
 @pytest.mark.service

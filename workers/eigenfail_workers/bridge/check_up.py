@@ -1,17 +1,19 @@
 """Every check of a bridge, as `eigenfail doctor --bridge` shows it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 
 from eigenfail.bridges import Plain, check_address
 from eigenfail.cli.checkups import SKIPPED, Checked, Verdict
-from eigenfail.errors import SimulatorError
+from eigenfail.errors import EigenfailError, EpisodeError
 from eigenfail.testing.simulation import SEED
 from eigenfail_workers.bridge.checks import CHECKS, Check, counts_each_step, what_breaks
 from eigenfail_workers.bridge.connection import Connection
 from eigenfail_workers.bridge.messages import Planner, Scenario, Start, Welcome
+from eigenfail_workers.bridge.pace import pace_of
 
 HELLO = "says hello"
+PACE = "keeps pace"
 
 
 def check_up(address: str) -> list[Checked]:
@@ -25,13 +27,52 @@ def check_up(address: str) -> list[Checked]:
     try:
         with closing(Connection(check_address(address))) as connection:
             welcome = connection.welcome
-    except SimulatorError as error:
+    except EpisodeError as error:
         rest = (Checked(address, named(check), Verdict.SKIPPED, SKIPPED) for check in CHECKS)
         return [Checked(address, HELLO, Verdict.BROKEN, str(error)), *rest]
-    return [
-        *introduction(address, welcome),
-        *(asked(address, start, check) for start, check in questions(welcome)),
-    ]
+    return [*introduction(address, welcome), *examined(address, welcome)]
+
+
+def examined(address: str, welcome: Welcome) -> Iterator[Checked]:
+    """How fast it is, and one check after the other, unless it is gone for good."""
+    rest = iter(questions(welcome))
+    pace = keeps_pace(address, start_of(welcome.scenarios[0], welcome.planners[0]))
+    yield pace
+    if pace.verdict is not Verdict.BROKEN or answers(address):
+        for start, check in rest:
+            checked = asked(address, start, check)
+            yield checked
+            if checked.verdict is Verdict.BROKEN and not answers(address):
+                break
+    yield from skipped(rest)
+
+
+def keeps_pace(address: str, start: Start) -> Checked:
+    """What a step takes."""
+    what = f"{start.scenario}, {start.planner}"
+    try:
+        with closing(Connection(address)) as connection:
+            found = pace_of(connection, start)
+            verdict, said = found.verdict(start.steps, connection.patience)
+    except EigenfailError as error:
+        verdict, said = Verdict.BROKEN, str(error)
+    return Checked(what, PACE, verdict, said)
+
+
+def answers(address: str) -> bool:
+    """Whether there is still a bridge."""
+    try:
+        Connection(address).close()
+    except EpisodeError:
+        return False
+    return True
+
+
+def skipped(rest: Iterable[tuple[Start, Check]]) -> Iterator[Checked]:
+    """What is not asked any more."""
+    for start, check in rest:
+        what = f"{start.scenario}, {start.planner}"
+        yield Checked(what, named(check), Verdict.SKIPPED, SKIPPED)
 
 
 def questions(welcome: Welcome) -> Iterator[tuple[Start, Check]]:

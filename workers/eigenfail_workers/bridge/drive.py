@@ -9,15 +9,13 @@ from msgspec.structs import replace
 from eigenfail.bridges import Plain, foreign
 from eigenfail.errors import EpisodeError, InputError, SimulatorError
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Observation, Policy
+from eigenfail_workers.bridge.connection import Connection
 from eigenfail_workers.bridge.messages import Pair, Push, Seen, Start
 from eigenfail_workers.bridge.observing import after_step, at_start
 from eigenfail_workers.episode import Tester, completed, failed
 from eigenfail_workers.faults import blamed_on, fault
 from eigenfail_workers.measures.recorder import Recorder
 from eigenfail_workers.noise import sources
-
-EPISODE_S = 50.0
-"""Wall time that an episode may take, by itself; side by side they may take as often as much."""
 
 
 class Drive:
@@ -81,20 +79,21 @@ class Drive:
         """What its next step says."""
         return Push(slot, self._disturbance)
 
-    def hear(self, seen: Seen, beside: int) -> EpisodeResult | None:
+    def hear(self, seen: Seen, beside: int, connection: Connection) -> EpisodeResult | None:
         """Take what the bridge shows; the result, if the episode is over.
 
         Args:
             seen: the answer to what was asked last.
             beside: how many episodes share its time, itself included.
+            connection: over which it was shown.
         """
         try:
             with blamed_on(SimulatorError, "The episode", "Look into the bridge."):
-                return self._go_on(seen, beside)
+                return self._go_on(seen, beside, connection)
         except (EpisodeError, InputError) as error:
             return self.fail(error, beside)
 
-    def _go_on(self, seen: Seen, beside: int) -> EpisodeResult | None:
+    def _go_on(self, seen: Seen, beside: int, connection: Connection) -> EpisodeResult | None:
         before, wall_s = self._seen, self._wall_s(beside)
         if before is None:
             now = at_start(seen)
@@ -106,9 +105,8 @@ class Drive:
             done = completed(self._setup, self.task, self._noise, self._recorder, self._dt_s)
             return replace(done, wall_s=wall_s)
         self._disturbance = disturbance
-        if wall_s > EPISODE_S:
-            problem = f"The episode took longer than {EPISODE_S:g} s."
-            raise SimulatorError(problem, "Make the bridge faster, or its episodes shorter.")
+        if wall_s > connection.patience.episode_s:
+            raise connection.too_slow()
         return None
 
     def fail(self, error: EpisodeError | InputError, beside: int) -> EpisodeResult:

@@ -109,9 +109,10 @@ class Welcome(Message, frozen=True):
 
 
 class Refusal(Message, frozen=True):
-    """Bridge: you are not served, and why."""
+    """Bridge: you are not served, and why; `full` means: ask again."""
 
     reason: str
+    full: bool | None = None
 
 
 class Seen(msgspec.Struct, frozen=True):
@@ -144,11 +145,12 @@ class Closed(Message, frozen=True):
 
 
 class Error(Message, frozen=True):
-    """Bridge: the whole request failed."""
+    """Bridge: the whole request failed; `lost` means: the session is over, begin another one."""
 
     id: int
     fault: Fault
     message: str = ""
+    lost: bool | None = None
 
 
 Request = Hello | Reset | Step | Close

@@ -69,7 +69,7 @@ def answers(connection: Connection, request: Reset | Step) -> tuple[Seen, ...]:
         EpisodeError: the answer is none to this request, or an error.
         InvalidValue: it is an error, for which the campaign is to blame.
     """
-    answer = connection.receive()
+    answer = connection.receive(connection.patience.answer_s)
     if isinstance(answer, Closed) or answer.id != request.id:
         raise SimulatorError("The bridge answered another question.", "It repeats its `id`.")
     if len(answer.slots) != len(request.slots):

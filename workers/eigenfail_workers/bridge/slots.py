@@ -71,8 +71,8 @@ class Slots:
         connection.send(request)
         self._asked[request.id] = Asked(group, slots)
 
-    def hear(self, answer: Observations | Closed) -> list[EpisodeResult]:
-        """The results of those that are over now.
+    def hear(self, answer: Observations | Closed, connection: Connection) -> list[EpisodeResult]:
+        """The results of those that are over, now that the connection has brought this answer.
 
         Raises:
             SimulatorError: nobody asked for this answer, or it is for more or fewer slots.
@@ -85,7 +85,7 @@ class Slots:
             raise SimulatorError(problem, "It answers for each slot of the request, in its order.")
         beside, results = len(self), list[EpisodeResult]()
         for slot, seen in zip(asked.slots, answer.slots, strict=True):
-            result = asked.group[slot].hear(seen, beside)
+            result = asked.group[slot].hear(seen, beside, connection)
             if result is not None:
                 del asked.group[slot]
                 results.append(result)
@@ -94,8 +94,16 @@ class Slots:
     def fail(self, error: EpisodeError | InputError) -> list[EpisodeResult]:
         """Give all episodes up; what is left of them."""
         beside = len(self)
-        left = [drive.fail(error, beside) for group in self._groups for drive in group.values()]
+        return [drive.fail(error, beside) for drive in self.clear()]
+
+    def clear(self) -> list[Drive]:
+        """Let go of all episodes; which they were."""
+        drives = self.drives()
         self._asked.clear()
         for group in self._groups:
             group.clear()
-        return left
+        return drives
+
+    def drives(self) -> list[Drive]:
+        """The episodes under way."""
+        return [drive for group in self._groups for drive in group.values()]

@@ -41,6 +41,7 @@ class Recorder:
         self._violations = Violations()
         self._ride = Ride()
         self._left_road_step: int | None = None
+        self._last_drac_mps2 = 0.0
 
     @property
     def steps(self) -> int:
@@ -68,6 +69,7 @@ class Recorder:
         self._ride.sees(observation)
         if observation.off_road and self._left_road_step is None:
             self._left_road_step = observation.step
+        self._last_drac_mps2 = 0.0
         for vehicle in range(len(observation.others)):
             self._compare(observation, vehicle)
 
@@ -78,6 +80,7 @@ class Recorder:
         danger = conflict(ego, other, between)
         if danger is not None:
             self._violations.heed(observation.step, vehicle, danger)
+            self._last_drac_mps2 = max(self._last_drac_mps2, danger.drac_mps2)
 
     def noise(self) -> NoiseTrajectory:
         """The disturbances injected so far."""
@@ -101,6 +104,7 @@ class Recorder:
             max_jerk_mps3=ride.max_jerk_mps3(dt_s),
             hard_brakings=ride.hard_brakings,
             clipped_steps=ride.clipped_steps,
+            final_drac_mps2=None if collided else self._last_drac_mps2,
         )
 
     def scene(self, dt_s: float) -> Scene:

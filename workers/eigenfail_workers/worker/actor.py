@@ -6,6 +6,7 @@ from itertools import count
 
 import structlog
 
+from eigenfail import logs
 from eigenfail.errors import InputError, Unauthorized
 from eigenfail.processes import end_now
 from eigenfail.wire.curve import WorkerKey
@@ -36,6 +37,7 @@ class WorkerActor:
             InputError: the address or a limit is none.
             Unauthorized: the hub refused this worker five times.
         """
+        logs.configure("worker")
         try:
             self._serve(address, name, key)
         except (InputError, Unauthorized):

@@ -1,8 +1,9 @@
 """The inner process of a worker: simulator and planner live, and may die, here.
 
 Reads setups, policies and leases from what was its standard input; writes to what was its standard
-output: a `Heartbeat` when it can take episodes, and for each one a `Heartbeat` when it begins, and
-its `Results`. Whatever plug-ins print goes to standard error instead; to them, nothing is typed in.
+output: a `Heartbeat` when it can take episodes, and for each one a `Heartbeat` when it begins, with
+the number of slots, and its `Results`. Whatever plug-ins print goes to standard error instead; to
+them, nothing is typed in.
 """
 
 import os
@@ -14,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
-from eigenfail import plugins
+from eigenfail import logs, plugins
 from eigenfail.contracts import EpisodeEngine, LockstepEngine
 from eigenfail.errors import EigenfailError
 from eigenfail.processes import end_now
@@ -94,7 +95,8 @@ class Child:
             if engine is None:
                 self._report(campaign, unrunnable(task, self._refused[campaign]))
                 continue
-            write_message(self._out, Heartbeat(campaign, task.index))
+            slots = max(1, self._running - 1 + engine.room)
+            write_message(self._out, Heartbeat(campaign, task.index, slots=slots))
             engine.begin(task)
 
     def _forget(self, message: Drop) -> None:
@@ -117,6 +119,7 @@ def main() -> None:
     process instead, at once, whatever threads it left as well.
     """
     leave_guard()
+    logs.configure("worker")
     confine(*map(int, sys.argv[1:2]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     messages, out = _take_pipes()

@@ -15,6 +15,7 @@ from typing import BinaryIO
 import msgspec
 from msgspec.structs import replace
 
+from eigenfail.bridges import EPISODE_VARIABLE
 from eigenfail.errors import ProtocolError, ServiceError
 from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group, status_within
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
@@ -80,7 +81,7 @@ def start(limits: Limits) -> "subprocess.Popen[bytes]":
             [sys.executable, "-m", "eigenfail_workers.worker.child", str(limits.files)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=os.environ | ONE_THREAD | as_parent(),
+            env=os.environ | ONE_THREAD | as_parent() | {EPISODE_VARIABLE: str(limits.episode_s)},
             start_new_session=True,
         )
     except OSError as error:
@@ -132,6 +133,7 @@ class ChildProcess:
         self.ready = False
         self.begun = 0
         self._since_s = self._looked_s = time.monotonic()
+        self._slots: dict[int, int] = {}
         self._set_up: set[int] = set()
         self._learnt: set[tuple[int, int]] = set()
 
@@ -144,6 +146,10 @@ class ChildProcess:
     def has_room(self) -> bool:
         """Whether it may be given another episode."""
         return len(self.running) < DEPTH * max(1, self.begun)
+
+    def slots(self, campaign: int) -> int:
+        """How many episodes of a campaign it runs side by side, as far as it has told."""
+        return self._slots.get(campaign, 1)
 
     def set_up(self, campaign: int, setup: EpisodeSetup) -> None:
         """Tell it, once, what the episodes of a campaign share."""
@@ -160,6 +166,7 @@ class ChildProcess:
     def drop(self, campaign: int) -> None:
         """Let it forget a campaign, once it has run what it holds."""
         self._set_up.discard(campaign)
+        self._slots.pop(campaign, None)
         self._learnt = {key for key in self._learnt if key[0] != campaign}
         self.running = deque(held.without(campaign) for held in self.running)
         self._messages.put(Drop(campaign))
@@ -187,7 +194,9 @@ class ChildProcess:
             message = read_worker_message(frame)
             self._since_s = time.monotonic()
             self.ready = True
-            self.begun += isinstance(message, Heartbeat) and message.running is not None
+            if isinstance(message, Heartbeat) and message.campaign is not None:
+                self.begun += 1
+                self._slots[message.campaign] = message.slots
             if isinstance(message, Results):
                 for result in message.results:
                     self._take_off(message.campaign, result.index)

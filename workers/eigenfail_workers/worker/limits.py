@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from eigenfail.bridges import EPISODE_OPTION, EPISODE_VARIABLE
 from eigenfail.errors import InvalidValue
 
 MEMORY_VARIABLE = "EIGENFAIL_MEMORY_LIMIT_MIB"
@@ -17,6 +18,7 @@ MEMORY_MIB = 4096.0
 CPU_VARIABLE = "EIGENFAIL_CPU_LIMIT_S"
 CPU_OPTION = "--cpu-limit"
 PROCESSORS = 4.0
+EPISODE_S = 60.0
 
 DEFAULT_FILES = 4096
 SPARE_FILES = 64
@@ -37,6 +39,7 @@ class Meant(msgspec.Struct, frozen=True):
 # Simulator, planner and numpy take 150 MiB, and a few seconds, before the first episode begins.
 MEMORY = Meant(MEMORY_OPTION, MEMORY_VARIABLE, "MiB", 256.0, "and 200 MiB")
 CPU = Meant(CPU_OPTION, CPU_VARIABLE, "seconds", 10.0, "and 5 s")
+EPISODE = Meant(EPISODE_OPTION, EPISODE_VARIABLE, "seconds", 1.0, "and 10 s")
 
 
 class Limits(msgspec.Struct, frozen=True):
@@ -48,13 +51,15 @@ class Limits(msgspec.Struct, frozen=True):
         threads: of all together; a process counts as one at least.
         cpu_s: processor time of all together, for an episode.
         processors: how many all together may keep busy from one episode to the next.
+        episode_s: wall time of an episode, as those learn it that run it.
     """
 
     memory_mib: float = MEMORY_MIB
     files: int = DEFAULT_FILES
     threads: int = 1024
-    cpu_s: float = PROCESSORS * 60.0
+    cpu_s: float = PROCESSORS * EPISODE_S
     processors: float = PROCESSORS
+    episode_s: float = EPISODE_S
 
 
 def confine(files: int = DEFAULT_FILES) -> None:
@@ -82,7 +87,9 @@ def files_used_up() -> bool:
 
 
 def read_limits(
-    memory_limit: str | None = None, cpu_limit: str | None = None, episode_limit_s: float = 60.0
+    memory_limit: str | None = None,
+    cpu_limit: str | None = None,
+    episode_limit_s: float = EPISODE_S,
 ) -> Limits:
     """The limits of memory [MiB] and processor time [s] as options or the environment have them.
 
@@ -103,7 +110,18 @@ def read_limits(
         memory_mib=_number(memory, MEMORY) if memory else MEMORY_MIB,
         cpu_s=cpu_s,
         processors=max(1.0, cpu_s / episode_limit_s),
+        episode_s=episode_limit_s,
     )
+
+
+def read_episode_limit(given: str | None = None) -> float:
+    """The wall time that an episode may take, as the option or the environment has it. [s]
+
+    Raises:
+        InvalidValue: it is no number of seconds, or less than one.
+    """
+    written = given or os.environ.get(EPISODE_VARIABLE)
+    return _number(written, EPISODE) if written else EPISODE_S
 
 
 def _number(written: str, meant: Meant) -> float:

@@ -12,6 +12,7 @@ import structlog
 import zmq
 from msgspec.structs import replace
 
+from eigenfail.bridges import ADDRESS_VARIABLE
 from eigenfail.errors import ServiceError
 from eigenfail.values import EpisodeFault, EpisodeResult, unrunnable
 from eigenfail.versions import versions
@@ -34,7 +35,7 @@ from eigenfail.wire.messages import (
 from eigenfail_workers.worker.child_process import ChildProcess, Held
 from eigenfail_workers.worker.deaths import MAX_CHILD_DEATHS, Deaths
 from eigenfail_workers.worker.ending import Ending
-from eigenfail_workers.worker.limits import Limits, read_limits
+from eigenfail_workers.worker.limits import Limits, read_episode_limit, read_limits
 from eigenfail_workers.worker.link import Link
 from eigenfail_workers.worker.supplies import Supplies
 from eigenfail_workers.worker.unborn import Unborn
@@ -54,7 +55,8 @@ class Parent:
     Args:
         address: of the hub, as `tcp://host:port`.
         name: how the worker is called in lists and logs.
-        episode_limit_s: wall time after which a running episode is given up and its child killed.
+        episode_limit_s: wall time after which a running episode is given up and its child killed;
+            None takes that of the environment.
         key: what it shows to a hub that asks for one.
         limits: what its child may take; None takes those of the environment.
 
@@ -66,11 +68,13 @@ class Parent:
         self,
         address: str,
         name: str,
-        episode_limit_s: float = 60.0,
+        episode_limit_s: float | None = None,
         key: WorkerKey | None = None,
         limits: Limits | None = None,
     ) -> None:
-        self._limits = limits or read_limits()
+        self._episode_limit_s = episode_limit_s or read_episode_limit()
+        confined = limits or read_limits(episode_limit_s=self._episode_limit_s)
+        self._limits = replace(confined, episode_s=self._episode_limit_s)
         self._link = Link(address, key)
         self._hello = Hello(
             PROTOCOL,
@@ -80,8 +84,8 @@ class Parent:
             os.getpid(),
             life=uuid4().hex,
             versions=versions(),
+            bridge=bool(os.environ.get(ADDRESS_VARIABLE)),
         )
-        self._episode_limit_s = episode_limit_s
         self._waiting: deque[Held] = deque()
         self._outbox: dict[tuple[int, int], EpisodeResult] = {}
         self._supplies = Supplies()
@@ -180,6 +184,8 @@ class Parent:
         if message.reason != self._refusal:
             said = log.info if self._heartbeat_s else log.warning  # a hello was refused, else
             said("refused, trying again", worker=self._hello.worker, reason=message.reason)
+        if self._heartbeat_s:
+            self._next_beat_s = 0.0  # before the hub has given up who had this worker's last line
         self._refusal, self._heartbeat_s = message.reason, 0.0
 
     def _lease(self, message: Lease) -> None:
@@ -188,7 +194,7 @@ class Parent:
             key = (message.campaign, task.index)
             if key in self._outbox:
                 self._link.send(Results(message.campaign, (self._outbox[key],)))
-            elif key not in mine:
+            elif key not in mine and min(key) >= 0:  # else no hello could name it
                 self._waiting.append(Held(message.campaign, task))
 
     def _decline(self, _message: Lease) -> None:
@@ -290,7 +296,8 @@ class Parent:
         if not self._child.running:
             return Heartbeat(held=held)
         running = self._child.running[0]
-        return Heartbeat(running.campaign, running.task.index, held)
+        slots = self._child.slots(running.campaign)
+        return Heartbeat(running.campaign, running.task.index, held, slots)
 
     def _connect_again(self) -> None:
         log.warning("no answer", worker=self._hello.worker, hub=self._link.address)

@@ -56,7 +56,7 @@ def account_view(
         story=tuple(map(formats.signed, told.story)),
         jumps=tuple(map(jump, notable(told.steps))) if same else (),
         steps=for_player(told.steps) if same else None,
-        scene=scene_chart(told.scene, mission) if told.scene else None,
+        scene=scene_chart(told.scene, mission, told.replayed.outcome) if told.scene else None,
         clearance=clearance_chart(told.scene) if told.scene else None,
     )
 

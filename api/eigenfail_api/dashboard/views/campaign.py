@@ -24,6 +24,7 @@ from eigenfail.values.variation import in_words
 from eigenfail.values.worker import Presence
 from eigenfail_api import steering
 from eigenfail_api.dashboard import formats
+from eigenfail_api.dashboard.likelihood import Reference
 from eigenfail_api.dashboard.views.charts import Chart
 from eigenfail_api.dashboard.views.conflicts import Tiles, conflict_tiles
 from eigenfail_api.dashboard.views.episodes import curve_chart, robustness_chart
@@ -55,6 +56,8 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
         events: newest first.
         latest: the id of the newest event, of any campaign.
         here: the workers that are connected now.
+        reference: what the likelihood of the failures is held against; None where it is not known.
+        at_ms: when this was read.
     """
 
     campaign: Campaign
@@ -66,6 +69,8 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
     events: tuple[Event, ...]
     latest: int
     here: Sequence[Presence]
+    reference: Reference | None
+    at_ms: int
 
 
 class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
@@ -80,6 +85,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
         asked: how the form analyses unless its user says otherwise.
         priorities: what its priority may be changed to.
         settings: groups of names and values.
+        as_of: how far the campaign was when this was read; empty once it has ended.
     """
 
     standing: Standing
@@ -98,6 +104,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     priorities: tuple[Priority, ...]
     settings: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
     digest: str
+    as_of: str
     latest: int
 
 
@@ -111,7 +118,7 @@ def campaign_view(found: Findings) -> CampaignView:
         replays=replays_of(campaign.id),
         wants_workers=campaign.state in WORKING and not found.here,
         wishes=wishes(campaign.state),
-        tiles=tiles(now, is_sampled=campaign.spec.method == BASELINE),
+        tiles=tiles(now, likelihood(found), is_sampled=campaign.spec.method == BASELINE),
         conflicts=conflict_tiles(found.summary) if drives(campaign.spec) else (),
         charts=charts(found),
         failures=episode_list(campaign, found.listed, None),
@@ -122,6 +129,7 @@ def campaign_view(found: Findings) -> CampaignView:
         priorities=priorities(campaign),
         settings=settings(campaign),
         digest=campaign.digest or "",
+        as_of=as_of(found) if now.is_open else "",
         latest=found.latest,
     )
 
@@ -144,7 +152,7 @@ def priorities(campaign: Campaign) -> tuple[Priority, ...]:
     return () if campaign.state in FINAL_STATES else others
 
 
-def tiles(now: Standing, *, is_sampled: bool) -> tuple[tuple[str, Figure], ...]:
+def tiles(now: Standing, likelihood: Figure, *, is_sampled: bool) -> tuple[tuple[str, Figure], ...]:
     """The figures at the top; what was searched for is no rate under p(x)."""
     searched = () if is_sampled else (SEARCHED,)
     failures = Figure(now.failures.value, (*now.failures.notes, *searched))
@@ -152,11 +160,35 @@ def tiles(now: Standing, *, is_sampled: bool) -> tuple[tuple[str, Figure], ...]:
         ("Cost per failure", now.cost),
         ("Failures", failures),
         *([("Failure probability", now.probability)] if now.probability else []),
-        ("log p per step", now.likelihood),
+        ("log p per step [nats]", likelihood),
         ("Mean severity [m²/s²]", now.severity),
         ("Episodes/s", now.speed),
         ("Cost so far" if now.is_open else "Cost in all", now.total),
     )
+
+
+def likelihood(found: Findings) -> Figure:
+    """log p per step of the failures, and what it is held against."""
+    counted = formats.counted(found.campaign.counts.failures, "failure")
+    value = formats.number(found.summary.log_probability_per_step)
+    if found.reference is None:
+        return Figure(value, (f"of {counted}",))
+    typical, none = (
+        f"{formats.number(each)} {words}"
+        for each, words in (
+            (found.reference.typical, "for typical noise of p(x)"),
+            (found.reference.none, "without noise"),
+        )
+    )
+    basis = f"both over the steps of {formats.counted(found.reference.failures, 'failure')}"
+    return Figure(value, (f"of {counted}", typical, none, basis))
+
+
+def as_of(found: Findings) -> str:
+    """How far the campaign was: its part below is worked out less often."""
+    completed = formats.counted(found.campaign.counts.completed, "completed episode")
+    at = formats.moment(found.at_ms)
+    return f"As of {completed}, {at}; means and charts may know a few more."
 
 
 def times(campaign: Campaign) -> tuple[tuple[str, str], ...]:

@@ -26,5 +26,5 @@ def clip_view(campaign: Campaign, result: EpisodeResult, mission: Mission | None
         campaign_name=campaign.spec.name,
         index=result.index,
         badge=OUTCOME_BADGES[result.outcome],
-        scene=scene_chart(result.scene, mission, name) if result.scene else None,
+        scene=scene_chart(result.scene, mission, result.outcome, name) if result.scene else None,
     )

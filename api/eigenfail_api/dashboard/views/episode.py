@@ -77,7 +77,7 @@ def episode_view(
         problem=f"{fault.kind}: {fault.message}" if fault else "",
         digest=result.digest(),
         noise=noise_chart(result.noise, dt_s) if result.steps else None,
-        scene=scene_chart(scene, mission) if scene else None,
+        scene=scene_chart(scene, mission, result.outcome) if scene else None,
         clearance=clearance_chart(scene) if scene else None,
         why_no_scene="" if scene else why_no_scene(campaign, result),
         stage="The noise" if is_function(campaign) else "Scene from above",

@@ -17,12 +17,19 @@ REVOKED = Badge("revoked", "×", "ended")
 
 REFUSED = 400
 
+LIMITS = {
+    "max_open": "Campaigns open at once, at most",
+    "max_episodes": "Episodes in one, at most",
+    "max_episodes_per_day": "Episodes in 24 h, at most",
+}
+
 
 class KeyLine(msgspec.Struct, frozen=True, kw_only=True):
     """A key in the table; `can_revoke` as long as it opens anything.
 
     Attributes:
         quotas: how much may be done with it, and how much of that is used.
+        limits: the same as the fields of a form: name, label, value.
     """
 
     id: int
@@ -32,6 +39,7 @@ class KeyLine(msgspec.Struct, frozen=True, kw_only=True):
     made: str
     used: str
     quotas: tuple[str, ...]
+    limits: tuple[tuple[str, str, int | None], ...]
     ends: str
     can_revoke: bool
 
@@ -42,11 +50,13 @@ class KeysView(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         pages: where one is among them.
         is_locked: whether everybody needs a key.
+        limits: the quotas that a key may have: name and label.
     """
 
     lines: tuple[KeyLine, ...]
     pages: Pager
     is_locked: bool
+    limits: tuple[tuple[str, str], ...]
 
 
 class ChangeLine(msgspec.Struct, frozen=True, kw_only=True):
@@ -81,6 +91,7 @@ def keys_view(
         lines=tuple(key_line(key, usage[key.id], at_ms) for key in listed.items),
         pages=pager("/keys", before, listed.next),
         is_locked=is_locked,
+        limits=tuple(LIMITS.items()),
     )
 
 
@@ -94,6 +105,7 @@ def key_line(key: ApiKey, usage: Usage, at_ms: int) -> KeyLine:
         made=formats.moment(key.created_ms),
         used=formats.moment(key.last_used_ms),
         quotas=tuple(quotas(key.quotas, usage)),
+        limits=tuple((name, words, getattr(key.quotas, name)) for name, words in LIMITS.items()),
         ends=formats.moment(key.revoked_ms or key.expires_ms),
         can_revoke=key.is_valid(at_ms),
     )

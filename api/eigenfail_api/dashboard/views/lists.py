@@ -141,7 +141,8 @@ def episode_line(row: EpisodeRow) -> EpisodeLine:
 def conflict_words(row: EpisodeRow) -> str:
     """The class, where it says more than the outcome."""
     known = row.assessed.conflict
-    return "" if known in {None, ConflictClass.NONE} else str(known).replace("_", " ")
+    words = "" if known in {None, ConflictClass.NONE} else str(known).replace("_", " ")
+    return row.assessed.beside(words)
 
 
 def cell(row: EpisodeRow, column: str) -> str:

@@ -4,6 +4,7 @@ from math import sqrt
 
 from eigenfail.values import Assessment, EpisodeResult, Measures, assess
 from eigenfail_api.dashboard import formats
+from eigenfail_api.dashboard.likelihood import reference
 from eigenfail_api.dashboard.views.findings import Grid
 
 Facts = tuple[tuple[str, str], ...]
@@ -16,16 +17,31 @@ def facts(result: EpisodeResult, dt_s: float | None) -> Facts:
     """What the episode was, and where it came from."""
     measures, steps = result.measures, result.steps
     lasted = f" ({formats.number(steps * dt_s)} s)" if dt_s else ""
-    likelihood = result.noise.log_probability
     assessed = assess(result.outcome, measures)
     return (
         ("Steps", f"{steps}{lasted}"),
         *(danger(measures, assessed) if measures else ()),
-        ("log p", formats.number(likelihood, 5)),
-        ("log p per step", formats.number(likelihood / max(steps, 1))),
+        *likelihood(result),
         ("Disturbance source", result.source),
         ("Seed", str(result.seed)),
         ("Computed in", formats.duration(result.wall_s)),
+    )
+
+
+def likelihood(result: EpisodeResult) -> Facts:
+    """log p of the noise, and of typical noise over the same steps; nothing before the first."""
+    held_against = reference([result.noise])
+    if held_against is None:
+        return ()
+    total, steps = result.noise.log_probability, result.steps
+    typical, none = held_against.typical, held_against.none
+    return (
+        ("log p", f"{formats.number(total, 5)} nats"),
+        ("log p per step", f"{formats.number(total / steps)} nats"),
+        (
+            "Typical log p per step",
+            f"{formats.number(typical)} nats, {formats.number(none)} without noise",
+        ),
     )
 
 
@@ -67,6 +83,8 @@ def thresholds(result: EpisodeResult) -> Grid | None:
     if measures.drac_at_warning_mps2 is not None:
         at_warning = unit(measures.drac_at_warning_mps2, "m/s²")
         note = f"When the time to collision first fell below 1.5 s, DRAC was {at_warning}."
+    if measures.final_drac_mps2:
+        note = f"{note} At the last step it was {unit(measures.final_drac_mps2, 'm/s²')}.".strip()
     return Grid("Safety measures", THRESHOLDS, rows, note)
 
 

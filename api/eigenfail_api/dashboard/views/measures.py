@@ -42,7 +42,7 @@ def measures_view(
     return MeasuresView(
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
-        basis=basis(campaign, safety.completed),
+        basis=basis(campaign, safety.completed, cost.completed),
         safety=safety_view(safety) if some and drives(campaign.spec) else None,
         scatter=scatter_chart(safety.scatter) if safety.scatter.points else None,
         cost=spending_view(cost) if some else None,
@@ -51,7 +51,7 @@ def measures_view(
     )
 
 
-def basis(campaign: Campaign, completed: int) -> str:
+def basis(campaign: Campaign, completed: int, billed: int) -> str:
     """Of how many episodes these figures are: others on the page may be further on."""
     is_open = campaign.state not in FINAL_STATES
     if not completed and is_open:
@@ -60,5 +60,6 @@ def basis(campaign: Campaign, completed: int) -> str:
         return "No episode was completed: there are no safety measures, and no failure has a price."
     if is_open:
         so_many = formats.counted(completed, "completed episode")
-        return f"Over the first {so_many}: worked out less often than the figures above."
+        further = f"; cost as of {formats.integer(billed)}" if billed != completed else ""
+        return f"As of {so_many}{further}: worked out less often than the figures above."
     return f"Over all episodes that were completed: {formats.integer(completed)}."

@@ -1,8 +1,10 @@
 """The course of an episode from above, and the strips below it that share its time."""
 
+from math import nan
+
 import numpy as np
 
-from eigenfail.values import Floats, Mission, NoiseTrajectory, Scene
+from eigenfail.values import Floats, Mission, NoiseTrajectory, Outcome, Scene
 from eigenfail_api.dashboard import formats
 from eigenfail_api.dashboard.views.charts import Chart, rounded, rounded_rows
 from eigenfail_services.analysis.clearance import clearances
@@ -75,8 +77,10 @@ def nearest_moment(scene: Scene) -> float:
     return float(clearances(scene).min(axis=1).argmin()) * scene.dt_s
 
 
-def scene_chart(scene: Scene, mission: Mission | None, name: str = "scene") -> Chart:
-    """The course of the episode, from above."""
+def scene_chart(
+    scene: Scene, mission: Mission | None, outcome: Outcome, name: str = "scene"
+) -> Chart:
+    """The course of the episode, from above, with the moment at which it ended."""
     nearest = nearest_actor(scene)
     apart = clearances(scene).min(axis=1)
     return Chart(
@@ -91,6 +95,7 @@ def scene_chart(scene: Scene, mission: Mission | None, name: str = "scene") -> C
             "perceived": rounded_rows(scene.perceived),
             "nearest": nearest,
             "apart": rounded(map(float, apart)),
+            "collides": outcome is Outcome.COLLISION,
             "lanes": mission.lanes if mission else 0,
             "lane": mission.lane_width_m if mission else CONVENTIONAL_LANE_M,
         },
@@ -107,7 +112,7 @@ def scene_chart(scene: Scene, mission: Mission | None, name: str = "scene") -> C
             "Distance [m]",
         ),
         rows=tuple(
-            scene_row(scene, step, nearest[step], apart) for step in range(len(scene.perceived))
+            scene_row(scene, step, nearest[step], apart) for step in range(len(scene.vehicles))
         ),
         note="The scene, step by step.",
     )
@@ -121,14 +126,13 @@ def nearest_actor(scene: Scene) -> list[int]:
 
 
 def scene_row(scene: Scene, step: int, actor: int, apart: Floats) -> tuple[str, ...]:
-    """One step as text."""
+    """One moment as text; in the last one nothing is perceived or done any more."""
     ego, other = scene.vehicles[step, 0], scene.vehicles[step, actor]
-    numbers = (
-        step * scene.dt_s,
-        *(ego[0], ego[1], ego[3]),
-        *other[:2],
-        *scene.perceived[step],
-        scene.controls[step, 0],
-        apart[step],
+    is_over = step == len(scene.perceived)
+    asked = () if is_over else (*scene.perceived[step], scene.controls[step, 0])
+    numbers = (step * scene.dt_s, ego[0], ego[1], ego[3], *other[:2])
+    return (
+        *(formats.number(float(value), 4) for value in numbers),
+        *(formats.number(float(value), 4) for value in asked or (nan,) * 3),
+        formats.number(float(apart[step]), 4),
     )
-    return tuple(formats.number(float(value), 4) for value in numbers)

@@ -94,7 +94,8 @@ def failures(summary: Summary) -> Figure:
         notes = (f"≤ {formats.percent(rate.interval.high)}", "95 % upper bound, near 3/n")
     else:
         notes = (formats.percent(rate.value), formats.rate_interval(rate))
-    return Figure(f"{formats.integer(rate.k)} of {formats.integer(rate.n)}", notes)
+    remark = (summary.remark,) if summary.remark else ()
+    return Figure(f"{formats.integer(rate.k)} of {formats.integer(rate.n)}", (*notes, *remark))
 
 
 def probability(estimate: Estimate | None) -> Figure | None:

@@ -24,6 +24,7 @@ from eigenfail.testing.store import (
     fencing,
     figures,
     jobs,
+    moves,
     priorities,
     quotas,
     records,
@@ -35,6 +36,7 @@ from eigenfail.testing.store import (
 
 STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *campaigns.CHECKS,
+    *moves.CHECKS,
     *batches.CHECKS,
     *suites.CHECKS,
     *episodes.CHECKS,

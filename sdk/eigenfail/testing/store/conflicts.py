@@ -30,17 +30,26 @@ ASSESSED: tuple[tuple[Measures, ConflictClass | None], ...] = (
 CLOSE = (0.0, 1.25, 1.5, 1.75, None)
 """MinTTC of episodes without a collision, of which two are near misses. [s]"""
 
+ENDS = ((None, None), (7.0, None), (7.5, None), (9.0, 0.0), (9.0, 7.0), (9.0, 7.5), (30.0, 22.0))
+"""Largest DRAC, and that at the last step, of episodes without a collision: of the third nobody
+knows how it ended, and the last two were unresolved. [m/s²]
+"""
+
 
 def every_class() -> list[EpisodeResult]:
     """Episodes of every class, and one that could not be run."""
     crashes = [collision(3 * n, measures=m) for n, (m, _) in enumerate(ASSESSED)]
     safe = [result(3 * n + 1, measures=Measures(1.0, min_ttc_s=s)) for n, s in enumerate(CLOSE)]
-    return [*crashes, *safe, failed(2, measures=Measures(1.0, min_ttc_s=0.5))]
+    ends = [
+        result(20 + n, measures=Measures(1.0, max_drac_mps2=largest, final_drac_mps2=last))
+        for n, (largest, last) in enumerate(ENDS)
+    ]
+    return [*crashes, *safe, *ends, failed(2, measures=Measures(1.0, min_ttc_s=0.5))]
 
 
 def rows_are_assessed(store: Store) -> None:
     """A row holds every measure, and what `assess` makes of them."""
-    campaign, given = running(store, episodes=20), every_class()
+    campaign, given = running(store, episodes=30), every_class()
     deliver(store, campaign, *given)
     by_index = {each.index: each for each in given}
     for row in store.episodes.page(campaign.id, 100).items:
@@ -55,7 +64,7 @@ def rows_are_assessed(store: Store) -> None:
 
 def counts_conflicts(store: Store) -> None:
     """Totals count classes and sum lead times, of one campaign alone."""
-    campaign, other = running(store, episodes=20), running(store)
+    campaign, other = running(store, episodes=30), running(store)
     nothing = store.episodes.totals(campaign.id).conflicts
     equal(nothing, ConflictTotals(), "Conflicts of nothing")
     given = every_class()
@@ -64,6 +73,7 @@ def counts_conflicts(store: Store) -> None:
     found = store.episodes.totals(campaign.id).conflicts
     counted = (found.unavoidable, found.planner_failures, found.unclassified, found.near_misses)
     equal(counted, (2, 2, 1, 2), "Unavoidable, planner failures, unclassified, near misses")
+    equal((found.unresolved, found.perhaps_unresolved), (2, 1), "Unresolved, perhaps unresolved")
     assessed = [assess(each.outcome, each.measures) for each in given]
     ttc = [each.ttc_lead_s for each in assessed if each.ttc_lead_s is not None]
     drac = [each.drac_lead_s for each in assessed if each.drac_lead_s is not None]

@@ -11,8 +11,9 @@ from eigenfail.testing.store.examples import (
     failed,
     result,
     running,
+    spec,
 )
-from eigenfail.values import Campaign, CampaignState
+from eigenfail.values import AnalysisSettings, Campaign, CampaignState
 from eigenfail.values.retention import Retention, Weight
 
 THIRDS = Retention(keep_every=3)
@@ -125,6 +126,32 @@ def takes_scenes_with_the_noise(store: Store) -> None:
     equal([row.has_scene for row in rows], [False, False, True], "Scenes")
 
 
+def leaves_alone_what_others_need(store: Store) -> None:
+    """From the moment at which it is named until that one has ended, in the midst of it, too."""
+    campaign = ended(store)
+    settings = {"campaign": campaign.id, "episodes": [1]}
+    replay = store.campaigns.create(spec(method="replay", settings=settings))
+    equal(store.retention.in_use(), frozenset({campaign.id}), "What is in use")
+    with expect_error(Conflict, "Noise went that a queued replay names."):
+        store.retention.prune(campaign.id, THIRDS, WHO)
+    store.campaigns.move(replay.id, CampaignState.CANCELLED)
+    analysis = store.analyses.create(campaign.id, AnalysisSettings())
+    with expect_error(Conflict, "Noise went that a queued analysis reads."):
+        store.retention.prune(campaign.id, THIRDS, WHO)
+    store.analyses.fail(analysis.id, "It is not needed.")
+    equal(store.retention.in_use(), frozenset(), "What is in use at last")
+    expect(store.retention.prune(campaign.id, THIRDS, WHO) is not None, "Nothing was pruned.")
+    with expect_error(NoisePruned, "A replay of noise that is gone was queued."):
+        store.campaigns.create(spec(method="replay", settings=settings))
+    try:
+        store.campaigns.create_many([spec(method="replay", settings=settings)])
+    except NoisePruned as error:
+        expect(f"episode {campaign.id}/1" in error.problem, f"Another episode: {error.problem}")
+    else:
+        raise AssertionError("A suite with one was queued.")
+    store.campaigns.create(spec(method="replay", settings=settings | {"episodes": [0, 3]}))
+
+
 def leaves_alone_what_has_not_ended(store: Store) -> None:
     """Its learner may need all noise again; and what is not there is NotFound."""
     campaign = running(store)
@@ -148,4 +175,5 @@ CHECKS = (
     prunes_once,
     takes_scenes_with_the_noise,
     leaves_alone_what_has_not_ended,
+    leaves_alone_what_others_need,
 )

@@ -1,6 +1,6 @@
 """What the services ask of whoever starts their workers."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Protocol
 
 import msgspec
@@ -16,6 +16,11 @@ class Notice(msgspec.Struct, frozen=True):
     message: str
 
 
+def never() -> bool:
+    """Nobody asks for an end."""
+    return False
+
+
 class Table(Protocol):
     """Where workers sit down: the hub."""
 
@@ -29,8 +34,15 @@ class Table(Protocol):
 class Launcher(Protocol):
     """Starts workers somewhere, and takes them down again."""
 
-    def start(self, hub: str, key: WorkerKey | None = None) -> None:
+    def start(
+        self, hub: str, key: WorkerKey | None = None, given_up: Callable[[], bool] = never
+    ) -> None:
         """Have workers connect to the hub, with a key where it asks for one.
+
+        Args:
+            hub: its address.
+            key: what workers show there.
+            given_up: whether nobody waits for it any more: then it returns, with nothing started.
 
         Raises:
             ClusterUnavailable: there is nowhere to start them.
@@ -46,7 +58,9 @@ class Launcher(Protocol):
 class NoLauncher:
     """For workers that are started by hand."""
 
-    def start(self, hub: str, key: WorkerKey | None = None) -> None:
+    def start(
+        self, hub: str, key: WorkerKey | None = None, given_up: Callable[[], bool] = never
+    ) -> None:
         """Nothing to do."""
 
     def tend(self, _table: Table) -> Sequence[Notice]:

@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Callable
 
-from eigenfail.hosting.span import span_of
+from eigenfail.hosting.span import refuse_scaling, span_of
 from eigenfail_services.campaigns.launching.launcher import Launcher, NoLauncher
 from eigenfail_services.campaigns.launching.ray_launcher import RayLauncher
 
@@ -19,9 +19,19 @@ def ray_launcher(arguments: argparse.Namespace) -> Launcher:
     return RayLauncher(span, arguments.ray_address)
 
 
+def no_launcher(arguments: argparse.Namespace) -> Launcher:
+    """Nobody.
+
+    Raises:
+        InvalidValue: numbers of workers are given that somebody would have to see to.
+    """
+    refuse_scaling(arguments.min_workers, arguments.max_workers, arguments.idle_s)
+    return NoLauncher()
+
+
 LAUNCHERS: dict[str, Callable[[argparse.Namespace], Launcher]] = {
     "ray": ray_launcher,
-    "none": lambda _arguments: NoLauncher(),
+    "none": no_launcher,
 }
 
 

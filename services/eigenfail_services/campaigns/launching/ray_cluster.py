@@ -14,6 +14,11 @@ ENVIRONMENT = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
 }
+ALONE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
+"""With no cluster to be part of, Ray stays on loopback, on every system: else it listens at the
+machine's own address even where 127.0.0.1 is asked for.
+"""
+
 KNOCK_S = 5.0
 PARTS = frozenset({"gcs_server", "raylet"})
 """Processes of a Ray of one machine without which it is none."""
@@ -42,7 +47,7 @@ class Cluster:
     """
 
     def __init__(self, address: str | None, most: int) -> None:
-        for name, value in ENVIRONMENT.items():
+        for name, value in (ENVIRONMENT if address else ENVIRONMENT | ALONE).items():
             os.environ.setdefault(name, value)
         try:
             import ray

@@ -11,7 +11,7 @@ import structlog
 from eigenfail.errors import ClusterUnavailable
 from eigenfail.hosting.span import Span
 from eigenfail.wire.curve import WorkerKey
-from eigenfail_services.campaigns.launching.launcher import Notice, Table
+from eigenfail_services.campaigns.launching.launcher import Notice, Table, never
 from eigenfail_services.campaigns.launching.placement import ASKED, Placement
 from eigenfail_services.campaigns.launching.ray_link import RayLink
 from eigenfail_services.campaigns.launching.ray_words import Begin, Lost, Standing
@@ -50,17 +50,23 @@ class RayLauncher:
         self._again_s, self._since_s, self._pause_s = 0.0, 0.0, FIRST_PAUSE_S
         self._was_lost = self._said_none = False
 
-    def start(self, hub: str, key: WorkerKey | None = None) -> None:
+    def start(
+        self, hub: str, key: WorkerKey | None = None, given_up: Callable[[], bool] = never
+    ) -> None:
         """Connect to Ray, and ask it for the workers that there are to be in any case.
 
         Raises:
             ClusterUnavailable: Ray is not installed, or does not start.
         """
         self._begin = Begin(hub, key.text() if key else None, self._cluster, self._span.most)
-        self._link = RayLink(self._begin)
-        self._link.want((*self._roll.names,))
+        self._link = link = first_link(self._begin)
+        link.want((*self._roll.names,))
         while self._standing is None:
-            if lost := self._heard(self._link):
+            if given_up():
+                link.kill()  # who still waits for Ray does not hear that it is to end
+                self._link = None
+                return
+            if lost := self._heard(link):
                 raise ClusterUnavailable(lost.problem, lost.remedy)
             time.sleep(LOOK_EVERY_S)
 
@@ -136,3 +142,19 @@ class RayLauncher:
 
     def _say(self, kind: str, message: str) -> None:
         self._notices.append(Notice(kind, message))
+
+
+def first_link(begin: Begin) -> RayLink:
+    """The Ray process with which a service starts.
+
+    Raises:
+        ClusterUnavailable: the system has no room for it.
+    """
+    try:
+        return RayLink(begin)
+    except OSError as error:
+        raise ClusterUnavailable(
+            f"The process of Ray's driver cannot be started: {error.strerror}.",
+            "Free memory, or raise the limits of processes and open files (`ulimit -u -n`); or "
+            "start with `--launcher none` and workers by `eigenfail worker --connect`.",
+        ) from error

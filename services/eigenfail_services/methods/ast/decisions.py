@@ -86,7 +86,10 @@ def decisions(
 
 
 def discounted_sums(rewards: NDArray[np.float64], n_step: int, gamma: float) -> NDArray[np.float64]:
-    """sum over k < n_step of gamma^k · r_{t+k}, for every t; nothing is earned after the end."""
+    """sum over k < n_step of gamma^k · r_{t+k}, for every t; nothing is earned after the end.
+
+    The rewards are of shape (decisions,), and so are the sums.
+    """
     sums = np.zeros_like(rewards)
     for k in range(min(n_step, len(rewards))):
         sums[: len(rewards) - k] += gamma**k * rewards[k:]

@@ -52,12 +52,23 @@ class Network:
         return course
 
     def slope_in_input(self, course: list[Floats], slope: Floats) -> Floats:
-        """The slope of the loss in the input, from that in the output; no weight changes."""
+        """The slope of the loss in the input, from that in the output; no weight changes.
+
+        Args:
+            course: what `forward` returned.
+            slope: shape (…, batch, outputs); the answer's is (…, batch, inputs).
+        """
         lowest: Floats = self._slopes(course, slope)[-1] @ self.layers[0][0]
         return lowest
 
     def descend(self, course: list[Floats], slope: Floats, learning_rate: float) -> None:
-        """One step of Adam against the slope of the loss in the output."""
+        """One step of Adam against the slope of the loss in the output.
+
+        Args:
+            course: what `forward` returned.
+            slope: shape (…, batch, outputs).
+            learning_rate: of the step.
+        """
         slopes = self._slopes(course, slope)[::-1]
         for inputs, up, (weight, bias) in zip(course, slopes, self._gradients, strict=False):
             np.matmul(up.swapaxes(-1, -2), inputs, out=weight)

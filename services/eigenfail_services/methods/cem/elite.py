@@ -1,12 +1,13 @@
 """The elite of a round: the least robust episodes, and among many failures the likeliest."""
 
 from collections.abc import Sequence
-from math import isfinite, nan
+from math import isfinite
 
 import numpy as np
 
-from eigenfail.values import EpisodeResult, Floats, Outcome
+from eigenfail.values import EpisodeResult, Floats
 from eigenfail_services.methods.cem.proposal import Array, GaussianProposal, log_weights
+from eigenfail_services.methods.robustness import robustness_m
 
 
 def elite(
@@ -25,7 +26,7 @@ def elite(
         proposal: what their noise was drawn from.
         share: how many of the episodes that ran make the elite, at least one.
     """
-    ran = [result for result in results if isfinite(_robustness(result))]
+    ran = [result for result in results if isfinite(robustness_m(result))]
     failures = [result for result in ran if result.is_failure]
     count = max(1, round(share * len(ran)))
     if len(failures) >= count:
@@ -33,7 +34,7 @@ def elite(
         best = _lowest(noise, -log_weights(noise, proposal), count)
     else:
         noise = [result.noise.z for result in ran]
-        best = _lowest(noise, np.array([_robustness(result) for result in ran]), count)
+        best = _lowest(noise, np.array([robustness_m(result) for result in ran]), count)
     return best if len(best) < len(ran) else []
 
 
@@ -43,12 +44,3 @@ def _lowest(noise: Sequence[Floats], scores: Array, count: int) -> list[Floats]:
         return []
     last = np.sort(scores)[count - 1]
     return [z for z, score in zip(noise, scores, strict=True) if score <= last]
-
-
-def _robustness(result: EpisodeResult) -> float:
-    """0 on a collision, not a number where it is not known. [m]"""
-    if result.is_failure:
-        return 0.0
-    if result.outcome is Outcome.FAILED or result.measures is None:
-        return nan
-    return result.measures.robustness_m

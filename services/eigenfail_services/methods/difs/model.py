@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from eigenfail.errors import LearnerDiverged
+from eigenfail.errors import InvalidValue, LearnerDiverged
 from eigenfail.values import Floats
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Arrays, take
@@ -34,6 +34,7 @@ class DiffusionModel:
         mixture: what is known in closed form.
     """
 
+    @tensors.within_memory()
     def __init__(self, options: DiffusionOptions) -> None:
         torch.set_num_threads(1)
         self._options = options
@@ -44,11 +45,12 @@ class DiffusionModel:
         self._average = deepcopy(self._denoiser).requires_grad_(requires_grad=False)
         self._optimizer = _optimizer(self._denoiser, options)
 
+    @tensors.within_memory()
     def train(self, examples: Examples, steps: int, draw: int) -> None:
         """Take gradient steps.
 
         Raises:
-            LearnerDiverged: a weight became NaN or infinite.
+            LearnerDiverged: a weight became NaN or infinite, or the device has no room.
         """
         generator = self._generator(self._random(draw))
         held_out = torch.from_numpy(examples.held_out).to(self._device)
@@ -62,6 +64,7 @@ class DiffusionModel:
                 "Lower learning_rate and start the campaign anew.",
             )
 
+    @tensors.within_memory()
     def sample(
         self, condition: Floats, guidance: float, draw: int, mixture: Mixture | None = None
     ) -> Floats:
@@ -77,7 +80,7 @@ class DiffusionModel:
             mixture: whose samples they are, instead of the model's own.
 
         Raises:
-            LearnerDiverged: the model does not give finite numbers.
+            LearnerDiverged: the model does not give finite numbers, or the device has no room.
         """
         random, wanted = self._random(draw), self._tensor(condition)
         generator = self._generator(random)
@@ -199,4 +202,11 @@ def _optimizer(denoiser: Denoiser, options: DiffusionOptions) -> torch.optim.Ada
 
 def _device(name: str) -> torch.device:
     available = "cuda" if torch.cuda.is_available() else "cpu"
+    if name == "cuda" and available != name:
+        raise InvalidValue(
+            "settings.device",
+            "cuda is asked for, and torch finds no GPU where the learner runs.",
+            "Set device to auto or cpu, or run the services with a torch for CUDA on a machine "
+            "with a GPU and its driver; then start a campaign like it anew.",
+        )
     return torch.device(available if name == "auto" else name)

@@ -120,7 +120,13 @@ def scatter(given: Elite, fits: Fits, fold: NDArray[np.intp]) -> float:
 
 
 def learnt(belongs: Array, trained: Array, given: Elite) -> tuple[Array, Fits]:
-    """What belongs to which component in the end, and the fits (Dempster et al. 1977)."""
+    """What belongs to which component in the end, and the fits (Dempster et al. 1977).
+
+    Args:
+        belongs: what belongs to which in the beginning, shape (fits, n, components).
+        trained: 1 where a trajectory is part of a fit, shape (fits, n, 1), else 0.
+        given: the trajectories.
+    """
     fits = maximised(belongs, given)
     for _ in range(ITERATIONS):
         logs = log_densities(given, fits)
@@ -177,6 +183,6 @@ def squared_distances(given: Elite, means: Array) -> Array:
 
 
 def nearest(means: Array) -> float:
-    """The smallest distance of two means."""
+    """The smallest distance of two means, shape (components, size)."""
     distances = np.linalg.norm(means[:, None] - means, axis=2)
     return float(distances[np.triu_indices(len(means), 1)].min())

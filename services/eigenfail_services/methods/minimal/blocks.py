@@ -1,4 +1,7 @@
-"""Noise in blocks: some steps of one axis, to be left out or kept together."""
+"""Noise in blocks: some steps of one axis, to be left out or kept together.
+
+Noise is z of shape (steps, 2), and a block a mask of that shape.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -17,7 +20,7 @@ def blocks(z: Floats, width: int) -> list[Mask]:
     """The blocks that hold noise: `width` steps of one axis each, counted back from the last step.
 
     Returns:
-        Masks of shape (steps, 2), by axis and then from the last to the first.
+        By axis and then from the last to the first.
     """
     steps, axes = z.shape
     found = []

@@ -74,7 +74,7 @@ class Failing(NamedTuple):
 
 
 def start(z: Floats) -> Search:
-    """Before anything was replayed."""
+    """Before anything was replayed of a failure's noise, shape (steps, 2)."""
     return Search(Phase.FULL, z, len(z))
 
 
@@ -102,7 +102,7 @@ def scales(search: Search) -> list[float]:
 
 
 def ended(z: Floats, end: int) -> Floats:
-    """Noise without what came after its end."""
+    """Noise, shape (steps, 2), without what came after its end."""
     kept = z.copy()
     kept[end:] = 0.0
     return kept

@@ -1,7 +1,6 @@
 """Subset simulation as a learner (Au and Beck 2001); see `statistics.subset_simulation`."""
 
 from collections.abc import Sequence
-from math import nan
 from typing import Annotated
 
 import msgspec
@@ -11,11 +10,11 @@ from eigenfail.values import (
     EpisodeResult,
     Estimate,
     LearnerContext,
-    Outcome,
     Proposal,
     TrajectorySource,
 )
 from eigenfail_services.methods import archive
+from eigenfail_services.methods.robustness import robustness_m
 from eigenfail_services.methods.subset.settings import SubsetMethodSettings
 from eigenfail_services.methods.subset.waves import Dialogue, Waves
 from eigenfail_services.statistics.independent_runs import pooled, underway
@@ -97,12 +96,3 @@ class SubsetMethod:
     def _begun(self) -> Waves:
         steps, seed = self._context.horizon, self._context.seed
         return Waves([Dialogue(steps, self._each, (seed, run)) for run in range(self._runs)])
-
-
-def robustness_m(result: EpisodeResult) -> float:
-    """0 on a collision, not a number where the episode could not be run. [m]"""
-    if result.is_failure:
-        return 0.0
-    if result.outcome is Outcome.FAILED or result.measures is None:
-        return nan
-    return result.measures.robustness_m

@@ -93,7 +93,12 @@ def estimate(
 
 
 def alone(dialogue: Dialogue, inside: NDArray[np.bool_]) -> SubsetEstimate:
-    """What a simulation would have found if only these samples of its last level were failures."""
+    """What a simulation would have found if only these samples of its last level were failures.
+
+    Args:
+        dialogue: with the simulation.
+        inside: whether each sample is one of these, shape (length, chains).
+    """
     simulation = dialogue.simulation
     chains = simulation.chains
     if chains is None or not inside.any():
@@ -104,7 +109,12 @@ def alone(dialogue: Dialogue, inside: NDArray[np.bool_]) -> SubsetEstimate:
 
 
 def lineages(chains: Chains | None, inside: NDArray[np.bool_]) -> float:
-    """How many independent first draws some samples are worth: (sum d)² ÷ sum d² (Kish 1965)."""
+    """How many independent first draws some samples are worth: (sum d)² ÷ sum d² (Kish 1965).
+
+    Args:
+        chains: of a level; None if there is none.
+        inside: which of its samples, shape (length, chains).
+    """
     if chains is None or not inside.any():
         return 0.0
     descendants = np.bincount(chains.ancestors, inside.sum(axis=0))

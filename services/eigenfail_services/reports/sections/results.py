@@ -18,6 +18,9 @@ COLUMNS = (
     ("failure_rate", "Failure rate", "share"),
     ("failure_rate_low", "from", "share"),
     ("failure_rate_high", "to", "share"),
+    ("horizon", "Horizon", "s"),
+    ("unresolved", "Unresolved at the horizon"),
+    ("unresolved_not_known", "Whether unresolved is not known"),
     ("cost_per_failure", "Cost per failure", "USD"),
     ("cost_per_failure_low", "from", "USD"),
     ("cost_per_failure_high", "to", "USD"),
@@ -39,6 +42,7 @@ COLUMNS = (
     ("active_s", "Time running", "s"),
 )
 HOW_TO_READ = (
+    "A failure rate is the share of completed episodes with a collision within the horizon. "
     "Intervals hold the true value in 95 % of all cases. Severity is ‖v_ego − v_actor‖² at the "
     "collision. log p is the log-density of the injected noise; per step it can be compared "
     "between episodes of different length, and higher is likelier. Cost is that of computing, not "
@@ -77,9 +81,10 @@ def row(subject: Subject) -> tuple[Cell, ...]:
 
 
 def rate_cells(subject: Subject) -> tuple[Cell, ...]:
-    """The failure rate and its interval."""
-    rate = subject.summary.failure_rate
-    return (rate.value, rate.interval.low, rate.interval.high) if rate else (None,) * 3
+    """The failure rate and its interval, within which time, and what ended too early to tell."""
+    rate, ended = subject.summary.failure_rate, subject.summary.unresolved
+    bounds = (rate.value, rate.interval.low, rate.interval.high) if rate else (None,) * 3
+    return (*bounds, ended.horizon_s, ended.count, ended.not_known)
 
 
 def cost_cells(subject: Subject) -> tuple[Cell, ...]:
@@ -108,10 +113,11 @@ def sentence(subject: Subject) -> str:
     if rate is None:
         return f"{who}: no episode has ended yet."
     if not rate.k:
-        return f"{who}: no failure in {rate.n:,} episodes; {price(subject)}."
+        found = f"no failure in {rate.n:,} episodes; {price(subject)}."
+        return f"{who}: {found} {summary.remark}".strip()
     found = f"{rate.k:,} failures in {rate.n:,} episodes"
     share = f"{formats.percent(rate.value)} (95 %: {formats.bounds(rate.interval, 100.0)} %)"
-    return f"{who}: {found}, {share}; {price(subject)}."
+    return f"{who}: {found}, {share}; {price(subject)}. {summary.remark}".strip()
 
 
 def price(subject: Subject) -> str:

@@ -55,6 +55,7 @@ def measures(subject: Subject) -> list[tuple[Cell, ...]]:
     rows = (
         ("collisions", *share(found.collisions)),
         ("near misses", *share(found.near_misses)),
+        ("unresolved at the horizon", *count(found.unresolved.count, found.completed)),
         ("MinTTC below threshold", *share(found.ttc.beyond)),
         ("MinTTC median", None, found.ttc.n, found.ttc.median, None, None, "s"),
         ("MinTTC worst", None, found.ttc.n, found.ttc.worst, None, None, "s"),
@@ -136,6 +137,9 @@ def risk(subject: Subject, found: Number | None) -> formats.Lines:
 FIGURES = {
     "Collisions": lambda s: of(s.safety.collisions),
     "Near misses": lambda s: of(s.safety.near_misses),
+    "Unresolved at the horizon": lambda s: (
+        f"{s.safety.unresolved.count:,} of {s.safety.completed:,}",
+    ),
     "MinTTC below 1.5 s": lambda s: beyond(s.safety.ttc, "s"),
     "DRAC above 7.0 m/s²": lambda s: beyond(s.safety.drac, "m/s²"),
     "Unavoidable": lambda s: collisions(s.safety.conflicts.unavoidable, s),

@@ -7,6 +7,7 @@ import msgspec
 
 from eigenfail import bridges, functions, plugins
 from eigenfail.errors import InputError
+from eigenfail.settings import defaults_of
 from eigenfail.values import Campaign, CampaignSpec
 from eigenfail.values.report import Cell, ReportSection
 from eigenfail_services.reports import formats
@@ -95,28 +96,17 @@ def defaults(specs: list[CampaignSpec]) -> Iterator[tuple[Cell, ...]]:
         if kind == "method" or spec.simulator != bridges.SIMULATOR
     )
     for kind, plugin in used:
-        for name, value in leaves(defaults_of(kind, plugin)):
+        for name, value in leaves(plugin_defaults(kind, plugin)):
             yield (kind, plugin, name, value)
 
 
-def defaults_of(kind: str, plugin: str) -> dict[str, Any]:
+def plugin_defaults(kind: str, plugin: str) -> dict[str, Any]:
     """What the settings of a plug-in are unless they are given; nothing if it is not here."""
     group, attribute = KINDS[kind]
     try:
-        fields = msgspec.structs.fields(getattr(plugins.load(group, plugin), attribute))
+        return defaults_of(getattr(plugins.load(group, plugin), attribute))
     except InputError:
         return {}
-    known = ((field.name, default_of(field)) for field in fields)
-    return {
-        name: msgspec.to_builtins(value) for name, value in known if value is not msgspec.NODEFAULT
-    }
-
-
-def default_of(field: msgspec.structs.FieldInfo) -> Any:
-    """The default of a field, or NODEFAULT."""
-    if field.default_factory is not msgspec.NODEFAULT:
-        return field.default_factory()
-    return field.default
 
 
 def leaves(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:

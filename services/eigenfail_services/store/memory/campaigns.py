@@ -21,6 +21,7 @@ from eigenfail_services.store import sentences
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.memory.episodes import digest
 from eigenfail_services.store.memory.quotas import admit
+from eigenfail_services.store.memory.retention import refuse_gone
 from eigenfail_services.store.memory.suites import suites_page
 from eigenfail_services.store.memory.tables import Tables
 from eigenfail_services.store.refusals import key_used
@@ -41,6 +42,7 @@ class MemoryCampaigns:
         with self._tables.lock:
             if idempotency_key is not None and idempotency_key in self._tables.keys:
                 return self._earlier(self._tables.keys[idempotency_key], spec)
+            refuse_gone(self._tables, [spec])
             admit(self._tables, made_by, [spec])
             campaign = self._add(spec, made_by)
             if idempotency_key is not None:
@@ -60,6 +62,7 @@ class MemoryCampaigns:
             if found and not alike(found, specs):
                 raise key_used(earlier[0])
             if not found:
+                refuse_gone(self._tables, specs)
                 admit(self._tables, made_by, specs)
             made = found or tuple(self._add(spec, made_by) for spec in specs)
             if idempotency_key is not None:

@@ -177,6 +177,7 @@ def digest(tables: Tables, campaign: int) -> str:
 def conflict_totals(rows: list[EpisodeRow]) -> ConflictTotals:
     """Episodes counted by class, and their lead times summed in index order."""
     classes = Counter((row.outcome, row.assessed.conflict) for row in rows)
+    ended = Counter(row.assessed.unresolved for row in rows)
     ttc = [row.assessed.ttc_lead_s for row in rows if row.assessed.ttc_lead_s is not None]
     drac = [row.assessed.drac_lead_s for row in rows if row.assessed.drac_lead_s is not None]
     return ConflictTotals(
@@ -188,6 +189,8 @@ def conflict_totals(rows: list[EpisodeRow]) -> ConflictTotals:
         ttc_leads=len(ttc),
         drac_lead_s=sum(drac, 0.0),
         drac_leads=len(drac),
+        unresolved=ended[True],
+        perhaps_unresolved=ended[None],
     )
 
 

@@ -4,14 +4,15 @@ from collections.abc import Iterable
 
 from msgspec.structs import replace
 
-from eigenfail.values import FINAL_STATES, EpisodeResult
+from eigenfail.values import FINAL_STATES, CampaignSpec, EpisodeResult
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.retention import Pruning, Retention, Weight
 from eigenfail_services.store import sentences
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack
 from eigenfail_services.store.memory.tables import Tables
-from eigenfail_services.store.refusals import not_ended
+from eigenfail_services.store.naming import OPEN, UNFINISHED, episodes_of, numbers
+from eigenfail_services.store.refusals import not_ended, pruned, still_needed
 from eigenfail_services.store.retention import SLICE
 
 Found = list[tuple[EpisodeRow, EpisodeResult]]
@@ -36,6 +37,8 @@ class MemoryRetention:
         with self._tables.lock:
             if (subject := self._tables.campaign(campaign)).state not in FINAL_STATES:
                 raise not_ended(subject)
+            if campaign in self.in_use():
+                raise still_needed(campaign)
             before = None if begun is None else self._tables.prunings[begun]
             last = before.through if before else -1
             found = [each for each in self._losable(campaign, rule) if each[0].index > last]
@@ -43,6 +46,14 @@ class MemoryRetention:
                 return None
             record = before or self._begin(campaign, rule, who)
             return self._take(record, found[:SLICE])
+
+    def in_use(self) -> frozenset[int]:
+        """Campaigns whose noise others need that have not ended."""
+        with self._tables.lock:
+            every, asked = self._tables.campaigns.values(), self._tables.analyses.values()
+            named = (numbers(each.spec.settings) for each in every if each.state in OPEN)
+            read = (each.campaign for each in asked if each.state in UNFINISHED)
+            return frozenset(read).union(*named)
 
     def of(self, campaign: int) -> tuple[Pruning, ...]:
         """What was taken from a campaign, oldest first."""
@@ -93,3 +104,12 @@ def weight_of(result: EpisodeResult) -> Weight:
     noise = sum(array.nbytes for array in arrays if array is not None)
     scene = 0 if result.scene is None else len(pack(result.scene))
     return Weight(1, int(result.scene is not None), noise + scene)
+
+
+def refuse_gone(tables: Tables, specs: Iterable[CampaignSpec]) -> None:
+    """Raises NoisePruned if an episode that a new campaign names has lost its noise."""
+    for campaign, indices in (episodes_of(spec.settings) for spec in specs):
+        rows = tables.episodes.get(campaign or 0, {})
+        for row in (rows[index][0] for index in indices if index in rows):
+            if row.noise_pruned_ms is not None:
+                raise pruned(row.campaign, row.index, row.source, row.noise_pruned_ms)

@@ -1,5 +1,6 @@
 """A Ray that dies, in played time: when it is tried again, what is said, who is asked for."""
 
+import errno
 from collections import deque
 
 import pytest
@@ -121,6 +122,25 @@ def test_a_cluster_that_is_not_there_at_the_start_is_refused(monkeypatch, lives,
     monkeypatch.setattr(module.RayLink, "hear", lambda _: iter([Lost("Nobody.", "Start it.")]))
     with pytest.raises(ClusterUnavailable, match=r"Nobody\. Start it\."):
         started(now_s, Span(1, 1))
+
+
+def test_whoever_gives_up_waiting_for_ray_leaves_nothing_behind(monkeypatch, lives, now_s) -> None:
+    monkeypatch.setattr(module.RayLink, "hear", lambda _: iter(()))
+    looks = iter([False, False, True])
+    launcher = RayLauncher(Span(1, 1), clock=lambda: now_s[0])
+    launcher.start("tcp://127.0.0.1:1", given_up=lambda: next(looks))
+    assert [life.killed for life in lives] == [True]
+    launcher.stop()
+
+
+def test_no_room_for_the_process_of_ray_is_said_with_what_to_do(monkeypatch, now_s) -> None:
+    def full(_begin: Begin) -> None:
+        raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(module, "RayLink", full)
+    with pytest.raises(ClusterUnavailable, match="cannot be started: Resource temporarily") as told:
+        started(now_s, Span(1, 1))
+    assert "ulimit -u" in told.value.remedy
 
 
 def test_who_is_struck_out_is_to_leave_the_hub_until_ray_has_it_no_more(lives, now_s) -> None:

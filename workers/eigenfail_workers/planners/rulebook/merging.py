@@ -1,10 +1,6 @@
 """Out of a lane that ends: approach a gap, change into it, or turn back in time."""
 
 from collections.abc import Sequence
-from typing import Annotated
-
-import msgspec
-from msgspec import Meta
 
 from eigenfail.values import Mission, VehicleState
 from eigenfail_workers.planners.rulebook.candidates import (
@@ -16,17 +12,11 @@ from eigenfail_workers.planners.rulebook.candidates import (
     roll_out,
     stop,
 )
-from eigenfail_workers.planners.rulebook.changes import ChangePlanner, ChangeSettings
-from eigenfail_workers.planners.rulebook.gaps import GapFinder, GapSettings
 from eigenfail_workers.planners.rulebook.lanes import LaneHeld, LanePlanner, Phase
-from eigenfail_workers.planners.rulebook.lateral import LateralPath, change_way_m, straight_on
+from eigenfail_workers.planners.rulebook.lateral import LateralPath, straight_on
+from eigenfail_workers.planners.rulebook.ramp import MergeSettings, Ramp
 from eigenfail_workers.planners.rulebook.rules import Verdict, progress
-from eigenfail_workers.planners.rulebook.surroundings import (
-    Neighbour,
-    Surroundings,
-    nearer,
-    required_deceleration,
-)
+from eigenfail_workers.planners.rulebook.surroundings import Surroundings, nearer
 from eigenfail_workers.planners.rulebook.tracker import Track
 from eigenfail_workers.planners.rulebook.truck import TruckLimits
 from eigenfail_workers.planners.steering import look_ahead_m, pursue
@@ -36,66 +26,22 @@ COMMITMENT = "commitment"
 """Stands for the deciding rule where the truck stays with what it chose before."""
 
 
-class MergeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How the truck leaves a lane that ends.
+class OnPath:
+    """What steers along a path across the road."""
 
-    Attributes:
-        commit: steps in a row that a gap must fit before the change begins, and steps in a row
-            that another candidate must be ahead by progress alone before the truck turns to it.
-    """
+    def __init__(self, path: LateralPath) -> None:
+        self._path = path
 
-    gaps: GapSettings = GapSettings()
-    changes: ChangeSettings = ChangeSettings()
-    commit: Annotated[int, Meta(ge=1, le=100)] = 5
+    def steer(self, ego: VehicleState, /) -> float:
+        """To where the path is ahead; steering angle [rad]."""
+        return pursue(ego, self.lateral_m(ego, ego.x_m + look_ahead_m(ego)))
 
-
-class Ramp:
-    """The lane that ends, and what all phases of leaving it have in common."""
-
-    def __init__(
-        self,
-        ends_x_m: float,
-        settings: MergeSettings,
-        mission: Mission,
-        candidates: CandidateSettings,
-        limits: TruckLimits,
-    ) -> None:
-        width_m = mission.lane_width_m
-        self._ends_x_m = ends_x_m
-        self._line_m = 0.5 * width_m
-        self.settings = settings
-        self.mission = mission
-        self.candidates = candidates
-        self.limits = limits
-        self.finder = GapFinder(settings.gaps, width_m, width_m, mission.dt_s)
-        self.planner = ChangePlanner(settings.changes, candidates, limits)
-
-    def end(self, ego: VehicleState) -> Neighbour:
-        """The end of the lane, as if somebody stood there."""
-        return Neighbour(self._ends_x_m - ego.x_m - 0.5 * ego.length_m, 0.0, 0.0)
-
-    def is_left(self, ego: VehicleState) -> bool:
-        """Whether the truck is in the next lane."""
-        return ego.y_m > self._line_m
-
-    def held(self) -> LaneHeld:
-        """What follows in a lane that goes on."""
-        return LaneHeld(self.mission, self.candidates, self.limits)
-
-    def can_turn_back(self, ego: VehicleState) -> bool:
-        """Until its side crosses the line, and if it can still stop comfortably after that."""
-        margin_m = self.candidates.turning_room_m
-        need = required_deceleration(self.end(ego).gap_m, ego.speed_mps, margin_m)
-        is_inside = ego.y_m + 0.5 * ego.width_m < self._line_m
-        return is_inside and need <= self.limits.comfort_braking_mps2
-
-    def path(self, ego: VehicleState, to_m: float) -> LateralPath:
-        """A path that begins here."""
-        way_m = change_way_m(ego.speed_mps, self.settings.changes.lateral)
-        return LateralPath(ego.y_m, to_m, ego.x_m, way_m)
+    def lateral_m(self, _ego: VehicleState, x_m: float, /) -> float:
+        """On the path."""
+        return self._path.at(x_m)
 
 
-class Approaching:
+class Approaching(OnPath):
     """In the lane that ends: makes for a gap. Implements `LanePlanner`.
 
     Args:
@@ -105,8 +51,8 @@ class Approaching:
     phase = Phase.APPROACHING
 
     def __init__(self, ramp: Ramp, path: LateralPath) -> None:
+        super().__init__(path)
         self._ramp = ramp
-        self._path = path
         self._name = ""
         self._rival_steps = 0
         self._ready_steps = 0
@@ -154,24 +100,16 @@ class Approaching:
         self._rival_steps = 0
         return verdict
 
-    def steer(self, ego: VehicleState, /) -> float:
-        """To the centre of the lane."""
-        return pursue(ego, self.lateral_m(ego, ego.x_m + look_ahead_m(ego)))
 
-    def lateral_m(self, _ego: VehicleState, x_m: float, /) -> float:
-        """On the path."""
-        return self._path.at(x_m)
-
-
-class Changing:
+class Changing(OnPath):
     """On the way over. Implements `LanePlanner`."""
 
     phase = Phase.CHANGING
 
     def __init__(self, ramp: Ramp, name: str, ego: VehicleState) -> None:
+        super().__init__(ramp.path(ego, ramp.mission.lane_width_m))
         self._ramp = ramp
         self._name = name
-        self._path = ramp.path(ego, ramp.mission.lane_width_m)
         self._left_m = self._path.length_m
         self._can_turn_back = True
 
@@ -210,14 +148,6 @@ class Changing:
         if self._left_m > 0.0:
             return verdict, self
         return verdict, ramp.held()
-
-    def steer(self, ego: VehicleState, /) -> float:
-        """Along the path."""
-        return pursue(ego, self.lateral_m(ego, ego.x_m + look_ahead_m(ego)))
-
-    def lateral_m(self, _ego: VehicleState, x_m: float, /) -> float:
-        """On the path."""
-        return self._path.at(x_m)
 
 
 def lane_planner(

@@ -15,13 +15,14 @@ from eigenfail_workers.planners.rulebook.decision import Decision
 from eigenfail_workers.planners.rulebook.driving_modes import ModeMachine, ModeSettings
 from eigenfail_workers.planners.rulebook.intent import IntentSettings, judge
 from eigenfail_workers.planners.rulebook.lanes import LanePlanner
-from eigenfail_workers.planners.rulebook.merging import MergeSettings, lane_planner
+from eigenfail_workers.planners.rulebook.merging import lane_planner
 from eigenfail_workers.planners.rulebook.overrides import (
     EmergencyBrake,
     Override,
     OverrideSettings,
     fall_back,
 )
+from eigenfail_workers.planners.rulebook.ramp import MergeSettings
 from eigenfail_workers.planners.rulebook.refine import Refiner, RefineSettings
 from eigenfail_workers.planners.rulebook.rules import Question, RuleSettings, Verdict, choose
 from eigenfail_workers.planners.rulebook.surroundings import Surroundings, look_around

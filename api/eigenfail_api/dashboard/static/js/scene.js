@@ -18,8 +18,13 @@ export function drawScene(canvas, scene, step, plan) {
   if (plan) drawPath(pen, view, plan);
   if (seen) drawSeen(pen, view, scene.sizes[actor], vehicles[actor], seen);
   vehicles.forEach((vehicle, number) => drawVehicle(pen, view, scene.sizes[number], vehicle, number));
-  if (scene.apart[whole] === 0) drawContact(pen, view, scene.sizes[0], vehicles[0]);
+  if (isContact(scene, whole)) drawContact(pen, view, scene.sizes[0], vehicles[0]);
   drawScale(pen, view);
+}
+
+// A simulator may see a contact that the footprints, rounded, do not show.
+function isContact(scene, step) {
+  return scene.apart[step] === 0 || (scene.collides && step === scene.vehicles.length - 1);
 }
 
 export function wordsOf(scene, step) {
@@ -31,10 +36,13 @@ export function wordsOf(scene, step) {
     `t = ${(whole * scene.dt).toFixed(1)} s`,
     `ego ${fixed(ego[3])} m/s`,
     `actor ${fixed(actor[3])} m/s`,
-    `${scene.apart[whole].toFixed(1)} m apart`,
+    isContact(scene, whole) ? "collision" : `${apart(scene.apart[whole])} m apart`,
   ];
   return [...parts, ...(off > ALARM_M ? [`actor seen ${off.toFixed(1)} m off`] : [])].join(" · ");
 }
+
+// What is apart is never told as 0.0.
+const apart = (metres) => metres.toFixed(metres < 0.05 ? 3 : 1);
 
 function between(scene, step) {
   const from = Math.floor(step);

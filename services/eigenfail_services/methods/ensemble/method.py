@@ -1,19 +1,12 @@
-"""An ensemble: several learners of one method, from several seeds, in one campaign.
-
-Where one learner keeps to the first mode of failure that it finds, another seed finds another.
-"""
+"""Members take turns in one campaign."""
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
-import numpy as np
 
-from eigenfail import plugins
-from eigenfail.contracts import Estimator, Exploiter, Learner, Trained
-from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.settings import read_settings
+from eigenfail.contracts import Estimator, Exploiter, Trained
 from eigenfail.values import (
     EpisodeResult,
     Estimate,
@@ -23,49 +16,13 @@ from eigenfail.values import (
     Proposal,
 )
 from eigenfail.values.arrays import decode_array, encode_array
-from eigenfail.values.randomness import MAX_SEED
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.fitness import Budgeted
+from eigenfail_services.methods.ensemble.members import member
+from eigenfail_services.methods.ensemble.settings import EnsembleSettings, shares
 from eigenfail_services.statistics.pooled_estimate import pooled
 
 _encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _policies = msgspec.msgpack.Decoder(tuple[Policy | None, ...], dec_hook=decode_array)
-
-
-class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of `ensemble`: each member has the same method and settings, and its own seed."""
-
-    method: Annotated[str, msgspec.Meta(description="of every member")] = "ast"
-    members: Annotated[
-        int, msgspec.Meta(ge=2, le=16, description="learners that share the episodes evenly")
-    ] = 4
-    settings: Annotated[dict[str, Any], msgspec.Meta(description="of the members' method")] = {}
-
-    def __post_init__(self) -> None:
-        """Refuse what the members' method would refuse.
-
-        Raises:
-            UnknownName: no such method, or it has no such setting.
-            InvalidValue: a setting outside its bounds.
-        """
-        if self.method not in plugins.names(plugins.METHODS):
-            raise UnknownName("settings.method", self.method, plugins.names(plugins.METHODS))
-        if self.method == "ensemble":
-            problem = "an ensemble has no ensembles as members."
-            raise InvalidValue("settings.method", problem, "Give it more members.")
-        self.of_members()
-
-    def check_budget(self, episodes: int) -> None:
-        """Raises InvalidValue if a member's share is nothing, or too small for its method."""
-        smallest = shares(episodes, self.members)[-1]
-        members = self.of_members()
-        if isinstance(members, Budgeted):
-            members.check_budget(smallest)
-
-    def of_members(self) -> Any:
-        """The members' settings, read."""
-        kind = plugins.load(plugins.METHODS, self.method).Settings
-        return read_settings(kind, self.settings, "settings.settings")
 
 
 class Ensemble:
@@ -205,33 +162,3 @@ class Ensemble:
             for source in proposal.sources
         )
         return Proposal(sources, policy and msgspec.structs.replace(policy, version=number))
-
-
-def member(context: LearnerContext, settings: EnsembleSettings, number: int, share: int) -> Learner:
-    """A new learner with its own seed and its share of the episodes."""
-    method = plugins.load(plugins.METHODS, settings.method)
-    seed = member_seed(context.seed, number)
-    own = msgspec.structs.replace(context, seed=seed, episodes=share)
-    learner: Learner = method(own, settings.of_members())
-    return learner
-
-
-def member_seed(seed: int, number: int) -> int:
-    """The seed of a member: a function of the ensemble's and of the member's number alone."""
-    sequence = np.random.SeedSequence([seed], spawn_key=(1, number))
-    return int(sequence.generate_state(1, np.uint64)[0]) & MAX_SEED
-
-
-def shares(episodes: int, members: int) -> list[int]:
-    """Episodes shared evenly; the first members get those that are over.
-
-    Raises:
-        InvalidValue: there are fewer than members.
-    """
-    if episodes < members:
-        raise InvalidValue(
-            "settings.members",
-            f"{members} members cannot share {episodes} episodes.",
-            "Ask for fewer members, or for more episodes.",
-        )
-    return [episodes // members + (number < episodes % members) for number in range(members)]

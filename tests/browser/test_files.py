@@ -1,0 +1,45 @@
+"""What can be taken along from a page, and what an administrator changes there."""
+
+import io
+
+import httpx2
+import pyarrow.parquet
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+
+def test_all_episodes_come_as_parquet(visit, made):
+    page = visit(f"/campaigns/{made.ast}")
+    page.get_by_text("Files", exact=True).click()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="All episodes").click()
+    table = pyarrow.parquet.read_table(io.BytesIO(download.value.path().read_bytes()))
+    assert len(table) == 300
+
+
+def test_a_file_that_cannot_be_made_says_why(visit, made):
+    page = visit(f"/campaigns/{made.ast}")
+    problem = '{"detail": "The disk is full.", "remedy": "Make room."}'
+    page.route("**/exports", lambda route: route.fulfill(status=507, body=problem))
+    page.get_by_text("Files", exact=True).click()
+    page.get_by_role("button", name="All episodes").click()
+    expect(page.get_by_role("alert")).to_have_text("The disk is full. Make room.")
+    expect(page.get_by_role("button", name="All episodes")).to_be_enabled()
+
+
+def test_an_administrator_changes_the_quotas_of_a_key(bare_address, visit):
+    asked = {"name": "ci", "scope": "admin", "quotas": {"max_open": 3}}
+    token = httpx2.post(f"{bare_address}/api/v1/keys", json=asked).json()["token"]
+    page = visit("/login?next=/keys", server=bare_address)
+    page.get_by_label("Key").fill(token)
+    page.get_by_role("button", name="Sign in").click()
+    page.get_by_label("Change the quotas of ci").click()
+    row = page.get_by_role("row", name="ci")
+    expect(row.get_by_label("Campaigns open at once")).to_have_value("3")
+    row.get_by_label("Campaigns open at once").fill("")
+    row.get_by_label("Episodes in one").fill("500")
+    row.get_by_role("button", name="Set quotas").click()
+    expect(row).to_contain_text("500 episodes in one")
+    expect(row).not_to_contain_text("campaigns open")

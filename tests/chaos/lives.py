@@ -1,0 +1,28 @@
+"""How long the state machines of the tests live, and whether their lives are the same ones always.
+
+`make test` lives the same lives every time; `make explore` those of a seed (EIGENFAIL_EXPLORE=1).
+"""
+
+import os
+
+from hypothesis import HealthCheck, settings
+
+VARIABLE = "EIGENFAIL_EXPLORE"
+EXPLORING = os.environ.get(VARIABLE) == "1"
+TIMES = 3 if EXPLORING else 1
+"""So many more lives a run; the runs of an exploration go on until its time is over."""
+
+settings.register_profile(
+    "lives",
+    deadline=None,
+    derandomize=not EXPLORING,
+    print_blob=EXPLORING,
+    report_multiple_bugs=False,
+    suppress_health_check=list(HealthCheck),
+)
+
+
+def lives(examples: int, steps: int) -> settings:
+    """So many lives of so many steps each."""
+    profile = settings.get_profile("lives")
+    return settings(profile, max_examples=TIMES * examples, stateful_step_count=steps)

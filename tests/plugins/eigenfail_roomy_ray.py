@@ -1,0 +1,38 @@
+"""The process of Ray's driver, of a Ray that has room for everybody: real pipes, and no Ray."""
+
+from eigenfail_services.campaigns.launching import ray_process
+from eigenfail_services.campaigns.launching.ray_words import Standing
+
+
+class Cluster:
+    """One machine."""
+
+    def __init__(self, _address: object, _most: int) -> None:
+        pass
+
+    def machines(self) -> int:
+        return 1
+
+    def close(self) -> None:
+        pass
+
+
+class Workers:
+    """All that are wanted have their places."""
+
+    def __init__(self, _hub: str, _key: object) -> None:
+        self._names: tuple[str, ...] = ()
+
+    def want(self, names: tuple[str, ...]) -> None:
+        self._names = names
+
+    def standing(self, machines: int) -> Standing:
+        return Standing(machines, self._names)
+
+    def dismiss(self) -> None:
+        pass
+
+
+if __name__ == "__main__":
+    ray_process.Cluster, ray_process.RayWorkers = Cluster, Workers
+    ray_process.main()

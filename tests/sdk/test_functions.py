@@ -1,0 +1,84 @@
+"""What may be imported is listed by whoever starts a service, and by no request."""
+
+from contextlib import contextmanager, suppress
+
+import pytest
+
+from eigenfail.cli import places
+from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.functions import ALLOWED_VARIABLE, allow, allow_of, refuse_unlisted
+from eigenfail.hosting.service import Plan
+from eigenfail.values import CampaignSpec
+
+ON = {"name": "n", "method": "monte_carlo", "episodes": 1, "scenario": "function"}
+
+
+@pytest.fixture(autouse=True)
+def nothing_listed(monkeypatch):
+    """The variable as it was, afterwards."""
+    monkeypatch.setenv(ALLOWED_VARIABLE, "")
+    monkeypatch.delenv(ALLOWED_VARIABLE)
+
+
+def spec(place, simulator="function"):
+    return CampaignSpec(**ON, simulator=simulator, planner=place, scenario_parameters={"steps": 2})
+
+
+def is_listed(module):
+    try:
+        refuse_unlisted(f"{module}:f")
+    except InvalidValue:
+        return False
+    return True
+
+
+def test_without_a_list_there_is_nothing():
+    assert not is_listed("any_function")
+
+
+def test_whoever_starts_a_service_lists():
+    allow("mine, deep.inside")
+    assert (is_listed("mine"), is_listed("deep.inside.more"), is_listed("deep")) == (
+        True,
+        True,
+        False,
+    )
+
+
+@pytest.mark.parametrize("given", ["", "a,", "a b", "a:f", "../a", "."])
+def test_what_is_no_module_is_refused(given):
+    with pytest.raises(InvalidValue, match="no name of a module"):
+        allow(given)
+
+
+def test_a_service_for_some_campaigns_alone_takes_their_modules():
+    allow_of([spec("one:f"), spec("two.deep:f"), spec("idm", "point_mass"), spec("no place")])
+    assert [is_listed(name) for name in ("one", "two.deep", "idm", "no place")] == [
+        *(True, True, False, False)
+    ]
+
+
+def test_a_list_of_its_own_holds(monkeypatch):
+    monkeypatch.setenv(ALLOWED_VARIABLE, "other")
+    allow_of([spec("one:f")])
+    assert not is_listed("one")
+
+
+def test_what_runs_a_file_by_itself_starts_a_service_for_the_files_module(tmp_path, monkeypatch):
+    """It finds the list in its environment; what it is started with is all that matters here."""
+    (tmp_path / "sut_alone.py").write_text("")
+    monkeypatch.chdir(tmp_path)
+    started = []
+
+    @contextmanager
+    def start(_plan):
+        started.append(is_listed("sut_alone"))
+        raise ServiceError("enough")
+        yield
+
+    monkeypatch.setattr(places, "local_service", start)
+    monkeypatch.setattr(places, "nearby", lambda *_: ())
+    plan = Plan(tmp_path, 0)
+    with suppress(ServiceError), places.somewhere(None, spec("sut_alone:f"), None, plan):
+        pass
+    assert started == [True]

@@ -1,0 +1,24 @@
+"""What the settings of plug-ins are unless they are given."""
+
+import msgspec
+
+from eigenfail.settings import defaults_of, read_settings
+
+
+class Inner(msgspec.Struct, frozen=True):
+    gain: float = 0.5
+
+
+class Outer(msgspec.Struct, frozen=True):
+    seed: int
+    inner: Inner = Inner()
+    names: tuple[str, ...] = ("a",)
+    made: dict[str, int] = {}
+
+
+def test_defaults_are_plain_and_leave_out_what_is_required() -> None:
+    assert defaults_of(Outer) == {"inner": {"gain": 0.5}, "names": ("a",), "made": {}}
+
+
+def test_defaults_written_down_change_nothing() -> None:
+    assert read_settings(Outer, {"seed": 1, **defaults_of(Outer)}, "settings") == Outer(1)

@@ -1,0 +1,91 @@
+"""The bill of a campaign's time, where the store keeps it and nobody hears so."""
+
+from collections.abc import Iterator
+from enum import Enum
+from types import SimpleNamespace
+
+import pytest
+
+from eigenfail.contracts import Store
+from eigenfail.errors import StoreUnavailable
+from eigenfail.testing.store.examples import running
+from eigenfail.testing.store.jobs import claimed
+from eigenfail_services.campaigns import watch
+from eigenfail_services.campaigns.summary import campaign_cost
+from eigenfail_services.campaigns.watch import Watch
+from eigenfail_services.hub.meter import Meter, Phase
+from eigenfail_services.store import MemoryStore, open_store
+
+HOUR_S = 3_600.0
+PRICE_USD = 6.0
+
+
+class Fate(Enum):
+    """What becomes of a bill that gets no answer."""
+
+    KEPT = "kept"
+    LOST = "lost"
+
+
+FATES = [
+    (Fate.KEPT,),
+    (Fate.LOST,),
+    (Fate.KEPT, Fate.KEPT),
+    (Fate.LOST, Fate.KEPT),
+    (Fate.KEPT, Fate.LOST, Fate.KEPT),
+]
+
+
+@pytest.fixture(params=["memory", "sqlite"])
+def store(request, tmp_path) -> Iterator[Store]:
+    made = MemoryStore() if request.param == "memory" else open_store(f"sqlite:///{tmp_path}/a.db")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def now_s(monkeypatch) -> list[float]:
+    now_s = [1_000.0]
+    clock = SimpleNamespace(monotonic=lambda: now_s[0])
+    monkeypatch.setattr(watch, "time", clock)
+    monkeypatch.setattr(watch, "Meter", lambda: Meter(clock.monotonic))
+    return now_s
+
+
+@pytest.fixture
+def billed(store: Store, now_s: list[float]) -> Watch:
+    """A campaign whose learner is at work, and that ran for an hour before."""
+    campaign = running(store, price_usd_per_hour=PRICE_USD)
+    store.campaigns.add_active(campaign.id, HOUR_S)
+    made = Watch(claimed(store), kept_s=HOUR_S)
+    made.meter.look(Phase.LEARNING)
+    return made
+
+
+@pytest.mark.parametrize("fates", FATES)
+def test_time_is_billed_once_whatever_became_of_the_bills(
+    store: Store, billed: Watch, now_s: list[float], monkeypatch, fates: tuple[Fate, ...]
+) -> None:
+    add = store.campaigns.add_active
+
+    def unanswered(*bill) -> None:
+        if left.pop(0) is Fate.KEPT:
+            add(*bill)
+        raise StoreUnavailable("The connection was cut.")
+
+    left = [*fates]
+    with monkeypatch.context() as patch:
+        patch.setattr(store.campaigns, "add_active", unanswered)
+        for _ in fates:
+            now_s[0] += 100.0
+            with pytest.raises(StoreUnavailable):
+                billed.bill(store)
+            campaign = store.campaigns.get(billed.job.subject)
+            assert billed.so_far(campaign).active_s == HOUR_S + now_s[0] - 1_000.0
+    now_s[0] += 10.0
+    billed.bill(store)
+    ran_s = 100.0 * len(fates) + 10.0
+    kept = store.campaigns.get(billed.job.subject)
+    assert kept.active_s == HOUR_S + ran_s
+    assert kept.overhead.learning_s == ran_s
+    assert campaign_cost(kept).total_usd == pytest.approx(PRICE_USD * (1.0 + ran_s / HOUR_S))

@@ -1,0 +1,182 @@
+"""Whose connection is closed: what a ROUTER tells, and what becomes of those whom it tells of."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+
+import pytest
+import zmq
+
+from eigenfail.values import EpisodeTask, PriorSource
+from eigenfail.wire.messages import PROTOCOL, Heartbeat, Hello, encode
+from eigenfail_services.hub import desk as module
+from eigenfail_services.hub.binding import bind
+from eigenfail_services.hub.desk import HEARTBEAT_S, SILENCE_LIMIT_S, Desk
+from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.lines import GRACE_S, LOOK_EVERY_S, QUIET_BEATS
+from eigenfail_services.hub.post import Post
+
+TICK_S = 0.05
+SOON_S = QUIET_BEATS * HEARTBEAT_S + GRACE_S + 2 * LOOK_EVERY_S + TICK_S
+PRIOR = PriorSource()
+PEER = """
+import sys, time, zmq
+dealer = zmq.Context().socket(zmq.DEALER)
+dealer.connect(sys.argv[1])
+dealer.send(b"here")
+time.sleep(600)
+"""
+
+
+class Table:
+    """A desk whose clock and whose workers' connections are played."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.now_s = 1_000.0
+        patch.setattr(module.time, "monotonic", lambda: self.now_s)
+        self.closed: set[bytes] = set()
+        self.leases = Leases()
+        known = lambda worker: worker not in self.closed  # noqa: E731
+        self.desk = Desk(lambda *_: None, self.leases, None, reaches=known)  # type: ignore[arg-type]
+
+    def join(self, worker: bytes, life: str) -> None:
+        self.desk.hear(worker, encode(Hello(PROTOCOL, life, 64, life=life)))
+
+    def runs_one(self, worker: bytes) -> None:
+        self.leases.offer(1, (EpisodeTask(0, 0, PRIOR), EpisodeTask(1, 1, PRIOR)))
+        self.leases.assign()
+        self.desk.hear(worker, encode(Heartbeat(1, 0, ((1, 0), (1, 1)))))
+
+    def goes_by(self, seconds: float, *heard: bytes) -> None:
+        until_s = self.now_s + seconds
+        while self.now_s < until_s:
+            self.now_s += TICK_S
+            for worker in heard:
+                self.desk.hear(worker, encode(Heartbeat()))
+            self.desk.bury_silent()
+
+    def held_by(self, worker: bytes) -> set[tuple[int, int]]:
+        self.leases.assign()
+        return set(self.leases.seats[worker].held)
+
+
+@pytest.fixture
+def table(monkeypatch: pytest.MonkeyPatch) -> Table:
+    return Table(monkeypatch)
+
+
+BOTH = {(1, 0), (1, 1)}
+
+
+def test_who_was_killed_is_given_up_soon_and_counted_when_it_stays_away(table: Table) -> None:
+    table.join(b"a", "one")
+    table.runs_one(b"a")
+    table.closed.add(b"a")
+    table.goes_by(SOON_S)
+    assert table.leases.seats == {}
+    table.join(b"b", "two")
+    assert table.held_by(b"b") == BOTH
+    assert table.leases.suspects() == []
+    table.goes_by(SILENCE_LIMIT_S, b"b")
+    assert [task.index for _, task in table.leases.suspects()] == [0]
+    table.leases.acquit(1, 0)
+    assert table.held_by(b"b") == BOTH
+    assert table.leases.suspects() == []
+
+
+def test_a_death_of_what_has_a_result_by_then_is_not_counted(table: Table) -> None:
+    table.join(b"a", "one")
+    table.runs_one(b"a")
+    table.closed.add(b"a")
+    table.goes_by(SOON_S)
+    table.leases.bring(1, 0, 1.0)
+    table.goes_by(SILENCE_LIMIT_S)
+    assert table.leases.suspects() == []
+
+
+@pytest.mark.parametrize("away_s", [0.5, SOON_S, SILENCE_LIMIT_S - 1.0])
+def test_who_comes_back_by_another_line_has_died_of_nothing(table: Table, away_s: float) -> None:
+    table.join(b"a", "one")
+    table.runs_one(b"a")
+    table.closed.add(b"a")
+    table.goes_by(away_s)
+    table.join(b"again", "one")
+    assert table.leases.seats.keys() == {b"again"}
+    table.goes_by(2 * SILENCE_LIMIT_S, b"again")
+    assert table.leases.suspects() == []
+    assert table.held_by(b"again") == BOTH
+
+
+def test_who_keeps_its_connection_has_all_the_time_that_there_is(table: Table) -> None:
+    table.join(b"a", "one")
+    table.goes_by(SILENCE_LIMIT_S - 2 * TICK_S)
+    assert table.leases.seats.keys() == {b"a"}
+    table.goes_by(4 * TICK_S)
+    assert table.leases.seats == {}
+
+
+def test_nobody_who_is_heard_is_asked(table: Table) -> None:
+    table.join(b"a", "one")
+    table.closed.add(b"a")
+    table.goes_by(3 * SILENCE_LIMIT_S, b"a")
+    assert table.leases.seats.keys() == {b"a"}
+
+
+@pytest.fixture
+def router() -> Iterator["zmq.Socket[bytes]"]:
+    bound = bind("tcp://127.0.0.1:*")
+    yield bound
+    bound.close(linger=0)
+
+
+@pytest.fixture
+def peer(router) -> Iterator[Callable[[], tuple[subprocess.Popen, bytes]]]:
+    started: list[subprocess.Popen] = []
+
+    def start() -> tuple[subprocess.Popen, bytes]:
+        address = router.getsockopt_string(zmq.LAST_ENDPOINT)
+        started.append(subprocess.Popen([sys.executable, "-c", PEER, address]))
+        connection, _ = router.recv_multipart()
+        return started[-1], connection
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def until(condition: Callable[[], bool], router: "zmq.Socket[bytes]") -> None:
+    for _ in range(1_000):
+        if condition():
+            return
+        router.poll(10)
+    raise AssertionError("it did not come to that")
+
+
+@pytest.mark.service
+def test_a_router_knows_whose_process_was_killed_and_not_whose_is_stopped(router, peer) -> None:
+    post, (killed, to_killed), (stopped, to_stopped) = Post(router), peer(), peer()
+    assert post.reaches(to_killed)
+    os.kill(stopped.pid, signal.SIGSTOP)
+    killed.kill()
+    until(lambda: not post.reaches(to_killed), router)
+    assert post.reaches(to_stopped)
+    assert not post.reaches(b"nobody")
+    post.send(to_killed, Heartbeat())  # nobody is there to get it, and nothing happens
+    assert post.reaches(to_stopped)
+
+
+@pytest.mark.service
+def test_a_full_line_is_not_taken_for_a_closed_one(router, peer) -> None:
+    post, (stopped, connection) = Post(router), peer()
+    os.kill(stopped.pid, signal.SIGSTOP)
+    large = bytes(1 << 20)
+    with suppress(zmq.Again):
+        while True:
+            router.send_multipart([connection, large], zmq.NOBLOCK)
+    assert post.reaches(connection)
+    stopped.kill()
+    until(lambda: not post.reaches(connection), router)

@@ -1,0 +1,112 @@
+"""Which episodes of open rounds are asked for, and which of their results count."""
+
+import msgspec
+import pytest
+
+from eigenfail.errors import StoreUnavailable
+from eigenfail.values import (
+    CampaignSpec,
+    EpisodeFault,
+    EpisodeResult,
+    EpisodeTask,
+    PriorSource,
+    Round,
+    unrunnable,
+)
+from eigenfail.values.records import Delivery, Verdict
+from eigenfail.wire.messages import PROTOCOL, Hello
+from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.open_rounds import MAX_REFUSALS, OpenRounds
+from eigenfail_services.store import MemoryStore
+
+TASKS = tuple(EpisodeTask(index, index, PriorSource()) for index in range(4))
+ROUNDS = Round(0, TASKS[:2]), Round(1, TASKS[2:])
+
+
+class Opened:
+    """The open rounds of one campaign, beside a store and a worker."""
+
+    def __init__(self) -> None:
+        spec = CampaignSpec(name="t", method="monte_carlo", episodes=4)
+        self.store, self.leases = MemoryStore(), Leases()
+        self.campaign = self.store.campaigns.create(spec).id
+        self.leases.join(b"w", Hello(PROTOCOL, "w", 256), 0.0)
+        shape = spec.setup().disturbance.shape
+        self.rounds = OpenRounds(self.campaign, shape, self.store, self.leases)
+
+    def leased(self) -> list[int]:
+        return sorted(task.index for each in self.leases.assign() for task in each.tasks)
+
+    def commit(self, *results: EpisodeResult) -> list[Verdict]:
+        deliveries = [Delivery(result, "w") for result in results]
+        return self.store.episodes.commit(self.campaign, deliveries)
+
+    def deliver(self, result: EpisodeResult) -> None:
+        (verdict,) = self.commit(result)
+        self.leases.settle(self.campaign, result.index, 0.1)
+        self.rounds.land(result, verdict)
+
+
+@pytest.fixture
+def opened() -> Opened:
+    return Opened()
+
+
+def result(index: int, kind: str = "input") -> EpisodeResult:
+    return unrunnable(TASKS[index], EpisodeFault(kind, "test"))
+
+
+def test_what_has_a_result_is_not_asked_for(opened: Opened) -> None:
+    opened.commit(result(0), result(3))
+    opened.rounds.open(ROUNDS)
+    assert opened.leased() == [1, 2]
+    assert opened.rounds.awaited() == 2
+
+
+def test_rounds_are_whole_in_their_order(opened: Opened) -> None:
+    opened.rounds.open(ROUNDS)
+    for index in (3, 1, 2):
+        opened.deliver(result(index))
+        assert opened.rounds.whole() is None
+    opened.deliver(result(0))
+    found = [opened.rounds.whole(), opened.rounds.whole()]
+    assert [[each.index for each in whole or ()] for whole in found] == [[0, 1], [2, 3]]
+    assert opened.rounds.whole() is None
+
+
+def test_rounds_open_once_although_the_store_was_away(
+    opened: Opened, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def away(*_: object) -> None:
+        raise StoreUnavailable("The disk is full.")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(opened.store.episodes, "finished", away)
+        with pytest.raises(StoreUnavailable):
+            opened.rounds.open(ROUNDS)
+    assert opened.rounds.awaited() == 0
+    for _ in range(2):
+        opened.rounds.open(ROUNDS)
+    assert opened.leased() == [0, 1, 2, 3]
+
+
+def test_of_two_results_the_one_that_is_kept_counts(opened: Opened) -> None:
+    opened.rounds.open(ROUNDS[:1])
+    opened.commit(result(0))
+    opened.deliver(result(0, "solver"))
+    opened.deliver(result(1))
+    assert opened.rounds.whole() is None
+    assert [opened.rounds.count_those_kept() for _ in range(2)] == [1, 0]
+    assert [each.fault and each.fault.kind for each in opened.rounds.whole() or ()] == ["input"] * 2
+
+
+def test_what_is_refused_is_asked_for_again_but_not_for_ever(opened: Opened) -> None:
+    opened.rounds.open(ROUNDS[:1])
+    misfit = msgspec.structs.replace(result(0), steps=-1)
+    assert opened.leased() == [0, 1]
+    for _ in range(MAX_REFUSALS - 1):
+        opened.deliver(misfit)
+        assert (opened.leased(), opened.rounds.problem) == ([0], "")
+    opened.deliver(misfit)
+    assert opened.leased() == []
+    assert f"episode 0 was refused {MAX_REFUSALS} times" in opened.rounds.problem

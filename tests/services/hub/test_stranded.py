@@ -1,0 +1,72 @@
+"""What is said of campaigns that nobody who is here can run."""
+
+import pytest
+
+from eigenfail.errors import StoreUnavailable
+from eigenfail_services.hub import stranded as module
+from eigenfail_services.hub.stranded import LACKING, MET, PATIENCE_S, Stranded
+from eigenfail_services.store import MemoryStore
+
+
+class Play:
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.now_s = 100.0
+        patch.setattr(module.time, "monotonic", lambda: self.now_s)
+        self.store, self.found = MemoryStore(), set[int]()
+        self.stranded = Stranded(self.store.events, lambda: self.found)
+
+    def goes_by(self, seconds: float, *running: int) -> None:
+        self.stranded.note(running)
+        self.now_s += seconds
+        self.stranded.note(running)
+
+    def said(self) -> list[tuple[str, int | None]]:
+        return [(event.kind, event.campaign) for event in reversed(self.store.events.latest(99))]
+
+
+@pytest.fixture
+def play(monkeypatch: pytest.MonkeyPatch) -> Play:
+    return Play(monkeypatch)
+
+
+def test_it_is_said_once_when_it_has_lasted_and_once_when_it_is_over(play: Play) -> None:
+    play.found = {7}
+    play.goes_by(PATIENCE_S - 0.1, 7, 8)
+    assert play.said() == []
+    for _ in range(3):
+        play.goes_by(PATIENCE_S, 7, 8)
+    assert play.said() == [(LACKING, 7)]
+    assert "--bridge tcp://" in play.store.events.latest(1)[0].message
+    play.found = set()
+    play.goes_by(PATIENCE_S, 7, 8)
+    assert play.said() == [(LACKING, 7), (MET, 7)]
+
+
+def test_what_passes_by_itself_is_not_said(play: Play) -> None:
+    for _ in range(3):
+        play.found = {7}
+        play.goes_by(PATIENCE_S / 2, 7)
+        play.found = set()
+        play.goes_by(PATIENCE_S / 2, 7)
+    assert play.said() == []
+
+
+def test_nothing_is_said_of_a_campaign_that_rests(play: Play) -> None:
+    play.found = {7}
+    play.goes_by(PATIENCE_S, 7)
+    play.found = set()
+    play.goes_by(PATIENCE_S)
+    assert play.said() == [(LACKING, 7)]
+
+
+def test_what_could_not_be_written_down_is_said_later(play: Play) -> None:
+    def away(*_: object) -> None:
+        raise StoreUnavailable("The disk is full.")
+
+    play.found = {7}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(play.store.events, "append", away)
+        with pytest.raises(StoreUnavailable):
+            play.goes_by(PATIENCE_S, 7)
+    play.goes_by(0.0, 7)
+    assert play.said() == [(LACKING, 7)]
