@@ -1,6 +1,5 @@
 """`python -m eigenfail_api`: serve the API until told to stop."""
 
-import argparse
 import errno
 import signal
 import socket
@@ -14,6 +13,7 @@ from pydantic import ValidationError
 from pydantic_settings import SettingsError
 
 from eigenfail import logs
+from eigenfail.command_line import Parser
 from eigenfail.errors import EigenfailError, InvalidValue, PortTaken
 from eigenfail.processes import end_now
 from eigenfail.values.access import redacted
@@ -43,7 +43,7 @@ def read_settings(arguments: Sequence[str] | None) -> ApiSettings:
     Raises:
         InvalidValue: a value of the wrong type or outside its bounds.
     """
-    parser = argparse.ArgumentParser(prog="python -m eigenfail_api", description=__doc__)
+    parser = Parser(prog="python -m eigenfail_api", description=__doc__)
     parser.add_argument("--database", help="URL of the store")
     parser.add_argument("--host", help="address to listen on")
     parser.add_argument("--port", help="port to listen on; 0 takes a free one")
@@ -71,7 +71,7 @@ def serve(settings: ApiSettings) -> None:
         end_traces = tracing.configure("controller")
         store = open_store(settings.database)
         try:
-            server = Server(create_app(store, settings))
+            server = Server(create_app(store, settings), settings.proxies)
             for stop in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(stop, leave)
             announce(listener)
@@ -120,14 +120,21 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 class Server(uvicorn.Server):
-    """uvicorn, which lets followers of events go before it waits for requests to end."""
+    """uvicorn, which lets followers of events go before it waits for requests to end.
 
-    def __init__(self, app: FastAPI) -> None:
+    Args:
+        app: what it serves.
+        proxies: whose word is taken on who asks; uvicorn would take that of any local program.
+    """
+
+    def __init__(self, app: FastAPI, proxies: tuple[str, ...] = ()) -> None:
         config = uvicorn.Config(
             app,
             log_config=None,
             log_level="warning",
             server_header=False,
+            proxy_headers=bool(proxies),
+            forwarded_allow_ips=[*proxies],
             timeout_graceful_shutdown=GRACE_S,
         )
         super().__init__(config)

@@ -25,6 +25,8 @@ class ApiSettings(BaseSettings):
         trust_network: listen for other machines although nobody has to show a key. For containers
             behind a private network, and nothing else.
         hosts: names under which it may be asked, against DNS rebinding; see `names`.
+        proxies: addresses of proxies before it, whose X-Forwarded-For and X-Forwarded-Proto say who
+            asks.
         max_body_bytes: largest body of a request.
         max_requests_per_s: of one key, on average over five seconds; more is a 429.
         max_keyless_requests_per_s: the same of one address, where nobody has to show a key.
@@ -39,6 +41,7 @@ class ApiSettings(BaseSettings):
     require_keys: bool = False
     trust_network: bool = False
     hosts: tuple[str, ...] | None = None
+    proxies: tuple[str, ...] = ()
     max_body_bytes: Annotated[int, Field(ge=1)] = 1_000_000
     max_requests_per_s: Annotated[float, Field(gt=0.0)] = 200.0
     max_keyless_requests_per_s: Annotated[float, Field(gt=0.0)] = 500.0
@@ -73,7 +76,7 @@ def refuse_open_door(settings: ApiSettings) -> None:
             f"'{settings.host}' can be reached from other machines, and nobody has to show a key.",
             "Listen on 127.0.0.1, or make an administrator's key with `eigenfail key create` and "
             "set EIGENFAIL_REQUIRE_KEYS=1. EIGENFAIL_TRUST_NETWORK=1 vouches for a private "
-            "network instead.",
+            "network instead, and EIGENFAIL_HOSTS names what others call this machine.",
         )
 
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 from functools import update_wrapper
 from importlib.util import find_spec
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any
 
 import msgspec
@@ -84,8 +85,7 @@ def check(spec: CampaignSpec) -> FunctionParameters:
 
     Raises:
         UnknownName: a parameter that there is not.
-        InvalidValue: a value outside its bounds, one that means nothing to a function, or a module
-            that may not be run here.
+        InvalidValue: a value outside its bounds, or one that means nothing to a function.
     """
     if spec.scenario != SCENARIO:
         problem = f"'{spec.scenario}' is no scenario of the simulator '{SIMULATOR}'."
@@ -93,7 +93,6 @@ def check(spec: CampaignSpec) -> FunctionParameters:
     if not PLACE.fullmatch(spec.planner):
         problem = f"'{spec.planner}' is not of the form module:function."
         raise InvalidValue("planner", problem, 'Write it as planner = "my_module:robustness".')
-    refuse_unlisted(spec.planner)
     if spec.planner_settings:
         raise UnknownName("planner_settings", next(iter(spec.planner_settings)), ())
     if replace(spec.disturbance, scale=1.0, shape=White()) != DisturbanceModel():
@@ -132,23 +131,38 @@ def require_module(place: str) -> None:
         raise not_found(place, f"there is no module '{package}'")
 
 
-def refuse_unlisted(place: str) -> None:
+def refuse_unlisted(place: str, remedy: str = "") -> None:
     """Hold to the list of what may be imported, of whoever started this process.
 
     A campaign comes from a request, and to import is to run: no request adds to the list.
 
+    Args:
+        place: of the function.
+        remedy: where this process is no service's.
+
     Raises:
         InvalidValue: neither the module nor a package around it is on it.
     """
-    listed = os.environ.get(ALLOWED_VARIABLE, "")
-    module = place.partition(":")[0]
-    if not any(f"{module}.".startswith(f"{name.strip()}.") for name in listed.split(",")):
+    if not is_listed(place):
+        module = place.partition(":")[0]
         problem = f"'{module}' is none of the modules whose functions may be run here."
-        remedy = (
+        of_service = (
             f"Start the service with `eigenfail up --functions {module}`, or it and its workers "
             f"with {ALLOWED_VARIABLE}={module}."
         )
-        raise InvalidValue("planner", problem, remedy)
+        raise InvalidValue("planner", problem, remedy or of_service)
+
+
+def is_listed(place: str) -> bool:
+    """Whether the module, or a package around it, may be imported here."""
+    module, listed = place.partition(":")[0], os.environ.get(ALLOWED_VARIABLE, "")
+    return any(f"{module}.".startswith(f"{name.strip()}.") for name in listed.split(","))
+
+
+def up_option() -> str:
+    """What `eigenfail up` needs in order to list the same, with a space before it."""
+    listed = os.environ.get(ALLOWED_VARIABLE)
+    return f" --functions {quote(listed)}" if listed else ""
 
 
 def allow(places: str) -> None:

@@ -2,6 +2,8 @@
 
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from eigenfail.errors import InvalidValue
@@ -17,13 +19,10 @@ def write_private(path: Path, text: str, field: str) -> None:
     Raises:
         InvalidValue: it is there already, or cannot be written.
     """
-    try:
+    with _written(path, field):
         descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, OWNER_ONLY)
-    except OSError as error:
-        problem = f"'{path}' cannot be written: {error.strerror}."
-        raise InvalidValue(field, problem, "Name another, or take that one away.") from error
-    with os.fdopen(descriptor, "w") as file:
-        file.write(f"{text}\n")
+        with os.fdopen(descriptor, "w") as file:
+            file.write(f"{text}\n")
 
 
 def replace_private(path: Path, text: str, field: str) -> None:
@@ -33,9 +32,19 @@ def replace_private(path: Path, text: str, field: str) -> None:
         InvalidValue: it cannot be written.
     """
     draft = path.with_name(f".{path.name}.new")
-    draft.unlink(missing_ok=True)
-    write_private(draft, text, field)
-    draft.replace(path)
+    with _written(path, field):
+        draft.unlink(missing_ok=True)
+        write_private(draft, text, field)
+        draft.replace(path)
+
+
+@contextmanager
+def _written(path: Path, field: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        problem = f"'{path}' cannot be written: {error.strerror}."
+        raise InvalidValue(field, problem, "Name another, or take that one away.") from error
 
 
 def read_private(path: Path, field: str) -> str:

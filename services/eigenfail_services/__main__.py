@@ -15,6 +15,7 @@ from typing import NoReturn
 import structlog
 
 from eigenfail import logs
+from eigenfail.command_line import Parser
 from eigenfail.errors import EigenfailError, StoreUnavailable
 from eigenfail.processes import die_with_parent, end_now
 from eigenfail.values.access import redacted
@@ -44,7 +45,7 @@ log = structlog.get_logger()
 
 def parse(words: list[str] | None = None) -> argparse.Namespace:
     """What the command line says."""
-    parser = argparse.ArgumentParser(prog="eigenfail_services", description=__doc__)
+    parser = Parser(prog="eigenfail_services", description=__doc__)
     parser.add_argument("--database", default=os.environ.get(DATABASE_VARIABLE), help="URL")
     parser.set_defaults(command=serve)
     parser.add_argument("--hub", default="tcp://127.0.0.1:*", help="address to listen on")

@@ -98,7 +98,8 @@ CRASH = Measures(
 
 def test_an_episode_is_told_with_its_class_and_lead_times(http, campaign, deliver, result):
     deliver(campaign, replace(result(0, Outcome.COLLISION), measures=CRASH))
-    wanted = {"conflict": "planner_failure", "ttc_lead_s": 2.0, "drac_lead_s": 0.25}
+    leads = {"ttc_lead_s": 2.0, "drac_lead_s": 0.25}
+    wanted = {"conflict": "planner_failure", "unresolved": False, **leads}
     one = http.get(f"{URL}/{campaign}/episodes/0").json()
     (row,) = http.get(f"{URL}/{campaign}/episodes").json()["items"]
     assert one["assessed"] == row["assessed"] == wanted

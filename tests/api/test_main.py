@@ -68,6 +68,18 @@ def test_it_serves_and_remembers(running, fields):
         assert client.campaigns.get(campaign.id) == campaign
 
 
+@pytest.mark.parametrize(("proxies", "statuses"), [("[]", {200, 429}), ('["127.0.0.1"]', {200})])
+def test_only_a_proxy_that_was_named_says_who_asks(start, proxies, statuses):
+    limit = {"EIGENFAIL_MAX_KEYLESS_REQUESTS_PER_S": "0.2", "EIGENFAIL_PROXIES": proxies}
+    address = start("--port", "0", **limit).stdout.readline().split()[-1]
+    with httpx2.Client(base_url=address) as http:
+        found = {
+            http.get("/api/v1/campaigns", headers={"X-Forwarded-For": f"10.0.0.{n}"}).status_code
+            for n in range(5)
+        }
+    assert found == statuses
+
+
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_it_stops_when_told_to_with_a_follower_listening(running, stop):
     process, address = running
@@ -112,6 +124,7 @@ def test_an_open_door_is_one_sentence(refusal):
     code, line = refusal("--host", "0.0.0.0", "--port", "0")
     assert code == 2
     assert "EIGENFAIL_TRUST_NETWORK=1" in line
+    assert "EIGENFAIL_HOSTS" in line
 
 
 @pytest.mark.parametrize(

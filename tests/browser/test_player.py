@@ -237,3 +237,12 @@ def test_a_telephone_scrolls_down_only(crash, scheme):
     expect(page.locator("[data-field=mode]")).to_have_text("highway")
     over = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
     assert page.evaluate(over) <= 0
+
+
+def test_in_the_last_moment_nothing_is_seen_any_more(crash):
+    page = crash("?t=8.7")
+    expect(page.locator("[data-readout]")).to_contain_text("m off")
+    page.keyboard.press("ArrowRight")
+    at(page, "8.8")
+    expect(page.locator("[data-readout]")).to_contain_text("collision")
+    expect(page.locator("[data-readout]")).not_to_contain_text("m off")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import time
@@ -31,6 +32,13 @@ echo "create database eigenfail" | postgres --single -D /data/main postgres
 exec postgres -D /data/main -k /tmp -c "listen_addresses=*" -c port=5432
 """
 
+DEFAULT = re.compile(r"\$\{\w+:-([^}]*)\}")
+
+
+def with_defaults(text: str) -> str:
+    """A compose file in which nobody has set what need not be set."""
+    return DEFAULT.sub(r"\1", text)
+
 
 class Composed:
     """What is up. `worker-2` is another `worker`."""
@@ -41,7 +49,7 @@ class Composed:
         text = file.read_text().replace(
             "${POSTGRES_PASSWORD:?set POSTGRES_PASSWORD in deploy/.env}", PASSWORD
         )
-        self._services: dict[str, dict[str, Any]] = yaml.safe_load(text)["services"]
+        self._services: dict[str, dict[str, Any]] = yaml.safe_load(with_defaults(text))["services"]
         self._images = images
         self._folder = folder
         self._tell = tell

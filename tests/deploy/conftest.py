@@ -8,13 +8,14 @@ import yaml
 
 sys.path.append(str(Path(__file__).parent))
 
+from composed import with_defaults
 from manifests import DEPLOY, OVERLAYS, built
 
 
 @pytest.fixture(scope="session")
 def services():
     """Those of the compose file."""
-    return yaml.safe_load((DEPLOY / "compose.yaml").read_text())["services"]
+    return yaml.safe_load(with_defaults((DEPLOY / "compose.yaml").read_text()))["services"]
 
 
 @pytest.fixture(params=OVERLAYS)

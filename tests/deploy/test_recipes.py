@@ -230,3 +230,18 @@ def test_no_password_stands_in_the_file(services):
 def test_workers_can_be_scaled(services, name):
     assert "container_name" not in services[name]
     assert "ports" not in services[name]
+
+
+def test_modules_of_functions_reach_whoever_has_to_know_them(services):
+    variables = {name: one.get("environment", {}) for name, one in services.items()}
+    knowing = {name for name, its in variables.items() if "EIGENFAIL_FUNCTIONS" in its}
+    assert knowing == {"controller", "services", "worker", "plain-worker"}
+    text = (DEPLOY / "compose.yaml").read_text()
+    for name in ("EIGENFAIL_FUNCTIONS", "EIGENFAIL_HOSTS", "EIGENFAIL_PROXIES"):
+        assert f"{name}: '${{{name}:-" in text
+
+
+def test_the_controller_answers_under_its_names_and_believes_no_proxy(controller):
+    _, settings = controller
+    assert settings.names == ("localhost", "127.0.0.1", "controller")
+    assert settings.proxies == ()

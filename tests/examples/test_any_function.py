@@ -88,6 +88,13 @@ def test_a_stored_call_is_repeated_and_not_explained(spec, results):
         explain_episode(spec, failure)
 
 
+def test_a_call_is_not_repeated_unless_its_module_is_listed_here(spec, results, monkeypatch):
+    monkeypatch.delenv("EIGENFAIL_FUNCTIONS")
+    with pytest.raises(InvalidValue) as refused:
+        replay_episode(spec, results[0])
+    assert "EIGENFAIL_FUNCTIONS=any_function eigenfail episode replay" in refused.value.remedy
+
+
 def test_what_a_function_has_not_reads_as_a_dash(spec, results):
     store = open_store("memory://")
     campaign = store.campaigns.create(spec).id

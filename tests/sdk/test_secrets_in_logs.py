@@ -105,6 +105,47 @@ main.main()
     assert [secret for secret in SECRETS if secret in done.stderr] == []
 
 
+def test_a_command_that_fails_by_surprise_is_told_of_without_secrets():
+    done = run(f"""{BEGIN}
+from eigenfail.cli import doctor
+from eigenfail.cli.main import main
+doctor.versions = lambda: fail({ALL})
+sys.argv = ["eigenfail", "doctor"]
+main()
+""")
+    assert (done.returncode, "ValueError: ef_7_…" in done.stderr) == (1, True)
+    assert [secret for secret in SECRETS if secret in done.stderr] == []
+
+
+@pytest.mark.parametrize("program", ["eigenfail_api", "eigenfail_services", "eigenfail_workers"])
+def test_a_command_line_that_is_wrong_is_told_of_without_secrets(program):
+    command = [sys.executable, "-m", program, URL]
+    done = subprocess.run(command, capture_output=True, check=False, text=True)
+    assert (done.returncode, "usage: " in done.stderr) == (2, True)
+    assert PASSWORD not in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [
+        ("connect(password='hunter2 x', user='u')", "connect(password='…', user='u')"),
+        ('password="hunter2"', 'password="…"'),
+        ("{'password': 'hunter2'}", "{'password': '…'}"),
+        (r'{"said": "{\"password\": \"hunter2 \\ x\"}"}', r'{"said": "{\"password\": \"…\"}"}'),
+        (r'password="hun\"ter2 x" y', 'password="…" y'),
+        ("password = hunter2", "password = …"),
+        ("PGPASSWORD: hunter2", "PGPASSWORD: …"),
+        ("password='hunter2", "password='…'"),
+        ("f(password=hunter2):", "f(password=…):"),
+        ('postgresql://u:hun"ter2@db/e', "postgresql://u:…@db/e"),
+        ("postgresql+psycopg://u:hun'ter2/x@db/e", "postgresql+psycopg://u:…@db/e"),
+        ('["redis://:hunter2@db"]', '["redis://:…@db"]'),
+    ],
+)
+def test_passwords_are_hidden_however_they_are_written(text, left):
+    assert redacted(text) == left
+
+
 @pytest.mark.parametrize(
     "words",
     [
@@ -125,6 +166,9 @@ def test_a_database_that_is_not_there_is_told_of_without_its_password(words):
         "http://127.0.0.1:8440/campaigns/3 of ada@example.org",
         '{"url":"http://127.0.0.1:8440/","mail":"ada@example.org"}',
         "def _key(ef_count): efw_", "tcp://services:8441",
+        "def f(password=None):", "http://127.0.0.1:8440/x?y='a',b@c",
+        '{"url":"http://127.0.0.1:8440","mail":"ada@example.org"}',
+        "['http://127.0.0.1:8440', 'ada@example.org']",
     ],
 )  # fmt: skip
 def test_what_is_no_secret_stays(text):

@@ -75,3 +75,13 @@ def test_the_program_says_nothing_of_the_secret(tmp_path):
     ]
     assert [json.loads(each)["made"] is None for each in said] == [False, True]
     assert (tmp_path / "key").read_text().strip() not in said[0]
+
+
+def test_a_file_that_cannot_be_looked_into_is_named_and_no_key_is_made(store, tmp_path):
+    (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / ".blocked.new").mkdir()
+    for name in ("", "binary", "binary/key", "blocked"):
+        with pytest.raises(InvalidValue) as refused:
+            first_key(store, "compose", tmp_path / name)
+        assert refused.value.field == "--file"
+    assert not store.keys.exist()

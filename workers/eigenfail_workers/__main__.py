@@ -1,6 +1,5 @@
 """A worker started by hand: `python -m eigenfail_workers --connect tcp://host:port`."""
 
-import argparse
 import os
 import platform
 import signal
@@ -10,16 +9,13 @@ from types import FrameType
 
 from eigenfail import logs
 from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE, EPISODE_OPTION, check_address
+from eigenfail.command_line import Parser
 from eigenfail.errors import EigenfailError
 from eigenfail.private_files import read_private
 from eigenfail.values.access import redacted
 from eigenfail.wire.curve import WorkerKey, read_worker_key
-from eigenfail_workers.worker.limits import (
-    CPU_OPTION,
-    MEMORY_OPTION,
-    read_episode_limit,
-    read_limits,
-)
+from eigenfail_workers.episode_limit import read_episode_limit
+from eigenfail_workers.worker.limits import CPU_OPTION, MEMORY_OPTION, read_limits
 from eigenfail_workers.worker.parent import Parent
 
 KEY_VARIABLE = "EIGENFAIL_WORKER_KEY_FILE"
@@ -57,7 +53,7 @@ def serve() -> None:
         ServiceUnreachable: whoever listens at its address is not the hub.
         ServiceError: no inner process can start here.
     """
-    parser = argparse.ArgumentParser(prog="eigenfail worker", description=__doc__)
+    parser = Parser(prog="eigenfail worker", description=__doc__)
     parser.add_argument("--connect", required=True, help="the hub's address, tcp://host:port")
     parser.add_argument("--name", default=f"{platform.node()}-{os.getpid()}")
     parser.add_argument(EPISODE_OPTION, help="wall time [s]")

@@ -8,10 +8,13 @@ import numpy as np
 from eigenfail.contracts import Store
 from eigenfail.errors import NoisePruned
 from eigenfail.values import NoiseTrajectory
+from eigenfail_services.campaigns.remembered import Remembered
 from eigenfail_services.statistics.expected_likelihood import expected_log_probability
 
 MOST_FAILURES = 8
 """Sigma follows the course of an episode, which differs little between failures."""
+
+MOST_CAMPAIGNS = 500
 
 
 class Reference(msgspec.Struct, frozen=True):
@@ -28,12 +31,26 @@ class Reference(msgspec.Struct, frozen=True):
     failures: int
 
 
+# An open page asks again and again for the same failures, whose noise never changes.
+KNOWN: Remembered[Reference | None] = Remembered(MOST_CAMPAIGNS)
+
+
 def reference_of(store: Store, campaign: int, failures: Iterable[int]) -> Reference | None:
     """Over the steps of failures by their indices; None without any, or where noise was pruned."""
+    indices = tuple(failures)
     try:
-        found = store.episodes.finished(campaign, failures)
+        return KNOWN.get(store, campaign, indices, lambda: looked_up(store, campaign, indices))
     except NoisePruned:
         return None
+
+
+def looked_up(store: Store, campaign: int, failures: Iterable[int]) -> Reference | None:
+    """The same, from the noise that is stored.
+
+    Raises:
+        NoisePruned: it is not stored any more.
+    """
+    found = store.episodes.finished(campaign, failures)
     return reference([result.noise for result in found if result.steps])
 
 

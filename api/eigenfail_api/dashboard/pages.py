@@ -27,7 +27,7 @@ from eigenfail_services.campaigns.ahead import (
     remembered,
 )
 from eigenfail_services.campaigns.course import course_of
-from eigenfail_services.campaigns.crew import ACTIVE_S, lately, present, staffing
+from eigenfail_services.campaigns.crew import ACTIVE_S, lately, present, staffing, stranded
 from eigenfail_services.campaigns.peers import methods_of, peer_costs
 from eigenfail_services.campaigns.summary import summaries_of, summarise
 from eigenfail_services.store.clock import now_ms
@@ -71,6 +71,7 @@ def known(store: Store, wanted: Wanted) -> Known:
         here=present(store),
         lately=lately(store, ACTIVE_S),
         within_s=ACTIVE_S,
+        stranded=stranded(store),
         latest=latest,
     )
 
@@ -92,6 +93,7 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
         events=tuple(store.events.latest(EVENTS_SHOWN, campaign)),
         latest=latest,
         here=present(store),
+        stranded=tuple(each for each in stranded(store) if each.campaign == campaign),
         reference=reference_of(store, campaign, first),
         at_ms=now_ms(),
     )

@@ -8,6 +8,7 @@ from eigenfail.cli import completion
 from eigenfail.cli.costs import cost
 from eigenfail.cli.course_tables import campaign_page, course_table
 from eigenfail.cli.crew import workers
+from eigenfail.cli.lacking import lacking
 from eigenfail.cli.launching import add_launching
 from eigenfail.cli.minimal_words import shrunk, with_words
 from eigenfail.cli.options import (
@@ -85,7 +86,9 @@ def show_campaign(
             look=lambda: (client.campaigns.get(campaign), client.campaigns.summary(campaign)),
             campaigns=lambda seen: seen[:1],
             told=lambda seen: seen[0],
-            draw=lambda seen: with_words(campaign_page(*seen), shrunk(client, seen[0])),
+            draw=lambda seen: with_words(
+                campaign_page(*seen), (*lacking(client, seen[0]), *shrunk(client, seen[0]))
+            ),
         )
         page.watch(as_json) if watched else page.show(as_json)
 

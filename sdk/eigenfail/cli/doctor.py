@@ -1,5 +1,6 @@
 """`eigenfail doctor`: what is installed, what answers and what is missing."""
 
+from collections.abc import Mapping
 from typing import Annotated
 
 import msgspec
@@ -20,6 +21,7 @@ from eigenfail.cli.doctor_findings import (
 )
 from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL, AsJson, Data, Url
 from eigenfail.cli.output import show
+from eigenfail.errors import InvalidValue
 
 TROUBLE = 3
 BROKEN = 1
@@ -71,10 +73,13 @@ def doctor(
     1 if it breaks its contract. With --bridge: run episodes on that bridge, and say whether it
     keeps to the protocol.
     """
+    of_database: dict[str, object] = {"--replay": replay, "--repair": repair}
     if bridge:
+        refuse_besides("--bridge", {"--planner": planner, "--scenario": scenario, **of_database})
         examine_bridge(bridge, as_json)
         return
     if planner or scenario:
+        refuse_besides("--planner" if planner else "--scenario", of_database)
         examine(planner, scenario, as_json)
         return
     findings = [
@@ -87,6 +92,18 @@ def doctor(
     show(findings, as_json, lambda: finding_table(findings))
     if any(finding.wrong for finding in findings):
         raise typer.Exit(TROUBLE)
+
+
+def refuse_besides(alone: str, others: Mapping[str, object]) -> None:
+    """Refuse what nothing would come of beside an option that is looked at alone.
+
+    Raises:
+        InvalidValue: there is such an option.
+    """
+    for name, given in others.items():
+        if given:
+            problem = f"does nothing beside {alone}, which is checked alone."
+            raise InvalidValue(name, problem, "Run the two one after the other.")
 
 
 def examine(planner: str | None, scenario: str | None, as_json: bool) -> None:

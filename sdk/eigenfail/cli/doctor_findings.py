@@ -83,6 +83,7 @@ def service_findings(context: typer.Context, url: str) -> Iterator[Finding]:
         if trouble is None:
             yield Finding(what, "answers")
             yield workers_finding(client)
+            yield from stranded_findings(client)
         elif isinstance(trouble, StoreUnavailable):
             yield Finding(what, trouble.problem, True, trouble.remedy)
         else:
@@ -101,6 +102,15 @@ def workers_finding(client: Client) -> Finding:
         return Finding("workers", f"{len(here)} connected{of_versions(here)}")
     told = "none is connected" + (", and campaigns wait" if waits else "")
     return Finding("workers", f"{told}. {said}" if said else told, waits, NOBODY)
+
+
+def stranded_findings(client: Client) -> Iterator[Finding]:
+    """Campaigns that none of those who are connected can run."""
+    try:
+        stranded = client.staffing().stranded
+    except EigenfailError:
+        return
+    yield from (Finding(f"campaign {each.campaign}", each.message, True) for each in stranded)
 
 
 def of_versions(workers: Sequence[Presence]) -> str:

@@ -3,6 +3,7 @@
 0 done, 1 failures found (with --gate), 2 wrong usage, 3 service trouble, 130 interrupted.
 """
 
+import sys
 from typing import Annotated, Any
 
 import typer
@@ -11,7 +12,7 @@ from typer.core import TyperGroup
 from eigenfail import __version__
 from eigenfail.cli.lazy import DeferredCommand
 from eigenfail.cli.refusals import JSON, told
-from eigenfail.uncaught import tell_uncaught
+from eigenfail.uncaught import print_uncaught, tell_uncaught
 
 COMMANDS = {
     "up": "Start the service on this machine, on an embedded database.",
@@ -81,4 +82,8 @@ def eigenfail(version: Version = False) -> None:
 def main() -> None:
     """The command line."""
     tell_uncaught()
-    app()
+    try:
+        app()
+    except Exception as error:  # noqa: BLE001 - typer sets a hook of its own, which hides nothing
+        print_uncaught(error)
+        sys.exit(1)

@@ -111,7 +111,8 @@ def somewhere(
     check_plugins(spec)
     with local_service(plan) as service, watching(service.check):
         try:
-            yield Place(service.address.url, service.check, f"eigenfail up --data {plan.data}")
+            again = f"eigenfail up --data {plan.data}{functions.up_option()}"
+            yield Place(service.address.url, service.check, again)
         except ServiceUnreachable:
             # Which of its processes ended, and why, says more than that nobody answers.
             service.check()

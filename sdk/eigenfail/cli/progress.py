@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import typer
 
+from eigenfail.cli.lacking import Lookout
 from eigenfail.client import Client
 from eigenfail.progress import headline, reporter
 from eigenfail.values import Campaign, CampaignState
@@ -21,11 +22,13 @@ def follow(client: Client, campaign: int, check: Callable[[], None] = nothing_wr
         campaign: its id.
         check: raises if the service is in trouble.
     """
+    lookout = Lookout(client)
     with reporter() as report:
 
         def look(seen: Campaign) -> None:
             check()
             report(seen)
+            lookout(seen)
 
         ended = client.campaigns.wait(campaign, look)
     if ended.state is CampaignState.DONE:

@@ -74,11 +74,12 @@ def check_plugins(spec: CampaignSpec) -> None:
 
     Raises:
         UnknownName: a plug-in, setting or parameter that is not there.
-        InvalidValue: a setting outside its bounds.
+        InvalidValue: a setting outside its bounds, or a function that may not be run here.
     """
     fields = PLUGIN_FIELDS
     if spec.simulator == functions.SIMULATOR:
         functions.check(spec)
+        functions.refuse_unlisted(spec.planner)
         functions.require_module(spec.planner)
         fields = {"method": PLUGIN_FIELDS["method"]}
     if spec.simulator == bridges.SIMULATOR:

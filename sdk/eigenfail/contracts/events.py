@@ -1,5 +1,6 @@
 """What happened, for whoever follows."""
 
+from collections.abc import Collection
 from typing import Protocol
 
 from eigenfail.values import Event
@@ -16,6 +17,9 @@ class EventLog(Protocol):
 
     def latest(self, limit: int, campaign: int | None = None) -> list[Event]:
         """The newest events, newest first."""
+
+    def newest(self, kinds: Collection[str]) -> list[Event]:
+        """The newest event of these kinds of each campaign that is running, by campaign."""
 
     def last(self) -> int:
         """The id of the newest event, 0 if there is none."""

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from eigenfail import plugins
+from eigenfail import functions, plugins
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.values import (
     CampaignSpec,
@@ -47,7 +47,15 @@ def redraw_episode(spec: CampaignSpec, row: EpisodeRow) -> Replayed:
 
 
 def run_once(spec: CampaignSpec, task: EpisodeTask) -> EpisodeResult:
-    """One episode in this process."""
+    """One episode in this process.
+
+    Raises:
+        InvalidValue: its function may not be run here.
+    """
+    if spec.simulator == functions.SIMULATOR:
+        again = f"{functions.ALLOWED_VARIABLE}={spec.planner.partition(':')[0]} eigenfail"
+        remedy = f"It is run in your own process: `{again} episode replay CAMPAIGN/INDEX`."
+        functions.refuse_unlisted(spec.planner, remedy)
     engine = load_engine()(spec.setup())
     try:
         result: EpisodeResult = next(iter(engine.run([task])))

@@ -19,8 +19,20 @@ HIDDEN = (
     # The key of a worker, with a CURVE secret in it.
     (re.compile(r"(?<=efw_)[\w-]{16,}", re.ASCII), "…"),
     # The password in the URL of a database, and among the words of a connection.
-    (re.compile(r"(?<=://)([^\s:/@\"]*):[^\s@\"]+@"), r"\1:…@"),
-    (re.compile(r"(?i)(password=)[^\s&\"']+"), r"\1…"),
+    (
+        re.compile(
+            r"(?<=://)([^\s:/@\"']*):(?!\d+[/?#])"  # a port ends there, no password does
+            r"(?:[^\s@\"']|[\"'](?![,:}\])\s]))+@"  # a quote in it does not end a text
+        ),
+        r"\1:…@",
+    ),
+    (
+        re.compile(
+            r"(?im)(password\\*[\"']?[ \t]*[=:][ \t]*)(?!None\b)"
+            r"(?:(\\*[\"'])(?:\\.|(?!\2)[^\\\n])*?(?:\2|$)|[^\s&\"',)]+)"
+        ),
+        r"\1\2…\2",
+    ),
 )
 """What nobody is to read, and what stands there instead."""
 

@@ -50,13 +50,14 @@ class Assessment(msgspec.Struct, frozen=True):
         ttc_lead_s: from the first violation of MinTTC to the collision [s]; None without either.
         drac_lead_s: the same for DRAC.
         unresolved: whether it ended at its horizon while braking could not avoid a collision any
-            more; None if an older release did not measure enough to say.
+            more; None if that is not known: an older release did not measure enough to say, or an
+            older service does not tell.
     """
 
     conflict: ConflictClass | None = None
     ttc_lead_s: float | None = None
     drac_lead_s: float | None = None
-    unresolved: bool | None = False
+    unresolved: bool | None = None
 
     @property
     def words(self) -> str:
@@ -76,7 +77,7 @@ def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
     be called unavoidable.
     """
     if measures is None or outcome is Outcome.FAILED:
-        return Assessment()
+        return Assessment(unresolved=False)
     if outcome is Outcome.SAFE:
         near = measures.min_ttc_s is not None and measures.min_ttc_s < NEAR_MISS_TTC_S
         conflict = ConflictClass.NEAR_MISS if near else ConflictClass.NONE
@@ -85,6 +86,7 @@ def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
         _of_collision(measures),
         _lead_s(measures, measures.ttc_violated_s),
         _lead_s(measures, measures.drac_violated_s),
+        unresolved=False,
     )
 
 

@@ -4,6 +4,8 @@ from typing import Annotated
 
 import msgspec
 
+from eigenfail.values.event import Event
+
 MOST_VERSIONS, LONGEST_NAME = 200, 300
 
 Name = Annotated[str, msgspec.Meta(max_length=LONGEST_NAME)]
@@ -50,11 +52,13 @@ class Staffing(msgspec.Struct, frozen=True, kw_only=True):
         workers: that are connected now, at work or not.
         said: such as that workers were asked of Ray and none was placed yet; empty if nothing.
         said_ms: when that was; milliseconds since 1970.
+        stranded: what was said of each campaign that no connected worker can run.
     """
 
     workers: int
     said: str = ""
     said_ms: int | None = None
+    stranded: tuple[Event, ...] = ()
 
 
 class WorkerShare(msgspec.Struct, frozen=True, kw_only=True):

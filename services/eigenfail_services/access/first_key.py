@@ -5,6 +5,7 @@ from pathlib import Path
 import msgspec
 
 from eigenfail.contracts import Store
+from eigenfail.errors import InvalidValue
 from eigenfail.private_files import replace_private
 from eigenfail.values.access import ApiKey, KeyRequest, Scope
 from eigenfail_services.access.keys import make_key
@@ -31,12 +32,22 @@ def first_key(store: Store, name: str, file: Path) -> FirstKey:
     An empty file is one that broke off between the two: then another key is made.
 
     Raises:
-        InvalidValue: the file cannot be written; no key is made then.
+        InvalidValue: the file cannot be read or written; no key is made then.
     """
-    broke_off = file.exists() and not file.read_text().strip()
+    broke_off = _is_empty(file)
     if store.keys.admins(now_ms()) and not broke_off:
         return FirstKey(None, str(file))
     replace_private(file, "", FIELD)
     made = make_key(store, KeyRequest(name, Scope.ADMIN))
     replace_private(file, made.token, FIELD)
     return FirstKey(made.key, str(file))
+
+
+def _is_empty(file: Path) -> bool:
+    try:
+        return not file.read_text().strip()
+    except FileNotFoundError:
+        return False
+    except (OSError, UnicodeDecodeError) as error:
+        problem = f"'{file}' cannot be read: {getattr(error, 'strerror', 'it is no text')}."
+        raise InvalidValue(FIELD, problem, "Name another, or take that one away.") from error

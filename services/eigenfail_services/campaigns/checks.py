@@ -27,8 +27,8 @@ def check_spec(spec: CampaignSpec) -> CampaignSpec:
 
     Raises:
         UnknownName: a plug-in, setting or parameter that does not exist; the known ones are listed.
-        InvalidValue: a value of the wrong type, outside its bounds, or not a finite number; or a
-            budget that the method cannot begin with.
+        InvalidValue: a value of the wrong type, outside its bounds, or not a finite number; a
+            budget that the method cannot begin with; or a function that may not be run here.
     """
     refuse_what_no_store_keeps(spec)
     convert(msgspec.to_builtins(spec), CampaignSpec)
@@ -40,6 +40,7 @@ def check_spec(spec: CampaignSpec) -> CampaignSpec:
     refuse_idle_rules(spec)
     if spec.simulator == functions.SIMULATOR:
         functions.check(spec)
+        functions.refuse_unlisted(spec.planner)
         return spec
     if spec.simulator == bridges.SIMULATOR:
         bridges.check(spec)

@@ -2,14 +2,18 @@
 
 from eigenfail.contracts import Store
 from eigenfail.errors import NotFound
-from eigenfail.values import Campaign
+from eigenfail.values import Campaign, Event
 from eigenfail.values.worker import Presence, Staffing, WorkerShare
+from eigenfail_services.hub.stranded import LACKING, MET
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.refusals import no_episode
 
 LOOKED_AT = 200
 WORDS = frozenset({"workers.asked", "workers.refused", "ray.lost", "ray.back", "ray.machines"})
 """Kinds of events that tell of workers which the services start."""
+
+OUTLOOK = frozenset({LACKING, MET, "campaign.state", "campaign.progress"})
+"""Kinds of events after which a campaign goes on, or waits for another worker than there is."""
 
 LATELY_S = 600
 ACTIVE_S = 60
@@ -34,16 +38,23 @@ def present(store: Store) -> tuple[Presence, ...]:
     return store.roster.present(now_ms() - 1_000 * PRESENT_S)
 
 
+def stranded(store: Store) -> tuple[Event, ...]:
+    """What was said of each campaign that runs and that no connected worker can run."""
+    return tuple(event for event in store.events.newest(OUTLOOK) if event.kind == LACKING)
+
+
 def staffing(store: Store) -> Staffing:
-    """How many are there, and what was said last of those that are to come.
+    """How many are there, what was said last of those that are to come, and who lacks others.
 
     Where nobody works hardly anything else is said: few events are looked at.
     """
-    workers = len(present(store))
+    workers, lacking = len(present(store)), stranded(store)
     for event in store.events.latest(LOOKED_AT):
         if event.kind in WORDS:
-            return Staffing(workers=workers, said=event.message, said_ms=event.at_ms)
-    return Staffing(workers=workers)
+            return Staffing(
+                workers=workers, said=event.message, said_ms=event.at_ms, stranded=lacking
+            )
+    return Staffing(workers=workers, stranded=lacking)
 
 
 def who_ran(store: Store, campaign: int, index: int) -> Presence:

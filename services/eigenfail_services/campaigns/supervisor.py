@@ -15,6 +15,7 @@ from eigenfail.values.records import Job, JobKind
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.materials import learner_context
 from eigenfail_services.campaigns.owner import is_lost, this_process
+from eigenfail_services.campaigns.unlisted import may_run
 from eigenfail_services.campaigns.watch import Watch, spent
 from eigenfail_services.hub.ended import Ended
 from eigenfail_services.hub.runs import Order
@@ -99,12 +100,14 @@ class Supervisor:
         return running[kind] < self._room[kind]
 
     def _open_campaign(self, job: Job) -> None:
-        if watch := self._watched.get(job.subject):
-            watch.job = job  # we were held up for so long that our own lease ran out
-            return
         campaign = self._store.campaigns.get(job.subject)
+        if watch := self._watched.get(job.subject):
+            watch.claim_again(job, campaign)  # held up for so long that our own lease ran out
+            return
         if campaign.state in AT_REST:
             self._store.jobs.finish(job)
+            return
+        if not may_run(campaign, job, self._store):
             return
         if campaign.state is not CampaignState.QUEUED:
             self._launch(campaign, job)

@@ -1,6 +1,7 @@
 """A campaign that runs: whose job it is, the time that it is billed, and when that ends it."""
 
 import time
+from math import isclose
 from typing import NamedTuple
 
 from msgspec.structs import replace
@@ -79,6 +80,20 @@ class Watch:
         store.campaigns.add_active(self.job.subject, bill.length_s, overhead, self.job)
         self._keep(bill)
 
+    def claim_again(self, job: Job, campaign: Campaign) -> None:
+        """It is ours anew: whoever had it in between may have billed it.
+
+        Args:
+            job: our new claim.
+            campaign: as the store has it.
+        """
+        if bill := self._unanswered:
+            if isclose(campaign.active_s, self._kept_s + bill.length_s):
+                self._keep(bill)
+            else:
+                self._forget(bill)
+        self.job, self._kept_s = job, campaign.active_s
+
     def _look_up(self, store: Store) -> None:
         """A bill that got no answer may have been kept all the same: the campaign's time tells."""
         if (bill := self._unanswered) is None:
@@ -87,8 +102,11 @@ class Watch:
         if kept_s > self._kept_s + bill.length_s / 2:
             self._keep(bill)
         else:
-            self.meter.give_back(bill.overhead)
-            self._unanswered = None
+            self._forget(bill)
+
+    def _forget(self, bill: Bill) -> None:
+        self.meter.give_back(bill.overhead)
+        self._unanswered = None
 
     def _keep(self, bill: Bill) -> None:
         self._kept_s += bill.length_s

@@ -4,6 +4,9 @@ from collections.abc import Collection
 from math import ceil
 from typing import NamedTuple
 
+import msgspec
+
+from eigenfail.values import EpisodeTask
 from eigenfail_services.hub.hunger import Hungry
 from eigenfail_services.hub.paces import Paces, told
 from eigenfail_services.hub.seats import Loan, Seat
@@ -17,6 +20,14 @@ class Portion(NamedTuple):
     worker: bytes
     campaign: int
     episodes: int
+
+
+class Assignment(msgspec.Struct, frozen=True, eq=False):
+    """These episodes go to this worker."""
+
+    worker: bytes
+    campaign: int
+    tasks: tuple[EpisodeTask, ...]
 
 
 class Pool:
@@ -52,7 +63,11 @@ class Dealer:
 
     def stranded(self, waiting: Collection[int]) -> Collection[int]:
         """Those of the campaigns that nobody who is here can run."""
-        return () if self._pools[True].workers else self._on_bridge.intersection(waiting)
+        return () if self.has_bridge() else self._on_bridge.intersection(waiting)
+
+    def has_bridge(self) -> bool:
+        """Whether anybody who is here has one."""
+        return bool(self._pools[True].workers)
 
     def pace_s(self, campaign: int) -> float:
         """What an episode is thought to take of a worker."""
@@ -82,7 +97,7 @@ class Dealer:
         self._pools[seat.bridge].shares.charge(campaign, work_s)
 
     def took(self, campaign: int, wall_s: float, loan: Loan | None) -> None:
-        """A result came: an episode took so long; None if nobody held it any more."""
+        """A result came: an episode took so long; None if who brought it held it no more."""
         if (took_s := told(wall_s)) is None:
             return
         self._paces.learn(campaign, took_s)

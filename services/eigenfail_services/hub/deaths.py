@@ -39,5 +39,5 @@ class Deaths:
     def _give_up(self, campaign: int, task: EpisodeTask) -> None:
         words = f"{MAX_DEATHS} workers were lost while they ran it."
         result = unrunnable(task, EpisodeFault("infrastructure", words))
-        self._leases.bring(campaign, task.index, result.wall_s)
+        self._leases.bring(campaign, task.index, result.wall_s, HUB)
         self._commits.add(HUB, HUB.decode(), campaign, result)

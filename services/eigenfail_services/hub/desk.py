@@ -26,10 +26,11 @@ from eigenfail.wire.messages import (
     read_worker_message,
 )
 from eigenfail_services.hub.commits import Commits, Committed
+from eigenfail_services.hub.dealer import Assignment
 from eigenfail_services.hub.deaths import HUB
 from eigenfail_services.hub.departures import Departures
 from eigenfail_services.hub.door import Refusals
-from eigenfail_services.hub.leases import Assignment, Leases
+from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.lines import QUIET_BEATS, Lines, Reaches, everybody
 from eigenfail_services.hub.post import HEARD
 from eigenfail_services.hub.runs import Run
@@ -117,7 +118,7 @@ class Desk:
     def _results(self, worker: bytes, message: Results) -> None:
         name = self._leases.seats[worker].name
         for result in message.results:
-            self._leases.bring(message.campaign, result.index, result.wall_s)
+            self._leases.bring(message.campaign, result.index, result.wall_s, worker)
             self._commits.add(worker, name, message.campaign, result)
 
     def _goodbye(self, worker: bytes, _message: Goodbye) -> None:

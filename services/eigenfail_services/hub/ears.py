@@ -40,7 +40,13 @@ class Ears:
 
     def wait(self, patient: Sockets, urgent: Sockets, ms: int) -> None:
         """Until one of them has something to read, but not for much longer than that."""
-        apart_ms = ceil(1_000 * max(0.0, self._next_s - time.monotonic()))
-        if not self._sharp.hears(urgent, apart_ms):
+        apart_s = max(0.0, self._next_s - time.monotonic())
+        if not self._speaks(urgent, apart_s):
             self._wide.hears([*patient, *urgent], ms)
         self._next_s = time.monotonic() + APART_S
+
+    def _speaks(self, urgent: Sockets, apart_s: float) -> bool:
+        if urgent:
+            return self._sharp.hears(urgent, ceil(1_000 * apart_s))
+        time.sleep(apart_s)  # a poller that has nobody to hear waits for nothing
+        return False

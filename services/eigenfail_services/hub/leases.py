@@ -2,26 +2,16 @@
 
 from collections.abc import Collection
 
-import msgspec
-
 from eigenfail.values import EpisodeTask
 from eigenfail.wire.claims import same_task
 from eigenfail.wire.messages import Hello
 from eigenfail_services.hub.claims import Claims, Fingerprint, Key
-from eigenfail_services.hub.dealer import Dealer, Portion
+from eigenfail_services.hub.dealer import Assignment, Dealer, Portion
 from eigenfail_services.hub.loans import Loans
 from eigenfail_services.hub.seating import Seating
 from eigenfail_services.hub.seats import Seat
 from eigenfail_services.hub.suspects import Missed, Suspects
 from eigenfail_services.hub.waiting import Waiting
-
-
-class Assignment(msgspec.Struct, frozen=True, eq=False):
-    """These episodes go to this worker."""
-
-    worker: bytes
-    campaign: int
-    tasks: tuple[EpisodeTask, ...]
 
 
 class Leases:
@@ -49,7 +39,8 @@ class Leases:
         """
         for old in self._seating.of(worker, hello):
             self.leave(old)
-        self._suspects.is_back(hello.life)
+        if missed := self._suspects.is_back(hello.life):
+            self._put_back(missed.key[0], missed.task)
         self._seating.sit(worker, hello, now_s)
         self._claims.take(worker, hello.claims)
         self._dealer.look(worker, self.seats[worker])
@@ -101,6 +92,7 @@ class Leases:
     def excuse(self, away_s: float, now_s: float) -> None:
         """Nobody could be heard for a while: that is not the workers' silence."""
         self._seating.excuse(away_s, now_s)
+        self._suspects.excuse(away_s)
 
     def leave(self, worker: bytes) -> None:
         """A worker goes, or begins anew: it lives, and has died of nothing that it ran.
@@ -139,8 +131,7 @@ class Leases:
 
     def acquit(self, campaign: int, index: int) -> None:
         """An episode that was suspected waits again, at the front, unless somebody has it."""
-        key = campaign, index
-        if (task := self._suspects.pop(key)) and self._loans.held(key) is None:
+        if task := self._suspects.pop((campaign, index)):
             self._put_back(campaign, task)
 
     def _free(self, seat: Seat, keys: Collection[Key]) -> None:
@@ -148,8 +139,11 @@ class Leases:
             self._put_back(key[0], self._loans.undo(key))
 
     def _put_back(self, campaign: int, task: EpisodeTask) -> None:
-        self._waiting.put_back(campaign, task)
-        self._claims.look_again(campaign)
+        key = campaign, task.index
+        is_free = self._loans.held(key) is None and not self._suspects.withholds(key, task)
+        if is_free and task.index not in self._waiting.of(campaign):
+            self._waiting.put_back(campaign, task)
+            self._claims.look_again(campaign)
 
     def offer(self, campaign: int, tasks: tuple[EpisodeTask, ...]) -> None:
         """These episodes are to be run, unless somebody is at it or has just brought them."""
@@ -161,7 +155,7 @@ class Leases:
 
     def _is_out(self, campaign: int, task: EpisodeTask) -> bool:
         key = campaign, task.index
-        if key in self._brought or key in self._suspects:
+        if key in self._brought or self._suspects.withholds(key, task):
             return True
         held = self._loans.held(key)
         if held is None or same_task(held, task):
@@ -181,6 +175,10 @@ class Leases:
         """Campaigns of which something waits that nobody who is here can run."""
         return self._dealer.stranded(self._waiting.campaigns())
 
+    def has_bridge(self) -> bool:
+        """Whether anybody who is here has one."""
+        return self._dealer.has_bridge()
+
     def suspend(self, campaign: int) -> None:
         """Its learner is lost. What is leased stays so: the next one proposes the same again.
 
@@ -197,22 +195,22 @@ class Leases:
         self._loans.end_all(campaign)
         self._dealer.forget(campaign)
 
-    def bring(self, campaign: int, index: int, wall_s: float) -> None:
+    def bring(self, campaign: int, index: int, wall_s: float, by: bytes | None = None) -> None:
         """A result of the episode has come, and waits to be committed."""
         self._brought.add((campaign, index))
-        self.settle(campaign, index, wall_s)
+        self.settle(campaign, index, wall_s, by)
 
     def land(self, campaign: int, index: int) -> None:
         """What was brought was judged; if it is not wanted, the episode may be offered again."""
         self._brought.discard((campaign, index))
 
-    def settle(self, campaign: int, index: int, wall_s: float) -> None:
-        """The episode has a result, from whomever it came."""
+    def settle(self, campaign: int, index: int, wall_s: float, by: bytes | None = None) -> None:
+        """The episode has a result, from whomever it came: None for whoever holds it."""
         key = campaign, index
         self._claims.settle(key)
         self._suspects.pop(key)
         self._waiting.settle(campaign, index)
-        loan = None if self._loans.held(key) is None else self._loans.end(key)
+        loan = self._loans.settle(key, by)
         if self._waiting.knows(campaign):
             self._dealer.took(campaign, wall_s, loan)
 

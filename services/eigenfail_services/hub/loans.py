@@ -47,6 +47,21 @@ class Loans:
         self._dealer.look(worker, seat)
         return ended
 
+    def settle(self, key: Key, by: bytes | None) -> Loan | None:
+        """It has a result: what who brought it held of it; what another holds is undone.
+
+        Args:
+            key: of the episode.
+            by: whose result it is; None for whoever holds the episode.
+        """
+        holder = self._holders.get(key[0], {}).get(key[1])
+        if holder is None:
+            return None
+        if by in (None, holder):
+            return self.end(key)
+        self.undo(key)
+        return None
+
     def undo(self, key: Key) -> EpisodeTask:
         """Nobody has it any more, nor did anybody run it."""
         ended = self.end(key)

@@ -75,7 +75,7 @@ class Hub:
         self._desk = Desk(post.send, *kept, post.reaches)
         self._deaths = Deaths(self._leases, self._commits, store.episodes)
         self._attendance = Attendance(store.roster, self._leases.seats)
-        self._stranded = Stranded(store.events, self._leases.stranded)
+        self._stranded = Stranded(store.events, self._leases.stranded, self._leases.has_bridge)
         self._departures = Departures()
         self._runs: dict[int, Run] = {}
         self._away = False

@@ -26,11 +26,18 @@ class Stranded:
     Args:
         events: where it is said.
         look: which campaigns they are.
+        has_bridge: whether anybody who is here has one; where nothing waits, nobody is looked for.
     """
 
-    def __init__(self, events: EventLog, look: Callable[[], Collection[int]]) -> None:
+    def __init__(
+        self,
+        events: EventLog,
+        look: Callable[[], Collection[int]],
+        has_bridge: Callable[[], bool],
+    ) -> None:
         self._events = events
         self._look = look
+        self._has_bridge = has_bridge
         self._since_s: dict[int, float] = {}
         self._told: set[int] = set()
 
@@ -47,7 +54,7 @@ class Stranded:
             if campaign not in self._told and now_s - since_s >= PATIENCE_S:
                 self._say(LACKING, NO_BRIDGE, campaign)
                 self._told.add(campaign)
-        for campaign in self._told.difference(stranded):
+        for campaign in self._told.difference(stranded) if self._has_bridge() else ():
             self._say(MET, A_BRIDGE, campaign)
             self._told.remove(campaign)
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from eigenfail.values import EpisodeTask
+from eigenfail.wire.claims import same_task
 from eigenfail_services.hub.claims import Key
 
 
@@ -21,9 +22,7 @@ class Suspects:
     def __init__(self) -> None:
         self._found: dict[Key, EpisodeTask] = {}
         self._missed: dict[str, Missed] = {}
-
-    def __contains__(self, key: Key) -> bool:
-        return key in self._found
+        self._ran: dict[Key, dict[str, EpisodeTask]] = {}
 
     def __iter__(self) -> Iterator[tuple[int, EpisodeTask]]:
         """Campaigns and episodes that wait to be counted."""
@@ -41,17 +40,44 @@ class Suspects:
         """Nobody needs to know any more."""
         self._found = {key: task for key, task in self._found.items() if key[0] != campaign}
 
+    def withholds(self, key: Key, task: EpisodeTask) -> bool:
+        """Whether nobody is to get it: it waits to be counted, or two are missed that ran it.
+
+        One may have lost no more than its line. A second is not by chance, and a third would be
+        lost before the first is counted.
+        """
+        same = [ran for ran in self._ran.get(key, {}).values() if same_task(ran, task)]
+        return key in self._found or len(same) > 1
+
     def miss(self, worker: str, missed: Missed) -> None:
         """Its worker's connection is closed."""
+        self.is_back(worker)
         self._missed[worker] = missed
+        self._ran.setdefault(missed.key, {})[worker] = missed.task
 
-    def is_back(self, worker: str) -> None:
-        """It lives: it has died of nothing that it ran."""
-        self._missed.pop(worker, None)
+    def is_back(self, worker: str) -> Missed | None:
+        """It lives: it has died of nothing that it ran. None if it was not missed."""
+        if missed := self._missed.pop(worker, None):
+            del self._ran[missed.key][worker]
+            if not self._ran[missed.key]:
+                del self._ran[missed.key]
+        return missed
+
+    def excuse(self, away_s: float) -> None:
+        """Nobody could come back for a while: that is not their staying away."""
+        self._missed = {
+            worker: each._replace(until_s=each.until_s + away_s)
+            for worker, each in self._missed.items()
+        }
 
     def overdue(self, now_s: float) -> list[Missed]:
-        """Those whose workers have not come back in time; they are not missed any more."""
-        late = {worker: each for worker, each in self._missed.items() if now_s >= each.until_s}
-        for worker in late:
-            del self._missed[worker]
-        return [*late.values()]
+        """Those whose workers have not come back in time; they are not missed any more.
+
+        Of those that ran the same, one at a time: each of them is counted.
+        """
+        late = {
+            each.key: worker
+            for worker, each in self._missed.items()
+            if now_s >= each.until_s and each.key not in self._found
+        }
+        return [missed for worker in late.values() if (missed := self.is_back(worker))]

@@ -37,7 +37,7 @@ def within_memory() -> Iterator[None]:
     try:
         yield
     except torch.OutOfMemoryError as error:
-        told, *_ = str(error).splitlines()
+        told = str(error).partition("\n")[0]
         raise LearnerDiverged(
             f"The learner ran out of memory on its device: {told}",
             "Set device to cpu, or lower batch_size or width, or end what else uses the GPU; then "

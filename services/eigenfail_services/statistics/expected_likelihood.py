@@ -1,10 +1,13 @@
 """How likely noise of the disturbance model is on average: what chosen noise is held against."""
 
+from functools import lru_cache
 from math import pi, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eigenfail.values import NoiseTrajectory
+from eigenfail.values.disturbance.shapes import Shape
 
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(40)
 """E[f(z)] of a standard normal z is sum(w · f(x)) / sqrt(2 pi) (Gauss and Hermite)."""
@@ -17,7 +20,15 @@ def expected_log_probability(noise: NoiseTrajectory) -> float:
     that the expectation goes step by step: E[z²] = 1, and the slope by quadrature.
     """
     z = noise.z.astype(np.float64)
-    slopes = (noise.shape.log_slopes(np.full_like(z, node)) for node in NODES)
-    expected = sum(w * slope for w, slope in zip(WEIGHTS, slopes, strict=True)) / sqrt(2.0 * pi)
+    expected = expected_slopes(noise.shape)[np.minimum(np.arange(len(z)), 1)]
     known = 0.5 * z**2 + noise.shape.log_slopes(z)
     return float(noise.log_probability + np.sum(known - 0.5 - expected))
+
+
+@lru_cache(maxsize=256)
+def expected_slopes(shape: Shape) -> NDArray[np.float64]:
+    """E[log |du_t / dz_t|] at the first step and at any later one, shape (2, 2)."""
+    slopes = [shape.log_slopes(np.full((2, 2), node)) for node in NODES]
+    expected: NDArray[np.float64] = np.tensordot(WEIGHTS, slopes, 1) / sqrt(2.0 * pi)
+    expected.setflags(write=False)
+    return expected

@@ -15,6 +15,7 @@ from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import append
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import finite
+from eigenfail_services.store.naming import hold_noise
 from eigenfail_services.store.refusals import no_analysis
 from eigenfail_services.store.schema import analyses, replays
 
@@ -50,6 +51,7 @@ class SqlAnalyses:
             .returning(*BRIEF)
         )
         with self._database.writing() as connection:
+            hold_noise(connection, [campaign])
             one(connection, campaign)
             analysis = _analysis(connection.execute(statement).mappings().one())
             enqueue(connection, JobKind.ANALYSIS, analysis.id)

@@ -6,13 +6,15 @@ is taken until that transaction's end, and ids appear in order, without gaps. Ev
 takes it last, so that nobody waits for long, and no two wait for each other.
 """
 
+from collections.abc import Collection
+
 from sqlalchemy import Connection, delete, insert, select, update
 
-from eigenfail.values import Event
+from eigenfail.values import CampaignState, Event
 from eigenfail_services.store import limits
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.schema import event_counter, events
+from eigenfail_services.store.schema import campaigns, event_counter, events
 
 PRUNED_EVERY = 1_000
 
@@ -57,6 +59,20 @@ class SqlEventLog:
         query = select(events).order_by(events.c.id.desc()).limit(limit)
         if campaign is not None:
             query = query.where(events.c.campaign == campaign)
+        with self._database.reading() as connection:
+            return [Event(**found) for found in connection.execute(query).mappings()]
+
+    def newest(self, kinds: Collection[str]) -> list[Event]:
+        """The newest event of these kinds of each campaign that is running, by campaign."""
+        newest = (
+            select(events.c.id)
+            .where(events.c.campaign == campaigns.c.id, events.c.kind.in_(kinds))
+            .order_by(events.c.id.desc())
+            .limit(1)
+            .correlate(campaigns)
+        )
+        ids = select(newest.scalar_subquery()).where(campaigns.c.state == CampaignState.RUNNING)
+        query = select(events).where(events.c.id.in_(ids)).order_by(events.c.campaign)
         with self._database.reading() as connection:
             return [Event(**found) for found in connection.execute(query).mappings()]
 

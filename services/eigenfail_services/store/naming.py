@@ -1,6 +1,6 @@
 """Whose noise is still needed: settings name campaigns, and analyses read them."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -8,6 +8,7 @@ from sqlalchemy import ColumnElement, Connection, or_, select
 
 from eigenfail.values import FINAL_STATES, AnalysisState, CampaignSpec, CampaignState
 from eigenfail_services.store.schema import analyses, campaigns
+from eigenfail_services.store.schema.column_types import MAX_NUMBER
 
 NAMING = frozenset({"campaign", "data_from"})
 """Settings of methods that name campaigns whose noise is injected or learnt from."""
@@ -26,9 +27,12 @@ _named = msgspec.json.Decoder(Named)
 
 
 def episodes_of(settings: Mapping[str, Any]) -> tuple[int | None, set[int]]:
-    """The campaign, and those of its episodes, that settings name one by one."""
-    named = {settings.get("episode"), *(settings.get("episodes") or ())}
-    return settings.get("campaign"), named - {None}
+    """The campaign, and those of its episodes, that settings name one by one.
+
+    Settings of a plug-in's method may be called the same and mean, and be, anything.
+    """
+    campaign = next(_ids([settings.get("campaign")]), None)
+    return campaign, {*_ids(settings.get("episode")), *_ids(settings.get("episodes"))}
 
 
 def numbers(settings: Mapping[str, Any]) -> Iterator[int]:
@@ -37,8 +41,13 @@ def numbers(settings: Mapping[str, Any]) -> Iterator[int]:
         if isinstance(value, Mapping):
             yield from numbers(value)
         if name in NAMING:
-            found = value if isinstance(value, list | tuple) else [value]
-            yield from (each for each in found if isinstance(each, int))
+            yield from _ids(value)
+
+
+def _ids(value: Any) -> Iterator[int]:
+    """What can be one, of a value or a list of them."""
+    found = value if isinstance(value, list | tuple) else [value]
+    return (each for each in found if type(each) is int and 0 <= each <= MAX_NUMBER)
 
 
 def in_use(connection: Connection, campaign: int | None = None) -> frozenset[int]:
@@ -62,7 +71,11 @@ def names_some() -> ColumnElement[bool]:
 
 def hold(connection: Connection, specs: Iterable[CampaignSpec]) -> None:
     """Have campaigns that new ones name lose no noise until these are there for all to see."""
-    wanted = {number for spec in specs for number in numbers(spec.settings)}
-    if wanted:
-        held = select(campaigns.c.id).where(campaigns.c.id.in_(wanted)).order_by(campaigns.c.id)
-        connection.execute(held.with_for_update(read=True)).all()
+    if wanted := {number for spec in specs for number in numbers(spec.settings)}:
+        hold_noise(connection, wanted)
+
+
+def hold_noise(connection: Connection, wanted: Collection[int]) -> None:
+    """Have these campaigns lose no noise until this transaction ends, nor begin while they do."""
+    held = select(campaigns.c.id).where(campaigns.c.id.in_(wanted)).order_by(campaigns.c.id)
+    connection.execute(held.with_for_update(read=True)).all()

@@ -6,7 +6,6 @@ from itertools import islice
 from eigenfail.values.upkeep import Check, Verification
 from eigenfail_services.store.engine import Database, find
 from eigenfail_services.store.opening import open_database
-from eigenfail_services.store.sql import SqlStore
 from eigenfail_services.upkeep.checks import QUESTIONS, Question
 from eigenfail_services.upkeep.files import PAGES, REFERENCES
 from eigenfail_services.upkeep.mending import mend
@@ -42,7 +41,7 @@ def verify(address: str, how_many_replays: int = 0, *, repair: bool = False) -> 
         if any(check.defects for check in checks):
             return Verification(backend.label, checks)
         mended = mend(database) if repair else ()
-        more = (replays(SqlStore(database), how_many_replays),) if how_many_replays else ()
+        more = (replays(database, how_many_replays),) if how_many_replays else ()
         checks += answers(database, (*of_kind(database, ROWS), *QUESTIONS, *more))
         return Verification(backend.label, checks, mended)
     finally:

@@ -57,3 +57,17 @@ def test_where_noise_was_pruned_there_is_no_reference(store, campaign, monkeypat
 
     monkeypatch.setattr(store.episodes, "finished", pruned)
     assert reference_of(store, campaign, [0]) is None
+
+
+def test_the_noise_of_the_same_failures_is_read_once(store, campaign, deliver, result, monkeypatch):
+    deliver(campaign, *(result(index, Outcome.COLLISION) for index in range(3)))
+    read, finished = [], store.episodes.finished
+    monkeypatch.setattr(
+        store.episodes, "finished", lambda of, which: read.append(which) or finished(of, which)
+    )
+    first = reference_of(store, campaign, [0, 1])
+    assert first.failures == 2
+    assert reference_of(store, campaign, [0, 1]) == first
+    assert len(read) == 1
+    assert reference_of(store, campaign, [0, 1, 2]).failures == 3
+    assert len(read) == 2

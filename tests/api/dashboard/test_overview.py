@@ -153,3 +153,53 @@ def test_an_analysis_that_is_done_leads_to_its_replays(campaign, finished, http)
     finished(2)
     text = http.get(f"/campaigns/{campaign}", headers=HTML).text
     assert 'href="/analyses/1#proof"' in text
+
+
+BRIDGE = "No connected worker has a bridge: start one with `eigenfail worker`."
+
+
+def test_what_a_campaign_lacks_is_told_until_it_goes_on(store, make, look, http):
+    one, other = make(simulator="point_mass"), make(seed=2)
+    store.roster.arrived([Arrival(worker="w1", host="here", pid=7)])
+    for campaign in (one, other):
+        store.campaigns.move(campaign, "running")
+    store.events.append("workers.lacking", BRIDGE, one)
+    assert f"Campaign {one} : {BRIDGE}" in look("/")
+    assert f'role="status"><a href="/campaigns/{one}">' in http.get("/", headers=HTML).text
+    assert notes(http, one) == 1
+    assert notes(http, other) == 0
+    (event,) = http.get("/api/v1/workers/staffing").json()["stranded"]
+    assert (event["campaign"], event["message"]) == (one, BRIDGE)
+
+
+@pytest.mark.parametrize("kind", ["workers.met", "campaign.progress", "campaign.state"])
+def test_what_a_campaign_lacked_is_told_no_more(store, make, look, http, kind):
+    campaign = make()
+    store.campaigns.move(campaign, "running")
+    store.events.append("workers.lacking", BRIDGE, campaign)
+    store.events.append(kind, "It goes on.", campaign)
+    assert BRIDGE not in look("/")
+    assert notes(http, campaign) == 0
+    assert http.get("/api/v1/workers/staffing").json()["stranded"] == []
+
+
+def test_of_a_campaign_that_is_paused_nothing_is_lacking(store, make, look, http):
+    campaign = make()
+    for state in ("running", "pausing"):
+        store.campaigns.move(campaign, state)
+    store.events.append("workers.lacking", BRIDGE, campaign)
+    assert BRIDGE not in look("/")
+    assert notes(http, campaign) == 0
+
+
+def test_campaigns_that_lack_the_same_share_a_note(store, make, look):
+    for campaign in (make(), make(seed=2)):
+        store.campaigns.move(campaign, "running")
+        store.events.append("workers.lacking", BRIDGE, campaign)
+    assert look("/").count(BRIDGE) == 1
+
+
+def notes(http, campaign):
+    """How often a campaign's page says, beside its events, what is lacking."""
+    text = http.get(f"/campaigns/{campaign}", headers=HTML).text
+    return text.count(f'role="status"><a href="/campaigns/{campaign}">')

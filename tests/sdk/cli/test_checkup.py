@@ -189,6 +189,20 @@ def test_without_settings_nothing_else_is_checked(examine, planner, words):
     assert len(said(checks, "skipped")) == len(PLANNER_CHECKS)
 
 
+@pytest.mark.parametrize(
+    ("words", "refused"),
+    [
+        (("--planner", "idm", "--repair"), "--repair: does nothing beside --planner"),
+        (("--scenario", "cut_in", "--replay", "3"), "--replay: does nothing beside --scenario"),
+        (("--bridge", "tcp://127.0.0.1:1", "--planner", "idm"), "--planner: does nothing beside"),
+        (("--bridge", "tcp://127.0.0.1:1", "--repair"), "--repair: does nothing beside --bridge"),
+    ],
+)
+def test_what_would_be_left_out_is_refused(eigenfail, words, refused):
+    told = eigenfail("doctor", *words)
+    assert (told.exit_code, refused in told.stderr) == (2, True)
+
+
 def test_people_get_a_table(eigenfail):
     told = eigenfail("doctor", "--planner", "test_returns_nan")
     assert told.exit_code == 1

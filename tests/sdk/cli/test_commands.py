@@ -25,10 +25,13 @@ from eigenfail.versions import versions
 def test_run_prints_the_result_table(eigenfail, spec_file):
     done = eigenfail("run", spec_file)
     assert done.exit_code == 0, done.output
-    header, row = [line for line in done.stdout.splitlines() if line.strip() and "─" not in line]
+    lines = [line for line in done.stdout.splitlines() if line.strip() and "─" not in line]
+    header, row, *remark = lines
     assert header.split()[:4] == ["id", "method", "episodes", "failures"]
     assert row.split()[:3] == ["1", "monte_carlo", "24"]
     assert "% [" in row
+    assert " ".join(remark).startswith("Campaign 1: ")
+    assert "ended while braking could not avoid one any more" in " ".join(remark)
     assert "campaign 1 (monte_carlo) done: 24/24 episodes" in done.stderr
 
 

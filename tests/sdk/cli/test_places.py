@@ -76,9 +76,13 @@ def test_the_service_of_the_folder_comes_before_the_default_one(somewhere, own, 
         assert place.url == DEFAULT_URL
 
 
-def test_otherwise_one_is_started_that_can_be_started_again(somewhere, own, tmp_path):
+def test_otherwise_one_is_started_that_can_be_started_again(somewhere, own, tmp_path, monkeypatch):
+    monkeypatch.setenv("EIGENFAIL_FUNCTIONS", "a, b")
     with somewhere() as place:
         assert place.url == OWN.url
+        assert place.again == f"eigenfail up --data {tmp_path / 'data'} --functions 'a, b'"
+    monkeypatch.delenv("EIGENFAIL_FUNCTIONS")
+    with somewhere() as place:
         assert place.again == f"eigenfail up --data {tmp_path / 'data'}"
 
 

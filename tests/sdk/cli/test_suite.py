@@ -32,7 +32,7 @@ def test_a_suite_is_run_and_shown_as_one_table(eigenfail, suite_file):
     header, _, *table = run.stdout.splitlines()
     assert header.split()[:5] == ["member", "state", "id", "method", "episodes"]
     assert "failure rate [95 %]" in header
-    found = [row[:5] for row in map(str.split, table)]
+    found = [row[:5] for row in map(str.split, table[:3])]
     assert found == [[f"seed={n}", "done", f"{n}", "monte_carlo", "12"] for n in (1, 2, 3)]
     assert "seeds: 3 of 3 campaigns over: 36/36 episodes" in run.stderr
     assert "\x1b" not in run.stdout + run.stderr
@@ -203,7 +203,7 @@ def test_suites_of_a_service_are_listed_and_shown_by_their_names(eigenfail, suit
     shown = eigenfail("suite", "show", "seeds")
     header, _, *table = shown.stdout.splitlines()
     assert header.split()[:4] == ["member", "state", "seed", "id"]
-    assert [row.split()[:4] for row in table] == [
+    assert [row.split()[:4] for row in table[:3]] == [
         [f"seed={n}", "done", f"{n}", f"{n}"] for n in (1, 2, 3)
     ]
     told = json.loads(eigenfail("suite", "show", "seeds", "--json").stdout)

@@ -54,7 +54,7 @@ CRASH = Measures(
 def test_a_crash_by_hand() -> None:
     # its largest DRAC is 300 m/s², as at every contact: that is not what it is judged by
     found = assess(Outcome.COLLISION, CRASH)
-    assert found == Assessment(ConflictClass.PLANNER_FAILURE, 2.0, 0.25)
+    assert found == Assessment(ConflictClass.PLANNER_FAILURE, 2.0, 0.25, unresolved=False)
     assert found.words == "collision, planner failure"
 
 
@@ -83,7 +83,7 @@ def test_peak_braking_parts_the_collisions(
 )
 def test_near_misses(min_ttc_s: float | None, conflict: ConflictClass) -> None:
     measures = Measures(0.4, min_ttc_s=min_ttc_s, drac_violated_s=1.0)
-    assert assess(Outcome.SAFE, measures) == Assessment(conflict)
+    assert assess(Outcome.SAFE, measures) == Assessment(conflict, unresolved=False)
 
 
 @pytest.mark.parametrize(
@@ -120,10 +120,12 @@ def test_unresolved_is_what_the_brakes_could_not_stop(closing_mps: float, gap_m:
 
 
 def test_what_was_not_run_or_not_measured_has_no_class() -> None:
-    assert assess(Outcome.FAILED, CRASH) == assess(Outcome.SAFE, None) == Assessment()
+    assert assess(Outcome.FAILED, CRASH) == assess(Outcome.SAFE, None)
+    assert assess(Outcome.SAFE, None) == Assessment(unresolved=False)
+    assert msgspec.json.decode(b"{}", type=Assessment).unresolved is None
     assert Assessment().words == ""
     older = Measures(0.0, 144.0, 0.02, 300.0)
-    assert assess(Outcome.COLLISION, older) == Assessment()
+    assert assess(Outcome.COLLISION, older) == Assessment(unresolved=False)
 
 
 def test_every_class_has_words() -> None:

@@ -9,6 +9,7 @@ import pytest
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
 from eigenfail_services.campaigns.checks import MAX_DEPTH, check_spec, horizon
+from eigenfail_services.campaigns.drafts import completed
 
 GOOD = CampaignSpec(
     name="first", method="monte_carlo", episodes=10, planner="idm", simulator="point_mass"
@@ -166,3 +167,17 @@ def test_both_ends_of_a_distribution_have_to_be_within_bounds(ends):
         check_spec(but(scenario_parameters={"distance_m": {"uniform": ends}}))
     assert refusal.value.field == "scenario_parameters.distance_m"
     assert "is refused. Expected `float`" in str(refusal.value)
+
+
+def test_a_function_is_listed_to_be_launched_but_not_to_be_read(monkeypatch):
+    spec = but(
+        simulator="function",
+        scenario="function",
+        planner="m:f",
+        planner_settings={},
+        scenario_parameters={"steps": 7},
+    )
+    monkeypatch.delenv("EIGENFAIL_FUNCTIONS")
+    with pytest.raises(InvalidValue, match="eigenfail up --functions m"):
+        check_spec(spec)
+    assert horizon(spec) == completed(spec).scenario_parameters["steps"] == 7

@@ -425,3 +425,35 @@ def test_a_new_priority_is_a_new_weight_once(house: House) -> None:
     for _ in range(3):
         house.supervisor.turn()
     assert house.hub.weights == [(campaign, 1), (campaign, 9)]
+
+
+FUNCTION = {"simulator": "function", "scenario": "function", "planner": "unlisted_module:f"}
+STEPS = {"scenario_parameters": {"steps": 2}}
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ((), CampaignState.PAUSED),
+        ((CampaignState.RUNNING,), CampaignState.PAUSED),
+        ((CampaignState.RUNNING, CampaignState.PAUSING), CampaignState.PAUSED),
+        ((CampaignState.RUNNING, CampaignState.CANCELLING), CampaignState.CANCELLED),
+    ],
+)
+def test_a_function_that_is_not_listed_any_more_rests_and_can_go_on(
+    house: House, monkeypatch, before, after
+) -> None:
+    campaign = house.create(**FUNCTION, **STEPS)
+    for state in before:
+        house.store.campaigns.move(campaign, state)
+    house.supervisor.turn()
+    assert (house.state(campaign), house.hub.launched) == (after, [])
+    assert house.store.jobs.claim("other", 10.0, JobKind.CAMPAIGN) is None
+    told = " ".join(event.message for event in house.store.events.after(0, 100))
+    assert "eigenfail up --functions unlisted_module" in told
+    assert f"eigenfail campaign resume {campaign}." in told
+    if after is CampaignState.PAUSED:
+        monkeypatch.setenv("EIGENFAIL_FUNCTIONS", "unlisted_module")
+        house.store.campaigns.move(campaign, CampaignState.QUEUED)
+        house.supervisor.turn()
+        assert house.hub.launched == [campaign]

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from enum import Enum
+from itertools import product
 from types import SimpleNamespace
 
 import pytest
@@ -89,3 +90,31 @@ def test_time_is_billed_once_whatever_became_of_the_bills(
     assert kept.active_s == HOUR_S + ran_s
     assert kept.overhead.learning_s == ran_s
     assert campaign_cost(kept).total_usd == pytest.approx(PRICE_USD * (1.0 + ran_s / HOUR_S))
+
+
+@pytest.mark.parametrize("case", [*product(Fate, (0.0, 40.0))], ids=str)
+def test_who_claims_again_goes_on_from_what_the_store_has(
+    store: Store, billed: Watch, now_s: list[float], monkeypatch, case: tuple[Fate, float]
+) -> None:
+    """Who had it in between may have billed it; of that, nobody can tell what was ours."""
+    (fate, others_s), add, campaign = case, store.campaigns.add_active, billed.job.subject
+
+    def unanswered(*bill) -> None:
+        if fate is Fate.KEPT:
+            add(*bill)
+        raise StoreUnavailable("The connection was cut.")
+
+    now_s[0] += 100.0
+    with monkeypatch.context() as patch:
+        patch.setattr(store.campaigns, "add_active", unanswered)
+        with pytest.raises(StoreUnavailable):
+            billed.bill(store)
+    add(campaign, others_s)
+    kept = store.campaigns.get(campaign)
+    billed.claim_again(billed.job, kept)
+    unbilled_s = 0.0 if case == (Fate.KEPT, 0.0) else 100.0
+    assert billed.so_far(kept).active_s == kept.active_s + unbilled_s
+    now_s[0] += 10.0
+    billed.bill(store)
+    after = store.campaigns.get(campaign)
+    assert after.active_s == kept.active_s + unbilled_s + 10.0

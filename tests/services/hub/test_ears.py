@@ -60,3 +60,15 @@ def test_the_urgent_are_heard_at_once_and_the_others_together(pairs, monkeypatch
     urgent_says.send(b"now")
     ears.wait([patient], [urgent], LONG_MS)
     assert urgent.recv(zmq.NOBLOCK) == b"now"
+
+
+def test_workers_are_heard_together_also_where_nobody_is_urgent(pairs, monkeypatch):
+    slept_s: list[float] = []
+    monkeypatch.setattr("eigenfail_services.hub.ears.APART_S", LONG_MS / 1_000)
+    monkeypatch.setattr("eigenfail_services.hub.ears.time.sleep", slept_s.append)
+    ears, ((patient, patient_says), _) = Ears(), pairs
+    patient_says.send(b"word")
+    for _ in range(2):
+        ears.wait([patient], [], LONG_MS)
+    assert slept_s[0] == 0.0
+    assert slept_s[1] > LONG_MS / 2_000

@@ -14,6 +14,7 @@ from eigenfail.values import EpisodeTask, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Heartbeat, Hello, encode
 from eigenfail_services.hub import desk as module
 from eigenfail_services.hub.binding import bind
+from eigenfail_services.hub.deaths import MAX_DEATHS
 from eigenfail_services.hub.desk import HEARTBEAT_S, SILENCE_LIMIT_S, Desk
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.lines import GRACE_S, LOOK_EVERY_S, QUIET_BEATS
@@ -180,3 +181,70 @@ def test_a_full_line_is_not_taken_for_a_closed_one(router, peer) -> None:
     assert post.reaches(connection)
     stopped.kill()
     until(lambda: not post.reaches(connection), router)
+
+
+def test_an_episode_takes_four_workers_at_most(table: Table) -> None:
+    table.leases.offer(1, (EpisodeTask(0, 0, PRIOR),))
+    died = counted = 0
+    while counted < MAX_DEATHS:
+        worker = b"%d" % died
+        table.join(worker, worker.decode())
+        if table.held_by(worker):
+            table.desk.hear(worker, encode(Heartbeat(1, 0, ((1, 0),))))
+            table.closed.add(worker)
+            died += 1
+            table.goes_by(SOON_S)
+        else:
+            table.goes_by(TICK_S, worker)
+        for _, task in table.leases.suspects():
+            counted += 1
+            if counted < MAX_DEATHS:
+                table.leases.acquit(1, task.index)
+    assert died <= MAX_DEATHS + 1
+
+
+@pytest.mark.parametrize("back", ["one", "two"])
+def test_if_one_of_the_two_comes_back_it_goes_on(table: Table, back: str) -> None:
+    both_are_missed(table)
+    table.join(b"c", "three")
+    assert table.held_by(b"c") == {(1, 1)}
+    table.join(b"again", back)
+    assert table.held_by(b"again") == {(1, 0)}
+
+
+def test_two_that_are_overdue_at_once_count_as_two(table: Table) -> None:
+    both_are_missed(table)
+    counted = []
+    for _ in range(3):
+        table.leases.suspect(table.now_s + SILENCE_LIMIT_S)
+        counted += table.leases.suspects()
+        table.leases.acquit(1, 0)
+    assert len(counted) == 2
+
+
+def test_what_is_proposed_anew_later_is_not_withheld_for_ever(table: Table) -> None:
+    both_are_missed(table)
+    table.join(b"c", "three")
+    table.leases.suspend(1)
+    table.goes_by(2 * SILENCE_LIMIT_S, b"c")
+    table.leases.offer(1, (EpisodeTask(0, 0, PRIOR), EpisodeTask(1, 1, PRIOR)))
+    assert table.held_by(b"c") == BOTH
+
+
+def both_are_missed(table: Table) -> None:
+    """Two workers, one after the other, with the first episode."""
+    for worker, life in ((b"a", "one"), (b"b", "two")):
+        table.join(worker, life)
+        table.runs_one(worker)
+        table.closed.add(worker)
+        table.goes_by(SOON_S)
+
+
+def test_a_hub_that_stood_still_counts_no_death_of_who_could_not_come_back(table: Table) -> None:
+    table.join(b"a", "one")
+    table.runs_one(b"a")
+    table.closed.add(b"a")
+    table.goes_by(SOON_S)
+    table.now_s += 2 * SILENCE_LIMIT_S
+    table.desk.bury_silent()
+    assert table.leases.suspects() == []

@@ -99,3 +99,20 @@ def test_before_its_first_result_it_is_leased_as_much_as_any_other() -> None:
     crew = Crew(1.0, seed=0)
     crew.begin()
     assert {len(queue) for queue in crew.queues.values()} == {UNPROVEN}
+
+
+def test_a_late_result_is_that_of_who_brings_it() -> None:
+    leases, others = Leases(), tuple(EpisodeTask(n, n, PriorSource()) for n in range(2))
+    leases.join(b"late", Hello(PROTOCOL, "late", 1), 0.0)
+    leases.offer(1, others[:1])
+    leases.assign()
+    leases.leave(b"late")
+    leases.join(b"now", Hello(PROTOCOL, "now", 1), 0.0)
+    leases.assign()
+    seat = leases.seats[b"now"]
+    assert set(seat.held) == {(1, 0)}
+    leases.settle(1, 1, wall_s=1.0)
+    leases.bring(1, 0, 100.0, b"late")
+    assert (seat.slowness, seat.held, seat.load_s) == (1.0, {}, 0.0)
+    assert leases.pace_s(1) > 1.0
+    assert leases._dealer._pools[False].shares._clocks_s[1] == pytest.approx(0.0)

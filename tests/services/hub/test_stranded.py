@@ -12,8 +12,8 @@ class Play:
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.now_s = 100.0
         patch.setattr(module.time, "monotonic", lambda: self.now_s)
-        self.store, self.found = MemoryStore(), set[int]()
-        self.stranded = Stranded(self.store.events, lambda: self.found)
+        self.store, self.found, self.has_bridge = MemoryStore(), set[int](), False
+        self.stranded = Stranded(self.store.events, lambda: self.found, lambda: self.has_bridge)
 
     def goes_by(self, seconds: float, *running: int) -> None:
         self.stranded.note(running)
@@ -37,9 +37,19 @@ def test_it_is_said_once_when_it_has_lasted_and_once_when_it_is_over(play: Play)
         play.goes_by(PATIENCE_S, 7, 8)
     assert play.said() == [(LACKING, 7)]
     assert "--bridge tcp://" in play.store.events.latest(1)[0].message
-    play.found = set()
+    play.found, play.has_bridge = set(), True
     play.goes_by(PATIENCE_S, 7, 8)
     assert play.said() == [(LACKING, 7), (MET, 7)]
+
+
+def test_that_nothing_waits_for_a_while_is_not_taken_for_a_bridge(play: Play) -> None:
+    play.found = {7}
+    play.goes_by(PATIENCE_S, 7)
+    play.found = set()  # the last of a round was given up, and the next round is not there yet
+    play.goes_by(PATIENCE_S, 7)
+    play.found = {7}
+    play.goes_by(PATIENCE_S, 7)
+    assert play.said() == [(LACKING, 7)]
 
 
 def test_what_passes_by_itself_is_not_said(play: Play) -> None:

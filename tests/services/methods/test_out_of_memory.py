@@ -11,6 +11,7 @@ from eigenfail.errors import LearnerDiverged
 from eigenfail.settings import read_settings
 from eigenfail.values import LearnerContext
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
+from eigenfail_services.methods.tensors import within_memory
 
 TOLD = "CUDA out of memory. Tried to allocate 2.00 GiB.\nGPU 0 has a total capacity of 79.1 GiB."
 QUICK = {"first_steps": 5, "steps": 5, "device": "cpu", "initial_share": 0.2, "round_size": 20}
@@ -69,3 +70,8 @@ def test_so_is_no_room_for_the_network(monkeypatch) -> None:
     monkeypatch.setattr(torch.nn.Module, "to", refuse)
     with pytest.raises(LearnerDiverged, match="out of memory on its device"):
         learner()
+
+
+def test_torch_may_say_nothing_at_all() -> None:
+    with pytest.raises(LearnerDiverged, match="ran out of memory"), within_memory():
+        raise torch.OutOfMemoryError

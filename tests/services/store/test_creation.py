@@ -1,11 +1,18 @@
-"""Campaigns that are made once for each key."""
+"""Campaigns that are made once for each key, and what their settings may be."""
 
+from contextlib import closing
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from eigenfail.testing.store.examples import spec
 from eigenfail.values import CampaignSpec, Priority
+from eigenfail_services.store import open_store
 from eigenfail_services.store.codec import spec_text
 from eigenfail_services.store.creation import hash_of, key_of
+from eigenfail_services.store.naming import episodes_of, numbers
 
 
 def test_keys_of_places_are_different_and_short() -> None:
@@ -38,3 +45,27 @@ def test_a_specs_text_is_that_of_earlier_releases_at_whatever_priority() -> None
     fields["scenario_parameters"] = {"q": 1.0, "c": {"low": 1, "high": 2}}
     asked = CampaignSpec(name="x", method="ast", episodes=4, **fields)
     assert {spec_text(replace(asked, priority=each)) for each in Priority} == {TOLD}
+
+
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner),
+    max_leaves=5,
+)
+
+
+@given(st.dictionaries(st.sampled_from(["campaign", "data_from", "episode", "episodes"]), ANYTHING))
+@example({"campaign": "a", "episode": {"of": 1}, "episodes": 3})
+@example({"campaign": 2**63, "episode": [1, 2], "episodes": [[1]]})
+def test_settings_may_be_called_as_those_of_a_replay_and_be_anything(settings: dict) -> None:
+    campaign, episodes = episodes_of(settings)
+    for found in ({campaign} - {None}, episodes, {*numbers(settings)}):
+        assert all(type(each) is int and 0 <= each < 2**63 for each in found)
+
+
+@pytest.mark.parametrize("url", ["sqlite_url", "prepared_postgres_url"])
+def test_a_campaign_with_such_settings_is_queued(url: str, request) -> None:
+    wild = {"campaign": "a", "episode": {"of": 1}, "episodes": 3.5, "data_from": 2**80}
+    with closing(open_store(request.getfixturevalue(url))) as store:
+        for settings in (wild, {"campaign": 2**64, "episodes": "ab"}):
+            assert store.campaigns.create(spec(settings=settings)).state == "queued"

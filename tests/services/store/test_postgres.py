@@ -13,7 +13,7 @@ import pytest
 
 from eigenfail.errors import InvalidValue, StoreUnavailable
 from eigenfail.testing.store.examples import deliver, result, running, spec
-from eigenfail.values import CampaignState
+from eigenfail.values import AnalysisSettings, CampaignState
 from eigenfail_services.store import events, open_store
 from eigenfail_services.store.campaign_rows import locked
 from eigenfail_services.store.engine import Database, find
@@ -157,6 +157,17 @@ def test_a_mover_waits_for_a_commit_and_loses_none_of_it(database, store) -> Non
             time.sleep(0.3)
             assert not move.done()
         assert move.result(10).state is CampaignState.DONE
+
+
+def test_no_analysis_begins_while_its_campaign_loses_noise(database, store) -> None:
+    campaign = running(store)
+    with ThreadPoolExecutor(1) as pool:
+        with database.writing() as connection:
+            locked(connection, campaign.id)  # as long as a slice takes
+            analysis = pool.submit(store.analyses.create, campaign.id, AnalysisSettings())
+            time.sleep(0.3)
+            assert not analysis.done()
+        assert analysis.result(10).campaign == campaign.id
 
 
 def test_a_claimed_row_holds_up_nobody_else(database, store) -> None:

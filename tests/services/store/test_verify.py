@@ -207,3 +207,19 @@ def test_stored_episodes_are_run_again_and_one_that_differs_is_found(sqlite_url)
     check = wrong(verify(sqlite_url, 2))["replays"]
     assert [defect.where for defect in check.shown] == ["episode 1/2"]
     assert verify(sqlite_url).defects == 0
+
+
+def test_functions_that_are_not_listed_here_are_left_out_by_name(sqlite_url, monkeypatch) -> None:
+    with closing(open_store(sqlite_url)) as store:
+        under_test = {"simulator": "function", "scenario": "function", "planner": "mine:f"}
+        campaign = running(store, **under_test, scenario_parameters={"steps": 2}, episodes=4)
+        deliver(store, campaign, result(0))
+    found = verify(sqlite_url, 1)
+    (check,) = (check for check in found.checks if check.name == "replays")
+    assert check.defects == 0
+    assert f"EIGENFAIL_FUNCTIONS=mine, whose functions they run: campaigns {campaign.id}." in (
+        check.promise
+    )
+    monkeypatch.setenv("EIGENFAIL_FUNCTIONS", "mine")
+    (check,) = wrong(verify(sqlite_url, 1)).values()
+    assert check.name == "replays"

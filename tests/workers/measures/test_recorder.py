@@ -126,7 +126,7 @@ def test_times_of_violation_and_of_the_collision() -> None:
     assert measures.drac_violated_s == pytest.approx(0.3)
     assert measures.collided_s == pytest.approx(0.4)
     assert assess(Outcome.COLLISION, measures) == Assessment(
-        ConflictClass.PLANNER_FAILURE, pytest.approx(0.3), pytest.approx(0.1)
+        ConflictClass.PLANNER_FAILURE, pytest.approx(0.3), pytest.approx(0.1), unresolved=False
     )
 
 
@@ -144,7 +144,9 @@ def test_a_collision_that_nothing_announced_is_unavoidable() -> None:
     measures = course((60.0, 99.0), (60.0, 0.0), collided=True).measures(DT_S)
     assert measures.min_ttc_s == pytest.approx(6.0)
     assert measures.ttc_violated_s is measures.drac_at_warning_mps2 is None
-    assert assess(Outcome.COLLISION, measures) == Assessment(ConflictClass.UNAVOIDABLE)
+    assert assess(Outcome.COLLISION, measures) == Assessment(
+        ConflictClass.UNAVOIDABLE, unresolved=False
+    )
 
 
 def test_without_a_collision_the_earliest_violation_of_any_counts() -> None:
@@ -152,7 +154,7 @@ def test_without_a_collision_the_earliest_violation_of_any_counts() -> None:
     assert measures.ttc_violated_s == measures.drac_violated_s == pytest.approx(0.1)
     assert measures.drac_at_warning_mps2 == pytest.approx(50.0 / 6.0)
     assert measures.collided_s is None
-    assert assess(Outcome.SAFE, measures) == Assessment(ConflictClass.NEAR_MISS)
+    assert assess(Outcome.SAFE, measures) == Assessment(ConflictClass.NEAR_MISS, unresolved=False)
 
 
 def test_the_first_moment_off_the_road_is_kept() -> None:

@@ -10,12 +10,13 @@ import pytest
 
 from eigenfail.bridges import EPISODE_VARIABLE
 from eigenfail.errors import InvalidValue
+from eigenfail_workers.bridge.patience import patience_of, patience_of_this_worker
+from eigenfail_workers.episode_limit import read_episode_limit
 from eigenfail_workers.worker.limits import (
     CPU_VARIABLE,
     MEMORY_VARIABLE,
     Limits,
     files_used_up,
-    read_episode_limit,
     read_limits,
 )
 from eigenfail_workers.worker.watch import Watch, family
@@ -84,6 +85,14 @@ def test_the_wall_time_of_an_episode_is_that_of_the_option_or_of_the_environment
     assert read_episode_limit("120.5") == 120.5
     with pytest.raises(InvalidValue, match=r"--episode-limit: '0' is no .* 1 or more.*EPISODE_"):
         read_episode_limit("0")
+
+
+def test_who_asks_a_bridge_reads_it_likewise(monkeypatch) -> None:
+    monkeypatch.setenv(EPISODE_VARIABLE, "")
+    assert patience_of_this_worker() == patience_of(60.0)
+    monkeypatch.setenv(EPISODE_VARIABLE, "abc")
+    with pytest.raises(InvalidValue, match="'abc' is no number of seconds"):
+        patience_of_this_worker()
 
 
 @pytest.mark.parametrize("written", ["many", "nan", "inf", "-1", "0", "255", "4 GiB"])

@@ -1,13 +1,12 @@
 """How long a worker waits for its bridge: all of it follows from the wall time of an episode."""
 
-import os
 from collections.abc import Iterator
 
 import msgspec
 
-from eigenfail.bridges import EPISODE_OPTION, EPISODE_VARIABLE
+from eigenfail.bridges import EPISODE_OPTION
+from eigenfail_workers.episode_limit import read_episode_limit
 
-LIMIT_S = 60.0
 HELLO_S = 10.0
 MARGIN_S = 10.0
 SHORTEST_PAUSE_S = 0.1
@@ -45,8 +44,12 @@ def patience_of(limit_s: float) -> Patience:
 
 
 def patience_of_this_worker() -> Patience:
-    """That which its parent has told this process."""
-    return patience_of(float(os.environ.get(EPISODE_VARIABLE, LIMIT_S)))
+    """That which its parent, or whoever examines a bridge, has told this process.
+
+    Raises:
+        InvalidValue: the variable is no number of seconds.
+    """
+    return patience_of(read_episode_limit())
 
 
 def pauses() -> Iterator[float]:

@@ -1,7 +1,6 @@
 """What the inner process of a worker, and all that it starts, may take of the machine."""
 
 import contextlib
-import math
 import os
 import resource
 import sys
@@ -9,8 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from eigenfail.bridges import EPISODE_OPTION, EPISODE_VARIABLE
-from eigenfail.errors import InvalidValue
+from eigenfail_workers.episode_limit import EPISODE_S, Meant, read_number
 
 MEMORY_VARIABLE = "EIGENFAIL_MEMORY_LIMIT_MIB"
 MEMORY_OPTION = "--memory-limit"
@@ -18,7 +16,6 @@ MEMORY_MIB = 4096.0
 CPU_VARIABLE = "EIGENFAIL_CPU_LIMIT_S"
 CPU_OPTION = "--cpu-limit"
 PROCESSORS = 4.0
-EPISODE_S = 60.0
 
 DEFAULT_FILES = 4096
 SPARE_FILES = 64
@@ -26,20 +23,9 @@ FIRST_TO_GO = "1000"
 """Should the machine itself run out of memory, the kernel takes the inner process first."""
 
 
-class Meant(msgspec.Struct, frozen=True):
-    """A limit that can be given: by which names, in what unit, and the least that makes sense."""
-
-    option: str
-    variable: str
-    unit: str
-    least: float
-    spare: str
-
-
 # Simulator, planner and numpy take 150 MiB, and a few seconds, before the first episode begins.
 MEMORY = Meant(MEMORY_OPTION, MEMORY_VARIABLE, "MiB", 256.0, "and 200 MiB")
 CPU = Meant(CPU_OPTION, CPU_VARIABLE, "seconds", 10.0, "and 5 s")
-EPISODE = Meant(EPISODE_OPTION, EPISODE_VARIABLE, "seconds", 1.0, "and 10 s")
 
 
 class Limits(msgspec.Struct, frozen=True):
@@ -105,34 +91,10 @@ def read_limits(
         given or os.environ.get(variable)
         for given, variable in ((memory_limit, MEMORY_VARIABLE), (cpu_limit, CPU_VARIABLE))
     )
-    cpu_s = _number(cpu, CPU) if cpu else PROCESSORS * episode_limit_s
+    cpu_s = read_number(cpu, CPU) if cpu else PROCESSORS * episode_limit_s
     return Limits(
-        memory_mib=_number(memory, MEMORY) if memory else MEMORY_MIB,
+        memory_mib=read_number(memory, MEMORY) if memory else MEMORY_MIB,
         cpu_s=cpu_s,
         processors=max(1.0, cpu_s / episode_limit_s),
         episode_s=episode_limit_s,
     )
-
-
-def read_episode_limit(given: str | None = None) -> float:
-    """The wall time that an episode may take, as the option or the environment has it. [s]
-
-    Raises:
-        InvalidValue: it is no number of seconds, or less than one.
-    """
-    written = given or os.environ.get(EPISODE_VARIABLE)
-    return _number(written, EPISODE) if written else EPISODE_S
-
-
-def _number(written: str, meant: Meant) -> float:
-    try:
-        limit = float(written)
-    except ValueError:
-        limit = math.nan
-    if not meant.least <= limit < math.inf:
-        raise InvalidValue(
-            meant.option,
-            f"'{written}' is no number of {meant.unit}, {meant.least:g} or more.",
-            f"Give the option or {meant.variable} what a planner needs, {meant.spare} to spare.",
-        )
-    return limit

@@ -32,10 +32,11 @@ from eigenfail.wire.messages import (
     Setup,
     Welcome,
 )
+from eigenfail_workers.episode_limit import read_episode_limit
 from eigenfail_workers.worker.child_process import ChildProcess, Held
 from eigenfail_workers.worker.deaths import MAX_CHILD_DEATHS, Deaths
 from eigenfail_workers.worker.ending import Ending
-from eigenfail_workers.worker.limits import Limits, read_episode_limit, read_limits
+from eigenfail_workers.worker.limits import Limits, read_limits
 from eigenfail_workers.worker.link import Link
 from eigenfail_workers.worker.supplies import Supplies
 from eigenfail_workers.worker.unborn import Unborn

@@ -56,6 +56,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
         events: newest first.
         latest: the id of the newest event, of any campaign.
         here: the workers that are connected now.
+        stranded: what was said of it, if no connected worker can run it.
         reference: what the likelihood of the failures is held against; None where it is not known.
         at_ms: when this was read.
     """
@@ -69,6 +70,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
     events: tuple[Event, ...]
     latest: int
     here: Sequence[Presence]
+    stranded: tuple[Event, ...]
     reference: Reference | None
     at_ms: int
 
@@ -80,6 +82,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
         origin: words and address of what it replays; None if it is no replay.
         replays: where the replays of its episodes are listed.
         wants_workers: whether there is work and nobody to do it.
+        stranded: what was said of it, if no connected worker can run it.
         wishes: what a user may ask of it now: pause, resume, cancel.
         conflicts: episodes by class; empty before the first one, and where nothing drives.
         asked: how the form analyses unless its user says otherwise.
@@ -92,6 +95,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     origin: tuple[str, str] | None
     replays: str
     wants_workers: bool
+    stranded: tuple[Event, ...]
     wishes: tuple[str, ...]
     tiles: tuple[tuple[str, Figure], ...]
     conflicts: Tiles
@@ -117,6 +121,7 @@ def campaign_view(found: Findings) -> CampaignView:
         origin=origin(campaign.spec),
         replays=replays_of(campaign.id),
         wants_workers=campaign.state in WORKING and not found.here,
+        stranded=found.stranded,
         wishes=wishes(campaign.state),
         tiles=tiles(now, likelihood(found), is_sampled=campaign.spec.method == BASELINE),
         conflicts=conflict_tiles(found.summary) if drives(campaign.spec) else (),

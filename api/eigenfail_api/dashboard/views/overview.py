@@ -5,7 +5,7 @@ from urllib.parse import urlencode
 
 import msgspec
 
-from eigenfail.values import Campaign, CampaignState, Page, Summary
+from eigenfail.values import Campaign, CampaignState, Event, Page, Summary
 from eigenfail.values.campaign_filter import CampaignFilter
 from eigenfail.values.pool import PeerCosts
 from eigenfail.values.worker import Presence, WorkerShare
@@ -60,6 +60,7 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
         replays: words and address of the replays that are not listed; None if there are none.
         panel: cost per failure by method.
         wants_workers: whether there is work and nobody to do it.
+        stranded: what was said of each campaign that no connected worker can run.
         latest: the newest event when the page was made, so that the feed goes on behind it.
     """
 
@@ -77,6 +78,7 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
     costs: Chart | None
     is_open: bool
     wants_workers: bool
+    stranded: tuple[Event, ...]
     latest: int
 
 
@@ -91,6 +93,7 @@ class Known(msgspec.Struct, frozen=True, kw_only=True):
         replays: how many campaigns replay what others found.
         here: the workers that are connected now.
         lately: who brought results in the last `within_s` seconds.
+        stranded: what was said of each campaign that no connected worker can run.
         latest: the id of the newest event.
     """
 
@@ -102,6 +105,7 @@ class Known(msgspec.Struct, frozen=True, kw_only=True):
     here: Sequence[Presence]
     lately: Sequence[WorkerShare]
     within_s: int
+    stranded: tuple[Event, ...]
     latest: int
 
 
@@ -125,6 +129,7 @@ def overview(known: Known, wanted: Wanted) -> Overview:
         costs=cost_chart(known.summaries),
         is_open=any(line.is_open for line in lines),
         wants_workers=not known.here and any(c.state in WORKING for c in known.page.items),
+        stranded=known.stranded,
         latest=known.latest,
     )
 

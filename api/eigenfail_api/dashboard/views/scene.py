@@ -128,7 +128,7 @@ def nearest_actor(scene: Scene) -> list[int]:
 def scene_row(scene: Scene, step: int, actor: int, apart: Floats) -> tuple[str, ...]:
     """One moment as text; in the last one nothing is perceived or done any more."""
     ego, other = scene.vehicles[step, 0], scene.vehicles[step, actor]
-    is_over = step == len(scene.perceived)
+    is_over = step >= min(len(scene.perceived), len(scene.controls))
     asked = () if is_over else (*scene.perceived[step], scene.controls[step, 0])
     numbers = (step * scene.dt_s, ego[0], ego[1], ego[3], *other[:2])
     return (

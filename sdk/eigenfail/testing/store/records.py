@@ -29,6 +29,21 @@ def numbers_events(store: Store) -> None:
     equal(store.events.after(2**70, 10), [], "What comes behind 2**70")
 
 
+def tells_the_newest_event_of_what_runs(store: Store) -> None:
+    """One event of some kinds for each campaign that is running, whatever else is logged."""
+    one, other, ended = running(store), running(store), running(store)
+    kinds = {"workers.lacking", "workers.met"}
+    equal(store.events.newest(kinds), [], "The newest events before the first")
+    store.events.append("workers.met", "earlier", one.id)
+    for campaign in (ended, other, one):
+        store.events.append("workers.lacking", f"of {campaign.id}", campaign.id)
+    store.events.append("campaign.progress", "of another kind", one.id)
+    store.events.append("workers.met", "of no campaign")
+    store.campaigns.move(ended.id, CampaignState.DONE)
+    told = [(event.campaign, event.message) for event in store.events.newest(kinds)]
+    equal(told, [(each.id, f"of {each.id}") for each in (one, other)], "The newest events")
+
+
 def logs_without_a_campaign(store: Store) -> None:
     """An event may be of no campaign, and of any text."""
     event = store.events.append("service.started", "odd \x00 text")
@@ -198,6 +213,7 @@ def knows_no_strange_analyses(store: Store) -> None:
 
 CHECKS = (
     numbers_events,
+    tells_the_newest_event_of_what_runs,
     logs_without_a_campaign,
     keeps_the_last_checkpoint,
     knows_no_checkpoints_of_strange_campaigns,

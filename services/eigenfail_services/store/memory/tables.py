@@ -1,12 +1,13 @@
 """What the twin remembers, under one lock, and its event log."""
 
 from collections import Counter
+from collections.abc import Collection
 from itertools import count
 from threading import RLock
 
 import msgspec
 
-from eigenfail.values import Analysis, Campaign, EpisodeResult, Event
+from eigenfail.values import Analysis, Campaign, CampaignState, EpisodeResult, Event
 from eigenfail.values.access import KeyRecord
 from eigenfail.values.records import EpisodeRow, Job, JobKind
 from eigenfail.values.retention import Pruning
@@ -128,6 +129,18 @@ class MemoryEventLog:
         with self._tables.lock:
             newest_first = reversed(self._tables.events.values())
             return [each for each in newest_first if campaign in {None, each.campaign}][:limit]
+
+    def newest(self, kinds: Collection[str]) -> list[Event]:
+        """The newest event of these kinds of each campaign that is running, by campaign."""
+        with self._tables.lock:
+            campaigns = self._tables.campaigns.items()
+            running = {number for number, each in campaigns if each.state == CampaignState.RUNNING}
+            newest = {
+                each.campaign: each
+                for each in self._tables.events.values()
+                if each.kind in kinds and each.campaign in running
+            }
+        return [newest[campaign] for campaign in sorted(running & newest.keys())]
 
     def last(self) -> int:
         """The id of the newest event, 0 if there is none."""

@@ -11,7 +11,7 @@ export function drawScene(canvas, scene, step, plan) {
   const whole = Math.floor(step);
   const vehicles = between(scene, step);
   const actor = scene.nearest[whole];
-  const seen = scene.perceived[Math.min(whole, scene.perceived.length - 1)];
+  const seen = scene.perceived[whole];
   const pen = prepare(canvas);
   const view = camera(canvas, scene, vehicles[0], vehicles[actor]);
   drawRoad(pen, view, scene);
@@ -30,7 +30,7 @@ function isContact(scene, step) {
 export function wordsOf(scene, step) {
   const whole = Math.floor(step);
   const [ego, actor] = [scene.vehicles[whole][0], scene.vehicles[whole][scene.nearest[whole]]];
-  const seen = scene.perceived[Math.min(whole, scene.perceived.length - 1)];
+  const seen = scene.perceived[whole];
   const off = seen ? Math.hypot(seen[0] - actor[0], seen[1] - actor[1]) : 0;
   const parts = [
     `t = ${(whole * scene.dt).toFixed(1)} s`,

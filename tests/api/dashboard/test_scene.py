@@ -1,0 +1,28 @@
+"""The course of an episode as a table and a player, of whatever a simulator told."""
+
+import numpy as np
+import pytest
+
+from eigenfail.values import Outcome, Scene
+from eigenfail_api.dashboard import formats
+from eigenfail_api.dashboard.views.scene import scene_chart
+
+STEPS = 4
+
+
+def scene(perceived, controls):
+    return Scene(
+        dt_s=0.1,
+        vehicles=np.arange(8.0 * (STEPS + 1)).reshape(STEPS + 1, 2, 4).astype(np.float32),
+        sizes=np.full((2, 2), 2.0, np.float32),
+        perceived=np.ones((perceived, 2), np.float32),
+        controls=np.ones((controls, 2), np.float32),
+    )
+
+
+@pytest.mark.parametrize(("perceived", "controls"), [(4, 4), (2, 4), (4, 2), (0, 0), (2, 3)])
+def test_steps_of_which_nothing_was_perceived_or_done_are_shown(perceived, controls):
+    chart = scene_chart(scene(perceived, controls), None, Outcome.COLLISION)
+    known = [row[6] != formats.NONE for row in chart.rows]
+    told = min(perceived, controls)
+    assert known == [True] * told + [False] * (STEPS + 1 - told)

@@ -1,0 +1,46 @@
+"""The likelihood that noise has on average, against quadrature step by step; and what it costs."""
+
+from math import pi, sqrt
+
+import numpy as np
+import pytest
+
+from eigenfail.values import NoiseTrajectory
+from eigenfail.values.disturbance import student_t
+from eigenfail.values.disturbance.shapes import Correlated, HeavyTailed, White
+from eigenfail_services.statistics.expected_likelihood import (
+    NODES,
+    WEIGHTS,
+    expected_log_probability,
+)
+
+STEPS = 30
+AR1 = Correlated(longitudinal_correlation=0.9, lateral_correlation=0.3)
+
+
+def noise_of(shape):
+    rng = np.random.default_rng(3)
+    z = rng.normal(size=(STEPS, 2)).astype(np.float32)
+    return NoiseTrajectory(z, np.full((STEPS, 2), 0.5, np.float32), shape)
+
+
+@pytest.mark.parametrize("shape", [White(), AR1, HeavyTailed(degrees_of_freedom=4.5)])
+def test_it_is_the_mean_over_the_nodes_of_noise_that_is_the_same_at_every_step(shape):
+    noise = noise_of(shape)
+    at_nodes = [
+        NoiseTrajectory(np.full_like(noise.z, node), noise.sigma, shape).log_probability
+        for node in NODES
+    ]
+    expected = float(np.dot(WEIGHTS, at_nodes)) / sqrt(2.0 * pi)
+    assert expected_log_probability(noise) == pytest.approx(expected, rel=1e-6)
+
+
+def test_heavy_tails_are_not_integrated_at_every_step(monkeypatch):
+    looked, log_slope = [], student_t.log_slope
+    monkeypatch.setattr(student_t, "log_slope", lambda z, nu: looked.append(z) or log_slope(z, nu))
+    noise = noise_of(HeavyTailed(degrees_of_freedom=5.25))
+    expected_log_probability(noise)
+    first = len(looked)
+    expected_log_probability(noise)
+    # Once for what the noise has, once for what is known of its shape: never once for each node.
+    assert len(looked) - first <= 4 * STEPS < first <= 4 * STEPS + 4 * len(NODES)
