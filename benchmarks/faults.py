@@ -5,11 +5,8 @@ PostgreSQL, whose server is broken off as well; each kind as often as any other.
 """
 
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path
 from random import Random
 from typing import Annotated, NamedTuple
 
@@ -20,8 +17,8 @@ from undisturbed import number
 
 sys.path.append(str(ROOT / "tests" / "chaos"))
 
-from postgresql import Server, server
-from stage import Stage
+from postgresql import server
+from stage import Stage, stage_on
 from storm import NOTHING_MORE, Fault, Storm, verdict
 
 SEED = 20261122
@@ -49,20 +46,9 @@ class Weathered(NamedTuple):
     equal: int
 
 
-@contextmanager
-def on(url: str) -> Iterator[Stage]:
-    """A stage, all of whose processes are ended afterwards."""
-    with tempfile.TemporaryDirectory() as folder:
-        stage = Stage(url or f"sqlite:///{folder}/eigenfail.db", Path(folder))
-        try:
-            yield stage
-        finally:
-            stage.end()
-
-
 def digests() -> dict[str, str]:
     """Of the campaigns when nothing disturbs them."""
-    with on("") as stage:
+    with stage_on("") as stage:
         stage.services()
         stage.worker()
         campaigns = stage.launch()
@@ -87,20 +73,13 @@ def weathered(
     )
 
 
-def restarted(running: Server) -> bool:
-    """PostgreSQL was broken off, and has come back."""
-    running.break_off()
-    running.start()
-    return True
-
-
 def everywhere(faults: int = FAULTS, seed: int = SEED) -> dict[str, Weathered]:
     """A storm on each database."""
     calm = digests()
-    with on("") as stage:
+    with stage_on("") as stage:
         found = {"SQLite": weathered(stage, faults, seed, calm)}
-    with server() as running, on(running.url) as stage:
-        more = {"PostgreSQL broken off": lambda: restarted(running)}
+    with server() as running, stage_on(running.url) as stage:
+        more = {"PostgreSQL broken off": running.restarted}
         some = max(1, faults // OF_THEM_ON_POSTGRESQL)
         return found | {"PostgreSQL": weathered(stage, some, seed, calm, more)}
 

@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.errors import InvalidValue
-from eigenfail.loopback import is_own_endpoint
+from eigenfail.loopback import TRUST_VARIABLE, is_own_endpoint
 from eigenfail.values import CampaignSpec
 from eigenfail.values.variation import Variation, read_variation
 
@@ -25,7 +25,6 @@ ADDRESS_VARIABLE = "EIGENFAIL_BRIDGE"
 ADDRESS_OPTION = "--bridge"
 EPISODE_VARIABLE = "EIGENFAIL_EPISODE_LIMIT_S"
 EPISODE_OPTION = "--episode-limit"
-TRUST_VARIABLE = "EIGENFAIL_TRUST_NETWORK"
 ADDRESS = re.compile(r"tcp://(\[[0-9a-fA-F:.]+\]|[\w.-]+):[1-9]\d{0,4}|ipc:///?[^\s\0]{1,100}")
 
 LONGEST_TEXT = 200

@@ -8,6 +8,9 @@ ENDPOINT = re.compile(r"tcp://(?P<host>\[[^\[\]]+\]|[^\[\]:;/@]+):[^:;/@]+")
 
 PIPE = "ipc://"
 
+TRUST_VARIABLE = "EIGENFAIL_TRUST_NETWORK"
+"""Where it is "1", somebody vouches for the network beyond this machine."""
+
 
 def is_loopback(host: str) -> bool:
     """Whether a host is this machine itself: a number of loopback, or `localhost`.

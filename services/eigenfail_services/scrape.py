@@ -7,8 +7,7 @@ from collections.abc import Callable
 from prometheus_client import CollectorRegistry, ProcessCollector, start_http_server
 
 from eigenfail.errors import InvalidValue, PortTaken
-from eigenfail.loopback import is_loopback
-from eigenfail_services.hub.binding import TRUST_VARIABLE
+from eigenfail.loopback import TRUST_VARIABLE, is_loopback
 
 VARIABLE = "EIGENFAIL_METRICS"
 

@@ -68,6 +68,12 @@ class Server:
         """After `break_off`, or an end of its own."""
         start(self._server)
 
+    def restarted(self) -> bool:
+        """It was broken off, and has come back."""
+        self.break_off()
+        self.start()
+        return True
+
     def end(self) -> None:
         """Stop for good, and remove everything."""
         self._server.cleanup()

@@ -1,7 +1,9 @@
 """A service in real processes that can be killed, stopped and started again, on one database."""
 
 import sqlite3
-from contextlib import closing
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -184,3 +186,14 @@ class Stage:
         for line in self._lines:
             line.close()
         self._store.close()
+
+
+@contextmanager
+def stage_on(url: str) -> Iterator[Stage]:
+    """A stage on a database, or on a new file of SQLite; all its processes are ended afterwards."""
+    with tempfile.TemporaryDirectory() as folder:
+        stage = Stage(url or f"sqlite:///{folder}/eigenfail.db", Path(folder))
+        try:
+            yield stage
+        finally:
+            stage.end()

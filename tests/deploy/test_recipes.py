@@ -9,6 +9,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from eigenfail.errors import InvalidValue
+from eigenfail.loopback import TRUST_VARIABLE
 from eigenfail.values.access import KeyRequest, Scope
 from eigenfail_api.__main__ import read_settings
 from eigenfail_api.app import create_app
@@ -122,7 +123,7 @@ def test_every_role_runs_a_program_of_ours_with_few_rights(ours):
 
 def test_the_hub_asks_for_keys_that_are_made_before_it_starts(services, monkeypatch):
     hub, keys, worker = (services[name] for name in ("services", "keys", "plain-worker"))
-    assert binding.TRUST_VARIABLE not in hub["environment"]
+    assert TRUST_VARIABLE not in hub["environment"]
     for service in (hub, keys):
         monkeypatch.setenv(binding.KEYS_VARIABLE, service["environment"][binding.KEYS_VARIABLE])
         arguments = program.parse(service["command"][1:])

@@ -8,18 +8,16 @@ first, so that what they take can be told from the first quarter of that time to
 import argparse
 import random
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[1] / "chaos"))
 
-from postgresql import Server, server
+from postgresql import server
 from promises import late, run_again
 from resources import Sample, growth, quarters, sample, told
-from stage import CAMPAIGNS, Stage
+from stage import CAMPAIGNS, Stage, stage_on
 from storm import NOTHING_MORE, Fault, Storm, verdict
 
 HARMLESS = ("inner process killed", "learner killed", "controller killed")
@@ -73,34 +71,16 @@ def soak(
     return [*found.complaints, *other, *growth(first, last), *again, *tardy]
 
 
-@contextmanager
-def on(url: str) -> Iterator[Stage]:
-    """A stage, all of whose processes are ended afterwards."""
-    with tempfile.TemporaryDirectory() as folder:
-        stage = Stage(url or f"sqlite:///{folder}/eigenfail.db", Path(folder))
-        try:
-            yield stage
-        finally:
-            stage.end()
-
-
 def on_sqlite(minutes: float, seed: int) -> list[str]:
     """What is to be complained of there."""
-    with on("") as stage:
+    with stage_on("") as stage:
         return soak(stage, minutes, seed)
 
 
 def on_postgresql(minutes: float, seed: int) -> list[str]:
     """What is to be complained of there, where the server is broken off, too."""
-    with server() as running, on(running.url) as stage:
-        return soak(stage, minutes, seed, {"PostgreSQL broken off": lambda: broken_off(running)})
-
-
-def broken_off(running: Server) -> bool:
-    """An immediate stop, and a new start."""
-    running.break_off()
-    running.start()
-    return True
+    with server() as running, stage_on(running.url) as stage:
+        return soak(stage, minutes, seed, {"PostgreSQL broken off": running.restarted})
 
 
 DATABASES = {"sqlite": on_sqlite, "postgresql": on_postgresql}

@@ -9,6 +9,7 @@ from starlette.background import BackgroundTask
 
 from eigenfail.contracts import Store
 from eigenfail.values import Campaign, CampaignState, Summary
+from eigenfail.values.worker import ACTIVE_S
 from eigenfail_api.dashboard.episodes_page import failures_of
 from eigenfail_api.dashboard.likelihood import MOST_FAILURES, reference_of
 from eigenfail_api.dashboard.rendering import page
@@ -27,7 +28,7 @@ from eigenfail_services.campaigns.ahead import (
     remembered,
 )
 from eigenfail_services.campaigns.course import course_of
-from eigenfail_services.campaigns.crew import ACTIVE_S, lately, present, staffing, stranded
+from eigenfail_services.campaigns.crew import lately, present, staffing, stranded
 from eigenfail_services.campaigns.peers import methods_of, peer_costs
 from eigenfail_services.campaigns.summary import summaries_of, summarise
 from eigenfail_services.store.clock import now_ms

@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from eigenfail.values import Page
-from eigenfail.values.worker import Presence, Staffing, WorkerShare
+from eigenfail.values.worker import DAY_S, Presence, Staffing, WorkerShare
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.bodies import Json
 from eigenfail_api.parameters import CampaignId, Stored
@@ -13,8 +13,6 @@ from eigenfail_api.schemas import documented
 from eigenfail_services.campaigns.crew import LATELY_S, lately, present, staffing, workers_of
 
 router = APIRouter(prefix=PREFIX, tags=["workers"])
-
-DAY_S = 86_400
 
 Within = Annotated[
     int, Query(ge=1, le=DAY_S, description="Whose results came in so many seconds [s].")

@@ -20,13 +20,9 @@ from eigenfail.cli.watching import View
 from eigenfail.client import Client
 from eigenfail.hosting.signals import interruptible
 from eigenfail.values import Campaign, CampaignState
-from eigenfail.values.worker import Presence, WorkerShare
-
-ACTIVE_S = 60
-"""Who brought a result within so many seconds is at work."""
+from eigenfail.values.worker import ACTIVE_S, DAY_S, Presence, WorkerShare
 
 PACKAGE = "eigenfail"
-DAY_S = 86_400
 COUNTS = ("campaigns", "episodes", "failures", "not runnable")
 NOBODY = (
     "No worker is connected, and none brought a result in the last {} s. "

@@ -8,6 +8,12 @@ from eigenfail.values.event import Event
 
 MOST_VERSIONS, LONGEST_NAME = 200, 300
 
+ACTIVE_S = 60
+"""Who brought a result within so many seconds is at work."""
+
+DAY_S = 86_400
+"""The longest time that may be asked for."""
+
 Name = Annotated[str, msgspec.Meta(max_length=LONGEST_NAME)]
 Versions = Annotated[dict[Name, Name], msgspec.Meta(max_length=MOST_VERSIONS)]
 """By name: of Python, the machine, eigenfail, and every package that a digest depends on."""

@@ -14,6 +14,9 @@ import msgspec
 from eigenfail.errors import InvalidValue
 
 KEY_BYTES = 32
+HANDSHAKE_MS = 10_000
+"""For how long either side waits for the other one's part."""
+
 MARK = "efw_"
 HUB_MARK = "efh_"
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")

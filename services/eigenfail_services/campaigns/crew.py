@@ -16,9 +16,6 @@ OUTLOOK = frozenset({LACKING, MET, "campaign.state", "campaign.progress"})
 """Kinds of events after which a campaign goes on, or waits for another worker than there is."""
 
 LATELY_S = 600
-ACTIVE_S = 60
-"""Who brought a result within so many seconds is at work."""
-
 PRESENT_S = 15
 """Whom no hub has named for so many seconds is not there: hubs do so every few seconds."""
 

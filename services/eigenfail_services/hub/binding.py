@@ -6,13 +6,12 @@ from pathlib import Path
 import zmq
 
 from eigenfail.errors import InvalidValue, PortTaken
-from eigenfail.loopback import is_own_endpoint
+from eigenfail.loopback import TRUST_VARIABLE, is_own_endpoint
 from eigenfail.wire.messages import MAX_MESSAGE_BYTES
 from eigenfail_services.hub.door import Door
 from eigenfail_services.hub.keys import FIELD, HubKeys, KeyFolder, closed_to_us
 
 KEYS_VARIABLE = "EIGENFAIL_HUB_KEYS"
-TRUST_VARIABLE = "EIGENFAIL_TRUST_NETWORK"
 
 
 def keys_for(address: str, folder: Path | None) -> HubKeys | None:

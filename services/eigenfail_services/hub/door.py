@@ -12,13 +12,12 @@ import structlog
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
-from eigenfail.wire.curve import fingerprint
+from eigenfail.wire.curve import HANDSHAKE_MS, fingerprint
 from eigenfail_services.hub.guarded_router import GuardedRouter
 from eigenfail_services.hub.keys import HubKeys
 
 ASKED_AT = "inproc://zeromq.zap.01"
 DOMAIN = b"hub"
-HANDSHAKE_MS = 10_000
 LOOK_MS = 1_000
 """Between two looks into the folder of keys: after so long, who is let in no more is cut off."""
 

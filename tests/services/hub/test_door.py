@@ -12,6 +12,7 @@ import zmq
 from structlog.testing import capture_logs
 
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable, Unauthorized
+from eigenfail.loopback import TRUST_VARIABLE
 from eigenfail.private_files import read_private
 from eigenfail.wire.curve import WorkerKey, read_hub_key, read_worker_key
 from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Welcome, encode
@@ -365,13 +366,13 @@ BEYOND = "tcp://0.0.0.0:8441"
 def test_beyond_this_machine_there_are_keys_or_somebody_vouches(
     keys: HubKeys, folder: KeyFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv(binding.TRUST_VARIABLE, raising=False)
+    monkeypatch.delenv(TRUST_VARIABLE, raising=False)
     with pytest.raises(InvalidValue, match="eigenfail worker key create"):
         binding.keys_for(BEYOND, None)
     assert binding.keys_for("tcp://127.0.0.1:*", None) is None
     assert isinstance(binding.keys_for(BEYOND, folder.path), HubKeys)
     assert isinstance(binding.keys_for("tcp://127.0.0.1:*", folder.path), HubKeys)
-    monkeypatch.setenv(binding.TRUST_VARIABLE, "1")
+    monkeypatch.setenv(TRUST_VARIABLE, "1")
     assert binding.keys_for(BEYOND, None) is None
     with pytest.raises(InvalidValue, match="no key of a hub"):
         binding.keys_for(BEYOND, tmp_path / "empty")

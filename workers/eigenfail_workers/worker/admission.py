@@ -13,12 +13,11 @@ from zmq.utils import z85
 from zmq.utils.monitor import recv_monitor_message
 
 from eigenfail.errors import ServiceUnreachable, Unauthorized
-from eigenfail.wire.curve import WorkerKey
+from eigenfail.wire.curve import HANDSHAKE_MS, WorkerKey
 
 GIVE_UP_S = 30.0
 """How long whoever is there may break off one handshake after the other."""
 
-HANDSHAKE_MS = 10_000
 LOOKED_FOR = (
     zmq.EVENT_HANDSHAKE_SUCCEEDED
     | zmq.EVENT_HANDSHAKE_FAILED_AUTH
