@@ -2,37 +2,51 @@
 SHELL := /bin/bash
 PYTHON ?= python3.11
 BIN := .venv/bin
+TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
+INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes
+# Processes that tests start by the hundred would otherwise compile every module anew.
+unexport PYTHONDONTWRITEBYTECODE
+apt = { apt-get update -qq && apt-get install -y -qq $(1); } >/dev/null 2>&1
 SOURCES := sdk api services workers migrations deploy tests examples benchmarks
 MINUTES ?= 5
 SECONDS ?= 600
-PROCESSES ?= 2
+# tests/conftest.py puts the files first that take longest.
+SPREAD = --numprocesses $(PROCESSES) --dist loadfile --no-loadscope-reorder
+PROCESSES ?= 3
+REQUESTS ?= 25000
 
 .DEFAULT_GOAL := help
-.PHONY: help image-steps setup chromium headers tools demo test coverage lint format bench volume claims intervals pictures openapi screens vendor soak explore overload lock clean
+.PHONY: help image-steps setup chromium headers tools demo test coverage lint format bench volume claims intervals pictures openapi faults screens vendor soak explore hostile overload lock clean
 
 help: ## this list
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-.venv/installed: pyproject.toml constraints.txt
-	@echo "Fetching packages into .venv: some minutes, once."
+# pip refuses whatever has another hash than the lock files say. PyPI has no CPU build of torch: it is
+# installed first, from an index that pip is configured with or else from TORCH_INDEX.
+.venv/installed: pyproject.toml constraints.txt deploy/locks/torch_cpu.txt
+	@echo "Installing packages into .venv. This takes some minutes, once."
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@$(INSTALL) --no-deps --requirement deploy/locks/torch_cpu.txt 2>.venv/torch.log \
+		|| $(INSTALL) --no-deps --requirement deploy/locks/torch_cpu.txt --index-url $(TORCH_INDEX) \
+		|| { echo "Before that, from the index that pip is configured with:"; cat .venv/torch.log; false; } >&2
+	$(INSTALL) --requirement constraints.txt
+	$(BIN)/python -m pip install --quiet --no-deps --no-index --no-build-isolation --editable .
 	@touch $@
 
 setup: .venv/installed ## the virtual environment, with everything in it
 
 chromium: ## Debian's browser, for the browser tests
-	@command -v chromium >/dev/null || (apt-get update -qq && apt-get install -y -qq chromium >/dev/null) \
-		|| (echo "The browser tests need chromium: install it with your package manager." && false)
+	@command -v chromium >/dev/null || $(call apt,chromium) \
+		|| echo "No chromium: the tests that need it are skipped, and told at the end."
 
 headers: ## Debian's g++ and ZeroMQ for C++, for the tests of the C++ bridge
 	@echo '#include <zmq.h>' | g++ -x c++ -fsyntax-only - 2>/dev/null \
-		|| (apt-get update -qq && apt-get install -y -qq g++ libzmq3-dev >/dev/null) \
-		|| (echo "The C++ bridge needs g++ and zmq.h: install them with your package manager." && false)
+		|| $(call apt,g++ libzmq3-dev) \
+		|| echo "No g++ with zmq.h: the tests of the C++ bridge are skipped, and told at the end."
 
 tools: ## Debian's strace, iproute2 and curl, for the tests of faults and of texts to copy
 	@{ command -v strace && command -v ip && command -v curl; } >/dev/null \
-		|| (apt-get update -qq && apt-get install -y -qq strace iproute2 curl >/dev/null) \
+		|| $(call apt,strace iproute2 curl) \
 		|| echo "No strace, ip or curl: the tests that need them are skipped, and told at the end."
 
 demo: setup ## a short campaign of each method, analysed, replayed, priced
@@ -40,11 +54,11 @@ demo: setup ## a short campaign of each method, analysed, replayed, priced
 
 test: setup chromium headers tools lint ## every check and every test
 	$(BIN)/python -m pytest -q tests/test_full_loop.py
-	$(BIN)/python -m pytest tests --numprocesses $(PROCESSES) --dist loadfile
+	$(BIN)/python -m pytest tests $(SPREAD)
 
 coverage: setup chromium headers tools ## which lines the tests reach; takes half as long again
 	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest tests --numprocesses $(PROCESSES) --dist loadfile
+	$(BIN)/coverage run -m pytest tests $(SPREAD)
 	@$(BIN)/coverage combine --quiet
 	@$(BIN)/coverage report
 
@@ -53,6 +67,7 @@ lint: setup ## style, types, who may import whom, known flaws of packages
 	$(BIN)/ruff format --check $(SOURCES)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python deploy/structure.py
 	$(BIN)/python deploy/audit.py
 
 format: setup ## put the sources into the house's style
@@ -74,14 +89,18 @@ intervals: setup ## how often the failure probabilities that methods print hold 
 pictures: setup ## draw docs/pictures
 	$(BIN)/python benchmarks/pictures.py
 
-openapi: setup ## write docs/openapi.json and the table of routes in docs/rest.md
-	$(BIN)/python -m eigenfail_api.openapi --output docs/openapi.json
+openapi: setup ## write docs/openapi.json and the tables of routes, measures and columns in docs
 	$(BIN)/python tests/docs/rest_table.py
+	$(BIN)/python tests/docs/measure_tables.py
+
+faults: setup ## write the tables of faults in docs/reliability.md from the marks of the tests
+	$(BIN)/python tests/docs/fault_table.py
+	$(BIN)/python benchmarks/claims.py --only faults.kinds
 
 screens: setup chromium ## pictures of a running service's pages, into docs/pictures/screens
 	$(BIN)/python benchmarks/screenshots.py
 
-vendor: setup ## the dashboard's libraries anew, from npm
+vendor: setup ## fetch the dashboard's libraries and the axe-core of its tests from npm
 	$(BIN)/python deploy/vendor.py
 
 soak: setup ## kill parts of a running service for MINUTES=5, then check that nothing was lost
@@ -90,15 +109,17 @@ soak: setup ## kill parts of a running service for MINUTES=5, then check that no
 explore: setup ## new lives of the state machines for MINUTES=5; SEED=N lives those of one seed again
 	$(BIN)/python tests/machines/explore.py --minutes $(MINUTES) $(if $(SEED),--seed $(SEED))
 
+hostile: setup ## REQUESTS=25000 hostile requests to a service of its own; SEED=N sends those of one seed again
+	$(BIN)/python tests/fuzz/hostile_requests.py --requests $(REQUESTS) $(if $(SEED),--seed $(SEED))
+
 overload: setup ## six workers and a learner on two cores for SECONDS=600: nobody who lives is given up
 	EIGENFAIL_OVERLOAD_S=$(SECONDS) $(BIN)/python -m pytest -q tests/chaos/test_overload.py
 
 image-steps: setup ## the steps of the container recipes without an engine, as root; see docs/deployment.md
 	$(BIN)/python tests/deploy/image_steps.py
 
-lock: setup ## constraints.txt anew, from what is installed
-	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu//' > constraints.txt
-	@touch .venv/installed
+lock: setup ## the lock files anew, with hashes; UPGRADE="numpy ray" takes newer ones of these
+	$(BIN)/python deploy/lock.py $(UPGRADE)
 
 clean: ## remove everything that was made
 	rm -rf .venv .out .coverage* htmlcov dist build eigenfail-data \

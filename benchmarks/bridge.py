@@ -13,8 +13,8 @@ from service import ratio
 
 from eigenfail.contracts import EpisodeEngine
 from eigenfail.values import DisturbanceModel, EpisodeSetup
+from eigenfail_workers.bridge.connection import SharedConnection
 from eigenfail_workers.bridge.engine import BridgeEngine
-from eigenfail_workers.bridge.line import Line
 from eigenfail_workers.engine import Engine
 
 EPISODES = 400
@@ -25,7 +25,7 @@ BRIDGE = ROOT / "examples" / "bridge" / "minimal.py"
 
 def bridge_figures() -> dict[str, Figure]:
     """Episodes per second of `highway` with `rulebook` behind a bridge ÷ built in, in turn."""
-    with program() as address, closing(Line(address)) as line:
+    with program() as address, closing(SharedConnection(address)) as line:
         behind = BridgeEngine(setup("bridge", {"steps": 100}), line)
         built_in = Engine(setup("highway", {}))
         for engine in (behind, built_in):

@@ -28,7 +28,7 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail_workers.engine import Engine
-from eigenfail_workers.explain import Told, Witness
+from eigenfail_workers.explain import RecordedStep, RecordingPlanner
 
 T = TypeVar("T")
 
@@ -79,14 +79,14 @@ def play(setup: EpisodeSetup, tasks: Sequence[EpisodeTask]) -> list[Played]:
 
 
 @cache
-def watched_engine(setup: bytes) -> tuple[Engine, list[Told]]:
+def watched_engine(setup: bytes) -> tuple[Engine, list[RecordedStep]]:
     """An engine for a setup in JSON, and what its planner tells of the last episode."""
-    told: list[Told] = []
+    told: list[RecordedStep] = []
     decoded = msgspec.json.decode(setup, type=EpisodeSetup)
-    return Engine(decoded, lambda planner: Witness(planner, told)), told
+    return Engine(decoded, lambda planner: RecordingPlanner(planner, told)), told
 
 
-def kept(result: EpisodeResult, told: list[Told]) -> Played:
+def kept(result: EpisodeResult, told: list[RecordedStep]) -> Played:
     """The part of a result that figures rest on."""
     if result.measures is None:
         raise EpisodeError(f"Episode {result.index} of seed {result.seed} failed: {result.fault}.")

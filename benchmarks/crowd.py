@@ -27,16 +27,19 @@ from eigenfail.values import STATE, CampaignSpec, EpisodeResult, EpisodeTask
 from eigenfail.versions import versions
 from eigenfail.wire.messages import (
     PROTOCOL,
+    Assembler,
     Drop,
     Heartbeat,
     Hello,
     Lease,
     Message,
+    Piece,
     Refusal,
     Results,
     Welcome,
     encode,
     read_hub_message,
+    split,
 )
 
 CREDIT = 256
@@ -72,6 +75,7 @@ class Worker:
         self._heartbeat_s = 0.0
         self._next_beat_s = 0.0
         self._ends_s = inf
+        self._assembler = Assembler()
         self._handlers: dict[type[Message], Callable[[Any], None]] = {
             Welcome: self._welcome,
             Refusal: self._refused,
@@ -84,6 +88,8 @@ class Worker:
         with contextlib.suppress(zmq.Again):
             while True:
                 message = read_hub_message(self.socket.recv(zmq.NOBLOCK))
+                if isinstance(message, Piece) and (whole := self._assembler.add(message)):
+                    message = read_hub_message(whole)
                 self._handlers.get(type(message), nothing)(message)
 
     def act(self, now_s: float, plain: EpisodeResult, with_scene: EpisodeResult) -> None:
@@ -91,7 +97,8 @@ class Worker:
         while self._held and now_s >= self._ends_s:
             campaign, task = self._held.popleft()
             shown = plain if task.index % SCENE_EVERY else with_scene
-            self.socket.send(encode(Results(campaign, (brought(shown, task),))))
+            for frame in split(Results(campaign, (brought(shown, task),))):
+                self.socket.send(frame)
             self._begin(self._ends_s)
         if now_s >= self._next_beat_s:
             self._beat(now_s)

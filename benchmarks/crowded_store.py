@@ -6,9 +6,9 @@ import numpy as np
 from sqlalchemy import Connection, insert
 
 from eigenfail.values import CampaignSpec, CampaignState, Outcome
+from eigenfail_services.store import open_store
 from eigenfail_services.store.codec import to_json
-from eigenfail_services.store.engine import Database, find
-from eigenfail_services.store.opening import open_store
+from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.schema import campaigns, episodes
 
 CAMPAIGNS = 1_000
@@ -37,7 +37,7 @@ def fill(address: str, count: int = CAMPAIGNS, total: int = EPISODES) -> int:
     Trajectories and scenes are left out: no page that is measured reads them.
     """
     open_store(address).close()
-    database = Database(find(address))
+    database = Database(find_backend(address))
     sizes = sizes_of(count, total)
     with database.writing() as connection:
         make(connection)

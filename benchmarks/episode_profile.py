@@ -34,12 +34,14 @@ PARTS: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
     "quadratic program": ((f"{RULEBOOK}.quadratic_program:QuadraticProgram", ("reset", "solve")),),
     "closed loop": ((f"{WORKERS}.closed_loop:DrivenSimulation", ("reset", "step")),),
     "noise": (
-        (f"{WORKERS}.episode", ("deviations",)),
+        (f"{WORKERS}.episode", ("compute_deviations",)),
         (f"{WORKERS}.noise.sources", ("begin",)),
         (f"{WORKERS}.noise.sources:TrajectoryNoise", ("draw",)),
         ("eigenfail.values:Conversion", ("to_metres",)),
     ),
-    "measures": ((f"{WORKERS}.measures.recorder:Recorder", ("sees", "injects", "measures")),),
+    "measures": (
+        (f"{WORKERS}.measures.recorder:Recorder", ("observe", "add_disturbance", "measures")),
+    ),
     "arrays of the result": ((f"{WORKERS}.measures.recorder:Recorder", ("noise", "scene")),),
     "rest": ((f"{WORKERS}.engine:Engine", ("_run",)),),
 }

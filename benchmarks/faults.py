@@ -7,6 +7,7 @@ PostgreSQL, whose server is broken off as well; each kind as often as any other.
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from functools import partial
 from random import Random
 from typing import Annotated, NamedTuple
 
@@ -16,10 +17,12 @@ from figures import ROOT, Figure
 from undisturbed import number
 
 sys.path.append(str(ROOT / "tests" / "chaos"))
+sys.path.append(str(ROOT / "tests" / "docs"))
 
+from fault_table import read_faults
 from postgresql import server
 from stage import Stage, stage_on
-from storm import NOTHING_MORE, Fault, Storm, verdict
+from storm import NOTHING_MORE, SERVER_SHUTDOWN, WRITE_LOCK, Fault, Storm, hold_write_lock, verdict
 
 SEED = 20261122
 FAULTS = 90
@@ -77,11 +80,19 @@ def everywhere(faults: int = FAULTS, seed: int = SEED) -> dict[str, Weathered]:
     """A storm on each database."""
     calm = digests()
     with stage_on("") as stage:
-        found = {"SQLite": weathered(stage, faults, seed, calm)}
+        lock = {WRITE_LOCK: partial(hold_write_lock, stage.url, Random(seed))}
+        found = {"SQLite": weathered(stage, faults, seed, calm, lock)}
     with server() as running, stage_on(running.url) as stage:
-        more = {"PostgreSQL broken off": running.restarted}
+        more = {SERVER_SHUTDOWN: running.restarted}
         some = max(1, faults // OF_THEM_ON_POSTGRESQL)
         return found | {"PostgreSQL": weathered(stage, some, seed, calm, more)}
+
+
+def kinds(_crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
+    """Yield the number of kinds of faults that the tests inject, by their marks."""
+    marked = read_faults()
+    tests = {test for fault in marked for test in fault.tests}
+    yield "faults.kinds", number(len(marked), "kinds", len(tests))
 
 
 def faults(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
@@ -90,7 +101,7 @@ def faults(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     befell = sum((one.befell for one in found), Counter[str]())
     n, campaigns = befell.total(), sum(one.campaigns for one in found)
     equal = sum(one.equal for one in found) / campaigns
-    yield "faults.kinds", number(len(+befell), "kinds", n)
+    yield "faults.storm.kinds", number(len(+befell), "kinds", n)
     yield "faults.injected", number(n, "faults", n)
     yield "faults.lost", number(sum(one.lost for one in found), "episodes", n)
     yield "faults.doubled", number(sum(one.doubled for one in found), "rows", n)

@@ -15,12 +15,12 @@ import typer
 import zmq
 from crew import Crew
 from figures import Figure
+from invalid_messages import FOREIGN, words
 from played import LAYER, PlayedSocket, context_of, played_hub, played_learners, quiet
 from played_worker import PlayedWorker
 from undisturbed import number
 
-from eigenfail.testing.nonsense import FOREIGN, words
-from eigenfail.testing.store.examples import collision, failed, floats, result, spec
+from eigenfail.testing.examples import collision, floats, make_errored_result, result, spec
 from eigenfail.values import (
     EpisodeTask,
     Outcome,
@@ -30,10 +30,10 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail.wire import messages as m
-from eigenfail.wire.claims import Claim, fingerprint
-from eigenfail_services.hub.runs import Order
+from eigenfail.wire.messages import Assembler, Claim, fingerprint_task
+from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.store import open_store
 
 SEED = 20261122
 MESSAGES = 100_000
@@ -56,16 +56,21 @@ TASKS = (
     EpisodeTask(1, 101, PolicySource(1)),
     EpisodeTask(2, 102, TrajectorySource(floats(2, 5, 2))),
 )
-CLAIMS = (Claim(1, 0, fingerprint(SETUP, TASKS[0])), Claim(2, 1), Claim(9, 99, b"another"))
+CLAIMS = (Claim(1, 0, fingerprint_task(SETUP, TASKS[0])), Claim(2, 1), Claim(9, 99, b"another"))
+LONG = m.encode(m.Results(2, (collision(1),)))
+WHOLE = m.encode(m.Ack(1, (0, 1)))
 TO_HUB: tuple[m.Message, ...] = (
     m.Hello(m.PROTOCOL, "w", 8, "host", 7),
     m.Hello(m.PROTOCOL, "w", 8, "host", 7, "life", 1, CLAIMS),
     m.Heartbeat(1, 2),
     m.Heartbeat(1, 2, ((1, 2), (2, 0))),
     m.Heartbeat(),
-    m.Results(1, (result(0), failed(2))),
+    m.Results(1, (result(0), make_errored_result(2))),
     m.Results(2, (collision(1),)),
     m.Goodbye("stopped"),
+    m.Piece(1, 0, len(LONG), LONG[:40]),
+    m.Piece(1, 40, len(LONG), LONG[40:]),
+    m.Piece(2, 0, 2**26, LONG),
 )
 TO_WORKER: tuple[m.Message, ...] = (
     m.Welcome(1.0),
@@ -76,6 +81,9 @@ TO_WORKER: tuple[m.Message, ...] = (
     m.Lease(2, TASKS[:1]),
     m.Ack(1, (0, 1)),
     m.Drop(1),
+    m.Piece(1, 0, len(WHOLE), WHOLE[:8]),
+    m.Piece(1, 8, len(WHOLE), WHOLE[8:]),
+    m.Piece(2, 0, 2**26, WHOLE),
 )
 LAST = 77
 """A campaign that nobody has spoken of before."""
@@ -123,7 +131,7 @@ def turns(inbox: Iterator[object], n: int, into: PlayedSocket, turn: Callable[[]
 
 def at_the_hub(n: int = MESSAGES, seed: int = SEED) -> Fuzzed:
     """A hub that runs campaigns, and n messages from eight connections."""
-    store = MemoryStore()
+    store = open_store("memory://")
     with quiet(), played_learners():
         hub, router = played_hub(store)
         for _ in CAMPAIGNS:
@@ -132,8 +140,10 @@ def at_the_hub(n: int = MESSAGES, seed: int = SEED) -> Fuzzed:
         def turn() -> None:
             hub.turn()
             router.outbox.clear()
-            while not hub.ended.empty():
-                if (ended := hub.ended.get()).problem:  # a bent result was refused three times
+            while not hub.finished_runs.empty():
+                if (
+                    ended := hub.finished_runs.get()
+                ).problem:  # a bent result was refused three times
                     launch(hub, ended.campaign)
 
         fuzzed = turns(parts(n, seed), n, router, turn)
@@ -145,7 +155,7 @@ def at_the_hub(n: int = MESSAGES, seed: int = SEED) -> Fuzzed:
 
 def launch(hub: Hub, campaign: int) -> None:
     """Let the hub run a campaign."""
-    hub.launch(Order(campaign, SETUP, "monte_carlo", {}, 0, context_of(EPISODES)))
+    hub.launch(RunSpec(campaign, SETUP, "monte_carlo", {}, 0, context_of(EPISODES)))
 
 
 def parts(n: int, seed: int) -> Iterator[list[bytes]]:
@@ -172,8 +182,9 @@ def at_the_worker(n: int = MESSAGES, seed: int = SEED) -> Fuzzed:
 
 def acks(dealer: PlayedSocket) -> Iterator[bytes]:
     """What a hub says to the results that came."""
+    assembler = Assembler()
     while dealer.outbox:
-        said = m.read_worker_message(dealer.outbox.popleft())
+        said = joined(assembler, dealer.outbox.popleft())
         if isinstance(said, m.Results):
             yield m.encode(m.Ack(said.campaign, tuple(one.index for one in said.results)))
 
@@ -181,18 +192,25 @@ def acks(dealer: PlayedSocket) -> Iterator[bytes]:
 def runs_on(worker: PlayedWorker) -> bool:
     """Whether it still runs an episode that it is leased."""
     worker.dealer.inbox.extend(LAST_WORDS)
+    assembler = Assembler()
     for _ in range(MOST_TURNS):
         worker.turn()
         worker.work()
         while worker.dealer.outbox:
-            if is_last_result(worker.dealer.outbox.popleft()):
+            if is_last_result(joined(assembler, worker.dealer.outbox.popleft())):
                 return True
     return False
 
 
-def is_last_result(data: bytes) -> bool:
-    """Whether it is what the last words ask for: an episode that was run."""
+def joined(assembler: Assembler, data: bytes) -> m.Message:
+    """What a worker says, or the message that it completes with it."""
     said = m.read_worker_message(data)
+    whole = assembler.add(said) if isinstance(said, m.Piece) else None
+    return said if whole is None else m.read_worker_message(whole)
+
+
+def is_last_result(said: m.Message) -> bool:
+    """Whether it is what the last words ask for: an episode that was run."""
     if not isinstance(said, m.Results) or said.campaign != LAST:
         return False
     return said.results[0].outcome is Outcome.SAFE
@@ -202,7 +220,7 @@ def at_the_hub_s_socket(n: int = OVER_SOCKETS, seed: int = SEED) -> Fuzzed:
     """The same over ZeroMQ, and strangers that speak no ZeroMQ at all."""
     before = resident_bytes()
     with quiet():
-        hub = Hub(MemoryStore(), "tcp://127.0.0.1:*")
+        hub = Hub(open_store("memory://"), "tcp://127.0.0.1:*")
         hub.start()
         port = int(hub.address.rsplit(":", 1)[1])
         peers = [dealer(hub.address) for _ in CONNECTIONS]
@@ -212,10 +230,10 @@ def at_the_hub_s_socket(n: int = OVER_SOCKETS, seed: int = SEED) -> Fuzzed:
                 knock(port, FOREIGN[number // TURN % len(FOREIGN)])
         with dealer(hub.address) as last:
             last.send(m.encode(m.Hello(m.PROTOCOL, "last", 1)))
-            answered = bool(last.poll(PATIENCE_S * 1_000)) and hub.alive()
+            answered = bool(last.poll(PATIENCE_S * 1_000)) and hub.is_alive()
         for peer in peers:
             peer.close(linger=0)
-        escapes = () if hub.alive() else ("the hub's thread ended",)
+        escapes = () if hub.is_alive() else ("the hub's thread ended",)
         hub.stop()
     return Fuzzed(n, escapes, resident_bytes() - before, answered)
 
@@ -249,7 +267,7 @@ def at_the_worker_s_socket(n: int = OVER_SOCKETS, seed: int = SEED) -> Fuzzed:
             router.send_multipart([connection, data])
         answered = wait_for_last(router)
         escapes = () if thread.is_alive() else ("the worker's loop ended",)
-        worker.leave()
+        worker.shut_down()
         thread.join(PATIENCE_S)
     return Fuzzed(n, escapes, resident_bytes() - before, answered)
 
@@ -259,10 +277,10 @@ def wait_for_last(router: "zmq.Socket[bytes]") -> bool:
 
     They are said whenever the worker speaks: it may connect anew, or drop what it was told before.
     """
-    until_s = time.monotonic() + PATIENCE_S
+    until_s, assembler = time.monotonic() + PATIENCE_S, Assembler()
     while (left_s := until_s - time.monotonic()) > 0 and router.poll(left_s * 1_000):
         connection, *_, data = router.recv_multipart()
-        if is_last_result(data):
+        if is_last_result(joined(assembler, data)):
             return True
         for word in LAST_WORDS:
             router.send_multipart([connection, word])

@@ -18,7 +18,7 @@ from eigenfail.values import AnalysisSettings, LearnerContext, learner_seed
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.job import analyse
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_workers.functions.engine import FunctionEngine
+from eigenfail_workers.functions import FunctionEngine
 
 Noise = NDArray[np.float64]
 

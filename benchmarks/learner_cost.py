@@ -18,7 +18,6 @@ import numpy as np
 from crowd import examples
 from msgspec.structs import replace
 
-from eigenfail.contracts import Store
 from eigenfail.values import STATE, CampaignSpec, EpisodeResult, EpisodeTask, LearnerContext
 from eigenfail.wire.messages import (
     Observed,
@@ -28,9 +27,9 @@ from eigenfail.wire.messages import (
     read_learner_command,
     read_learner_message,
 )
-from eigenfail_services.hub.learner_process import begin, proposed
-from eigenfail_services.hub.soundness import sound
-from eigenfail_services.store import open_store
+from eigenfail_services.hub.learner_link import check_numbers
+from eigenfail_services.hub.learner_process import create_rounds, make_proposal
+from eigenfail_services.store import Store, open_store
 
 HORIZON = 100
 ROUNDS = 5
@@ -72,18 +71,18 @@ def rounds(case: Case, store: Store) -> Iterator[Took]:
     spec = CampaignSpec(name="learner", method="monte_carlo", episodes=case.episodes)
     campaign = store.campaigns.create(spec).id
     context = LearnerContext(1, case.episodes, HORIZON, np.zeros((0, HORIZON, 2), np.float32))
-    learner = begin(Start(case.method, case.settings, context, 1, None))
-    opened, made_up = proposed(learner).rounds, MadeUp()
+    learner = create_rounds(Start(case.method, case.settings, context, 1, None))
+    opened, made_up = make_proposal(learner).rounds, MadeUp()
     while True:
         told = encode(Observed(tuple(map(made_up, opened[0].tasks))))
         began_s = time.process_time()
         observed = read_learner_command(told)
         assert isinstance(observed, Observed)
         learner.complete(observed.results)
-        said = encode(proposed(learner))
+        said = encode(make_proposal(learner))
         learner_s = time.process_time() - began_s
         began_s = time.perf_counter()
-        message = sound(read_learner_message(said))
+        message = check_numbers(read_learner_message(said))
         assert isinstance(message, Proposed)
         store.checkpoints.save(campaign, message.checkpoint, message.estimate)
         hub_s = time.perf_counter() - began_s

@@ -24,6 +24,7 @@ from crew import Crew, crew, horizon, staged
 from figures import ROOT, Figure
 from numpy.typing import NDArray
 from samples import COMMAND
+from scipy.stats import binomtest
 
 from eigenfail import plugins
 from eigenfail.values import Floats
@@ -37,6 +38,14 @@ LEAST_SHARE = 0.05
 """A mode counts as found if it holds that share of a method's failures."""
 
 LEAST = "of the draws, only those that once crashed it were run again"
+
+PLAIN_FAILURES, PLAIN_EPISODES = 118, 3_325_000
+PLAIN = (
+    "plain Monte Carlo, run once with a compiled port of the scenario and the planner that is not "
+    "part of the project; each failure was run again with the planner itself and collided; the "
+    "counts are stored in benchmarks/mode_reference.py and are not run again, whatever the seed"
+)
+"""3,325,000 episodes would take the planner itself some fifteen hours on two cores."""
 
 
 class BruteForce(msgspec.Struct, frozen=True):
@@ -121,6 +130,21 @@ def confirmed(crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
     yield "cut_in.true_failures.p_fail_at_least", least
 
 
+def plain_monte_carlo(_crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
+    """P(failure) of `rulebook` at the defaults of `cut_in`, with its exact 95 % interval."""
+    share = binomtest(PLAIN_FAILURES, PLAIN_EPISODES)
+    ends = share.proportion_ci(0.95, "exact")
+    found = Figure(
+        value=PLAIN_FAILURES / PLAIN_EPISODES,
+        unit="probability",
+        n=PLAIN_EPISODES,
+        interval=(float(ends.low), float(ends.high)),
+        command=COMMAND,
+        note=f"{PLAIN_FAILURES} failures; {PLAIN}",
+    )
+    yield "cut_in.rulebook.plain_monte_carlo.p_fail", found
+
+
 def reference(crew: Crew) -> Reference:
     """The reference for `rulebook` in `cut_in` at its defaults."""
     found = brute_force()
@@ -139,7 +163,7 @@ def modes(failures: Sequence[Floats], shown: int) -> Reference:
         failures: z of each, shape (steps, 2).
         shown: how many steps are compared.
     """
-    space = components.fit(table(failures, shown), COMPONENTS)
+    space = components.fit_components(table(failures, shown), COMPONENTS)
     partition = clusters.divide(space.scores, None)
     names = np.unique(partition.labels)
     centres = np.array([space.scores[partition.labels == name].mean(axis=0) for name in names])

@@ -10,7 +10,6 @@ import numpy as np
 import structlog
 import zmq
 
-from eigenfail.contracts import Store
 from eigenfail.values import (
     EpisodeTask,
     Layer,
@@ -22,9 +21,10 @@ from eigenfail.values import (
     episode_seed,
 )
 from eigenfail.wire.messages import Message, Observed, Proposed, Start, Stop
-from eigenfail_services.bounds import Bounds
+from eigenfail_services.bounds import SettingBounds
 from eigenfail_services.hub import runs, server
 from eigenfail_services.hub.server import Hub
+from eigenfail_services.store import Store
 
 ROUND = 3
 AHEAD = 2
@@ -76,11 +76,11 @@ class PlayedLearner:
         self._heeding = {Start: self._start, Observed: self._observe, Stop: self._stop}
         self._episodes = self._done = self._seed = 0
 
-    def say(self, message: Message) -> None:
+    def send(self, message: Message) -> None:
         """Take a command."""
         self._heeding[type(message)](message)
 
-    def hear(self) -> Message | None:
+    def receive(self) -> Message | None:
         """What it says to it."""
         return self.words.popleft() if self.words else None
 
@@ -131,7 +131,7 @@ def played_learners() -> Iterator[list[PlayedLearner]]:
     """Every learner that is started meanwhile is a played one; they are listed."""
     learners: list[PlayedLearner] = []
 
-    def start(_bounds: Bounds, _pause_s: float) -> PlayedLearner:
+    def start(_bounds: SettingBounds, _pause_s: float) -> PlayedLearner:
         learners.append(PlayedLearner())
         return learners[-1]
 

@@ -1,7 +1,6 @@
 """A worker whose hub is played, and whose child runs in this process: no socket, no process."""
 
 import time
-from collections import deque
 from collections.abc import Sequence
 from io import BytesIO
 from queue import SimpleQueue
@@ -12,12 +11,13 @@ from unittest.mock import patch
 from msgspec.structs import replace
 from played import PlayedSocket
 
-from eigenfail.testing.store.examples import result
+from eigenfail.testing.examples import result
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy, PolicySource
-from eigenfail_workers.worker import child_process, link, parent
+from eigenfail.wire.messages import Assembler
+from eigenfail_workers.limits import Limits
+from eigenfail_workers.worker import hub_connection, parent
 from eigenfail_workers.worker.child import Child
 from eigenfail_workers.worker.child_process import ChildProcess
-from eigenfail_workers.worker.limits import Limits
 from eigenfail_workers.worker.pipe import FrameBuffer
 
 
@@ -63,11 +63,9 @@ class PlayedChild(ChildProcess):
     def __init__(self, _limits: Limits) -> None:
         self._messages = SimpleQueue()
         self._buffer = PlayedBuffer()
-        self.running = deque()
-        self.ready, self.begun = True, 0
-        self._since_s = self._looked_s = child_process.time.monotonic()
-        self._set_up, self._learnt, self._slots = set(), set(), {}
-        self.alive = True
+        self._output: Any = SimpleNamespace(start_episode=lambda: None)
+        self._start_records()
+        self.ready = self.alive = True
         self._out = BytesIO()
         self._child = Child(self._out, PlayedEngine)
 
@@ -98,24 +96,29 @@ class PlayedChild(ChildProcess):
         """Whether it was killed."""
         return not self.alive
 
-    def excess(self) -> str:
+    def find_excess(self) -> str:
         """It takes nothing."""
         return ""
+
+    def memory_mib(self) -> float:
+        """It takes nothing."""
+        return 0.0
 
     def end(self) -> int:
         """As if it was killed."""
         return -9
 
 
-class PlayedLink(link.Link):
+class PlayedLink(hub_connection.HubConnection):
     """A link without a socket below."""
 
     def __init__(self, address: str, _key: None = None) -> None:
         self.address = address
         self.socket: Any = PlayedSocket()
-        self.admission: Any = SimpleNamespace(check=lambda: None, close=lambda: None)
+        self._assembler = Assembler()
+        self.handshakes: Any = SimpleNamespace(check=lambda: None, close=lambda: None)
 
-    def connect_again(self) -> None:
+    def reconnect(self) -> None:
         """There is one line, and it is sound."""
 
 
@@ -124,14 +127,17 @@ class PlayedWorker(parent.Parent):
 
     def __init__(self, address: str = "", episode_limit_s: float = 60.0) -> None:
         """Of a hub at an address, or of one that is played."""
-        made = link.Link if address else PlayedLink
-        with patch.object(parent, "Link", made), patch.object(parent, "ChildProcess", PlayedChild):
+        made = hub_connection.HubConnection if address else PlayedLink
+        with (
+            patch.object(parent, "HubConnection", made),
+            patch.object(parent, "ChildProcess", PlayedChild),
+        ):
             super().__init__(address, "w", episode_limit_s)
 
     @property
     def dealer(self) -> PlayedSocket:
         """Its end of the connection."""
-        return self._link.socket
+        return self._hub.socket
 
     @property
     def child(self) -> PlayedChild:
@@ -152,8 +158,8 @@ class PlayedWorker(parent.Parent):
 
     def serve(self) -> None:
         """The loop, with the child's work between two turns."""
-        while not self._ending.wanted:
+        while not self._shutdown.requested:
             self.turn()
             self.work()
             time.sleep(0.001)
-        self._link.close()
+        self._hub.close()

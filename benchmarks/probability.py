@@ -7,9 +7,12 @@ from crew import Crew, horizon, staged
 from figures import Figure
 from samples import COMMAND
 
-from eigenfail_services.statistics.conditional_sampling import Array
-from eigenfail_services.statistics.subset_estimate import SubsetEstimate, SubsetSettings
-from eigenfail_services.statistics.subset_simulation import subset_simulation
+from eigenfail_services.statistics.subset_simulation import (
+    Array,
+    SubsetEstimate,
+    SubsetSettings,
+    subset_simulation,
+)
 
 SETTINGS = SubsetSettings(samples=10_000)
 """At 2000 a level the estimate depends on whether one of the few lineages that fail is found."""

@@ -12,11 +12,10 @@ from samples import COMMAND
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import Plan, local_service
-from eigenfail.reproduction.claims import claims
-from eigenfail.reproduction.evidence import reproduction
-from eigenfail.reproduction.page import page
-from eigenfail.reproduction.programme import programme
-from eigenfail.reproduction.results import Reproduction
+from eigenfail.reproduction.evidence import build_reproduction
+from eigenfail.reproduction.page import format_page, list_claims
+from eigenfail.reproduction.programme import build_suite
+from eigenfail.reproduction.tables import PaperReproduction
 from eigenfail.suites import Suite
 
 FILE = ROOT / "docs" / "reproduction.json"
@@ -40,20 +39,20 @@ PICTURES = {
 class Run(NamedTuple):
     """What was found, and SVG pictures by name."""
 
-    found: Reproduction
+    found: PaperReproduction
     pictures: Mapping[str, bytes]
 
 
 def reproduced(seed: int, scale: str = "full") -> Run:
     """What `eigenfail reproduce` finds, on a service of its own."""
-    suite = programme(scale, seed)
+    suite = build_suite(scale, seed)
     with (
         TemporaryDirectory() as folder,
         local_service(Plan(Path(folder), port=0)) as service,
         Client(service.address.url) as client,
     ):
         client.suites.run(suite, on_progress=lambda _: service.check())
-        found = reproduction(client, suite, scale)
+        found = build_reproduction(client, suite, scale)
         return Run(found, dict(drawn(client, suite, Path(folder) / "report")))
 
 
@@ -79,7 +78,7 @@ def find(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure | Run]]:
     yield proven(run.found)
 
 
-def proven(found: Reproduction) -> tuple[str, Figure]:
+def proven(found: PaperReproduction) -> tuple[str, Figure]:
     """The eigenfailures of AST's failures that fail again in the scenario that they came from."""
     name, claim = next(
         (name, claim)
@@ -90,9 +89,9 @@ def proven(found: Reproduction) -> tuple[str, Figure]:
     return "cut_in.eigenfailures.reproduced", msgspec.structs.replace(claim, note=note)
 
 
-def figures(found: Reproduction) -> Iterator[tuple[str, Figure]]:
+def figures(found: PaperReproduction) -> Iterator[tuple[str, Figure]]:
     """Every number of it."""
-    for name, claim in claims(found).items():
+    for name, claim in list_claims(found).items():
         ends = claim.interval and (claim.interval.low, claim.interval.high)
         yield (
             name,
@@ -107,9 +106,9 @@ def figures(found: Reproduction) -> Iterator[tuple[str, Figure]]:
         )
 
 
-def read(path: Path = FILE) -> Reproduction:
+def read(path: Path = FILE) -> PaperReproduction:
     """What is kept."""
-    return msgspec.json.decode(path.read_bytes(), type=Reproduction)
+    return msgspec.json.decode(path.read_bytes(), type=PaperReproduction)
 
 
 def write(run: Run, path: Path = FILE) -> None:
@@ -121,7 +120,7 @@ def write(run: Run, path: Path = FILE) -> None:
         (folder / f"{name}.svg").write_bytes(picture)
 
 
-def illustrated(found: Reproduction) -> str:
+def illustrated(found: PaperReproduction) -> str:
     """The page, with the pictures of the same run behind the tables."""
     pictures = (f"![{title}]({FOLDER}/{name}.svg)\n" for name, (_, title) in PICTURES.items())
-    return "\n".join((page(found), "## Pictures\n", *pictures))
+    return "\n".join((format_page(found), "## Pictures\n", *pictures))

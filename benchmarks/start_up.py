@@ -8,8 +8,7 @@ import zmq
 from figures import ROOT, Figure
 
 from eigenfail.wire.messages import Goodbye, Hello, encode, read_worker_message
-from eigenfail_services.campaigns.launching.ray_cluster import Cluster
-from eigenfail_services.campaigns.launching.ray_workers import RayWorkers
+from eigenfail_services.campaigns.launching.ray_process import RayCluster, RayWorkers
 
 COMMAND = "make bench"
 RUNS = 5
@@ -29,7 +28,7 @@ def worker_ready() -> Figure:
     """From asking Ray for an actor until it said hello: the hub answers that with a lease."""
     router = zmq.Context.instance().socket(zmq.ROUTER)
     port = router.bind_to_random_port("tcp://127.0.0.1")
-    cluster, workers = Cluster(None, most=1), RayWorkers(f"tcp://127.0.0.1:{port}")
+    cluster, workers = RayCluster(None, most=1), RayWorkers(f"tcp://127.0.0.1:{port}")
     times = []
     for _ in range(RUNS):
         before = time.perf_counter()

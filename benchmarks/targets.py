@@ -75,7 +75,8 @@ TARGETS = {
             *("lead_brake.rulebook", "lead_brake.idm"),
         )
     },
-    "faults.kinds": Target(low=9.0),
+    "faults.kinds": Target(low=40.0),
+    "faults.storm.kinds": Target(low=13.0),
     "faults.injected": Target(low=120.0),
     "faults.lost": Target(high=0.0),
     "faults.doubled": Target(high=0.0),

@@ -8,7 +8,7 @@ from courses import Course, course
 from svg import WIDTH, Point, box, dot, line, page, text, turned_box
 
 from eigenfail.values import VehicleState
-from eigenfail_workers.measures.geometry import nearest
+from eigenfail_workers.measures.geometry import find_nearest
 
 MOMENTS = 6
 SEEN_STEPS = 10
@@ -54,7 +54,7 @@ class TopView:
 
     def _moment(self, step: int, top: float) -> Iterator[str]:
         ego, *others = self._course.vehicles(step)
-        actor = others[nearest(ego, others)]
+        actor = others[find_nearest(ego, others)]
         yield text(Point(EDGE, top + 13.0), self._caption(step, ego, actor))
         yield from self._lanes(ego, top)
         for vehicle, css in ((ego, "truck"), *((other, "car") for other in others)):

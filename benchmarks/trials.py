@@ -9,13 +9,13 @@ import reproduction
 import varied
 from crew import Crew
 from curves import Curve
-from faults import faults
+from faults import faults, kinds
 from figures import Figure
 from foreign import found_in_others
 from fuzzing import fuzzed
 from known_answers import clouds, corners, planted
 from learning import ast, cem, difs, likely_ast, merge
-from mode_reference import confirmed
+from mode_reference import confirmed, plain_monte_carlo
 from monte_carlo import calm, frail
 from noise_models import PLANNERS, noise_models
 from other_scenarios import held_noise, merges, ordinary
@@ -67,6 +67,7 @@ TRIALS = (
     Trial(("merge_in.difs.",), partial(merge, "difs")),
     Trial(("paper.", "cut_in.eigenfailures."), reproduction.find),
     Trial(("cut_in.true_failures.",), confirmed),
+    Trial(("cut_in.rulebook.plain_monte_carlo.",), plain_monte_carlo),
     Trial(("bridges.",), found_in_others),
     Trial(("cut_in.idm.varied.",), partial(varied.idm, "cut_in", varied.IDM_IN_CUT_IN)),
     Trial(("merge_in.idm.varied.",), partial(varied.idm, "merge_in", varied.IDM_IN_MERGE_IN)),
@@ -81,5 +82,12 @@ TRIALS = (
     Trial(("analysis.one_cloud.",), clouds),
     Trial(("two_corners.",), corners),
     Trial(("fuzz.",), fuzzed),
-    Trial(("faults.",), faults),
+    Trial(("faults.kinds",), kinds),
+    Trial(
+        (
+            *("faults.injected", "faults.lost", "faults.doubled", "faults.complaints"),
+            *("faults.digest_equal", "faults.storm."),
+        ),
+        faults,
+    ),
 )

@@ -22,7 +22,7 @@ from volume_stages import BEGUN, LARGEST, RATE, STOP, Taken
 from volume_store import Filled, fill, sizes_of
 
 from eigenfail.processes import ONE_THREAD
-from eigenfail_services.upkeep.vacuum import SWEEPERS, make_url
+from eigenfail_services.upkeep.maintenance import find_vacuum_program
 
 TOTAL = 1_000_000
 COMMAND = "make volume"
@@ -70,8 +70,7 @@ def while_writing(name: str, place: Place) -> tuple[Taken, Taken, float]:
 
 def size(place: Place) -> int:
     """What the database takes on the disk, by its own account. [bytes]"""
-    url = make_url(place.address)
-    return SWEEPERS[url.get_backend_name()](url).size()
+    return find_vacuum_program(place.address).size()
 
 
 def figures_of(place: Place, total: int) -> Iterator[Figures]:

@@ -14,19 +14,16 @@ from pathlib import Path
 import msgspec
 from volume_store import GROUP, delivery, results
 
-from eigenfail.contracts import Store
 from eigenfail.values import AnalysisSettings, CampaignSpec, CampaignState
 from eigenfail.values.export import ExportRequest
 from eigenfail.values.retention import Retention
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.exports.lines import csv_lines
-from eigenfail_services.exports.parquet import write_parquet
-from eigenfail_services.exports.selection import Source, selection_of
-from eigenfail_services.store import migrate, open_store
+from eigenfail_services.exports.formats import write_csv, write_parquet
+from eigenfail_services.exports.selection import ExportSource, parse_selection
+from eigenfail_services.store import Store, migrate, open_store
 from eigenfail_services.upkeep.backup import backup, restore
-from eigenfail_services.upkeep.pruning import Which, prune, rehearse
-from eigenfail_services.upkeep.revisions import downgrade
-from eigenfail_services.upkeep.vacuum import vacuum
+from eigenfail_services.upkeep.maintenance import downgrade, vacuum
+from eigenfail_services.upkeep.pruning import PruneSelection, prune, rehearse
 from eigenfail_services.upkeep.verify import verify
 
 LARGEST = 1
@@ -67,16 +64,16 @@ def analysed(address: str, _folder: Path) -> float:
     return len(found.result.episodes)
 
 
-def source(store: Store, *, noise: bool) -> Source:
+def source(store: Store, *, noise: bool) -> ExportSource:
     """All episodes of the largest campaign."""
-    return Source(store, LARGEST, selection_of(ExportRequest(noise=noise)))
+    return ExportSource(store, LARGEST, parse_selection(ExportRequest(noise=noise)))
 
 
 def as_csv(address: str, folder: Path) -> float:
     """All rows of the largest campaign; bytes of the file."""
     file = folder / "episodes.csv"
     with closing(open_store(address)) as store, file.open("wb") as out:
-        out.writelines(csv_lines(source(store, noise=False)))
+        out.writelines(write_csv(source(store, noise=False)))
     return size_of(file)
 
 
@@ -127,17 +124,17 @@ def back(address: str, _folder: Path) -> float:
 def forward(address: str, _folder: Path) -> float:
     """To the newest one."""
     migrate.upgrade(address)
-    return float(migrate.current(address) or 0)
+    return float(migrate.read_version(address) or 0)
 
 
 def rehearsed(address: str, _folder: Path) -> float:
     """What would be pruned; how many bytes."""
-    return rehearse(address, RULE, Which()).weight.bytes
+    return rehearse(address, RULE, PruneSelection()).weight.bytes
 
 
 def pruned(address: str, _folder: Path) -> float:
     """All campaigns; how many episodes."""
-    return prune(address, RULE, Which()).weight.episodes
+    return prune(address, RULE, PruneSelection()).weight.episodes
 
 
 def vacuumed(address: str, _folder: Path) -> float:

@@ -7,7 +7,6 @@ from contextlib import closing
 import msgspec
 import numpy as np
 
-from eigenfail.contracts import Store
 from eigenfail.values import (
     CampaignSpec,
     CampaignState,
@@ -19,7 +18,7 @@ from eigenfail.values import (
     Scene,
 )
 from eigenfail.values.records import Delivery
-from eigenfail_services.store import open_store
+from eigenfail_services.store import Store, open_store
 
 CAMPAIGNS = 5
 LARGEST_SHARE = 2

@@ -1,4 +1,4 @@
-"""Known flaws of the pinned packages: asked of pip-audit, and held against the floors beside this.
+"""Known flaws of the locked packages: asked of pip-audit, and held against the floors beside this.
 
     make lint
 
@@ -8,6 +8,7 @@ A machine that reaches no advisories is told so, and has the floors alone.
 import json
 import subprocess
 import sys
+import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -18,10 +19,12 @@ from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 HERE = Path(__file__).parent
-CONSTRAINTS = HERE.parent / "constraints.txt"
+LOCKS = (HERE.parent / "constraints.txt", HERE / "locks" / "torch_cuda.txt")
+"""Between them they have every package that is installed anywhere."""
+
 FLOORS = HERE / "floors.toml"
 PIP_AUDIT = (
-    *(sys.executable, "-m", "pip_audit", "--requirement", str(CONSTRAINTS), "--format", "json"),
+    *(sys.executable, "-m", "pip_audit", "--format", "json"),
     *("--no-deps", "--disable-pip", "--progress-spinner", "off", "--timeout", "3"),
 )
 PATIENCE_S = 120
@@ -31,19 +34,29 @@ Pinned = Mapping[str, Version]
 
 def main() -> int:
     """Print what is wrong; 1 if anything is."""
-    packages = pinned(CONSTRAINTS.read_text("utf-8").splitlines())
+    packages = read_locks(LOCKS)
     floors = tomllib.loads(FLOORS.read_text("utf-8"))["floors"]
-    flaws = [*too_old(packages, floors), *published(asked())]
+    flaws = [*too_old(packages, floors), *published(asked(packages))]
     print(*flaws, sep="\n", end="\n" if flaws else "")
     print(f"{len(packages)} packages, {len(floors)} floors, {len(flaws)} flaws.")
     return 1 if flaws else 0
 
 
+def read_locks(paths: Iterable[Path]) -> Pinned:
+    """Return the packages of several lock files."""
+    return pinned(line for path in paths for line in path.read_text("utf-8").splitlines())
+
+
 def pinned(lines: Iterable[str]) -> Pinned:
-    """Name and version of each line `name==version`."""
-    packages = (Requirement(line) for line in lines if line and not line.startswith("#"))
+    """Return name and version of each line `name==version`, which hashes may follow.
+
+    A local label is left out: advisories know no `2.13.0+cpu`.
+    """
+    packages = (Requirement(line.split(" \\")[0]) for line in lines if line[:1].isalnum())
     return {
-        canonicalize_name(package.name): Version(next(iter(package.specifier)).version)
+        canonicalize_name(package.name): Version(
+            Version(next(iter(package.specifier)).version).public
+        )
         for package in packages
     }
 
@@ -55,12 +68,16 @@ def too_old(packages: Pinned, floors: Mapping[str, tuple[str, str]]) -> Iterator
             yield f"{name} {packages[name]}: {advisory}; take {least} or later."
 
 
-def asked() -> Mapping[str, Any]:
-    """What pip-audit says; nothing where it can ask nobody."""
+def asked(packages: Pinned) -> Mapping[str, Any]:
+    """What pip-audit says of the packages; nothing where it can ask nobody."""
     try:
-        done = subprocess.run(
-            PIP_AUDIT, capture_output=True, text=True, timeout=PATIENCE_S, check=False
-        )
+        with tempfile.NamedTemporaryFile("w", suffix=".txt") as file:
+            file.writelines(f"{name}=={version}\n" for name, version in packages.items())
+            file.flush()
+            command = (*PIP_AUDIT, "--requirement", file.name)
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=PATIENCE_S, check=False
+            )
         found: Mapping[str, Any] = json.loads(done.stdout)
     except (subprocess.TimeoutExpired, json.JSONDecodeError):
         print("pip-audit reaches no advisories from here: the floors have to do.")

@@ -1,4 +1,4 @@
-"""The dashboard's libraries, anew: fetched by npm at the manifest's versions, and built.
+"""The dashboard's libraries and axe-core of its tests, fetched by npm at their manifests' versions.
 
     make vendor
 
@@ -14,7 +14,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-VENDOR = Path(__file__).parents[1] / "api/eigenfail_api/dashboard/static/vendor"
+ROOT = Path(__file__).parents[1]
+VENDOR = ROOT / "api/eigenfail_api/dashboard/static/vendor"
+OF_TESTS = ROOT / "tests/browser/vendor"
 ENTRY = "echarts.entry.js"
 INSTALL = ("npm", "install", "--no-save", "--prefix")
 BUILD = (
@@ -28,27 +30,34 @@ COPIED = {
         "NOTICE": "echarts.NOTICE.txt",
         "licenses/LICENSE-d3": "echarts.LICENSE-d3.txt",
     },
+    "axe-core": {
+        "axe.min.js": "axe.min.js",
+        "LICENSE": "axe.LICENSE.txt",
+        "LICENSE-3RD-PARTY.txt": "axe.LICENSE-3RD-PARTY.txt",
+    },
 }
 
 
 def main() -> None:
     """Fetch, build, copy, and write down the hashes."""
-    manifest = json.loads((VENDOR / "manifest.json").read_text("utf-8"))
-    with TemporaryDirectory() as folder:
-        fetch(Path(folder), manifest)
-        build(Path(folder))
-    for library in manifest:
-        library["files"] = {name: digest(VENDOR / name) for name in library["files"]}
-    (VENDOR / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", "utf-8")
+    for folder in (VENDOR, OF_TESTS):
+        manifest = json.loads((folder / "manifest.json").read_text("utf-8"))
+        with TemporaryDirectory() as fetched:
+            fetch(Path(fetched), manifest, folder)
+            if (folder / ENTRY).exists():
+                build(Path(fetched))
+        for library in manifest:
+            library["files"] = {name: digest(folder / name) for name in library["files"]}
+        (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", "utf-8")
 
 
-def fetch(folder: Path, manifest: list[dict[str, Any]]) -> None:
-    """Install the libraries and what builds them; copy what is taken as it is."""
+def fetch(folder: Path, manifest: list[dict[str, Any]], into: Path) -> None:
+    """Install the libraries and what builds them; copy into a folder what is taken as it is."""
     wanted = [package for library in manifest for package in library["packages"]]
     subprocess.run([*INSTALL, folder, *wanted], check=True)
-    for package, files in COPIED.items():
-        for source, name in files.items():
-            shutil.copy(folder / "node_modules" / package / source, VENDOR / name)
+    for library in manifest:
+        for source, name in COPIED[library["name"]].items():
+            shutil.copy(folder / "node_modules" / library["name"] / source, into / name)
 
 
 def build(folder: Path) -> None:

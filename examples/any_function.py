@@ -24,7 +24,7 @@ def search(method="cem"):
     from eigenfail import plugins
     from eigenfail.values import LearnerContext, learner_seed
     from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-    from eigenfail_workers.functions.engine import FunctionEngine
+    from eigenfail_workers.functions import FunctionEngine
 
     plugin = plugins.load(plugins.METHODS, method)
     nothing = np.zeros((0, STEPS, 2), np.float32)

@@ -7,21 +7,18 @@ import sys
 import time
 from pathlib import Path
 
-from eigenfail.cli.mode_tables import (
-    component_words,
-    distinctness_words,
-    mode_table,
-)
-from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL
-from eigenfail.cli.output import console
+from eigenfail.cli.analyze import prove_analysis
 from eigenfail.cli.progress import follow
-from eigenfail.cli.proofs import proof_words, proven
+from eigenfail.cli.render import make_console
 from eigenfail.cli.specs import check_plugins, read_spec
-from eigenfail.cli.tables import result_table
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError
+from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL
+from eigenfail.hosting.processes import interruptible
 from eigenfail.hosting.service import Plan, local_service
-from eigenfail.hosting.signals import interruptible
+from eigenfail.presentation.analyses import count_reproductions, describe_modes
+from eigenfail.presentation.campaigns import tabulate_results
+from eigenfail.presentation.terminal import render
 from eigenfail.values import AnalysisSettings, AnalysisState, CampaignSpec, Summary
 
 HERE = Path(__file__).parent
@@ -53,23 +50,20 @@ def search(client: Client, spec: CampaignSpec) -> Summary:
 
 def explain(client: Client, campaign: int) -> None:
     """Group the failures of a campaign into modes, and prove these by replay."""
-    screen = console()
+    screen = make_console()
     analysis = client.analyses.wait(client.analyses.create(campaign, ANALYSIS).id)
     if analysis.state is AnalysisState.FAILED or analysis.result is None:
         screen.print(f"The failures of campaign {campaign} were not analysed: {analysis.problem}")
         return
     screen.print(f"\nFailure modes of campaign {campaign}; disturbances in sigma:")
-    screen.print(mode_table(campaign, analysis.result))
-    screen.print(component_words(analysis.result))
-    screen.print(distinctness_words(analysis.result))
-    for words in proof_words(proven(client, analysis.id, ())):
-        screen.print(words)
+    screen.print(render(*describe_modes(campaign, analysis.result)))
+    screen.print(render(*count_reproductions(prove_analysis(client, analysis.id, ()))))
 
 
 def demo(client: Client) -> None:
     """The whole way: search, compare, explain."""
     summaries = {method: search(client, spec) for method, spec in read_specs().items()}
-    console().print(result_table(summaries.values()))
+    make_console().print(render(tabulate_results(summaries.values())))
     explain(client, summaries[ANALYSED].campaign)
 
 

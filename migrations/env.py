@@ -7,8 +7,8 @@ from alembic import context
 from alembic.autogenerate.api import AutogenContext
 from sqlalchemy import Connection
 
-from eigenfail_services.store.engine import find
-from eigenfail_services.store.migrate import changing
+from eigenfail_services.store.engine import find_backend
+from eigenfail_services.store.migrate import schema_transaction
 from eigenfail_services.store.schema import VERSION_TABLE, Number, Prose, metadata
 
 
@@ -17,7 +17,7 @@ def transaction() -> AbstractContextManager[Connection]:
     given = context.config.attributes.get("connection")
     if given is not None:
         return nullcontext(given)
-    return changing(find(context.get_x_argument(as_dictionary=True)["database"]))
+    return schema_transaction(find_backend(context.get_x_argument(as_dictionary=True)["database"]))
 
 
 # Migrations outlive the program's own types: they write what the database has.

@@ -20,12 +20,21 @@ pytest_plugins = ["proofs"]
 settings.register_profile("here", deadline=None)
 settings.load_profile("here")
 
-PLUGINS = str(Path(__file__).parent / "plugins")
-
-# Plug-ins of strangers, for this process and for those that tests start.
-sys.path.append(PLUGINS)
-os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), PLUGINS]))
+# Plug-ins of strangers and what tests share, for this process and for those that tests start.
+FOLDERS = [str(Path(__file__).parent / name) for name in ("plugins", "support")]
+sys.path += FOLDERS
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), *FOLDERS]))
 os.environ["EIGENFAIL_FUNCTIONS"] = "any_function,eigenfail_sleeping"
+
+
+LONG = ("service", "browser")
+"""Marks of tests that wait for processes, for a minute or more in one file."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take longest, so that no process is left alone with one."""
+    long = {item.path for item in items if any(map(item.get_closest_marker, LONG))}
+    items.sort(key=lambda item: item.path not in long)
 
 
 class Postgres:

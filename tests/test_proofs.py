@@ -62,6 +62,20 @@ def test_it_is_a_failure_where_proofs_are_required(run, monkeypatch) -> None:
     told.stdout.fnmatch_lines(["*EIGENFAIL_REQUIRE_PROOFS is set: another kernel*"])
 
 
+def test_a_module_that_is_skipped_as_a_whole_is_told_or_a_failure(
+    run, pytester, monkeypatch
+) -> None:
+    pytester.makepyfile(test_whole="import pytest\npytest.importorskip('no_such_module')\n")
+    told = run("test_whole.py")
+    told.stdout.fnmatch_lines(
+        ["=* NOT PROVED HERE: 1 skipped =*", "test_whole.py: could not import 'no_such_module'*"]
+    )
+    monkeypatch.setenv(proofs.VARIABLE, "1")
+    told = run("test_whole.py")
+    assert told.ret != 0
+    told.stdout.fnmatch_lines(["*EIGENFAIL_REQUIRE_PROOFS is set: could not import*"])
+
+
 def test_nothing_is_told_where_all_was_proved(run) -> None:
     told = run("-k", "test_proved")
     told.assert_outcomes(passed=1, deselected=3)

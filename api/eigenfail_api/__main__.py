@@ -13,11 +13,12 @@ from pydantic import ValidationError
 from pydantic_settings import SettingsError
 
 from eigenfail import logs
-from eigenfail.command_line import Parser
+from eigenfail.command_line import Parser, checked_stdout
 from eigenfail.errors import EigenfailError, InvalidValue, PortTaken
 from eigenfail.processes import end_now
-from eigenfail.values.access import redacted
+from eigenfail.values.access import redact
 from eigenfail_api.app import create_app
+from eigenfail_api.connections import make_protocol
 from eigenfail_api.settings import ApiSettings, refuse_open_door
 from eigenfail_services import tracing
 from eigenfail_services.store import open_store
@@ -25,14 +26,18 @@ from eigenfail_services.store import open_store
 GRACE_S = 5
 BACKLOG = 2048
 
+WAIT_S = 2.0
+"""How long a statement of a request waits for the lock of another program."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve; the exit code says why it ended."""
     try:
         logs.configure("controller")
-        serve(read_settings(arguments))
+        with checked_stdout():
+            serve(read_settings(arguments))
     except EigenfailError as error:
-        sys.stderr.write(redacted(f"eigenfail: {error}\n"))
+        sys.stderr.write(redact(f"eigenfail: {error}\n"))
         return error.exit_code
     return 0
 
@@ -69,9 +74,9 @@ def serve(settings: ApiSettings) -> None:
     refuse_open_door(settings)
     with listen(settings.host, settings.port) as listener:
         end_traces = tracing.configure("controller")
-        store = open_store(settings.database)
+        store = open_store(settings.database, wait_s=WAIT_S)
         try:
-            server = Server(create_app(store, settings), settings.proxies)
+            server = Server(create_app(store, settings))
             for stop in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(stop, leave)
             announce(listener)
@@ -123,18 +128,22 @@ class Server(uvicorn.Server):
     """uvicorn, which lets followers of events go before it waits for requests to end.
 
     Args:
-        app: what it serves.
-        proxies: whose word is taken on who asks; uvicorn would take that of any local program.
+        app: what it serves. Its settings say how many connections may be open, and whose word is
+            taken on who asks; uvicorn would take that of any local program.
     """
 
-    def __init__(self, app: FastAPI, proxies: tuple[str, ...] = ()) -> None:
+    def __init__(self, app: FastAPI) -> None:
+        settings: ApiSettings = app.state.settings
         config = uvicorn.Config(
             app,
             log_config=None,
             log_level="warning",
             server_header=False,
-            proxy_headers=bool(proxies),
-            forwarded_allow_ips=[*proxies],
+            http=make_protocol(settings.max_connections),
+            ws="none",
+            backlog=BACKLOG,
+            proxy_headers=bool(settings.proxies),
+            forwarded_allow_ips=[*settings.proxies],
             timeout_graceful_shutdown=GRACE_S,
         )
         super().__init__(config)

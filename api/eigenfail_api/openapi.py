@@ -1,51 +1,216 @@
-"""The OpenAPI document, with all that a reader needs: `python -m eigenfail_api.openapi`."""
+"""The OpenAPI document: schemas of the SDK's structs, and descriptions of routes and answers."""
 
-import argparse
-import json
 import re
-import sys
 from collections.abc import Iterator
 from http import HTTPStatus
-from pathlib import Path
 from typing import Any
 
+import msgspec
+import numpy as np
 from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
 
+from eigenfail import __version__
 from eigenfail.errors import EigenfailError
-from eigenfail.wire.problems import NAMESPACE, SERVER_SIDE, UNTYPED, slug, tree
-from eigenfail_api import schemas
+from eigenfail.values import (
+    MEASURES,
+    Analysis,
+    AnalysisSettings,
+    Campaign,
+    CampaignCost,
+    CampaignSpec,
+    Comparison,
+    Course,
+    Event,
+    Explanation,
+    FailureMode,
+    Measures,
+    MinimalFailure,
+    Page,
+    Policy,
+    Proof,
+    Region,
+    Safety,
+    Summary,
+)
+from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey
+from eigenfail.values.export import Export, ExportRequest
+from eigenfail.values.pool import PeerCosts
+from eigenfail.values.priority import PriorityChange
+from eigenfail.values.quotas import Quotas, Usage
+from eigenfail.values.records import EpisodeDetail, EpisodeRow
+from eigenfail.values.report import Report
+from eigenfail.values.retention import Pruning
+from eigenfail.values.suite import SuiteStanding, SuiteTable
+from eigenfail.values.worker import Presence, Staffing, WorkerShare
+from eigenfail.wire import http
+from eigenfail.wire.http import (
+    MAX_CAMPAIGNS_AT_ONCE,
+    NAMESPACE,
+    SERVER_SIDE,
+    UNTYPED,
+    CampaignCheck,
+    Problem,
+    list_error_types,
+    slugify,
+)
+
+REF = "#/components/schemas/{name}"
+JSON = "application/json"
+STREAM = "text/event-stream"
+BODIES = (
+    Analysis,
+    AnalysisSettings,
+    ApiKey,
+    AuditEntry,
+    Campaign,
+    CampaignCheck,
+    CampaignCost,
+    CampaignSpec,
+    Comparison,
+    Course,
+    EpisodeDetail,
+    Event,
+    Explanation,
+    Export,
+    ExportRequest,
+    KeyRequest,
+    MinimalFailure,
+    NewKey,
+    Page[Analysis],
+    Page[ApiKey],
+    Page[AuditEntry],
+    Page[Campaign],
+    Page[EpisodeRow],
+    Page[Event],
+    Page[FailureMode],
+    Page[PeerCosts],
+    Page[Pruning],
+    Page[Summary],
+    Page[Presence],
+    Page[WorkerShare],
+    Staffing,
+    Page[SuiteStanding],
+    Page[http.PluginInfo],
+    Policy,
+    PriorityChange,
+    Problem,
+    Proof,
+    Quotas,
+    Region,
+    Report,
+    Safety,
+    SuiteTable,
+    Summary,
+    Usage,
+    http.Digest,
+    http.Health,
+    http.ProofRequest,
+    http.ReplayRequest,
+)
+NUMBERS = {
+    "description": "Numbers, or equally long rows of them: an array, row by row.",
+    "type": "array",
+    "items": {"anyOf": [{"type": "number"}, {"$ref": REF.format(name="Numbers")}]},
+}
+
+FIELDS = {
+    "description": "Fields of a CampaignSpec, each optional.",
+    "type": "object",
+}
+SPECS = {
+    "type": "array",
+    "maxItems": MAX_CAMPAIGNS_AT_ONCE,
+    "items": {"$ref": REF.format(name="CampaignSpec")},
+}
+
+
+def document_route(
+    answer: Any, status: int = 200, body: type[msgspec.Struct] | None = None
+) -> dict[str, Any]:
+    """Return keyword arguments for the decorator of a route that document it.
+
+    Args:
+        answer: type of the answer.
+        status: of the answer.
+        body: type of the request's body.
+    """
+    told: dict[str, Any] = {
+        "status_code": status,
+        "responses": {status: {"content": {JSON: schema(answer)}}, "default": problem_response()},
+    }
+    if body is not None:
+        request = {"content": {JSON: schema(body)}, "required": bool(_required_fields(body))}
+        told["openapi_extra"] = {"requestBody": request}
+    return told
+
+
+def documented_plain(answer: Any, status: int, body: dict[str, Any]) -> dict[str, Any]:
+    """Return the same for a route whose body has a schema but no struct."""
+    request = {"content": {JSON: {"schema": body}}, "required": body["type"] == "array"}
+    return {**document_route(answer, status), "openapi_extra": {"requestBody": request}}
+
+
+def documented_stream() -> dict[str, Any]:
+    """Return the same for a stream of events, which version 3.1 can only call text."""
+    told = "Server-sent events. The data of each is the JSON of an Event, its id the Event's id."
+    stream = {"schema": {"type": "string", "description": told}}
+    return {"responses": {200: {"content": {STREAM: stream}}, "default": problem_response()}}
+
+
+def problem_response() -> dict[str, Any]:
+    """Return the description of an answer that is a problem."""
+    return {"description": "A problem.", "content": {http.PROBLEM_JSON: schema(Problem)}}
+
+
+def _required_fields(kind: type[msgspec.Struct]) -> list[str]:
+    return [field.name for field in msgspec.structs.fields(kind) if field.required]
+
+
+def schema(kind: Any) -> dict[str, Any]:
+    """Return a reference to the component that describes a type."""
+    (reference,), _ = msgspec.json.schema_components(
+        [kind], schema_hook=_describe_array, ref_template=REF
+    )
+    return {"schema": reference}
+
+
+def _describe_array(kind: type) -> dict[str, Any]:
+    known: dict[type, dict[str, Any]] = {np.ndarray: {"$ref": REF.format(name="Numbers")}}
+    return known[kind]
+
 
 Node = dict[str, Any]
 
 TAGS = {
-    "campaigns": "Budgeted searches for failures: create, follow, steer, sum up, compare.",
-    "episodes": "The simulation runs of a campaign: a list, one with all that is kept of it.",
+    "campaigns": "Budgeted searches for failures: create, follow, steer, summarise, compare.",
+    "episodes": "The simulation runs of campaigns.",
     "analyses": "Failures grouped into failure modes, and their proof by replay.",
-    "suites": "Named sets of campaigns that are run, resumed and judged as one.",
-    "events": "What happened, as a list or as it happens.",
-    "workers": "Who runs the episodes.",
-    "plug-ins": "What campaigns can name: methods, planners, scenarios, simulators.",
-    "keys": "Who may do what, and the audit log of who did what; for administrators.",
-    "operations": "For those who run the service: alive, ready, figures for Prometheus.",
+    "suites": "Named sets of campaigns that run, resume and are judged together.",
+    "events": "Events as a list or as a stream.",
+    "workers": "Processes that run episodes.",
+    "plug-ins": "Methods, planners, scenarios and simulators that campaigns can use.",
+    "keys": "API keys and the audit log; for administrators.",
+    "operations": "Liveness, readiness and metrics, for operators.",
 }
 WORDS = {
-    "200": "What was asked for.",
-    "201": "It was made; `Location` is its address.",
-    "202": "It was queued; `Location` is where its state can be read.",
-    "list": "They were made.",
+    "200": "Success.",
+    "201": "Created; `Location` is the address.",
+    "202": "Queued; `Location` is the address of the state.",
+    "list": "Created.",
 }
 LOCATION = {
-    "description": "The address of what was made or queued.",
+    "description": "Address of the object that was created or queued.",
     "schema": {"type": "string", "format": "uri-reference"},
 }
 ETAG = {
-    "description": "Send it as `If-None-Match`: an unchanged answer comes as 304 without a body.",
+    "description": "Send as `If-None-Match`: an unchanged answer is 304, without a body.",
     "schema": {"type": "string"},
 }
 KEY = {
     "type": "http",
     "scheme": "bearer",
-    "description": "A key, `ef_<id>_<secret>`: needed by everybody from the first one on.",
+    "description": "An API key, `ef_<id>_<secret>`; required once the first key was created.",
 }
 EXAMPLES: dict[str, Node] = {
     "create_campaign": {"name": "first try", "method": "monte_carlo", "episodes": 100},
@@ -62,17 +227,27 @@ MADE = ("201", "202")
 ATTRIBUTE = re.compile(r"(?P<name>\w+): (?P<words>.+)")
 
 
-def document_of(app: FastAPI) -> Node:
-    """The app's document, made once: with schemas, and what routes do not say themselves."""
-    is_new = app.openapi_schema is None
-    document = schemas.openapi(app)
-    if is_new:
-        complete(document)
-    return document
+def build_document(app: FastAPI) -> Node:
+    """Return the application's OpenAPI document, built at the first call."""
+    if app.openapi_schema is None:
+        document = get_openapi(
+            title="eigenfail", version=__version__, summary=app.summary, routes=app.routes
+        )
+        _, components = msgspec.json.schema_components(
+            BODIES, schema_hook=_describe_array, ref_template=REF
+        )
+        schemas = document.setdefault("components", {}).setdefault("schemas", {})
+        schemas.update(components, Numbers=NUMBERS)
+        events = document["paths"][f"{http.PREFIX}/events"]["get"]["responses"]["200"]
+        # FastAPI describes streams in the terms of OpenAPI 3.2, under the number 3.1.
+        events["content"][STREAM].pop("itemSchema")
+        _complete(document)
+        app.openapi_schema = document
+    return app.openapi_schema
 
 
-def complete(document: Node) -> None:
-    """Describe tags, parameters, answers, refusals and fields."""
+def _complete(document: Node) -> None:
+    """Add descriptions of tags, parameters, answers, refusals and fields."""
     operations = [one for item in document["paths"].values() for one in item.values()]
     used = {tag for operation in operations for tag in operation["tags"]}
     document["tags"] = [
@@ -80,49 +255,53 @@ def complete(document: Node) -> None:
     ]
     document["components"]["securitySchemes"] = {"key": KEY}
     refused = sorted({*EVERYWHERE, *WITH_ID, *WITH_BODY})
-    document["components"]["responses"] = {str(status): refusal(status) for status in refused}
+    document["components"]["responses"] = {
+        str(status): _describe_refusal(status) for status in refused
+    }
     for path, item in document["paths"].items():
         for verb, operation in item.items():
-            complete_operation(path, verb, operation)
-    for name in sorted(document["components"]["schemas"]):
-        describe_fields(document["components"]["schemas"][name])
+            _complete_operation(path, verb, operation)
+    components = document["components"]["schemas"]
+    for name in sorted(components):
+        _describe_fields(components[name])
+    for kind in (Measures, EpisodeRow):
+        _describe_measures(components[kind.__name__])
 
 
-def complete_operation(path: str, verb: str, operation: Node) -> None:
-    """Say which answers and which refusals there are."""
+def _complete_operation(path: str, verb: str, operation: Node) -> None:
     operation["summary"] = operation["operationId"].replace("_", " ").capitalize()
     for parameter in operation.get("parameters", []):
-        leave_out_null(parameter)
+        _remove_null(parameter)
     if operation["operationId"] in EXAMPLES:
-        body = operation["requestBody"]["content"][schemas.JSON]
+        body = operation["requestBody"]["content"][JSON]
         body["example"] = EXAMPLES[operation["operationId"]]
     responses = operation["responses"]
     for status, response in responses.items():
-        describe_answer(verb, status, response)
-    for status in refusals(path, operation):
+        _describe_answer(verb, status, response)
+    for status in _list_refusals(path, operation):
         responses.setdefault(str(status), {"$ref": f"#/components/responses/{status}"})
     operation["responses"] = dict(sorted(responses.items()))
 
 
-def describe_answer(verb: str, status: str, response: Node) -> None:
-    """Put words and headers where the framework has only a phrase."""
-    known = WORDS.get("list" if status in MADE and is_list(response) else status)
+def _describe_answer(verb: str, status: str, response: Node) -> None:
+    """Add a description and headers to an answer."""
+    known = WORDS.get("list" if status in MADE and _is_list(response) else status)
     if known and response.get("description", "") in {"", "Successful Response"}:
         response["description"] = known
-    if status in MADE and not is_list(response):
+    if status in MADE and not _is_list(response):
         response.setdefault("headers", {})["Location"] = LOCATION
-    if verb == "get" and status == "200" and [*response.get("content", {})] == [schemas.JSON]:
+    if verb == "get" and status == "200" and [*response.get("content", {})] == [JSON]:
         response.setdefault("headers", {})["ETag"] = ETAG
 
 
-def is_list(response: Node) -> bool:
-    """Whether an answer is a page of things that have an address each."""
-    schema = response["content"][schemas.JSON]["schema"]
+def _is_list(response: Node) -> bool:
+    """Whether an answer is a page, of items with an address each."""
+    schema = response["content"][JSON]["schema"]
     return str(schema.get("$ref", "")).rpartition("/")[2].startswith("Page_")
 
 
-def refusals(path: str, operation: Node) -> Iterator[int]:
-    """With which statuses a route can refuse."""
+def _list_refusals(path: str, operation: Node) -> Iterator[int]:
+    """Yield the statuses with which a route may refuse."""
     yield from EVERYWHERE
     if "{" in path:
         yield from WITH_ID
@@ -130,22 +309,20 @@ def refusals(path: str, operation: Node) -> Iterator[int]:
         yield from WITH_BODY
 
 
-def refusal(status: int) -> Node:
-    """An answer that is a problem, with the types that it can have."""
-    types = ", ".join(f"`{kind}`" for kind in problem_types(status))
-    return {**schemas.refusal(), "description": f"{HTTPStatus(status).phrase}: {types}."}
+def _describe_refusal(status: int) -> Node:
+    types = ", ".join(f"`{kind}`" for kind in _list_problem_types(status))
+    return {**problem_response(), "description": f"{HTTPStatus(status).phrase}: {types}."}
 
 
-def problem_types(status: int) -> list[str]:
-    """The types of the problems that have a status."""
-    kinds = [kind for kind in tree(EigenfailError) if kind.http_status == status]
-    typed = sorted(NAMESPACE + slug(kind) for kind in kinds)
-    # An error on the service's own side that is no trouble of a part of it is told without a type.
+def _list_problem_types(status: int) -> list[str]:
+    kinds = [kind for kind in list_error_types(EigenfailError) if kind.http_status == status]
+    typed = sorted(NAMESPACE + slugify(kind) for kind in kinds)
+    # Unexpected errors of the service itself have no type.
     return [UNTYPED] if not typed or status == SERVER_SIDE else typed
 
 
-def leave_out_null(parameter: Node) -> None:
-    """Null is what a parameter is when it is not sent; nobody can send it."""
+def _remove_null(parameter: Node) -> None:
+    # None stands for a parameter that was not sent; null cannot be sent.
     kinds = parameter["schema"].get("anyOf", [])
     others = [kind for kind in kinds if kind != {"type": "null"}]
     if len(kinds) > len(others) == 1:
@@ -153,19 +330,25 @@ def leave_out_null(parameter: Node) -> None:
         parameter["schema"] |= others[0]
 
 
-def describe_fields(schema: Node) -> None:
-    """Give each field the words that its struct's docstring has for it."""
+def _describe_fields(schema: Node) -> None:
+    """Move the descriptions of fields from their struct's docstring to the fields."""
     summary, _, attributes = schema.get("description", "").partition("Attributes:\n")
-    if not attributes:
-        return
-    schema["description"] = " ".join(summary.split())
-    for name, words in told_fields(attributes):
+    if summary:
+        schema["description"] = " ".join(summary.split())
+    for name, words in parse_attributes(attributes):
         if name in schema["properties"]:
             schema["properties"][name].setdefault("description", words)
 
 
-def told_fields(attributes: str) -> Iterator[tuple[str, str]]:
-    """The entries of a docstring's list of attributes; longer ones go on further to the right."""
+def _describe_measures(schema: Node) -> None:
+    """Add definition and unit of each measure, from its declaration."""
+    for name, measure in MEASURES.items():
+        unit = f" [{measure.unit}]" if measure.unit else ""
+        schema["properties"][name].setdefault("description", f"{measure.formula}{unit}.")
+
+
+def parse_attributes(attributes: str) -> Iterator[tuple[str, str]]:
+    """Yield names and descriptions from a docstring's list of attributes."""
     lines = [line.rstrip() for line in attributes.splitlines() if line.strip()]
     margin = min((len(line) - len(line.lstrip()) for line in lines), default=0)
     entries: list[str] = []
@@ -176,30 +359,3 @@ def told_fields(attributes: str) -> Iterator[tuple[str, str]]:
             entries[-1] += f" {line.strip()}"
     found = (ATTRIBUTE.fullmatch(entry) for entry in entries)
     yield from ((match["name"], match["words"]) for match in found if match)
-
-
-def written(document: Node) -> str:
-    """The document as text, the same for the same document."""
-    return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
-
-
-def main(words: list[str] | None = None) -> None:
-    """Print the document, or write it."""
-    from eigenfail_api.app import create_app
-    from eigenfail_api.settings import ApiSettings
-    from eigenfail_services.store import open_store
-
-    parser = argparse.ArgumentParser(prog="eigenfail_api.openapi", description=__doc__)
-    parser.add_argument("--output", type=Path, help="a file instead of standard output")
-    output = parser.parse_args(words).output
-    store = open_store("memory://")
-    text = written(document_of(create_app(store, ApiSettings())))
-    store.close()
-    if output:
-        output.write_text(text)
-    else:
-        sys.stdout.write(text)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""Every error as application/problem+json (RFC 9457), whoever raised it."""
+"""Errors as application/problem+json (RFC 9457)."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,11 +9,41 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
-from eigenfail.values.access import redacted
+from eigenfail.values.access import redact
 from eigenfail.wire import http
-from eigenfail.wire.problems import Problem, problem_of, untyped_problem
-from eigenfail_api.headers import SECURITY
-from eigenfail_api.refusals import told
+from eigenfail.wire.http import Problem, make_problem, make_untyped_problem
+from eigenfail_api.middleware import SECURITY_HEADERS
+from eigenfail_api.parameters import FORMS
+
+PARAMETER_WORDS = {
+    "missing": "is required.",
+    "int_parsing": "{input!r} is no whole number.",
+    "float_parsing": "{input!r} is no number.",
+    "bool_parsing": "{input!r} is neither true nor false.",
+    "greater_than": "{input} is not above {gt:g}.",
+    "greater_than_equal": "{input} is below {ge}.",
+    "less_than": "{input} is not below {lt:g}.",
+    "less_than_equal": "{input} is above {le}.",
+    "enum": "{input!r} is not one of {expected}.",
+    "string_too_short": "is empty.",
+    "string_too_long": "is longer than {max_length} characters.",
+    "string_pattern_mismatch": "{input!r} is not {form}.",
+}
+"""Sentences by the framework's name of an error, with places for the value and its bound."""
+
+MOST_SHOWN = 60
+"""Most characters of a wrong value that a sentence quotes."""
+
+
+def _describe_error(error: Mapping[str, Any]) -> str:
+    """Return a sentence on a wrong parameter; the framework's own where the table has none."""
+    words = PARAMETER_WORDS.get(error["type"], "{msg}.")
+    given = error["input"]
+    shown = given if not isinstance(given, str) else given[:MOST_SHOWN]
+    bounds = error.get("ctx", {})
+    form = FORMS.get(bounds.get("pattern", ""), "of the form that it must have")
+    return words.format_map({**bounds, "input": shown, "form": form, "msg": error["msg"]})
+
 
 SOON_S = "1"
 WHAT_THERE_IS = "See /api, or /openapi.json, for what there is."
@@ -22,38 +52,40 @@ REMEDIES = {
     413: "Send many campaigns in several requests; EIGENFAIL_MAX_BODY_BYTES sets the limit.",
     415: "Send one of these, and name it in `Content-Type`.",
 }
-"""What to do next, where the framework's words say what was wrong."""
+"""Remedies of errors that the framework describes."""
 
 
 def answer(problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
-    """The response that carries a problem."""
-    # A surprise is answered outside of the middleware that sets the security headers elsewhere.
+    """Return the response for a problem."""
+    # Unexpected errors are answered outside of the middleware that adds the security headers.
     return Response(
-        redacted(http.encode(problem).decode()),
+        redact(http.encode(problem).decode()),
         problem.status,
-        {**SECURITY, **(headers or {})},
+        {**SECURITY_HEADERS, **(headers or {})},
         media_type=http.PROBLEM_JSON,
     )
 
 
 async def on_known_error(request: Request, error: EigenfailError) -> Response:
-    """An error that was raised on purpose."""
-    return answer(problem_of(error, request.url.path), later(error))
+    """Answer an error of the project's own tree."""
+    return answer(make_problem(error, request.url.path), retry_headers(error))
 
 
-def later(error: EigenfailError) -> dict[str, str]:
-    """The headers of a refusal that may be over soon."""
+def retry_headers(error: EigenfailError) -> dict[str, str]:
+    """Return the headers of an error that may pass soon."""
     return {"Retry-After": SOON_S} if isinstance(error, ServiceError) else {}
 
 
 async def on_bad_parameter(request: Request, error: RequestValidationError) -> Response:
-    """A path, query or header parameter of the wrong type or outside its bounds."""
+    """Answer a path, query or header parameter of the wrong type or outside its bounds."""
     first = error.errors()[0]
-    return await on_known_error(request, InvalidValue(str(first["loc"][-1]), told(first)))
+    return await on_known_error(
+        request, InvalidValue(str(first["loc"][-1]), _describe_error(first))
+    )
 
 
 async def on_http_error(request: Request, error: HTTPException) -> Response:
-    """What the framework refuses by itself."""
+    """Answer a request that the framework refuses."""
     path = request.url.path
     words = {
         404: (f"There is nothing at {path}.", WHAT_THERE_IS),
@@ -61,19 +93,19 @@ async def on_http_error(request: Request, error: HTTPException) -> Response:
     }
     others = (error.detail, REMEDIES.get(error.status_code, ""))
     detail, remedy = words.get(error.status_code, others)
-    return answer(untyped_problem(error.status_code, detail, path, remedy), error.headers)
+    return answer(make_untyped_problem(error.status_code, detail, path, remedy), error.headers)
 
 
-async def on_surprise(request: Request, _error: Exception) -> Response:
-    """A fault of our own: the log has it all, the client learns only that."""
+async def on_unexpected_error(request: Request, _error: Exception) -> Response:
+    """Answer an unexpected error: details are in the log alone."""
     detail = "The service failed at this request; its log says how."
     remedy = "Try again; if it happens again, report it with the lines of the log."
-    return answer(untyped_problem(500, detail, request.url.path, remedy))
+    return answer(make_untyped_problem(500, detail, request.url.path, remedy))
 
 
 HANDLERS: dict[int | type[Exception], Any] = {
     EigenfailError: on_known_error,
     RequestValidationError: on_bad_parameter,
     HTTPException: on_http_error,
-    Exception: on_surprise,
+    Exception: on_unexpected_error,
 }

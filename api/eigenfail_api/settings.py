@@ -5,9 +5,9 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from eigenfail.contracts import KeyStore
 from eigenfail.errors import InvalidValue
 from eigenfail.loopback import is_loopback
+from eigenfail_services.store.access import KeyStore
 from eigenfail_services.store.clock import now_ms
 
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
@@ -28,6 +28,7 @@ class ApiSettings(BaseSettings):
         proxies: addresses of proxies before it, whose X-Forwarded-For and X-Forwarded-Proto say who
             asks.
         max_body_bytes: largest body of a request.
+        max_connections: open at a time; of more, those that idle longest are closed.
         max_requests_per_s: of one key, on average over five seconds; more is a 429.
         max_keyless_requests_per_s: the same of one address, where nobody has to show a key.
         poll_s: how often the event log is looked at while somebody follows it.
@@ -43,6 +44,7 @@ class ApiSettings(BaseSettings):
     hosts: tuple[str, ...] | None = None
     proxies: tuple[str, ...] = ()
     max_body_bytes: Annotated[int, Field(ge=1)] = 1_000_000
+    max_connections: Annotated[int, Field(ge=10)] = 500
     max_requests_per_s: Annotated[float, Field(gt=0.0)] = 200.0
     max_keyless_requests_per_s: Annotated[float, Field(gt=0.0)] = 500.0
     poll_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.25

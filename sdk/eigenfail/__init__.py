@@ -19,6 +19,19 @@ _PLACES = {
     "local": ("eigenfail.hosting.session", "Local"),
 }
 
+# Values know nothing of tables, pages and pandas; here they find who converts them.
+_CONVERTERS = {
+    "html": ("eigenfail.presentation.notebook", "to_html"),
+    "pandas": ("eigenfail.frames", "to_pandas"),
+    "numpy": ("eigenfail.frames", "to_numpy"),
+}
+
+
+def convert(value: object, form: str) -> Any:
+    """Return a value in another form: `html` for a notebook, or a `pandas` or `numpy` table."""
+    module, function = _CONVERTERS[form]
+    return getattr(import_module(module), function)(value)
+
 
 def __getattr__(name: str) -> Any:
     """One of the names in `__all__`.

@@ -1,9 +1,17 @@
-"""Command lines of the programs that are no `eigenfail` command."""
+"""What all command lines share: arguments without secrets in errors, and output that can fail."""
 
 import argparse
-from typing import NoReturn
+import os
+import signal
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn, TextIO
 
-from eigenfail.values.access import redacted
+from eigenfail.errors import EigenfailError
+
+BROKEN_PIPE = 128 + signal.SIGPIPE
+"""The exit code that a shell shows for a program that the signal ended."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -11,4 +19,90 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong with the command line, and end with 2."""
-        super().error(redacted(message))
+        from eigenfail.values.access import redact
+
+        super().error(redact(message))
+
+
+class CheckedOutput:
+    """A text stream whose failed writes end the program in one sentence, or in silence.
+
+    A reader that has closed its end of a pipe has seen enough: the program ends with 141 (SIGPIPE)
+    and says nothing. Whatever else cannot be written, to a full disk for example, is an
+    EigenfailError.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._failure: EigenfailError | SystemExit | None = None
+
+    def write(self, text: str) -> int:
+        """Write text; the number of characters."""
+        if text == "":  # libraries try out by it what a stream takes
+            return 0
+        with self._checked():
+            return self._stream.write(text)
+
+    def writelines(self, lines: Iterable[str]) -> None:
+        """Write lines as they are."""
+        with self._checked():
+            self._stream.writelines(lines)
+
+    def flush(self) -> None:
+        """Write what is still in memory."""
+        with self._checked():
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        """Everything else is the stream's own."""
+        return getattr(self._stream, name)
+
+    @contextmanager
+    def _checked(self) -> Iterator[None]:
+        if self._failure is not None:
+            raise self._failure
+        try:
+            yield
+        except BrokenPipeError:
+            self._failure = SystemExit(BROKEN_PIPE)
+        except OSError as error:
+            self._failure = EigenfailError(
+                f"Standard output cannot be written: {error.strerror or error}.",
+                "Make room on the disk, or let the output go to another place.",
+            )
+        if self._failure is not None:
+            self._discard()
+            raise self._failure
+
+    def _discard(self) -> None:
+        """Lose the rest: the interpreter would fail at it once more, as it ends."""
+        with suppress(OSError, ValueError):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())
+            os.close(nowhere)
+
+
+@contextmanager
+def checked_stdout() -> Iterator[None]:
+    """Check what is written to standard output in the block, to its last byte.
+
+    Raises:
+        EigenfailError: it could not be written.
+        SystemExit: nobody reads it any more.
+    """
+    stream = sys.stdout
+    if stream is None:  # it was closed before the program began
+        yield
+        return
+    checked = CheckedOutput(stream)
+    sys.stdout = checked
+    try:
+        yield
+    except SystemExit as end:
+        if not end.code:
+            checked.flush()
+        raise
+    else:
+        checked.flush()
+    finally:
+        sys.stdout = stream

@@ -20,7 +20,8 @@ EigenfailError
 ├── ProtocolError            a message that does not follow the wire contract
 └── ServiceError             a part of the service is missing or in trouble
     ├── StoreUnavailable
-    │   └── StoreUnwritable  it can be read, but not written: its disk is full
+    │   ├── StoreUnwritable  it can be read, but not written: its disk is full
+    │   └── StoreDamaged     its file was truncated or overwritten
     ├── SchemaMismatch
     ├── PortTaken
     ├── ClaimLost
@@ -37,6 +38,11 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import ClassVar
 
+from eigenfail.error_text import read_text
+
+LONGEST_SENTENCE = 20_000
+"""Characters; longer than any list of known names that a message of ours holds."""
+
 
 class EigenfailError(Exception):
     """The root: one sentence on what was wrong and where, one on what to do next."""
@@ -45,9 +51,10 @@ class EigenfailError(Exception):
     exit_code: ClassVar[int] = 3
 
     def __init__(self, problem: str, remedy: str = "") -> None:
-        super().__init__(f"{problem} {remedy}".strip())
-        self.problem = problem
-        self.remedy = remedy
+        # Problems quote what plug-ins raise and users type, and go into messages, JSON and SQL.
+        self.problem = read_text(problem, LONGEST_SENTENCE)
+        self.remedy = read_text(remedy, LONGEST_SENTENCE)
+        super().__init__(f"{self.problem} {self.remedy}".strip())
 
 
 class InputError(EigenfailError):
@@ -58,7 +65,7 @@ class InputError(EigenfailError):
 
     def __init__(self, field: str, problem: str, remedy: str = "") -> None:
         super().__init__(f"{field}: {problem}" if field else problem, remedy)
-        self.field = field
+        self.field = read_text(field)
 
 
 class UnknownName(InputError):
@@ -69,7 +76,7 @@ class UnknownName(InputError):
         close = get_close_matches(name, names, n=1)
         hint = f"Did you mean '{close[0]}'? " if close else ""
         super().__init__(field, f"'{name}' is not known.", f"{hint}Known: {', '.join(names)}.")
-        self.name = name
+        self.name = read_text(name)
         self.known = names
 
 
@@ -124,7 +131,7 @@ class NoisePruned(Conflict):
 
 
 class EpisodeError(EigenfailError):
-    """One episode cannot be completed: it is recorded as failed, and its campaign goes on."""
+    """One episode cannot be completed: it is recorded as errored, and its campaign goes on."""
 
     kind: ClassVar[str] = "simulator"
 
@@ -169,6 +176,10 @@ class StoreUnavailable(ServiceError):
 
 class StoreUnwritable(StoreUnavailable):
     """The database can be read, but not written: its disk is full, or takes no writes."""
+
+
+class StoreDamaged(StoreUnavailable):
+    """The database's file was truncated or overwritten: a backup has to take its place."""
 
 
 class SchemaMismatch(ServiceError):

@@ -82,7 +82,9 @@ def columns_of(rows: Iterable[Record]) -> dict[str, list[Any]]:
     table = list(rows)
     names = dict.fromkeys(name for row in table for name in row)
     columns = {name: [row.get(name) for row in table] for name in names}
-    return {name: filled(column) for name, column in columns.items() if not hollow(name, columns)}
+    return {
+        name: fill_column(column) for name, column in columns.items() if not hollow(name, columns)
+    }
 
 
 def hollow(name: str, columns: Mapping[str, Sequence[Any]]) -> bool:
@@ -91,7 +93,7 @@ def hollow(name: str, columns: Mapping[str, Sequence[Any]]) -> bool:
     return inner and all(each is None for each in columns[name])
 
 
-def filled(column: list[Any]) -> list[Any]:
+def fill_column(column: list[Any]) -> list[Any]:
     """A column in which numbers that are not known are NaN and texts that are not known empty."""
     known = [each for each in column if each is not None]
     if len(known) == len(column):

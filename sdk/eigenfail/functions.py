@@ -19,7 +19,6 @@ from msgspec import Meta
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from eigenfail import bridges, plugins
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import read_settings
 from eigenfail.values import CampaignSpec, DisturbanceModel, White
@@ -99,24 +98,6 @@ def check(spec: CampaignSpec) -> FunctionParameters:
         remedy = "Set `scale` and `shape` alone: there is no distance that sigma could grow with."
         raise InvalidValue("disturbance", "slopes and bases mean nothing to a function.", remedy)
     return read_settings(FunctionParameters, spec.scenario_parameters, "scenario_parameters")
-
-
-def simulators() -> list[str]:
-    """What a campaign may name as its simulator: those registered, functions, and the bridge."""
-    return sorted([*plugins.names(plugins.SIMULATORS), SIMULATOR, bridges.SIMULATOR])
-
-
-def drives(spec: CampaignSpec) -> bool:
-    """Whether there is a road, and conflicts on it."""
-    return spec.simulator != SIMULATOR
-
-
-def disturbance_in_words(spec: CampaignSpec) -> dict[str, str]:
-    """The disturbance model as people read it, by name; a function's sigma is its scale."""
-    words = spec.disturbance.in_words()
-    if drives(spec):
-        return words
-    return {"sigma": f"{spec.disturbance.scale:g} at every step", "shape": words["shape"]}
 
 
 def require_module(place: str) -> None:

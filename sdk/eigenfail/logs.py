@@ -16,7 +16,7 @@ from typing import Any, TextIO
 
 from eigenfail.errors import InvalidValue
 from eigenfail.uncaught import tell_uncaught
-from eigenfail.values.access import redacted
+from eigenfail.values.access import redact
 
 VARIABLE = "EIGENFAIL_LOG_FORMAT"
 
@@ -30,7 +30,7 @@ class LossyStderr:
     def write(self, text: str) -> int:
         """As many characters as are written, or lost."""
         with suppress(OSError, ValueError):
-            sys.stderr.write(redacted(text))
+            sys.stderr.write(redact(text))
         return len(text)
 
     def flush(self) -> None:

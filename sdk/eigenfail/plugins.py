@@ -1,12 +1,14 @@
 """Plug-ins by entry point: what outsiders add, and what one part of the house needs of another."""
 
+import logging
 import re
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.error_text import describe_error, read_text
+from eigenfail.errors import EigenfailError, InvalidValue, UnknownName
 
 SIMULATORS = "eigenfail.simulators"
 SCENARIOS = "eigenfail.scenarios"
@@ -15,19 +17,30 @@ METHODS = "eigenfail.methods"
 ENGINES = "eigenfail.engines"
 EXPLAINERS = "eigenfail.explainers"
 WORKER_ACTORS = "eigenfail.worker_actors"
+COMMANDS = "eigenfail.commands"
+DATABASE_TOOLS = "eigenfail.database_tools"
+
+BUILT_IN = frozenset({"eigenfail_services", "eigenfail_workers"})
+"""The packages whose plug-ins are eigenfail's own."""
 
 CLASS_PATH = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 
 
 @cache
-def registered(group: str) -> dict[str, EntryPoint]:
+def list_entry_points(group: str) -> dict[str, EntryPoint]:
     """The entry points of a group by name."""
     return {point.name: point for point in entry_points(group=group)}
 
 
 def names(group: str) -> list[str]:
     """The names registered in a group, sorted."""
-    return sorted(registered(group))
+    return sorted(list_entry_points(group))
+
+
+def is_built_in(group: str, name: str) -> bool:
+    """Return whether eigenfail itself brings the plug-in of that name; not so of an unknown one."""
+    point = list_entry_points(group).get(name)
+    return point is not None and point.module.partition(".")[0] in BUILT_IN
 
 
 @cache
@@ -39,14 +52,59 @@ def load(group: str, name: str) -> Any:
         InvalidValue: the plug-in is there, but cannot be loaded.
     """
     field = group.removeprefix("eigenfail.").removesuffix("s")
-    point = registered(group).get(name)
+    point = list_entry_points(group).get(name)
     if point is None:
         raise UnknownName(field, name, names(group))
     try:
-        return point.load()
-    except (ImportError, AttributeError) as error:
+        return point.load() if is_built_in(group, name) else _load_foreign(group, name)
+    except EigenfailError:
+        raise
+    except (Exception, SystemExit) as error:
+        problem = f"'{name}' cannot be loaded: {_describe_failure(error)}."
         remedy = "Install what it needs, or take its package out."
-        raise InvalidValue(field, f"'{name}' cannot be loaded: {error}.", remedy) from error
+        raise InvalidValue(field, problem, remedy) from error
+
+
+def _describe_failure(error: BaseException) -> str:
+    # What is missing is named by the text alone; other errors are unclear without their type.
+    usual = isinstance(error, ImportError | AttributeError)
+    return read_text(error) if usual else describe_error(error)
+
+
+def keep_import_effects() -> None:
+    """Leave process-wide state as the imports of plug-ins change it, from now on.
+
+    For a process that runs the episodes of these plug-ins alone: they may rely on what they set.
+    """
+    global _keeps_import_effects  # noqa: PLW0603 - it is a property of this process
+    _keeps_import_effects = True
+
+
+_keeps_import_effects = False
+
+
+def _load_foreign(group: str, name: str) -> Any:
+    """Import a plug-in that is not eigenfail's own, and undo what that changes in this process.
+
+    Controller and services import plug-ins only to read their settings, and compute for all
+    campaigns: an import that patches numpy must not change their results.
+    """
+    if _keeps_import_effects:
+        return list_entry_points(group)[name].load()
+    # numpy takes a tenth of a second, which a command without plug-ins does not spend.
+    from eigenfail.process_state import ProcessState
+
+    before = ProcessState()
+    try:
+        return list_entry_points(group)[name].load()
+    finally:
+        if changes := before.changes():
+            before.restore()
+            logging.getLogger(__name__).warning(
+                "The import of the plug-in '%s' changed process-wide state, which was restored: %s",
+                name,
+                "; ".join(changes),
+            )
 
 
 def load_class(path: str) -> Any:
@@ -64,7 +122,7 @@ def load_class(path: str) -> Any:
     module, name = path.split(":")
     try:
         return getattr(import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        problem = f"'{path}' cannot be loaded: {error}."
+    except (Exception, SystemExit) as error:
+        problem = f"'{path}' cannot be loaded: {_describe_failure(error)}."
         remedy = "Run it from the folder of the module, or install that."
         raise InvalidValue("plug-in", problem, remedy) from error

@@ -1,16 +1,51 @@
-"""Files that hold a secret: made for their owner alone, refused where everybody reads them."""
+"""Files and folders for their owner alone, whatever the umask; secrets that others can read."""
 
 import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 from eigenfail.errors import InvalidValue
 
 OWNER_ONLY = 0o600
 FOLDER_MODE = 0o700
 OTHERS = 0o007
+
+
+def make_private_folder(folder: Path) -> None:
+    """Make a folder, and those above it that are missing, for their owner alone.
+
+    A folder that is there already keeps its permissions.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    if folder.is_dir():
+        return
+    if folder.parent != folder:
+        make_private_folder(folder.parent)
+    folder.mkdir(FOLDER_MODE, exist_ok=True)
+
+
+def open_private(path: Path, mode: str) -> IO[bytes]:
+    """Open a file to write bytes to it; one that is made is for its owner alone.
+
+    A file that is there already keeps its permissions.
+
+    Args:
+        path: of the file.
+        mode: as `open` takes it, for bytes: ab, wb or xb.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+    return open(path, mode, opener=_open_for_owner)
+
+
+def _open_for_owner(path: str, flags: int) -> int:
+    return os.open(path, flags, OWNER_ONLY)
 
 
 def write_private(path: Path, text: str, field: str) -> None:

@@ -25,6 +25,7 @@ class Standing(NamedTuple):
     done: int
     total: int
     failures: int
+    errored: int = 0
 
 
 Display = Callable[[Standing], None]
@@ -34,12 +35,13 @@ def standing(campaign: Campaign) -> Standing:
     """How far a campaign is."""
     counts = campaign.counts
     done = counts.completed + counts.failed
-    return Standing(headline(campaign), done, counts.planned - counts.cancelled, counts.failures)
+    planned = counts.planned - counts.cancelled
+    return Standing(headline(campaign), done, planned, counts.failures, counts.errored)
 
 
 def headline(campaign: Campaign) -> str:
     """Which campaign, and where it is in its life."""
-    return f"campaign {campaign.id} ({campaign.spec.method}) {campaign.state}"
+    return f"campaign {campaign.id} ({campaign.spec.method}) {campaign.state_word}"
 
 
 @contextmanager
@@ -77,6 +79,7 @@ class Pace:
             self.first = (now_s, seen.done)
         elapsed_s, done = now_s - self.first[0], seen.done - self.first[1]
         told = f"{seen.failures} failure{'s' * (seen.failures != 1)}"
+        told += f", {seen.errored} errored" if seen.errored else ""
         if done <= 0 or elapsed_s <= 0.0:
             return told
         rate = done / elapsed_s

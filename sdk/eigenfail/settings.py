@@ -6,7 +6,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.error_text import describe_error
+from eigenfail.errors import EigenfailError, InvalidValue, UnknownName
 
 Kind = TypeVar("Kind", bound=msgspec.Struct)
 
@@ -23,13 +24,20 @@ def read_settings(kind: type[Kind], given: Mapping[str, Any], field: str) -> Kin
 
     Raises:
         UnknownName: a setting that the plug-in does not have.
-        InvalidValue: a value of the wrong type or outside its bounds.
+        InvalidValue: a value of the wrong type or outside its bounds, or one at which the plug-in
+            raises.
     """
     known = kind.__struct_fields__
     for name in given:
         if name not in known:
             raise UnknownName(field, str(name), known)
-    return convert(dict(given), kind, field)
+    try:
+        return convert(dict(given), kind, field)
+    except EigenfailError:
+        raise
+    except Exception as error:  # a plug-in's `__post_init__` may raise anything
+        problem = f"The settings are refused with {describe_error(error)}."
+        raise InvalidValue(field, problem, "Look into the settings of the plug-in.") from error
 
 
 def defaults_of(kind: type[msgspec.Struct]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import msgspec
 
 from eigenfail.errors import EigenfailError, ServiceError
 from eigenfail.processes import ONE_THREAD, as_parent, die_with_parent, kill_group, status_within
-from eigenfail.wire.problems import Problem, error_of, problem_of
+from eigenfail.wire.http import Problem, make_error, make_problem
 
 GENTLENESS = 5
 """How much it steps back behind what else runs on the machine."""
@@ -54,15 +54,17 @@ def ask(module: str, question: bytes, patience_s: float) -> bytes:
         ServiceError: it took too long, or ended without an answer.
     """
     try:
-        told = msgspec.msgpack.decode(answered(module, question, patience_s), type=Told | Refused)
+        told = msgspec.msgpack.decode(
+            run_question(module, question, patience_s), type=Told | Refused
+        )
     except msgspec.DecodeError as error:
         raise ServiceError("The process that should answer was broken off.", LOG) from error
     if isinstance(told, Refused):
-        raise error_of(told.problem)
+        raise make_error(told.problem)
     return told.answer
 
 
-def answered(module: str, question: bytes, patience_s: float) -> bytes:
+def run_question(module: str, question: bytes, patience_s: float) -> bytes:
     """What a process of the module writes; see `ask`."""
     told, write = os.pipe()
     asked = subprocess.Popen(
@@ -76,7 +78,7 @@ def answered(module: str, question: bytes, patience_s: float) -> bytes:
     Thread(target=tell, args=(write, question), daemon=True).start()
     with asked:
         try:
-            written = heard(asked, patience_s)
+            written = read_answer(asked, patience_s)
             status = status_within(asked, LAST_STEPS_S)
         finally:
             # Before it is waited for: then what it left behind could no longer be told.
@@ -92,7 +94,7 @@ def tell(descriptor: int, question: bytes) -> None:
         pipe.write(question)
 
 
-def heard(asked: "subprocess.Popen[bytes]", patience_s: float) -> bytes:
+def read_answer(asked: "subprocess.Popen[bytes]", patience_s: float) -> bytes:
     """All that it writes.
 
     Raises:
@@ -124,6 +126,6 @@ def answer(reply: Callable[[bytes], bytes]) -> None:
     try:
         told = Told(reply(sys.stdin.buffer.read()))
     except EigenfailError as error:
-        told = Refused(problem_of(error))
+        told = Refused(make_problem(error))
     with answers:
         answers.write(msgspec.msgpack.encode(told))

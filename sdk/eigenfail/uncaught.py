@@ -12,10 +12,10 @@ Tell = Callable[[BaseException], None]
 
 def print_uncaught(error: BaseException) -> None:
     """As Python itself would, but for the secrets in it."""
-    from eigenfail.values.access import redacted  # all of the values, for which no command waits
+    from eigenfail.values.access import redact  # all of the values, for which no command waits
 
     with suppress(OSError, ValueError):
-        sys.stderr.write(redacted("".join(traceback.format_exception(error))))
+        sys.stderr.write(redact("".join(traceback.format_exception(error))))
 
 
 def tell_uncaught(tell: Tell = print_uncaught) -> None:

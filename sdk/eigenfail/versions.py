@@ -8,11 +8,14 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, distributions, version
 from pathlib import Path
 
+from eigenfail.values.campaign import Campaign, RunPart
 from eigenfail.values.worker import Versions
 
 NUMERICS = ("eigenfail", "gymnasium", "highway-env", "msgspec", "numpy", "osqp", "scipy")
+LEARNERS = ("scikit-learn", "stable-baselines3", "torch")
 GROUP = "eigenfail."
 NOTHING = "none"
+PACKAGE = "eigenfail"
 PROCESSORS = Path("/proc/cpuinfo")
 
 
@@ -25,8 +28,14 @@ def versions() -> dict[str, str]:
         "processor": processor(),
     }
     return found | {
-        name: of for name in sorted({*NUMERICS, *with_plugins()}) if (of := pinned(name))
+        name: of for name in sorted({*NUMERICS, *with_plugins()}) if (of := read_version(name))
     }
+
+
+@cache
+def learner_versions() -> dict[str, str]:
+    """By name: what a learner runs with, where what it proposes may depend on it."""
+    return versions() | {name: of for name in LEARNERS if (of := read_version(name))}
 
 
 def processor() -> str:
@@ -37,7 +46,7 @@ def processor() -> str:
     return ""
 
 
-def pinned(package: str) -> str:
+def read_version(package: str) -> str:
     """The version of a package; empty if it is not installed."""
     try:
         return version(package)
@@ -62,3 +71,30 @@ def differences(then: Versions, now: Versions) -> tuple[str, ...]:
         for name in names
         if then.get(name) != now.get(name)
     )
+
+
+def describe_mixed(campaign: Campaign) -> tuple[str, ...]:
+    """Return a sentence for each time that services of other versions took a campaign over.
+
+    Nothing is said of a takeover before the first result: no result of other versions is in it.
+    """
+    earlier = (None, *campaign.parts)
+    told = [
+        f"Campaign {campaign.id} went on with other versions after {now.results:,} "
+        f"result{'s' * (now.results != 1)}: {_changes(before, now)}."
+        for before, now in zip(earlier, campaign.parts, strict=False)
+        if now.results
+    ]
+    return (*told, NOT_OF_ONE_RELEASE) if told else ()
+
+
+NOT_OF_ONE_RELEASE = (
+    "What was searched before and after may differ from a campaign that one release ran: run it "
+    "again for evidence that can be reproduced."
+)
+
+
+def _changes(before: RunPart | None, now: RunPart) -> str:
+    if before is None:
+        return f"the earlier release recorded none; {PACKAGE} {now.versions.get(PACKAGE)} now"
+    return "; ".join(differences(before.versions, now.versions))

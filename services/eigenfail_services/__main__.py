@@ -15,28 +15,29 @@ from typing import NoReturn
 import structlog
 
 from eigenfail import logs
-from eigenfail.command_line import Parser
+from eigenfail.command_line import Parser, checked_stdout
 from eigenfail.errors import EigenfailError, StoreUnavailable
 from eigenfail.processes import die_with_parent, end_now
-from eigenfail.values.access import redacted
+from eigenfail.values.access import redact
 from eigenfail_services import bounds, scrape, tracing
-from eigenfail_services.access import tool
 from eigenfail_services.campaigns.analysis_jobs import (
     DATABASE_VARIABLE,
     AnalysisJobs,
     run_analysis,
 )
 from eigenfail_services.campaigns.launching import options
-from eigenfail_services.campaigns.launching.staffing import Staffing
+from eigenfail_services.campaigns.launching.launcher import WorkerScaling
 from eigenfail_services.campaigns.supervisor import Supervisor
-from eigenfail_services.hub import key_tool
-from eigenfail_services.hub.binding import keys_for
 from eigenfail_services.hub.server import Hub
+from eigenfail_services.hub.transport import KEYS_VARIABLE, load_keys
 from eigenfail_services.store import open_store
-from eigenfail_services.upkeep import tool as upkeep
 
 TURN_S = 0.25
 RETRY_S = 1.0
+HUB_WAIT_S = 0.5
+"""How long a statement of the hub waits for the lock of another program: workers wait as long for
+an answer, and what could not be written is tried again."""
+
 OWN_WORKERS = "own"
 """What the log calls the key of the workers that the service starts itself."""
 
@@ -50,9 +51,8 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     parser.set_defaults(command=serve)
     parser.add_argument("--hub", default="tcp://127.0.0.1:*", help="address to listen on")
     parser.add_argument("--advertise", help="the hub's address, as workers of Ray reach it")
-    parser.add_argument(
-        "--hub-keys", type=Path, default=key_tool.default_folder(), help="folder of its keys"
-    )
+    keys = os.environ.get(KEYS_VARIABLE) or None
+    parser.add_argument("--hub-keys", type=Path, default=keys, help="folder of its keys")
     options.add_arguments(parser)
     bounds.add_arguments(parser)
     scrape.add_arguments(parser)
@@ -60,9 +60,6 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     analyse = commands.add_parser("analyse", help="work on one analysis, then end")
     analyse.add_argument("analysis", type=int)
     analyse.set_defaults(command=analyse_one)
-    upkeep.add_arguments(commands.add_parser("db", help="the database itself"))
-    tool.add_arguments(commands.add_parser("key", help="keys, and who changed what"))
-    key_tool.add_arguments(commands.add_parser("worker-key", help="keys of workers"))
     return parser.parse_args(words)
 
 
@@ -78,7 +75,8 @@ def analyse_one(arguments: argparse.Namespace) -> NoReturn:
 def status_of(arguments: argparse.Namespace) -> int:
     """How the analysis ended, as an exit code; what went wrong is on standard error."""
     try:
-        store = open_store(arguments.database)
+        # The service made the database; where it is gone since, nothing may take its place.
+        store = open_store(arguments.database, migrate=False)
         run_analysis(store, arguments.analysis)
         store.close()
     except EigenfailError as error:
@@ -91,25 +89,30 @@ def status_of(arguments: argparse.Namespace) -> int:
 
 def serve(arguments: argparse.Namespace) -> None:
     """Run hub, supervisor and workers until SIGTERM or Ctrl-C."""
-    keys, launcher = keys_for(arguments.hub, arguments.hub_keys), options.launcher_of(arguments)
+    keys, launcher = (
+        load_keys(arguments.hub, arguments.hub_keys),
+        options.create_launcher(arguments),
+    )
     stopping = Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
     store = open_store(arguments.database)
-    hub = Hub(store, arguments.hub, keys, bounds.of_learners(arguments))
+    hub_store = open_store(arguments.database, wait_s=HUB_WAIT_S)
+    hub = Hub(hub_store, arguments.hub, keys, bounds.of_learners(arguments))
     analyses = AnalysisJobs(store, arguments.database, bounds.of_analyses(arguments))
     supervisor = Supervisor(store, hub, analyses, arguments.campaigns)
-    staffing = Staffing(launcher, hub, store.events)
+    staffing = WorkerScaling(launcher, hub, store.events)
     with ExitStack() as endings:  # the last one first, and each of them whatever the others meet
         endings.callback(tracing.configure("services"))
-        for ending in (store.close, launcher.stop, analyses.stop, supervisor.release, hub.stop):
+        stores = (store.close, hub_store.close)
+        for ending in (*stores, launcher.stop, analyses.stop, supervisor.release, hub.stop):
             endings.callback(ending)
         if arguments.metrics:
-            endings.callback(scrape.serve(arguments.metrics, hub.vitals.registry))
+            endings.callback(scrape.serve(arguments.metrics, hub.metrics.registry))
         gc.freeze()  # all that is loaded by now stays: looking through it would hold up the hub
         hub.start()
         reached = arguments.advertise or hub.address
-        launcher.start(reached, keys.own(OWN_WORKERS) if keys else None, stopping.is_set)
+        launcher.start(reached, keys.create_own(OWN_WORKERS) if keys else None, stopping.is_set)
         if not stopping.is_set():
             sys.stdout.write(json.dumps({"ready": True, "hub": hub.address}) + "\n")
             sys.stdout.flush()
@@ -118,7 +121,7 @@ def serve(arguments: argparse.Namespace) -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def supervise(supervisor: Supervisor, staffing: Staffing, hub: Hub, stopping: Event) -> None:
+def supervise(supervisor: Supervisor, staffing: WorkerScaling, hub: Hub, stopping: Event) -> None:
     """Turn after turn, until told to stop or until the hub is no more."""
     while not stopping.wait(TURN_S):
         try:
@@ -127,7 +130,7 @@ def supervise(supervisor: Supervisor, staffing: Staffing, hub: Hub, stopping: Ev
         except StoreUnavailable as error:
             log.warning("store unavailable", problem=str(error))
             time.sleep(RETRY_S)
-        if not hub.alive():
+        if not hub.is_alive():
             raise EigenfailError("The hub's thread has died.", "Its log says why; start again.")
 
 
@@ -136,13 +139,14 @@ def main() -> None:
     arguments = parse()
     try:
         logs.configure("services")
-        arguments.command(arguments)
+        with checked_stdout():
+            arguments.command(arguments)
     except EigenfailError as error:
         sys.exit(_complain(error))
 
 
 def _complain(error: EigenfailError) -> int:
-    sys.stderr.write(redacted(f"{error}\n"))
+    sys.stderr.write(redact(f"{error}\n"))
     return error.exit_code
 
 

@@ -28,7 +28,7 @@ LEARNER_MIB = 300.0
 CONTAINERS_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
-class Bounds(msgspec.Struct, frozen=True):
+class SettingBounds(msgspec.Struct, frozen=True):
     """Of one process.
 
     Attributes:
@@ -54,7 +54,7 @@ class Bounds(msgspec.Struct, frozen=True):
                 resource.prlimit(pid, resource.RLIMIT_DATA, (most, most))
 
 
-NO_BOUNDS = Bounds(inf)
+NO_BOUNDS = SettingBounds(inf)
 
 
 def half_of_the_memory_mib(containers_limit: Path = CONTAINERS_LIMIT) -> float:
@@ -125,11 +125,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def of_learners(arguments: argparse.Namespace) -> Bounds:
+def of_learners(arguments: argparse.Namespace) -> SettingBounds:
     """What the command line allows a learner."""
-    return Bounds(arguments.learner_limit, arguments.learner_memory)
+    return SettingBounds(arguments.learner_limit, arguments.learner_memory)
 
 
-def of_analyses(arguments: argparse.Namespace) -> Bounds:
+def of_analyses(arguments: argparse.Namespace) -> SettingBounds:
     """What the command line allows an analysis."""
-    return Bounds(arguments.analysis_limit, arguments.learner_memory)
+    return SettingBounds(arguments.analysis_limit, arguments.learner_memory)

@@ -25,7 +25,7 @@ def serve(address: str, registry: CollectorRegistry) -> Callable[[], None]:
         InvalidValue: it is no address, or other machines reach it and nobody vouches for them.
         PortTaken: it cannot be listened on.
     """
-    host, port = parted(address)
+    host, port = split_address(address)
     ProcessCollector(registry=registry)
     try:
         server, thread = start_http_server(port, host, registry)
@@ -42,7 +42,7 @@ def serve(address: str, registry: CollectorRegistry) -> Callable[[], None]:
     return end
 
 
-def parted(address: str) -> tuple[str, int]:
+def split_address(address: str) -> tuple[str, int]:
     """Host and port.
 
     Raises:

@@ -20,14 +20,14 @@ from eigenfail.values import (
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.store.memory import MemoryStore
+from eigenfail_services.store import open_store
 
 STEPS = 4
 
 
 @pytest.fixture
 def store():
-    store = MemoryStore()
+    store = open_store("memory://")
     yield store
     store.close()
 

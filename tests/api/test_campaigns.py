@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.values import CampaignSpec, CampaignState, Outcome
-from eigenfail_api import steering
+from eigenfail_api.routes import campaigns
 
 URL = "/api/v1/campaigns"
 
@@ -18,6 +18,11 @@ def test_a_created_campaign_is_queued_and_has_an_address(http, fields, store):
     assert store.campaigns.get(response.json()["id"]).spec == CampaignSpec(**fields)
 
 
+@pytest.mark.fault(
+    "same POST twice with one idempotency key",
+    group="api",
+    outcome="One campaign is created; both requests have the same answer.",
+)
 def test_one_key_makes_one_campaign(http, fields, store):
     key = {"Idempotency-Key": "a key"}
     first, second = (http.post(URL, json=fields, headers=key) for _ in range(2))
@@ -75,6 +80,11 @@ def test_a_list_may_be_of_one_state(http, fields, store):
     assert [item["id"] for item in queued] == [second]
 
 
+@pytest.mark.fault(
+    "pause, resume or cancel that comes twice, too early or too late",
+    group="api",
+    outcome="It is granted once, or refused with a 409 that names the state.",
+)
 @pytest.mark.parametrize(
     ("state", "verb", "then"),
     [
@@ -130,7 +140,7 @@ def test_a_campaign_that_begins_between_look_and_step_is_paused_all_the_same(
     seen = [look(campaign)]
     store.campaigns.move(campaign, CampaignState.RUNNING)
     monkeypatch.setattr(store.campaigns, "get", lambda id_: seen.pop() if seen else look(id_))
-    assert steering.steer(store, campaign, steering.PAUSE).state == "pausing"
+    assert campaigns.steer(store, campaign, campaigns.PAUSE).state == "pausing"
 
 
 def test_a_summary_counts_failures_and_prices_them(http, campaign, deliver, result, store):
@@ -214,6 +224,7 @@ def test_campaigns_are_found_by_method_and_name(http, fields):
     assert found("search=%25") == []
 
 
+@pytest.mark.fault("pause, resume or cancel that comes twice, too early or too late")
 def test_no_campaign_can_be_steered_against_its_state(http, problem, finished):
     campaign = f"/api/v1/campaigns/{finished()}"
     http.post(f"{campaign}/cancel")

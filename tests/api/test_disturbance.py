@@ -8,7 +8,7 @@ import pytest
 
 from eigenfail.client import Client
 from eigenfail.values import Correlated, DisturbanceModel, HeavyTailed, NoiseTrajectory, Outcome
-from eigenfail_api.dashboard.views.scene import noise_chart
+from eigenfail_api.dashboard.scene import noise_chart
 
 URL = "/api/v1/campaigns"
 MODEL = DisturbanceModel(scale=1.5, shape=Correlated(0.75, 0.25))

@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.values import CampaignSpec
-from eigenfail.wire.drafts import MOST_AT_ONCE
+from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE
 
 URL = "/api/v1/campaigns"
 
@@ -171,7 +171,7 @@ def test_one_key_makes_many_campaigns_once(http, fields, store, problem):
     problem(http.post(f"{URL}/bulk", json=changed, headers=key), 409)
 
 
-@pytest.mark.parametrize("count", [0, MOST_AT_ONCE + 1])
+@pytest.mark.parametrize("count", [0, MAX_CAMPAIGNS_AT_ONCE + 1])
 def test_lists_have_a_length(http, fields, problem, count):
     told = problem(http.post(f"{URL}/bulk", json=[fields] * count), 422)
     assert f"the list has {count} campaigns" in told["detail"]

@@ -4,6 +4,7 @@ import asyncio
 import csv
 import io
 import threading
+from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
@@ -19,7 +20,13 @@ from eigenfail.values import (
     Outcome,
     TrajectorySource,
 )
-from eigenfail_api.aside import MOST_WAITING, Aside
+from eigenfail_api import concurrency
+from eigenfail_api.concurrency import (
+    MOST_RUNNING,
+    MOST_WAITING,
+    ConcurrencyLimit,
+    SerialExecutor,
+)
 from eigenfail_services.campaigns.explanations import Explanations
 
 SIGN = np.where((np.arange(100) // 20) % 2 == 0, 2.0, -2.0)
@@ -100,17 +107,98 @@ def test_a_process_that_never_ends_is_given_up():
 
 
 def test_too_many_that_wait_are_refused():
-    aside, gate = Aside("test"), threading.Event()
+    one, gate = SerialExecutor("test"), threading.Event()
 
     async def crowd():
-        waiting = [asyncio.create_task(aside.do(gate.wait)) for _ in range(MOST_WAITING)]
+        waiting = [asyncio.create_task(one.do(gate.wait)) for _ in range(MOST_WAITING)]
         await asyncio.sleep(0)
         with pytest.raises(ServiceBusy):
-            await aside.do(gate.wait)
+            await one.do(gate.wait)
         gate.set()
         return await asyncio.gather(*waiting)
 
     assert asyncio.run(crowd()) == [True] * MOST_WAITING
+
+
+@pytest.mark.fault("crowd that asks for costly answers")
+def test_who_waits_too_long_for_a_process_is_refused_and_its_work_never_begins(monkeypatch):
+    monkeypatch.setattr(concurrency, "LONGEST_WAIT_S", 0.05)
+    one, gate, begun = SerialExecutor("test"), threading.Event(), []
+
+    def work(number):
+        begun.append(number)
+        return gate.wait()
+
+    async def crowd():
+        first = asyncio.create_task(one.do(work, 0))
+        await asyncio.sleep(0)
+        with pytest.raises(ServiceBusy):
+            await one.do(work, 1)
+        gone = asyncio.create_task(one.do(work, 2))
+        await asyncio.sleep(0)
+        gone.cancel()
+        await asyncio.gather(gone, return_exceptions=True)
+        gate.set()
+        return await first, await one.do(work, 3)
+
+    assert asyncio.run(crowd()) == (True, True)
+    assert begun == [0, 3]
+
+
+@pytest.mark.fault(
+    "crowd that asks for costly answers",
+    group="api",
+    outcome="Two of a kind are worked out at a time and eight wait; more get 503 and Retry-After.",
+)
+def test_costly_answers_are_worked_out_a_few_at_a_time():
+    limit, running, most = ConcurrencyLimit("reports"), 0, 0
+    gate = asyncio.Event()
+
+    async def route():
+        nonlocal running, most
+        async with asynccontextmanager(limit.__call__)():
+            running += 1
+            most = max(most, running)
+            await gate.wait()
+            running -= 1
+
+    async def crowd():
+        asked = [asyncio.create_task(route()) for _ in range(MOST_RUNNING + MOST_WAITING)]
+        await asyncio.sleep(0)
+        with pytest.raises(ServiceBusy, match="10 reports"):
+            await route()
+        asked[-1].cancel()  # a client that waits no longer makes room
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        asked.append(asyncio.create_task(route()))
+        gate.set()
+        return await asyncio.gather(*asked, return_exceptions=True)
+
+    found = asyncio.run(crowd())
+    assert most == MOST_RUNNING
+    assert sum(each is not None for each in found) == 1
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/api/v1/report?campaign=1",
+        "/api/v1/comparisons?a=1&b=2",
+        "/api/v1/costs",
+        "/api/v1/campaigns/1/cost",
+        "/metrics",
+        "/comparison",
+        "/campaigns/1/measures",
+    ],
+)
+@pytest.mark.fault("crowd that asks for costly answers")
+def test_a_costly_route_refuses_a_crowd(http, campaign, monkeypatch, path):
+    monkeypatch.setattr(concurrency, "MOST_WAITING", -MOST_RUNNING)
+    refused = http.get(path)
+    assert refused.status_code == 503
+    assert refused.headers["retry-after"] == "1"
+    monkeypatch.undo()
+    assert http.get(path).status_code != 503
 
 
 def test_a_replay_is_a_campaign_with_the_same_noise(http, crash, store):

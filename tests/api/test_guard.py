@@ -28,6 +28,11 @@ def test_names_of_this_machine_are_taken(http, host):
     assert http.get("/healthz", headers={"Host": host}).status_code == 200
 
 
+@pytest.mark.fault(
+    "foreign Host header, or request from another site's page",
+    group="api",
+    outcome="It is refused, against DNS rebinding and cross-site requests.",
+)
 @pytest.mark.parametrize(
     "host",
     [
@@ -48,6 +53,7 @@ def test_other_names_are_refused_against_dns_rebinding(http, problem, host):
     assert told["remedy"]
 
 
+@pytest.mark.fault("foreign Host header, or request from another site's page")
 def test_pages_of_others_cannot_send(http, fields, problem, store):
     for origin in ("https://evil.example", "null", "http://127.0.0.1:3000", "http://["):
         told = problem(http.post("/api/v1/campaigns", json=fields, headers={"Origin": origin}), 403)
@@ -95,6 +101,7 @@ REBOUND = ("evil.example:8440", "http://evil.example:8440")
 FIRST = {"name": "mine", "scope": "admin"}
 
 
+@pytest.mark.fault("foreign Host header, or request from another site's page")
 def test_on_a_private_network_only_listed_names_are_taken(store, monkeypatch):
     monkeypatch.setenv("EIGENFAIL_TRUST_NETWORK", "1")
     app = create_app(store, ApiSettings(host="0.0.0.0"))

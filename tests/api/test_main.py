@@ -98,8 +98,8 @@ def test_it_stops_when_told_to_with_a_follower_listening(running, stop):
 
 WITH_WORK_ASIDE = """
 import runpy, time
-from eigenfail_api.routes.explanations import ASIDE
-ASIDE._pool.submit(time.sleep, 60.0)
+from eigenfail_api.routes.episodes import EXPLAINING
+EXPLAINING._pool.submit(time.sleep, 60.0)
 runpy.run_module("eigenfail_api", run_name="__main__", alter_sys=True)
 """
 
@@ -111,6 +111,11 @@ def test_it_does_not_wait_for_work_aside_when_told_to_stop(start):
     assert process.wait(timeout=20) == 0
 
 
+@pytest.mark.fault(
+    "port already in use",
+    group="processes",
+    outcome="One sentence names the port before anything starts; exit code 3.",
+)
 def test_a_taken_port_is_one_sentence(refusal):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

@@ -5,14 +5,14 @@ from starlette.testclient import TestClient
 from typer.testing import CliRunner
 
 from eigenfail import plugins
+from eigenfail.cli.connection import Environment
 from eigenfail.cli.main import app as commands
-from eigenfail.cli.surroundings import Surroundings
 from eigenfail.client import Client
 from eigenfail.errors import Conflict, InvalidValue, NotFound
 from eigenfail.settings import read_settings
 from eigenfail.values import Outcome
 from eigenfail.values.records import Delivery
-from eigenfail_services.campaigns.materials import learner_context
+from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 
 
@@ -65,7 +65,7 @@ def test_a_failure_is_shrunk_in_the_very_scenario_that_it_drew(client, crash, fi
 def test_it_stands_on_the_page_of_its_campaign(app, client, crash, finish):
     number = finish(client.campaigns.shrink(*crash, episodes=40).id)
     transport = TestClient(app)._transport
-    surroundings = Surroundings(connect=lambda url: Client(url, transport))
+    surroundings = Environment(connect=lambda url: Client(url, transport))
     shown = CliRunner().invoke(commands, ["campaign", "show", str(number)], obj=surroundings)
     assert shown.exit_code == 0, shown.output
     told = client.campaigns.minimal(number)
@@ -77,7 +77,7 @@ def test_what_is_no_failure_or_not_there_is_refused(client, crash, finish, field
     campaign, _ = crash
     safe = next(iter(client.episodes.list(campaign, outcome=Outcome.SAFE)), None)
     if safe is not None:
-        with pytest.raises(InvalidValue, match="not in a collision"):
+        with pytest.raises(InvalidValue, match="not a collision"):
             client.campaigns.shrink(campaign, safe.index)
     with pytest.raises(NotFound):
         client.campaigns.shrink(campaign, 99)

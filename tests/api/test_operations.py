@@ -1,9 +1,16 @@
 """Alive, ready, measured."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+
+import pytest
+
 from eigenfail.errors import StoreUnavailable
 from eigenfail.values import Outcome
 from eigenfail.values.worker import Arrival
-from eigenfail_services.campaigns import crew
+from eigenfail_api.routes import operations
+from eigenfail_services.campaigns import summary
 
 
 def test_a_live_process_says_so_without_its_database(http, store, monkeypatch):
@@ -12,6 +19,7 @@ def test_a_live_process_says_so_without_its_database(http, store, monkeypatch):
 
 
 def test_ready_means_that_the_database_answers(http, store, monkeypatch, problem):
+    monkeypatch.setattr(operations, "MAX_AGE_S", 0.0)
     assert http.get("/readyz").status_code == 200
     monkeypatch.setattr(store, "ping", unreachable)
     response = http.get("/readyz")
@@ -19,6 +27,37 @@ def test_ready_means_that_the_database_answers(http, store, monkeypatch, problem
     assert told["type"] == "urn:eigenfail:store-unavailable"
     assert told["remedy"] == "Start it."
     assert response.headers["Retry-After"] == "1"
+
+
+def test_many_probes_at_once_ask_the_database_once(http, store, monkeypatch):
+    asked = []
+    monkeypatch.setattr(store, "ping", lambda: asked.append(time.sleep(0.05)))
+    with ThreadPoolExecutor(8) as probes:
+        answers = list(probes.map(lambda _: http.get("/readyz").status_code, range(24)))
+    assert set(answers) == {200}
+    assert len(asked) == 1
+    monkeypatch.setattr(operations, "MAX_AGE_S", 0.0)
+    http.get("/readyz")
+    assert len(asked) == 2
+
+
+@pytest.mark.fault(
+    "database that does not answer a probe",
+    group="storage",
+    outcome="`/readyz` answers 503 after three seconds; other requests are not held up.",
+)
+def test_a_probe_that_hangs_is_given_up_and_holds_up_nobody(http, store, monkeypatch, problem):
+    answers, begun = Event(), []
+    monkeypatch.setattr(store, "ping", lambda: begun.append(answers.wait(60.0)))
+    monkeypatch.setattr(operations, "PROBE_LIMIT_S", 0.5)
+    with ThreadPoolExecutor(4) as probes:
+        waiting = [probes.submit(http.get, "/readyz") for _ in range(4)]
+        assert http.get("/healthz").status_code == 200
+        for each in waiting:
+            told = problem(each.result(timeout=30.0), 503)
+            assert "did not answer within 0.5 s" in told["detail"]
+    answers.set()
+    assert len(begun) <= 1
 
 
 def test_metrics_count_campaigns_episodes_and_failures(
@@ -62,7 +101,7 @@ def test_requests_are_counted_by_route_not_by_address(http, fields, store, monke
 
 
 def test_metrics_see_campaigns_beyond_the_first_page(http, fields, monkeypatch):
-    monkeypatch.setattr("eigenfail_api.metrics.PAGE", 2)
+    monkeypatch.setattr("eigenfail_api.routes.operations.PAGE", 2)
     for _ in range(5):
         http.post("/api/v1/campaigns", json=fields)
     assert 'eigenfail_campaigns{state="queued"} 5.0' in http.get("/metrics").text.splitlines()
@@ -84,5 +123,5 @@ def test_workers_that_are_connected_are_listed_at_work_or_not(http, store, monke
     (found,) = http.get("/api/v1/workers/present").json()["items"]
     assert (found["id"], found["worker"], found["host"]) == (number, "w1", "rack 4")
     assert found["versions"] == {"numpy": "2.4.6"}
-    monkeypatch.setattr(crew, "PRESENT_S", -1)
+    monkeypatch.setattr(summary, "PRESENT_S", -1)
     assert http.get("/api/v1/workers/present").json()["items"] == []

@@ -42,7 +42,7 @@ def test_the_schema_of_a_scenario_carries_its_bounds(http):
 
 def test_a_plugin_that_cannot_be_loaded_says_why_and_hides_no_other(http, monkeypatch):
     broken = EntryPoint("broken", "no_such_module:Planner", plugins.PLANNERS)
-    known = plugins.registered(plugins.PLANNERS)
+    known = plugins.list_entry_points(plugins.PLANNERS)
     monkeypatch.setitem(known, "broken", broken)
     items = {item["name"]: item for item in http.get("/api/v1/planners").json()["items"]}
     assert "no_such_module" in items["broken"]["problem"]

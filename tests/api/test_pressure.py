@@ -98,6 +98,11 @@ async def crowd(server, fields, wave):
     return Counter(seen)
 
 
+@pytest.mark.fault(
+    "two hundred clients at once",
+    group="api",
+    outcome="All are answered; memory does not grow from one crowd to the next.",
+)
 def test_two_hundred_clients_at_once_are_answered_or_refused(server, fields):
     resident, seen = [], Counter()
     for wave in range(WAVES):
@@ -139,6 +144,12 @@ def deaf(server):
     return made
 
 
+@pytest.mark.fault(
+    "browser that never reads its event stream",
+    group="messages",
+    outcome="The server buffers one batch of 500 events for it beyond the connection's own "
+    "buffer; other browsers do not wait.",
+)
 def test_followers_that_never_read_hold_up_nobody_and_cost_little(server, full_log):
     everything = list(range(1, EVENTS + 1))
     assert read_all(server) == everything

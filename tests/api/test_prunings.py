@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.client import Client
-from eigenfail.client.refusals import refusal
+from eigenfail.client.link import read_refusal
 from eigenfail.errors import NoisePruned
 from eigenfail.values import CampaignState, Outcome
 from eigenfail.values.retention import Retention, Weight
@@ -27,7 +27,7 @@ def test_what_needs_the_noise_is_gone_with_the_way_out(http, pruned, problem, mo
     assert told["type"] == "urn:eigenfail:noise-pruned"
     assert f"The noise of episode {pruned}/1 was pruned on 20" in told["detail"]
     assert f"eigenfail episode replay {pruned}/1" in told["remedy"]
-    assert isinstance(refusal(http.get(f"{URL}/{pruned}/episodes/1")), NoisePruned)
+    assert isinstance(read_refusal(http.get(f"{URL}/{pruned}/episodes/1")), NoisePruned)
 
 
 def test_a_replay_of_it_is_refused_alike(http, store, pruned, problem):

@@ -2,9 +2,10 @@
 
 import pytest
 from sqlalchemy import Engine, event
+from store_checks.examples import deliver, running
 
-from eigenfail.testing.store.examples import collision, deliver, result, running
-from eigenfail_api.access import door
+from eigenfail.testing.examples import collision, result
+from eigenfail_api.access import authentication
 from eigenfail_services.store import open_store
 
 
@@ -36,7 +37,7 @@ def test_fifty_campaigns_take_as_many_questions_as_five(
     *, http, store, asked, address, items, monkeypatch
 ):
     # Whether there are keys is asked now and then, whatever else is asked.
-    monkeypatch.setattr(door, "LOOKED_EVERY_MS", 3_600_000)
+    monkeypatch.setattr(authentication, "KEY_CHECK_MS", 3_600_000)
     http.get(address)
     questions = []
     for count in (5, 45):

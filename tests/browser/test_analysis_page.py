@@ -15,7 +15,7 @@ from eigenfail.values import (
     Outcome,
 )
 from eigenfail.values.records import Delivery
-from eigenfail.variations import drawn_for
+from eigenfail.worlds import drawn_for
 
 pytestmark = pytest.mark.browser
 

@@ -75,7 +75,7 @@ def test_campaigns_are_picked_without_a_mouse(visit, made):
 
 def test_what_is_chosen_is_changed_with_links_alone(visit, made, several):
     page = visit(several, java_script_enabled=False)
-    page.get_by_role("link", name=f"Make {made.difs}: DiFS <b>on</b> cut-in the first").click()
+    page.get_by_role("link", name=f"Make it the first: {made.difs}: DiFS <b>on</b> cut-in").click()
     expect(page.get_by_text(f"The first: {made.difs}: DiFS")).to_be_visible()
     page.get_by_role("link", name=f"Remove {made.difs}: DiFS <b>on</b> cut-in").click()
     expect(page.get_by_text(f"The first: {made.baseline}: Monte Carlo")).to_be_visible()

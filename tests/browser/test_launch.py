@@ -129,7 +129,7 @@ def test_a_check_tells_what_it_would_be_and_how_programs_ask(visit, store):
     fill(page, "checked <b>only</b>")
     page.get_by_role("button", name="Check").click()
     expect(page.get_by_text("In order: 40 episodes can be launched.")).to_be_visible()
-    page.get_by_text("All that it would be").click()
+    page.get_by_text("Full specification").click()
     expect(page.get_by_role("cell", name="planner_settings.tracker.gate")).to_be_visible()
     page.get_by_text("Copy as curl, Python or CLI").click()
     page.get_by_role("button", name="Copy").nth(1).click()

@@ -3,7 +3,7 @@
 import pytest
 from playwright.sync_api import expect
 
-from eigenfail_api.dashboard import pages
+from eigenfail_api.dashboard import campaign_page
 
 pytestmark = pytest.mark.browser
 
@@ -89,7 +89,7 @@ def test_problems_are_pages(visit):
 
 def test_pages_can_be_read_before_any_script_runs(visit, made, monkeypatch):
     # What is known already comes with the page.
-    monkeypatch.setattr(pages, "is_done", lambda begun: False)
+    monkeypatch.setattr(campaign_page, "is_prefetched", lambda begun: False)
     page = visit("/", java_script_enabled=False)
     expect(page.locator(f"#campaign-{made.ast}")).to_contain_text("160 of 300")
     page.locator("details.data summary").first.click()

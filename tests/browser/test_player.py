@@ -63,6 +63,14 @@ def test_it_plays_steps_and_scrubs_by_buttons(crash):
     expect(page.locator("[data-play]")).to_have_text("Play")
 
 
+def test_the_account_leaves_the_title_of_the_page_alone(crash):
+    page = crash()
+    expect(page.get_by_role("heading", name="What happened")).to_be_visible()
+    page.locator("details.copy summary").click()
+    expect(page.locator("#copies-here pre")).to_have_count(3)
+    expect(page).to_have_title("Episode 3 of Wave on cut-in · eigenfail")
+
+
 def test_it_obeys_keys(crash):
     page = crash()
     for keys, seconds in (

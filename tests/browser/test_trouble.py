@@ -46,6 +46,7 @@ def service(tmp_path):
     store.close()
 
 
+@pytest.mark.fault("SIGKILL of the controller")
 def test_a_page_takes_up_its_stream_after_a_restart(service, visit, new_campaign):
     running, store = service
     address = running.start()

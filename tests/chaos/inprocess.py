@@ -15,6 +15,7 @@ from eigenfail_services.hub.server import Hub
 from eigenfail_services.store import open_store
 
 PATIENCE_S = 150.0
+LOOK_AGAIN_S = 0.03
 
 
 class NoAnalyses:
@@ -50,17 +51,17 @@ class Service:
         deadline_s = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < deadline_s, what
-            assert self.hub.alive(), "the hub's thread has died"
+            assert self.hub.is_alive(), "the hub's thread has died"
             self.supervisor.turn()
-            time.sleep(0.01)
+            time.sleep(LOOK_AGAIN_S)
 
     def go_on(self, for_s: float) -> None:
         """Let it work for some time."""
         until_s = time.monotonic() + for_s
         while time.monotonic() < until_s:
-            assert self.hub.alive(), "the hub's thread has died"
+            assert self.hub.is_alive(), "the hub's thread has died"
             self.supervisor.turn()
-            time.sleep(0.01)
+            time.sleep(LOOK_AGAIN_S)
 
     def begin(self, **fields: object) -> int:
         """The id of a new campaign."""
@@ -93,6 +94,6 @@ def worker_at(address: str, name: str, *options: str) -> Iterator["subprocess.Po
     try:
         yield process
     finally:
-        for asked in (signal.SIGTERM, signal.SIGINT):  # the second one ends its patience
+        for asked in (signal.SIGTERM, signal.SIGINT):  # the second one ends its timeout
             process.send_signal(asked)
         process.wait()

@@ -12,7 +12,7 @@ VARIABLE = "EIGENFAIL_REQUIRE_PROOFS"
 HEADING = "NOT PROVED HERE"
 
 
-def reason(report: pytest.TestReport) -> str:
+def reason(report: pytest.TestReport | pytest.CollectReport) -> str:
     """Why it was skipped, without the place where that was decided."""
     told = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longreprtext
     return told.removeprefix("Skipped: ")
@@ -23,6 +23,16 @@ def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.Tes
     report = yield
     skipped = report.skipped and not hasattr(report, "wasxfail")
     if skipped and os.environ.get(VARIABLE) == "1":
+        report.longrepr = f"{HEADING}, and {VARIABLE} is set: {reason(report)}"
+        report.outcome = "failed"
+    return report
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """A module that is skipped as a whole is not proved either."""
+    report = yield
+    if report.skipped and os.environ.get(VARIABLE) == "1":
         report.longrepr = f"{HEADING}, and {VARIABLE} is set: {reason(report)}"
         report.outcome = "failed"
     return report

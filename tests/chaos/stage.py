@@ -19,7 +19,7 @@ SEED = 17
 DIFS_ROUNDS = {"initial_share": 0.2, "round_size": 6, "first_steps": 60, "steps": 20}
 CAMPAIGNS = {
     "monte_carlo": {"method": "monte_carlo", "episodes": 1_000},
-    "ast": {"method": "ast", "episodes": 120, "settings": {"round_size": 6}},
+    "ast": {"method": "ast", "episodes": 120, "settings": {"round_size": 6, "gradient_steps": 1}},
     "difs": {"method": "difs", "episodes": 120, "settings": DIFS_ROUNDS},
 }
 """Long enough that every one of them is met in the middle of its work."""

@@ -16,7 +16,8 @@ import psutil
 from eigenfail.client import Client
 
 PATIENCE_S = 120.0
-LOOK_AGAIN_S = 0.01
+LOOK_AGAIN_S = 0.05
+"""Seldom enough that looking, which is a query mostly, takes little of the processor."""
 LEARNER = "learner_process"
 STOPPED = "TtZX"
 """States of threads that do nothing, in the kernel's letters."""

@@ -3,10 +3,12 @@
 The workers' one line to the hub is a stranger's, too: it is cut, gone for a while, or mute one way.
 """
 
+import sqlite3
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from functools import partial
 from random import Random
 from types import MappingProxyType
 from typing import NamedTuple
@@ -52,20 +54,8 @@ class Storm:
         self.services, self.controller = stage.services(), stage.controller()
         self._line = stage.line(seed=random.randrange(2**31))
         self.workers = [self._worker() for _ in range(WORKERS)]
-        self.faults: dict[str, Fault] = {
-            "inner process killed": self._kill_child,
-            "worker killed": self._kill_worker,
-            "worker held up": lambda: self._hold_up(self._random.choice(self.workers)),
-            "learner killed": self._kill_learner,
-            "services held up": lambda: self._hold_up(self.services),
-            "services killed": self._kill_services,
-            "controller killed": self._kill_controller,
-            "everything killed": self._kill_everything,
-            "line cut": self._cut,
-            "line away": lambda: self._pause(self._line.severed()),
-            "line mute one way": lambda: self._pause(self._line.muted(self._random.choice([*Way]))),
-            **more,
-        }
+        own = {kind: partial(cause, self) for kind, cause in CAUSES.items()}
+        self.faults: dict[str, Fault] = {**own, **more}
 
     def rage(self, over: Callable[[], bool], kinds: Iterable[str] = ()) -> None:
         """Run campaigns, one method after the other, and cause faults (of some kinds)."""
@@ -136,10 +126,60 @@ class Storm:
     def _hold_up(self, process: Started) -> bool:
         return self._pause(held_up(process))
 
+    def _hold_up_worker(self) -> bool:
+        return self._hold_up(self._random.choice(self.workers))
+
+    def _hold_up_services(self) -> bool:
+        return self._hold_up(self.services)
+
+    def _sever(self) -> bool:
+        return self._pause(self._line.severed())
+
+    def _mute(self) -> bool:
+        return self._pause(self._line.muted(self._random.choice([*Way])))
+
     def _pause(self, trouble: AbstractContextManager[None]) -> bool:
         with trouble:
             time.sleep(self._random.uniform(*PAUSE_S))
         return True
+
+
+CAUSES: Mapping[str, Callable[[Storm], bool]] = MappingProxyType(
+    {
+        "SIGKILL of a worker's inner process": Storm._kill_child,
+        "SIGKILL of a worker": Storm._kill_worker,
+        "SIGSTOP of a worker": Storm._hold_up_worker,
+        "SIGKILL of a learner": Storm._kill_learner,
+        "SIGSTOP of the services": Storm._hold_up_services,
+        "SIGKILL of the services": Storm._kill_services,
+        "SIGKILL of the controller": Storm._kill_controller,
+        "SIGKILL of every process at once": Storm._kill_everything,
+        "worker connection cut": Storm._cut,
+        "worker connection unavailable": Storm._sever,
+        "worker connection silent in one direction": Storm._mute,
+    }
+)
+SERVER_SHUTDOWN = "immediate shutdown of PostgreSQL"
+WRITE_LOCK = "write lock of another program on the SQLite file"
+KINDS = (*CAUSES, SERVER_SHUTDOWN, WRITE_LOCK)
+"""The kinds of faults that a storm injects, as the tables of docs/reliability.md name them."""
+
+
+def hold_write_lock(url: str, random: Random) -> bool:
+    """Lock a SQLite database against writes for some seconds."""
+    with write_lock(url):
+        time.sleep(random.uniform(*PAUSE_S))
+    return True
+
+
+@contextmanager
+def write_lock(url: str) -> Iterator[None]:
+    """Hold the write lock of a SQLite database, as another program would."""
+    path = url.removeprefix("sqlite:///")
+    with closing(sqlite3.connect(path, isolation_level=None, timeout=PAUSE_S[1])) as other:
+        other.execute("BEGIN IMMEDIATE")
+        yield
+        other.execute("ROLLBACK")
 
 
 @contextmanager

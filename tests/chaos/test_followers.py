@@ -31,6 +31,11 @@ def tell(stage: Stage) -> Iterator[Callable[[int], list[int]]]:
         yield lambda n: [store.events.append("test", SAID).id for _ in range(n)]
 
 
+@pytest.mark.fault(
+    "event stream cut",
+    group="messages",
+    outcome="The browser resumes after the last event that it received; every event arrives once.",
+)
 def test_every_event_comes_once_through_all_cuts(tell, proxy: Proxy) -> None:
     told = tell(EVENTS)
     proxy.line = Line(cut=0.05)
@@ -40,6 +45,7 @@ def test_every_event_comes_once_through_all_cuts(tell, proxy: Proxy) -> None:
     assert proxy.befell["cut"] > 1
 
 
+@pytest.mark.fault("event stream cut")
 def test_what_happens_while_one_is_cut_off_is_not_missed(tell, proxy: Proxy) -> None:
     with Client(proxy.address) as client:
         (before,) = tell(1)

@@ -91,6 +91,12 @@ class Site:
         )
 
 
+@pytest.mark.fault(
+    "host of a worker cut off, slow, late or gone",
+    group="messages",
+    outcome="Its episodes go to others after 10 s. Results that it finished count when it is "
+    "back; the campaign keeps its digest.",
+)
 def test_hosts_that_are_cut_off_slow_late_and_gone_change_nothing(
     network: Network, postgres_url: str, tmp_path: Path
 ) -> None:
@@ -111,14 +117,16 @@ def befall(stage: Stage, site: Site) -> None:
     campaign = stage.create(**FIELDS)
     stage.wait_for(campaign, 4)
     site.network.unplug(second)
+    # With the first one gone, too, the rest of the campaign is the late host's: however slowly it
+    # starts on a loaded machine, the campaign cannot be over before it has brought a result.
+    assert site.send_home(first) == 0
+    assert not stage.is_over(campaign), "nothing befell the campaign"
     late = site.network.host("rack3")
     site.network.slow_down(late, RATE)
     site.man(late)
     site.wait_until_lost(second)
-    assert not stage.is_over(campaign), "nothing befell the campaign"
-    site.network.plug_in(second)
     wait_until(lambda: brought(stage, campaign, late) > 0, "the late host brings a result")
-    assert site.send_home(first) == 0
+    site.network.plug_in(second)
     found = stage.finish(campaign)
 
     assert found.digests[campaign] == digest

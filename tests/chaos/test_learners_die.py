@@ -7,6 +7,12 @@ from started import Services, wait_until
 pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 
 
+@pytest.mark.fault(
+    "SIGKILL of a learner",
+    group="processes",
+    outcome="The learner starts again from its checkpoint and learns the same. Workers keep "
+    "their leases and continue.",
+)
 @pytest.mark.parametrize("method", ["ast", "difs"])
 def test_a_killed_learner_learns_the_same(
     stage: Stage, undisturbed: dict[str, str], method: str

@@ -5,19 +5,35 @@ longer than the limit take seconds.
 """
 
 import socket
+import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 import reader
 from forwarder import Carriage, Forwarder
 from inprocess import PATIENCE_S, Service, worker_at
+from msgspec.structs import replace
 from proxy import Line, Proxy, Way
 
-from eigenfail.wire.messages import MAX_MESSAGE_BYTES
-from eigenfail_services.hub import desk
+from eigenfail.values import EpisodeFault, EpisodeResult, EpisodeTask, PriorSource, unrunnable
+from eigenfail.values.scene import Scene
+from eigenfail.wire.messages import (
+    MAX_FRAME_BYTES,
+    PROTOCOL,
+    Ack,
+    Goodbye,
+    Heartbeat,
+    Hello,
+    HubMessage,
+    Refusal,
+    Results,
+)
+from eigenfail_services.hub import worker_sessions
 from eigenfail_services.hub.keys import HubKeys, KeyFolder
+from eigenfail_workers.worker.hub_connection import HubConnection
 
 pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 
@@ -30,7 +46,7 @@ AST = {
     "planner": "idm",
     "simulator": "point_mass",
     "episodes": 24,
-    "settings": {"round_size": 6},
+    "settings": {"round_size": 6, "gradient_steps": 1},
 }
 
 LINES = {
@@ -50,8 +66,8 @@ CARRIAGES = {
 @pytest.fixture(scope="module")
 def quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(desk, "HEARTBEAT_S", BEAT_S)
-        patch.setattr(desk, "SILENCE_LIMIT_S", LIMIT_S)
+        patch.setattr(worker_sessions, "HEARTBEAT_S", BEAT_S)
+        patch.setattr(worker_sessions, "SILENCE_LIMIT_S", LIMIT_S)
         yield
 
 
@@ -89,6 +105,12 @@ def proxy(service: Service) -> Iterator[Proxy]:
         yield line
 
 
+@pytest.mark.fault("worker connection cut")
+@pytest.mark.fault(
+    "worker connection slow or delayed",
+    group="messages",
+    outcome="The worker stays connected; the campaign keeps its digest.",
+)
 @pytest.mark.parametrize("kind", LINES)
 def test_a_bad_line_changes_no_episode(service, calm, proxy, manned, kind) -> None:
     manned(proxy.address)
@@ -98,6 +120,11 @@ def test_a_bad_line_changes_no_episode(service, calm, proxy, manned, kind) -> No
     assert service.finish(campaign) == calm
 
 
+@pytest.mark.fault(
+    "worker connection silent in one direction",
+    group="messages",
+    outcome="The same as an unavailable connection; the campaign keeps its digest.",
+)
 @pytest.mark.parametrize("way", Way)
 def test_one_direction_may_be_silent_for_longer_than_the_limit(
     service, calm, proxy, manned, way
@@ -116,6 +143,12 @@ def begun(service: Service) -> int:
     return campaign
 
 
+@pytest.mark.fault(
+    "worker connection unavailable",
+    group="messages",
+    outcome="After 10 s its episodes go to others; the worker returns when the connection "
+    "does, and brings its results.",
+)
 def test_a_line_that_is_gone_for_longer_than_the_limit(service, calm, proxy, manned) -> None:
     manned(proxy.address)
     campaign = begun(service)
@@ -130,6 +163,11 @@ def forwarder(service: Service) -> Iterator[Forwarder]:
         yield carrier
 
 
+@pytest.mark.fault(
+    "messages lost, duplicated, delayed or reordered",
+    group="messages",
+    outcome="They are sent or leased again; one in five of each kind changes no episode.",
+)
 @pytest.mark.parametrize("share", CARRIAGES)
 def test_lost_doubled_and_late_messages_change_no_episode(
     service, calm, forwarder, manned, share
@@ -143,6 +181,11 @@ def test_lost_doubled_and_late_messages_change_no_episode(
     forwarder.carriage = Carriage()
 
 
+@pytest.mark.fault(
+    "two workers with one name",
+    group="messages",
+    outcome="Both work: the hub tells workers apart by process and connection.",
+)
 def test_two_workers_with_one_name_both_work(service, calm) -> None:
     service.crew(0)
     with worker_at(service.hub.address, "same"), worker_at(service.hub.address, "same"):
@@ -151,6 +194,12 @@ def test_two_workers_with_one_name_both_work(service, calm) -> None:
         assert service.run(**AST) == calm
 
 
+@pytest.mark.fault(
+    "dead worker connection that stays open",
+    group="messages",
+    outcome="After 20 unanswered heartbeats the worker connects again, as behind a firewall "
+    "that dropped the connection from its table.",
+)
 def test_a_line_that_is_dead_and_does_not_end_is_made_anew(service, calm, proxy, manned) -> None:
     manned(proxy.address)
     campaign = begun(service)
@@ -158,6 +207,13 @@ def test_a_line_that_is_dead_and_does_not_end_is_made_anew(service, calm, proxy,
     assert service.finish(campaign) == calm
 
 
+@pytest.mark.fault(
+    "bytes altered in transit",
+    group="messages",
+    outcome="With [keys](security.md#keys-of-workers) they are detected, and the connection "
+    "is made again. Without keys only TCP's checksum protects, and an altered number "
+    "may be stored.",
+)
 def test_bent_bytes_behind_a_key_cost_a_connection_and_nothing_else(quick, calm, tmp_path) -> None:
     folder, file = KeyFolder(tmp_path / "keys"), tmp_path / "worker.key"
     folder.create("w", file)
@@ -179,8 +235,8 @@ GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x01NULL" + bytes(48)
 READY = b"\x04\x1b\x05READY\x0bSocket-Type\x00\x00\x00\x06DEALER"
 """How a ZeroMQ peer without a key begins (ZMTP 3.1)."""
 
-LARGEST = MAX_MESSAGE_BYTES.to_bytes(8)
-TOO_LARGE = (MAX_MESSAGE_BYTES + 1).to_bytes(8)
+LARGEST = MAX_FRAME_BYTES.to_bytes(8)
+TOO_LARGE = (MAX_FRAME_BYTES + 1).to_bytes(8)
 LONG_FRAME = b"\x02"
 
 KNOCKS = 1_000
@@ -206,6 +262,11 @@ def is_closed(peer: socket.socket) -> bool:
     return True
 
 
+@pytest.mark.fault(
+    "message above the size limit",
+    group="messages",
+    outcome="ZeroMQ closes its connection, and no other.",
+)
 def test_a_frame_that_is_too_large_costs_its_connection_alone(service, calm, manned) -> None:
     manned(service.hub.address)
     campaign = begun(service)
@@ -219,6 +280,41 @@ def test_a_frame_that_is_too_large_costs_its_connection_alone(service, calm, man
     service.crew(WORKERS)
 
 
+HALF_SENT = 20
+HUGE = (255 * 2**20).to_bytes(8)
+MOST_GROWN_BYTES = 64 * 2**20
+
+
+@pytest.mark.fault(
+    "half-sent frames of 255 MB from strangers",
+    group="messages",
+    outcome="Their connections are closed as the length is named; at most 1 MiB is waited for.",
+)
+def test_half_sent_frames_take_little_memory(service) -> None:
+    before = resident_bytes()
+    with ExitStack() as stack:
+        for length in (HUGE, LARGEST):
+            for _ in range(HALF_SENT):
+                peer = knock(service, GREETING, READY, LONG_FRAME, length)
+                stack.enter_context(closing(peer))
+                with suppress(ConnectionError):
+                    peer.sendall(bytes(MAX_FRAME_BYTES - 1))
+                if length == HUGE:
+                    assert is_closed(peer)
+        assert resident_bytes() - before < MOST_GROWN_BYTES
+    assert service.hub.is_alive()
+
+
+def resident_bytes() -> int:
+    """Memory of this process, and of the hub in it, that is in use."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+
+@pytest.mark.fault(
+    "thousand connections that open and close",
+    group="messages",
+    outcome="The hub keeps nothing of them.",
+)
 def test_a_thousand_who_connect_and_go_leave_nothing_behind(service, calm, manned) -> None:
     manned(service.hub.address)
     before = handles()
@@ -233,3 +329,61 @@ def test_a_thousand_who_connect_and_go_leave_nothing_behind(service, calm, manne
 def handles() -> int:
     """Files and sockets that this process, and the hub in it, has open."""
     return len(list(Path("/proc/self/fd").iterdir()))
+
+
+NARROW_BYTES_PER_S = 20_000
+"""Twenty times 8 kbit/s, with beats that are ten times shorter: a policy takes 5 s, and a worker
+gives up its line after 2 s without a word."""
+
+NARROW_AST = AST | {"episodes": 12, "settings": {"round_size": 6, "hidden": (150, 150)}}
+"""Whose policies take 98 kB."""
+
+
+@pytest.mark.fault(
+    "line of 8 kbit/s",
+    group="messages",
+    outcome="Policies and results arrive in pieces, each a sign of life; same digests.",
+)
+def test_a_line_that_takes_long_over_one_policy_changes_no_episode(service, proxy) -> None:
+    service.crew(0)
+    with worker_at(service.hub.address, "calm"):
+        calm = service.run(**NARROW_AST)
+    service.crew(0)
+    with worker_at(proxy.address, "narrow"):
+        service.crew(1)
+        proxy.line = Line(bytes_per_s=NARROW_BYTES_PER_S)
+        came = len(proxy._connections)
+        assert service.run(**NARROW_AST) == calm
+        assert len(proxy._connections) == came, "the line was given up"
+    assert reader.read(service.url).complaints == ()
+
+
+@pytest.mark.fault("line of 8 kbit/s")
+def test_a_worker_that_takes_long_to_bring_one_result_is_not_given_up(service, proxy) -> None:
+    service.crew(0)
+    scene = Scene(0.1, *(np.zeros((n, 2, 4), np.float32) for n in (3_001, 1, 3_000, 3_000)))
+    long = replace(brought_by(0), scene=scene)
+    link = HubConnection(proxy.address)
+    link.send(Hello(PROTOCOL, "narrow", 0, life="narrow"))
+    service.crew(1)
+    proxy.line = Line(bytes_per_s=NARROW_BYTES_PER_S)
+    link.send(Results(10**6, (long,)))
+    answers: list[HubMessage] = []
+
+    def is_acknowledged() -> bool:
+        link.send(Heartbeat())
+        time.sleep(BEAT_S)
+        assert service.hub.workers() == ["narrow"]
+        answers.extend(link.receive())
+        return any(isinstance(each, Ack) and each.indices for each in answers)
+
+    began_s = time.monotonic()
+    with closing(link):
+        service.until(is_acknowledged, "the result does not arrive")
+        link.send(Goodbye())
+    assert time.monotonic() - began_s > 2 * LIMIT_S
+    assert not any(isinstance(answer, Refusal) for answer in answers)
+
+
+def brought_by(index: int) -> EpisodeResult:
+    return unrunnable(EpisodeTask(index, 0, PriorSource()), EpisodeFault("input", "test"))

@@ -8,6 +8,8 @@ from stage import Stage
 pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 
 
+@pytest.mark.fault("SIGTERM or Ctrl-C of a service, once or twice")
+@pytest.mark.fault("SIGTERM or Ctrl-C of a worker, once or twice")
 def test_who_is_told_to_stop_hands_over_and_exits_with_0(
     stage: Stage, undisturbed: dict[str, str]
 ) -> None:

@@ -61,6 +61,13 @@ def staged(url: str, folder: Path) -> Iterator[Stage]:
         stage.end()
 
 
+@pytest.mark.fault("SIGKILL of every process at once")
+@pytest.mark.fault(
+    "immediate shutdown of PostgreSQL",
+    group="storage",
+    outcome="Nothing is acknowledged meanwhile, and everything is tried again every second. "
+    "With fsync on, nothing that was acknowledged is lost.",
+)
 def test_a_database_that_is_broken_off_costs_no_episode(
     stage: Stage, postgres_server: Server, undisturbed: dict[str, str]
 ) -> None:
@@ -101,6 +108,7 @@ def failing_to_sync(server: Server) -> Iterator[None]:
             tracer.terminate()
 
 
+@pytest.mark.fault("fsync that fails")
 def test_what_a_server_could_not_bring_to_disk_is_not_acknowledged(
     strace: None, stage: Stage, postgres_server: Server, undisturbed: dict[str, str]
 ) -> None:
@@ -153,6 +161,7 @@ def fill(file: Path) -> None:
             stream.write(bytes(4_096))
 
 
+@pytest.mark.fault("disk of a PostgreSQL server full, or server read-only")
 def test_a_server_without_room_for_its_log_loses_nothing(
     small_folder: Path, tmp_path: Path, undisturbed: dict[str, str]
 ) -> None:
@@ -172,6 +181,7 @@ def test_a_server_without_room_for_its_log_loses_nothing(
         assert [process.end() for process in (services, worker)] == [0, 0]
 
 
+@pytest.mark.fault("SIGSTOP of the services")
 def test_services_that_stand_still_in_a_transaction_hold_nobody_up(stage: Stage) -> None:
     services, _worker = stage.services(), stage.worker()
     campaign = stage.create(method="monte_carlo", episodes=100_000)

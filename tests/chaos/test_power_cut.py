@@ -14,8 +14,9 @@ from typing import NamedTuple
 import pytest
 import reader
 from power import Disk, Event, recorded, recorder
+from store_checks.examples import deliver
 
-from eigenfail.testing.store.examples import deliver, result
+from eigenfail.testing.examples import result
 from eigenfail_services.store import open_store
 
 pytestmark = pytest.mark.service
@@ -32,7 +33,8 @@ GONE_ON = 10
 
 COMMIT = f"""
 import sqlite3, sys
-from eigenfail.testing.store.examples import deliver, result, running
+from eigenfail.testing.examples import result
+from store_checks.examples import deliver, running
 from eigenfail_services.store import open_store, sqlite
 if sys.argv[2:]:
     sqlite.PRAGMAS = ("journal_mode = WAL", f"synchronous = {{sys.argv[2]}}")
@@ -108,6 +110,13 @@ def gone_on(folder: Path) -> str:
         return store.episodes.digest(1)
 
 
+@pytest.mark.fault(
+    "power cut",
+    group="storage",
+    outcome="Everything that was acknowledged is there, the file is sound, and the campaign "
+    "keeps its digest. Unsynced writes may be gone, whole or by sectors (SQLite: "
+    "before every sync, after every acknowledgement and during writes).",
+)
 @pytest.mark.parametrize("chance", [None, Random(SEED)], ids=["all", "some"])
 def test_what_was_acknowledged_survives_a_power_cut_at_any_moment(
     live: Callable[..., Life], tmp_path: Path, chance: Random | None

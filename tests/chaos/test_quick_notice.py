@@ -36,6 +36,12 @@ def service(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Se
         yield running, options
 
 
+@pytest.mark.fault(
+    "SIGKILL of a worker",
+    group="processes",
+    outcome="The hub sees the closed connection and, after about 3 s, leases the worker's "
+    "episodes to others. The campaign keeps its digest.",
+)
 def test_who_is_killed_is_given_up_before_one_who_was_stopped_earlier(service) -> None:
     running, options = service
     with ExitStack() as stack:
@@ -51,6 +57,13 @@ def test_who_is_killed_is_given_up_before_one_who_was_stopped_earlier(service) -
         stopped.send_signal(signal.SIGCONT)
 
 
+@pytest.mark.fault(
+    "worker connection cut",
+    group="messages",
+    outcome="A worker that connects again keeps its episodes. If it stays away, the hub gives"
+    " it up after about 3 s if it sees the closed connection, and after 10 s at the "
+    "latest. A worker that is back within 10 s adds no death to an episode.",
+)
 def test_lines_that_are_cut_cost_no_episode_and_count_no_death(service) -> None:
     running, options = service
     with ExitStack() as stack:
@@ -62,11 +75,11 @@ def test_lines_that_are_cut_cost_no_episode_and_count_no_death(service) -> None:
         for _ in range(CUTS):
             more = running.get(campaign).counts.completed + 100
             running.until(lambda n=more: running.get(campaign).counts.completed > n, "no results")
-            before = {*running.hub._leases.seats}
+            before = {*running.hub._leases.sessions}
             proxy.cut()
             running.until(
-                lambda old=before: len({*running.hub._leases.seats} - old) == 2, "nobody is back"
+                lambda old=before: len({*running.hub._leases.sessions} - old) == 2, "nobody is back"
             )
-        assert running.hub._leases.suspects() == []
+        assert running.hub._leases.list_interrupted() == []
     with create_engine(running.url).connect() as connection:
         assert connection.execute(text("select count(*) from deaths")).scalar() == 0

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 import reader
 from damages import DAMAGES
+from store_checks.examples import deliver, running
 
-from eigenfail.testing.store.examples import collision, deliver, failed, result, running, spec
+from eigenfail.testing.examples import collision, make_errored_result, result, spec
 from eigenfail.values import CampaignState, DisturbanceModel, NoiseTrajectory
 from eigenfail.values.disturbance import Correlated
-from eigenfail_services.campaigns.checkpoint import FORMAT, Checkpoint, write_checkpoint
+from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint
 from eigenfail_services.methods import archive
 from eigenfail_services.store import open_store
 
@@ -34,7 +35,7 @@ def fill(url: str) -> None:
     """Five campaigns: done, half-way, dead, with coloured noise, queued."""
     store = open_store(url)
     done, half, dead = (running(store, seed=seed) for seed in (DONE, HALF, DEAD))
-    deliver(store, done, *map(result, range(8)), failed(8), collision(9))
+    deliver(store, done, *map(result, range(8)), make_errored_result(8), collision(9))
     deliver(store, done, result(0))
     store.campaigns.move(done.id, CampaignState.DONE)
     deliver(store, half, result(0), result(1))

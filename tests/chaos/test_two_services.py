@@ -7,6 +7,16 @@ from started import free_port, wait_until
 pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 
 
+@pytest.mark.fault(
+    "SIGSTOP of the services",
+    group="time",
+    outcome="After 10 s another service on the same database takes over their campaigns. "
+    "PostgreSQL ends a transaction in which they stand still after 10 s, and from "
+    "version 17 on a statement that hands over rows after 30 s; SQLite takes no "
+    "writes until they continue or are killed. The time that they lost counts against"
+    " no worker.",
+)
+@pytest.mark.fault("two services on one database")
 def test_a_service_that_stood_still_is_taken_over_from(
     stage: Stage, undisturbed: dict[str, str]
 ) -> None:

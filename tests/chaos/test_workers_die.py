@@ -7,6 +7,7 @@ from started import wait_until
 pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 
 
+@pytest.mark.fault("SIGKILL of a worker's inner process")
 def test_killed_inner_processes_cost_no_episode(stage: Stage, undisturbed: dict[str, str]) -> None:
     stage.services()
     workers = [stage.worker(), stage.worker()]
@@ -21,6 +22,13 @@ def test_killed_inner_processes_cost_no_episode(stage: Stage, undisturbed: dict[
     assert found.repeated == 0
 
 
+@pytest.mark.fault("SIGKILL of a worker")
+@pytest.mark.fault(
+    "SIGSTOP of a worker",
+    group="time",
+    outcome="The hub leases its episodes to others after 10 s, and welcomes it again after "
+    "SIGCONT. The pause does not count against its episode.",
+)
 def test_a_killed_and_a_paused_worker_cost_no_episode(
     stage: Stage, undisturbed: dict[str, str]
 ) -> None:

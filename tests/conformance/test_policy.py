@@ -4,10 +4,10 @@ import numpy as np
 import torch
 
 from eigenfail.values import STATE
-from eigenfail_services.methods.ast.fast import FastTrainer
-from eigenfail_services.methods.ast.sb3 import SacTrainer
 from eigenfail_services.methods.ast.trainer import SacOptions
-from eigenfail_workers.noise.policy import act, check, settled
+from eigenfail_services.methods.ast.trainer_numpy import FastTrainer
+from eigenfail_services.methods.ast.trainer_sb3 import SacTrainer
+from eigenfail_workers.noise.policy import act, copy_policy, validate_policy
 
 SEED = 7
 
@@ -38,8 +38,8 @@ def trainer():
 
 def test_numpy_and_torch_choose_the_same_noise():
     made = trainer()
-    policy = settled(made.policy(version=3))
-    check(policy)
+    policy = copy_policy(made.policy(version=3))
+    validate_policy(policy)
     random = np.random.default_rng(SEED)
     states = random.normal(size=(500, len(STATE))).astype(np.float32) * 2.0
     eps = random.standard_normal((500, 2), np.float32)
@@ -55,8 +55,8 @@ def test_numpy_and_torch_choose_the_same_noise():
 def test_the_fast_trainer_means_the_policy_that_it_exports():
     made = FastTrainer(OPTIONS)
     made.actor.weights *= 8.0
-    policy = settled(made.policy(version=0))
-    check(policy)
+    policy = copy_policy(made.policy(version=0))
+    validate_policy(policy)
     random = np.random.default_rng(SEED)
     states = random.normal(size=(500, len(STATE))).astype(np.float32) * 2.0
     eps = random.standard_normal((500, 2), np.float32)

@@ -18,11 +18,12 @@ sys.path.append(str(Path(__file__).parent))
 
 from building import Builder, sh
 from composed import Composed
+from packaging.utils import canonicalize_name
 from recipe import stages
 
 ROOT = Path(__file__).parents[2]
 INDEX = "TORCH_INDEX"
-PINS = ("constraints.txt", "deploy/constraints_image.txt")
+LOCKS = ("server.txt", "worker.txt", "torch_cpu.txt")
 OURS = {"eigenfail==0.1.0"}
 BY_KUBERAY = (
     ("bash", "-c", "--", "ray start --help"),
@@ -70,9 +71,14 @@ def build(folder: Path):
 
 def check_packages(composed: Composed) -> None:
     """Raises AssertionError if a package is not pinned, or one is missing that KubeRay starts."""
-    pinned = {name_of(line) for name in PINS for line in (ROOT / name).read_text().splitlines()}
+    lines = [
+        line
+        for name in LOCKS
+        for line in (ROOT / "deploy" / "locks" / name).read_text().splitlines()
+    ]
+    pinned = {name_of(line.split()[0]) for line in lines if "==" in line}
     for image in ("worker", "everything"):
-        told = composed.ask(("pip", "list", "--format=freeze"), image).replace("+cpu", "")
+        told = composed.ask(("pip", "list", "--format=freeze"), image)
         found = {name_of(line) for line in told.splitlines() if "==" in line}
         loose = {line for line in found - pinned - OURS if not line.startswith("pip==")}
         assert not loose, f"not pinned in {image}: {loose}"
@@ -83,7 +89,8 @@ def check_packages(composed: Composed) -> None:
 
 def name_of(line: str) -> str:
     """With one spelling of each name."""
-    return line.lower().replace("_", "-")
+    name, _, version = line.partition("==")
+    return f"{canonicalize_name(name)}=={version}"
 
 
 def lead_through(composed: Composed) -> None:

@@ -28,6 +28,24 @@ def test_what_lies_below_its_floor_is_told_with_the_advisory(audit):
     ]
 
 
+def test_a_pin_is_read_without_its_hashes_and_its_local_label(audit):
+    lines = ["# Written", "torch==2.13.0+cpu \\", "    --hash=sha256:a0 \\", "    --hash=sha256:b1"]
+    assert audit.pinned(lines) == {"torch": Version("2.13.0")}
+
+
+def test_pip_audit_is_given_every_package(audit, monkeypatch):
+    script = (
+        "import json, sys; text = open(sys.argv[-1]).read()"
+        "; print(json.dumps({'dependencies': [{'name': 'all', 'version': text, 'vulns': []}]}))"
+    )
+    monkeypatch.setattr(audit, "PIP_AUDIT", (audit.sys.executable, "-c", script))
+    packages = audit.read_locks(audit.LOCKS)
+    told = audit.asked(packages)["dependencies"][0]["version"].splitlines()
+    assert told == [f"{name}=={version}" for name, version in packages.items()]
+    assert f"torch=={packages['torch']}" in told
+    assert len(told) > 150
+
+
 def test_published_flaws_are_told_with_what_mends_them(audit):
     flaw = {"id": "A-1", "fix_versions": ["2.1", "3.0"]}
     found = {
@@ -47,12 +65,12 @@ def test_published_flaws_are_told_with_what_mends_them(audit):
 def test_without_advisories_the_floors_have_to_do(audit, monkeypatch, capsys, told):
     monkeypatch.setattr(audit, "PIP_AUDIT", (audit.sys.executable, "-c", told))
     monkeypatch.setattr(audit, "PATIENCE_S", 2)
-    assert list(audit.published(audit.asked())) == []
+    assert list(audit.published(audit.asked({}))) == []
     assert "the floors have to do" in capsys.readouterr().out
 
 
 def test_every_floor_is_of_a_package_that_is_pinned(audit):
     floors = tomllib.loads(audit.FLOORS.read_text())["floors"]
-    packages = audit.pinned(audit.CONSTRAINTS.read_text().splitlines())
+    packages = audit.read_locks(audit.LOCKS)
     assert floors.keys() <= packages.keys()
     assert all(Version(least) and advisory for least, advisory in floors.values())

@@ -12,7 +12,7 @@ import yaml
 from manifests import DEPLOY, OVERLAYS, built, example, pods
 from ray.scripts.scripts import start
 
-from eigenfail.cli.main import app
+from eigenfail.cli.main import DeferredCommand, app
 from eigenfail.errors import EigenfailError
 from eigenfail_api import __main__ as api
 from eigenfail_services import __main__ as services
@@ -68,16 +68,26 @@ def parse(words, monkeypatch):
         assert rest.pop(0) == "start"
         return start.make_context("start", rest)
     if program == "eigenfail":
-        command = typer.main.get_command(app).commands[rest[0]]
-        return command.make_context(rest[0], rest[1:])
+        return parse_eigenfail(rest, monkeypatch)
     assert [program, rest[0]] == ["python", "-m"]
     return PROGRAMS[rest[1]](rest[2:], monkeypatch)
+
+
+def parse_eigenfail(words, monkeypatch):
+    command, rest = typer.main.get_command(app), [*words]
+    while rest and rest[0] in getattr(command, "commands", {}):
+        command = command.commands[rest.pop(0)]
+        command = command.load() if isinstance(command, DeferredCommand) else command
+    context = command.make_context("eigenfail", rest)
+    if rest and hasattr(command, "commands"):
+        command.resolve_command(context, rest)
+    return context
 
 
 def parse_services(words, monkeypatch):
     arguments = services.parse(words)
     if arguments.command is services.serve:
-        options.launcher_of(arguments)
+        options.create_launcher(arguments)
     return arguments
 
 
@@ -94,6 +104,7 @@ def parse_worker(words, monkeypatch):
 
 
 PROGRAMS = {
+    "eigenfail": parse_eigenfail,
     "eigenfail_api": lambda words, _: api.read_settings(words),
     "eigenfail_services": parse_services,
     "eigenfail_workers": parse_worker,
@@ -114,6 +125,7 @@ def test_every_program_takes_its_words(call, monkeypatch):
         ("python", "-m", "eigenfail_api", "--hots", "0.0.0.0"),
         ("python", "-m", "eigenfail_workers", "--conect", "tcp://services:8441"),
         ("ray", "start", "--dashboard=false"),
+        ("python", "-m", "eigenfail", "db", "upgarde"),
         ("eigenfail", "gate", "suite.toml", "--uri", "http://controller"),
         (ON_RAY, "head:6379", "eigenfail_services", "--hup=tcp://0.0.0.0:8441"),
     ],

@@ -4,8 +4,8 @@ import pytest
 from manifests import built, named
 
 from eigenfail.private_files import read_private
-from eigenfail.wire.curve import read_worker_key
-from eigenfail_services.hub.keys import HubKeys, KeyFolder, public_of
+from eigenfail.wire.keys import read_worker_key
+from eigenfail_services.hub.keys import HubKeys, KeyFolder, derive_public_key
 
 
 def mounted(volume, files, folder):
@@ -50,5 +50,5 @@ def test_the_hub_lets_the_worker_in_whose_key_is_in_the_other_secret(made, tmp_p
     mounted(volume_of(manifests, "worker", "key"), worker, tmp_path / "worker")
     key = read_worker_key(read_private(tmp_path / "worker" / "worker.key", ""), "")
     hub = HubKeys(KeyFolder(tmp_path / "hub"))
-    assert key.hub == public_of(hub.secret)
-    assert hub.name_of(public_of(key.secret)) == "plain"
+    assert key.hub == derive_public_key(hub.secret)
+    assert hub.list_accepted().get(derive_public_key(key.secret)) == "plain"

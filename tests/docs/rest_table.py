@@ -1,22 +1,26 @@
-"""Writes the table of routes into docs/rest.md: `python tests/docs/rest_table.py`."""
+"""Write docs/openapi.json and the routes of docs/rest.md: `python tests/docs/rest_table.py`."""
 
+import json
 from pathlib import Path
 
+from eigenfail_api.access.scopes import required_scope
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.store import open_store
 
-PAGE = Path(__file__).parents[2] / "docs" / "rest.md"
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = DOCS / "rest.md"
 BEGIN, END = "<!-- routes -->", "<!-- /routes -->"
 
 
 def table(paths):
     """The rows, by path."""
     rows = [
-        f"| `{path}` | {', '.join(map(str.upper, item))} | {words(item)} |"
+        f"| `{path}` | {', '.join(map(str.upper, item))} | {format_scopes(path, item)} "
+        f"| {words(item)} |"
         for path, item in sorted(paths.items())
     ]
-    return "\n".join(["| address | verbs | what it is |", "|---|---|---|", *rows])
+    return "\n".join(["| address | verbs | least scope | what it is |", "|---|---|---|---|", *rows])
 
 
 def words(item):
@@ -26,13 +30,21 @@ def words(item):
     return " ".join(f"{verb.upper()}: {told['description']}" for verb, told in item.items())
 
 
+def format_scopes(path, item):
+    """Format the least scope of each verb: `GET: viewer, POST: runner`."""
+    verbs = [verb.upper() for verb in item]
+    return ", ".join(f"{verb}: {required_scope(verb, path) or 'no key'}" for verb in verbs)
+
+
 def main():
-    """Replace what is between the marks."""
+    """Write the document and the table."""
     store = open_store("memory://")
-    paths = create_app(store, ApiSettings()).openapi()["paths"]
+    document = create_app(store, ApiSettings()).openapi()
     store.close()
+    text = json.dumps(document, indent=1, ensure_ascii=False)
+    (DOCS / "openapi.json").write_text(f"{text}\n")
     before, _, rest = PAGE.read_text().partition(BEGIN)
-    PAGE.write_text(f"{before}{BEGIN}\n{table(paths)}\n{END}{rest.partition(END)[2]}")
+    PAGE.write_text(f"{before}{BEGIN}\n{table(document['paths'])}\n{END}{rest.partition(END)[2]}")
 
 
 if __name__ == "__main__":

@@ -6,8 +6,8 @@ import pytest
 
 from eigenfail.values import AnalysisResult, AnalysisSettings, FailureMode
 from eigenfail.values.findings import STABLE
-from eigenfail_services.analysis import clusters, components, moments, stability
-from eigenfail_services.methods.subset.modes import FEWEST_LINEAGES
+from eigenfail_services.analysis import clusters, components, moments
+from eigenfail_services.methods.subset.modes import MIN_LINEAGES
 from eigenfail_services.statistics.importance import FEWEST_EFFECTIVE
 
 # Rows and their labels, which say what they are.
@@ -43,12 +43,12 @@ def test_the_numbers_on_the_page_are_those_of_the_code(page):
         (components.SMALL_ENTRIES, "{:,} entries"),
         (components.WIDEST, "more than {} columns"),
         (clusters.CLUSTERED_ROWS, "Of more than {} failures"),
-        (stability.ROWS, "silhouettes and bootstrap take {} drawn"),
+        (clusters.ROWS, "silhouettes and bootstrap take {} drawn"),
         (clusters.SILHOUETTE_ROWS, "silhouettes and bootstrap take {} drawn"),
         (clusters.NOISE_DRAWS, "largest of {} draws"),
-        (moments.APART, "at least {} steps apart"),
+        (moments.MIN_STEPS_APART, "at least {} steps apart"),
         (STABLE, "Rand index is {} or more"),
-        (FEWEST_LINEAGES, "fewer than {:.0f} first draws"),
+        (MIN_LINEAGES, "fewer than {:.0f} first draws"),
         (FEWEST_EFFECTIVE, "less than {:.0f} independent ones"),
     ):
         assert words.format(number) in " ".join(page.split())

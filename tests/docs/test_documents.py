@@ -9,7 +9,7 @@ from starlette.testclient import TestClient
 
 from eigenfail.cli import main
 from eigenfail.cli.specs import check_plugins, read_spec
-from eigenfail.cli.tables import result_table
+from eigenfail.presentation.campaigns import tabulate_results
 from eigenfail.suites import Suite
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
@@ -78,9 +78,9 @@ def test_the_readme_is_short_and_names_the_two_commands(readme):
 
 def test_the_readme_shows_what_the_demo_prints(readme):
     shown = readme.text.split("<!-- demo -->")[1].split("<!-- /demo -->")[0]
-    columns = [str(column.header) for column in result_table([]).columns]
+    columns = [column.label for column in tabulate_results([]).columns]
     (header,) = [line for line in shown.splitlines() if "episodes/s" in line]
-    assert " ".join(header.split()) == " ".join(columns).replace("\\", "")
+    assert " ".join(header.split()) == " ".join(columns)
     for method in ("monte_carlo", "ast", "difs"):
         assert f" {method} " in shown
     assert "reproduced a failure" in shown

@@ -10,17 +10,17 @@ from starlette.testclient import TestClient
 import eigenfail.client
 from eigenfail.cli import main
 from eigenfail.errors import UnknownName
-from eigenfail.filters import COLUMNS, parse_fields, parse_filter, parse_sort
+from eigenfail.filters import parse_fields, parse_filter, parse_sort
 from eigenfail.values import CampaignSpec, EpisodeResult, Measures, NoiseTrajectory, Outcome
 from eigenfail.values.export import ExportRequest
 from eigenfail.values.records import Delivery
 from eigenfail.wire.http import read_body
 from eigenfail_api.app import create_app
-from eigenfail_api.routes import episodes, exports
+from eigenfail_api.routes import episodes
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.exports.shelf import KEPT
-from eigenfail_services.store.episode_pages import INDEXED
-from eigenfail_services.store.memory import MemoryStore
+from eigenfail_services.exports.folder import MAX_EXPORTS
+from eigenfail_services.store import open_store
+from eigenfail_services.store.episodes import INDEXED
 
 
 @pytest.fixture(scope="module")
@@ -59,31 +59,18 @@ def test_its_filters_are_read_and_its_refusal_is_the_one_that_comes(page):
     assert str(refused.value).startswith(refusal.strip())
 
 
-def test_its_table_has_every_column_and_no_other(page):
-    section = page.split("## Columns")[1].split("\n## ")[0]
-    rows = re.findall(r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \|", section, re.MULTILINE)
-    told = [(name, values.strip(), words.strip()) for name, values, words in rows]
-    assert told == [
-        (column.name, ", ".join(column.choices) or column.kind, column.words)
-        for column in COLUMNS.values()
-    ]
-
-
 def test_what_it_says_of_indices_and_files_is_so(page):
     sentence = page.split("The database keeps")[1].split("sorted")[0]
     assert set(re.findall(r"`(\w+)`", sentence)) == INDEXED | {"index"}
-    assert f"keeps the last {KEPT} Parquet files" in " ".join(page.split())
+    assert f"keeps the last {MAX_EXPORTS} Parquet files" in " ".join(page.split())
 
 
 def test_its_addresses_are_routes(page):
     told = re.findall(r"^\| `(\w+) (/api/v1/[^`]+)` \|", page, re.MULTILINE)
-    routes = {
-        (method, route.path)
-        for router in (episodes.router, exports.router)
-        for route in router.routes
-        for method in route.methods
-    }
-    assert set(told) == routes - {("GET", "/api/v1/campaigns/{campaign}/episodes/{index}")}
+    routes = {(method, route.path) for route in episodes.router.routes for method in route.methods}
+    # Other pages describe a single episode, its explanation and its replay.
+    elsewhere = ("/{index}", "/explanation", "/replay", "/steps")
+    assert set(told) == {each for each in routes if not each[1].endswith(elsewhere)}
 
 
 def test_its_body_is_an_export(page):
@@ -94,7 +81,7 @@ def test_its_body_is_an_export(page):
 
 
 def test_its_python_runs(page, tmp_path, monkeypatch, capsys):
-    store = MemoryStore()
+    store = open_store("memory://")
     campaign = store.campaigns.create(
         CampaignSpec(name="example", method="monte_carlo", episodes=3)
     )

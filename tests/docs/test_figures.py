@@ -25,7 +25,7 @@ WHOLE_PAGES = {
     "docs/cli.md": "test_cli_page.py",
 }
 COMPARED = {
-    "README.md": {"demo": "test_for_real.py"},
+    "README.md": {"demo": "test_documents.py"},
     "docs/performance.md": dict.fromkeys(("episode", "service"), "test_performance_page.py"),
     "docs/scale.md": {"workers": "test_scale_page.py", "episodes": "test_volume_page.py"},
 }

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from eigenfail.reproduction.claims import claims
+from eigenfail.reproduction.page import list_claims
 from eigenfail.reproduction.programme import SCALES
 
 
@@ -33,7 +33,7 @@ def test_it_is_a_run_at_full_scale(benchmark):
 
 def test_its_numbers_are_the_claims(benchmark, root):
     stated = msgspec.json.decode((root / "docs" / "claims.json").read_bytes())
-    kept = claims(benchmark.read())
+    kept = list_claims(benchmark.read())
     assert {name: stated[name].get("value") for name in kept} == {
         name: claim.value for name, claim in kept.items()
     }

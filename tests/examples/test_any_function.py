@@ -14,17 +14,19 @@ from msgspec.structs import replace
 from rich.console import Console
 from starlette.testclient import TestClient
 
-from eigenfail.cli.course_tables import campaign_page
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.errors import InputError, InvalidValue, UnknownName
-from eigenfail.functions import ALLOWED_VARIABLE, simulators
-from eigenfail.stories.replays import explain_episode, replay_episode, same_noise
+from eigenfail.explanations.replays import explain_episode, make_replay_task, replay_episode
+from eigenfail.functions import ALLOWED_VARIABLE
+from eigenfail.presentation.campaigns import describe_campaign
+from eigenfail.presentation.terminal import render
 from eigenfail.values import Correlated, DisturbanceModel
 from eigenfail.values.records import Delivery
+from eigenfail.worlds import list_simulators, world_of
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.campaigns.checks import check_spec, horizon
 from eigenfail_services.campaigns.summary import summarise
+from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.store import open_store
 from eigenfail_workers.engines import make_engine
 
@@ -75,9 +77,9 @@ def test_it_runs_in_its_own_process():
 
 def test_the_campaign_is_the_same_as_in_this_process(spec, results):
     check_plugins(spec)
-    assert check_spec(spec) is spec
-    assert horizon(spec) == results[0].steps == 20
-    again = make_engine(spec.setup()).run(list(map(same_noise, results)))
+    assert check_spec(spec).spec is spec
+    assert world_of(spec.simulator).horizon(spec) == results[0].steps == 20
+    again = make_engine(spec.setup()).run(list(map(make_replay_task, results)))
     assert [result.digest() for result in again] == [result.digest() for result in results]
 
 
@@ -110,7 +112,7 @@ def test_what_a_function_has_not_reads_as_a_dash(spec, results):
             " ".join(re.sub(r"<[^>]*>", " ", browser.get(path).raise_for_status().text).split())
             for path in ("/", f"/campaigns/{campaign}", f"/campaigns/{campaign}/episodes/{failure}")
         )
-    page = printed(campaign_page(store.campaigns.get(campaign), summary))
+    page = printed(render(*describe_campaign(store.campaigns.get(campaign), summary)))
     store.close()
     assert "sigma 1 at every step" in page
     assert "near misses" not in page
@@ -161,7 +163,7 @@ def test_a_module_that_is_not_here_is_refused_before_anything_is_started(spec):
 
 
 def test_functions_are_among_the_simulators(spec):
-    assert "function" in simulators()
+    assert "function" in list_simulators()
     with pytest.raises(UnknownName, match="function"):
         check_spec(replace(spec, simulator="functoin"))
 

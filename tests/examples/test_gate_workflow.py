@@ -20,6 +20,8 @@ SCHEMA = "vendor.github-workflows"
 
 
 def conforms(file):
+    if not CHECK[0].exists():
+        pytest.skip("the extra deploy-checks is not installed: see docs/contributing.md")
     command = [*CHECK, SCHEMA, file]
     return subprocess.run(command, capture_output=True, text=True, check=False).returncode == 0
 

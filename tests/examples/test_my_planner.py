@@ -26,7 +26,7 @@ UNDISTURBED = TrajectorySource(np.zeros((0, 2), np.float32))
 
 
 def forget():
-    plugins.registered.cache_clear()
+    plugins.list_entry_points.cache_clear()
     plugins.load.cache_clear()
 
 

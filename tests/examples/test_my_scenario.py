@@ -32,7 +32,7 @@ FEWER_LEVELS = {"spacing_m": (5.0,), "cars": (1, 3)}
 
 
 def forget():
-    plugins.registered.cache_clear()
+    plugins.list_entry_points.cache_clear()
     plugins.load.cache_clear()
 
 

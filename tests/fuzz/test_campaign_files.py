@@ -5,15 +5,15 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from invalid_messages import cut_short, flip_bits
 from typer.testing import CliRunner
 
+from eigenfail.cli.connection import Environment
 from eigenfail.cli.main import app
 from eigenfail.cli.specs import check_plugins, read_spec
-from eigenfail.cli.surroundings import Surroundings
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable
-from eigenfail.testing.nonsense import cut_short, flip_bits
-from eigenfail_services.campaigns.checks import check_spec
+from eigenfail_services.campaigns.validation import check_spec
 
 SEED = 20261122
 FILES = 3_000
@@ -59,6 +59,11 @@ def bend_lines(random: Random, data: bytes) -> bytes:
 BENDS = (cut_short, flip_bits, bend_lines, bend_lines, bend_lines)
 
 
+@pytest.mark.fault(
+    "malformed campaign file",
+    group="api",
+    outcome="`eigenfail run` refuses it in words with exit code 2, never with a traceback.",
+)
 def test_a_bent_file_is_taken_or_refused_as_wrong_usage(tmp_path: Path) -> None:
     file = tmp_path / "bent.toml"
     taken, refused = 0, set()
@@ -80,6 +85,7 @@ def nobody(url: str) -> Client:
     raise ServiceUnreachable(f"No service is at {url}.")
 
 
+@pytest.mark.fault("malformed campaign file")
 @pytest.mark.parametrize("command", ["check", "create"])
 def test_the_command_never_ends_in_a_traceback(tmp_path: Path, command: str) -> None:
     file = tmp_path / "bent.toml"
@@ -87,13 +93,14 @@ def test_the_command_never_ends_in_a_traceback(tmp_path: Path, command: str) -> 
     for data in bent_files(SEED + 1, THROUGH_THE_COMMAND):
         file.write_bytes(data)
         words = ["campaign", command, str(file), "--url", "http://nowhere"]
-        done = CliRunner().invoke(app, words, obj=Surroundings(nobody))
+        done = CliRunner().invoke(app, words, obj=Environment(nobody))
         assert isinstance(done.exception, SystemExit), data
         assert done.output.startswith("eigenfail: ")
         codes.add(done.exit_code)
     assert codes == {WRONG_USAGE, NO_SERVICE}
 
 
+@pytest.mark.fault("malformed campaign file")
 @pytest.mark.parametrize("text", [TOO_DEEP, TOO_LONG])
 def test_what_tomllib_gives_up_on_is_refused(tmp_path: Path, text: str) -> None:
     file = tmp_path / "bent.toml"

@@ -52,6 +52,14 @@ def client(service: LocalService) -> Iterator[Client]:
         yield connected
 
 
+@pytest.fixture(scope="module")
+def lasting_worker(service: LocalService) -> Iterator[Worker]:
+    """One worker for all tests of a module that have no need of their own."""
+    worker = Worker(service.address.hub, "lasting")
+    yield worker
+    worker.stop()
+
+
 @pytest.fixture
 def start_worker(service: LocalService) -> Iterator[Callable[..., Worker]]:
     workers: list[Worker] = []

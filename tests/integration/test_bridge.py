@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from eigenfail.errors import InvalidValue
-from eigenfail.stories.replays import replay_episode
+from eigenfail.explanations.replays import replay_episode
 from eigenfail.values import AnalysisState, CampaignState
 
 pytestmark = pytest.mark.service
@@ -79,6 +79,7 @@ def test_the_adversary_learns_on_a_bridge(client, start_worker, bridge) -> None:
     assert client.campaigns.digest(first.id) == client.campaigns.digest(again.id)
 
 
+@pytest.mark.fault("SIGKILL of a bridge")
 def test_a_bridge_that_dies_and_comes_back_costs_no_episode(client, start_worker, bridge) -> None:
     start_worker()
     created = client.campaigns.create(**FIELDS, episodes=600, **ON_BRIDGE)
@@ -138,3 +139,29 @@ def test_every_slot_of_a_bridge_is_kept_busy_however_slow_it_is(
     taken = [int(slot) for slot in begun.read_text().split()]
     # The lowest free one is taken: whoever is in the last one has others in all that are before.
     assert SLOTS - 1 in taken[BEFORE:]
+
+
+@pytest.mark.fault(
+    "campaign with a name that the bridge does not know",
+    group="plug-ins",
+    outcome="The campaign is paused before an episode is spent, with the unknown name, the known "
+    "ones and the remedy; a corrected copy runs.",
+)
+def test_a_misspelt_parameter_pauses_its_campaign_before_an_episode_is_spent(
+    client, start_worker, bridge
+) -> None:
+    start_worker()
+    start_worker()
+    wrong = {"simulator": "bridge", "scenario_parameters": {"steps": 100, "distance": 60.0}}
+    created = client.campaigns.create(**FIELDS, episodes=40, **wrong)
+    rests = client.campaigns.wait(created.id, timeout_s=120)
+    assert rests.state is CampaignState.PAUSED
+    assert (rests.counts.completed, rests.counts.errored) == (0, 0)
+    assert "scenario_parameters: 'distance' is not known." in rests.stopped_because
+    assert "Did you mean 'distance_m'?" in rests.stopped_because
+    assert f"eigenfail campaign clone {created.id} --set FIELD=VALUE" in rests.stopped_because
+    # Nothing has changed: it is declined again, and again with its reason.
+    client.campaigns.resume(created.id)
+    again = client.campaigns.wait(created.id, timeout_s=120)
+    assert (again.state, again.counts.errored) == (CampaignState.PAUSED, 0)
+    finish(client, episodes=40, **ON_BRIDGE)

@@ -19,8 +19,7 @@ def finish(client, **fields):
     return ended.id
 
 
-def test_train_then_evaluate_there_and_farther_away(client, start_worker) -> None:
-    start_worker()
+def test_train_then_evaluate_there_and_farther_away(client, lasting_worker, start_worker) -> None:
     trained = finish(client, method="cem", seed=1)
     evaluate = {"method": "evaluate", "settings": {"campaign": trained}, "seed": 2}
     here = finish(client, **evaluate)
@@ -35,17 +34,17 @@ def again(client, start_worker, **fields):
     return client.campaigns.digest(finish(client, **fields))
 
 
-def test_what_cannot_be_evaluated_is_refused_at_once(client, start_worker) -> None:
-    start_worker()
+def test_what_cannot_be_evaluated_is_refused_at_once(client, lasting_worker) -> None:
     plain = finish(client, method="monte_carlo", episodes=2)
     for campaign, problem in ((plain, "learns nothing"), (10_000, "no campaign 10000")):
         with pytest.raises(InvalidValue, match=problem):
             client.campaigns.create(**FIELDS, method="evaluate", settings={"campaign": campaign})
 
 
-def test_an_ensemble_of_policies_is_the_same_whoever_runs_it(client, start_worker) -> None:
+def test_an_ensemble_of_policies_is_the_same_whoever_runs_it(
+    client, lasting_worker, start_worker
+) -> None:
     """Every round brings another member's policy, more of them than a worker keeps."""
-    start_worker()
     settings = {"members": 3, "settings": AST}
     one = finish(client, method="ensemble", settings=settings, episodes=75)
     digest = client.campaigns.digest(one)

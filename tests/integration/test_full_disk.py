@@ -60,6 +60,13 @@ def fill(file: Path) -> None:
                 continue
 
 
+@pytest.mark.fault(
+    "disk full",
+    group="storage",
+    outcome="Uncommitted results are not acknowledged and are tried again every second, "
+    "leasing pauses, and `/readyz` answers 503 with the reason. Work resumes by "
+    "itself once there is space.",
+)
 def test_a_full_disk_is_told_and_when_there_is_room_work_goes_on(small_disk: Path) -> None:
     plan = Plan(small_disk, port=0, launcher=Launcher.NONE)
     with local_service(plan) as service, Client(service.address.url) as client:

@@ -3,8 +3,11 @@
 import socket
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
 
 import psutil
 import pytest
@@ -43,6 +46,12 @@ def digest(client: Client, campaign: int) -> str:
     return client.campaigns.digest(campaign)
 
 
+@pytest.mark.fault(
+    "SIGKILL of a Ray worker",
+    group="processes",
+    outcome="Ray starts it again, and its episodes go to others meanwhile. The campaign keeps"
+    " its digest.",
+)
 def test_a_killed_ray_worker_is_replaced_and_changes_nothing(fresh_service, tmp_path) -> None:
     """On a hub that asks for keys, which they get from the service without anybody's doing."""
     KeyFolder(tmp_path / "data" / "hub-keys").create("by-hand", tmp_path / "by-hand.key")
@@ -69,6 +78,43 @@ def test_a_killed_ray_worker_is_replaced_and_changes_nothing(fresh_service, tmp_
     assert gone
 
 
+@pytest.fixture
+def ray_folder(monkeypatch) -> Iterator[Path]:
+    """Where Ray keeps its files; the path is short, as paths of sockets must be."""
+    with tempfile.TemporaryDirectory(prefix="r-", dir="/tmp") as folder:
+        monkeypatch.setenv("RAY_TMPDIR", folder)
+        yield Path(folder)
+
+
+PRINTING = {"name": "p", "method": "monte_carlo", "simulator": "point_mass", "episodes": 16}
+PRINTING |= {"planner": "test_prints", "planner_settings": {"kib": 1024}}
+
+
+@pytest.mark.fault("planner that prints without end")
+@pytest.mark.parametrize(
+    ("bounds", "most_bytes"),
+    [
+        ({"EIGENFAIL_OUTPUT_LIMIT_KIB": "2"}, 500_000),
+        ({"EIGENFAIL_OUTPUT_LIMIT_KIB": "1e6", "RAY_ROTATION_MAX_BYTES": "1000000"}, 3_000_000),
+    ],
+    ids=["the worker's own", "Ray's"],
+)
+def test_what_a_planner_prints_has_bounds_under_ray_and_goes_with_the_service(
+    fresh_service, ray_folder, monkeypatch, bounds, most_bytes
+) -> None:
+    """16 MiB are printed."""
+    for name, value in bounds.items():
+        monkeypatch.setenv(name, value)
+    with fresh_service(Launcher.RAY) as service, Client(service.address.url) as client:
+        campaign = client.campaigns.create(**PRINTING).id
+        assert client.campaigns.wait(campaign, timeout_s=120).counts.completed == 16
+        logs = [*ray_folder.glob("ray-*/session_2*/logs/worker-*")]
+        assert any(b"episode " in log.read_bytes() for log in logs)
+        assert sum(log.stat().st_size for log in logs) < most_bytes
+        assert "xxx" not in service.parts[1].log.read_text()
+    assert [*ray_folder.iterdir()] == []
+
+
 def driver(service) -> psutil.Process:
     """The process of Ray's driver."""
     services = psutil.Process(service.parts[1].process.pid)
@@ -92,7 +138,16 @@ def wait_for_more(client: Client, campaign: int) -> None:
     )
 
 
-def test_workers_come_with_the_work_outlive_ray_and_go_with_it(fresh_service, tmp_path) -> None:
+@pytest.mark.fault(
+    "SIGKILL of Ray's own processes",
+    group="processes",
+    outcome="Ray's driver reports every half second; without a raylet or a head, or after 30 "
+    "s of silence, the services kill it and start another, with a Ray of one machine "
+    "as well. Events `ray.lost` and `ray.back`; the campaign keeps its digest.",
+)
+def test_workers_come_with_the_work_outlive_ray_and_go_with_it(
+    fresh_service, ray_folder, tmp_path
+) -> None:
     """Ray is killed with all its workers in the middle, and what drives it after that."""
     span = Span(0, 2, idle_s=1.0)
     with fresh_service(Launcher.RAY, span=span) as service, Client(service.address.url) as client:
@@ -111,6 +166,8 @@ def test_workers_come_with_the_work_outlive_ray_and_go_with_it(fresh_service, tm
         wait_until(lambda: client.present_workers() == (), "who has nothing to do goes")
         wait_until(lambda: actors(service) == [], "and so does its process")
         log = service.parts[1].log.read_text()
+        assert len([*ray_folder.iterdir()]) == 1  # the folder of the third Ray
+    assert [*ray_folder.iterdir()] == []
     assert "Ray's process raylet has died." in log
     assert "The process of Ray's driver ended with status -9." in log
     found = reader.read(f"sqlite:///{tmp_path}/data/eigenfail.db")

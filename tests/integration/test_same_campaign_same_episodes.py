@@ -12,11 +12,16 @@ AST = {
     "method": "ast",
     "planner": "idm",
     "episodes": 60,
-    "settings": {"round_size": 6},
+    "settings": {"round_size": 6, "warm_up": 12, "gradient_steps": 1},
 }
-MONTE_CARLO = {"method": "monte_carlo", "planner": "idm", "episodes": 150}
+MONTE_CARLO = {"method": "monte_carlo", "planner": "idm", "episodes": 90}
 VARIED = {**MONTE_CARLO, "scenario_parameters": {"distance_m": {"uniform": [52, 70]}}}
-DIFS = {"method": "difs", "planner": "idm", "episodes": 60}
+DIFS = {
+    "method": "difs",
+    "planner": "idm",
+    "episodes": 60,
+    "settings": {"initial_share": 0.2, "round_size": 12, "first_steps": 60, "steps": 20},
+}
 
 
 def create(client, **fields):
@@ -38,6 +43,7 @@ def wait_for(client, campaign, completed: int) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.fault("SIGKILL of a worker")
 @pytest.mark.parametrize(
     "fields", [MONTE_CARLO, AST, DIFS, VARIED], ids=["monte_carlo", "ast", "difs", "varied"]
 )
@@ -68,6 +74,7 @@ def test_pause_and_resume_change_nothing(client, start_worker) -> None:
     assert finish(client, campaign) == undisturbed
 
 
+@pytest.mark.fault("SIGKILL of a learner")
 def test_a_killed_learner_goes_on_from_its_checkpoint(client, start_worker, service) -> None:
     import psutil
 

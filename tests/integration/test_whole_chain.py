@@ -1,9 +1,12 @@
 """From a campaign over REST to failures that are grouped, replayed and priced."""
 
+import time
+
 import numpy as np
 import pytest
 
 from eigenfail import plugins
+from eigenfail.client import Client
 from eigenfail.errors import Conflict, UnknownName
 from eigenfail.values import (
     AnalysisState,
@@ -16,13 +19,14 @@ from eigenfail.values import (
 pytestmark = pytest.mark.service
 
 
-@pytest.fixture
-def campaign(client, start_worker):
-    start_worker()
-    created = client.campaigns.create(
-        name="chain", method="monte_carlo", planner="idm", episodes=80, seed=3
-    )
-    return client.campaigns.wait(created.id, timeout_s=120)
+@pytest.fixture(scope="module")
+def campaign(service, lasting_worker):
+    """A campaign that is done; no test changes it."""
+    with Client(service.address.url) as client:
+        created = client.campaigns.create(
+            name="chain", method="monte_carlo", planner="idm", episodes=80, seed=3
+        )
+        return client.campaigns.wait(created.id, timeout_s=120)
 
 
 def test_failures_are_found_grouped_replayed_and_priced(client, campaign) -> None:
@@ -84,11 +88,11 @@ def test_what_cannot_be_is_refused(client, campaign) -> None:
         client.campaigns.resume(campaign.id)
 
 
+@pytest.mark.fault("planner that raises, or returns nothing or NaN")
 @pytest.mark.parametrize("planner", ["test_raises", "test_returns_none", "test_returns_nan"])
 def test_a_bad_planner_ends_its_campaign_with_every_fault_kept(
-    client, start_worker, planner
+    client, lasting_worker, planner
 ) -> None:
-    start_worker()
     created = client.campaigns.create(name="bad", method="monte_carlo", planner=planner, episodes=5)
     ended = client.campaigns.wait(created.id, timeout_s=60)
     assert (ended.state, ended.counts.failed) == (CampaignState.DONE, 5)
@@ -97,13 +101,12 @@ def test_a_bad_planner_ends_its_campaign_with_every_fault_kept(
     assert client.campaigns.summary(created.id).failure_rate is None
 
 
-def test_a_cancelled_campaign_keeps_what_is_finished(client, start_worker) -> None:
-    start_worker()
+def test_a_cancelled_campaign_keeps_what_is_finished(client, lasting_worker) -> None:
     created = client.campaigns.create(
         name="cancelled", method="monte_carlo", planner="idm", episodes=100_000
     )
     while client.campaigns.get(created.id).counts.completed < 10:
-        pass
+        time.sleep(0.02)
     client.campaigns.cancel(created.id)
     ended = client.campaigns.wait(created.id, timeout_s=30)
     assert ended.state is CampaignState.CANCELLED

@@ -13,7 +13,7 @@ from eigenfail.client import Client
 from eigenfail.hosting.service import Launcher
 from eigenfail.private_files import read_private
 from eigenfail.values import CampaignState
-from eigenfail.wire.curve import read_worker_key, to_text
+from eigenfail.wire.keys import encode_key, read_worker_key
 from eigenfail_services.hub.keys import KeyFolder
 
 pytestmark = pytest.mark.service
@@ -57,7 +57,7 @@ def test_only_workers_with_a_key_work_and_no_secret_is_seen(fresh_service, tmp_p
         assert working.wait(60) == 0
     assert "worker let in" in shown
     for secret in (key.secret, keys.secret()):
-        told = (z85.encode(secret).decode(), to_text(secret), secret.hex(), repr(secret)[2:-1])
+        told = (z85.encode(secret).decode(), encode_key(secret), secret.hex(), repr(secret)[2:-1])
         assert [text for text in (*told, key.text()) if text in shown] == []
     assert "Traceback" not in (last := (tmp_path / "keyless.log").read_text())
     assert "--key-file" in last.splitlines()[-1]

@@ -7,12 +7,12 @@ from played import PlayedLearner, played_hub
 from service_workers import Key, PlayedWorker
 
 from eigenfail.errors import StoreUnavailable
-from eigenfail.testing.store.examples import result
+from eigenfail.testing.examples import result
 from eigenfail.values import FINAL_STATES, CampaignState
 from eigenfail.wire.messages import Ack, Lease, Results, encode, read_hub_message
-from eigenfail_api.steering import RESUME, steer
+from eigenfail_api.routes.campaigns import RESUME, steer
 from eigenfail_services.campaigns.supervisor import Supervisor
-from eigenfail_services.hub.desk import GREETING_S
+from eigenfail_services.hub.worker_sessions import ADOPTION_GRACE_S
 
 EPISODES = 8
 TURNS_TO_THE_END = 400
@@ -58,10 +58,10 @@ class House:
         self.supervisor.release()
         self.open()
         self.greeting = True
-        self.seconds(int(GREETING_S) - 1)
+        self.seconds(int(ADOPTION_GRACE_S) - 1)
         self.greeting = False
         for worker in self.workers:
-            assert not worker.heard or worker.connection in self.hub._leases.seats
+            assert not worker.heard or worker.connection in self.hub._leases.sessions
 
     def say(self, worker: PlayedWorker, *messages) -> None:
         for message in messages:
@@ -103,7 +103,9 @@ class House:
         A hub that has just begun sees nobody yet; all that are heard in time are to be spared.
         """
         for worker in self.workers:
-            seen = worker.connection in self.hub._leases.seats or (self.greeting and worker.heard)
+            seen = worker.connection in self.hub._leases.sessions or (
+                self.greeting and worker.heard
+            )
             has_it = key in worker.held or key in worker.outbox
             assert worker.connection == connection or not seen or not has_it
 
@@ -140,7 +142,7 @@ class House:
 
     def nobody_shares(self) -> None:
         """An episode lies with one worker at most."""
-        held = [key for seat in self.hub._leases.seats.values() for key in seat.held]
+        held = [key for seat in self.hub._leases.sessions.values() for key in seat.held]
         assert len(held) == len(set(held))
 
     def miss_words(self, worker: PlayedWorker) -> None:

@@ -1,10 +1,10 @@
 """The workers of a played service: what a true one does, when the test says so."""
 
 from eigenfail.values import PolicySource
-from eigenfail.wire.claims import Claim, fingerprint
 from eigenfail.wire.messages import (
     PROTOCOL,
     Ack,
+    Claim,
     Drop,
     Goodbye,
     Heartbeat,
@@ -15,6 +15,7 @@ from eigenfail.wire.messages import (
     Results,
     Setup,
     Welcome,
+    fingerprint_task,
 )
 
 CREDIT = 4
@@ -93,7 +94,7 @@ class PlayedWorker:
     def hello(self) -> Hello:
         """With all that it holds, finished or not."""
         held = (
-            Claim(campaign, index, fingerprint(self.setups[campaign], task))
+            Claim(campaign, index, fingerprint_task(self.setups[campaign], task))
             for (campaign, index), task in self.held.items()
         )
         claims = (*held, *(Claim(*key) for key in self.outbox))

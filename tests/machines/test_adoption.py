@@ -15,14 +15,16 @@ import played_worker
 import pytest
 from played import PlayedLearner, context_of, played_hub, played_learners, quiet
 from played_worker import PlayedEngine, PlayedWorker
+from sqlalchemy import select
 
-from eigenfail.testing.store.examples import spec
+from eigenfail.testing.examples import spec
 from eigenfail.values import EpisodeResult, EpisodeTask
-from eigenfail_services.hub import commits, desk
-from eigenfail_services.hub.deaths import MAX_DEATHS
-from eigenfail_services.hub.desk import GREETING_S, HEARTBEAT_S, SILENCE_LIMIT_S
-from eigenfail_services.hub.runs import Order
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.hub import commits, worker_sessions
+from eigenfail_services.hub.commits import MAX_DEATHS
+from eigenfail_services.hub.runs import RunSpec
+from eigenfail_services.hub.worker_sessions import ADOPTION_GRACE_S, HEARTBEAT_S, SILENCE_LIMIT_S
+from eigenfail_services.store import open_store
+from eigenfail_services.store.schema import deaths
 from eigenfail_workers.worker import child_process, parent
 from eigenfail_workers.worker.parent import MAX_UNANSWERED
 
@@ -54,7 +56,7 @@ class House:
         self._steps = 0
         self.cut: set[bytes] = set()
         self.held_up: list[tuple[deque[Any], Any]] = []
-        self.store = MemoryStore()
+        self.store = open_store("memory://")
         self.campaign = self.store.campaigns.create(spec(episodes=EPISODES)).id
         self.workers = {b"a": PlayedWorker(), b"b": PlayedWorker()}
         self.open(launch_after=0)
@@ -73,7 +75,7 @@ class House:
         if self._launch_after == 0:
             context = context_of(EPISODES)
             setup = spec(episodes=EPISODES).setup()
-            self.hub.launch(Order(self.campaign, setup, "monte_carlo", {}, 0, context))
+            self.hub.launch(RunSpec(self.campaign, setup, "monte_carlo", {}, 0, context))
         self._launch_after -= 1
         for connection, worker in self.workers.items():
             worker.turn()
@@ -109,7 +111,7 @@ def now_s() -> Iterator[list[float]]:
     now_s = [1_000.0]
     clock = SimpleNamespace(monotonic=lambda: now_s[0])
     with ExitStack() as stack:
-        for module in (commits, desk, parent, child_process):
+        for module in (commits, worker_sessions, parent, child_process):
             stack.enter_context(patch.object(module, "time", clock))
         stack.enter_context(quiet())
         stack.enter_context(patch.object(played_worker, "PlayedEngine", CountingEngine))
@@ -137,7 +139,9 @@ def calm(now_s: list[float], learners: list[PlayedLearner]) -> str:
 def each_once(house: House) -> bool:
     """And no worker that lives was taken for one that an episode has killed."""
     once = Counter(dict.fromkeys(range(EPISODES), 1))
-    return CountingEngine.runs == once and not house.store.episodes._tables.deaths
+    with house.store._database.reading() as connection:
+        killers = connection.execute(select(deaths)).all()
+    return CountingEngine.runs == once and not killers
 
 
 def test_undisturbed_each_episode_is_run_once(house: House) -> None:
@@ -145,6 +149,7 @@ def test_undisturbed_each_episode_is_run_once(house: House) -> None:
     assert each_once(house)
 
 
+@pytest.mark.fault("SIGKILL of the services")
 @pytest.mark.parametrize("launch_after", [0, 6, 40])
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_a_service_that_is_killed_costs_no_episode(
@@ -157,6 +162,7 @@ def test_a_service_that_is_killed_costs_no_episode(
     assert each_once(house)
 
 
+@pytest.mark.fault("SIGKILL of a learner")
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_nor_does_a_learner(calm: str, house: House, moment: int) -> None:
     for _ in range(moment):
@@ -166,6 +172,7 @@ def test_nor_does_a_learner(calm: str, house: House, moment: int) -> None:
     assert each_once(house)
 
 
+@pytest.mark.fault("worker connection cut")
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_nor_does_a_connection(calm: str, house: House, moment: int) -> None:
     for _ in range(moment):
@@ -188,6 +195,8 @@ def cut_for(house: House, seconds: float, *connections: bytes) -> None:
         inbox.append(message)
 
 
+@pytest.mark.fault("worker connection cut")
+@pytest.mark.fault("worker connection unavailable")
 @pytest.mark.parametrize("lines", [(b"a", b"b"), (b"a",)])
 @pytest.mark.parametrize("seconds", [1.0, 10.0, 120.0])
 @pytest.mark.parametrize("moment", MOMENTS[::4])
@@ -207,26 +216,28 @@ def test_all_of_it_again_and_again(calm: str, house: House) -> None:
         for _ in range(moment):
             house.step()
         house.open(launch_after=moment)
-        for _ in range(int(GREETING_S / STEP_S) + moment):
+        for _ in range(int(ADOPTION_GRACE_S / STEP_S) + moment):
             house.step()
         house.learners[-1].status = -9
     assert house.end() == calm
     assert each_once(house)
 
 
+@pytest.mark.fault("SIGKILL of a worker")
 def test_what_a_worker_held_as_it_died_is_run_by_the_others(calm: str, house: House) -> None:
     for _ in range(10):
         house.step()
     house.open(launch_after=0)
-    for _ in range(int(GREETING_S / STEP_S)):
+    for _ in range(int(ADOPTION_GRACE_S / STEP_S)):
         house.step()
-    assert any(seat.held for seat in house.hub._leases.seats.values())
+    assert any(seat.held for seat in house.hub._leases.sessions.values())
     del house.workers[b"a"]
     for _ in range(int(SILENCE_LIMIT_S / STEP_S)):
         house.step()
     assert house.end() == calm
 
 
+@pytest.mark.fault("episode that kills its worker")
 def test_an_episode_that_takes_three_workers_with_it_is_given_up_whoever_counts(
     house: House,
 ) -> None:
@@ -235,7 +246,7 @@ def test_an_episode_that_takes_three_workers_with_it_is_given_up_whoever_counts(
         worker = PlayedWorker()
         worker.work = lambda messages: None  # type: ignore[method-assign]
         house.workers = {f"w{number}".encode(): worker}
-        while (house.campaign, 0) not in {s.running for s in house.hub._leases.seats.values()}:
+        while (house.campaign, 0) not in {s.running for s in house.hub._leases.sessions.values()}:
             house.step()
         house.workers.clear()
         for _ in range(int(2 * SILENCE_LIMIT_S / STEP_S)):

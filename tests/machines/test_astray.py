@@ -8,7 +8,7 @@ from played import LAYER, context_of, played_hub, played_learners, quiet
 from played_worker import PlayedWorker
 
 from eigenfail.errors import ProtocolError
-from eigenfail.testing.store.examples import result, spec
+from eigenfail.testing.examples import result, spec
 from eigenfail.values import EpisodeTask, Policy, PolicySource, PriorSource
 from eigenfail.wire.messages import (
     PROTOCOL,
@@ -24,13 +24,13 @@ from eigenfail.wire.messages import (
     read_hub_message,
     read_worker_message,
 )
-from eigenfail_services.hub import commits, desk
-from eigenfail_services.hub.deaths import MAX_DEATHS
+from eigenfail_services.hub import commits, worker_sessions
+from eigenfail_services.hub.commits import MAX_DEATHS
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.hub.runs import Order
-from eigenfail_services.hub.seats import UNNAMED_BEATS
-from eigenfail_services.store import MemoryStore
-from eigenfail_workers.worker.supplies import KEPT_POLICIES
+from eigenfail_services.hub.runs import RunSpec
+from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
+from eigenfail_services.store import open_store
+from eigenfail_workers.worker.inner_processes import MAX_POLICIES
 
 SETUP = spec().setup()
 TASK = EpisodeTask(0, 100, PriorSource())
@@ -42,12 +42,12 @@ class Room:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, learners: list) -> None:
         self.now_s, self.learners = 100.0, learners
         clock = SimpleNamespace(monotonic=lambda: self.now_s)
-        monkeypatch.setattr(desk, "time", clock)
+        monkeypatch.setattr(worker_sessions, "time", clock)
         monkeypatch.setattr(commits, "time", clock)
-        self.store = MemoryStore()
+        self.store = open_store("memory://")
         self.hub, self.router = played_hub(self.store)
         self.campaign = self.store.campaigns.create(spec(episodes=3)).id
-        self.hub.launch(Order(self.campaign, SETUP, "monte_carlo", {}, 0, context_of(3)))
+        self.hub.launch(RunSpec(self.campaign, SETUP, "monte_carlo", {}, 0, context_of(3)))
 
     def say(self, *messages: Message, by: bytes = b"w") -> list[Message]:
         """What the hub answers to a worker in the same turn, and a second later."""
@@ -72,28 +72,35 @@ def hello(credit: int = 8) -> Hello:
     return Hello(PROTOCOL, "w", credit)
 
 
+@pytest.mark.fault(
+    "lease, setup or policy lost on the way",
+    group="messages",
+    outcome="It is sent again, or the worker asks for it with a new hello.",
+)
 def test_a_lease_that_went_astray_is_given_again(room: Room) -> None:
     room.say()
     assert sorted(room.leased(room.say(hello()))) == [0, 1, 2]
     for _ in range(2):
-        for _ in range(UNNAMED_BEATS - 1):
+        for _ in range(MAX_UNNAMED_HEARTBEATS - 1):
             assert room.leased(room.say(Heartbeat())) == []
         assert sorted(room.leased(room.say(Heartbeat()))) == [0, 1, 2]
 
 
+@pytest.mark.fault("lease, setup or policy lost on the way")
 def test_one_of_which_the_worker_names_all_did_not(room: Room) -> None:
     room.say()
     room.say(hello())
     beat = Heartbeat(room.campaign, 0, tuple((room.campaign, index) for index in range(3)))
-    for _ in range(3 * UNNAMED_BEATS):
+    for _ in range(3 * MAX_UNNAMED_HEARTBEATS):
         assert room.leased(room.say(beat)) == []
 
 
+@pytest.mark.fault("lease, setup or policy lost on the way")
 def test_what_a_busy_worker_does_not_name_is_given_again(room: Room) -> None:
     room.say()
     room.say(hello())
     beat = Heartbeat(room.campaign, 0, ((room.campaign, 0), (room.campaign, 2)))
-    for _ in range(UNNAMED_BEATS - 1):
+    for _ in range(MAX_UNNAMED_HEARTBEATS - 1):
         assert room.leased(room.say(beat)) == []
     assert room.leased(room.say(beat)) == [1]
 
@@ -108,6 +115,7 @@ def test_who_says_hello_again_has_not_died_of_its_episode(room: Room) -> None:
     assert room.store.episodes.add_death(room.campaign, 0) == 1
 
 
+@pytest.mark.fault("result that arrives twice, late, unasked or for another campaign")
 def test_a_result_brought_before_its_round_is_proposed_is_not_run_again(room: Room) -> None:
     room.say(hello())
     room.say(hello(), by=b"other")
@@ -126,6 +134,11 @@ def test_a_worker_without_credit_is_given_nothing() -> None:
     assert leases.assign() == []
 
 
+@pytest.mark.fault(
+    "arrays of another shape, or with invalid numbers",
+    group="messages",
+    outcome="They are refused before they are stored.",
+)
 @pytest.mark.parametrize("z", [[[0.0, 1.0]], [["1.0", "2.0"]], [[1e300, 0.0]], [None]])
 def test_arrays_travel_packed_and_never_as_lists(z: list) -> None:
     told = msgspec.msgpack.decode(encode(Results(1, (result(0),))))
@@ -159,11 +172,13 @@ def worker():
         yield worker
 
 
+@pytest.mark.fault("lease, setup or policy lost on the way")
 def test_a_worker_whose_setup_went_astray_says_hello_again(worker: PlayedWorker) -> None:
     assert said_by(worker, Welcome(1.0), Lease(1, (TASK,))) == [Hello]
     assert Results in said_by(worker, Welcome(1.0), Setup(1, SETUP), Lease(1, (TASK,)))
 
 
+@pytest.mark.fault("lease, setup or policy lost on the way")
 def test_so_does_one_whose_policy_did(worker: PlayedWorker) -> None:
     lease = Lease(1, (EpisodeTask(0, 100, PolicySource(2)),))
     update = PolicyUpdate(1, Policy(2, (), LAYER, LAYER, 3.0, 1))
@@ -171,8 +186,14 @@ def test_so_does_one_whose_policy_did(worker: PlayedWorker) -> None:
     assert Results in said_by(worker, Welcome(1.0), update, lease)
 
 
+@pytest.mark.fault(
+    "unknown policy version",
+    group="messages",
+    outcome="The worker says hello again and is sent the policy; an engine without it errors "
+    "that episode alone.",
+)
 def test_policies_of_the_future_do_not_end_a_worker(worker: PlayedWorker) -> None:
-    later = (Policy(10**6 + n, (), LAYER, LAYER, 3.0, 1) for n in range(KEPT_POLICIES))
+    later = (Policy(10**6 + n, (), LAYER, LAYER, 3.0, 1) for n in range(MAX_POLICIES))
     lease = Lease(1, (EpisodeTask(0, 100, PolicySource(2)),))
     now = PolicyUpdate(1, Policy(2, (), LAYER, LAYER, 3.0, 1))
     said_by(worker, Welcome(1.0), Setup(1, SETUP), now, lease, *(PolicyUpdate(1, p) for p in later))

@@ -6,7 +6,7 @@ import pytest
 from played import context_of, played_hub, played_learners, quiet
 
 from eigenfail.errors import StoreUnwritable
-from eigenfail.testing.store.examples import result, spec
+from eigenfail.testing.examples import result, spec
 from eigenfail.wire.messages import (
     PROTOCOL,
     Ack,
@@ -17,9 +17,9 @@ from eigenfail.wire.messages import (
     encode,
     read_hub_message,
 )
-from eigenfail_services.hub import commits, desk
-from eigenfail_services.hub.runs import Order
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.hub import commits, worker_sessions
+from eigenfail_services.hub.runs import RunSpec
+from eigenfail_services.store import open_store
 
 EPISODES = 12
 
@@ -30,13 +30,13 @@ class Room:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, part: str, verb: str) -> None:
         self.now_s, self.full = 100.0, False
         clock = SimpleNamespace(monotonic=lambda: self.now_s)
-        monkeypatch.setattr(desk, "time", clock)
+        monkeypatch.setattr(worker_sessions, "time", clock)
         monkeypatch.setattr(commits, "time", clock)
-        self.store = MemoryStore()
+        self.store = open_store("memory://")
         self.break_(monkeypatch, part, verb)
         self.hub, self.router = played_hub(self.store)
         self.campaign = self.store.campaigns.create(spec(episodes=EPISODES)).id
-        order = Order(self.campaign, spec().setup(), "monte_carlo", {}, 0, context_of(EPISODES))
+        order = RunSpec(self.campaign, spec().setup(), "monte_carlo", {}, 0, context_of(EPISODES))
         self.hub.launch(order)
 
     def break_(self, monkeypatch: pytest.MonkeyPatch, part: str, verb: str) -> None:
@@ -74,6 +74,7 @@ def enter(monkeypatch: pytest.MonkeyPatch):
         yield lambda part, verb: Room(monkeypatch, part, verb)
 
 
+@pytest.mark.fault("disk full")
 def test_leasing_pauses_while_results_cannot_be_kept(enter) -> None:
     room = enter("episodes", "commit")
     room.say()
@@ -95,6 +96,7 @@ def test_leasing_pauses_while_results_cannot_be_kept(enter) -> None:
     assert room.store.campaigns.get(room.campaign).counts.completed == len(brought)
 
 
+@pytest.mark.fault("disk full")
 def test_leasing_pauses_while_a_learner_cannot_be_kept(enter) -> None:
     room = enter("checkpoints", "save")
     room.full = True

@@ -27,14 +27,14 @@ from service_house import EPISODES, Away, House
 from service_workers import PlayedWorker
 
 from eigenfail.errors import IllegalTransition
-from eigenfail.testing.store.examples import result
+from eigenfail.testing.examples import result
 from eigenfail.values import CampaignSpec
 from eigenfail.wire.messages import Goodbye, Results
-from eigenfail_api.steering import CANCEL, PAUSE, RESUME, steer
-from eigenfail_services.campaigns import supervisor, watch
-from eigenfail_services.hub import commits, desk
-from eigenfail_services.hub.desk import SILENCE_LIMIT_S
-from eigenfail_services.store import MemoryStore, open_store
+from eigenfail_api.routes.campaigns import CANCEL, PAUSE, RESUME, steer
+from eigenfail_services.campaigns import supervisor
+from eigenfail_services.hub import commits, worker_sessions
+from eigenfail_services.hub.worker_sessions import SILENCE_LIMIT_S
+from eigenfail_services.store import open_store
 
 numbers = st.integers(0, 50)
 
@@ -47,7 +47,7 @@ class Service(RuleBasedStateMachine):
         self.stack = ExitStack()
         now_s = [1_000.0]
         clock = SimpleNamespace(monotonic=lambda: now_s[0])
-        for module in (desk, commits, supervisor, watch):
+        for module in (worker_sessions, commits, supervisor, supervisor):
             self.stack.enter_context(patch.object(module, "time", clock))
         self.stack.enter_context(quiet())
         learners = self.stack.enter_context(played_learners())
@@ -206,8 +206,16 @@ def run(opened, examples: int) -> None:
     )
 
 
+@pytest.mark.fault("SIGKILL of a worker")
+@pytest.mark.fault("SIGKILL of the services")
+@pytest.mark.fault("SIGSTOP of a worker")
+@pytest.mark.fault("result that arrives twice, late, unasked or for another campaign")
+@pytest.mark.fault("worker connection cut")
+@pytest.mark.fault("two workers with one name")
+@pytest.mark.fault("immediate shutdown of PostgreSQL")
 def test_lives_in_memory() -> None:
-    run(lambda: closing(MemoryStore()), 80)
+    # As many as fit into a minute; `make explore` lives for as long as it is told.
+    run(lambda: closing(open_store("memory://")), 20)
 
 
 @pytest.fixture(scope="module")
@@ -218,6 +226,13 @@ def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.fault("SIGKILL of a worker")
+@pytest.mark.fault("SIGKILL of the services")
+@pytest.mark.fault("SIGSTOP of a worker")
+@pytest.mark.fault("result that arrives twice, late, unasked or for another campaign")
+@pytest.mark.fault("worker connection cut")
+@pytest.mark.fault("two workers with one name")
+@pytest.mark.fault("immediate shutdown of PostgreSQL")
 def test_lives_in_sqlite(template: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         numbers = count()

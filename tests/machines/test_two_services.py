@@ -16,8 +16,7 @@ import pytest
 from played import played_hub, played_learners
 from structlog.testing import capture_logs
 
-from eigenfail.contracts import Store
-from eigenfail.testing.store.examples import result
+from eigenfail.testing.examples import result
 from eigenfail.values import CampaignSpec, CampaignState, episode_seed
 from eigenfail.wire.messages import (
     PROTOCOL,
@@ -30,11 +29,11 @@ from eigenfail.wire.messages import (
     encode,
     read_hub_message,
 )
-from eigenfail_services.campaigns import supervisor, watch
+from eigenfail_services.campaigns import supervisor
 from eigenfail_services.campaigns.supervisor import LEASE_S, Supervisor
-from eigenfail_services.hub import commits, desk
-from eigenfail_services.hub.ended import Ended
-from eigenfail_services.store import MemoryStore, clock, open_store
+from eigenfail_services.hub import commits, worker_sessions
+from eigenfail_services.hub.server import FinishedRun
+from eigenfail_services.store import Store, clock, open_store
 
 EPISODES = 20
 SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=EPISODES)
@@ -150,7 +149,7 @@ class Pair:
         assert ended.digest == self.undisturbed()
 
     def undisturbed(self) -> str:
-        store = MemoryStore()
+        store = open_store("memory://")
         pair = Pair([store], self.now_s)
         alone = pair.services[0]
         while store.campaigns.get(pair.campaign).state is not CampaignState.DONE:
@@ -165,12 +164,12 @@ def pair(request, tmp_path) -> Iterator[Pair]:
     played = SimpleNamespace(monotonic=lambda: now_s[0])
     leases = SimpleNamespace(monotonic_ns=lambda: round(now_s[0] * 1e9), time_ns=time.time_ns)
     with ExitStack() as stack:
-        for module in (desk, commits, supervisor, watch):
+        for module in (worker_sessions, commits, supervisor, supervisor):
             stack.enter_context(patch.object(module, "time", played))
         stack.enter_context(patch.object(clock, "time", leases))
         stack.enter_context(played_learners())
         if request.param == "memory":
-            stores = [MemoryStore()] * 2
+            stores = [open_store("memory://")] * 2
         else:
             stores = [open_store(f"sqlite:///{tmp_path / 'a.db'}") for _ in range(2)]
         for store in stores:
@@ -178,6 +177,12 @@ def pair(request, tmp_path) -> Iterator[Pair]:
         yield Pair(stores, now_s)
 
 
+@pytest.mark.fault(
+    "two services on one database",
+    group="storage",
+    outcome="They share the campaigns out. One that stood still writes nothing more to a "
+    "campaign that the other has taken over: see [who owns what](#who-owns-what).",
+)
 def test_a_campaign_is_run_by_one_of_them(pair: Pair) -> None:
     one, other = pair.services
     for _ in range(5):
@@ -188,6 +193,7 @@ def test_a_campaign_is_run_by_one_of_them(pair: Pair) -> None:
     assert not other.held
 
 
+@pytest.mark.fault("two services on one database")
 def test_who_was_held_up_puts_no_older_checkpoint_over_a_newer_one(pair: Pair) -> None:
     old, new = pair.taken_over()
     before = pair.progress
@@ -200,10 +206,11 @@ def test_who_was_held_up_puts_no_older_checkpoint_over_a_newer_one(pair: Pair) -
     pair.end(new, old)
 
 
+@pytest.mark.fault("two services on one database")
 @pytest.mark.parametrize("problem", ["", "The learner diverged."])
 def test_nor_does_it_end_the_campaign(pair: Pair, problem) -> None:
     old, new = pair.taken_over()
-    old.hub.ended.put(Ended(pair.campaign, problem))
+    old.hub.finished_runs.put(FinishedRun(pair.campaign, problem))
     del old.hub._runs[pair.campaign]
     before = pair.store.campaigns.get(pair.campaign)
     old.turn()
@@ -212,6 +219,7 @@ def test_nor_does_it_end_the_campaign(pair: Pair, problem) -> None:
     pair.end(new, old)
 
 
+@pytest.mark.fault("two services on one database")
 def test_who_is_told_to_stop_gives_back_nothing_of_another_ones(pair: Pair) -> None:
     old, new = pair.taken_over()
     before = pair.store.campaigns.get(pair.campaign).active_s
@@ -221,6 +229,7 @@ def test_who_is_told_to_stop_gives_back_nothing_of_another_ones(pair: Pair) -> N
     pair.end(new)
 
 
+@pytest.mark.fault("two services on one database")
 def test_it_halts_what_it_has_lost_and_can_take_it_over_again(pair: Pair) -> None:
     old, new = pair.taken_over()
     old.turn()
@@ -234,10 +243,11 @@ def test_it_halts_what_it_has_lost_and_can_take_it_over_again(pair: Pair) -> Non
     pair.end(old, new)
 
 
+@pytest.mark.fault("two services on one database")
 def test_what_comes_back_before_it_was_noticed_is_launched_anew(pair: Pair) -> None:
     old, new = pair.taken_over()
     new.supervisor.release()
-    old.hub.ended.put(Ended(pair.campaign, "", lost=True))
+    old.hub.finished_runs.put(FinishedRun(pair.campaign, "", lost=True))
     del old.hub._runs[pair.campaign]
     for _ in range(3):
         old.turn()
@@ -245,6 +255,7 @@ def test_what_comes_back_before_it_was_noticed_is_launched_anew(pair: Pair) -> N
     pair.end(old)
 
 
+@pytest.mark.fault("two services on one database")
 def test_results_are_taken_from_whoever_brings_them(pair: Pair) -> None:
     old, new = pair.taken_over()
     last = EPISODES - 1
@@ -256,6 +267,7 @@ def test_results_are_taken_from_whoever_brings_them(pair: Pair) -> None:
     pair.end(new, old)
 
 
+@pytest.mark.fault("two services on one database")
 @pytest.mark.parametrize("seed", range(12))
 def test_no_order_of_standstills_takes_a_checkpoint_back(pair: Pair, seed) -> None:
     draw, before = random.Random(seed), 0

@@ -11,12 +11,13 @@ from unittest.mock import patch
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
 from lives import lives
+from msgspec.structs import replace
 from played import LAYER, quiet
 from played_worker import PlayedEngine, PlayedWorker
 
 from eigenfail.values import CampaignSpec, EpisodeTask, Outcome, Policy, PolicySource, PriorSource
-from eigenfail.wire.claims import FINISHED, fingerprint
 from eigenfail.wire.messages import (
+    FINISHED,
     PROTOCOL,
     Ack,
     Drop,
@@ -30,11 +31,18 @@ from eigenfail.wire.messages import (
     Setup,
     Welcome,
     encode,
+    fingerprint_task,
     read_worker_message,
 )
 from eigenfail_workers.worker import child_process, parent
 
-SETUP = CampaignSpec(name="t", method="monte_carlo", episodes=9).setup()
+BUILT_IN = CampaignSpec(name="t", method="monte_carlo", episodes=9)
+SETUPS = {
+    campaign: replace(BUILT_IN, planner=planner).setup()
+    for campaign, planner in {1: "rulebook", 2: "test_raises", 3: "test_dies"}.items()
+}
+"""Of the campaigns; those with a plug-in have an inner process each."""
+
 TURNS_TO_THE_END = 120
 
 Key = tuple[int, int]
@@ -95,7 +103,7 @@ class Worker(RuleBasedStateMachine):
         kept = {key for key, told in claims.items() if told == FINISHED}
         assert kept == self.brought - self.acknowledged
         for (campaign, index), told in claims.items():
-            assert told in {FINISHED, fingerprint(SETUP, task(index))}
+            assert told in {FINISHED, fingerprint_task(SETUPS[campaign], task(index))}
             assert (campaign, index) in self.leased
         assert self.owed - self.acknowledged <= set(claims)
 
@@ -109,7 +117,7 @@ class Worker(RuleBasedStateMachine):
             self.brought.add(key)
 
     def prepare(self, campaign: int) -> None:
-        self.say(Setup(campaign, SETUP), PolicyUpdate(campaign, policy()))
+        self.say(Setup(campaign, SETUPS[campaign]), PolicyUpdate(campaign, policy()))
 
     def lend(self, campaign: int, numbers) -> None:
         wanted = [i for i in numbers if (campaign, i) not in self.acknowledged]
@@ -140,7 +148,7 @@ class Worker(RuleBasedStateMachine):
 
     @rule(campaign=campaigns, numbers=indices)
     def lease_while_the_policy_went_astray(self, campaign, numbers) -> None:
-        self.say(Setup(campaign, SETUP))
+        self.say(Setup(campaign, SETUPS[campaign]))
         self.lend(campaign, numbers)
 
     @rule(numbers=st.lists(st.integers(0, 90), max_size=5))
@@ -216,7 +224,7 @@ class Worker(RuleBasedStateMachine):
             self.turn()
 
 
-ENGINE = PlayedEngine(SETUP)
+ENGINE = PlayedEngine(SETUPS[1])
 HEEDING = {Hello: Worker.hear_hello, Heartbeat: Worker.hear_beat, Results: Worker.hear}
 
 

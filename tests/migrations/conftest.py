@@ -4,7 +4,7 @@ from contextlib import closing
 
 import pytest
 
-from eigenfail_services.store.engine import Database, find
+from eigenfail_services.store.engine import Database, find_backend
 
 
 @pytest.fixture(params=["sqlite", "postgres"])
@@ -20,7 +20,7 @@ def look():
     """Asks a database, with nothing of the store in between."""
 
     def look(url, question):
-        with closing(Database(find(url))) as database, database.reading() as connection:
+        with closing(Database(find_backend(url))) as database, database.reading() as connection:
             return question(connection)
 
     return look

@@ -1,9 +1,9 @@
 """Migration 0010: keys of the API, and the audit log."""
 
 from sqlalchemy import inspect
+from store_checks.access import DIGEST, change
+from store_checks.examples import running
 
-from eigenfail.testing.store.access import DIGEST, change
-from eigenfail.testing.store.examples import running
 from eigenfail.values.access import Scope
 from eigenfail_services.store import migrate, open_store
 

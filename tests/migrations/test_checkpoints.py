@@ -1,9 +1,9 @@
 """Migration 0011: the checkpoint before the last one, hashes, and leases by another clock."""
 
 from sqlalchemy import inspect, text
+from store_checks.examples import running
+from store_checks.jobs import LONG_S, claimed
 
-from eigenfail.testing.store.examples import running
-from eigenfail.testing.store.jobs import LONG_S, claimed
 from eigenfail_services.store import migrate, open_store
 
 

@@ -1,8 +1,8 @@
 """Migration 0012: how many workers an episode took with it."""
 
 from sqlalchemy import inspect
+from store_checks.examples import running
 
-from eigenfail.testing.store.examples import running
 from eigenfail_services.store import migrate, open_store
 
 

@@ -1,9 +1,10 @@
 """Migration 0008: indices for the orders of episodes, on a database that has episodes already."""
 
 from sqlalchemy import inspect
+from store_checks.examples import deliver, running
 
 from eigenfail.filters import WORST_FIRST
-from eigenfail.testing.store.examples import collision, deliver, result, running
+from eigenfail.testing.examples import collision, result
 from eigenfail_services.store import migrate, open_store
 
 ORDERS = {"robustness_m", "log_probability", "severity", "min_ttc_s", "max_drac_mps2"}

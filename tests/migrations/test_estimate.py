@@ -1,8 +1,8 @@
 """Migration 0003: campaigns that were stored before they carried an estimate."""
 
 from sqlalchemy import inspect
+from store_checks.examples import running
 
-from eigenfail.testing.store.examples import running
 from eigenfail.values import Estimate
 from eigenfail_services.store import migrate, open_store
 

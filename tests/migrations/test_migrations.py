@@ -10,12 +10,13 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Column, Integer, MetaData, Table, inspect, text
+from store_checks.examples import deliver, running
 
 import eigenfail_services
 from eigenfail.errors import SchemaMismatch
-from eigenfail.testing.store.examples import collision, deliver, running
-from eigenfail_services.store import migrate, open_store, schema, steps
-from eigenfail_services.store.engine import Database, find
+from eigenfail.testing.examples import collision
+from eigenfail_services.store import migrate, open_store, schema
+from eigenfail_services.store.engine import Database, find_backend
 
 NEXT, AFTER_NEXT = (f"{int(schema.VERSION) + more:04}" for more in (1, 2))
 
@@ -48,10 +49,10 @@ def tomorrow(tmp_path, monkeypatch):
 
     def become(fault="pass") -> None:
         folder = tmp_path / "migrations"
-        shutil.copytree(migrate.folder(), folder)
+        shutil.copytree(migrate.find_migrations(), folder)
         words = {"revision": NEXT, "down_revision": schema.VERSION, "fault": fault}
         (folder / "versions" / f"{NEXT}_later.py").write_text(LATER.format(**words))
-        monkeypatch.setattr(migrate, "folder", lambda: folder)
+        monkeypatch.setattr(migrate, "find_migrations", lambda: folder)
         monkeypatch.setattr(migrate, "VERSION", NEXT)
 
     return become
@@ -81,7 +82,7 @@ def test_the_migrations_lead_to_the_tables_of_the_program(url, look) -> None:
     migrate.upgrade(url)
     assert look(url, differences) == []
     assert look(url, tables) == set(schema.metadata.tables) | {schema.VERSION_TABLE}
-    assert look(url, migrate.version) == migrate.current(url) == schema.VERSION
+    assert look(url, migrate.find_version) == migrate.read_version(url) == schema.VERSION
 
 
 def test_a_difference_would_be_seen(url, look) -> None:
@@ -96,12 +97,25 @@ def test_a_difference_would_be_seen(url, look) -> None:
 
 def test_columns_allow_nothing_only_where_the_program_does(url, look) -> None:
     migrate.upgrade(url)
-    for table in schema.metadata.sorted_tables:
-        columns = look(url, lambda c, name=table.name: inspect(c).get_columns(name))
-        found = {column["name"]: column["nullable"] for column in columns}
-        assert found == {column.name: column.nullable for column in table.columns}
+    wanted = {
+        (table.name, column.name): column.nullable
+        for table in schema.metadata.sorted_tables
+        for column in table.columns
+    }
+    found = {
+        (name, column["name"]): column["nullable"]
+        for name in {table for table, _ in wanted}
+        for column in look(url, lambda c, name=name: inspect(c).get_columns(name))
+    }
+    assert found == wanted
+    assert {True, False} == set(wanted.values())
 
 
+@pytest.mark.fault(
+    "more ended episodes than planned",
+    group="storage",
+    outcome="The schema itself refuses them.",
+)
 def test_more_ended_episodes_than_planned_are_refused_by_the_database_itself(url) -> None:
     store = open_store(url)
     campaign = running(store)
@@ -112,7 +126,10 @@ def test_more_ended_episodes_than_planned_are_refused_by_the_database_itself(url
         with database.writing() as connection:
             connection.execute(change, {"id": campaign.id})
 
-    with closing(Database(find(url))) as database, pytest.raises(Exception, match="accounted"):
+    with (
+        closing(Database(find_backend(url))) as database,
+        pytest.raises(Exception, match="accounted"),
+    ):
         spoil(database)
 
 
@@ -120,7 +137,7 @@ def test_everything_can_be_taken_back(url, look) -> None:
     open_store(url).close()
     migrate.downgrade(url, "base")
     assert look(url, tables) == {schema.VERSION_TABLE}
-    assert migrate.current(url) is None
+    assert migrate.read_version(url) is None
     store = open_store(url)
     assert running(store).id == 1
     store.close()
@@ -156,6 +173,12 @@ def test_an_older_database_is_upgraded_with_all_that_is_in_it(url, look, tomorro
     assert look(url, contents) == before
 
 
+@pytest.mark.fault(
+    "database with an older schema",
+    group="storage",
+    outcome="It is upgraded completely or not at all; where an upgrade is not allowed, the "
+    "message names the command.",
+)
 def test_an_upgrade_that_fails_leaves_everything_as_it_was(url, look, tomorrow) -> None:
     store = open_store(url)
     deliver(store, running(store), collision(0))
@@ -167,11 +190,16 @@ def test_an_upgrade_that_fails_leaves_everything_as_it_was(url, look, tomorrow) 
     assert look(url, contents) == before
 
 
+@pytest.mark.fault(
+    "database with a newer schema",
+    group="storage",
+    outcome="It is refused and left unchanged.",
+)
 def test_a_newer_database_is_refused_and_left_alone(url, look) -> None:
     store = open_store(url)
     running(store)
     store.close()
-    with closing(Database(find(url))) as database, database.writing() as connection:
+    with closing(Database(find_backend(url))) as database, database.writing() as connection:
         connection.exec_driver_sql(f"UPDATE {schema.VERSION_TABLE} SET version_num = '0999'")
     before = look(url, contents)
     for refused in (
@@ -183,12 +211,14 @@ def test_a_newer_database_is_refused_and_left_alone(url, look) -> None:
         with pytest.raises(SchemaMismatch, match="0999"):
             refused()
     assert look(url, contents) == before
-    assert migrate.current(url) == "0999"
+    assert migrate.read_version(url) == "0999"
 
 
 def test_somebody_elses_tables_are_left_alone(url, look) -> None:
     theirs = Table("campaigns", MetaData(), Column("slogan", Integer))
-    with closing(Database(find(url))) as database, database.writing() as connection:
+    backend = find_backend(url)
+    backend.prepare()
+    with closing(Database(backend)) as database, database.writing() as connection:
         theirs.create(connection)
     with pytest.raises(SchemaMismatch, match="a database of its own"):
         open_store(url)
@@ -196,24 +226,24 @@ def test_somebody_elses_tables_are_left_alone(url, look) -> None:
 
 
 def test_the_program_knows_its_newest_migration() -> None:
-    script = ScriptDirectory.from_config(steps.configured())
+    script = ScriptDirectory.from_config(migrate.alembic_config())
     assert script.get_heads() == [schema.VERSION]
     assert all(len(revision.revision) == 4 for revision in script.walk_revisions())
 
 
 def test_migrations_are_found_in_a_checkout_and_in_a_wheel(tmp_path, monkeypatch) -> None:
     root = Path(eigenfail_services.__file__).parents[2]
-    assert migrate.folder() == root / "migrations"
+    assert migrate.find_migrations() == root / "migrations"
     installed = tmp_path / "site-packages" / "eigenfail_services"
     (installed / "migrations").mkdir(parents=True)
     monkeypatch.setattr(eigenfail_services, "__file__", str(installed / "__init__.py"))
-    assert migrate.folder() == installed / "migrations"
+    assert migrate.find_migrations() == installed / "migrations"
 
 
 def test_developers_have_alembics_own_command_line(url) -> None:
     from alembic.config import main
 
-    arguments = ["-c", str(migrate.folder() / "alembic.ini"), "-x", f"database={url}"]
+    arguments = ["-c", str(migrate.find_migrations() / "alembic.ini"), "-x", f"database={url}"]
     main([*arguments, "upgrade", "head"])
     main([*arguments, "check"])
     main([*arguments, "downgrade", "base"])
@@ -227,8 +257,8 @@ def test_new_migrations_do_not_depend_on_the_program(url, tomorrow, monkeypatch)
     metadata = MetaData()
     Table("notes", metadata, Column("note", schema.Prose), Column("id", schema.Number))
     monkeypatch.setattr(schema, "metadata", metadata)
-    with migrate.changing(find(url)) as connection:
-        config = steps.configured(connection)
+    with migrate.schema_transaction(find_backend(url)) as connection:
+        config = migrate.alembic_config(connection)
         written = command.revision(config, "notes", rev_id=AFTER_NEXT, autogenerate=True)
     code = Path(written.path).read_text()
     assert "sa.Column('note', sa.Text()" in code

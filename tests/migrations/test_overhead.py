@@ -1,8 +1,8 @@
 """Migration 0006: campaigns that ran before anybody measured what their time went into."""
 
 from sqlalchemy import inspect
+from store_checks.examples import running
 
-from eigenfail.testing.store.examples import running
 from eigenfail.values import Overhead
 from eigenfail_services.store import migrate, open_store
 

@@ -2,9 +2,9 @@
 
 import pytest
 from sqlalchemy import inspect
+from store_checks.retention import THIRDS, ended
 
 from eigenfail.errors import Conflict
-from eigenfail.testing.store.retention import THIRDS, ended
 from eigenfail_services.store import migrate, open_store
 
 

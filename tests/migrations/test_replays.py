@@ -1,8 +1,9 @@
 """Migration 0005: analyses whose one replay stood in a column of theirs."""
 
 from sqlalchemy import inspect, text
+from store_checks.examples import running
 
-from eigenfail.testing.store.examples import analysis_result, running
+from eigenfail.testing.examples import analysis_result
 from eigenfail.values import AnalysisSettings
 from eigenfail_services.store import migrate, open_store
 

@@ -2,8 +2,9 @@
 
 import pytest
 from sqlalchemy import inspect, text
+from store_checks.examples import deliver, running
 
-from eigenfail.testing.store.examples import collision, deliver, result, running
+from eigenfail.testing.examples import collision, result
 from eigenfail.values import ConflictClass, Measures
 from eigenfail_services.store import migrate, open_store
 

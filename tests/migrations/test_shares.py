@@ -1,9 +1,10 @@
 """Migration 0014: priorities, who made a campaign, and quotas of keys."""
 
 from sqlalchemy import inspect
+from store_checks.examples import running
+from store_checks.quotas import key_with
 
-from eigenfail.testing.store.examples import running, spec
-from eigenfail.testing.store.quotas import key_with
+from eigenfail.testing.examples import spec
 from eigenfail.values import Priority
 from eigenfail.values.quotas import UNLIMITED, Quotas, Usage
 from eigenfail_services.store import migrate, open_store

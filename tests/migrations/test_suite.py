@@ -1,8 +1,8 @@
 """Migration 0007: campaigns whose suite stood in their names alone."""
 
 from sqlalchemy import inspect, text
+from store_checks.examples import running
 
-from eigenfail.testing.store.examples import running
 from eigenfail_services.store import migrate, open_store
 
 INDEX = "ix_campaigns_suite_id"

@@ -1,8 +1,8 @@
 """Migration 0004: campaigns that were stored before they carried how long they were trained."""
 
 from sqlalchemy import inspect
+from store_checks.examples import running
 
-from eigenfail.testing.store.examples import running
 from eigenfail_services.store import migrate, open_store
 
 

@@ -1,14 +1,21 @@
 """Planners that break every rule, as plug-ins that a stranger might install."""
 
+import builtins
 import contextlib
 import ctypes
+import locale
+import math
 import os
+import platform
+import signal
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 
 import msgspec
+import numpy as np
 
 from eigenfail.values import Control
 
@@ -230,6 +237,27 @@ class Misbehaves(Planner):
         return Control(0.0, 0.0)
 
 
+class Prints(Planner):
+    """Prints much in every episode, its number first."""
+
+    class Settings(msgspec.Struct, frozen=True):
+        kib: int = 1024
+
+    def __init__(self, settings):
+        self.kib = settings.kib
+        self.episodes = 0
+
+    def reset(self, mission):
+        sys.stdout.write(f"episode {self.episodes} begins\n")
+        self.episodes += 1
+        for _ in range(self.kib):
+            sys.stdout.write("x" * 1023 + "\n")
+        sys.stdout.flush()
+
+    def act(self, perception):
+        return Control(0.0, 0.0)
+
+
 class ForgetsFiles(Planner):
     """Opens some in every episode, and closes none; and leaves a thread that never ends."""
 
@@ -239,3 +267,105 @@ class ForgetsFiles(Planner):
 
     def act(self, perception):
         return Control(0.0, 0.0)
+
+
+UPWARD = {"x86_64": 0x800, "aarch64": 0x400000}
+FLUSH_TO_ZERO = 0x8040
+MXCSR = slice(28, 32)
+
+
+def round_upward():
+    ctypes.CDLL(None).fesetround(UPWARD[platform.machine()])
+
+
+def flush_denormals():
+    """Set both bits in glibc's environment of x86-64, as code built with -ffast-math does."""
+    environment = ctypes.create_string_buffer(64)
+    ctypes.CDLL(None).fegetenv(environment)
+    bits = int.from_bytes(environment.raw[MXCSR], "little") | FLUSH_TO_ZERO
+    environment[MXCSR] = bits.to_bytes(4, "little")
+    ctypes.CDLL(None).fesetenv(environment)
+
+
+def trap_divisions():
+    ctypes.CDLL(None).feenableexcept(4)
+
+
+def patch_numpy():
+    np.clip = partial(np.clip)
+
+
+def patch_math():
+    math.sin = lambda x: 0.0
+
+
+def patch_round():
+    builtins.round = partial(round)
+
+
+CHANGES = {
+    "rounding": round_upward,
+    "denormals": flush_denormals,
+    "traps": trap_divisions,
+    "numpy": patch_numpy,
+    "math": patch_math,
+    "builtins": patch_round,
+    "numpy errors": lambda: np.seterr(all="raise"),
+    "locale": lambda: locale.setlocale(locale.LC_ALL, "C.UTF-8"),
+    "directory": lambda: os.chdir("/"),
+    "signals": lambda: signal.signal(signal.SIGUSR1, lambda *_: None),
+    "nothing": lambda: None,
+}
+CALLS = []
+
+
+class ChangesState(Planner):
+    """Changes one thing of its process in the middle of each episode that is not left out."""
+
+    class Settings(msgspec.Struct, frozen=True):
+        what: str
+        from_episode: int = 0
+        fails: bool = False
+
+    def __init__(self, settings):
+        self.settings = settings
+
+    def reset(self, mission):
+        CALLS.append("reset")
+
+    def act(self, perception):
+        if len(CALLS) > self.settings.from_episode and perception.time_s > 1.0:
+            CHANGES[self.settings.what]()
+            if self.settings.fails:
+                raise ValueError("a consequence")
+        return Control(0.0, 0.0)
+
+
+class UnreadableError(Exception):
+    def __str__(self):
+        raise RuntimeError("no text")
+
+
+class EvasiveError(Exception):
+    def __str__(self):
+        return 7  # noqa: PLE0307 - that is what is wrong with it
+
+
+ERRORS = {
+    "lone surrogate": ValueError("half of a pair: \udc80"),
+    "NUL": ValueError("before\x00after"),
+    "megabytes": ValueError("x" * 3_000_000),
+    "__str__ raises": UnreadableError(),
+    "__str__ returns a number": EvasiveError(),
+}
+
+
+class RaisesText(Planner):
+    class Settings(msgspec.Struct, frozen=True):
+        text: str
+
+    def __init__(self, settings):
+        self.settings = settings
+
+    def act(self, perception):
+        raise ERRORS[self.settings.text]

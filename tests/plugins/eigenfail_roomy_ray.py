@@ -1,13 +1,13 @@
 """The process of Ray's driver, of a Ray that has room for everybody: real pipes, and no Ray."""
 
 from eigenfail_services.campaigns.launching import ray_process
-from eigenfail_services.campaigns.launching.ray_words import Standing
+from eigenfail_services.campaigns.launching.ray_link import ClusterStatus
 
 
 class Cluster:
     """One machine."""
 
-    def __init__(self, _address: object, _most: int) -> None:
+    def __init__(self, _address: object, _most: int, _folder: str) -> None:
         pass
 
     def machines(self) -> int:
@@ -26,13 +26,13 @@ class Workers:
     def want(self, names: tuple[str, ...]) -> None:
         self._names = names
 
-    def standing(self, machines: int) -> Standing:
-        return Standing(machines, self._names)
+    def standing(self, machines: int) -> ClusterStatus:
+        return ClusterStatus(machines, self._names)
 
     def dismiss(self) -> None:
         pass
 
 
 if __name__ == "__main__":
-    ray_process.Cluster, ray_process.RayWorkers = Cluster, Workers
+    ray_process.RayCluster, ray_process.RayWorkers = Cluster, Workers
     ray_process.main()

@@ -2,12 +2,12 @@
 
 import pytest
 
-from eigenfail import bridges, functions
-from eigenfail.cli.planner_code import packages
+from eigenfail import bridges
+from eigenfail.cli.gate import list_packages
 from eigenfail.cli.specs import check_plugins
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import CampaignSpec
-from eigenfail.variations import drawn_for, variation_of
+from eigenfail.worlds import drawn_for, list_simulators, world_of
 
 
 def spec(**parameters) -> CampaignSpec:
@@ -37,7 +37,7 @@ def test_a_parameter_may_vary_as_any_scenarios() -> None:
     drawn = [drawn_for(asked, seed) for seed in range(50)]
     assert {each["kind"] for each in drawn} == {"van", "car"}
     assert all(10.0 <= each["gap_m"] <= 14.0 for each in drawn)
-    assert variation_of(asked).drawn(3) == drawn[3]
+    assert world_of(asked.simulator).variation(asked).drawn(3) == drawn[3]
 
 
 def test_the_longest_episode_is_the_horizon() -> None:
@@ -71,11 +71,11 @@ def test_settings_of_the_planner_are_plain_too() -> None:
 
 
 def test_a_foreign_planner_has_no_code_here() -> None:
-    assert list(packages(spec(steps=9))) == []
+    assert list(list_packages(spec(steps=9))) == []
 
 
 def test_the_bridge_is_a_simulator_that_campaigns_may_name() -> None:
-    assert {"bridge", "function", "highway"} <= set(functions.simulators())
+    assert {"bridge", "function", "highway"} <= set(list_simulators())
 
 
 @pytest.mark.parametrize(

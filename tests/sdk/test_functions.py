@@ -4,7 +4,7 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
-from eigenfail.cli import places
+from eigenfail.cli import connection
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.functions import ALLOWED_VARIABLE, allow, allow_of, refuse_unlisted
 from eigenfail.hosting.service import Plan
@@ -76,9 +76,9 @@ def test_what_runs_a_file_by_itself_starts_a_service_for_the_files_module(tmp_pa
         raise ServiceError("enough")
         yield
 
-    monkeypatch.setattr(places, "local_service", start)
-    monkeypatch.setattr(places, "nearby", lambda *_: ())
+    monkeypatch.setattr(connection, "local_service", start)
+    monkeypatch.setattr(connection, "_list_addresses", lambda *_: ())
     plan = Plan(tmp_path, 0)
-    with suppress(ServiceError), places.somewhere(None, spec("sut_alone:f"), None, plan):
+    with suppress(ServiceError), connection.open_place(None, spec("sut_alone:f"), None, plan):
         pass
     assert started == [True]

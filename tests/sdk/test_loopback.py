@@ -9,8 +9,8 @@ from eigenfail.client import Client
 from eigenfail.errors import InvalidValue
 from eigenfail.loopback import is_loopback, is_own_endpoint
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.hub.binding import keys_for
-from eigenfail_services.scrape import parted
+from eigenfail_services.hub.transport import load_keys
+from eigenfail_services.scrape import split_address
 
 OURS = ("127.0.0.1", "127.9.8.7", "localhost", "LOCALHOST", "[::1]")
 OTHERS = (
@@ -34,10 +34,10 @@ def test_hub_bridge_figures_and_api_agree(host, monkeypatch) -> None:
     ours = host in OURS
     assert is_loopback(host) == ours
     assert is_own_endpoint(f"tcp://{host}:5555") == ours
-    assert passes(keys_for, f"tcp://{host}:5555", None) == ours
-    assert passes(keys_for, f"tcp://{host}:*", None) == ours
+    assert passes(load_keys, f"tcp://{host}:5555", None) == ours
+    assert passes(load_keys, f"tcp://{host}:*", None) == ours
     assert passes(bridges.check_address, f"tcp://{host}:5555") == ours
-    assert passes(parted, f"{host}:5555") == ours
+    assert passes(split_address, f"{host}:5555") == ours
     assert ApiSettings(host=host).is_private == ours
 
 

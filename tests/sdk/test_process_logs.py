@@ -36,6 +36,11 @@ def run(program, environment=None, stderr=subprocess.PIPE):
     )
 
 
+@pytest.mark.fault(
+    "disk of a log full",
+    group="storage",
+    outcome="Log lines are lost; no process ends because of them.",
+)
 @pytest.mark.skipif(not FULL.exists(), reason="/dev/full is Linux's")
 def test_who_complains_of_a_full_disk_is_not_ended_by_it():
     with FULL.open("w") as full:

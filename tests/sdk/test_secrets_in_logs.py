@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from eigenfail.values.access import redacted
-from eigenfail.wire.curve import WorkerKey
+from eigenfail.values.access import redact
+from eigenfail.wire.keys import WorkerKey
 
 KEY = f"ef_7_{'a' * 43}"
 PASSWORD = "hunter2"
@@ -109,7 +109,7 @@ def test_a_command_that_fails_by_surprise_is_told_of_without_secrets():
     done = run(f"""{BEGIN}
 from eigenfail.cli import doctor
 from eigenfail.cli.main import main
-doctor.versions = lambda: fail({ALL})
+doctor.list_versions = lambda: fail({ALL})
 sys.argv = ["eigenfail", "doctor"]
 main()
 """)
@@ -143,7 +143,7 @@ def test_a_command_line_that_is_wrong_is_told_of_without_secrets(program):
     ],
 )
 def test_passwords_are_hidden_however_they_are_written(text, left):
-    assert redacted(text) == left
+    assert redact(text) == left
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_a_database_that_is_not_there_is_told_of_without_its_password(words):
     ],
 )  # fmt: skip
 def test_what_is_no_secret_stays(text):
-    assert redacted(text) == text
+    assert redact(text) == text
 
 
 def test_every_program_has_its_logs_redacted():

@@ -39,6 +39,11 @@ def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
+@pytest.mark.fault(
+    "calculation for a page that hangs",
+    group="time",
+    outcome="Its process is killed with all that it started, and the page shows an error.",
+)
 @pytest.mark.service
 def test_one_that_does_not_answer_is_killed_with_all_it_started(started) -> None:
     with pytest.raises(ServiceError, match=r"no answer within 0.2 s"):

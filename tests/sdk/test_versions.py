@@ -4,7 +4,7 @@ import numpy as np
 import osqp
 
 from eigenfail import versions as module
-from eigenfail.versions import differences, pinned, processor, versions, with_plugins
+from eigenfail.versions import differences, processor, read_version, versions, with_plugins
 
 
 def test_it_names_what_digests_depend_on():
@@ -20,7 +20,7 @@ def test_packages_with_plugins_are_among_them():
 
 
 def test_what_is_not_there_has_no_version(monkeypatch, tmp_path):
-    assert pinned("no-such-package") == ""
+    assert read_version("no-such-package") == ""
     monkeypatch.setattr(module, "PROCESSORS", tmp_path / "none")
     assert processor() == ""
     (tmp_path / "none").write_text("cpu\t: 1\nmodel name\t: Some Chip 3\nmodel name\t: other\n")

@@ -11,7 +11,7 @@ import pytest
 
 from eigenfail_services import __main__ as services
 from eigenfail_services import bounds
-from eigenfail_services.bounds import Bounds
+from eigenfail_services.bounds import SettingBounds
 
 
 def test_without_a_word_it_is_an_hour_and_half_of_the_memory(monkeypatch) -> None:
@@ -19,7 +19,7 @@ def test_without_a_word_it_is_an_hour_and_half_of_the_memory(monkeypatch) -> Non
         monkeypatch.delenv(variable, raising=False)
     given = services.parse([])
     half = bounds.half_of_the_memory_mib()
-    assert bounds.of_learners(given) == bounds.of_analyses(given) == Bounds(3600.0, half)
+    assert bounds.of_learners(given) == bounds.of_analyses(given) == SettingBounds(3600.0, half)
     assert bounds.LEAST_MIB <= half <= max(bounds.LEAST_MIB, psutil.virtual_memory().total / 2**21)
 
 
@@ -28,8 +28,8 @@ def test_options_outdo_the_environment(monkeypatch) -> None:
     monkeypatch.setenv(bounds.ANALYSIS_LIMIT, "inf")
     monkeypatch.setenv(bounds.LEARNER_MEMORY, "700")
     given = services.parse(["--learner-limit", "2.5"])
-    assert bounds.of_learners(given) == Bounds(2.5, 700.0)
-    assert bounds.of_analyses(given) == Bounds(inf, 700.0)
+    assert bounds.of_learners(given) == SettingBounds(2.5, 700.0)
+    assert bounds.of_analyses(given) == SettingBounds(inf, 700.0)
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan", "an hour", ""])
@@ -62,7 +62,7 @@ def sleeper() -> Iterator[int]:
 @pytest.mark.skipif(sys.platform != "linux", reason="other kernels have no such limits")
 @pytest.mark.parametrize(("memory_mib", "most_mib"), [(128.0, 64), (32.0, 32), (inf, 64)])
 def test_a_lower_limit_of_the_services_own_stays(sleeper, memory_mib, most_mib) -> None:
-    Bounds(inf, memory_mib).confine(sleeper)
+    SettingBounds(inf, memory_mib).confine(sleeper)
     assert resource.prlimit(sleeper, resource.RLIMIT_DATA) == (most_mib * 2**20,) * 2
 
 
@@ -72,7 +72,7 @@ def test_a_process_that_may_not_be_confined_ends_nothing(monkeypatch) -> None:
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(bounds.resource, "prlimit", refused)
-    Bounds(inf, 64.0).confine(1)
+    SettingBounds(inf, 64.0).confine(1)
 
 
 def test_how_many_campaigns_run_at_a_time(monkeypatch) -> None:

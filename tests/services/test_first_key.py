@@ -11,13 +11,13 @@ from eigenfail.errors import InvalidValue
 from eigenfail.values.access import TOKEN, KeyRequest, Scope
 from eigenfail_services.access.first_key import first_key
 from eigenfail_services.access.keys import make_key, shown_key
+from eigenfail_services.store import open_store
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.memory import MemoryStore
 
 
 @pytest.fixture
 def store():
-    store = MemoryStore()
+    store = open_store("memory://")
     yield store
     store.close()
 
@@ -63,10 +63,10 @@ def test_no_key_is_made_that_could_not_be_kept(store, tmp_path):
 
 
 def test_the_program_says_nothing_of_the_secret(tmp_path):
-    program = [sys.executable, "-m", "eigenfail_services"]
+    program = [sys.executable, "-m", "eigenfail"]
     place = ["--database", f"sqlite:///{tmp_path}/e.db"]
     subprocess.run([*program, "db", "upgrade", *place], check=True, capture_output=True)
-    words = [*program, "key", "first", "--name", "compose", *place]
+    words = [*program, "key", "first", "compose", *place, "--json"]
     refused = subprocess.run(words, check=False, capture_output=True, text=True)
     assert (refused.returncode, "Traceback" in refused.stderr) == (2, False)
     words += ["--file", f"{tmp_path}/key"]

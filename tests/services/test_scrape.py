@@ -8,8 +8,8 @@ from urllib.request import urlopen
 import pytest
 
 from eigenfail.errors import InvalidValue, PortTaken
-from eigenfail_services.hub.vitals import Standing, Vitals
-from eigenfail_services.scrape import parted, serve
+from eigenfail_services.hub.metrics import HubStatus, Metrics
+from eigenfail_services.scrape import serve, split_address
 
 
 @pytest.fixture
@@ -20,9 +20,9 @@ def free():
 
 
 def test_the_figures_are_served_until_that_is_ended(free):
-    vitals = Vitals()
-    vitals.standing = Standing(workers=2)
-    end = serve(free, vitals.registry)
+    metrics = Metrics()
+    metrics.status = HubStatus(workers=2)
+    end = serve(free, metrics.registry)
     with urlopen(f"http://{free}/metrics") as answer:
         lines = answer.read().decode().splitlines()
     assert "eigenfail_workers 2.0" in lines
@@ -33,26 +33,26 @@ def test_the_figures_are_served_until_that_is_ended(free):
 
 
 def test_a_taken_port_is_told(free):
-    host, port = parted(free)
+    host, port = split_address(free)
     with socket.create_server((host, port)), pytest.raises(PortTaken, match=free):
-        serve(free, Vitals().registry)
+        serve(free, Metrics().registry)
 
 
 @pytest.mark.parametrize("address", ["", "8442", "127.0.0.1", "127.0.0.1:", "localhost:x", "a:0"])
 def test_what_is_no_address_is_refused(address):
     with pytest.raises(InvalidValue, match="metrics"):
-        parted(address)
+        split_address(address)
 
 
 def test_other_machines_reach_it_only_where_somebody_vouches(monkeypatch):
     monkeypatch.delenv("EIGENFAIL_TRUST_NETWORK", raising=False)
     for address in ("0.0.0.0:8442", "[::]:8442", "localhost.example:8442", "127.example:8442"):
         with pytest.raises(InvalidValue, match="asks nobody for a key"):
-            parted(address)
-    assert parted("localhost:8442") == ("localhost", 8442)
+            split_address(address)
+    assert split_address("localhost:8442") == ("localhost", 8442)
     monkeypatch.setenv("EIGENFAIL_TRUST_NETWORK", "1")
-    assert parted("0.0.0.0:8442") == ("0.0.0.0", 8442)
-    assert parted("[::1]:8442") == ("::1", 8442)
+    assert split_address("0.0.0.0:8442") == ("0.0.0.0", 8442)
+    assert split_address("[::1]:8442") == ("::1", 8442)
 
 
 def test_a_wrong_address_is_told_in_a_sentence(tmp_path):

@@ -10,6 +10,7 @@ import random
 import sys
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[1] / "chaos"))
@@ -18,12 +19,21 @@ from postgresql import server
 from promises import late, run_again
 from resources import Sample, growth, quarters, sample, told
 from stage import CAMPAIGNS, Stage, stage_on
-from storm import NOTHING_MORE, Fault, Storm, verdict
+from storm import NOTHING_MORE, SERVER_SHUTDOWN, WRITE_LOCK, Fault, Storm, hold_write_lock, verdict
 
-HARMLESS = ("inner process killed", "learner killed", "controller killed")
+HARMLESS = (
+    "SIGKILL of a worker's inner process",
+    "SIGKILL of a learner",
+    "SIGKILL of the controller",
+)
 """Whoever holds a result lives, and so does the line: nothing may be run again."""
 
-SPARED = ("services killed", "services held up", "everything killed", "PostgreSQL broken off")
+SPARED = (
+    "SIGKILL of the services",
+    "SIGSTOP of the services",
+    "SIGKILL of every process at once",
+    SERVER_SHUTDOWN,
+)
 
 
 def until(minutes: float, look: Callable[[], object]) -> Callable[[], bool]:
@@ -73,14 +83,16 @@ def soak(
 
 def on_sqlite(minutes: float, seed: int) -> list[str]:
     """What is to be complained of there."""
+    draws = random.Random(seed)
     with stage_on("") as stage:
-        return soak(stage, minutes, seed)
+        more = {WRITE_LOCK: partial(hold_write_lock, stage.url, draws)}
+        return soak(stage, minutes, seed, more)
 
 
 def on_postgresql(minutes: float, seed: int) -> list[str]:
     """What is to be complained of there, where the server is broken off, too."""
     with server() as running, stage_on(running.url) as stage:
-        return soak(stage, minutes, seed, {"PostgreSQL broken off": running.restarted})
+        return soak(stage, minutes, seed, {SERVER_SHUTDOWN: running.restarted})
 
 
 DATABASES = {"sqlite": on_sqlite, "postgresql": on_postgresql}

@@ -9,7 +9,7 @@ import pytest
 
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values import Control, Mission, Perception, VehicleState
-from eigenfail_workers.closed_loop import DrivenSimulation, Truth, checked
+from eigenfail_workers.closed_loop import DrivenSimulation, GroundTruth, validate_control
 
 
 def car(x: float, y: float = 0.0) -> VehicleState:
@@ -19,15 +19,15 @@ def car(x: float, y: float = 0.0) -> VehicleState:
 class Film:
     """A world that shows prepared truths."""
 
-    def __init__(self, truths: Sequence[Truth]) -> None:
+    def __init__(self, truths: Sequence[GroundTruth]) -> None:
         self.truths = truths
 
-    def reset(self, situation: Any) -> Truth:
+    def reset(self, situation: Any) -> GroundTruth:
         self.next = 1
         self.driven: list[Control] = []
         return self.truths[0]
 
-    def advance(self, control: Control) -> Truth:
+    def advance(self, control: Control) -> GroundTruth:
         self.next += 1
         self.driven.append(control)
         return self.truths[self.next - 1]
@@ -45,13 +45,13 @@ class Watcher:
         return Control(1.0, 0.0)
 
 
-def loop(scenario: Any, planner: Any, *truths: Truth) -> DrivenSimulation:
+def loop(scenario: Any, planner: Any, *truths: GroundTruth) -> DrivenSimulation:
     return DrivenSimulation(Film(truths), scenario, scenario.Parameters(), planner)
 
 
-FREE = Truth(car(0.0), (car(30.0, 3.5), car(-40.0)), False)
-CROSSED = Truth(car(0.0), (car(50.0, 3.5), car(-20.0)), False)
-CRASHED = Truth(car(0.0), (car(50.0, 3.5), car(-5.0)), True)
+FREE = GroundTruth(car(0.0), (car(30.0, 3.5), car(-40.0)), False)
+CROSSED = GroundTruth(car(0.0), (car(50.0, 3.5), car(-20.0)), False)
+CRASHED = GroundTruth(car(0.0), (car(50.0, 3.5), car(-5.0)), True)
 
 
 def test_noise_moves_over_when_another_vehicle_becomes_the_nearest(small_cut_in: Any) -> None:
@@ -116,11 +116,11 @@ def test_a_closed_simulation_cannot_go_on(small_cut_in: Any) -> None:
 )
 def test_what_is_no_control_is_refused(answer: object) -> None:
     with pytest.raises(PlannerError, match="two finite numbers"):
-        checked(answer)
+        validate_control(answer)
 
 
 def test_numpys_numbers_become_plain_ones() -> None:
-    control = checked(Control(np.float64(1.0), np.float32(0.5)))
+    control = validate_control(Control(np.float64(1.0), np.float32(0.5)))
     assert [type(value) for value in msgspec.structs.astuple(control)] == [float, float]
 
 

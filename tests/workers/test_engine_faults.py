@@ -13,7 +13,9 @@ from eigenfail.contracts import EpisodeEngine
 from eigenfail.errors import ServiceError, SolverError
 from eigenfail.values import (
     Control,
+    DisturbanceModel,
     EpisodeResult,
+    EpisodeSetup,
     EpisodeTask,
     Observation,
     Outcome,
@@ -23,6 +25,7 @@ from eigenfail.values import (
     VehicleState,
     episode_seed,
 )
+from eigenfail_workers.engine import Engine
 
 MakeEngine = Callable[..., EpisodeEngine]
 
@@ -57,6 +60,11 @@ FAULTS = {
 }
 
 
+@pytest.mark.fault(
+    "planner that raises, or returns nothing or NaN",
+    group="plug-ins",
+    outcome="The episode is errored, kind `planner`; the others run.",
+)
 @pytest.mark.parametrize("simulator", SIMULATORS)
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_planners_fault_costs_one_episode(
@@ -73,6 +81,11 @@ def test_a_planners_fault_costs_one_episode(
         assert np.array_equal(result.noise.z, sound.noise.z[:5])
 
 
+@pytest.mark.fault(
+    "planner that cannot be constructed",
+    group="plug-ins",
+    outcome="Its episodes are errored, kind `planner`, with the cause.",
+)
 def test_a_planner_that_cannot_be_made_fails_its_episodes(make_engine: MakeEngine) -> None:
     class Unmakeable:
         class Settings(msgspec.Struct, frozen=True):
@@ -94,6 +107,7 @@ INPUTS = {
 }
 
 
+@pytest.mark.fault("unknown policy version")
 @pytest.mark.parametrize("name", INPUTS)
 def test_wrong_input_costs_one_episode(name: str, make_engine: MakeEngine) -> None:
     before, after = tasks(2)
@@ -104,6 +118,11 @@ def test_wrong_input_costs_one_episode(name: str, make_engine: MakeEngine) -> No
     assert digests([results[0], results[2]]) == digests(run(make_engine(), [before, after]))
 
 
+@pytest.mark.fault(
+    "scenario that cannot be staged",
+    group="plug-ins",
+    outcome="The episode is errored, kind `input`.",
+)
 def test_a_scenario_that_cannot_be_staged_is_the_inputs_fault(make_engine: MakeEngine) -> None:
     (empty,) = run(make_engine(scenario="empty"), tasks(1))
     assert empty.fault.kind == "input"
@@ -150,6 +169,11 @@ class Deserted(Trouble):
         return msgspec.structs.replace(seen, others=())
 
 
+@pytest.mark.fault(
+    "simulator that raises, never ends or returns NaN",
+    group="plug-ins",
+    outcome="The episode is errored, kind `simulator`; the others run.",
+)
 @pytest.mark.parametrize(
     ("simulator", "told"),
     [
@@ -197,7 +221,53 @@ class Growing:
         pass
 
 
+@pytest.mark.fault("simulator that raises, never ends or returns NaN")
 def test_a_scene_that_cannot_be_kept_is_the_simulators_fault(make_engine, plug_in) -> None:
     plug_in(plugins.SIMULATORS, "growing", Growing)
     (result,) = run(make_engine(simulator="growing"), tasks(1))
     assert (result.outcome, result.fault.kind) == (Outcome.FAILED, "simulator")
+
+
+class Patching(Trouble):
+    """A simulator that patches numpy, and then breaks."""
+
+    def spoil(self, seen: Any) -> Any:
+        np.tanh = len
+        raise ConnectionError("lost")
+
+
+@pytest.mark.fault(
+    "simulator that changes process-wide state",
+    group="plug-ins",
+    outcome="The episode is errored, and its fault names the simulator and what it changed.",
+)
+def test_a_simulator_that_changes_the_process_is_named(
+    plug_in: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(np, "tanh", np.tanh)
+    one = Patching()
+    plug_in(plugins.SIMULATORS, "patching", lambda: one)
+    engine = Engine(EpisodeSetup("patching", "cut_in", {}, "idm", {}, DisturbanceModel()))
+    sound, result = run(engine, tasks(2))
+    assert sound.fault is None
+    assert result.fault.kind == "simulator"
+    assert "The simulator 'patching' changed process-wide state" in result.fault.message
+    assert "numpy.tanh. The episode ended with: " in result.fault.message
+    assert "ConnectionError: lost" in result.fault.message
+    one.close = lambda: None
+
+
+def test_of_several_plug_ins_all_are_named(
+    make_engine: MakeEngine, faulty: Callable[..., type], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(np, "tanh", np.tanh)
+
+    def patch() -> Control:
+        np.tanh = len
+        return Control(0.0, 0.0)
+
+    _, result = run(make_engine(faulty(patch)), tasks(2))
+    assert result.fault.kind == "planner"
+    assert result.fault.message.startswith(
+        "The planner 'driver' or the scenario 'small' changed process-wide state"
+    )

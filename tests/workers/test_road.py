@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eigenfail.values import Mission, VehicleState
-from eigenfail_workers.road import is_off_road
+from eigenfail_workers.motion import is_off_road
 
 TWO_LANES = Mission(0.1, 2, 3.5, 25.0, 24.0, 1000.0)
 RAMP = msgspec.structs.replace(TWO_LANES, lane_0_ends_x_m=200.0)

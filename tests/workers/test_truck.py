@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eigenfail.values import Control
-from eigenfail_workers.truck import strongest_drive, within_limits
+from eigenfail_workers.motion import clip_control, max_drive_mps2
 
 anything = st.floats(allow_nan=False, allow_infinity=False)
 speeds = st.floats(0.0, 40.0)
@@ -28,23 +28,23 @@ many = settings(deadline=None, derandomize=True, max_examples=200)
 def test_drive_is_limited_by_gears_and_then_by_power(
     speed_mps: float, strongest_mps2: float
 ) -> None:
-    assert strongest_drive(speed_mps) == pytest.approx(strongest_mps2)
-    applied = within_limits(Control(3.0, 0.0), speed_mps)
+    assert max_drive_mps2(speed_mps) == pytest.approx(strongest_mps2)
+    applied = clip_control(Control(3.0, 0.0), speed_mps)
     assert applied.acceleration_mps2 == pytest.approx(strongest_mps2)
 
 
 @pytest.mark.parametrize("speed_mps", [0.0, 10.0, 30.0])
 def test_brakes_and_steering_do_not_depend_on_the_speed(speed_mps: float) -> None:
-    assert within_limits(Control(-7.5, -2.0), speed_mps) == Control(-7.0, -pi / 4)
-    assert within_limits(Control(-7.0, pi / 4), speed_mps) == Control(-7.0, pi / 4)
-    assert within_limits(Control(-6.9, 2.0), speed_mps) == Control(-6.9, pi / 4)
+    assert clip_control(Control(-7.5, -2.0), speed_mps) == Control(-7.0, -pi / 4)
+    assert clip_control(Control(-7.0, pi / 4), speed_mps) == Control(-7.0, pi / 4)
+    assert clip_control(Control(-6.9, 2.0), speed_mps) == Control(-6.9, pi / 4)
 
 
 @many
 @given(anything, anything, speeds)
 def test_clipping_twice_is_clipping_once(asked: float, steering: float, speed: float) -> None:
-    once = within_limits(Control(asked, steering), speed)
-    assert within_limits(once, speed) == once
+    once = clip_control(Control(asked, steering), speed)
+    assert clip_control(once, speed) == once
     assert -7.0 <= once.acceleration_mps2 <= 1.5
 
 
@@ -52,7 +52,7 @@ def test_clipping_twice_is_clipping_once(asked: float, steering: float, speed: f
 @given(anything, anything, speeds)
 def test_asking_for_more_never_gives_less(one: float, other: float, speed: float) -> None:
     less, more = sorted((one, other))
-    applied = [within_limits(Control(asked, 0.0), speed) for asked in (less, more)]
+    applied = [clip_control(Control(asked, 0.0), speed) for asked in (less, more)]
     assert applied[0].acceleration_mps2 <= applied[1].acceleration_mps2
 
 
@@ -60,10 +60,10 @@ def test_asking_for_more_never_gives_less(one: float, other: float, speed: float
 @given(speeds, speeds)
 def test_the_faster_the_weaker(one: float, other: float) -> None:
     slow, fast = sorted((one, other))
-    assert strongest_drive(fast) <= strongest_drive(slow) < inf
+    assert max_drive_mps2(fast) <= max_drive_mps2(slow) < inf
 
 
 @many
 @given(st.floats(-7.0, 0.5), st.floats(-pi / 4, pi / 4), st.floats(0.0, 25.0))
 def test_what_the_truck_can_do_is_left_alone(asked: float, steering: float, speed: float) -> None:
-    assert within_limits(Control(asked, steering), speed) == Control(asked, steering)
+    assert clip_control(Control(asked, steering), speed) == Control(asked, steering)

@@ -8,39 +8,40 @@ import msgspec
 from eigenfail.contracts import Planner, Scenario, Situation
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
-from eigenfail_workers.faults import blamed_on
-from eigenfail_workers.measures.geometry import nearest
-from eigenfail_workers.road import is_off_road
-from eigenfail_workers.truck import within_limits
+from eigenfail_workers.faults import wrap_errors
+from eigenfail_workers.measures.geometry import find_nearest
+from eigenfail_workers.motion import clip_control, is_off_road
 
 Pair = tuple[float, float]
 
 
-class Truth(msgspec.Struct, frozen=True, gc=False):
-    """Where everybody is, and whether the ego touches anybody."""
+class GroundTruth(msgspec.Struct, frozen=True, gc=False):
+    """True states of all vehicles, and whether the ego touches another one."""
 
     ego: VehicleState
     others: tuple[VehicleState, ...]
     collided: bool
 
 
-class World(Protocol):
-    """Physics: moves the ego by its controls and the actors by their script."""
+class TrafficWorld(Protocol):
+    """Physics: moves the ego by its controls, and the actors by their scripts."""
 
-    def reset(self, situation: Situation) -> Truth:
-        """Stage the situation."""
+    def reset(self, situation: Situation) -> GroundTruth:
+        """Place the vehicles of the situation."""
 
-    def advance(self, control: Control) -> Truth:
-        """Move everybody by one step of the situation's `dt_s`."""
+    def advance(self, control: Control) -> GroundTruth:
+        """Move all vehicles by one step of the situation's `dt_s`."""
 
 
 class DrivenSimulation:
-    """A planner driving the ego of a scenario in a world. Implements `Simulation`.
+    """A planner that drives the ego of a scenario in a world. Implements `Simulation`.
 
     `dt_s` and `steps` belong to the scenario's parameters; they are the same for every seed.
     """
 
-    def __init__(self, world: World, scenario: Scenario, parameters: Any, planner: Planner) -> None:
+    def __init__(
+        self, world: TrafficWorld, scenario: Scenario, parameters: Any, planner: Planner
+    ) -> None:
         self._world = world
         self._scenario = scenario
         self._parameters = parameters
@@ -59,13 +60,13 @@ class DrivenSimulation:
         situation = self._scenario(self._parameters, seed)
         truth = self._stage(situation)
         self._mission = situation.mission
-        with blamed_on(PlannerError, "The planner's reset", "Look into the planner."):
+        with wrap_errors(PlannerError, "The planner's reset", "Look into the planner."):
             self._planner.reset(situation.mission)
         off_road = is_off_road(situation.mission, truth.ego)
         self._now = Observation(0, truth.ego, truth.others, off_road=off_road)
         return self._now
 
-    def _stage(self, situation: Situation) -> Truth:
+    def _stage(self, situation: Situation) -> GroundTruth:
         if not situation.actors:
             raise InvalidValue(
                 "scenario_parameters",
@@ -86,7 +87,7 @@ class DrivenSimulation:
             raise SimulatorError("There is no episode to go on with.", "Reset the simulation.")
         perception, position = self._perceive(now, disturbance)
         control = self._plan(perception)
-        applied = within_limits(control, now.ego.speed_mps)
+        applied = clip_control(control, now.ego.speed_mps)
         truth = self._world.advance(applied)
         step = now.step + 1
         self._now = Observation(
@@ -103,8 +104,8 @@ class DrivenSimulation:
         return self._now
 
     def _perceive(self, now: Observation, disturbance: Pair) -> tuple[Perception, Pair]:
-        """What the planner sees: the truth, but for the position of the nearest vehicle."""
-        actor = nearest(now.ego, now.others)
+        """Return the true states, with a disturbed position of the nearest vehicle."""
+        actor = find_nearest(now.ego, now.others)
         true = now.others[actor]
         position = true.x_m + disturbance[0], true.y_m + disturbance[1]
         seen = VehicleState(
@@ -114,20 +115,20 @@ class DrivenSimulation:
         return Perception(now.step * self.dt_s, now.ego, others), position
 
     def _plan(self, perception: Perception) -> Control:
-        with blamed_on(PlannerError, "The planner", "Look into the planner."):
-            return checked(self._planner.act(perception))
+        with wrap_errors(PlannerError, "The planner", "Look into the planner."):
+            return validate_control(self._planner.act(perception))
 
     def close(self) -> None:
-        """Let go of the episode."""
+        """Refuse further steps."""
         self._closed = True
         self._now = None
 
 
-def checked(answer: object) -> Control:
-    """A planner's answer, if it is a control.
+def validate_control(answer: object) -> Control:
+    """Return a planner's answer as a control.
 
     Raises:
-        PlannerError: it is something else, or holds what is not a finite number.
+        PlannerError: the answer is not a control, or holds NaN or infinity.
     """
     remedy = "`act` must return a Control of two finite numbers."
     if not isinstance(answer, Control):

@@ -1,4 +1,4 @@
-"""Runs the episodes of a campaign in this process."""
+"""Engine that runs the episodes of a campaign with simulator and planner in this process."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -17,40 +17,36 @@ from eigenfail.errors import (
     PlannerError,
     SimulatorError,
 )
+from eigenfail.process_state import ProcessState
 from eigenfail.settings import read_settings
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.values.variation import read_variation
-from eigenfail_workers.episode import completed, failed, run_episode
-from eigenfail_workers.faults import blamed_on, fault
+from eigenfail_workers.episode import make_failed_result, make_result, run_episode
+from eigenfail_workers.faults import make_fault, make_state_change_error, wrap_errors
 from eigenfail_workers.measures.recorder import Recorder
 from eigenfail_workers.noise import sources
-from eigenfail_workers.noise.policy import keep
-
-
-def unwatched(planner: Planner) -> Planner:
-    """Nobody looks on."""
-    return planner
+from eigenfail_workers.noise.policy import store_policy
 
 
 class Engine:
-    """Implements `EpisodeEngine`: one simulation, reset for each episode.
+    """Runs episodes in one simulation, reset for each episode. Implements `EpisodeEngine`.
 
-    It is opened anew after a fault, and where an episode's own scenario parameters are others.
+    The simulation is reopened after a fault, and when the scenario parameters change.
 
     Args:
-        setup: what all episodes share.
-        watch: stands in for each planner that is made, to look on while it drives.
+        setup: of the campaign.
+        wrap_planner: returns what drives in place of each new planner; default: the planner.
 
     Raises:
-        UnknownName: a plug-in, setting or parameter that does not exist.
-        InvalidValue: a setting or parameter outside its bounds.
+        UnknownName: a plug-in, setting or parameter does not exist.
+        InvalidValue: a setting or parameter is outside its bounds.
     """
 
     def __init__(
-        self, setup: EpisodeSetup, watch: Callable[[Planner], Planner] = unwatched
+        self, setup: EpisodeSetup, wrap_planner: Callable[[Planner], Planner] | None = None
     ) -> None:
         self._setup = setup
-        self._watch = watch
+        self._wrap_planner = wrap_planner
         self._simulator = plugins.load(plugins.SIMULATORS, setup.simulator)()
         scenario = plugins.load(plugins.SCENARIOS, setup.scenario)
         self._variation = read_variation(scenario.Parameters, setup.scenario_parameters)
@@ -62,37 +58,61 @@ class Engine:
         )
         self._policies: dict[int, Policy] = {}
         self._simulation: Simulation | None = None
+        # Taken after the imports: what they change is the same for each episode in each process.
+        self._process_state = ProcessState()
 
     def learn(self, policy: Policy) -> None:
-        """Keep a policy version, as it is now; the oldest make room."""
-        keep(self._policies, policy)
+        """Store a copy of a policy version; the oldest versions are dropped."""
+        store_policy(self._policies, policy)
 
     def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:
-        """The results, in the order of the tasks."""
+        """Yield the results in the order of the tasks."""
         return map(self._run, tasks)
 
     def _run(self, task: EpisodeTask) -> EpisodeResult:
         began = perf_counter()
         recorder = Recorder(self._setup.disturbance.shape)
         try:
-            result = self._complete(task, recorder)
+            result = self._run_to_end(task, recorder)
         except (EpisodeError, InputError) as error:
-            self._start_clean()
-            result = failed(task, recorder, fault(error))
+            self._discard()
+            result = make_failed_result(task, recorder, make_fault(error))
+        if changes := self._process_state.changes():
+            result = make_failed_result(
+                task, recorder, make_fault(self._make_state_change_error(changes, result))
+            )
         return structs.replace(result, wall_s=perf_counter() - began)
 
-    def _complete(self, task: EpisodeTask, recorder: Recorder) -> EpisodeResult:
-        with blamed_on(SimulatorError, "The episode", "Look into simulator and scenario."):
-            simulation = self._opened(self._variation.draw(task.seed))
-            given = sources.Circumstances(task.seed, simulation.steps, self._policies)
-            noise = sources.begin(task.source, given)
-            run_episode(simulation, task.seed, self._setup.disturbance, noise, recorder)
-            return completed(self._setup, task, noise, recorder, simulation.dt_s)
+    def _make_state_change_error(self, changes: list[str], result: EpisodeResult) -> EpisodeError:
+        """Return the error of an episode that has changed process-wide state.
 
-    def _opened(self, parameters: Any) -> Simulation:
-        """The simulation for these parameters, opened with a fresh planner if there is none."""
+        Which plug-in has done so is unknown: all that are not built in are named. Episodes of an
+        engine run one after the other, so that this one has done it.
+        """
+        setup = self._setup
+        used = {
+            plugins.PLANNERS: ("planner", setup.planner),
+            plugins.SIMULATORS: ("simulator", setup.simulator),
+            plugins.SCENARIOS: ("scenario", setup.scenario),
+        }
+        foreign = [used[group] for group in used if not plugins.is_built_in(group, used[group][1])]
+        suspects = dict(foreign) or {"planner": setup.planner}
+        kind = PlannerError if "planner" in suspects else SimulatorError
+        named = " or ".join(f"the {part} '{name}'" for part, name in suspects.items())
+        return make_state_change_error(kind, named, changes, result)
+
+    def _run_to_end(self, task: EpisodeTask, recorder: Recorder) -> EpisodeResult:
+        with wrap_errors(SimulatorError, "The episode", "Look into simulator and scenario."):
+            simulation = self._open(self._variation.draw(task.seed))
+            context = sources.NoiseContext(task.seed, simulation.steps, self._policies)
+            noise = sources.begin(task.source, context)
+            run_episode(simulation, task.seed, self._setup.disturbance, noise, recorder)
+            return make_result(self._setup, task, noise, recorder, simulation.dt_s)
+
+    def _open(self, parameters: Any) -> Simulation:
+        """Return the simulation for these parameters, opened with a new planner if necessary."""
         if parameters != self._parameters:
-            self._start_clean()
+            self._discard()
         if self._simulation is None:
             planner = self._new_planner()
             self._simulation = self._simulator.open(self._scenario, parameters, planner)
@@ -111,16 +131,17 @@ class Engine:
         return self._variation.largest(lambda parameters: self._scenario(parameters, 0).steps)
 
     def _new_planner(self) -> Planner:
-        with blamed_on(PlannerError, "Making the planner", "Look into the planner."):
-            return self._watch(self._planner_class(self._planner_settings))
+        with wrap_errors(PlannerError, "Making the planner", "Look into the planner."):
+            planner: Planner = self._planner_class(self._planner_settings)
+            return self._wrap_planner(planner) if self._wrap_planner else planner
 
-    def _start_clean(self) -> None:
-        """Close what there is; what broke may break once more then, and that is no news."""
-        with suppress(Exception):
+    def _discard(self) -> None:
+        """Close the simulation after a fault."""
+        with suppress(Exception):  # a broken simulator may fail again, which adds nothing
             self.close()
 
     def close(self) -> None:
-        """Let go of the simulation and its planner."""
+        """Close the simulation with its planner."""
         simulation, self._simulation = self._simulation, None
         if simulation is not None:
             simulation.close()

@@ -1,26 +1,26 @@
-"""Which engine runs the episodes of a campaign. Registered as the default engine."""
+"""The default engine of episodes, chosen by the simulator of a campaign."""
 
 from collections.abc import Callable
 
 from eigenfail import bridges, functions
 from eigenfail.contracts import EpisodeEngine
 from eigenfail.values import EpisodeSetup
-from eigenfail_workers.bridge.engine import from_setup as on_a_bridge
+from eigenfail_workers.bridge.engine import make_bridge_engine
 from eigenfail_workers.engine import Engine
-from eigenfail_workers.functions.engine import from_setup as on_a_function
+from eigenfail_workers.functions import make_function_engine
 
 ENGINES: dict[str, Callable[[EpisodeSetup], EpisodeEngine]] = {
-    functions.SIMULATOR: on_a_function,
-    bridges.SIMULATOR: on_a_bridge,
+    functions.SIMULATOR: make_function_engine,
+    bridges.SIMULATOR: make_bridge_engine,
 }
-"""Simulators that are no plug-ins, by name."""
+"""Engines of the simulators that are not plug-ins, by name."""
 
 
 def make_engine(setup: EpisodeSetup) -> EpisodeEngine:
-    """The engine for what all episodes of a campaign share.
+    """Return the engine of a campaign.
 
     Raises:
-        UnknownName: a plug-in, setting or parameter that does not exist.
-        InvalidValue: a setting or parameter outside its bounds.
+        UnknownName: a plug-in, setting or parameter does not exist.
+        InvalidValue: a setting or parameter is outside its bounds.
     """
     return ENGINES.get(setup.simulator, Engine)(setup)

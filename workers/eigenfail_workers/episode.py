@@ -1,4 +1,4 @@
-"""One episode, as the paper tells it."""
+"""The loop of one episode: observe, disturb, step, and record."""
 
 from msgspec.structs import replace
 
@@ -15,19 +15,22 @@ from eigenfail.values import (
     Outcome,
     unrunnable,
 )
-from eigenfail_workers.measures.geometry import nearest
+from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder
-from eigenfail_workers.noise.models import deviations
+from eigenfail_workers.noise.models import compute_deviations
 from eigenfail_workers.noise.sources import NoiseSource
 
 Pair = tuple[float, float]
 
 
 class Tester:
-    """Observes and disturbs one episode, whoever steps it; the recorder sees everything.
+    """Observes, disturbs and records one episode, which its caller steps.
 
     Args:
-        steps: the horizon.
+        model: of the disturbances.
+        noise: source of standardised noise.
+        recorder: of the episode.
+        steps: horizon of the episode.
     """
 
     def __init__(
@@ -40,13 +43,13 @@ class Tester:
         self._steps = steps
 
     def disturb(self, observation: Observation) -> Pair | None:
-        """The disturbance of the next step [m]; None if the episode has ended.
+        """Return the disturbance of the next step [m]; None if the episode has ended.
 
         Raises:
-            SimulatorError: a vehicle is nowhere, or the episode goes on beyond its horizon.
+            SimulatorError: an observation is not finite, or the episode exceeds its horizon.
         """
         recorder = self._recorder
-        recorder.sees(observation)
+        recorder.observe(observation)
         if observation.ended:
             return None
         if recorder.steps >= self._steps:
@@ -54,10 +57,10 @@ class Tester:
                 f"The episode did not end at its horizon of {self._steps} steps.",
                 "The simulation must set `ended` there.",
             )
-        actor = observation.others[nearest(observation.ego, observation.others)]
-        sigma = deviations(self._model, observation.ego, actor)
+        actor = observation.others[find_nearest(observation.ego, observation.others)]
+        sigma = compute_deviations(self._model, observation.ego, actor)
         z = self._noise.draw(observation, actor)
-        recorder.injects(z, sigma)
+        recorder.add_disturbance(z, sigma)
         return self._conversion.to_metres(z, sigma)
 
 
@@ -68,10 +71,10 @@ def run_episode(
     noise: NoiseSource,
     recorder: Recorder,
 ) -> None:
-    """Observe, disturb and step until the episode ends.
+    """Run an episode to its end.
 
     Raises:
-        EpisodeError: the episode cannot be completed; the recorder holds what there is of it.
+        EpisodeError: the episode cannot be completed; the recorder holds its steps so far.
     """
     tester = Tester(model, noise, recorder, simulation.steps)
     disturbance = tester.disturb(simulation.reset(seed))
@@ -79,10 +82,10 @@ def run_episode(
         disturbance = tester.disturb(simulation.step(disturbance))
 
 
-def completed(
+def make_result(
     setup: EpisodeSetup, task: EpisodeTask, noise: NoiseSource, recorder: Recorder, dt_s: float
 ) -> EpisodeResult:
-    """The result of an episode that ended, but for its wall time."""
+    """Return the result of an episode that has ended, without its wall time."""
     keep_scene = recorder.collided or task.index % setup.scene_every == 0
     return EpisodeResult(
         index=task.index,
@@ -97,6 +100,6 @@ def completed(
     )
 
 
-def failed(task: EpisodeTask, recorder: Recorder, why: EpisodeFault) -> EpisodeResult:
-    """What is left of an episode that could not be completed."""
+def make_failed_result(task: EpisodeTask, recorder: Recorder, why: EpisodeFault) -> EpisodeResult:
+    """Return the result of an episode that could not be completed."""
     return replace(unrunnable(task, why), steps=recorder.steps, noise=recorder.noise())

@@ -1,39 +1,277 @@
-"""The address of the comparison."""
+"""The page of a comparison: two groups of campaigns, or all that were selected."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated, NamedTuple
+from urllib.parse import urlencode
 
+import msgspec
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import HTMLResponse
 from pydantic import Field
 
-from eigenfail.contracts import Store
-from eigenfail.values import Campaign, CampaignCost, Side
+from eigenfail.presentation.campaigns import tabulate_compared, tabulate_sides
+from eigenfail.presentation.figures import count_noun, format_number, format_signed, put_minus_signs
+from eigenfail.presentation.tables import Table, transpose
+from eigenfail.values import (
+    Campaign,
+    CampaignCost,
+    CampaignSpec,
+    Comparison,
+    Distinction,
+    Side,
+)
+from eigenfail_api.dashboard.charts import Chart
+from eigenfail_api.dashboard.copying import CopiedRequest, Copies, Service, copies, service_of
+from eigenfail_api.dashboard.overlays import Compared, bill_charts, overlays
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.dashboard.samples import sample_episodes
-from eigenfail_api.dashboard.views.compared import (
-    ComparedView,
-    figures,
-    group_name,
-    verdicts,
-)
-from eigenfail_api.dashboard.views.comparison import Bills, comparison_view
-from eigenfail_api.dashboard.views.copying import Asked, Copies, Service, copies, service_of
-from eigenfail_api.dashboard.views.overlays import Compared, overlays
-from eigenfail_api.dashboard.views.picking import address, all_chosen, named, picker
+from eigenfail_api.dashboard.tiles import Badge, campaign_badge
 from eigenfail_api.parameters import IDS, LARGEST, Stored
-from eigenfail_api.routes.comparisons import numbers
-from eigenfail_services.campaigns.comparison import compare
-from eigenfail_services.campaigns.comparison_groups import (
+from eigenfail_api.routes.figures import COMPARISONS, parse_ids
+from eigenfail_services.campaigns.comparison import (
     FEWEST,
+    MOST,
+    Group,
+    SettingValues,
     against_first,
-    groups,
-    picked,
-    settings,
+    compare,
+    format_p_value,
+    group_by_seed,
+    list_settings,
+    pick_campaigns,
 )
-from eigenfail_services.campaigns.course import course_of
-from eigenfail_services.campaigns.spending import spending_of
-from eigenfail_services.campaigns.summary import summarise
+from eigenfail_services.campaigns.costs import find_spending
+from eigenfail_services.campaigns.summary import find_course, summarise
+from eigenfail_services.store import Store
+
+CampaignIds = Sequence[int]
+
+
+class CampaignChoice(msgspec.Struct, frozen=True, kw_only=True):
+    """A campaign that can be picked."""
+
+    id: int
+    name: str
+    about: str
+    badge: Badge
+    is_picked: bool
+
+
+class Picker(msgspec.Struct, frozen=True, kw_only=True):
+    """The list to pick from.
+
+    Attributes:
+        wanted: what names are to contain; empty for all.
+        words: how many are picked, and how many can be.
+    """
+
+    choices: tuple[CampaignChoice, ...]
+    wanted: str
+    words: str
+
+
+class Chosen(msgspec.Struct, frozen=True, kw_only=True):
+    """A campaign that is compared.
+
+    Attributes:
+        first: address of the comparison in which the others are held against this one; empty if
+            they are already.
+        without: address of the comparison without it.
+    """
+
+    name: str
+    about: str
+    badge: Badge
+    first: str
+    without: str
+
+
+def picker(shown: Sequence[Campaign], ids: CampaignIds, wanted: str) -> Picker:
+    """The list to pick from, those that are picked first, in the order that they have."""
+    places = {each: place for place, each in enumerate(ids)}
+    ordered = sorted(shown, key=lambda each: (places.get(each.id, len(ids)), -each.id))
+    words = f"{len(ids)} picked; {FEWEST} to {MOST} can be compared."
+    return Picker(choices=tuple(choice(each, ids) for each in ordered), wanted=wanted, words=words)
+
+
+def choice(campaign: Campaign, ids: CampaignIds) -> CampaignChoice:
+    """One of them."""
+    return CampaignChoice(
+        id=campaign.id,
+        name=campaign.spec.name,
+        about=about(campaign.spec),
+        badge=campaign_badge(campaign.state, campaign.counts),
+        is_picked=campaign.id in ids,
+    )
+
+
+def all_chosen(campaigns: Sequence[Campaign], only: bool, wanted: str) -> tuple[Chosen, ...]:
+    """Those that are compared, on a page with such settings and such a search."""
+    ids = [each.id for each in campaigns]
+    return tuple(
+        make_choice(each, ids, lambda some: address(some, only, wanted)) for each in campaigns
+    )
+
+
+def make_choice(campaign: Campaign, ids: CampaignIds, at: Callable[[CampaignIds], str]) -> Chosen:
+    """One of them, with how to have it first and how to leave it out."""
+    others = [each for each in ids if each != campaign.id]
+    return Chosen(
+        name=name_column(campaign),
+        about=about(campaign.spec),
+        badge=campaign_badge(campaign.state, campaign.counts),
+        first="" if campaign.id == ids[0] else at([campaign.id, *others]),
+        without=at(others),
+    )
+
+
+def about(spec: CampaignSpec) -> str:
+    """What tells campaigns of one name apart."""
+    return f"{spec.method}, {spec.planner} in {spec.scenario}, seed {spec.seed}"
+
+
+def name_column(campaign: Campaign) -> str:
+    """As a column is headed."""
+    return f"{campaign.id}: {campaign.spec.name}"
+
+
+def address(campaigns: CampaignIds, only: bool, wanted: str) -> str:
+    """Of the page that compares them."""
+    query: list[tuple[str, str | int]] = [("campaign", each) for each in campaigns]
+    query += [("q", wanted)] if wanted else []
+    return f"/comparison?{urlencode([*query, ('diff', str(only).lower())])}"
+
+
+class ComparisonVerdict(msgspec.Struct, frozen=True, kw_only=True):
+    """One group against the first.
+
+    Attributes:
+        cells: of its row.
+        address: of the two alone.
+    """
+
+    name: str
+    cells: tuple[str, ...]
+    address: str
+    warnings: tuple[str, ...]
+
+
+class ComparedView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page.
+
+    Attributes:
+        chosen: the campaigns, the first of them first.
+        names: of the campaigns, as columns are headed.
+        settings: those that are shown.
+        other: of the page with the other settings shown.
+        only: whether only those that differ are shown.
+        verdicts: every group against the first.
+    """
+
+    picker: Picker
+    chosen: tuple[Chosen, ...]
+    names: tuple[str, ...]
+    figures: Table | None
+    settings: tuple[SettingValues, ...]
+    only: bool
+    other: str
+    first: str
+    verdicts: tuple[ComparisonVerdict, ...]
+    charts: tuple[Chart, ...]
+    copies: Copies | None
+
+
+def verdicts(groups: Sequence[Group], found: Sequence[Comparison]) -> tuple[ComparisonVerdict, ...]:
+    """Every group against the first."""
+    return tuple(
+        ComparisonVerdict(
+            name=group_name(group),
+            cells=(put_minus_signs(difference(each)), pairs(each), effect(each)),
+            address=f"/comparison?a={ids(each.a)}&b={ids(each.b)}",
+            warnings=each.warnings,
+        )
+        for group, each in zip(groups[1:], found, strict=True)
+    )
+
+
+def group_name(group: Group) -> str:
+    """Its campaigns."""
+    return "; ".join(map(name_column, group))
+
+
+def ids(side: Side) -> str:
+    """The campaigns of a side, as an address names them."""
+    return ",".join(map(str, side.campaigns))
+
+
+def difference(found: Comparison) -> str:
+    """Of the failure rates."""
+    if found.difference is None:
+        return "no episode on a side"
+    told = (
+        ""
+        if found.difference.interval.low <= 0.0 <= found.difference.interval.high
+        else ", differs"
+    )
+    ends = (found.difference.interval.low, found.difference.interval.high)
+    interval = f"[{', '.join(format_signed(100.0 * end) for end in ends)}]"
+    return f"{format_signed(100.0 * found.difference.value)} % {interval}{told}"
+
+
+def pairs(found: Comparison) -> str:
+    """Under the same noise."""
+    if found.pairs is None:
+        return f"not paired: {found.unpaired_because}"
+    seen = found.pairs
+    return (
+        f"{count_noun(seen.n, 'pair')}: {seen.only_b} only here, {seen.only_a} only in the "
+        f"first, {format_p_value(seen.p_value)}"
+    )
+
+
+def effect(found: Comparison) -> str:
+    """Over campaigns of several seeds."""
+    if found.effect is None:
+        return "takes two seeds of each"
+    return f"{format_number(found.effect.a12)}, {found.effect.magnitude}"
+
+
+class ComparisonView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of a comparison.
+
+    Attributes:
+        a: ids of one side, as they were asked for.
+        b: of the other.
+    """
+
+    a: str
+    b: str
+    sentences: tuple[str, ...]
+    warnings: tuple[str, ...]
+    sides: Table
+    charts: tuple[Chart, ...]
+    distinctions: tuple[Distinction, ...]
+
+
+class Bills(msgspec.Struct, frozen=True):
+    """What each campaign of each side cost."""
+
+    a: tuple[CampaignCost, ...]
+    b: tuple[CampaignCost, ...]
+
+
+def comparison_view(found: Comparison, bills: Bills, a: str, b: str) -> ComparisonView:
+    """The page."""
+    return ComparisonView(
+        a=a,
+        b=b,
+        sentences=found.sentences,
+        warnings=found.warnings,
+        sides=transpose(tabulate_sides(found, (bills.a, bills.b)), "Figure"),
+        charts=bill_charts(bills.a, bills.b),
+        distinctions=found.distinctions,
+    )
+
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
@@ -70,7 +308,7 @@ def wish(
     return Wish(campaign, diff, q)
 
 
-@router.get("/comparison")
+@router.get("/comparison", dependencies=[COMPARISONS])
 def show_comparison(
     request: Request,
     store: Stored,
@@ -80,9 +318,9 @@ def show_comparison(
 ) -> HTMLResponse:
     """Campaigns side by side: two groups of them, or all that were picked."""
     if a and b and not wished.campaigns:
-        found = compare(store, numbers(a), numbers(b))
+        found = compare(store, parse_ids(a), parse_ids(b))
         bills = Bills(costs(store, found.a), costs(store, found.b))
-        asked = Asked(method="GET", path="/comparisons", query={"a": a, "b": b})
+        asked = CopiedRequest(method="GET", path="/comparisons", query={"a": a, "b": b})
         view = comparison_view(found, bills, a, b)
         return page("comparison.html", view, copies=copies(service_of(request), asked))
     return page(
@@ -92,7 +330,7 @@ def show_comparison(
 
 def costs(store: Store, side: Side) -> tuple[CampaignCost, ...]:
     """What each campaign of a side cost."""
-    return tuple(spending_of(store, store.campaigns.get(each)) for each in side.campaigns)
+    return tuple(find_spending(store, store.campaigns.get(each)) for each in side.campaigns)
 
 
 def compared_view(store: Store, wished: Wish, service: Service) -> ComparedView:
@@ -102,19 +340,19 @@ def compared_view(store: Store, wished: Wish, service: Service) -> ComparedView:
         InvalidValue: too many were picked.
         NotFound: there is no such campaign.
     """
-    campaigns, only = picked(wished.campaigns, store), wished.only
+    campaigns, only = pick_campaigns(wished.campaigns, store), wished.only
     ids = [each.id for each in campaigns]
     listed = picker([*campaigns, *matching(store, ids, wished.named)], ids, wished.named)
     is_enough = len(campaigns) >= FEWEST
-    found = groups(campaigns) if is_enough else ()
-    every = settings(campaigns) if is_enough else ()
-    compared = [known(store, each) for each in campaigns] if is_enough else []
+    found = group_by_seed(campaigns) if is_enough else ()
+    every = list_settings(campaigns) if is_enough else ()
+    compared = [read_compared(store, each) for each in campaigns] if is_enough else []
     summaries = [summarise(each, store.episodes.totals(each.id)) for each in campaigns]
     return ComparedView(
         picker=listed,
         chosen=all_chosen(campaigns, only, wished.named),
-        names=tuple(map(named, campaigns)),
-        figures=figures(campaigns, summaries) if is_enough else None,
+        names=tuple(map(name_column, campaigns)),
+        figures=tabulate_compared(campaigns, summaries) if is_enough else None,
         settings=tuple(each for each in every if each.differs or not only),
         only=only,
         other=address(ids, not only, wished.named),
@@ -130,15 +368,15 @@ def copies_of(found: Sequence[tuple[Campaign, ...]], service: Service) -> Copies
     if len(found) < FEWEST:
         return None
     a, b = (",".join(str(each.id) for each in group) for group in found[:2])
-    return copies(service, Asked(method="GET", path="/comparisons", query={"a": a, "b": b}))
+    return copies(service, CopiedRequest(method="GET", path="/comparisons", query={"a": a, "b": b}))
 
 
-def known(store: Store, campaign: Campaign) -> Compared:
+def read_compared(store: Store, campaign: Campaign) -> Compared:
     """What is drawn of a campaign."""
     return Compared(
         campaign=campaign,
-        course=course_of(store, campaign),
-        cost=spending_of(store, campaign),
+        course=find_course(store, campaign),
+        cost=find_spending(store, campaign),
         rows=sample_episodes(store, campaign),
     )
 

@@ -1,32 +1,358 @@
-"""The addresses of single episodes and of what is done with them."""
+"""The page of an episode, and that of a replay whose episode is still to come."""
 
-from typing import Annotated
+from collections.abc import Iterator, Sequence
+from math import sqrt
+from typing import Annotated, Any, NamedTuple
 
+import msgspec
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 
 from eigenfail import plugins
-from eigenfail.contracts import Store
 from eigenfail.errors import EigenfailError, NoisePruned, NotFound, ServiceBusy
-from eigenfail.values import CampaignSpec, EpisodeResult, Mission
+from eigenfail.presentation.episodes import format_event, tabulate_thresholds
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    count_noun,
+    format_count,
+    format_duration,
+    format_number,
+    format_quantity,
+)
+from eigenfail.presentation.tables import Table
+from eigenfail.values import (
+    FINAL_STATES,
+    MEASURES,
+    Assessment,
+    Campaign,
+    CampaignSpec,
+    EpisodeResult,
+    Measure,
+    Measures,
+    Mission,
+    assess,
+)
 from eigenfail.values.variation import read_variation
 from eigenfail.versions import differences
-from eigenfail_api.dashboard.episodes_page import FAILURES
+from eigenfail.worlds import drawn_for, world_of
+from eigenfail_api.dashboard.charts import Chart
+from eigenfail_api.dashboard.cost_charts import REPLAY
+from eigenfail_api.dashboard.episodes_page import FAILURE_CONDITIONS as FAILURES
 from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.views.account import account_view, no_account
-from eigenfail_api.dashboard.views.analysis import analysis_view
-from eigenfail_api.dashboard.views.clip import clip_view
-from eigenfail_api.dashboard.views.episode import episode_view
-from eigenfail_api.dashboard.views.region import region_to_come, region_view
-from eigenfail_api.dashboard.views.repeated import Run, Verdict, source_of, verdict
-from eigenfail_api.dashboard.views.replay import replay_view
-from eigenfail_api.parameters import AnalysisId, CampaignId, EpisodeIndex, Stored
-from eigenfail_api.routes.explanations import ASIDE, EXPLANATIONS
-from eigenfail_api.routes.safety import REGIONS
-from eigenfail_services.campaigns.crew import who_ran
-from eigenfail_services.campaigns.proofs import proof
-from eigenfail_services.campaigns.region import region_aside
+from eigenfail_api.dashboard.samples import reference
+from eigenfail_api.dashboard.scene import (
+    Jump,
+    account_view,
+    clearance_chart,
+    clip_view,
+    jumps,
+    no_account,
+    noise_chart,
+    scene_chart,
+)
+from eigenfail_api.dashboard.tiles import OUTCOME_BADGES, Badge, campaign_badge
+from eigenfail_api.parameters import CampaignId, EpisodeIndex, Stored
+from eigenfail_api.routes.episodes import EXPLAINING, EXPLANATIONS
+from eigenfail_services.campaigns.summary import find_worker
+from eigenfail_services.store import Store
+
+Facts = tuple[tuple[str, str], ...]
+
+NOT_CLASSIFIED = "not classified"
+
+
+def facts(result: EpisodeResult, dt_s: float | None) -> Facts:
+    """What the episode was, and where it came from."""
+    measures, steps = result.measures, result.steps
+    lasted = f" ({format_number(steps * dt_s)} s)" if dt_s else ""
+    assessed = assess(result.outcome, measures)
+    return (
+        ("Steps", f"{steps}{lasted}"),
+        *(danger(measures, assessed) if measures else ()),
+        *likelihood(result),
+        ("Disturbance source", result.source),
+        ("Seed", str(result.seed)),
+        ("Computed in", format_duration(result.wall_s)),
+    )
+
+
+def likelihood(result: EpisodeResult) -> Facts:
+    """log p of the noise, and of typical noise over the same steps; nothing before the first."""
+    held_against = reference([result.noise])
+    if held_against is None:
+        return ()
+    total, steps = result.noise.log_probability, result.steps
+    typical, none = held_against.typical, held_against.none
+    return (
+        ("log p", f"{format_number(total, 5)} nats"),
+        ("log p per step", f"{format_number(total / steps)} nats"),
+        (
+            "Typical log p per step",
+            f"{format_number(typical)} nats, {format_number(none)} without noise",
+        ),
+    )
+
+
+def danger(measures: Measures, assessed: Assessment) -> Facts:
+    """How near it came to a collision."""
+    return (
+        ("Class", assessed.words or NOT_CLASSIFIED),
+        ("Robustness", format_quantity(measures.robustness_m, "m")),
+        ("Severity", severity(measures.severity)),
+    )
+
+
+IN_OTHER_PLACES = frozenset(
+    {
+        *("robustness_m", "severity", "min_ttc_s", "max_drac_mps2", "ttc_violated_s", "collided_s"),
+        *("drac_violated_s", "drac_at_warning_mps2", "final_drac_mps2"),
+    }
+)
+"""Measures that stand among the facts of the episode or in the table of thresholds."""
+
+
+def ride(result: EpisodeResult) -> Facts:
+    """Return all further measures; none where the release that ran the episode had none of them."""
+    measures = result.measures
+    if measures is None or measures.clipped_steps is None:
+        return ()
+    return tuple(
+        _format_measure(measure, getattr(measures, name))
+        for name, measure in MEASURES.items()
+        if name not in IN_OTHER_PLACES
+    )
+
+
+def _format_measure(measure: Measure, value: Any) -> tuple[str, str]:
+    if measure.event:
+        return measure.event.capitalize(), format_event(value)
+    if measure.is_count:
+        return measure.label.capitalize(), format_count(value)
+    return measure.label.capitalize(), format_quantity(value, measure.unit)
+
+
+def severity(value: float | None) -> str:
+    """Severity, and the relative speed that it is the square of."""
+    if value is None:
+        return UNKNOWN
+    return f"{format_number(value)} m²/s² (relative speed {format_number(sqrt(value))} m/s)"
+
+
+SAME = "Same result, bit for bit."
+OTHER = "Another result."
+REPEATABLE = (
+    "The digest is that of the stored episode: what happened follows from the noise, and can be "
+    "shown again."
+)
+NOT_REPEATABLE = (
+    "Nothing was changed, so that it should be the same: planner, simulator or machine is not "
+    "deterministic, or their versions differ. Use those that the campaign ran on."
+)
+WORLD = ("planner", "planner_settings", "scenario", "simulator", "disturbance")
+
+
+class Run(NamedTuple):
+    """An episode and its campaign."""
+
+    campaign: Campaign
+    result: EpisodeResult
+
+
+class ReplayVerdict(msgspec.Struct, frozen=True, kw_only=True):
+    """Whether it is the same.
+
+    Attributes:
+        meaning: what follows from that.
+        tone: of a good thing, of a doubtful one, or of neither: empty.
+    """
+
+    words: str
+    meaning: str
+    tone: str
+    sign: str
+
+
+def source_of(spec: CampaignSpec, index: int) -> tuple[int, int] | None:
+    """Campaign and index of the episode whose noise one repeats; None if of no episode."""
+    campaign, episodes = (spec.settings.get(name) for name in ("campaign", "episodes"))
+    if spec.method != REPLAY or not campaign or not episodes:
+        return None
+    return campaign, episodes[index % len(episodes)]
+
+
+def verdict(stored: Run, again: Run, differing: Sequence[str] = ()) -> ReplayVerdict:
+    """The two results by their digests; `differing` are the versions that were not the same."""
+    if stored.result.digest() == again.result.digest():
+        return ReplayVerdict(words=SAME, meaning=REPEATABLE, tone="is-distinct", sign="✓")
+    told = f"Stored: {course(stored.result)}; replayed: {course(again.result)}."
+    changes = [*list_changes(stored, again), *(f"other versions ({each})" for each in differing)]
+    if not changes:
+        meaning = f"{told} {NOT_REPEATABLE}"
+        return ReplayVerdict(words=OTHER, meaning=meaning, tone="is-doubtful", sign="!")
+    why = f"It need not be the same, with {' and '.join(changes)}."
+    return ReplayVerdict(words=OTHER, meaning=f"{told} {why}", tone="", sign="≠")
+
+
+def course(result: EpisodeResult) -> str:
+    """What came of it, and when."""
+    after = count_noun(result.steps, "step")
+    return f"{OUTCOME_BADGES[result.outcome].word} after {after}"
+
+
+def list_changes(stored: Run, again: Run) -> Iterator[str]:
+    """In what the replay differs from a plain one."""
+    scale = again.campaign.spec.settings.get("scale", 1.0)
+    if scale != 1.0:
+        yield f"noise × {scale:g}"
+    before, now = stored.campaign.spec, again.campaign.spec
+    for name in WORLD:
+        if getattr(before, name) != getattr(now, name):
+            yield f"another {name.replace('_', ' ').replace('settings', 'setting')}"
+    if parameters(stored) != parameters(again):
+        yield "other scenario parameters"
+
+
+def parameters(run: Run) -> dict[str, Any]:
+    """The scenario parameters, as the episode drew them."""
+    spec = run.campaign.spec
+    return {**spec.scenario_parameters, **drawn_for(spec, run.result.seed)}
+
+
+class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of an episode.
+
+    Attributes:
+        facts: what the episode was.
+        varied: the scenario parameters that it drew; empty where they are fixed.
+        ride: how rough it was; empty if not measured.
+        thresholds: the safety measures; None if not measured.
+        why_no_scene: empty if there is one.
+        stage: what the first part shows, as its title.
+        can_replay: whether there is noise that could be injected again.
+        jumps: moments that were measured.
+        next_failure: index of the next collision of the campaign, if there is one.
+        replayed: campaign and index of the episode whose noise it repeats; None if of no episode.
+        verdict: whether it is the same again; None if it repeats no episode that is known.
+    """
+
+    campaign: int
+    campaign_name: str
+    index: int
+    badge: Badge
+    facts: Facts
+    varied: Facts
+    ride: Facts
+    thresholds: Table | None
+    problem: str
+    digest: str
+    noise: Chart | None
+    scene: Chart | None
+    clearance: Chart | None
+    why_no_scene: str
+    stage: str
+    can_replay: bool
+    has_account: bool
+    jumps: tuple[Jump, ...]
+    next_failure: int | None
+    replayed: tuple[int, int] | None
+    verdict: ReplayVerdict | None
+
+
+def episode_view(
+    campaign: Campaign,
+    result: EpisodeResult,
+    mission: Mission | None,
+    next_failure: int | None,
+    verdict: ReplayVerdict | None,
+) -> EpisodeView:
+    """The page of an episode; the mission, where the scenario could tell it, gives the lanes."""
+    fault, scene, measures = result.fault, result.scene, result.measures
+    dt_s = scene.dt_s if scene else mission.dt_s if mission else None
+    return EpisodeView(
+        campaign=campaign.id,
+        campaign_name=campaign.spec.name,
+        index=result.index,
+        badge=OUTCOME_BADGES[result.outcome],
+        facts=facts(result, dt_s),
+        varied=list_drawn_parameters(campaign, result),
+        ride=ride(result),
+        thresholds=tabulate_thresholds(measures, assess(result.outcome, measures))
+        if measures
+        else None,
+        problem=f"{fault.kind}: {fault.message}" if fault else "",
+        digest=result.digest(),
+        noise=noise_chart(result.noise, dt_s) if result.steps else None,
+        scene=scene_chart(scene, mission, result.outcome) if scene else None,
+        clearance=clearance_chart(scene) if scene else None,
+        why_no_scene="" if scene else why_no_scene(campaign, result),
+        stage="The noise" if is_function(campaign) else "Scene from above",
+        can_replay=result.steps > 0,
+        has_account=result.steps > 0 and not is_function(campaign),
+        jumps=jumps(result),
+        next_failure=next_failure,
+        replayed=source_of(campaign.spec, result.index),
+        verdict=verdict,
+    )
+
+
+def why_no_scene(campaign: Campaign, result: EpisodeResult) -> str:
+    """Why there is nothing to play."""
+    if not result.steps:
+        return "The episode ended before its first step: there is nothing to play."
+    if is_function(campaign):
+        return "A function of the noise is under test: there is no scene, and no planner to ask."
+    every = campaign.spec.scene_every
+    sample = "" if every == 1 else f" and every {format_count(every)}th of the others"
+    return (
+        "The scene of this episode was not kept: campaigns keep those of all collisions"
+        f"{sample}. Its noise was, so that it can be run again."
+    )
+
+
+def is_function(campaign: Campaign) -> bool:
+    """Whether a function is under test, in place of a planner on a road."""
+    return not world_of(campaign.spec.simulator).has_road
+
+
+def list_drawn_parameters(campaign: Campaign, result: EpisodeResult) -> Facts:
+    """The scenario parameters that the episode drew from its own seed."""
+    drawn = drawn_for(campaign.spec, result.seed)
+    return tuple((name, str(value)) for name, value in drawn.items())
+
+
+class ReplayView(msgspec.Struct, frozen=True, kw_only=True):
+    """Where it stands.
+
+    Attributes:
+        has_arrived: whether its episode can be looked at.
+        verdict: whether it is the same again, once it is in.
+        is_open: whether it may still arrive.
+    """
+
+    campaign: int
+    campaign_name: str
+    badge: Badge
+    has_arrived: bool
+    is_open: bool
+    because: str
+    verdict: ReplayVerdict | None
+
+
+def replay_view(
+    campaign: Campaign, verdict: ReplayVerdict | None, *, has_arrived: bool
+) -> ReplayView:
+    """How a replay stands."""
+    return ReplayView(
+        campaign=campaign.id,
+        campaign_name=campaign.spec.name,
+        badge=campaign_badge(campaign.state, campaign.counts),
+        has_arrived=has_arrived,
+        is_open=not has_arrived and campaign.state not in FINAL_STATES,
+        because=campaign.stopped_because,
+        verdict=verdict,
+    )
+
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
@@ -46,7 +372,7 @@ def show_episode(
     result = store.episodes.get(campaign, index)
     mission = mission_of(seen.spec, result.seed)
     following = next_failure(store, campaign, index)
-    view = episode_view(seen, result, mission, following, judged(store, Run(seen, result)))
+    view = episode_view(seen, result, mission, following, judge_replay(store, Run(seen, result)))
     return page("episode.html", view)
 
 
@@ -55,7 +381,7 @@ async def show_account(store: Stored, campaign: CampaignId, index: EpisodeIndex)
     """What the planner says of an episode: its page asks for it once it stands."""
     seen = await run_sync(store.campaigns.get, campaign)
     try:
-        told = await ASIDE.do(EXPLANATIONS.of, store, campaign, index)
+        told = await EXPLAINING.do(EXPLANATIONS.of, store, campaign, index)
     except (NotFound, ServiceBusy):
         raise
     except EigenfailError as error:
@@ -73,34 +399,12 @@ def show_clip(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLR
     return page("clip.html", clip_view(seen, result, mission_of(seen.spec, result.seed)))
 
 
-@router.get("/campaigns/{campaign}/region")
-def show_region(store: Stored, campaign: CampaignId) -> HTMLResponse:
-    """The page on which the failing region of a campaign appears."""
-    return page("region.html", region_to_come(store.campaigns.get(campaign)))
-
-
-@router.get("/campaigns/{campaign}/region/boxes")
-async def show_boxes(store: Stored, campaign: CampaignId) -> HTMLResponse:
-    """The failing region of a campaign: its page asks for it once it stands."""
-    found = await REGIONS.do(region_aside, store, (campaign,))
-    seen = await run_sync(store.campaigns.get, campaign)
-    return page("region.html", region_view(seen, found))
-
-
 @router.get("/replays/{campaign}")
 def show_replay(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """Where one waits for the only episode of a replay."""
     seen, result = store.campaigns.get(campaign), first(store, campaign)
-    told = judged(store, Run(seen, result)) if result else None
+    told = judge_replay(store, Run(seen, result)) if result else None
     return page("replay.html", replay_view(seen, told, has_arrived=result is not None))
-
-
-@router.get("/analyses/{analysis}")
-def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
-    """One analysis."""
-    seen = store.analyses.get(analysis)
-    proven = proof(store, seen) if seen.result else None
-    return page("analysis.html", analysis_view(seen, store.campaigns.get(seen.campaign), proven))
 
 
 def first(store: Store, campaign: int) -> EpisodeResult | None:
@@ -111,7 +415,7 @@ def first(store: Store, campaign: int) -> EpisodeResult | None:
         return None
 
 
-def judged(store: Store, again: Run) -> Verdict | None:
+def judge_replay(store: Store, again: Run) -> ReplayVerdict | None:
     """Whether a replay gave the result that is stored; None if it repeats none that is kept."""
     source = source_of(again.campaign.spec, again.result.index)
     if source is None:
@@ -132,7 +436,7 @@ def versions_apart(
 ) -> tuple[str, ...]:
     """In which versions two episodes were run differently, where both are known."""
     try:
-        then, now = (who_ran(store, *each).versions for each in (first, second))
+        then, now = (find_worker(store, *each).versions for each in (first, second))
     except NotFound:
         return ()
     return differences(then, now)

@@ -1,25 +1,380 @@
-"""The addresses of lists of episodes."""
+"""The page on which episodes are searched and sorted, and the rows of its list."""
 
+import shlex
+from collections.abc import Iterator
 from typing import Annotated
+from urllib.parse import urlencode
 
+import msgspec
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 
-from eigenfail.contracts import Store
 from eigenfail.errors import InputError
-from eigenfail.filters import BY_INDEX, outcome_is, parse_filter, parse_sort
-from eigenfail.values import Outcome, Page
+from eigenfail.filters import (
+    BY_INDEX,
+    COLUMNS,
+    LONGEST,
+    Column,
+    SortOrder,
+    Value,
+    make_outcome_condition,
+    parse_filter,
+    parse_sort,
+    read_value,
+)
+from eigenfail.presentation.figures import count_noun, format_number, format_utc
+from eigenfail.values import (
+    Analysis,
+    AnalysisSettings,
+    AnalysisState,
+    Campaign,
+    ConflictClass,
+    Outcome,
+    Page,
+)
 from eigenfail.values.records import EpisodeRow
-from eigenfail_api.dashboard.rendering import page
+from eigenfail.wire.http import PREFIX
+from eigenfail_api.dashboard.charts import Chart, parallel_chart
+from eigenfail_api.dashboard.rendering import CLUSTERERS, page
 from eigenfail_api.dashboard.samples import spread
-from eigenfail_api.dashboard.views.found import Asked, found_view, refused_view
-from eigenfail_api.dashboard.views.lists import episode_list
-from eigenfail_api.dashboard.views.parallel import parallel_chart
+from eigenfail_api.dashboard.tiles import ANALYSIS_BADGES, OUTCOME_BADGES, Badge
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
+from eigenfail_services.store import Store
+
+FAILURES = "outcome = collision"
+
+ALL_ERRORED = "No episode was completed: all of them errored."
+
+FIGURES = (
+    ("severity", "Severity", "m²/s²", False, True),
+    ("log_probability_per_step", "log p", "per step", False, True),
+    ("robustness_m", "Robustness", "m", True, False),
+    ("min_ttc_s", "MinTTC", "s", True, False),
+    ("max_drac_mps2", "DRAC", "m/s²", True, True),
+    ("ttc_lead_s", "TTC lead", "s", True, True),
+    ("drac_lead_s", "DRAC lead", "s", True, True),
+    ("steps", "Steps", "", True, True),
+)
+"""Column, label, unit, whether small screens do without it, whether its largest are of interest."""
+
+
+class EpisodeLine(msgspec.Struct, frozen=True):
+    """An episode in a list, as text.
+
+    Attributes:
+        conflict: its class, beside the outcome.
+        cells: figures, as in `FIGURES`.
+    """
+
+    campaign: int
+    index: int
+    badge: Badge
+    conflict: str
+    cells: tuple[str, ...]
+    has_scene: bool
+
+
+class Heading(msgspec.Struct, frozen=True):
+    """The head of a column that a list can be sorted by.
+
+    Attributes:
+        column: as in filters.
+        label: what stands there.
+        unit: under it.
+        is_minor: whether small screens do without it.
+        address: the list, sorted by it.
+        order: ascending or descending if it is sorted by it now; empty if not.
+    """
+
+    column: str
+    label: str
+    unit: str
+    is_minor: bool
+    address: str
+    order: str = ""
+
+
+class EpisodeList(msgspec.Struct, frozen=True):
+    """Some failures, and where those behind them are.
+
+    Attributes:
+        every: where all episodes can be searched.
+        next: cursor of the next ones, if there are any already.
+        last: cursor behind which new ones will appear.
+        is_open: whether any may still appear.
+        nothing: what an empty list means once the campaign has ended.
+    """
+
+    campaign: int
+    every: str
+    headings: tuple[Heading, ...]
+    lines: tuple[EpisodeLine, ...]
+    next: int | None
+    last: int | None
+    is_open: bool
+    nothing: str
+
+
+class AnalysisLine(msgspec.Struct, frozen=True):
+    """An analysis in a list."""
+
+    id: int
+    is_done: bool
+    badge: Badge
+    settings: str
+    created: str
+    problem: str
+
+
+def episode_list(
+    campaign: Campaign, page: Page[EpisodeRow], after: int | None = None
+) -> EpisodeList:
+    """The failures of a page that begins behind `after`."""
+    return EpisodeList(
+        campaign=campaign.id,
+        every=address(campaign.id, FAILURES),
+        headings=headings(campaign.id, FAILURES, None),
+        lines=tuple(map(episode_line, page.items)),
+        next=page.next,
+        last=page.items[-1].index if page.items else after,
+        is_open=may_grow(campaign),
+        nothing=ALL_ERRORED if campaign.counts.all_errored else "No failure was found.",
+    )
+
+
+def may_grow(campaign: Campaign) -> bool:
+    """Whether results may still come in."""
+    return campaign.ended_ms is None and campaign.counts.open > 0
+
+
+def episode_line(row: EpisodeRow) -> EpisodeLine:
+    """One episode."""
+    return EpisodeLine(
+        campaign=row.campaign,
+        index=row.index,
+        badge=OUTCOME_BADGES[row.outcome],
+        conflict=conflict_words(row),
+        cells=tuple(cell(row, column) for column, *_ in FIGURES),
+        has_scene=row.has_scene,
+    )
+
+
+def conflict_words(row: EpisodeRow) -> str:
+    """The class, where it says more than the outcome."""
+    known = row.assessed.conflict
+    words = "" if known in {None, ConflictClass.NONE} else str(known).replace("_", " ")
+    return row.assessed.beside(words)
+
+
+def cell(row: EpisodeRow, column: str) -> str:
+    """A figure of an episode."""
+    value = read_value(row, column)
+    return str(value) if isinstance(value, int) else format_number(measure(value))
+
+
+def measure(value: Value | None) -> float | None:
+    """A value that is one."""
+    return value if isinstance(value, float) else None
+
+
+def address(campaign: int, conditions: str, sort: str = "index", after: int | None = None) -> str:
+    """Where a list of episodes is."""
+    asked = {"filter": conditions, "sort": sort, "after": after}
+    usual = {"filter": "", "sort": "index", "after": None}
+    given = {name: value for name, value in asked.items() if value != usual[name]}
+    path = f"/campaigns/{campaign}/episodes"
+    return f"{path}?{urlencode(given)}" if given else path
+
+
+def headings(campaign: int, conditions: str, now: SortOrder | None) -> tuple[Heading, ...]:
+    """The heads of the figures; what a list is sorted by turns its order round."""
+    return tuple(
+        Heading(
+            column=column,
+            label=label,
+            unit=unit,
+            is_minor=is_minor,
+            address=address(campaign, conditions, str(turn_order(SortOrder(column, first), now))),
+            order=order(now) if now and now.column == column else "",
+        )
+        for column, label, unit, is_minor, first in FIGURES
+    )
+
+
+def turn_order(first: SortOrder, now: SortOrder | None) -> SortOrder:
+    """The order to offer: the more interesting end first, or the other one if it is first now."""
+    return SortOrder(first.column, not first.descending) if first == now else first
+
+
+def order(sort: SortOrder) -> str:
+    """In the words of aria-sort."""
+    return "descending" if sort.descending else "ascending"
+
+
+def analysis_line(analysis: Analysis) -> AnalysisLine:
+    """One analysis."""
+    return AnalysisLine(
+        id=analysis.id,
+        is_done=analysis.state is AnalysisState.DONE,
+        badge=ANALYSIS_BADGES[analysis.state],
+        settings=", ".join(describe_settings(analysis.settings)),
+        created=format_utc(analysis.created_ms),
+        problem=analysis.problem,
+    )
+
+
+def describe_settings(settings: AnalysisSettings) -> Iterator[str]:
+    """How failures are analysed, in words."""
+    both = settings.axes == "joint"
+    yield f"aligned at {settings.align}"
+    yield "both axes" if both else f"the {settings.axes} axis alone"
+    yield count_noun(settings.components, "component")
+    yield CLUSTERERS[settings.clusterer]
+    yield "modes: by itself" if settings.clusters is None else f"modes: {settings.clusters}"
+    yield f"bootstrap {settings.bootstrap}" if settings.bootstrap else "no bootstrap"
+    if settings.campaigns:
+        yield f"with campaigns {', '.join(map(str, settings.campaigns))}"
+
+
+EXAMPLES = {
+    "outcome = collision and severity > 80": "hard collisions",
+    "class = planner_failure and ttc_lead_s > 1": "braking in time would have helped",
+    "class = near_miss and source != prior": "what the search came close to",
+    "outcome = errored": "episodes that errored",
+}
+
+
+class Example(msgspec.Struct, frozen=True):
+    """A filter to begin with."""
+
+    filter: str
+    address: str
+    words: str
+
+
+class EpisodeRequest(msgspec.Struct, frozen=True):
+    """What stands in the address of the page."""
+
+    filter: str
+    sort: SortOrder
+    after: int | None = None
+
+
+class FoundView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page.
+
+    Attributes:
+        problem: what is wrong with the filter, in words; empty if nothing is.
+        chart: None where nothing was found.
+        title: how many are shown of what.
+        sorted: by what, in words.
+        command: that exports the same as Parquet.
+        exports: links to files of the same episodes.
+        first: the first page; empty on it.
+        next: the page behind this one; empty on the last.
+        empty: why there is nothing to see.
+    """
+
+    campaign: int
+    name: str
+    filter: str
+    sort: str
+    sorted: str
+    longest: int = LONGEST
+    problem: str = ""
+    examples: tuple[Example, ...]
+    columns: tuple[Column, ...]
+    chart: Chart | None = None
+    title: str
+    command: str = ""
+    exports: tuple[tuple[str, str], ...] = ()
+    headings: tuple[Heading, ...] = ()
+    lines: tuple[EpisodeLine, ...] = ()
+    per_page: int = 0
+    first: str = ""
+    next: str = ""
+    empty: str = ""
+
+
+def found_view(
+    campaign: Campaign, asked: EpisodeRequest, page: Page[EpisodeRow], chart: Chart | None
+) -> FoundView:
+    """The page of what was found."""
+    here, conditions, sort = campaign.id, asked.filter, str(asked.sort)
+    return msgspec.structs.replace(
+        blank(campaign, asked),
+        chart=chart,
+        title=title(page, asked),
+        command=command(here, asked),
+        exports=exports(here, asked),
+        headings=headings(here, conditions, asked.sort),
+        lines=tuple(map(episode_line, page.items)),
+        per_page=len(page.items),
+        first="" if asked.after is None else address(here, conditions, sort),
+        next="" if page.next is None else address(here, conditions, sort, page.next),
+        empty=nothing(campaign, asked),
+    )
+
+
+def refused_view(campaign: Campaign, asked: EpisodeRequest, problem: str) -> FoundView:
+    """The page where the filter cannot be read."""
+    empty = "Nothing was looked for: the filter cannot be read."
+    return msgspec.structs.replace(blank(campaign, asked), problem=problem, empty=empty)
+
+
+def blank(campaign: Campaign, asked: EpisodeRequest) -> FoundView:
+    """The page before anything is looked for."""
+    return FoundView(
+        campaign=campaign.id,
+        name=campaign.spec.name,
+        filter=asked.filter,
+        sort=str(asked.sort),
+        sorted=f"{asked.sort.column}, {order(asked.sort)}",
+        examples=tuple(
+            Example(text, address(campaign.id, text), words) for text, words in EXAMPLES.items()
+        ),
+        columns=tuple(COLUMNS.values()),
+        title="Episodes",
+    )
+
+
+def title(page: Page[EpisodeRow], asked: EpisodeRequest) -> str:
+    """How many are shown, and whether these are all."""
+    shown = len(page.items)
+    if page.next is None and asked.after is None:
+        return count_noun(shown, "episode")
+    if asked.after is not None:
+        return count_noun(shown, "further episode")
+    return f"The first {shown} episodes"
+
+
+def nothing(campaign: Campaign, asked: EpisodeRequest) -> str:
+    """Why the list is empty."""
+    if asked.after is not None:
+        return "There are no further episodes."
+    if asked.filter:
+        return "No episode matches the filter."
+    return "No episode has ended yet." if may_grow(campaign) else "No episode was run."
+
+
+def exports(campaign: int, asked: EpisodeRequest) -> tuple[tuple[str, str], ...]:
+    """Where the same episodes are as files."""
+    query = urlencode({"filter": asked.filter, "sort": str(asked.sort)})
+    path = f"{PREFIX}/campaigns/{campaign}/episodes"
+    return tuple((word, f"{path}.{word.lower()}?{query}") for word in ("CSV", "NDJSON"))
+
+
+def command(campaign: int, asked: EpisodeRequest) -> str:
+    """The command that writes the same episodes as Parquet."""
+    words = ["eigenfail", "episode", "export", str(campaign), "-o", "episodes.parquet"]
+    words += ["--filter", asked.filter] if asked.filter else []
+    words += ["--sort", str(asked.sort)] if asked.sort != BY_INDEX else []
+    return shlex.join(words)
+
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
-FAILURES = outcome_is(Outcome.COLLISION)
+FAILURE_CONDITIONS = make_outcome_condition(Outcome.COLLISION)
 FAILURES_ON_A_PAGE = 25
 EPISODES_ON_A_PAGE = 50
 
@@ -37,7 +392,7 @@ def show_episodes(
 ) -> HTMLResponse:
     """Episodes that fulfil a filter, sorted, and all of their measures at once."""
     seen = store.campaigns.get(campaign)
-    asked = Asked(conditions.strip(), parse_sort(sort), after)
+    asked = EpisodeRequest(conditions.strip(), parse_sort(sort), after)
     try:
         where = parse_filter(asked.filter)
     except InputError as error:
@@ -58,4 +413,4 @@ def show_failures(store: Stored, campaign: CampaignId, after: After = None) -> H
 
 def failures_of(store: Store, campaign: int, after: int | None) -> Page[EpisodeRow]:
     """The next failures of the list."""
-    return store.episodes.page(campaign, FAILURES_ON_A_PAGE, after, FAILURES)
+    return store.episodes.page(campaign, FAILURES_ON_A_PAGE, after, FAILURE_CONDITIONS)

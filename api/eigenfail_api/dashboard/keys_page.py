@@ -1,18 +1,179 @@
-"""The addresses at which an administrator sees who has a key, and who changed what."""
+"""The pages of keys, of the audit log, and of signing in."""
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Annotated
+from urllib.parse import parse_qsl
 
-from fastapi import APIRouter, Depends, Request
-from fastapi.responses import HTMLResponse
+import msgspec
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, Depends, HTTPException, Query, Request
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
+from markupsafe import Markup
 
-from eigenfail_api.access.door import Door
-from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.views.copying import Asked, copies, service_of
-from eigenfail_api.dashboard.views.keys import audit_view, keys_view
-from eigenfail_api.parameters import Before, Stored
-from eigenfail_api.routes.keys import door_of
+from eigenfail.errors import Unauthorized
+from eigenfail.presentation.figures import format_utc
+from eigenfail.values import Page
+from eigenfail.values.access import ApiKey, AuditEntry, Scope
+from eigenfail.values.quotas import Quotas, Usage
+from eigenfail_api.access.authentication import (
+    SESSION_COOKIE,
+    SESSION_S,
+    Authenticator,
+    address_of,
+    authenticator_of,
+)
+from eigenfail_api.access.middleware import append_change, describe_change
+from eigenfail_api.access.scopes import (
+    caller_of_key,
+    find_caller_without,
+    get_signed_in_caller,
+)
+from eigenfail_api.dashboard.copying import CopiedRequest, copies, service_of
+from eigenfail_api.dashboard.rendering import TEMPLATES, page
+from eigenfail_api.dashboard.tiles import Badge, Pager, pager
+from eigenfail_api.parameters import Before, Stored, read_within
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+
+VALID = Badge("valid", "✓", "good")
+EXPIRED = Badge("expired", "○", "ended")
+REVOKED = Badge("revoked", "×", "ended")
+
+REFUSED = 400
+
+LIMITS = {
+    "max_open": "Campaigns open at once, at most",
+    "max_episodes": "Episodes in one, at most",
+    "max_episodes_per_day": "Episodes in 24 h, at most",
+}
+
+
+class KeyLine(msgspec.Struct, frozen=True, kw_only=True):
+    """A key in the table; `can_revoke` as long as it opens anything.
+
+    Attributes:
+        quotas: how much may be done with it, and how much of that is used.
+        limits: the same as the fields of a form: name, label, value.
+    """
+
+    id: int
+    name: str
+    scope: Scope
+    badge: Badge
+    made: str
+    used: str
+    quotas: tuple[str, ...]
+    limits: tuple[tuple[str, str, int | None], ...]
+    ends: str
+    can_revoke: bool
+
+
+class KeysView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of keys.
+
+    Attributes:
+        pages: where one is among them.
+        is_locked: whether everybody needs a key.
+        limits: the quotas that a key may have: name and label.
+    """
+
+    lines: tuple[KeyLine, ...]
+    pages: Pager
+    is_locked: bool
+    limits: tuple[tuple[str, str], ...]
+
+
+class ChangeLine(msgspec.Struct, frozen=True, kw_only=True):
+    """A line of the audit log; `was_refused` if nothing came of it."""
+
+    at: str
+    who: str
+    did: str
+    subject: str
+    address: str
+    status: int
+    was_refused: bool
+
+
+class AuditView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of the audit log."""
+
+    lines: tuple[ChangeLine, ...]
+    pages: Pager
+
+
+def keys_view(
+    listed: Page[ApiKey],
+    usage: Mapping[int, Usage],
+    before: int | None,
+    at_ms: int,
+    *,
+    is_locked: bool,
+) -> KeysView:
+    """The page of keys at a moment."""
+    return KeysView(
+        lines=tuple(key_line(key, usage[key.id], at_ms) for key in listed.items),
+        pages=pager("/keys", before, listed.next),
+        is_locked=is_locked,
+        limits=tuple(LIMITS.items()),
+    )
+
+
+def key_line(key: ApiKey, usage: Usage, at_ms: int) -> KeyLine:
+    """One of them."""
+    return KeyLine(
+        id=key.id,
+        name=key.name,
+        scope=key.scope,
+        badge=badge_of(key, at_ms),
+        made=format_utc(key.created_ms),
+        used=format_utc(key.last_used_ms),
+        quotas=tuple(quotas(key.quotas, usage)),
+        limits=tuple((name, words, getattr(key.quotas, name)) for name, words in LIMITS.items()),
+        ends=format_utc(key.revoked_ms or key.expires_ms),
+        can_revoke=key.is_valid(at_ms),
+    )
+
+
+def quotas(given: Quotas, usage: Usage) -> Iterator[str]:
+    """Each quota that a key has, and what is used of it."""
+    if given.max_open is not None:
+        yield f"{usage.open:,} of {given.max_open:,} campaigns open"
+    if given.max_episodes is not None:
+        yield f"{given.max_episodes:,} episodes in one"
+    if given.max_episodes_per_day is not None:
+        yield f"{usage.episodes_of_day:,} of {given.max_episodes_per_day:,} episodes in 24 h"
+
+
+def badge_of(key: ApiKey, at_ms: int) -> Badge:
+    """Whether it opens anything, and why not."""
+    if key.is_valid(at_ms):
+        return VALID
+    return REVOKED if key.revoked_ms else EXPIRED
+
+
+def audit_view(listed: Page[AuditEntry], before: int | None) -> AuditView:
+    """The page of the audit log."""
+    return AuditView(
+        lines=tuple(map(change_line, listed.items)),
+        pages=pager("/audit", before, listed.next),
+    )
+
+
+def change_line(entry: AuditEntry) -> ChangeLine:
+    """One of them."""
+    return ChangeLine(
+        at=format_utc(entry.at_ms),
+        who=entry.who if entry.key is None else f"{entry.who} ({entry.key})",
+        did=f"{entry.method} {entry.route}",
+        subject=entry.subject,
+        address=entry.address,
+        status=entry.status,
+        was_refused=entry.status >= REFUSED,
+    )
+
 
 KEYS_ON_A_PAGE = 50
 CHANGES_ON_A_PAGE = 100
@@ -22,14 +183,16 @@ CHANGES_ON_A_PAGE = 100
 def show_keys(
     request: Request,
     store: Stored,
-    door: Annotated[Door, Depends(door_of)],
+    authenticator: Annotated[Authenticator, Depends(authenticator_of)],
     before: Before = None,
 ) -> HTMLResponse:
     """Keys, the form for a new one, and a button that revokes each."""
     listed = store.keys.page(KEYS_ON_A_PAGE, before)
     usage = store.keys.usage([key.id for key in listed.items])
-    view = keys_view(listed, usage, before, door.clock(), is_locked=door.is_locked())
-    asked = Asked(method="POST", path="/keys", body={"name": "ci", "scope": "runner"})
+    view = keys_view(
+        listed, usage, before, authenticator.clock(), is_locked=authenticator.requires_keys()
+    )
+    asked = CopiedRequest(method="POST", path="/keys", body={"name": "ci", "scope": "runner"})
     return page("keys.html", view, copies=copies(service_of(request), asked))
 
 
@@ -37,3 +200,96 @@ def show_keys(
 def show_changes(store: Stored, before: Before = None) -> HTMLResponse:
     """The audit log."""
     return page("audit.html", audit_view(store.audit.page(CHANGES_ON_A_PAGE, before), before))
+
+
+@dataclass(frozen=True)
+class LoginView:
+    """The form, and what was wrong with what was typed.
+
+    Attributes:
+        wanted: the address that comes next.
+        needs_key: whether there is anything to sign in to.
+        problem: of the last attempt.
+    """
+
+    wanted: str
+    needs_key: bool = True
+    problem: str = ""
+
+
+HOME, LOGIN = "/", "/login"
+MOST_FIELDS = 10
+
+
+Wanted = Annotated[str, Query(alias="next", max_length=2_000)]
+TheAuthenticator = Annotated[Authenticator, Depends(authenticator_of)]
+
+
+def withheld(needed: str) -> Markup:
+    """Attributes of a button: whoever's key allows too little cannot press it, and reads why."""
+    caller = find_caller_without(Scope(needed))
+    if caller is None:
+        return Markup()
+    why = f"This needs a key of the scope '{needed}'; that of '{caller.name}' is '{caller.scope}'."
+    return Markup(' disabled title="{}"').format(why)
+
+
+# The line at the head of every page that says who is signed in, and what is not theirs to press.
+TEMPLATES.globals |= {"signed_in": get_signed_in_caller, "withheld": withheld}
+
+
+@router.get(LOGIN)
+def show_login(authenticator: TheAuthenticator, wanted: Wanted = HOME) -> HTMLResponse:
+    """The form for a key."""
+    return page("login.html", LoginView(own(wanted), needs_key=authenticator.requires_keys()))
+
+
+@router.post(LOGIN)
+async def sign_in(request: Request, store: Stored, authenticator: TheAuthenticator) -> Response:
+    """A cookie for a key; the key itself is kept nowhere."""
+    fields = form_of(await read_within(request))
+    wanted, token = own(fields.get("next", HOME)), fields.get("key", "").strip()
+    try:
+        key = await run_sync(authenticator.verify_token, token, address_of(request))
+    except Unauthorized:
+        return page("login.html", LoginView(wanted, problem="That key is not valid here."), 401)
+    response = RedirectResponse(wanted, 303)
+    set_cookie(request, response, authenticator.sessions.open(key.id, authenticator.clock()))
+    change = describe_change(request, caller_of_key(key), LOGIN, 303)
+    await run_sync(append_change, store, change)
+    return response
+
+
+def set_cookie(request: Request, response: Response, word: str) -> None:
+    """No script can read it, and no other site can have it sent."""
+    secure = request.url.scheme == "https"
+    response.set_cookie(
+        SESSION_COOKIE, word, max_age=SESSION_S, httponly=True, samesite="strict", secure=secure
+    )
+
+
+@router.post("/logout")
+async def sign_out(request: Request, authenticator: TheAuthenticator) -> Response:
+    """The cookie stands for nothing any more."""
+    authenticator.sessions.close(request.cookies.get(SESSION_COOKIE, ""))
+    response = RedirectResponse(LOGIN, 303)
+    response.delete_cookie(SESSION_COOKIE, httponly=True, samesite="strict")
+    return response
+
+
+def form_of(body: bytes) -> dict[str, str]:
+    """The fields of a form.
+
+    Raises:
+        HTTPException: 400, it is none.
+    """
+    try:
+        return dict(parse_qsl(body.decode(), max_num_fields=MOST_FIELDS))
+    except ValueError:
+        raise HTTPException(400, "The form cannot be read.") from None
+
+
+def own(wanted: str) -> str:
+    """An address of this service, without its name; the first page instead of any other."""
+    is_own = wanted.startswith("/") and not wanted.startswith("//")
+    return wanted if is_own and wanted.isprintable() and "\\" not in wanted else HOME

@@ -1,8 +1,8 @@
-"""The addresses of the form that launches campaigns."""
+"""The page that launches a campaign, and the form that it checks."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
-from urllib.parse import parse_qsl
+from urllib.parse import parse_qsl, urlencode
 from uuid import NAMESPACE_URL, uuid4, uuid5
 
 import msgspec
@@ -10,26 +10,235 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request
 from fastapi.responses import HTMLResponse
 
-from eigenfail.contracts import Store
-from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.errors import InputError, InvalidValue, UnknownName
+from eigenfail.presentation.figures import count_noun
 from eigenfail.values import Campaign, CampaignSpec
-from eigenfail_api.bodies import read_within
-from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.views.copying import Asked, Service, copies, service_of
-from eigenfail_api.dashboard.views.launch import (
-    LaunchView,
-    checked_words,
-    fields_of,
-    leaves,
-    origin_of,
-    shown_fields,
-    troubles_of,
+from eigenfail_api.dashboard.copying import CopiedRequest, Copies, Service, copies, service_of
+from eigenfail_api.dashboard.launch_fields import (
+    LaunchEntry,
+    LaunchField,
+    LaunchGroup,
+    Texts,
+    body_of,
+    humane,
+    in_words,
 )
-from eigenfail_api.dashboard.views.launch_entries import Texts, body_of
-from eigenfail_api.dashboard.views.launch_layout import layout
-from eigenfail_api.parameters import LARGEST, Stored
-from eigenfail_services.campaigns.clones import changed
-from eigenfail_services.campaigns.drafts import COMPANIONS, completed, problems_of, read_draft
+from eigenfail_api.dashboard.launch_layout import LaunchPart, layout
+from eigenfail_api.dashboard.rendering import page
+from eigenfail_api.parameters import LARGEST, Stored, read_within
+from eigenfail_services.campaigns.drafts import (
+    COMPANIONS,
+    change_fields,
+    describe_repetition,
+    fill_defaults,
+    find_path,
+    find_problems,
+    list_continuations,
+    read_draft,
+)
+from eigenfail_services.store import Store
+
+SWAPS = frozenset({"method", "scenario", "planner", "simulator", "disturbance.shape.kind"})
+
+
+class LaunchTrouble(msgspec.Struct, frozen=True):
+    """A problem in words, and the field that it is of; None where it is of no field."""
+
+    words: str
+    field: LaunchField | None = None
+
+
+class LaunchPage(msgspec.Struct, frozen=True, kw_only=True):
+    """A field as it is drawn.
+
+    Attributes:
+        entry: what stands in it.
+        before: what stood there in the earlier campaign, if that was something else.
+        swaps: whether other fields depend on it.
+    """
+
+    field: LaunchField
+    entry: LaunchEntry
+    problem: str
+    before: str | None
+    swaps: bool
+
+
+class LaunchLink(msgspec.Struct, frozen=True):
+    """A way to build on the earlier campaign."""
+
+    words: str
+    address: str
+
+
+class LaunchOrigin(msgspec.Struct, frozen=True, kw_only=True):
+    """The campaign that the form began with.
+
+    Attributes:
+        extends: whether it is asked for more episodes than that one had.
+        repeats: what more episodes begin with.
+    """
+
+    id: int
+    name: str
+    extends: bool
+    repeats: str
+    links: tuple[LaunchLink, ...]
+    is_open: bool
+
+
+class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page.
+
+    Attributes:
+        shown: by the name of the field.
+        body: what is launched.
+        checked: in words, once it was checked and is in order; empty otherwise.
+        completed: all that it would be, by path; nothing before that.
+        key: tells this launch from others; empty while there is nothing to be launched.
+        token: of this page.
+        copies: of the launch, for programs; None while there is nothing to be launched.
+    """
+
+    parts: tuple[LaunchPart, ...]
+    shown: Mapping[str, LaunchPage]
+    troubles: tuple[LaunchTrouble, ...]
+    origin: LaunchOrigin | None
+    body: Mapping[str, Any]
+    checked: str
+    completed: tuple[tuple[str, str], ...]
+    key: str
+    token: str
+    copies: Copies | None
+
+    @property
+    def wrong(self) -> str:
+        """How many problems there are."""
+        return count_noun(len(self.troubles), "problem")
+
+    def opens(self, group: LaunchGroup) -> bool:
+        """Whether something in a group is given, or wrong, or differs."""
+        return any(is_told(self.shown[field.name]) for field in group.all_fields())
+
+
+def fields_of(parts: Sequence[LaunchPart]) -> tuple[LaunchField, ...]:
+    """All fields of the form, in its order."""
+    return tuple(
+        field
+        for part in parts
+        for field in (*part.fields, *(part.settings.all_fields() if part.settings else ()))
+    )
+
+
+def troubles_of(
+    problems: Sequence[InputError], fields: Sequence[LaunchField]
+) -> tuple[LaunchTrouble, ...]:
+    """Each problem with its field: the one of that path, or the nearest above it."""
+    by_name = {field.name: field for field in fields}
+    return tuple(
+        LaunchTrouble(words_of(each), nearest(by_name, find_path(each))) for each in problems
+    )
+
+
+def nearest(by_name: Mapping[str, LaunchField], path: tuple[str, ...]) -> LaunchField | None:
+    """The field at a path, or at the longest part of it that has one."""
+    for length in range(len(path), 0, -1):
+        if found := by_name.get(".".join(path[:length])):
+            return found
+    return None
+
+
+def words_of(error: InputError) -> str:
+    """A problem without its path, which the field says, and what to do."""
+    problem = error.problem.removeprefix(f"{error.field}: ")
+    return f"{humane(problem)} {error.remedy}".strip()
+
+
+def shown_fields(
+    fields: Sequence[LaunchField],
+    texts: Texts,
+    troubles: Sequence[LaunchTrouble],
+    origin: Campaign | None,
+) -> dict[str, LaunchPage]:
+    """Every field with what stands in it and what is wrong with that."""
+    began = Texts({}, msgspec.to_builtins(origin.spec)) if origin else None
+    words: dict[str, str] = {}
+    for trouble in troubles:
+        if trouble.field:
+            before = words.get(trouble.field.name)
+            words[trouble.field.name] = f"{before} {trouble.words}" if before else trouble.words
+    return {
+        field.name: LaunchPage(
+            field=field,
+            entry=texts.entry(field),
+            problem=words.get(field.name, ""),
+            before=before_of(field, texts, began),
+            swaps=field.name in SWAPS,
+        )
+        for field in fields
+    }
+
+
+def before_of(field: LaunchField, texts: Texts, began: Texts | None) -> str | None:
+    """What stood in a field in the earlier campaign; None if nothing else did."""
+    if began is None:
+        return None
+    now, before = in_words(texts.entry(field)), in_words(began.entry(field))
+    return None if now == before else before or f"its default{default_words(field)}"
+
+
+def default_words(field: LaunchField) -> str:
+    """The default in brackets, where there is one."""
+    return f" ({field.default})" if field.default else ""
+
+
+def origin_of(campaign: Campaign, body: Mapping[str, Any]) -> LaunchOrigin:
+    """The campaign that the form began with, and what can be built on it."""
+    episodes = body.get("episodes")
+    extends = isinstance(episodes, int) and episodes > campaign.spec.episodes
+    budget = {"episodes": episodes} if extends else {}
+    links = (
+        LaunchLink(each.words, address(campaign.id, {**budget, **each.changes}))
+        for each in list_continuations(campaign)
+    )
+    return LaunchOrigin(
+        id=campaign.id,
+        name=campaign.spec.name,
+        extends=extends,
+        repeats=describe_repetition(campaign.spec),
+        links=tuple(links),
+        is_open=campaign.ended_ms is None,
+    )
+
+
+def address(campaign: int, changes: Mapping[str, Any]) -> str:
+    """Of the form that begins with a campaign and some changes."""
+    return f"/launch?{urlencode({'from': campaign, **changes})}"
+
+
+def checked_words(body: Mapping[str, Any]) -> str:
+    """That it can be launched, and how large it is."""
+    return f"In order: {count_noun(int(body['episodes']), 'episode')} can be launched."
+
+
+def is_told(one: LaunchPage) -> bool:
+    """Whether a field holds more than its default."""
+    return bool(in_words(one.entry) or one.problem or one.before)
+
+
+def leaves(value: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    """Every value of a spec by its path, as text."""
+    for name, part in value.items():
+        if isinstance(part, dict) and part and not {"uniform", "choice"} & part.keys():
+            yield from leaves(part, f"{above}{name}.")
+        else:
+            yield f"{above}{name}", part if isinstance(part, str) else as_text(part)
+
+
+def as_text(value: Any) -> str:
+    """A value as JSON."""
+    return msgspec.json.encode(value).decode()
+
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
@@ -71,7 +280,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
     fields = fields_of(parts)
     body = body_of(fields, texts)
     wished = typed.get(WISH, "") != ""
-    problems = problems_of(body, store) if wished else ()
+    problems = find_problems(body, store) if wished else ()
     troubles = troubles_of(problems, fields)
     in_order = wished and not problems
     token = typed.get(TOKEN, "") or str(uuid4())
@@ -85,7 +294,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
         completed=whole(body, store) if in_order else (),
         key=key_of(token, body) if in_order else "",
         token=token,
-        copies=copies(service, Asked(method="POST", path="/campaigns", body=body))
+        copies=copies(service, CopiedRequest(method="POST", path="/campaigns", body=body))
         if in_order
         else None,
     )
@@ -118,12 +327,12 @@ def base_of(origin: Campaign | None, typed: Mapping[str, str]) -> dict[str, Any]
     if origin is None:
         return {}
     chosen = {name: typed[name] for name in COMPANIONS if typed.get(name)}
-    return changed(msgspec.to_builtins(origin.spec), chosen)
+    return change_fields(msgspec.to_builtins(origin.spec), chosen)
 
 
 def whole(body: Mapping[str, Any], store: Store) -> tuple[tuple[str, str], ...]:
     """All that a campaign would be, by path."""
-    return tuple(leaves(msgspec.to_builtins(completed(read_draft(body, store)))))
+    return tuple(leaves(msgspec.to_builtins(fill_defaults(read_draft(body, store).spec))))
 
 
 def key_of(token: str, body: Mapping[str, Any]) -> str:

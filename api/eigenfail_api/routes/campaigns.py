@@ -1,9 +1,12 @@
-"""Campaigns: create, list, look at, steer, sum up."""
+"""Routes of campaigns and suites: create, list, steer and summarise."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple
 
-from fastapi import APIRouter, Depends, Query
+import msgspec
+from fastapi import APIRouter, Depends, Path, Query
 
+from eigenfail.errors import IllegalTransition
 from eigenfail.values import (
     Campaign,
     CampaignSpec,
@@ -14,70 +17,150 @@ from eigenfail.values import (
     Summary,
 )
 from eigenfail.values.campaign_filter import CampaignFilter
+from eigenfail.values.policy import Policy
 from eigenfail.values.priority import PriorityChange
-from eigenfail.wire.drafts import CampaignCheck
-from eigenfail.wire.http import PREFIX, Digest
-from eigenfail.wire.problems import problem_of
-from eigenfail_api import steering
-from eigenfail_api.bodies import Json, body_of, plain_body
+from eigenfail.values.retention import Pruning
+from eigenfail.values.suite import SuiteStanding, SuiteTable
+from eigenfail.wire.http import PREFIX, CampaignCheck, Digest, make_problem
+from eigenfail_api.openapi import FIELDS, SPECS, document_route, documented_plain
 from eigenfail_api.parameters import (
     LARGEST,
     Before,
     CampaignId,
     IdempotencyKey,
+    Json,
     Limit,
     MadeBy,
     Stored,
+    body_of,
+    plain_body,
 )
-from eigenfail_api.schemas import FIELDS, SPECS, documented, documented_plain
-from eigenfail_services.campaigns.bulk import read_many
-from eigenfail_services.campaigns.checks import check_spec
-from eigenfail_services.campaigns.clones import clone
-from eigenfail_services.campaigns.course import course_of
-from eigenfail_services.campaigns.drafts import completed, problems_of, read_draft
-from eigenfail_services.campaigns.materials import check_references
-from eigenfail_services.campaigns.minimal_failures import minimal_failure
-from eigenfail_services.campaigns.stop_notes import stop_notes
-from eigenfail_services.campaigns.summary import summaries_of, summarise
+from eigenfail_services.campaigns.drafts import (
+    clone,
+    fill_defaults,
+    find_problems,
+    read_draft,
+    read_drafts,
+)
+from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
+from eigenfail_services.campaigns.suites import make_suite_table
+from eigenfail_services.campaigns.summary import (
+    find_course,
+    find_newest_policy,
+    summaries_of,
+    summarise,
+)
+from eigenfail_services.campaigns.validation import describe_stop_rules, validate_campaign
+from eigenfail_services.store import Store
+
+STEERING_ATTEMPTS = 3
+
+
+class SteeringAction(msgspec.Struct, frozen=True):
+    """An action by which users change the state of a campaign.
+
+    Attributes:
+        steps: from each state that allows the action, the state that follows.
+        done_in: states in which the action has been taken already, or is under way.
+        participle: of the verb, for sentences.
+    """
+
+    steps: Mapping[CampaignState, CampaignState]
+    done_in: frozenset[CampaignState]
+    participle: str
+
+
+PAUSE = SteeringAction(
+    steps={
+        CampaignState.QUEUED: CampaignState.PAUSED,
+        CampaignState.RUNNING: CampaignState.PAUSING,
+    },
+    done_in=frozenset({CampaignState.PAUSING, CampaignState.PAUSED}),
+    participle="paused",
+)
+RESUME = SteeringAction(
+    steps={CampaignState.PAUSED: CampaignState.QUEUED},
+    done_in=frozenset({CampaignState.QUEUED, CampaignState.RUNNING}),
+    participle="resumed",
+)
+CANCEL = SteeringAction(
+    steps={
+        CampaignState.QUEUED: CampaignState.CANCELLED,
+        CampaignState.PAUSED: CampaignState.CANCELLED,
+        CampaignState.RUNNING: CampaignState.CANCELLING,
+        CampaignState.PAUSING: CampaignState.CANCELLING,
+    },
+    done_in=frozenset({CampaignState.CANCELLING, CampaignState.CANCELLED}),
+    participle="cancelled",
+)
+
+
+def steer(store: Store, campaign: int, action: SteeringAction) -> Campaign:
+    """Take an action on a campaign, unless it was taken before; return the campaign.
+
+    Raises:
+        NotFound: no such campaign.
+        IllegalTransition: its state does not allow the action.
+    """
+    for _ in range(STEERING_ATTEMPTS - 1):
+        try:
+            return _take_step(store, campaign, action)
+        except IllegalTransition:
+            # The state may have changed between reading and moving: read again.
+            continue
+    return _take_step(store, campaign, action)
+
+
+def _take_step(store: Store, campaign: int, action: SteeringAction) -> Campaign:
+    found = store.campaigns.get(campaign)
+    if found.state in action.done_in:
+        return found
+    target = action.steps.get(found.state)
+    if target is None:
+        raise IllegalTransition(
+            f"Campaign {campaign} is {found.state} and cannot be {action.participle}.",
+            f"Only one that is {' or '.join(action.steps)} can.",
+        )
+    return store.campaigns.move(campaign, target, "A user asked for it.")
+
 
 router = APIRouter(prefix=f"{PREFIX}/campaigns", tags=["campaigns"])
 
 Per = Annotated[
     int | None,
-    Query(ge=1, le=LARGEST, description="Episodes of a block; by the budget if not given."),
+    Query(ge=1, le=LARGEST, description="Episodes in a block; the default depends on the budget."),
 ]
 Search = Annotated[
     str | None,
-    Query(description="Only those whose name contains this, in small or large letters."),
+    Query(description="Only campaigns whose name contains this text; case is ignored."),
 ]
 Fields = Annotated[dict[str, Any], Depends(plain_body(dict))]
 Items = Annotated[list[Any], Depends(plain_body(list))]
 
 
-class Chosen(NamedTuple):
-    """Which campaigns are listed."""
+class CampaignQuery(NamedTuple):
+    """A filter of the list of campaigns."""
 
     state: CampaignState | None
     suite: str | None
     where: CampaignFilter
 
 
-def chosen_by(
+def parse_query(
     state: Annotated[CampaignState | None, Query(description="Only in this state.")] = None,
-    suite: Annotated[str | None, Query(description="Only of this suite.")] = None,
-    method: Annotated[str | None, Query(description="Only of this method.")] = None,
+    suite: Annotated[str | None, Query(description="Only campaigns of this suite.")] = None,
+    method: Annotated[str | None, Query(description="Only campaigns of this method.")] = None,
     search: Search = None,
-) -> Chosen:
-    """The campaigns of which all that is given holds."""
-    return Chosen(state, suite, CampaignFilter(method, search))
+) -> CampaignQuery:
+    """Return the filter of a request: all its conditions hold."""
+    return CampaignQuery(state, suite, CampaignFilter(method, search))
 
 
-def created(campaign: Campaign) -> Json:
-    """The answer that a campaign has been created."""
+def _answer_created(campaign: Campaign) -> Json:
     return Json(campaign, 201, {"Location": f"{PREFIX}/campaigns/{campaign.id}"})
 
 
-@router.post("", **documented(Campaign, 201, body=CampaignSpec))
+@router.post("", **document_route(Campaign, 201, body=CampaignSpec))
 def create_campaign(
     store: Stored,
     spec: Annotated[CampaignSpec, Depends(body_of(CampaignSpec))],
@@ -85,49 +168,50 @@ def create_campaign(
     idempotency_key: IdempotencyKey = None,
 ) -> Json:
     """Queue a new campaign."""
-    check_references(check_spec(spec), store)
-    return created(store.campaigns.create(spec, idempotency_key, made_by))
+    validate_campaign(spec, store)
+    return _answer_created(store.campaigns.create(spec, idempotency_key, made_by))
 
 
 @router.post("/check", **documented_plain(CampaignCheck, 200, FIELDS))
 def check_campaign(store: Stored, fields: Fields) -> Json:
-    """What a new campaign would be, or everything that is wrong with it; nothing is launched."""
-    if problems := problems_of(fields, store):
-        return Json(CampaignCheck(None, tuple(map(problem_of, problems))))
-    spec = completed(read_draft(fields, store))
-    return Json(CampaignCheck(spec, notes=tuple(stop_notes(spec))))
+    """Validate a new campaign: its full specification, or all its errors. Nothing is created."""
+    if problems := find_problems(fields, store):
+        return Json(CampaignCheck(None, tuple(map(make_problem, problems))))
+    campaign = read_draft(fields, store)
+    notes = tuple(describe_stop_rules(campaign))
+    return Json(CampaignCheck(fill_defaults(campaign.spec), notes=notes))
 
 
 @router.post("/bulk", **documented_plain(Page[Campaign], 201, SPECS))
 def create_campaigns(
     store: Stored, specs: Items, made_by: MadeBy, idempotency_key: IdempotencyKey = None
 ) -> Json:
-    """Queue many new campaigns in the order of the list: all of them, or none."""
-    made = store.campaigns.create_many(read_many(specs, store), idempotency_key, made_by)
+    """Queue new campaigns in the order of the list: all of them, or none."""
+    made = store.campaigns.create_many(read_drafts(specs, store), idempotency_key, made_by)
     return Json(Page(made), 201)
 
 
-@router.get("", **documented(Page[Campaign]))
+@router.get("", **document_route(Page[Campaign]))
 def list_campaigns(
     store: Stored,
-    chosen: Annotated[Chosen, Depends(chosen_by)],
+    query: Annotated[CampaignQuery, Depends(parse_query)],
     limit: Limit = 50,
     before: Before = None,
 ) -> Json:
-    """Campaigns, newest first."""
-    return Json(store.campaigns.page(limit, before, *chosen))
+    """List campaigns, newest first."""
+    return Json(store.campaigns.page(limit, before, *query))
 
 
-@router.get("/summaries", **documented(Page[Summary]))
+@router.get("/summaries", **document_route(Page[Summary]))
 def list_summaries(store: Stored, limit: Limit = 50, before: Before = None) -> Json:
-    """Failures, rate, likelihood and cost of campaigns, newest first."""
+    """List failures, failure rate, likelihood and cost of campaigns, newest first."""
     page = store.campaigns.page(limit, before)
     return Json(Page(tuple(summaries_of(store, page.items)), page.next))
 
 
-@router.get("/{campaign}", **documented(Campaign))
+@router.get("/{campaign}", **document_route(Campaign))
 def get_campaign(store: Stored, campaign: CampaignId) -> Json:
-    """A campaign as it stands."""
+    """Get a campaign in its current state."""
     return Json(store.campaigns.get(campaign))
 
 
@@ -139,62 +223,95 @@ def clone_campaign(
     made_by: MadeBy,
     idempotency_key: IdempotencyKey = None,
 ) -> Json:
-    """Queue a new campaign like an earlier one, with other values for some of its fields."""
+    """Queue a copy of a campaign, with other values for some fields."""
     spec = clone(store.campaigns.get(campaign).spec, changes, store)
-    return created(store.campaigns.create(spec, idempotency_key, made_by))
+    return _answer_created(store.campaigns.create(spec, idempotency_key, made_by))
 
 
-@router.post("/{campaign}/pause", **documented(Campaign))
+@router.post("/{campaign}/pause", **document_route(Campaign))
 def pause_campaign(store: Stored, campaign: CampaignId) -> Json:
-    """Let a campaign rest once the rounds at work are in."""
-    return Json(steering.steer(store, campaign, steering.PAUSE))
+    """Pause a campaign when the rounds that run now have ended."""
+    return Json(steer(store, campaign, PAUSE))
 
 
-@router.post("/{campaign}/resume", **documented(Campaign))
+@router.post("/{campaign}/resume", **document_route(Campaign))
 def resume_campaign(store: Stored, campaign: CampaignId) -> Json:
-    """Let a paused campaign go on."""
-    return Json(steering.steer(store, campaign, steering.RESUME))
+    """Resume a paused campaign."""
+    return Json(steer(store, campaign, RESUME))
 
 
-@router.post("/{campaign}/cancel", **documented(Campaign))
+@router.post("/{campaign}/cancel", **document_route(Campaign))
 def cancel_campaign(store: Stored, campaign: CampaignId) -> Json:
-    """End a campaign; finished episodes are kept."""
-    return Json(steering.steer(store, campaign, steering.CANCEL))
+    """Cancel a campaign; finished episodes are kept."""
+    return Json(steer(store, campaign, CANCEL))
 
 
-@router.post("/{campaign}/priority", **documented(Campaign, body=PriorityChange))
+@router.post("/{campaign}/priority", **document_route(Campaign, body=PriorityChange))
 def prioritise_campaign(
     store: Stored,
     campaign: CampaignId,
     change: Annotated[PriorityChange, Depends(body_of(PriorityChange))],
 ) -> Json:
-    """Give a campaign that has not ended another priority, from now on."""
+    """Change the priority of a campaign that has not ended."""
     return Json(store.campaigns.prioritise(campaign, change.priority))
 
 
-@router.get("/{campaign}/summary", **documented(Summary))
+@router.get("/{campaign}/summary", **document_route(Summary))
 def get_summary(store: Stored, campaign: CampaignId) -> Json:
-    """Failures, rate, likelihood and cost of a campaign so far."""
+    """Get failures, failure rate, likelihood and cost of a campaign so far."""
     seen = store.campaigns.get(campaign)
     return Json(summarise(seen, store.episodes.totals(campaign)))
 
 
-@router.get("/{campaign}/course", **documented(Course))
+@router.get("/{campaign}/course", **document_route(Course))
 def get_course(store: Stored, campaign: CampaignId, per: Per = None) -> Json:
-    """How failures, their likelihood and robustness moved over a campaign's episodes so far."""
-    return Json(course_of(store, store.campaigns.get(campaign), per))
+    """Get failures, likelihood and robustness over the episodes of a campaign so far."""
+    return Json(find_course(store, store.campaigns.get(campaign), per))
 
 
-@router.get("/{campaign}/minimal", **documented(MinimalFailure))
+@router.get("/{campaign}/minimal", **document_route(MinimalFailure))
 def get_minimal_failure(store: Stored, campaign: CampaignId) -> Json:
-    """How little noise a failure needs, so far: of a campaign that shrinks one."""
-    return Json(minimal_failure(store, store.campaigns.get(campaign)))
+    """Get the smallest noise that still fails, of a campaign that minimises a failure."""
+    return Json(find_minimal_failure(store, store.campaigns.get(campaign)))
 
 
-@router.get("/{campaign}/digest", **documented(Digest))
+@router.get("/{campaign}/digest", **document_route(Digest))
 def get_digest(store: Stored, campaign: CampaignId) -> Json:
-    """SHA-256 over a campaign's results: equal for equal campaigns."""
+    """Get the SHA-256 of a campaign's results: equal for equal campaigns."""
     seen = store.campaigns.get(campaign)
     digest = seen.digest or store.episodes.digest(campaign)
     episodes = seen.counts.completed + seen.counts.failed
     return Json(Digest(campaign, digest, episodes, final=seen.digest is not None))
+
+
+@router.get("/{campaign}/policy", **document_route(Policy))
+def get_policy(store: Stored, campaign: CampaignId) -> Json:
+    """Get the newest policy that a campaign has trained: raw float32 weights, row by row."""
+    return Json(find_newest_policy(store, store.campaigns.get(campaign)))
+
+
+@router.get("/{campaign}/prunings", **document_route(Page[Pruning]))
+def list_prunings(store: Stored, campaign: CampaignId) -> Json:
+    """List the deletions of a campaign's noise by rule, time, user and size, oldest first."""
+    store.campaigns.get(campaign)
+    return Json(Page(store.retention.of(campaign)))
+
+
+suites_router = APIRouter(prefix=f"{PREFIX}/suites", tags=["suites"])
+
+SuiteName = Annotated[
+    str,
+    Path(max_length=200, description='Part of campaign names before the first ": ".'),
+]
+
+
+@suites_router.get("", **document_route(Page[SuiteStanding]))
+def list_suites(store: Stored, limit: Limit = 50, before: Before = None) -> Json:
+    """List suites by their newest campaign, newest first; `before` is the id of a campaign."""
+    return Json(store.campaigns.suites(limit, before))
+
+
+@suites_router.get("/{suite:path}", **document_route(SuiteTable))
+def get_suite(store: Stored, suite: SuiteName) -> Json:
+    """Get a suite as a table: the newest campaign of each member, and their differing settings."""
+    return Json(make_suite_table(store, suite))

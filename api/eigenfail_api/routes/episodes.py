@@ -1,34 +1,65 @@
-"""Episodes of a campaign: a list without trajectories, one with all that is kept of it."""
+"""Routes of episodes: lists, single results, explanations, replays and exports as files."""
 
-from typing import Annotated
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any
 
 import msgspec
-from fastapi import APIRouter, Depends, Query
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from fastapi.responses import FileResponse, StreamingResponse
 
-from eigenfail.filters import Conditions, Sort, outcome_is, parse_fields, parse_filter, parse_sort
-from eigenfail.filters.parser import LONGEST
-from eigenfail.values import Outcome, Page
-from eigenfail.values.records import EpisodeDetail, EpisodeRow, detailed
+from eigenfail.filters import (
+    COLUMNS,
+    LONGEST,
+    Conditions,
+    SortOrder,
+    make_outcome_condition,
+    parse_fields,
+    parse_filter,
+    parse_sort,
+)
+from eigenfail.values import Campaign, Explanation, Outcome, Page
+from eigenfail.values.export import Export, ExportRequest
+from eigenfail.values.records import EpisodeDetail, EpisodeRow, add_assessment
 from eigenfail.values.worker import Presence
-from eigenfail.wire.http import PREFIX
-from eigenfail_api.bodies import Json
-from eigenfail_api.parameters import LARGEST, CampaignId, EpisodeIndex, Limit, Stored
-from eigenfail_api.schemas import documented
-from eigenfail_services.campaigns.crew import who_ran
-from eigenfail_services.exports.selection import picked
+from eigenfail.wire.http import PREFIX, ReplayRequest
+from eigenfail_api.concurrency import SerialExecutor
+from eigenfail_api.openapi import document_route, problem_response
+from eigenfail_api.parameters import (
+    EXPORT,
+    LARGEST,
+    CampaignId,
+    EpisodeIndex,
+    Json,
+    Limit,
+    MadeBy,
+    Stored,
+    body_of,
+)
+from eigenfail_services.campaigns.explanations import Explanations, replay_episode, write_steps
+from eigenfail_services.campaigns.summary import find_worker
+from eigenfail_services.exports.formats import write_csv, write_ndjson
+from eigenfail_services.exports.jobs import ExportJobs
+from eigenfail_services.exports.selection import ExportSource, Selection, pick_columns
+from eigenfail_services.store import Store
 
-router = APIRouter(prefix=f"{PREFIX}/campaigns/{{campaign}}/episodes", tags=["episodes"])
+router = APIRouter(prefix=PREFIX, tags=["episodes"])
+
+EPISODES = "/campaigns/{campaign}/episodes"
 
 After = Annotated[
     int | None,
     Query(
         ge=0,
         le=LARGEST,
-        description="Only those behind this index in the order: `next` of a page.",
+        description="Only episodes behind this index in the order: `next` of a page.",
     ),
 ]
 OnlyOutcome = Annotated[
-    Outcome | None, Query(description="Only of this outcome: one more condition of the filter.")
+    Outcome | None,
+    Query(
+        description="Only of this outcome: one more condition of the filter. `failed` means an "
+        "errored episode; `errored` is accepted as well."
+    ),
 ]
 Filter = Annotated[
     str,
@@ -42,7 +73,7 @@ SortBy = Annotated[
     str,
     Query(
         alias="sort",
-        description="A column, or -column for the largest first; without a value they come last.",
+        description="A column, or -column for the largest first; missing values come last.",
     ),
 ]
 Fields = Annotated[
@@ -54,52 +85,166 @@ Fields = Annotated[
 ]
 
 
-class Wanted(msgspec.Struct, frozen=True):
-    """Which episodes are wanted, in which order, and which columns; none stand for all."""
+class EpisodeQuery(msgspec.Struct, frozen=True):
+    """A filter of episodes, their order, and the columns to return; no columns stand for all."""
 
     where: Conditions
-    sort: Sort
+    sort: SortOrder
     columns: tuple[str, ...]
 
 
-async def wanted_of(
+async def parse_query(
     outcome: OnlyOutcome = None,
     conditions: Filter = "",
     sort: SortBy = "index",
     fields: Fields = "",
-) -> Wanted:
-    """What was asked for."""
-    where = (*outcome_is(outcome), *parse_filter(conditions))
-    return Wanted(where, parse_sort(sort), parse_fields(fields))
+) -> EpisodeQuery:
+    """Return the query of a request."""
+    where = (*make_outcome_condition(outcome), *parse_filter(conditions))
+    return EpisodeQuery(where, parse_sort(sort), parse_fields(fields))
 
 
-WantedEpisodes = Annotated[Wanted, Depends(wanted_of)]
+QueriedEpisodes = Annotated[EpisodeQuery, Depends(parse_query)]
 
 
-@router.get("", **documented(Page[EpisodeRow]))
+@router.get(EPISODES, **document_route(Page[EpisodeRow]))
 def list_episodes(
     store: Stored,
     campaign: CampaignId,
-    wanted: WantedEpisodes,
+    query: QueriedEpisodes,
     limit: Limit = 100,
     after: After = None,
 ) -> Json:
-    """Finished episodes that fulfil a filter, in index order or another."""
+    """List finished episodes that match a filter, in index order or another."""
     store.campaigns.get(campaign)
-    found = store.episodes.page(campaign, limit, after, wanted.where, wanted.sort)
-    if not wanted.columns:
+    found = store.episodes.page(campaign, limit, after, query.where, query.sort)
+    if not query.columns:
         return Json(found)
-    items = tuple(picked(row, wanted.columns) for row in found.items)
+    items = tuple(pick_columns(row, query.columns) for row in found.items)
     return Json(Page(items, found.next))
 
 
-@router.get("/{index}", **documented(EpisodeDetail))
+@router.get(f"{EPISODES}/{{index}}", **document_route(EpisodeDetail))
 def get_episode(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Json:
-    """One result with its class, its noise and, where it was kept, its scene."""
-    return Json(detailed(store.episodes.get(campaign, index)))
+    """Get an episode with its class, noise and, where it was kept, its scene."""
+    return Json(add_assessment(store.episodes.get(campaign, index)))
 
 
-@router.get("/{index}/worker", **documented(Presence))
+@router.get(f"{EPISODES}/{{index}}/worker", **document_route(Presence))
 def get_episode_worker(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Json:
-    """Who ran an episode, where, and with which versions: a replay with others may differ."""
-    return Json(who_ran(store, campaign, index))
+    """Get the worker that ran an episode; a replay with other versions may differ."""
+    return Json(find_worker(store, campaign, index))
+
+
+EXPLAINING = SerialExecutor("explain")
+EXPLANATIONS = Explanations()
+
+STEPS_CSV = "text/csv; charset=utf-8"
+
+
+@router.get(f"{EPISODES}/{{index}}/explanation", **document_route(Explanation))
+async def get_explanation(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Json:
+    """Run an episode again from its noise, with the planner's account of each step."""
+    return Json(await EXPLAINING.do(EXPLANATIONS.of, store, campaign, index))
+
+
+@router.post(f"{EPISODES}/{{index}}/replay", **document_route(Campaign, 201, body=ReplayRequest))
+def create_replay(
+    store: Stored,
+    campaign: CampaignId,
+    index: EpisodeIndex,
+    request: Annotated[ReplayRequest, Depends(body_of(ReplayRequest))],
+    made_by: MadeBy,
+) -> Json:
+    """Queue a campaign that injects an episode's noise again, unchanged or scaled."""
+    made = replay_episode(store, campaign, index, request.scale, made_by)
+    return Json(made, 201, {"Location": f"{PREFIX}/campaigns/{made.id}"})
+
+
+@router.get(
+    f"{EPISODES}/{{index}}/steps",
+    response_class=Response,
+    responses={
+        200: {"content": {STEPS_CSV: {"schema": {"type": "string"}}}},
+        "default": problem_response(),
+    },
+)
+def get_steps(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Response:
+    """Get the steps of an episode as CSV: noise and, where it was kept, the scene."""
+    text = write_steps(store.episodes.get(campaign, index))
+    name = f'attachment; filename="episode-{campaign}-{index}.csv"'
+    return Response(text, media_type=STEPS_CSV, headers={"Content-Disposition": name})
+
+
+CSV, NDJSON = "text/csv", "application/x-ndjson"
+PARQUET = "application/vnd.apache.parquet"
+
+ExportId = Annotated[str, Path(pattern=EXPORT, description="Id of an export.")]
+Lines = Callable[[ExportSource], Iterator[bytes]]
+
+
+def _document_file(kind: str) -> dict[str, Any]:
+    content = {kind: {"schema": {"type": "string", "format": "binary"}}}
+    return {"responses": {200: {"content": content}, "default": problem_response()}}
+
+
+async def exports_of(request: Request) -> ExportJobs:
+    """Return the jobs that write export files."""
+    jobs: ExportJobs = request.app.state.exports
+    return jobs
+
+
+Jobs = Annotated[ExportJobs, Depends(exports_of)]
+
+
+@router.get(
+    "/campaigns/{campaign}/episodes.csv", response_class=StreamingResponse, **_document_file(CSV)
+)
+def stream_csv(store: Stored, campaign: CampaignId, query: QueriedEpisodes) -> StreamingResponse:
+    """Get finished episodes as CSV; text that a spreadsheet would compute begins with a '."""
+    return _stream(store, campaign, query, write_csv, CSV)
+
+
+@router.get(
+    "/campaigns/{campaign}/episodes.ndjson",
+    response_class=StreamingResponse,
+    **_document_file(NDJSON),
+)
+def stream_ndjson(store: Stored, campaign: CampaignId, query: QueriedEpisodes) -> StreamingResponse:
+    """Get finished episodes, one JSON object per line."""
+    return _stream(store, campaign, query, write_ndjson, NDJSON)
+
+
+def _stream(
+    store: Store, campaign: int, query: EpisodeQuery, lines: Lines, kind: str
+) -> StreamingResponse:
+    store.campaigns.get(campaign)
+    selection = Selection(query.where, query.sort, query.columns or tuple(COLUMNS))
+    source = ExportSource(store, campaign, selection)
+    suffix = {CSV: "csv", NDJSON: "ndjson"}[kind]
+    named = {"Content-Disposition": f'attachment; filename="campaign-{campaign}.{suffix}"'}
+    return StreamingResponse(lines(source), media_type=kind, headers=named)
+
+
+@router.post("/campaigns/{campaign}/exports", **document_route(Export, 202, body=ExportRequest))
+def create_export(
+    jobs: Jobs,
+    campaign: CampaignId,
+    request: Annotated[ExportRequest, Depends(body_of(ExportRequest))],
+) -> Json:
+    """Start an export of finished episodes to a Parquet file."""
+    export = jobs.create(campaign, request)
+    return Json(export, 202, {"Location": f"{PREFIX}/exports/{export.id}"})
+
+
+@router.get("/exports/{export}", **document_route(Export))
+def get_export(jobs: Jobs, export: ExportId) -> Json:
+    """Get the progress of an export; one that a stopped service left unfinished starts again."""
+    return Json(jobs.get(export))
+
+
+@router.get("/exports/{export}/file", response_class=FileResponse, **_document_file(PARQUET))
+def get_export_file(jobs: Jobs, export: ExportId) -> FileResponse:
+    """Get the file of an export that is done."""
+    path = jobs.file(export)
+    return FileResponse(path, media_type=PARQUET, filename=f"export-{export[:8]}.parquet")

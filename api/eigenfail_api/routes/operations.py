@@ -1,32 +1,194 @@
-"""For those who operate the service: is it alive, is it ready, how is it doing."""
+"""Routes for operators: liveness, readiness, and metrics for Prometheus."""
 
-from fastapi import APIRouter, Request
+import time
+from asyncio import shield, wait_for, wrap_future
+from collections import Counter as Tally
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future
+from threading import Thread
+
+from fastapi import APIRouter, Depends, Request
 from fastapi.responses import PlainTextResponse
-from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+from prometheus_client import (
+    CONTENT_TYPE_LATEST,
+    CollectorRegistry,
+    Counter,
+    generate_latest,
+)
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from eigenfail.errors import StoreUnavailable
+from eigenfail.values import Campaign, CampaignState
 from eigenfail.wire.http import Health
-from eigenfail_api.bodies import Json
-from eigenfail_api.parameters import Stored
-from eigenfail_api.schemas import documented
+from eigenfail_api.concurrency import ConcurrencyLimit
+from eigenfail_api.openapi import document_route
+from eigenfail_api.parameters import Json
+from eigenfail_services.campaigns.summary import find_cost
+from eigenfail_services.store import Store
+
+MAX_AGE_S = 1.0
+"""How long the outcome of a probe is reused. [s]"""
+
+PROBE_LIMIT_S = 3.0
+"""Within the five seconds that containers and Kubernetes wait for an answer."""
 
 router = APIRouter(tags=["operations"])
 
+SCRAPES = Depends(ConcurrencyLimit("scrapes"), scope="function")
 
-@router.get("/healthz", **documented(Health))
+
+class Readiness:
+    """Checks that the store can be read and written, by a probe at most a second old.
+
+    A probe runs in a thread of its own: it neither holds up the event loop nor waits behind
+    requests that are themselves held up by the store. At most one runs at a time.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._probe: Future[None] | None = None
+        self._began_s = 0.0
+
+    async def check(self) -> None:
+        """Raise StoreUnavailable if the store is not ready, or does not answer in time."""
+        probe = self._current()
+        try:
+            await wait_for(shield(wrap_future(probe)), PROBE_LIMIT_S)
+        except TimeoutError:
+            raise StoreUnavailable(
+                f"The database did not answer within {PROBE_LIMIT_S:g} s.",
+                "Check that its disk or server answers; then the service goes on by itself.",
+            ) from None
+
+    def _current(self) -> Future[None]:
+        now_s = time.monotonic()
+        last = self._probe
+        if last is not None and (not last.done() or now_s - self._began_s < MAX_AGE_S):
+            return last
+        self._probe, self._began_s = Future(), now_s
+        Thread(target=self._run, args=(self._probe,), name="readiness", daemon=True).start()
+        return self._probe
+
+    def _run(self, probe: Future[None]) -> None:
+        try:
+            self._store.ping()
+        except BaseException as error:  # noqa: BLE001 - raised to the caller that waits
+            probe.set_exception(error)
+        else:
+            probe.set_result(None)
+
+
+@router.get("/healthz", **document_route(Health))
 def get_health() -> Json:
-    """The process lives."""
+    """Check that the process is alive."""
     return Json(Health())
 
 
-@router.get("/readyz", **documented(Health))
-def get_readiness(store: Stored) -> Json:
-    """The process lives, and the service can read its database and write to it."""
-    store.ping()
+@router.get("/readyz", **document_route(Health))
+async def get_readiness(request: Request) -> Json:
+    """Check that the service can read and write its database."""
+    await request.app.state.readiness.check()
     return Json(Health())
 
 
-@router.get("/metrics", response_class=PlainTextResponse)
+@router.get("/metrics", response_class=PlainTextResponse, dependencies=[SCRAPES])
 def get_metrics(request: Request) -> PlainTextResponse:
-    """Figures for Prometheus."""
+    """Get metrics for Prometheus."""
     text = generate_latest(request.app.state.registry)
     return PlainTextResponse(text, media_type=CONTENT_TYPE_LATEST)
+
+
+METHODS = frozenset({"GET", "POST", "HEAD", "OPTIONS", "PUT", "PATCH", "DELETE"})
+PAGE = 500
+
+CLIENT_CLOSED = 499
+"""Counted where the client disconnected before there was an answer; nginx uses this number."""
+
+
+class CampaignCollector(Collector):
+    """Collects metrics of all campaigns from the store at every scrape."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield the current metrics."""
+        states, ends = Tally[str](dict.fromkeys(CampaignState, 0)), Tally[str]()
+        failures = Tally[str]()
+        hours, usd = defaultdict[str, float](float), defaultdict[str, float](float)
+        for campaign in _iterate_campaigns(self._store):
+            counts, method = campaign.counts, campaign.spec.method
+            states[campaign.state] += 1
+            ends.update(completed=counts.completed, failed=counts.failed)
+            failures[method] += counts.failures
+            bill = find_cost(campaign)
+            hours[method] += bill.instance_hours
+            usd[method] += bill.total_usd
+        yield _make_family(GaugeMetricFamily, "campaigns", "Campaigns by state", "state", states)
+        yield _make_family(CounterMetricFamily, "episodes", "Episodes that are over", "end", ends)
+        yield _make_family(CounterMetricFamily, "failures", "Collisions found", "method", failures)
+        yield _make_family(CounterMetricFamily, "instance_hours", "Instance-hours", "method", hours)
+        yield _make_family(CounterMetricFamily, "cost_usd", "What they cost", "method", usd)
+
+
+def _make_family(
+    kind: type[GaugeMetricFamily] | type[CounterMetricFamily],
+    name: str,
+    words: str,
+    label: str,
+    values: Mapping[str, float],
+) -> Metric:
+    family = kind(f"eigenfail_{name}", words, labels=[label])
+    for value, number in values.items():
+        family.add_metric([value], number)
+    return family
+
+
+def _iterate_campaigns(store: Store) -> Iterator[Campaign]:
+    before: int | None = None
+    while True:
+        page = store.campaigns.page(PAGE, before)
+        yield from page.items
+        if page.next is None:
+            return
+        before = page.next
+
+
+class RequestCounter:
+    """Middleware: counts requests by method, route and status."""
+
+    def __init__(self, app: ASGIApp, registry: CollectorRegistry) -> None:
+        self._app = app
+        self._counter = Counter(
+            "eigenfail_http_requests",
+            "Requests answered",
+            ["method", "route", "status"],
+            registry=registry,
+        )
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, and count it; unexpected errors are answered further outside."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        status: int | None = None
+        has_failed = True
+
+        async def note_and_send(message: Message) -> None:
+            nonlocal status
+            status = message.get("status", status)
+            await send(message)
+
+        try:
+            await self._app(scope, receive, note_and_send)
+            has_failed = False
+        finally:
+            if status is None:
+                status = 500 if has_failed else CLIENT_CLOSED
+            # The number of time series is bounded, whatever clients send.
+            method = scope["method"] if scope["method"] in METHODS else "other"
+            route = getattr(scope.get("route"), "path", "none")
+            self._counter.labels(method, route, str(status)).inc()

@@ -1,26 +1,24 @@
 """`eigenfail analyze`: failures into modes, and modes into replays."""
 
+import tomllib
+from collections.abc import Sequence
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from eigenfail.cli.finding_words import finding_words
-from eigenfail.cli.mode_tables import (
-    component_words,
-    distinctness_words,
-    diversity_words,
-    mode_table,
-)
-from eigenfail.cli.options import DEFAULT_URL, AsJson, CampaignId, Url
-from eigenfail.cli.output import console, to_json
-from eigenfail.cli.proofs import Prove, Variations, proof_table, proof_words, proven
-from eigenfail.cli.surroundings import client_at
+from eigenfail.cli.connection import connect_to
+from eigenfail.cli.options import AsJson, CampaignId, Url
+from eigenfail.cli.progress import follow
+from eigenfail.cli.render import make_console, to_json
 from eigenfail.client import Client
-from eigenfail.errors import Conflict
-from eigenfail.hosting.signals import interruptible
+from eigenfail.errors import Conflict, InvalidValue
+from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.hosting.processes import interruptible
+from eigenfail.presentation.analyses import describe_findings, describe_modes, describe_proof
+from eigenfail.presentation.terminal import render
 from eigenfail.settings import convert
-from eigenfail.values import Analysis, AnalysisResult, AnalysisSettings, AnalysisState, Proof
+from eigenfail.values import Analysis, AnalysisSettings, AnalysisState, Proof
 
 app = typer.Typer(add_completion=False)
 
@@ -40,7 +38,7 @@ class Axes(StrEnum):
     LATERAL = "lateral"
 
 
-class Clusterer(StrEnum):
+class ClustererName(StrEnum):
     """What finds the modes."""
 
     KMEANS = "kmeans"
@@ -48,11 +46,15 @@ class Clusterer(StrEnum):
     GAUSSIAN_MIXTURE = "gaussian_mixture"
 
 
-AlignAt = Annotated[Align, typer.Option(help="Put trajectories side by side at this moment.")]
-Components = Annotated[int, typer.Option(help="Principal components.")]
-Clusters = Annotated[int | None, typer.Option(help="Failure modes; by silhouette if not given.")]
-AxesChoice = Annotated[Axes, typer.Option(help="Both axes together, or one apart.")]
-ClustererChoice = Annotated[Clusterer, typer.Option(help="What finds the modes.")]
+AlignAt = Annotated[Align, typer.Option(help="Moment at which trajectories are aligned.")]
+Components = Annotated[int, typer.Option(help="Number of principal components.")]
+Clusters = Annotated[
+    int | None, typer.Option(help="Number of failure modes (default: by silhouette).")
+]
+AxesChoice = Annotated[Axes, typer.Option(help="Axes of the noise: both together, or one alone.")]
+ClustererChoice = Annotated[
+    ClustererName, typer.Option(help="Clustering algorithm that finds the modes.")
+]
 Also = Annotated[
     list[int] | None,
     typer.Option(
@@ -63,7 +65,20 @@ Also = Annotated[
     ),
 ]
 Bootstrap = Annotated[
-    int, typer.Option(help="How often the failures are drawn again to see if the modes come back.")
+    int, typer.Option(help="Number of bootstrap samples for the stability of the modes.")
+]
+
+Prove = Annotated[
+    bool, typer.Option("--prove", help="Replay eigenfailures and medoids, also in variations.")
+]
+Variations = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--variation",
+        metavar="PARAMETERS",
+        help='With --prove: a scenario to replay in, such as "distance_m = 53.0"; "" is the same'
+        " scenario. Repeat it for more. Not given: the same scenario and its neighbours.",
+    ),
 ]
 
 
@@ -76,7 +91,7 @@ def analyze(
     components: Components = 3,
     clusters: Clusters = None,
     axes: AxesChoice = Axes.JOINT,
-    clusterer: ClustererChoice = Clusterer.KMEANS,
+    clusterer: ClustererChoice = ClustererName.KMEANS,
     also: Also = None,
     bootstrap: Bootstrap = 20,
     prove: Prove = False,
@@ -98,16 +113,18 @@ def analyze(
         "bootstrap": bootstrap,
     }
     settings = convert(given, AnalysisSettings)
-    with interruptible(), client_at(context, url) as client:
-        analysis = finished(client, campaign, settings)
-        proof = proven(client, analysis.id, variation or ()) if prove else None
+    with interruptible(), connect_to(context, url) as client:
+        analysis = find_or_run_analysis(client, campaign, settings)
+        proof = prove_analysis(client, analysis.id, variation or ()) if prove else None
     if as_json:
         typer.echo(to_json({"analysis": analysis, "proof": proof}))
     elif analysis.result:
-        tell(campaign, analysis.result, proof)
+        result = analysis.result
+        blocks = (*describe_modes(campaign, result), *describe_findings(result), *result.words)
+        make_console().print(render(*blocks, *(describe_proof(proof) if proof else ())))
 
 
-def finished(client: Client, campaign: int, settings: AnalysisSettings) -> Analysis:
+def find_or_run_analysis(client: Client, campaign: int, settings: AnalysisSettings) -> Analysis:
     """A new analysis of the campaign, done.
 
     Raises:
@@ -119,15 +136,28 @@ def finished(client: Client, campaign: int, settings: AnalysisSettings) -> Analy
     return analysis
 
 
-def tell(campaign: int, result: AnalysisResult, proof: Proof | None) -> None:
-    """Print the modes, what they are worth, and whether they fail again."""
-    screen = console()
-    screen.print(mode_table(campaign, result))
-    screen.print(component_words(result))
-    screen.print(distinctness_words(result))
-    for words in (*diversity_words(result), *finding_words(result), *result.words):
-        screen.print(words)
-    if proof is not None:
-        screen.print(proof_table(proof))
-        for words in proof_words(proof):
-            screen.print(words)
+def prove_analysis(client: Client, analysis: int, given: Sequence[str]) -> Proof:
+    """The proof of an analysis, once all of its replays have ended.
+
+    Raises:
+        InvalidValue: a variation that cannot be read, or outside the scenario's bounds.
+    """
+    variations = [read_variation(text) for text in given]
+    launched = client.analyses.prove(analysis, variations or None)
+    for scenario in launched.scenarios:
+        follow(client, scenario.campaign)
+    return client.analyses.proof(analysis)
+
+
+def read_variation(text: str) -> dict[str, Any]:
+    """Scenario parameters as in a TOML file, with commas between them.
+
+    Raises:
+        InvalidValue: they are something else.
+    """
+    try:
+        given: dict[str, Any] = tomllib.loads(f"given = {{{text}}}")["given"]
+    except tomllib.TOMLDecodeError as error:
+        remedy = 'Write it as --variation "distance_m = 53.0, ego_speed_mps = 23.0".'
+        raise InvalidValue("--variation", f"'{text}' cannot be read: {error}.", remedy) from None
+    return given

@@ -1,36 +1,179 @@
-"""`eigenfail campaign`: create, follow and steer campaigns."""
+"""`eigenfail campaign`: create, check, clone, list, show, follow and steer campaigns."""
 
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
 
 from eigenfail.cli import completion
-from eigenfail.cli.costs import cost
-from eigenfail.cli.course_tables import campaign_page, course_table
-from eigenfail.cli.crew import workers
-from eigenfail.cli.lacking import lacking
-from eigenfail.cli.launching import add_launching
-from eigenfail.cli.minimal_words import shrunk, with_words
+from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import (
-    DEFAULT_URL,
     AsJson,
     CampaignId,
+    Episodes,
     Gate,
     Limit,
+    Seed,
+    SpecFile,
+    Urgency,
     Url,
     Watched,
 )
-from eigenfail.cli.output import show
-from eigenfail.cli.progress import follow
-from eigenfail.cli.regions import region
-from eigenfail.cli.safety import safety
-from eigenfail.cli.steering import add_steering
-from eigenfail.cli.surroundings import client_at
-from eigenfail.cli.tables import campaign_table, result_table
-from eigenfail.cli.verdict import judge
-from eigenfail.cli.watching import View
-from eigenfail.hosting.signals import interruptible
-from eigenfail.values import CampaignState
+from eigenfail.cli.progress import describe_minimal, find_missing_workers, follow, judge
+from eigenfail.cli.render import TerminalView, show
+from eigenfail.cli.specs import describe_check, parse_changes, read_spec
+from eigenfail.client.campaigns import Campaigns
+from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.hosting.processes import interruptible
+from eigenfail.presentation.campaigns import (
+    describe_campaign,
+    describe_costs,
+    describe_region,
+    describe_safety,
+    list_campaign_facts,
+    tabulate_campaigns,
+    tabulate_course,
+    tabulate_results,
+    tabulate_workers,
+)
+from eigenfail.presentation.terminal import render
+from eigenfail.values import Campaign, CampaignState, Priority
+from eigenfail.values.safety import LEVEL
+from eigenfail.wire.http import make_error
+
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print only the id of the launched campaign.")
+]
+QuietCheck = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print nothing; the exit code tells the result.")
+]
+
+
+def create(
+    context: typer.Context,
+    file: SpecFile,
+    url: Url = DEFAULT_URL,
+    episodes: Episodes = None,
+    seed: Seed = None,
+    priority: Urgency = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Launch the campaign that a TOML file describes, and show it."""
+    spec = read_spec(file, episodes=episodes, seed=seed, priority=priority)
+    with connect_to(context, url) as client:
+        _show_launched(client.campaigns.create(spec), quiet, as_json)
+
+
+def check(
+    context: typer.Context,
+    file: SpecFile,
+    url: Url = DEFAULT_URL,
+    episodes: Episodes = None,
+    seed: Seed = None,
+    priority: Urgency = None,
+    quiet: QuietCheck = False,
+    as_json: AsJson = False,
+) -> None:
+    """Say what the campaign that a TOML file describes would be, and launch nothing.
+
+    Exits with 2 if it cannot be launched.
+    """
+    spec = read_spec(file, episodes=episodes, seed=seed, priority=priority)
+    with connect_to(context, url) as client:
+        found = client.campaigns.check(spec)
+    if not quiet:
+        show(found, as_json, lambda: describe_check(found))
+    if found.problems:
+        raise typer.Exit(make_error(found.problems[0]).exit_code)
+
+
+def clone(
+    context: typer.Context,
+    campaign: CampaignId,
+    url: Url = DEFAULT_URL,
+    name: Annotated[str | None, typer.Option(help="Name of the new campaign.")] = None,
+    episodes: Annotated[
+        int | None, typer.Option(min=1, help="Budget of the new campaign. [episodes]")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the new campaign.")] = None,
+    values: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="FIELD=VALUE",
+            help="Field to change, such as settings.alpha=100; repeatable.",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Launch a campaign like an earlier one, with other values, and show it."""
+    given = {"name": name, "episodes": episodes, "seed": seed}
+    changes = {field: value for field, value in given.items() if value is not None}
+    with connect_to(context, url) as client:
+        created = client.campaigns.clone(campaign, **changes, **parse_changes(values or []))
+    _show_launched(created, quiet, as_json)
+
+
+def _show_launched(campaign: Campaign, quiet: bool, as_json: bool) -> None:
+    """Print a campaign that was just launched, or its id alone, which is JSON, too."""
+    if quiet:
+        typer.echo(campaign.id)
+        return
+    show(campaign, as_json, lambda: render(list_campaign_facts(campaign)))
+
+
+def _add_launching(app: typer.Typer) -> None:
+    """Add the commands."""
+    for command in (create, check, clone):
+        app.command()(command)
+
+
+Act = Callable[[Campaigns, int], Campaign]
+
+ACTS: dict[str, tuple[Act, str]] = {
+    "pause": (Campaigns.pause, "Pause a campaign; what is running is finished first."),
+    "resume": (Campaigns.resume, "Go on with a paused campaign, where it stopped."),
+    "cancel": (Campaigns.cancel, "End a campaign for good; its finished episodes are kept."),
+}
+
+
+def _make_command(act: Act) -> Callable[..., None]:
+    """The command that does it, and shows what has become of the campaign."""
+
+    def command(
+        context: typer.Context,
+        campaign: CampaignId,
+        url: Url = DEFAULT_URL,
+        as_json: AsJson = False,
+    ) -> None:
+        with connect_to(context, url) as client:
+            found = act(client.campaigns, campaign)
+        show(found, as_json, lambda: render(list_campaign_facts(found)))
+
+    return command
+
+
+def priority(
+    context: typer.Context,
+    campaign: CampaignId,
+    wanted: Annotated[Priority, typer.Argument(metavar="PRIORITY", help="low, normal or high.")],
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Give a campaign another share of the workers, and another place in the queue."""
+    with connect_to(context, url) as client:
+        found = client.campaigns.prioritise(campaign, wanted)
+    show(found, as_json, lambda: render(list_campaign_facts(found)))
+
+
+def _add_steering(app: typer.Typer) -> None:
+    """Add the commands."""
+    for name, (act, text) in ACTS.items():
+        app.command(name, help=text)(_make_command(act))
+    app.command()(priority)
+
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, help="Create, follow and steer campaigns."
@@ -39,15 +182,24 @@ app = typer.Typer(
 State = Annotated[CampaignState | None, typer.Option(help="Only campaigns in this state.")]
 Method = Annotated[
     str | None,
-    typer.Option(help="Only campaigns of this method.", autocompletion=completion.methods),
+    typer.Option(help="Only campaigns of this method.", autocompletion=completion.complete_methods),
 ]
 Search = Annotated[
     str | None,
     typer.Option(help="Only campaigns whose name contains this, in small or large letters."),
 ]
+Level = Annotated[float, typer.Option(help="Level of VaR and CVaR of severity.")]
+Ids = Annotated[
+    list[int], typer.Argument(metavar="CAMPAIGN...", min=1, help="One campaign, or several.")
+]
+VariedIds = Annotated[
+    list[int],
+    typer.Argument(
+        metavar="CAMPAIGN...", min=1, help="A campaign with varying parameters, or those of a grid."
+    ),
+]
 
-
-add_launching(app)
+_add_launching(app)
 
 
 @app.command("list")
@@ -62,12 +214,12 @@ def list_campaigns(
     as_json: AsJson = False,
 ) -> None:
     """List campaigns, newest first."""
-    with interruptible(), client_at(context, url) as client:
-        page = View(
+    with interruptible(), connect_to(context, url) as client:
+        page = TerminalView(
             look=lambda: client.campaigns.list(state, None, method, search).first(limit),
             campaigns=lambda seen: seen,
             told=lambda seen: seen,
-            draw=campaign_table,
+            draw=lambda seen: render(tabulate_campaigns(seen)),
         )
         page.watch(as_json) if watched else page.show(as_json)
 
@@ -81,13 +233,15 @@ def show_campaign(
     as_json: AsJson = False,
 ) -> None:
     """Show a campaign as it stands: its settings, and its episodes by conflict class."""
-    with interruptible(), client_at(context, url) as client:
-        page = View(
+    with interruptible(), connect_to(context, url) as client:
+        page = TerminalView(
             look=lambda: (client.campaigns.get(campaign), client.campaigns.summary(campaign)),
             campaigns=lambda seen: seen[:1],
             told=lambda seen: seen[0],
-            draw=lambda seen: with_words(
-                campaign_page(*seen), (*lacking(client, seen[0]), *shrunk(client, seen[0]))
+            draw=lambda seen: render(
+                *describe_campaign(*seen),
+                *find_missing_workers(client, seen[0]),
+                *describe_minimal(client, seen[0]),
             ),
         )
         page.watch(as_json) if watched else page.show(as_json)
@@ -97,17 +251,17 @@ def show_campaign(
 def course(
     context: typer.Context,
     campaign: CampaignId,
-    per: Annotated[int | None, typer.Option(min=1, help="Episodes of a block.")] = None,
+    per: Annotated[int | None, typer.Option(min=1, help="Number of episodes in a block.")] = None,
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
     """Show how failure rate, likelihood and robustness moved: the learning curve."""
-    with client_at(context, url) as client:
+    with connect_to(context, url) as client:
         found = client.campaigns.course(campaign, per)
-    show(found, as_json, lambda: course_table(found))
+    show(found, as_json, lambda: render(*tabulate_course(found)))
 
 
-add_steering(app)
+_add_steering(app)
 
 
 @app.command()
@@ -118,7 +272,7 @@ def digest(
     as_json: AsJson = False,
 ) -> None:
     """Print the digest over all results: the same campaign gives the same digest anywhere."""
-    with client_at(context, url) as client:
+    with connect_to(context, url) as client:
         found = client.campaigns.digest(campaign)
     show({"campaign": campaign, "digest": found}, as_json, lambda: found)
 
@@ -132,13 +286,60 @@ def watch(
     as_json: AsJson = False,
 ) -> None:
     """Follow a campaign to its end, and print its results; Ctrl-C leaves it running."""
-    with interruptible(), client_at(context, url) as client:
+    with interruptible(), connect_to(context, url) as client:
         ended = follow(client, campaign)
         summary = client.campaigns.summary(campaign)
-        words = shrunk(client, ended)
-    show(summary, as_json, lambda: with_words(result_table([summary]), words))
-    judge(ended, gate)
+        words = describe_minimal(client, ended)
+    show(summary, as_json, lambda: render(tabulate_results([summary]), *words))
+    judge(ended, gate, summary)
 
 
-for page in (safety, region, cost, workers):
-    app.command()(page)
+@app.command()
+def safety(
+    context: typer.Context,
+    campaign: CampaignId,
+    level: Level = LEVEL,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Show collisions, near misses, MinTTC, DRAC and severity of a campaign's episodes."""
+    with connect_to(context, url) as client:
+        found = client.campaigns.safety(campaign, level)
+    show(found, as_json, lambda: render(*describe_safety(found)))
+
+
+@app.command()
+def region(
+    context: typer.Context, campaigns: VariedIds, url: Url = DEFAULT_URL, as_json: AsJson = False
+) -> None:
+    """Show where among the scenario's parameters the episodes of campaigns fail."""
+    with connect_to(context, url) as client:
+        found = client.campaigns.region(campaigns)
+    show(found, as_json, lambda: render(*describe_region(found)))
+
+
+@app.command()
+def cost(
+    context: typer.Context, campaigns: Ids, url: Url = DEFAULT_URL, as_json: AsJson = False
+) -> None:
+    """Show what failures and modes cost, by when, and what the time went into, side by side.
+
+    A campaign without a failure shows the least that one can cost (95 %): the bound that Monte
+    Carlo has to be held against.
+    """
+    with connect_to(context, url) as client:
+        found = [client.campaigns.cost(campaign) for campaign in campaigns]
+    show(found, as_json, lambda: render(*describe_costs(found)))
+
+
+@app.command()
+def workers(
+    context: typer.Context,
+    campaign: CampaignId,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Show who ran the episodes of a campaign: how many, how quickly, and when last."""
+    with connect_to(context, url) as client:
+        found = client.campaigns.workers(campaign)
+    show(found, as_json, lambda: render(tabulate_workers(found)))

@@ -4,25 +4,86 @@ A shell waits for it: whatever is not at hand within a moment is not offered.
 """
 
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from eigenfail.errors import EigenfailError
+from eigenfail.errors import EigenfailError, InvalidValue
 
 if TYPE_CHECKING:
     from eigenfail.client import Client
 
 MOST = 30
+SHELLS = ("bash", "zsh", "fish", "powershell", "pwsh")
+"""Those that there is a script for."""
 
 
-def campaigns(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+def find_shell(named: str) -> str:
+    """Return the shell that was named or, without a name, the one that runs this program.
+
+    Raises:
+        InvalidValue: there is no script for it, or none was named and none runs this program.
+    """
+    if not named:
+        return detect_shell()
+    if named not in SHELLS:
+        remedy = f"Name one of {', '.join(SHELLS)}."
+        raise InvalidValue("shell", f"There is no completion for {named!r}.", remedy)
+    return named
+
+
+def detect_shell() -> str:
+    """Return the shell among the parent processes.
+
+    Raises:
+        InvalidValue: there is none, or no script for it.
+    """
+    import shellingham
+
+    try:
+        return find_shell(shellingham.detect_shell()[0])
+    except shellingham.ShellDetectionFailure:
+        raise InvalidValue(
+            "shell",
+            "No shell was found among the parent processes.",
+            "Name the shell, as in `eigenfail --show-completion bash`.",
+        ) from None
+
+
+def make_script(program: str, shell: str) -> str:
+    """Return the script that makes a shell complete the commands of a program."""
+    from typer import completion as scripts
+
+    return str(
+        scripts.get_completion_script(  # type: ignore[attr-defined, unused-ignore]
+            prog_name=program, complete_var=_name_variable(program), shell=shell
+        )
+    )
+
+
+def install_script(program: str, shell: str) -> Path:
+    """Write a shell's script where the shell finds it; return its path."""
+    from typer import completion as scripts
+
+    _, path = scripts.install(  # type: ignore[attr-defined, unused-ignore]
+        shell=shell, prog_name=program, complete_var=_name_variable(program)
+    )
+    return Path(path)
+
+
+def _name_variable(program: str) -> str:
+    """Name of the environment variable by which a shell asks the program for completions."""
+    return f"_{program.replace('-', '_').upper()}_COMPLETE"
+
+
+def complete_campaigns(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     """The newest campaigns of the service that would be asked, with their names."""
-    from eigenfail.cli.surroundings import address
+    from eigenfail.cli.connection import find_address
 
     asked = context.params.get("url") or os.environ.get("EIGENFAIL_URL") or ""
     try:
-        with connect(address(context, asked)) as client:
+        with connect(find_address(context, asked)) as client:
             found = client.campaigns.list().first(MOST) if client.health() else ()
     except (EigenfailError, OSError, ValueError):
         return []
@@ -37,22 +98,22 @@ def connect(url: str) -> "Client":
     return Client(url)
 
 
-def planners(incomplete: str) -> list[str]:
+def complete_planners(incomplete: str) -> list[str]:
     """The planners that are installed here."""
-    return begun("eigenfail.planners", incomplete)
+    return _list_beginning("eigenfail.planners", incomplete)
 
 
-def scenarios(incomplete: str) -> list[str]:
+def complete_scenarios(incomplete: str) -> list[str]:
     """The scenarios that are installed here."""
-    return begun("eigenfail.scenarios", incomplete)
+    return _list_beginning("eigenfail.scenarios", incomplete)
 
 
-def methods(incomplete: str) -> list[str]:
+def complete_methods(incomplete: str) -> list[str]:
     """The methods that are installed here."""
-    return begun("eigenfail.methods", incomplete)
+    return _list_beginning("eigenfail.methods", incomplete)
 
 
-def begun(group: str, incomplete: str) -> list[str]:
+def _list_beginning(group: str, incomplete: str) -> list[str]:
     """The plug-ins of a group whose names begin so."""
     from eigenfail.plugins import names
 

@@ -1,27 +1,168 @@
 """`eigenfail doctor`: what is installed, what answers and what is missing."""
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Annotated
 
 import msgspec
 import typer
+from rich.markup import escape
+from rich.table import Table
 
-from eigenfail import side_process
+from eigenfail import plugins, side_process
 from eigenfail.bridges import check_address
 from eigenfail.cli import completion
-from eigenfail.cli.checkups import Checked, Verdict, check_table, check_up
-from eigenfail.cli.db_options import Database, Repair, Replay
-from eigenfail.cli.doctor_findings import (
-    database_findings,
-    finding_table,
-    folder_finding,
-    plugin_findings,
-    service_findings,
-    versions,
+from eigenfail.cli.connection import connect_to
+from eigenfail.cli.options import AsJson, Data, Database, Repair, Replay, Url
+from eigenfail.cli.plugin_checks import CheckResult, CheckVerdict, check_plugins, draw_checks
+from eigenfail.cli.render import show
+from eigenfail.client import Client
+from eigenfail.errors import EigenfailError, InvalidValue, StoreUnavailable
+from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
+from eigenfail.hosting.service import load_database_tool
+from eigenfail.presentation.terminal import start_grid
+from eigenfail.values import CampaignState
+from eigenfail.values.upkeep import Verification
+from eigenfail.values.worker import Presence
+
+PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")
+GROUPS = (plugins.SCENARIOS, plugins.PLANNERS, plugins.SIMULATORS, plugins.METHODS)
+WORKING = (CampaignState.QUEUED, CampaignState.RUNNING)
+NOBODY = (
+    "do the services run (python -m eigenfail_services), and what does their log say? "
+    "By hand: eigenfail worker --connect ADDRESS"
 )
-from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL, AsJson, Data, Url
-from eigenfail.cli.output import show
-from eigenfail.errors import InvalidValue
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One thing looked at; only what is `wrong` must be put right."""
+
+    what: str
+    found: str
+    wrong: bool = False
+    remedy: str = ""
+
+
+def list_versions() -> Iterator[Finding]:
+    """What is installed, and where."""
+    yield Finding("eigenfail", version("eigenfail"))
+    yield Finding("python", f"{sys.version.split()[0]} at {sys.executable}")
+    for package in PACKAGES:
+        try:
+            yield Finding(package, version(package))
+        except PackageNotFoundError:
+            remedy = "needed to run the service here: pip install 'eigenfail[server,worker]'"
+            yield Finding(package, "not installed", remedy=remedy)
+
+
+def list_plugins() -> Iterator[Finding]:
+    """Which plug-ins there are, by group, and whether each can be loaded."""
+    for group in GROUPS:
+        yield Finding(group, ", ".join(plugins.names(group)) or "none")
+        yield from _list_broken_plugins(group)
+
+
+def _list_broken_plugins(group: str) -> Iterator[Finding]:
+    """Plug-ins that are registered and cannot be loaded."""
+    for name in plugins.names(group):
+        try:
+            plugins.load(group, name)
+        except InvalidValue as error:
+            yield Finding(f"{group}: {name}", error.problem, wrong=True)
+
+
+def check_data_folder(data: Path) -> Finding:
+    """Whether the data folder can be written, and who runs on it."""
+    folder = DataFolder(data)
+    if not folder.is_writable():
+        return Finding("data folder", f"{folder.path} cannot be written", True, "--data elsewhere")
+    return Finding("data folder", f"{folder.path}{folder.where()}")
+
+
+def check_service(context: typer.Context, url: str) -> Iterator[Finding]:
+    """Whether a service answers, and is well, and who works for it; none has to."""
+    what = f"service {url}"
+    with connect_to(context, url) as client:
+        trouble = client.trouble()
+        if trouble is None:
+            yield Finding(what, "answers")
+            yield check_workers(client)
+            yield from list_unrunnable_campaigns(client)
+        elif isinstance(trouble, StoreUnavailable):
+            yield Finding(what, trouble.problem, True, trouble.remedy)
+        else:
+            yield Finding(what, "no answer", remedy="start one: eigenfail up")
+
+
+def check_workers(client: Client) -> Finding:
+    """Who is connected; that nobody is matters once there is work."""
+    try:
+        here = client.present_workers()
+        waits = any(any(client.campaigns.list(state)) for state in WORKING)
+        said = "" if here else client.staffing().said
+    except EigenfailError as error:
+        return Finding("workers", error.problem, remedy=error.remedy)
+    if here:
+        return Finding("workers", f"{len(here)} connected{_describe_versions(here)}")
+    told = "none is connected" + (", and campaigns wait" if waits else "")
+    return Finding("workers", f"{told}. {said}" if said else told, waits, NOBODY)
+
+
+def list_unrunnable_campaigns(client: Client) -> Iterator[Finding]:
+    """Campaigns that none of those who are connected can run."""
+    try:
+        stranded = client.staffing().stranded
+    except EigenfailError:
+        return
+    yield from (Finding(f"campaign {each.campaign}", each.message, True) for each in stranded)
+
+
+def _describe_versions(workers: Sequence[Presence]) -> str:
+    """Of which releases they are, where they differ."""
+    found = sorted({worker.versions.get("eigenfail", "unknown") for worker in workers})
+    return f", of eigenfail {' and '.join(found)}" if len(found) > 1 else ""
+
+
+def check_database(database: str | None, replay: int, repair: bool) -> Iterator[Finding]:
+    """What was mended, and what is wrong, in the database that is named, if one is.
+
+    Raises:
+        InvalidValue: none is named, and there is something to do in it.
+    """
+    if database is None:
+        if replay or repair:
+            raise InvalidValue("database", "None is named.", "Give --database, too.")
+        return
+    try:
+        found: Verification = load_database_tool("verify")(database, replay, repair=repair)
+    except EigenfailError as error:
+        yield Finding("database", error.problem, wrong=True, remedy=error.remedy)
+        return
+    yield from _list_database_checks(found)
+
+
+def _list_database_checks(found: Verification) -> Iterator[Finding]:
+    """What came of a database's check: in all, what was mended, and check by check."""
+    told = f"{found.database}: {found.defects or 'no'} defects"
+    remedy = "eigenfail db verify tells them; --repair mends what is safe" if found.defects else ""
+    yield Finding("database", told, bool(found.defects), remedy)
+    yield from (Finding("database: mended", sentence) for sentence in found.mended)
+    for check in found.checks:
+        held = f"{check.promise} Defects: {check.defects or 'none'}."
+        yield Finding(f"database: {check.name}", held, bool(check.defects))
+
+
+def _draw_findings(findings: list[Finding]) -> Table:
+    """What was found, what is wrong marked as such."""
+    grid = start_grid("", "what", "found", "remedy")
+    for finding in findings:
+        mark = "wrong" if finding.wrong else ("-" if finding.remedy else "ok")
+        cells = (mark, finding.what, finding.found, finding.remedy)
+        grid.add_row(*(escape(cell) for cell in cells))
+    return grid
+
 
 TROUBLE = 3
 BROKEN = 1
@@ -35,7 +176,10 @@ app = typer.Typer(add_completion=False)
 PlannerPlugin = Annotated[
     str | None,
     typer.Option(
-        "--planner", metavar=PLACE, help="Check this planner.", autocompletion=completion.planners
+        "--planner",
+        metavar=PLACE,
+        help="Check this planner.",
+        autocompletion=completion.complete_planners,
     ),
 ]
 ScenarioPlugin = Annotated[
@@ -44,7 +188,7 @@ ScenarioPlugin = Annotated[
         "--scenario",
         metavar=PLACE,
         help="Check this scenario.",
-        autocompletion=completion.scenarios,
+        autocompletion=completion.complete_scenarios,
     ),
 ]
 BridgeAddress = Annotated[
@@ -75,26 +219,26 @@ def doctor(
     """
     of_database: dict[str, object] = {"--replay": replay, "--repair": repair}
     if bridge:
-        refuse_besides("--bridge", {"--planner": planner, "--scenario": scenario, **of_database})
-        examine_bridge(bridge, as_json)
+        _refuse_besides("--bridge", {"--planner": planner, "--scenario": scenario, **of_database})
+        _check_bridge(bridge, as_json)
         return
     if planner or scenario:
-        refuse_besides("--planner" if planner else "--scenario", of_database)
-        examine(planner, scenario, as_json)
+        _refuse_besides("--planner" if planner else "--scenario", of_database)
+        _check_plugins(planner, scenario, as_json)
         return
     findings = [
-        *versions(),
-        *plugin_findings(),
-        folder_finding(data),
-        *service_findings(context, url),
-        *database_findings(database, replay, repair),
+        *list_versions(),
+        *list_plugins(),
+        check_data_folder(data),
+        *check_service(context, url),
+        *check_database(database, replay, repair),
     ]
-    show(findings, as_json, lambda: finding_table(findings))
+    show(findings, as_json, lambda: _draw_findings(findings))
     if any(finding.wrong for finding in findings):
         raise typer.Exit(TROUBLE)
 
 
-def refuse_besides(alone: str, others: Mapping[str, object]) -> None:
+def _refuse_besides(alone: str, others: Mapping[str, object]) -> None:
     """Refuse what nothing would come of beside an option that is looked at alone.
 
     Raises:
@@ -106,18 +250,18 @@ def refuse_besides(alone: str, others: Mapping[str, object]) -> None:
             raise InvalidValue(name, problem, "Run the two one after the other.")
 
 
-def examine(planner: str | None, scenario: str | None, as_json: bool) -> None:
+def _check_plugins(planner: str | None, scenario: str | None, as_json: bool) -> None:
     """Hold plug-ins against their contracts."""
-    checks = check_up(planner, scenario)
-    show(checks, as_json, lambda: check_table(checks))
-    if any(check.verdict is Verdict.BROKEN for check in checks):
+    checks = check_plugins(planner, scenario)
+    show(checks, as_json, lambda: draw_checks(checks))
+    if any(check.verdict is CheckVerdict.BROKEN for check in checks):
         raise typer.Exit(BROKEN)
 
 
-def examine_bridge(address: str, as_json: bool) -> None:
+def _check_bridge(address: str, as_json: bool) -> None:
     """Hold a bridge against its protocol, in a process that has what it takes to talk to it."""
     answer = side_process.ask(BRIDGE_CHECK, check_address(address).encode(), BRIDGE_PATIENCE_S)
-    checks = msgspec.json.decode(answer, type=list[Checked])
-    show(checks, as_json, lambda: check_table(checks))
-    if any(check.verdict is Verdict.BROKEN for check in checks):
+    checks = msgspec.json.decode(answer, type=list[CheckResult])
+    show(checks, as_json, lambda: draw_checks(checks))
+    if any(check.verdict is CheckVerdict.BROKEN for check in checks):
         raise typer.Exit(TROUBLE)

@@ -1,35 +1,180 @@
-"""`eigenfail episode`: look at episodes, and run them again."""
+"""`eigenfail episode`: list, show, export, replay, explain and shrink episodes."""
 
 from itertools import islice
+from math import inf
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from msgspec.structs import replace
 
-from eigenfail.cli.episode_runs import explain, replay, shrink, stored_episode
-from eigenfail.cli.episode_tables import episode_facts, episode_table, picked_table
-from eigenfail.cli.options import (
-    DEFAULT_URL,
-    AsJson,
-    CampaignId,
-    EpisodeId,
-    Limit,
-    Url,
-    episode_id,
-)
-from eigenfail.cli.output import show, to_json
-from eigenfail.cli.surroundings import client_at
+from eigenfail.cli.connection import connect_to
+from eigenfail.cli.options import AsJson, CampaignId, EpisodeId, Limit, Url, parse_episode_id
+from eigenfail.cli.progress import follow, judge
+from eigenfail.cli.render import show, to_json
+from eigenfail.client.campaigns import SHRINK_WITHIN
+from eigenfail.errors import NoisePruned, NotFound
+from eigenfail.explanations.explaining import StepWindow, build_explanation
+from eigenfail.explanations.replays import explain_episode, redraw_episode, replay_episode
 from eigenfail.filters import parse_fields
-from eigenfail.hosting.signals import interruptible
-from eigenfail.values import Outcome
+from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.hosting.processes import interruptible
+from eigenfail.presentation.episodes import (
+    describe_explanation,
+    describe_minimal_failure,
+    list_episode_facts,
+    tabulate_episodes,
+    tabulate_fields,
+)
+from eigenfail.presentation.tables import FactTable
+from eigenfail.presentation.terminal import render
+from eigenfail.values import CampaignSpec, Outcome, Replayed
 from eigenfail.values.export import ExportFormat
-from eigenfail.variations import drawn_for
+from eigenfail.values.records import EpisodeDetail
+from eigenfail.versions import differences, versions
+from eigenfail.worlds import drawn_for
+
+DIFFERENT = 1
+
+Every = Annotated[int, typer.Option(min=1, help="Show only every N-th step.")]
+From = Annotated[float, typer.Option("--from", help="Show steps from this time on. [s]")]
+To = Annotated[
+    float, typer.Option("--to", show_default="the end", help="Show steps up to this time. [s]")
+]
+Replays = Annotated[int, typer.Option("--episodes", min=1, help="Budget of replays.")]
+
+
+def replay(
+    context: typer.Context,
+    episode: EpisodeId,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Run a stored episode again, here, and compare; exit with 1 if it differs.
+
+    Where its noise was pruned, and follows from its seed, it is drawn again.
+    """
+    replayed = _run_again(context, url, episode)
+    if not replayed.same:
+        replayed = replace(replayed, differing=_list_differences(context, url, episode))
+    show(replayed, as_json, lambda: render(_list_replay_facts(episode, replayed)))
+    if not replayed.same:
+        raise typer.Exit(DIFFERENT)
+
+
+def _run_again(context: typer.Context, url: str, episode: str) -> Replayed:
+    """Its second run, with its noise as it is stored, or drawn again from its seed."""
+    try:
+        stored, spec = find_stored_episode(context, url, episode)
+    except NoisePruned:
+        campaign, index = parse_episode_id(episode)
+        with connect_to(context, url) as client:
+            only = f"index = {index}"
+            row = next(iter(client.episodes.list(campaign, filter=only)))
+            spec = client.campaigns.get(campaign).spec
+        return redraw_episode(spec, row)
+    return replay_episode(spec, stored)
+
+
+def explain(
+    context: typer.Context,
+    episode: EpisodeId,
+    url: Url = DEFAULT_URL,
+    every: Every = 1,
+    since_s: From = 0.0,
+    until_s: To = inf,
+    as_json: AsJson = False,
+) -> None:
+    """Run a stored episode again, and let the planner say why it did what it did.
+
+    Exits with 1 if the run differs from the stored one.
+    """
+    stored, spec = find_stored_episode(context, url, episode)
+    replayed, explained = explain_episode(spec, stored)
+    window = StepWindow(since_s, until_s, every)
+    explanation = build_explanation(episode, spec.planner, replayed, explained, window)
+    show(explanation, as_json, lambda: render(*describe_explanation(explanation)))
+    if not replayed.same:
+        raise typer.Exit(DIFFERENT)
+
+
+def shrink(
+    context: typer.Context,
+    episode: EpisodeId,
+    url: Url = DEFAULT_URL,
+    replays: Replays = SHRINK_WITHIN,
+    as_json: AsJson = False,
+) -> None:
+    """Launch a campaign that finds how little noise a failure needs, and tell what it found."""
+    campaign, index = parse_episode_id(episode)
+    with interruptible(), connect_to(context, url) as client:
+        ended = follow(client, client.campaigns.shrink(campaign, index, replays).id)
+        judge(ended, gate=False)
+        found = client.campaigns.minimal(ended.id)
+    show(found, as_json, lambda: render(*describe_minimal_failure(found)))
+
+
+def find_stored_episode(
+    context: typer.Context, url: str, episode: str
+) -> tuple[EpisodeDetail, CampaignSpec]:
+    """An episode that is written as CAMPAIGN/INDEX, and what was asked of its campaign."""
+    campaign, index = parse_episode_id(episode)
+    with connect_to(context, url) as client:
+        return client.episodes.get(campaign, index), client.campaigns.get(campaign).spec
+
+
+def _list_differences(context: typer.Context, url: str, episode: str) -> tuple[str, ...] | None:
+    """The versions that are not what they were when it was run; None if those are not known."""
+    campaign, index = parse_episode_id(episode)
+    with connect_to(context, url) as client:
+        try:
+            return differences(client.episodes.worker(campaign, index).versions, versions())
+        except NotFound:
+            return None
+
+
+def _list_replay_facts(episode: str, replayed: Replayed) -> FactTable:
+    """Return how a replay compares with the stored episode."""
+    verdict = (
+        "the same, bit for bit" if replayed.same else f"DIFFERENT: {_explain_difference(replayed)}"
+    )
+    rows = (
+        ("episode", episode),
+        ("stored", f"{replayed.stored_outcome.word} {replayed.stored_digest}"),
+        ("replayed", f"{replayed.outcome.word} {replayed.digest}"),
+        ("result", verdict),
+    )
+    return FactTable("Replay", rows)
+
+
+def _explain_difference(replayed: Replayed) -> str:
+    """What may be the cause of a difference."""
+    if replayed.differing is None:
+        return "the versions that it was run with are not known"
+    return "; ".join(replayed.differing) or "the versions are the same, something is left to chance"
+
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, help="Look at episodes, and run them again."
 )
 
-OnlyOutcome = Annotated[Outcome | None, typer.Option(help="Only episodes that ended like this.")]
+
+def _parse_outcome(word: str) -> Outcome:
+    """Return the outcome of a word; "failed", which the API says for "errored", is accepted too."""
+    try:
+        return Outcome(word)
+    except ValueError:
+        known = ", ".join(each.word for each in Outcome)
+        raise typer.BadParameter(f"'{word}' is no outcome. Known: {known}.") from None
+
+
+OUTCOMES = "|".join(each.word for each in Outcome)
+OnlyOutcome = Annotated[
+    Outcome | None,
+    typer.Option(
+        parser=_parse_outcome, metavar=f"<{OUTCOMES}>", help="Only episodes with this outcome."
+    ),
+]
 Filter = Annotated[
     str,
     typer.Option("--filter", help='Conditions, such as "severity > 80 and min_ttc_s < 1.5".'),
@@ -39,13 +184,15 @@ Fields = Annotated[
     str, typer.Option(show_default="all", help="Only these columns, with commas in between.")
 ]
 Output = Annotated[
-    Path, typer.Option("--output", "-o", help="File to write; its name says as what.")
+    Path, typer.Option("--output", "-o", help="File to write; its suffix chooses the format.")
 ]
 Format = Annotated[
     ExportFormat | None,
-    typer.Option("--format", show_default="by the file's name", help="As what to write it."),
+    typer.Option("--format", show_default="by the file's name", help="Format of the file."),
 ]
-Noise = Annotated[bool, typer.Option("--noise", help="With each episode's noise; in Parquet.")]
+Noise = Annotated[
+    bool, typer.Option("--noise", help="Include the noise of each episode; Parquet only.")
+]
 
 
 @app.command("list")
@@ -63,14 +210,14 @@ def list_episodes(
     """List the episodes of a campaign."""
     columns = parse_fields(fields)
     asked = {"filter": conditions, "sort": sort}
-    with client_at(context, url) as client:
+    with connect_to(context, url) as client:
         if columns:
             picked = client.episodes.list(campaign, outcome, **asked, fields=columns)
             lines = list(islice(picked, limit))
-            show(lines, as_json, lambda: picked_table(columns, lines))
+            show(lines, as_json, lambda: render(tabulate_fields(columns, lines)))
             return
         found = list(islice(client.episodes.list(campaign, outcome, **asked), limit))
-    show(found, as_json, lambda: episode_table(found))
+    show(found, as_json, lambda: render(tabulate_episodes(found)))
 
 
 @app.command()
@@ -87,7 +234,7 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write episodes of a campaign to a file: CSV, NDJSON or Parquet."""
-    with interruptible(), client_at(context, url) as client:
+    with interruptible(), connect_to(context, url) as client:
         client.episodes.export(
             campaign,
             output,
@@ -111,9 +258,10 @@ def show_episode(
     as_json: AsJson = False,
 ) -> None:
     """Show one episode; with --json its noise and scene, too."""
-    found, spec = stored_episode(context, url, episode)
+    found, spec = find_stored_episode(context, url, episode)
     drawn_here = drawn_for(spec, found.seed)
-    show(found, as_json, lambda: episode_facts(episode_id(episode)[0], found, drawn_here))
+    campaign, _ = parse_episode_id(episode)
+    show(found, as_json, lambda: render(list_episode_facts(campaign, found, drawn_here)))
 
 
 for page in (replay, explain, shrink):

@@ -1,26 +1,244 @@
 """`eigenfail gate`: what is new, fixed and still failing under another version of a planner."""
 
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from hashlib import sha256
+from importlib.metadata import distributions
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import typer
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
 
-from eigenfail.cli.gate_files import check_folder, write
+from eigenfail.cli.connection import MaybeUrl, connect_for_suite, this_command
 from eigenfail.cli.gate_runs import Runner
-from eigenfail.cli.gate_tables import gate_page
-from eigenfail.cli.gate_versions import checked, named, of_this_machine
-from eigenfail.cli.interruption import INTERRUPTED
-from eigenfail.cli.options import DEFAULT_DATA, AsJson, Data, Workers
-from eigenfail.cli.output import show
-from eigenfail.cli.places import MaybeUrl, client_of_suite
-from eigenfail.cli.surroundings import this_command
-from eigenfail.errors import ServiceError
-from eigenfail.gate.found import By
-from eigenfail.gate.junit import to_junit
-from eigenfail.gate.report import Gate, GateReport
-from eigenfail.gate.versions import run_name
+from eigenfail.cli.options import AsJson, Data, Workers
+from eigenfail.cli.progress import INTERRUPTED
+from eigenfail.cli.render import show
+from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.gate.baselines import name_run
+from eigenfail.gate.report import GateReport, GateRun, list_conclusions, to_junit
+from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
+from eigenfail.gate.verdicts import CLOSING, GateVerdict
+from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
+from eigenfail.presentation.figures import UNKNOWN
+from eigenfail.presentation.terminal import start_grid
 from eigenfail.suites import Suite
+from eigenfail.values import CampaignSpec
+from eigenfail.worlds import world_of
+
+
+def _check_folder(junit: Path | None) -> None:
+    """Raises InvalidValue, before anything is run, if no report can be written there."""
+    if junit and not junit.parent.is_dir():
+        raise InvalidValue("junit", f"There is no folder {junit.parent}.", "Make it first.")
+
+
+def _write_junit(file: Path, content: bytes) -> None:
+    """All of it or nothing.
+
+    Raises:
+        InvalidValue: it cannot be written.
+    """
+    draft = file.with_name(f"{file.name}.new")
+    try:
+        draft.write_bytes(content)
+        draft.replace(file)
+    except OSError as error:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
+        problem = f"{file} cannot be written: {error.strerror}."
+        raise InvalidValue("junit", problem, "Name a file in a folder of yours.") from error
+
+
+LENGTH = 12
+NOT_CODE = "__pycache__"
+
+
+def fingerprint(suite: Suite) -> str:
+    """Different where the world that a suite's episodes run in may behave differently.
+
+    Made of all files in the packages of its planners, scenarios and simulators, of the versions of
+    all that is installed, and of the planners' settings. Code that lies elsewhere is not seen.
+
+    Raises:
+        UnknownName: a plug-in that is not installed here.
+        InvalidValue: a package whose code cannot be found.
+    """
+    digest = sha256()
+    for package in sorted({name for each in suite.members for name in list_packages(each.spec)}):
+        for name, content in read_package_files(package):
+            digest.update(f"{package}/{name}\0{len(content)}\0".encode() + content)
+    digest.update("\n".join(_list_installed_packages()).encode())
+    settings = [
+        (each.name, each.spec.planner, each.spec.planner_settings) for each in suite.members
+    ]
+    digest.update(msgspec.json.encode(settings, order="sorted"))
+    return digest.hexdigest()[:LENGTH]
+
+
+def list_packages(spec: CampaignSpec) -> Iterator[str]:
+    """The top packages of what an episode is made of.
+
+    Raises:
+        UnknownName: a plug-in that is not installed here.
+    """
+    return world_of(spec.simulator).packages(spec)
+
+
+def read_package_files(package: str) -> Iterator[tuple[str, bytes]]:
+    """The files of a package, or the one of a module, with their places in it; in order.
+
+    Raises:
+        InvalidValue: it is not found.
+    """
+    found = find_spec(package)
+    folders = [Path(place) for place in (found and found.submodule_search_locations) or ()]
+    if found is None or not (folders or found.origin):
+        raise InvalidValue(
+            "planner", f"the code of '{package}' is not found here.", "Give --planner-version."
+        )
+    if not folders:
+        yield "", Path(found.origin or "").read_bytes()
+    for folder in folders:
+        for file in sorted(folder.rglob("*")):
+            if file.is_file() and NOT_CODE not in file.parts:
+                yield file.relative_to(folder).as_posix(), file.read_bytes()
+
+
+def _list_installed_packages() -> list[str]:
+    """All that is installed here, with its version."""
+    return sorted({f"{each.metadata['Name']}=={each.version}" for each in distributions()})
+
+
+VERSION = re.compile(r"[\w.+/-]{1,80}")
+
+
+def _find_baseline_version(baseline: str | None) -> str:
+    """The baseline that was named; empty where this run becomes one.
+
+    Raises:
+        InvalidValue: the name is empty, as that of a variable that was never set.
+    """
+    if baseline is not None and not baseline.strip():
+        raise InvalidValue("baseline", "is empty.", "Name one, or leave --baseline out.")
+    return baseline or ""
+
+
+def _check_version(version: str) -> str:
+    """The version that was given; empty if none was.
+
+    Raises:
+        InvalidValue: it cannot be part of a name.
+    """
+    if version and not VERSION.fullmatch(version):
+        raise InvalidValue(
+            "planner-version",
+            f"'{version}' is not of letters, digits and any of . _ + / - alone, at most 80.",
+            "Give a commit or a tag.",
+        )
+    return version
+
+
+def _find_own_version(suite: Suite, url: str | None) -> str:
+    """A fingerprint of the planners that are installed here.
+
+    Raises:
+        InvalidValue: those that are tested are elsewhere.
+    """
+    if url:
+        raise InvalidValue(
+            "planner-version",
+            "is not given, and the code of a service elsewhere cannot be seen from here.",
+            "Name what is installed there, such as a commit.",
+        )
+    return fingerprint(suite)
+
+
+SHOWN = 5
+"""How many failures of each member that close the gate are printed; --json and JUnit have more."""
+
+
+def draw_report(report: GateReport) -> Group:
+    """All of it, for people."""
+    return Group(*_draw_parts(report))
+
+
+def _draw_parts(report: GateReport) -> Iterator[RenderableType]:
+    """The parts of the page."""
+    if any(member.known for member in report.members):
+        yield _draw_known_failures(report)
+        yield Text()
+    if any(member.rerun for member in report.members):
+        yield _draw_reruns(report)
+        yield Text()
+    if told := list(_list_findings(report)):
+        yield _draw_findings(told)
+        yield Text()
+    yield from map(Text, list_conclusions(report))
+
+
+def _draw_known_failures(report: GateReport) -> Table:
+    """The known failures of the baseline, one a row."""
+    grid = start_grid("member", "known failure", "now", "replay")
+    for member in report.members:
+        for known in member.known:
+            cells = (member.member, known.what, known.verdict, known.replay or UNKNOWN)
+            grid.add_row(*map(escape, cells))
+    return grid
+
+
+def _draw_reruns(report: GateReport) -> Table:
+    """The campaigns that were run again, one a row."""
+    counted = ("baseline", "failures", "rerun", "failures now", "new", "fixed", "still failing")
+    grid = start_grid("member", *counted, "verdict", "because", right=counted)
+    for member in report.members:
+        if rerun := member.rerun:
+            grid.add_row(*map(escape, (member.member, *_make_rerun_row(rerun))))
+    return grid
+
+
+def _make_rerun_row(rerun: Rerun) -> tuple[str, ...]:
+    """Failures before and now, what became of them, and why."""
+    sides = (_format_side(rerun.before), _format_side(rerun.now))
+    told = (GateVerdict.NEW, GateVerdict.FIXED, GateVerdict.STILL_FAILING)
+    nothing = UNKNOWN if rerun.unpaired_because else "0"
+    counts = (str(rerun.counts.get(each, nothing)) for each in told)
+    return (*sides[0], *sides[1], *counts, rerun.verdict, rerun.told)
+
+
+def _format_side(figures: RerunFigures) -> tuple[str, str]:
+    """A campaign, and how many of its episodes fail."""
+    return str(figures.campaign), f"{figures.failures}/{figures.completed}"
+
+
+def _list_findings(report: GateReport) -> Iterator[tuple[str, GateFinding]]:
+    """New modes, and some of what closes the gate; of reruns as a whole, what was found."""
+    for member in report.members:
+        closing = [each for each in member.known if each.verdict in CLOSING]
+        if rerun := member.rerun:
+            yield from ((member.member, each) for each in rerun.new_modes)
+            whole = rerun.unpaired_because and rerun.verdict in CLOSING
+            closing += [each for each in rerun.findings if whole or each.verdict in CLOSING]
+        yield from ((member.member, each) for each in closing[:SHOWN])
+
+
+def _draw_findings(told: list[tuple[str, GateFinding]]) -> Table:
+    """Episodes to look at, one a row."""
+    grid = start_grid("look at", "episode", "verdict", "replay", "page")
+    for member, found in told:
+        seen = (found.replay or found.problem, found.link)
+        cells = (member, found.what, found.verdict, *seen)
+        grid.add_row(*(escape(cell) for cell in cells))
+    return grid
+
 
 CLOSED = 1
 
@@ -33,7 +251,7 @@ Baseline = Annotated[
     str | None,
     typer.Option(
         metavar="RUN",
-        help="What to judge against: a version that was gated, a suite or its file that was run,"
+        help="Baseline: a version that was gated, a suite or its file that was run,"
         " or campaigns such as 1,2,3. Without it, this run becomes one.",
     ),
 ]
@@ -45,12 +263,12 @@ PlannerVersion = Annotated[
         help="Version of the planners under test, such as a commit.",
     ),
 ]
-JudgedBy = Annotated[
-    By,
-    typer.Option(help="Where noise is the same: judge each episode, or how many fail of all."),
+ByOption = Annotated[
+    JudgedBy,
+    typer.Option(help="Where noise is the same: judge single episodes, or the failure rate."),
 ]
 Strict = Annotated[
-    bool, typer.Option("--strict", help="Failures that were there before close the gate, too.")
+    bool, typer.Option("--strict", help="Also fail on failures that the baseline has.")
 ]
 JUnit = Annotated[
     Path | None, typer.Option("--junit", metavar="FILE", help="Write a report as JUnit XML.")
@@ -63,7 +281,7 @@ def gate(
     file: SuiteFile,
     baseline: Baseline = None,
     planner_version: PlannerVersion = "",
-    by: JudgedBy = By.EPISODE,
+    by: ByOption = JudgedBy.EPISODE,
     strict: Strict = False,
     junit: JUnit = None,
     url: MaybeUrl = None,
@@ -74,24 +292,26 @@ def gate(
     """Judge a new version of a planner by the failures of an earlier one.
 
     Replays the baseline's known failures and runs its campaigns again, with the planners of the
-    suite. Exits with 1 if a failure is new, or cannot be run any more. The same command goes on
+    suite. Exits with 1 if a failure is new, or an episode errors now. The same command goes on
     where it stopped. Where it runs is decided as by `eigenfail run`.
     """
     suite = Suite.read(file)
-    version = checked(planner_version) or of_this_machine(suite, url)
-    run = run_name(suite.name, version)
-    against = named(baseline)
-    asked = Gate(suite=suite.name, version=version, run=run, baseline=against, strict=strict, by=by)
-    check_folder(junit)
-    with client_of_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
-        report = judged(Runner(client, place, this_command()), suite, asked)
+    version = _check_version(planner_version) or _find_own_version(suite, url)
+    run = name_run(suite.name, version)
+    against = _find_baseline_version(baseline)
+    asked = GateRun(
+        suite=suite.name, version=version, run=run, baseline=against, strict=strict, by=by
+    )
+    _check_folder(junit)
+    with connect_for_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
+        report = _run_and_write(Runner(client, place, this_command()), suite, asked)
     if junit:
-        write(junit, to_junit(report))
-    show(report, as_json, lambda: gate_page(report))
-    close(report)
+        _write_junit(junit, to_junit(report))
+    show(report, as_json, lambda: draw_report(report))
+    _exit_by_verdict(report)
 
 
-def judged(runner: Runner, suite: Suite, asked: Gate) -> GateReport:
+def _run_and_write(runner: Runner, suite: Suite, asked: GateRun) -> GateReport:
     """What the gate found; Ctrl-C between campaigns says how to go on, and exits with 130."""
     try:
         return runner.run(suite, asked)
@@ -100,7 +320,7 @@ def judged(runner: Runner, suite: Suite, asked: Gate) -> GateReport:
         raise typer.Exit(INTERRUPTED) from None
 
 
-def close(report: GateReport) -> None:
+def _exit_by_verdict(report: GateReport) -> None:
     """Exit with 1 if the gate is closed.
 
     Raises:

@@ -1,24 +1,83 @@
-"""`eigenfail key`: who may do what, and who did what."""
+"""`eigenfail key`: make, list, limit and revoke keys; read the audit log."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from pathlib import Path
+from time import time
+from typing import Annotated, Any
 
 import typer
 from msgspec.structs import asdict
+from rich.markup import escape
+from rich.table import Table
 
-from eigenfail.cli.db_options import Database
-from eigenfail.cli.key_tables import audit_table, key_table, new_key
-from eigenfail.cli.options import DEFAULT_URL, AsJson, Limit, Url
-from eigenfail.cli.output import show, to_json
-from eigenfail.cli.surroundings import client_at
-from eigenfail.client.keys import Keys
+from eigenfail.cli.connection import connect_to
+from eigenfail.cli.options import AsJson, Database, Limit, Url
+from eigenfail.cli.render import show, to_json
 from eigenfail.errors import InvalidValue
-from eigenfail.hosting.keys import DatabaseKeys
-from eigenfail.values.access import Scope
+from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.hosting.service import load_database_tool
+from eigenfail.presentation.figures import UNKNOWN, format_utc
+from eigenfail.presentation.terminal import start_grid
+from eigenfail.values.access import ApiKey, AuditEntry, NewKey, Scope
 from eigenfail.values.quotas import UNLIMITED, Quotas
 from eigenfail.wire.http import read_fields
+
+
+def _describe_new_key(made: NewKey) -> str:
+    """A key that was just made, with what its holder has to do."""
+    key = made.key
+    ends = "it is revoked" if key.expires_ms is None else f"{format_utc(key.expires_ms)}"
+    return (
+        f"Key {key.id} for '{key.name}', {key.scope}, until {ends}. It is shown this once:\n\n"
+        f"{made.token}\n\n"
+        "Put it into EIGENFAIL_KEY for commands and programs, or sign in with it at /login."
+    )
+
+
+def _draw_keys(keys: Iterable[ApiKey]) -> Table:
+    """One row for each key; times in UTC."""
+    at_ms = round(1_000 * time())
+    grid = start_grid(
+        "id", "name", "scope", "state", "quotas", "made", "ends", "last used", right=("id",)
+    )
+    for key in keys:
+        times = (key.created_ms, key.expires_ms, key.last_used_ms)
+        told = (UNKNOWN if each is None else format_utc(each) for each in times)
+        allowed = ", ".join(_format_quotas(key.quotas)) or UNKNOWN
+        grid.add_row(
+            str(key.id), escape(key.name), key.scope, _describe_state(key, at_ms), allowed, *told
+        )
+    return grid
+
+
+def _describe_state(key: ApiKey, at_ms: int) -> str:
+    """Whether a key opens anything."""
+    if key.revoked_ms is not None:
+        return "revoked"
+    return "valid" if key.is_valid(at_ms) else "expired"
+
+
+def _format_quotas(given: Quotas) -> Iterator[str]:
+    """The quotas that a key has."""
+    for name, limit in asdict(given).items():
+        if limit is not None:
+            yield f"{name} {limit:,}"
+
+
+def _draw_audit(entries: Iterable[AuditEntry]) -> Table:
+    """One row for each change."""
+    grid = start_grid(
+        "when [UTC]", "who", "key", "what", "subject", "from", "status", right=("status",)
+    )
+    for entry in entries:
+        key = UNKNOWN if entry.key is None else str(entry.key)
+        what = f"{entry.method} {entry.route}"
+        told = (entry.who, key, what, entry.subject, entry.address or UNKNOWN)
+        grid.add_row(format_utc(entry.at_ms), *map(escape, told), str(entry.status))
+    return grid
+
 
 LIFE = re.compile(r"(?P<count>[1-9]\d{0,5})(?P<unit>[mhd])")
 NO_LIMIT = "none"
@@ -34,20 +93,22 @@ app = typer.Typer(
 )
 
 Name = Annotated[str, typer.Argument(help="Who or what the key is for.")]
-Which = Annotated[Scope, typer.Option(help="What it allows; each allows the one before, too.")]
+Which = Annotated[Scope, typer.Option(help="Scope; each includes the one before.")]
 Expires = Annotated[
-    str | None, typer.Option(help="How long it is valid: 90d, 12h, 30m; until revoked if left out.")
+    str | None, typer.Option(help="Lifetime: 90d, 12h, 30m (default: until revoked).")
 ]
 MaxOpen = Annotated[
     str | None,
-    typer.Option(metavar="N", help="Most campaigns at once that have not ended; none: no limit."),
+    typer.Option(metavar="N", help="Limit of campaigns that have not ended; none: no limit."),
 ]
 MaxEpisodes = Annotated[
-    str | None, typer.Option(metavar="N", help="Most episodes in one campaign; none: no limit.")
+    str | None, typer.Option(metavar="N", help="Limit of episodes in one campaign; none: no limit.")
 ]
 MaxEpisodesPerDay = Annotated[
     str | None,
-    typer.Option(metavar="N", help="Most episodes in the campaigns of 24 hours; none: no limit."),
+    typer.Option(
+        metavar="N", help="Limit of episodes in the campaigns of 24 hours; none: no limit."
+    ),
 ]
 KeyId = Annotated[int, typer.Argument(metavar="ID", min=1, help="Id of a key.")]
 
@@ -66,11 +127,11 @@ def create(
     as_json: AsJson = False,
 ) -> None:
     """Make a key, and print it: this once, it is kept nowhere."""
-    with keys_at(context, url, database) as keys:
-        life = None if expires is None else seconds(expires)
-        given = quotas_of(UNLIMITED, max_open, max_episodes, max_episodes_per_day)
+    with _open_keys(context, url, database) as keys:
+        life = None if expires is None else parse_duration(expires)
+        given = _change_quotas(UNLIMITED, max_open, max_episodes, max_episodes_per_day)
         made = keys.create(name, scope, life, given)
-    typer.echo(to_json(made) if as_json else new_key(made))
+    typer.echo(to_json(made) if as_json else _describe_new_key(made))
 
 
 @app.command("list")
@@ -81,9 +142,9 @@ def list_keys(
     as_json: AsJson = False,
 ) -> None:
     """List keys, newest first; those that are no longer valid, too."""
-    with keys_at(context, url, database) as keys:
+    with _open_keys(context, url, database) as keys:
         found = tuple(keys.list())
-    show(found, as_json, lambda: key_table(found))
+    show(found, as_json, lambda: _draw_keys(found))
 
 
 @app.command()
@@ -98,11 +159,11 @@ def limit(
     as_json: AsJson = False,
 ) -> None:
     """Change the quotas that are named; the others stay, and so does what was made before."""
-    with keys_at(context, url, database) as keys:
+    with _open_keys(context, url, database) as keys:
         before = keys.get(key).quotas
-        wanted = quotas_of(before, max_open, max_episodes, max_episodes_per_day)
+        wanted = _change_quotas(before, max_open, max_episodes, max_episodes_per_day)
         found = keys.limit(key, wanted)
-    show(found, as_json, lambda: key_table([found]))
+    show(found, as_json, lambda: _draw_keys([found]))
 
 
 @app.command()
@@ -114,9 +175,9 @@ def revoke(
     as_json: AsJson = False,
 ) -> None:
     """Revoke a key, for good."""
-    with keys_at(context, url, database) as keys:
+    with _open_keys(context, url, database) as keys:
         found = keys.revoke(key)
-    show(found, as_json, lambda: key_table([found]))
+    show(found, as_json, lambda: _draw_keys([found]))
 
 
 @app.command()
@@ -128,25 +189,43 @@ def audit(
     as_json: AsJson = False,
 ) -> None:
     """Show who changed what, newest first: when, from where, and how it ended."""
-    with keys_at(context, url, database) as keys:
+    with _open_keys(context, url, database) as keys:
         found = keys.audit().first(limit)
-    show(found, as_json, lambda: audit_table(found))
+    show(found, as_json, lambda: _draw_audit(found))
+
+
+@app.command()
+def first(
+    name: Annotated[str, typer.Argument(help="Who or what the key is for.")],
+    file: Annotated[Path, typer.Option("--file", help="File to which the key is written.")],
+    database: Database = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make an administrator's key, and write it to a file, unless an administrator has one.
+
+    It needs --database, and works as often as it is called: for the start of a container.
+    """
+    if database is None:
+        raise InvalidValue("--database", "is not given.", "Name the service's database.")
+    answer = load_database_tool("keys")(database).create_first(name, file)
+    words = f"An administrator's key is in {answer.file}."
+    if answer.made is None:
+        words = "An administrator has a valid key already; none was made."
+    typer.echo(to_json(answer) if as_json else words)
 
 
 @contextmanager
-def keys_at(
-    context: typer.Context, url: str, database: str | None
-) -> Iterator[Keys | DatabaseKeys]:
-    """The keys of a database, where one is named; else those of the service that is asked."""
+def _open_keys(context: typer.Context, url: str, database: str | None) -> Iterator[Any]:
+    """Return the keys of a database, where one is named; else those of the service at the URL."""
     if database is not None:
-        yield DatabaseKeys(database)
+        yield load_database_tool("keys")(database)
         return
-    with client_at(context, url) as client:
+    with connect_to(context, url) as client:
         yield client.keys
 
 
-def seconds(life: str) -> int:
-    """A time such as 90d in seconds.
+def parse_duration(life: str) -> int:
+    """Return the seconds of a duration such as 90d.
 
     Raises:
         InvalidValue: it is not written like that.
@@ -157,18 +236,18 @@ def seconds(life: str) -> int:
     return int(match["count"]) * SECONDS[match["unit"]]
 
 
-def quotas_of(before: Quotas, *given: str | None) -> Quotas:
+def _change_quotas(before: Quotas, *given: str | None) -> Quotas:
     """Quotas with what is given, in the order of their fields, in the place of what was before.
 
     Raises:
         InvalidValue: something is neither a number nor none.
     """
     wanted = zip(Quotas.__struct_fields__, given, strict=True)
-    changes = {name: limit_of(name, text) for name, text in wanted if text is not None}
+    changes = {name: _parse_limit(name, text) for name, text in wanted if text is not None}
     return read_fields(asdict(before) | changes, Quotas)
 
 
-def limit_of(name: str, text: str) -> int | None:
+def _parse_limit(name: str, text: str) -> int | None:
     """A limit as somebody typed it.
 
     Raises:

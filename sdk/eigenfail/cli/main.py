@@ -1,17 +1,25 @@
 """`eigenfail`: every command.
 
-0 done, 1 failures found (with --gate), 2 wrong usage, 3 service trouble, 130 interrupted.
+Exit codes: 0 done, 1 failures found (with --gate), 2 wrong usage, 3 service trouble, 130
+interrupted. Commands are loaded when they are called, not when they are listed: `eigenfail --help`
+and shell completion must answer at once, and numpy and the HTTP client take longer.
 """
 
 import sys
-from typing import Annotated, Any
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from difflib import get_close_matches
+from enum import EnumType
+from functools import partial
+from importlib import import_module
+from typing import Annotated, Any, NoReturn
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
-from eigenfail import __version__
-from eigenfail.cli.lazy import DeferredCommand
-from eigenfail.cli.refusals import JSON, told
+from eigenfail import __version__, plugins
+from eigenfail.command_line import checked_stdout
+from eigenfail.errors import EigenfailError, InputError, InvalidValue, ServiceError
 from eigenfail.uncaught import print_uncaught, tell_uncaught
 
 COMMANDS = {
@@ -33,23 +41,202 @@ COMMANDS = {
 }
 
 
+OF_THE_SERVER = frozenset({"db"})
+"""Commands that the server's package brings."""
+
+COMPLETION_OPTIONS = ("--install-completion", "--show-completion")
+
+
+class DeferredCommand(TyperCommand):
+    """Stands in for a command, or a group of commands, until it is called.
+
+    Args:
+        name: of the command.
+        text: what a list of commands says of it.
+        load_app: imports the module of the command and returns its `app`.
+    """
+
+    def __init__(self, name: str, text: str, load_app: Callable[[], typer.Typer]) -> None:
+        super().__init__(name, help=text)
+        self._load_app = load_app
+
+    def load(self) -> Any:
+        """Return the command itself."""
+        return typer.main.get_command(self._load_app())
+
+    def make_context(self, *args: Any, **extra: Any) -> Any:
+        """Return the context of the command itself: from here on that command answers."""
+        return _escape_help(self.load()).make_context(*args, **extra)
+
+
+def load_app(module: str) -> typer.Typer:
+    """Return the `app` of a module."""
+    app: typer.Typer = import_module(module).app
+    return app
+
+
+def load_server_app(name: str) -> typer.Typer:
+    """Return the commands of that name which the server's package brings.
+
+    Raises:
+        ServiceError: the server's package is not installed here.
+    """
+    try:
+        app: typer.Typer = plugins.load(plugins.COMMANDS, name)
+    except InputError as error:
+        remedy = "Run: pip install 'eigenfail[server,worker]'"
+        raise ServiceError("The service is not installed here.", remedy) from error
+    return app
+
+
+def _escape_help(command: Any) -> Any:
+    """Return a command whose help is printed as it is written, with that of all below it.
+
+    Typer reads help as markup for terminals, in which a unit such as `[s]` is a style that nobody
+    sees.
+    """
+    from rich.markup import escape
+
+    for part in (command, *command.params):
+        if text := getattr(part, "help", None):
+            part.help = escape(text)
+    for each in getattr(command, "commands", {}).values():
+        _escape_help(each)
+    return command
+
+
+def defer(name: str) -> DeferredCommand:
+    """Return the stand-in of a command that is loaded when it is called."""
+    if name in OF_THE_SERVER:
+        return DeferredCommand(name, COMMANDS[name], partial(load_server_app, name))
+    return DeferredCommand(name, COMMANDS[name], partial(load_app, f"eigenfail.cli.{name}"))
+
+
+UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+"""The error of a command line that cannot be read. Typer exports only this subclass of it."""
+
+HELP_ITSELF = "NoArgsIsHelpError"
+JSON = "--json"
+
+FAULTS = {
+    "int_parsing": "is no whole number",
+    "int_parsing_size": "is too large",
+    "int_from_float": "is no whole number",
+    "float_parsing": "is no number",
+    "greater_than_equal": "is below {ge}",
+    "less_than_equal": "is above {le}",
+}
+"""What is wrong with a number, by the type of the error that pydantic reports."""
+
+
+@contextmanager
+def exit_on_error(as_json: bool) -> Iterator[None]:
+    """Print errors of eigenfail and of usage in one line, and turn them into exit codes.
+
+    For programs the line is the problem as JSON, the last line on standard error: progress may have
+    been printed there before.
+    """
+    try:
+        yield
+    except EigenfailError as error:
+        _exit(error, as_json)
+    except UsageError as error:
+        if type(error).__name__ == HELP_ITSELF:
+            raise
+        _exit(describe_wrong_usage(error), as_json)
+
+
+def _exit(error: EigenfailError, as_json: bool) -> NoReturn:
+    from eigenfail.values.access import redact
+
+    with suppress(OSError):  # the exit code tells of it where nothing can be written
+        typer.echo(redact(_encode(error) if as_json else f"eigenfail: {error}"), err=True)
+    raise typer.Exit(error.exit_code) from error
+
+
+def _encode(error: EigenfailError) -> str:
+    from eigenfail.wire.http import encode, make_problem
+
+    return encode(make_problem(error)).decode()
+
+
+def describe_wrong_usage(error: Any) -> InputError:
+    """Return the error of a command line that cannot be read, with what was probably meant."""
+    usage = f"See: {error.ctx.command_path} --help" if error.ctx else ""
+    message, hint = error.format_message(), ""
+    faults: list[dict[str, Any]] = getattr(error.__cause__, "errors", list)()
+    if faults and faults[0]["type"] in FAULTS:
+        return _describe_wrong_number(error.param, faults[0], usage)
+    if options := getattr(error, "possibilities", None):
+        message, hint = f"{error.message}.", f"Did you mean '{min(options)}'?"
+    elif faults and faults[0]["type"] == "value_error":
+        message = message.replace(faults[0]["msg"], str(faults[0]["ctx"]["error"]))
+        hint = _suggest(faults[0]["input"], error.param.type_descriptor.annotation)
+    message = message if message.endswith((".", "?")) else f"{message}."
+    return InputError("", message, f"{hint} {usage}".strip())
+
+
+def _describe_wrong_number(parameter: Any, fault: dict[str, Any], usage: str) -> InvalidValue:
+    said = FAULTS[fault["type"]].format(**fault.get("ctx", {}))
+    is_campaign = (parameter.metavar or "").startswith("CAMPAIGN")
+    remedy = "`eigenfail campaign list` shows the ids." if is_campaign else usage
+    name = parameter.get_error_hint().strip("'.")
+    return InvalidValue(name, f"'{fault['input']}' {said}.", remedy)
+
+
+def _suggest(given: object, kind: Any) -> str:
+    if not isinstance(kind, EnumType):
+        return ""
+    members: list[Any] = list(kind)
+    known = [str(member.value) for member in members]
+    close = get_close_matches(str(given), known, n=1)
+    return f"Did you mean '{close[0]}'?" if close else ""
+
+
+def set_up_completion(context: typer.Context, args: Sequence[str]) -> NoReturn:
+    """Print or install the script of a shell's completion, and end.
+
+    Typer's own options take no shell and look for one among the parent processes: under cron, from
+    a daemon or as the first process of a container there is none.
+
+    Raises:
+        InvalidValue: the shell is unknown, or none is named and none is found.
+        Exit: it is done.
+    """
+    from eigenfail.cli import completion
+
+    option, _, shell = args[0].partition("=")
+    if not shell and len(args) > 1 and not args[1].startswith("-"):
+        shell = args[1]
+    program = context.find_root().info_name or "eigenfail"
+    shell = completion.find_shell(shell)
+    if option == "--show-completion":
+        typer.echo(completion.make_script(program, shell))
+    else:
+        path = completion.install_script(program, shell)
+        typer.echo(f"Completion for {shell} is installed in {path}. Start a new {shell} to use it.")
+    raise typer.Exit
+
+
 class Commands(TyperGroup):
     """The commands; an error raised on purpose is one sentence and an exit code."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
-        for name, text in COMMANDS.items():
-            self.add_command(DeferredCommand(name, text, f"eigenfail.cli.{name}"))
+        for name in COMMANDS:
+            self.add_command(defer(name))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read what stands before the command."""
         ctx.meta[JSON] = JSON in args
-        with told(ctx.meta[JSON]):
+        with exit_on_error(ctx.meta[JSON]):
+            if args and args[0].partition("=")[0] in COMPLETION_OPTIONS:
+                set_up_completion(ctx, args)
             return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command that was asked for."""
-        with told(ctx.meta[JSON]):
+        with exit_on_error(ctx.meta[JSON]):
             return super().invoke(ctx)
 
 
@@ -83,7 +270,12 @@ def main() -> None:
     """The command line."""
     tell_uncaught()
     try:
-        app()
+        with checked_stdout():
+            app()
+    except EigenfailError as error:  # the last bytes of the output could not be written
+        with suppress(OSError):
+            sys.stderr.write(f"eigenfail: {error}\n")
+        sys.exit(error.exit_code)
     except Exception as error:  # noqa: BLE001 - typer sets a hook of its own, which hides nothing
         print_uncaught(error)
         sys.exit(1)

@@ -8,26 +8,28 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from eigenfail.cli.figures import UNKNOWN
-from eigenfail.cli.options import DEFAULT_DATA, AsJson, Data, Seed, SpecFile, Workers
-from eigenfail.cli.output import show
-from eigenfail.cli.places import MaybeUrl, Place, client_somewhere
+from eigenfail.cli.connection import MaybeUrl, Place, connect_for_campaign
+from eigenfail.cli.options import AsJson, Data, Seed, SpecFile, Workers
+from eigenfail.cli.progress import run_suite
+from eigenfail.cli.render import show
 from eigenfail.cli.specs import read_spec
-from eigenfail.cli.tables import table
-from eigenfail.cli.together import run_together
 from eigenfail.client import Client
+from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
 from eigenfail.margin import (
+    FINEST,
+    LARGEST_SCALE,
     Margin,
-    Range,
-    Step,
-    conclusions,
+    MarginStep,
+    ScaleRange,
+    build_step_suite,
+    describe_margin,
     find_margin,
-    known_steps,
-    step_of,
-    step_suite,
+    list_known_steps,
+    read_step,
 )
-from eigenfail.margin.bisection import FINEST, LARGEST_SCALE
+from eigenfail.presentation.figures import UNKNOWN
+from eigenfail.presentation.terminal import start_grid
 from eigenfail.values import CampaignSpec
 
 app = typer.Typer(add_completion=False)
@@ -40,10 +42,13 @@ High = Annotated[
 ]
 Tolerance = Annotated[
     float,
-    typer.Option(min=FINEST, max=LARGEST_SCALE, help="How near failing and safe scales must be."),
+    typer.Option(
+        min=FINEST, max=LARGEST_SCALE, help="Largest distance between a safe and a failing scale."
+    ),
 ]
 Budget = Annotated[
-    int | None, typer.Option(min=1, help="Of each scale, instead of the file's. [episodes]")
+    int | None,
+    typer.Option(min=1, help="Budget of each scale, replacing that of the file. [episodes]"),
 ]
 
 
@@ -57,7 +62,7 @@ class MarginReport(msgspec.Struct, frozen=True):
 
     planner: str
     method: str
-    searched: Range
+    searched: ScaleRange
     margin: Margin
     conclusions: list[str]
 
@@ -82,44 +87,46 @@ def margin(
     its first failure. What the service has tried before is not tried again, so that a search that
     was interrupted goes on where it stopped. Where it runs is decided as by `eigenfail run`.
     """
-    searched = Range(low, high, tolerance)
+    searched = ScaleRange(low, high, tolerance)
     spec = read_spec(file, episodes=budget, seed=seed)
-    with client_somewhere(context, spec, url, Plan(data, 0, workers)) as (client, place):
+    with connect_for_campaign(context, spec, url, Plan(data, 0, workers)) as (client, place):
         found = find_margin(
-            lambda scale: measure(client, place, spec, scale), searched, known_steps(client, spec)
+            lambda scale: _measure(client, place, spec, scale),
+            searched,
+            list_known_steps(client, spec),
         )
     report = MarginReport(
-        spec.planner, spec.method, searched, found, conclusions(found, spec.method)
+        spec.planner, spec.method, searched, found, describe_margin(found, spec.method)
     )
-    show(report, as_json, lambda: drawn(report))
+    show(report, as_json, lambda: _draw_report(report))
 
 
-def measure(client: Client, place: Place, spec: CampaignSpec, scale: float) -> Step:
+def _measure(client: Client, place: Place, spec: CampaignSpec, scale: float) -> MarginStep:
     """Run the campaign of a scale, or go on with it, and see what it found.
 
     Raises:
         ServiceError: it came to nothing.
     """
-    suite = step_suite(spec, scale)
-    (campaign,) = run_together(client, suite, place.check, "the same command again")
-    return step_of(client, campaign)
+    suite = build_step_suite(spec, scale)
+    (campaign,) = run_suite(client, suite, place.check, "the same command again")
+    return read_step(client, campaign)
 
 
-def drawn(report: MarginReport) -> Group:
+def _draw_report(report: MarginReport) -> Group:
     """For people."""
-    return Group(step_table(report.margin.steps), "", *map(Text, report.conclusions))
+    return Group(_draw_steps(report.margin.steps), "", *map(Text, report.conclusions))
 
 
-def step_table(steps: tuple[Step, ...]) -> Table:
+def _draw_steps(steps: tuple[MarginStep, ...]) -> Table:
     """One row for each scale that was tried."""
     columns = ("scale", "id", "episodes", "failures", "failure rate at most [95 %]")
-    grid = table(*columns, right=columns)
+    grid = start_grid(*columns, right=columns)
     for step in steps:
         figures = (step.campaign, step.episodes, step.failures)
-        grid.add_row(f"{step.scale:.4g}", *map(str, figures), bound(step))
+        grid.add_row(f"{step.scale:.4g}", *map(str, figures), _format_bound(step))
     return grid
 
 
-def bound(step: Step) -> str:
+def _format_bound(step: MarginStep) -> str:
     """Up to where the rate of failures may be after none was found."""
     return UNKNOWN if step.upper_bound is None else f"{100.0 * step.upper_bound:.1f} %"

@@ -8,12 +8,7 @@ import typer
 from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE
 from eigenfail.cli import completion
 from eigenfail.errors import InvalidValue
-from eigenfail.hosting.folder import HOST
 from eigenfail.values import Priority
-
-PORT = 8440
-DEFAULT_URL = f"http://{HOST}:{PORT}"
-DEFAULT_DATA = Path("eigenfail-data")
 
 Url = Annotated[str, typer.Option("--url", envvar="EIGENFAIL_URL", help="Address of the service.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
@@ -24,7 +19,10 @@ Data = Annotated[
 CampaignId = Annotated[
     int,
     typer.Argument(
-        metavar="CAMPAIGN", min=1, help="Id of a campaign.", autocompletion=completion.campaigns
+        metavar="CAMPAIGN",
+        min=1,
+        help="Id of a campaign.",
+        autocompletion=completion.complete_campaigns,
     ),
 ]
 EpisodeId = Annotated[
@@ -35,16 +33,19 @@ SpecFile = Annotated[
     typer.Argument(metavar="FILE.toml", help="The campaign: fields of a CampaignSpec, as TOML."),
 ]
 Episodes = Annotated[
-    int | None, typer.Option("--episodes", min=1, help="Budget, instead of the file's. [episodes]")
+    int | None,
+    typer.Option("--episodes", min=1, help="Budget, replacing that of the file. [episodes]"),
 ]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed, instead of the file's.")]
+Seed = Annotated[
+    int | None, typer.Option("--seed", min=0, help="Seed, replacing that of the file.")
+]
 Urgency = Annotated[
     Priority | None,
-    typer.Option("--priority", help="Its share of the workers, instead of the file's."),
+    typer.Option("--priority", help="Priority, replacing that of the file."),
 ]
 StopFailures = Annotated[
     int | None,
-    typer.Option("--stop-failures", min=1, help="Stop at so many failures. [stop.failures]"),
+    typer.Option("--stop-failures", min=1, help="Stop at this number of failures. [stop.failures]"),
 ]
 StopHalfWidth = Annotated[
     float | None,
@@ -62,19 +63,36 @@ StopCv = Annotated[
 ]
 StopWall = Annotated[
     float | None,
-    typer.Option("--stop-wall-s", help="Stop after running for so many seconds. [stop.wall_s]"),
+    typer.Option("--stop-wall-s", help="Stop after this running time. [stop.wall_s, s]"),
 ]
 StopCost = Annotated[
-    float | None, typer.Option("--stop-cost-usd", help="Stop at this cost. [stop.cost_usd]")
+    float | None, typer.Option("--stop-cost-usd", help="Stop at this cost. [stop.cost_usd, USD]")
 ]
 Gate = Annotated[
     bool, typer.Option("--gate", help="Exit with 1 if failures were found, for pipelines.")
 ]
 Watched = Annotated[
-    bool, typer.Option("--watch", help="Draw it again until no campaign in it is at work.")
+    bool, typer.Option("--watch", help="Refresh until no campaign shown is running.")
 ]
-Limit = Annotated[int, typer.Option(min=1, help="How many to list at most.")]
-Workers = Annotated[int, typer.Option(min=0, help="How many workers to start; 0: one per core.")]
+Limit = Annotated[int, typer.Option(min=1, help="Maximum number of rows.")]
+Workers = Annotated[int, typer.Option(min=0, help="Number of workers; 0: one per core.")]
+Database = Annotated[
+    str | None,
+    typer.Option(
+        "--database",
+        envvar="EIGENFAIL_DATABASE",
+        help="SQLAlchemy URL, replacing the database of the data folder.",
+    ),
+]
+Replay = Annotated[
+    int, typer.Option("--replay", min=0, help="Number of stored episodes to run again, here.")
+]
+Repair = Annotated[
+    bool,
+    typer.Option(
+        "--repair", help="First recount what is miscounted, and remove jobs that are left over."
+    ),
+]
 
 Bridge = Annotated[
     str | None,
@@ -82,12 +100,12 @@ Bridge = Annotated[
         ADDRESS_OPTION,
         envvar=ADDRESS_VARIABLE,
         metavar="ADDRESS",
-        help="Where workers find what campaigns with simulator 'bridge' run on.",
+        help="Address of the bridge for campaigns with simulator 'bridge'.",
     ),
 ]
 
 
-def episode_id(text: str) -> tuple[int, int]:
+def parse_episode_id(text: str) -> tuple[int, int]:
     """Campaign and index of an episode written as CAMPAIGN/INDEX.
 
     Raises:

@@ -5,9 +5,10 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.cli.options import DEFAULT_URL, AsJson, Url
-from eigenfail.cli.output import show
-from eigenfail.cli.surroundings import client_at
+from eigenfail.cli.connection import connect_to
+from eigenfail.cli.options import AsJson, Url
+from eigenfail.cli.render import show
+from eigenfail.hosting.folder import DEFAULT_URL
 
 app = typer.Typer(add_completion=False)
 
@@ -33,6 +34,6 @@ def report(
 
     The folder holds report.html, report.json, tables/*.csv and pictures/*.svg.
     """
-    with client_at(context, url) as client:
+    with connect_to(context, url) as client:
         made = client.report(campaigns, output, force)
     show(made, as_json, lambda: f"The report is in {output / 'report.html'}.")

@@ -1,25 +1,66 @@
-"""`eigenfail reproduce`: the paper's experiments on this world, beside the paper's numbers."""
+"""`eigenfail reproduce`: the experiments of the paper, beside the numbers of the paper."""
 
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
 
-from eigenfail.cli.options import DEFAULT_DATA, AsJson, Data, Workers
-from eigenfail.cli.output import show
-from eigenfail.cli.places import MaybeUrl, client_of_suite
+from eigenfail.cli.connection import MaybeUrl, connect_for_suite, this_command
+from eigenfail.cli.options import AsJson, Data, Workers
+from eigenfail.cli.progress import run_suite
+from eigenfail.cli.render import show
 from eigenfail.cli.report import Force
-from eigenfail.cli.reproduction_tables import page
-from eigenfail.cli.surroundings import this_command
-from eigenfail.cli.together import run_together
 from eigenfail.client import Client
 from eigenfail.client.reports import check_folder
+from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
-from eigenfail.reproduction.evidence import reproduction
-from eigenfail.reproduction.files import files
-from eigenfail.reproduction.programme import programme
+from eigenfail.presentation.terminal import start_grid
+from eigenfail.reproduction.evidence import build_reproduction
+from eigenfail.reproduction.page import (
+    format_heading,
+    format_number,
+    format_paper_number,
+    format_verdict,
+    list_files,
+)
+from eigenfail.reproduction.programme import build_suite
+from eigenfail.reproduction.tables import PaperReproduction, PaperTable
 from eigenfail.suites import Suite
+
+
+def draw_reproduction(found: PaperReproduction) -> Group:
+    """Every table, then what the paper says of them."""
+    return Group(*_draw_parts(found))
+
+
+def _draw_parts(found: PaperReproduction) -> Iterator[RenderableType]:
+    """The parts of the page."""
+    for each in found.tables:
+        yield Text(f"\n{each.title}", style="bold")
+        yield _draw_table(each)
+        if each.note:
+            yield Text(each.note)
+    yield Text("\nWhat the paper says", style="bold")
+    for statement in found.statements:
+        yield Text(f"{format_verdict(statement)}: {statement.paper}\n  {statement.figures}")
+
+
+def _draw_table(of: PaperTable) -> Table:
+    """Our numbers, and the paper's in brackets behind them."""
+    titles = [format_heading(column) for column in of.columns]
+    drawn = start_grid("", *titles, right=titles)
+    for row in of.rows:
+        numbers = zip(of.columns, row.numbers, strict=True)
+        cells = (f"{format_number(c, n)}{format_paper_number(c, n)}" for c, n in numbers)
+        drawn.add_row(escape(row.name), *map(escape, cells))
+    return drawn
+
 
 app = typer.Typer(add_completion=False)
 
@@ -41,7 +82,7 @@ HowMuch = Annotated[
     Scale, typer.Option(help="full: the paper's episodes; small: a fifth, for a first look.")
 ]
 Seed = Annotated[
-    int | None, typer.Option(min=0, help="Of all campaigns; each scale has one of its own.")
+    int | None, typer.Option(min=0, help="Seed of all campaigns (default: that of the scale).")
 ]
 Output = Annotated[
     Path | None,
@@ -66,18 +107,18 @@ def reproduce(
     What the service has done of them before is found and not done again. Ctrl-C pauses them; the
     same command goes on.
     """
-    suite = programme(scale, seed)
+    suite = build_suite(scale, seed)
     if output is not None:
         check_folder(output, force)
-    with client_of_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
-        run_together(client, suite, place.check, this_command())
-        found = reproduction(client, suite, scale)
+    with connect_for_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
+        run_suite(client, suite, place.check, this_command())
+        found = build_reproduction(client, suite, scale)
         if output is not None:
-            client.report(reported(client, suite), output, force, files(found))
-    show(found, as_json, lambda: page(found))
+            client.report(_list_reported_campaigns(client, suite), output, force, list_files(found))
+    show(found, as_json, lambda: draw_reproduction(found))
 
 
-def reported(client: Client, suite: Suite) -> list[int]:
+def _list_reported_campaigns(client: Client, suite: Suite) -> list[int]:
     """The ids of the members that the report tells of."""
     found = zip(suite.members, client.suites.find(suite), strict=True)
     ids = {member.name: campaign.id for member, campaign in found if campaign is not None}

@@ -2,10 +2,8 @@
 
 import typer
 
-from eigenfail.cli.interruption import follow_or_pause
-from eigenfail.cli.minimal_words import shrunk, with_words
+from eigenfail.cli.connection import MaybeUrl, connect_for_campaign
 from eigenfail.cli.options import (
-    DEFAULT_DATA,
     AsJson,
     Data,
     Episodes,
@@ -20,12 +18,13 @@ from eigenfail.cli.options import (
     Urgency,
     Workers,
 )
-from eigenfail.cli.output import show
-from eigenfail.cli.places import MaybeUrl, client_somewhere
+from eigenfail.cli.progress import describe_minimal, follow_or_pause, judge
+from eigenfail.cli.render import show
 from eigenfail.cli.specs import read_spec
-from eigenfail.cli.tables import result_table
-from eigenfail.cli.verdict import judge
+from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
+from eigenfail.presentation.campaigns import tabulate_results
+from eigenfail.presentation.terminal import render
 
 app = typer.Typer(add_completion=False)
 
@@ -62,10 +61,13 @@ def run(
         "cost_usd": stop_cost_usd,
     }
     spec = read_spec(file, stop, episodes=episodes, seed=seed, priority=priority)
-    with client_somewhere(context, spec, url, Plan(data, 0, workers)) as (client, place):
+    with connect_for_campaign(context, spec, url, Plan(data, 0, workers)) as (client, place):
         created = client.campaigns.create(spec)
         ended = follow_or_pause(client, created.id, place.check, place.again)
         summary = client.campaigns.summary(ended.id)
-        words = shrunk(client, ended)
-    show(summary, as_json, lambda: with_words(result_table([summary]), words))
-    judge(ended, gate)
+        words = describe_minimal(client, ended)
+    show(summary, as_json, lambda: render(tabulate_results([summary]), *words))
+    if place.again:
+        over = "The service that was started for this campaign has ended. To read its results,"
+        typer.echo(f"{over} start one in a second terminal: {place.again}", err=True)
+    judge(ended, gate, summary)

@@ -1,18 +1,21 @@
-"""Campaigns from TOML files, refused before anything is started."""
+"""Campaigns from TOML files, changes from the command line, and what a check found."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
+from rich.text import Text
 
-from eigenfail import bridges, functions, plugins
+from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import convert, read_settings
+from eigenfail.suites import describes_suite, format_value, list_leaves, set_path
 from eigenfail.toml_files import read_toml
 from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
 from eigenfail.values.variation import read_variation
-from eigenfail.wire.http import refuse_unknown_fields
+from eigenfail.wire.http import CampaignCheck, refuse_unknown_fields
+from eigenfail.worlds import world_of
 
 LIKE = "Name a TOML file with the fields of a campaign, as in examples/."
 
@@ -40,12 +43,15 @@ def read_spec(
 
     Raises:
         UnknownName: a field that campaigns do not have.
-        InvalidValue: not a readable TOML file, or a value outside its bounds.
+        InvalidValue: not a readable TOML file, a suite, or a value outside its bounds.
     """
     table = read_toml(file, LIKE)
-    fields = {"name": file.stem, **table, **given(instead)}
-    if given(stop):
-        fields["stop"] = {**as_table(fields.get("stop", {}), file), **given(stop)}
+    if describes_suite(table):
+        remedy = f"Run it with `eigenfail suite run {file}`."
+        raise InvalidValue(file.name, "this is a suite, not a campaign.", remedy)
+    fields = {"name": file.stem, **table, **_drop_missing(instead)}
+    if _drop_missing(stop):
+        fields["stop"] = {**_read_stop_rules(fields.get("stop", {}), file), **_drop_missing(stop)}
     for name, kind in TABLES.items():
         if isinstance(fields.get(name), dict):
             refuse_unknown_fields(fields[name], kind, f"{file.name}: {name}")
@@ -53,12 +59,12 @@ def read_spec(
     return read_settings(CampaignSpec, fields, file.name)
 
 
-def given(values: Mapping[str, Value | None]) -> dict[str, Value]:
+def _drop_missing(values: Mapping[str, Value | None]) -> dict[str, Value]:
     """Those of the values that there are."""
     return {name: value for name, value in values.items() if value is not None}
 
 
-def as_table(stop: Any, file: Path) -> dict[str, Any]:
+def _read_stop_rules(stop: Any, file: Path) -> dict[str, Any]:
     """The file's stop rules.
 
     Raises:
@@ -76,16 +82,45 @@ def check_plugins(spec: CampaignSpec) -> None:
         UnknownName: a plug-in, setting or parameter that is not there.
         InvalidValue: a setting outside its bounds, or a function that may not be run here.
     """
-    fields = PLUGIN_FIELDS
-    if spec.simulator == functions.SIMULATOR:
-        functions.check(spec)
-        functions.refuse_unlisted(spec.planner)
-        functions.require_module(spec.planner)
-        fields = {"method": PLUGIN_FIELDS["method"]}
-    if spec.simulator == bridges.SIMULATOR:
-        bridges.check(spec)
+    fields, world = PLUGIN_FIELDS, world_of(spec.simulator)
+    if not world.plugin_fields:
+        world.check(spec)
+        world.require_code(spec)
         fields = {"method": PLUGIN_FIELDS["method"]}
     for field, (group, settings_field, kind) in fields.items():
         plugin = plugins.load(group, getattr(spec, field))
         if settings_field and kind:
             READERS[kind](getattr(plugin, kind), getattr(spec, settings_field), settings_field)
+
+
+def parse_changes(given: Sequence[str]) -> dict[str, Any]:
+    """Fields of a campaign from texts like settings.alpha=100; what is no JSON is text.
+
+    Raises:
+        InvalidValue: one is not of that form.
+    """
+    fields: dict[str, Any] = {}
+    for each in given:
+        path, equals, value = each.partition("=")
+        if not (equals and all(path.split("."))):
+            problem = f"'{each}' is not of the form FIELD=VALUE."
+            raise InvalidValue("--set", problem, "Write it as settings.alpha=100.")
+        fields = set_path(fields, tuple(path.split(".")), _parse_value(value))
+    return fields
+
+
+def _parse_value(value: str) -> Any:
+    """A number, list or table, or the text itself."""
+    try:
+        return msgspec.json.decode(value)
+    except msgspec.DecodeError:
+        return value
+
+
+def describe_check(found: CampaignCheck) -> Text:
+    """What a check found, in words."""
+    if found.spec is None:
+        return Text("\n".join(f"{each.detail} {each.remedy}".strip() for each in found.problems))
+    plain = list_leaves(msgspec.to_builtins(found.spec))
+    lines = (f"  {'.'.join(path)} = {format_value(value)}" for path, value in plain)
+    return Text("\n".join(("It can be launched, as:", *lines, *found.notes)))

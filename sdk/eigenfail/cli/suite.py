@@ -5,16 +5,24 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL, AsJson, Data, Gate, Limit, Url, Workers
-from eigenfail.cli.output import show
-from eigenfail.cli.places import MaybeUrl, client_of_suite
-from eigenfail.cli.suite_lists import named_suite, suite_list
-from eigenfail.cli.suite_tables import SuiteResult, plan_of, plan_table, result_of, suite_table
-from eigenfail.cli.surroundings import client_at
-from eigenfail.cli.together import run_together
-from eigenfail.cli.verdict import judge
+from eigenfail.cli.connection import MaybeUrl, connect_for_suite, connect_to
+from eigenfail.cli.options import AsJson, Data, Gate, Limit, Url, Workers
+from eigenfail.cli.progress import judge, make_errored_error, run_suite
+from eigenfail.cli.render import show
 from eigenfail.client import Client
+from eigenfail.errors import ServiceError
+from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL
 from eigenfail.hosting.service import Plan
+from eigenfail.presentation.suites import (
+    MemberResult,
+    SuitePlan,
+    SuiteResult,
+    describe_suite,
+    tabulate_plan,
+    tabulate_suite_result,
+    tabulate_suites,
+)
+from eigenfail.presentation.terminal import render
 from eigenfail.suites import Suite
 from eigenfail.values import Campaign, CampaignState
 
@@ -33,7 +41,8 @@ SuiteOrFile = Annotated[
     typer.Argument(metavar="NAME|FILE.toml", help="A suite that the service knows, or its file."),
 ]
 DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Say what would be run and its budget, and end.")
+    bool,
+    typer.Option("--dry-run", help="Print the campaigns and their budget without running them."),
 ]
 
 
@@ -55,14 +64,14 @@ def run(
     """
     suite = Suite.read(file)
     if dry_run:
-        plan = plan_of(suite)
-        show(plan, as_json, lambda: plan_table(plan))
+        plan = SuitePlan(suite.name, len(suite.members), suite.episodes, suite.members)
+        show(plan, as_json, lambda: render(tabulate_plan(plan)))
         raise typer.Exit
-    with client_of_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
-        ended = run_together(client, suite, place.check, f"eigenfail suite run {file}")
-        result = stand_of(client, suite)
-    show(result, as_json, lambda: suite_table(result))
-    judge_all(ended, gate)
+    with connect_for_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
+        ended = run_suite(client, suite, place.check, f"eigenfail suite run {file}")
+        result = summarize_suite(client, suite)
+    show(result, as_json, lambda: render(tabulate_suite_result(result)))
+    _judge_all(ended, gate, result)
 
 
 @app.command("list")
@@ -70,9 +79,9 @@ def list_suites(
     context: typer.Context, limit: Limit = 50, url: Url = DEFAULT_URL, as_json: AsJson = False
 ) -> None:
     """List the suites that a service knows, those with the newest campaigns first."""
-    with client_at(context, url) as client:
+    with connect_to(context, url) as client:
         suites = client.suites.list().first(limit)
-    show(suites, as_json, lambda: suite_list(suites))
+    show(suites, as_json, lambda: render(tabulate_suites(suites)))
 
 
 @app.command("show")
@@ -87,35 +96,51 @@ def show_suite(
     Of a file: all of its members, also those that have no campaign yet. Of a name: the newest
     campaign of each member that the service knows, and the settings in which members differ.
     """
-    with client_at(context, url) as client:
-        if is_file(suite):
-            result = stand_of(client, Suite.read(suite))
-            show(result, as_json, lambda: suite_table(result))
+    with connect_to(context, url) as client:
+        if _is_file(suite):
+            result = summarize_suite(client, Suite.read(suite))
+            show(result, as_json, lambda: render(tabulate_suite_result(result)))
         else:
             found = client.suites.table(suite)
-            show(found, as_json, lambda: named_suite(found))
+            show(found, as_json, lambda: render(*describe_suite(found)))
 
 
-def is_file(suite: str) -> bool:
+def _is_file(suite: str) -> bool:
     """Whether a file is meant, and not a name."""
     return suite.endswith(".toml") or Path(suite).is_file()
 
 
-def stand_of(client: Client, suite: Suite) -> SuiteResult:
-    """What came of a suite so far."""
-    return result_of(suite, client.suites.find(suite), client.suites.summaries(suite))
+def summarize_suite(client: Client, suite: Suite) -> SuiteResult:
+    """Return what came of the members of a suite so far, in order."""
+    campaigns, summaries = client.suites.find(suite), client.suites.summaries(suite)
+    members = tuple(
+        MemberResult(member.name, campaign.state, campaign.stopped_because, summary)
+        if campaign
+        else MemberResult(member.name)
+        for member, campaign, summary in zip(suite.members, campaigns, summaries, strict=True)
+    )
+    return SuiteResult(suite.name, suite.episodes, members)
 
 
-def judge_all(campaigns: tuple[Campaign, ...], gate: bool) -> None:
+def _judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: SuiteResult) -> None:
     """Exit with 1 if a gate was asked for and any campaign found failures.
 
     Raises:
-        ServiceError: one came to nothing, so that no gate may pass on it.
+        ServiceError: one came to nothing: it is dead, or all of its episodes errored.
     """
-    for campaign in sorted(campaigns, key=worst_first):
-        judge(campaign, gate)
+    members = (member.summary for member in result.members if member.summary)
+    summaries = {summary.campaign: summary for summary in members}
+    for campaign in sorted(campaigns, key=_rank_badness):
+        summary = summaries.get(campaign.id)
+        if campaign.is_errored:
+            # A suite that is run again takes up its campaigns where they stopped, also this one.
+            error = make_errored_error(campaign, summary)
+            again = "Once the cause is mended, run the suite under another name."
+            raise ServiceError(error.problem, f"{error.remedy}. {again}")
+        judge(campaign, gate, summary)
 
 
-def worst_first(campaign: Campaign) -> tuple[bool, bool]:
-    """The dead before all others, then those that found failures."""
-    return campaign.state is not CampaignState.DEAD, not campaign.counts.failures
+def _rank_badness(campaign: Campaign) -> tuple[bool, bool, bool]:
+    """The dead before all others, then the errored ones, then those that found failures."""
+    is_dead = campaign.state is CampaignState.DEAD
+    return not is_dead, not campaign.is_errored, not campaign.counts.failures

@@ -9,37 +9,42 @@ from typing import Annotated
 import typer
 
 from eigenfail.bridges import ADDRESS_VARIABLE, check_address
-from eigenfail.cli.options import DEFAULT_DATA, PORT, AsJson, Bridge, Data, Workers
-from eigenfail.cli.output import to_json
+from eigenfail.cli.options import AsJson, Bridge, Data, Workers
+from eigenfail.cli.render import to_json
 from eigenfail.functions import allow
-from eigenfail.hosting.folder import DataFolder
+from eigenfail.hosting.folder import DEFAULT_DATA, PORT, DataFolder
+from eigenfail.hosting.processes import interruptible
 from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
-from eigenfail.hosting.signals import interruptible
 from eigenfail.hosting.span import refuse_scaling, span_of
 
 LOOK_EVERY_S = 0.2
 
 app = typer.Typer(add_completion=False)
 
-Port = Annotated[int, typer.Option(min=0, max=65535, help="Of the dashboard and API; 0: any.")]
-HubPort = Annotated[int, typer.Option(min=0, max=65535, help="For workers; 0: any free one.")]
+Port = Annotated[
+    int, typer.Option(min=0, max=65535, help="Port of dashboard and API; 0: any free one.")
+]
+HubPort = Annotated[int, typer.Option(min=0, max=65535, help="Port for workers; 0: any free one.")]
 Least = Annotated[
-    int | None, typer.Option("--min-workers", min=0, help="So many with nothing to do; 0.")
+    int | None,
+    typer.Option(
+        "--min-workers", min=0, help="Number of idle workers to keep running (default 0)."
+    ),
 ]
 Most = Annotated[
     int | None,
-    typer.Option("--max-workers", min=0, help="Start workers as there is work, up to so many."),
+    typer.Option("--max-workers", min=0, help="Scale workers with the work, up to this number."),
 ]
 Idle = Annotated[
     float | None,
-    typer.Option("--idle-s", help="How long until workers that are not needed leave; 60. [s]"),
+    typer.Option("--idle-s", help="Time after which idle workers are stopped (default 60). [s]"),
 ]
-Verbose = Annotated[bool, typer.Option("--verbose", help="Print what the processes log, too.")]
+Verbose = Annotated[bool, typer.Option("--verbose", help="Also print the logs of the processes.")]
 Functions = Annotated[
     str | None,
-    typer.Option(help="Modules whose functions campaigns may name, with commas; without it, none."),
+    typer.Option(help="Comma-separated modules whose functions campaigns may name (default none)."),
 ]
-Launch = Annotated[Launcher, typer.Option(help="Who starts the workers.")]
+Launch = Annotated[Launcher, typer.Option(help="What starts the workers.")]
 
 
 @app.command()
@@ -71,12 +76,14 @@ def up(
     span = span_of(workers or None, min_workers, max_workers, idle_s)
     plan = Plan(data, port, workers, launcher, hub_port, span)
     with interruptible(), suppress(KeyboardInterrupt), local_service(plan) as service:
-        typer.echo(to_json(service.address, indent=0) if as_json else welcome(service, plan))
-        with farewell():
-            watch(service, verbose)
+        typer.echo(
+            to_json(service.address, indent=0) if as_json else _describe_service(service, plan)
+        )
+        with _announce_stop():
+            _watch(service, verbose)
 
 
-def welcome(service: LocalService, plan: Plan) -> str:
+def _describe_service(service: LocalService, plan: Plan) -> str:
     """Where it is, and what to do with it."""
     key = " --key-file FILE" if DataFolder(plan.data).hub_keys.exists() else ""
     return (
@@ -86,7 +93,7 @@ def welcome(service: LocalService, plan: Plan) -> str:
 
 
 @contextmanager
-def farewell() -> Iterator[None]:
+def _announce_stop() -> Iterator[None]:
     """Tell whoever stops it what becomes of the campaigns; stopping takes a moment."""
     try:
         yield
@@ -95,7 +102,7 @@ def farewell() -> Iterator[None]:
         raise
 
 
-def watch(service: LocalService, verbose: bool) -> None:
+def _watch(service: LocalService, verbose: bool) -> None:
     """Stay until interrupted; raises ServiceError if a process ends by itself."""
     while True:
         service.check()

@@ -1,26 +1,178 @@
-"""`eigenfail worker`: one worker by hand, wherever the hub can be reached; and who works."""
+"""`eigenfail worker`: run one worker wherever the hub can be reached; list workers."""
 
 import re
 import runpy
 import sys
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import msgspec
 import typer
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.text import Text
+from typer.core import TyperGroup
 
 from eigenfail.bridges import ADDRESS_OPTION, EPISODE_OPTION, EPISODE_VARIABLE
-from eigenfail.cli import worker_keys
-from eigenfail.cli.options import AsJson, Bridge
-from eigenfail.cli.output import to_json
-from eigenfail.cli.worker_lists import list_workers
+from eigenfail.cli.connection import connect_to
+from eigenfail.cli.main import DeferredCommand, load_server_app
+from eigenfail.cli.options import AsJson, Bridge, Url, Watched
+from eigenfail.cli.render import TerminalView, to_json
+from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.hosting.processes import interruptible
+from eigenfail.presentation.figures import UNKNOWN, format_local_time
+from eigenfail.presentation.terminal import start_grid
+from eigenfail.values import Campaign, CampaignState
+from eigenfail.values.worker import ACTIVE_S, DAY_S, Presence, WorkerShare
+
+PACKAGE = "eigenfail"
+COUNTS = ("campaigns", "episodes", "failures", "errored")
+NOBODY = (
+    "No worker is connected, and none brought a result in the last {} s. "
+    "eigenfail doctor says what is missing."
+)
+
+Within = Annotated[
+    int,
+    typer.Option(
+        "--within-s", min=ACTIVE_S, max=DAY_S, help="Include workers with results in this time. [s]"
+    ),
+]
+
+
+class WorkerState(StrEnum):
+    """What a worker is at."""
+
+    AT_WORK = "at work"
+    WAITING = "waiting"
+    GONE = "gone"
+
+
+class WorkerActivity(msgspec.Struct, frozen=True, kw_only=True):
+    """What a worker did lately; only results that came within the time asked for count.
+
+    Attributes:
+        worker: its name; that of a worker without one is its host and process.
+        host: the machine that it runs on; empty if it is not connected now.
+        version: of its eigenfail; empty likewise.
+        state: gone if it is not connected; at work if it brought a result in the last minute.
+        campaigns: whose episodes it ran.
+        since_ms: when it connected; milliseconds since 1970, null if it is not connected now.
+        last_ms: when its last result was stored; null before the first one.
+    """
+
+    worker: str
+    host: str
+    version: str
+    state: WorkerState
+    campaigns: tuple[int, ...]
+    episodes: int
+    failures: int
+    failed: int
+    since_ms: int | None
+    last_ms: int | None
+
+
+Seen = tuple[tuple[WorkerActivity, ...], tuple[Campaign, ...]]
+"""Workers, and the campaigns that are running."""
+
+
+def list_workers(
+    context: typer.Context,
+    within_s: Within = 600,
+    url: Url = DEFAULT_URL,
+    watched: Watched = False,
+    as_json: AsJson = False,
+) -> None:
+    """List who is connected, and who brought results lately; the latest results first."""
+    with interruptible(), connect_to(context, url) as client:
+        page: TerminalView[Seen] = TerminalView(
+            look=lambda: _look(client, within_s),
+            campaigns=lambda seen: seen[1],
+            told=lambda seen: seen[0],
+            draw=lambda seen: _draw_activity(seen[0], within_s),
+        )
+        page.watch(as_json) if watched else page.show(as_json)
+
+
+def _look(client: Client, within_s: int) -> Seen:
+    """What there is now; once nothing runs any more, the workers' counts are the last ones."""
+    campaigns = _list_running_campaigns(client)
+    return list_activity(client, within_s), campaigns
+
+
+def _list_running_campaigns(client: Client) -> tuple[Campaign, ...]:
+    """The campaigns that there is work for."""
+    return tuple(client.campaigns.list(CampaignState.RUNNING))
+
+
+def list_activity(client: Client, within_s: int) -> tuple[WorkerActivity, ...]:
+    """Who is connected, and who worked within some seconds; who came last first."""
+    at_work = {share.worker for share in client.workers(ACTIVE_S)}
+    here = {presence.worker: presence for presence in client.present_workers()}
+    shares = defaultdict[str, list[WorkerShare]](list, {name: [] for name in here})
+    for share in client.workers(within_s):
+        shares[share.worker].append(share)
+    found = [
+        summarize_activity(name, theirs, here.get(name), is_at_work=name in at_work)
+        for name, theirs in shares.items()
+    ]
+    return tuple(sorted(found, key=lambda each: (-(each.last_ms or 0), each.worker)))
+
+
+def summarize_activity(
+    name: str, shares: Sequence[WorkerShare], here: Presence | None, *, is_at_work: bool
+) -> WorkerActivity:
+    """What one worker did, of all campaigns together."""
+    present = WorkerState.AT_WORK if is_at_work else WorkerState.WAITING
+    return WorkerActivity(
+        worker=name,
+        host=here.host if here else "",
+        version=here.versions.get(PACKAGE, "") if here else "",
+        state=present if here else WorkerState.GONE,
+        campaigns=tuple(sorted(share.campaign for share in shares)),
+        episodes=sum(share.episodes for share in shares),
+        failures=sum(share.failures for share in shares),
+        failed=sum(share.failed for share in shares),
+        since_ms=here.arrived_ms if here else None,
+        last_ms=max((share.last_ms for share in shares), default=None),
+    )
+
+
+def _draw_activity(workers: Sequence[WorkerActivity], within_s: int) -> RenderableType:
+    """One row for each worker, or that there is none."""
+    grid = start_grid("worker", "host", PACKAGE, "state", *COUNTS, "last result", right=COUNTS)
+    for each in workers:
+        cells = (each.worker, each.host or UNKNOWN, each.version or UNKNOWN, each.state)
+        counts = (len(each.campaigns), each.episodes, each.failures, each.failed)
+        last = UNKNOWN if each.last_ms is None else format_local_time(each.last_ms)
+        grid.add_row(*map(escape, cells), *map(str, counts), last)
+    return grid if workers else Group(Text(NOBODY.format(within_s)))
+
 
 ADDRESS = re.compile(r"tcp://(\[[0-9a-fA-F:.]+\]|[\w.-]+):[1-9]\d{0,4}")
 PROGRAM = "eigenfail_workers"
 
-app = typer.Typer(add_completion=False)
+KEY_HELP = "Make, renew, list and revoke the keys of workers."
+
+
+class WorkerCommands(TyperGroup):
+    """`eigenfail worker`, below which the server's package brings the keys of workers."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        load_keys = partial(load_server_app, "worker-key")
+        self.add_command(DeferredCommand("key", KEY_HELP, load_keys))
+
+
+app = typer.Typer(cls=WorkerCommands, add_completion=False)
 
 Connect = Annotated[
     str | None, typer.Option(help="Address of the hub, as 'eigenfail up' prints it.")
@@ -30,7 +182,7 @@ KeyFile = Annotated[
     Path | None,
     typer.Option(
         envvar="EIGENFAIL_WORKER_KEY_FILE",
-        help="Of its key, for a hub that asks for one; 'worker key create' makes it.",
+        help="File of the worker's key, as 'worker key create' writes it.",
     ),
 ]
 
@@ -38,7 +190,7 @@ MemoryLimit = Annotated[
     float | None,
     typer.Option(
         envvar="EIGENFAIL_MEMORY_LIMIT_MIB",
-        help="What simulator and planner may take, with all that they start. [MiB]",
+        help="Memory limit of simulator and planner, with all that they start. [MiB]",
     ),
 ]
 
@@ -46,17 +198,24 @@ CpuLimit = Annotated[
     float | None,
     typer.Option(
         envvar="EIGENFAIL_CPU_LIMIT_S",
-        help="Processor time that they may take for an episode, all together. [s]",
+        help="Processor time limit of an episode, over all of its processes. [s]",
     ),
 ]
 
+OutputLimit = Annotated[
+    float | None,
+    typer.Option(
+        envvar="EIGENFAIL_OUTPUT_LIMIT_KIB",
+        help="Output of an episode that is passed on; the rest is dropped. [KiB]",
+    ),
+]
 
 EpisodeLimit = Annotated[
     float | None,
     typer.Option(
         EPISODE_OPTION,
         envvar=EPISODE_VARIABLE,
-        help="Wall time of an episode; one that takes longer is given up. 60 by default. [s]",
+        help="Wall time limit of an episode (default 60). [s]",
     ),
 ]
 
@@ -69,6 +228,7 @@ def worker(
     key_file: KeyFile = None,
     memory_limit: MemoryLimit = None,
     cpu_limit: CpuLimit = None,
+    output_limit: OutputLimit = None,
     episode_limit: EpisodeLimit = None,
     bridge: Bridge = None,
     as_json: AsJson = False,
@@ -83,13 +243,14 @@ def worker(
             "--key-file": key_file,
             "--memory-limit": memory_limit,
             "--cpu-limit": cpu_limit,
+            "--output-limit": output_limit,
             EPISODE_OPTION: episode_limit,
             ADDRESS_OPTION: bridge,
         }
-        run_worker(connect or "", options, as_json)
+        _run_worker(connect or "", options, as_json)
 
 
-def run_worker(connect: str, options: Mapping[str, object], as_json: bool) -> None:
+def _run_worker(connect: str, options: Mapping[str, object], as_json: bool) -> None:
     """Be a worker until interrupted.
 
     Raises:
@@ -112,4 +273,3 @@ def run_worker(connect: str, options: Mapping[str, object], as_json: bool) -> No
 
 
 app.command("list")(list_workers)
-app.add_typer(worker_keys.app, name="key")

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import httpx2
 
-from eigenfail.client.waiting import patience
+from eigenfail.client.waiting import waiter
 
 ATTEMPTS = 4
 FIRST_PAUSE_S, JITTER_S = 0.1, 0.1
@@ -32,22 +32,22 @@ def ask_again(ask: Callable[[], Answer]) -> Answer:
         try:
             return ask()
         except httpx2.HTTPError as error:
-            if not worth_another_try(error) or monotonic() - begun_s > LONGEST_PAUSE_S:
+            if not is_worth_retrying(error) or monotonic() - begun_s > LONGEST_PAUSE_S:
                 raise
-            pause_s = pause_after(error, tried)
+            pause_s = find_pause(error, tried)
             log.debug("try %d of %d failed, next in %.1f s: %s", tried, ATTEMPTS, pause_s, error)
-        patience.get().rest(pause_s)
+        waiter.get().rest(pause_s)
     return ask()
 
 
-def worth_another_try(error: httpx2.HTTPError) -> bool:
+def is_worth_retrying(error: httpx2.HTTPError) -> bool:
     """Whether the service was busy, or nothing came back."""
     if isinstance(error, httpx2.HTTPStatusError):
         return error.response.status_code in BUSY
     return isinstance(error, httpx2.TransportError)
 
 
-def pause_after(error: httpx2.HTTPError, tried: int) -> float:
+def find_pause(error: httpx2.HTTPError, tried: int) -> float:
     """How long to wait: as the service says, or else longer after each try. [s]"""
     if isinstance(error, httpx2.HTTPStatusError):
         asked = error.response.headers.get("Retry-After", "")

@@ -19,9 +19,9 @@ from typing import Any, Generic, Self, TypeVar, get_origin
 import httpx2
 from anyio import CapacityLimiter, get_cancelled_exc_class, to_thread
 
-from eigenfail.client.client import DEFAULT_URL, Client
+from eigenfail.client.client import Client
 from eigenfail.client.link import PAGE
-from eigenfail.client.waiting import Patience, patience
+from eigenfail.client.waiting import Waiter, waiter
 from eigenfail.rows import SHOWN, Rows
 
 Row = TypeVar("Row")
@@ -35,7 +35,7 @@ class GivenUp(Exception):
     """Ends a call for which nobody waits any more; nobody hears of it."""
 
 
-class Ending(Patience):
+class Ending(Waiter):
     """Waits until somebody says that it is over."""
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ class Threads:
         ending = ending or Ending()
 
         def within() -> Answer:
-            patience.set(ending)
+            waiter.set(ending)
             return call()
 
         try:
@@ -105,7 +105,7 @@ class AsyncRows(Generic[Row]):
         source, ending = self._begin(), Ending()
         rows, portion = iter(source), PAGE if isinstance(source, Rows) else 1
         try:
-            while found := await self._threads.run(partial(taken, rows, portion), ending):
+            while found := await self._threads.run(partial(take_rows, rows, portion), ending):
                 for row in found:
                     yield row
         finally:
@@ -115,7 +115,7 @@ class AsyncRows(Generic[Row]):
 
     async def first(self, n: int = SHOWN) -> tuple[Row, ...]:
         """The first n of them, or all where there are fewer."""
-        return await self._threads.run(lambda: taken(iter(self._begin()), n))
+        return await self._threads.run(lambda: take_rows(iter(self._begin()), n))
 
     async def to_pandas(self) -> Any:
         """All rows as a data frame; raises as `Rows.to_pandas` does."""
@@ -166,7 +166,7 @@ class AsyncClient(AsyncVerbs):
 
     def __init__(
         self,
-        base_url: str = DEFAULT_URL,
+        base_url: str | None = None,
         transport: httpx2.BaseTransport | None = None,
         at_once: int = AT_ONCE,
         key: str | None = None,
@@ -203,6 +203,6 @@ def verb(method: Callable[..., Any], threads: Threads) -> Callable[..., Any]:
     return update_wrapper(call, method)
 
 
-def taken(rows: Iterator[Row], n: int) -> tuple[Row, ...]:
+def take_rows(rows: Iterator[Row], n: int) -> tuple[Row, ...]:
     """The next n of them."""
     return tuple(islice(rows, n))

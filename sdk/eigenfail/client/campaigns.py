@@ -1,29 +1,134 @@
-"""Campaigns, as a client sees them: followed and steered here, made and judged by the parts."""
+"""Campaigns, as a client sees them: created, followed, steered and judged."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
-from eigenfail.client.campaign_findings import CampaignFindings
-from eigenfail.client.campaign_making import SHRINK_WITHIN, CampaignMaking
+import msgspec
+
 from eigenfail.client.link import Link
-from eigenfail.client.waiting import telling, wait_until
+from eigenfail.client.waiting import report_progress, wait_until
+from eigenfail.errors import InvalidValue
 from eigenfail.rows import Rows
-from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Page, Priority
+from eigenfail.values import (
+    FINAL_STATES,
+    Campaign,
+    CampaignCost,
+    CampaignSpec,
+    CampaignState,
+    Comparison,
+    Course,
+    MinimalFailure,
+    Page,
+    Priority,
+    Region,
+    Safety,
+    StopRules,
+    Summary,
+)
+from eigenfail.values.campaign import LONGEST_NAME
+from eigenfail.values.pool import PeerCosts
 from eigenfail.values.priority import PriorityChange
-from eigenfail.wire.http import read_fields
-
-__all__ = ["AT_REST", "SHRINK_WITHIN", "Campaigns"]
+from eigenfail.values.records import EpisodeDetail
+from eigenfail.values.retention import Pruning
+from eigenfail.values.safety import LEVEL
+from eigenfail.values.worker import WorkerShare
+from eigenfail.wire.http import CampaignCheck, Digest, read_fields
+from eigenfail.worlds import drawn_for
 
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
 
+SHRINK_WITHIN = 2_000
+"""Replays that are enough to shrink a failure of a hundred steps, as a rule."""
 
-class Campaigns(CampaignMaking, CampaignFindings):
-    """Create, follow and steer campaigns.
+
+class Campaigns:
+    """Create, follow, steer and judge campaigns.
 
     Every method raises ServiceUnreachable if no service answers.
     """
 
     def __init__(self, link: Link) -> None:
         self._link = link
+
+    def create(self, spec: CampaignSpec | None = None, **fields: Any) -> Campaign:
+        """A new campaign, queued.
+
+        Args:
+            spec: all of it; or give its fields by name.
+            fields: of a CampaignSpec, as structs or plain data.
+
+        Raises:
+            UnknownName: a field, plug-in, setting or parameter that does not exist.
+            InvalidValue: a value outside its bounds.
+        """
+        wanted = spec or read_fields(fields, CampaignSpec)
+        return self._link.post_once_only("/campaigns", Campaign, wanted)
+
+    def create_many(
+        self, specs: Sequence[CampaignSpec | Mapping[str, Any]], key: str | None = None
+    ) -> tuple[Campaign, ...]:
+        """Many new campaigns, queued in this order: all of them, or none.
+
+        Args:
+            specs: at most `MOST_AT_ONCE`.
+            key: what tells this request from others, for ever; None makes one for this call.
+
+        Raises:
+            UnknownName: one has a field, plug-in or setting that does not exist: `[2].settings`.
+            InvalidValue: one has a value that cannot be; or there are none, or too many.
+        """
+        return self._link.post_once_only("/campaigns/bulk", Page[Campaign], list(specs), key).items
+
+    def check(self, spec: CampaignSpec | None = None, **fields: Any) -> CampaignCheck:
+        """What a campaign would be, or everything that is wrong with it; nothing is launched.
+
+        Args:
+            spec: all of it; or give its fields by name.
+            fields: of a CampaignSpec, as structs or plain data.
+        """
+        return self._link.post("/campaigns/check", CampaignCheck, spec or fields)
+
+    def clone(self, campaign: int, **changes: Any) -> Campaign:
+        """A new campaign like an earlier one, queued.
+
+        Args:
+            campaign: the earlier one.
+            changes: fields of a CampaignSpec that are to be other than there. Settings and
+                parameters are put over the earlier ones, unless their plug-in is another one.
+
+        Raises:
+            NotFound: no such campaign.
+            UnknownName: a field, plug-in, setting or parameter that does not exist.
+            InvalidValue: a value outside its bounds.
+        """
+        return self._link.post_once_only(f"/campaigns/{campaign}/clone", Campaign, changes)
+
+    def shrink(self, campaign: int, episode: int, episodes: int = SHRINK_WITHIN) -> Campaign:
+        """A new campaign that finds out how little noise a failure needs; see `minimal`.
+
+        It runs in the scenario that the episode drew, where its campaign drew one.
+
+        Args:
+            campaign: of the failure.
+            episode: its index.
+            episodes: the budget of replays.
+
+        Raises:
+            NotFound: no such campaign, or the episode has no result.
+            InvalidValue: the episode did not end in a collision.
+        """
+        spec = self._link.get(f"/campaigns/{campaign}", Campaign).spec
+        failure = self._link.get(f"/campaigns/{campaign}/episodes/{episode}", EpisodeDetail)
+        wanted = msgspec.structs.replace(
+            spec,
+            name=f"{spec.name}: minimal failure of {campaign}/{episode}"[-LONGEST_NAME:],
+            method="minimal",
+            settings={"campaign": campaign, "episode": episode},
+            episodes=episodes,
+            stop=StopRules(),
+            scenario_parameters={**spec.scenario_parameters, **drawn_for(spec, failure.seed)},
+        )
+        return self.create(wanted)
 
     def get(self, campaign: int) -> Campaign:
         """The campaign as it stands.
@@ -99,6 +204,8 @@ class Campaigns(CampaignMaking, CampaignFindings):
     ) -> Campaign:
         """The campaign once it has ended or is paused.
 
+        A campaign of which every episode errored ends, too; its `is_errored` is then true.
+
         Args:
             campaign: its id.
             on_progress: told of the campaign at every look, the last one included.
@@ -111,7 +218,7 @@ class Campaigns(CampaignMaking, CampaignFindings):
             NotFound: no such campaign.
             ServiceError: it did not end in time; it goes on all the same.
         """
-        with telling(on_progress, progress) as tell:
+        with report_progress(on_progress, progress) as tell:
 
             def look() -> Campaign:
                 seen = self.get(campaign)
@@ -119,3 +226,118 @@ class Campaigns(CampaignMaking, CampaignFindings):
                 return seen
 
             return wait_until(look, lambda seen: seen.state in AT_REST, poll_s, timeout_s)
+
+    def summary(self, campaign: int) -> Summary:
+        """Failures, rate, likelihood and cost so far.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        return self._link.get(f"/campaigns/{campaign}/summary", Summary)
+
+    def summaries(self) -> Rows[Summary]:
+        """The summaries of all campaigns, newest first."""
+        return self._link.pages("/campaigns/summaries", Page[Summary], "before")
+
+    def course(self, campaign: int, per: int | None = None) -> Course:
+        """Failure rate, likelihood and robustness by blocks of episodes, so far.
+
+        Args:
+            campaign: its id.
+            per: episodes of a block; None chooses by the budget.
+
+        Raises:
+            NotFound: no such campaign.
+            InvalidValue: so short blocks would be too many.
+        """
+        return self._link.get(f"/campaigns/{campaign}/course", Course, {"per": per})
+
+    def safety(self, campaign: int, level: float = LEVEL) -> Safety:
+        """Collisions, near misses, MinTTC, DRAC and severity of the episodes so far.
+
+        Args:
+            campaign: its id.
+            level: of VaR and CVaR of severity, between 0 and 1.
+
+        Raises:
+            NotFound: no such campaign.
+            InvalidValue: the level is outside its bounds.
+        """
+        return self._link.get(f"/campaigns/{campaign}/safety", Safety, {"level": str(level)})
+
+    def prunings(self, campaign: int) -> tuple[Pruning, ...]:
+        """What noise was taken from it to make room: by which rule, when, by whom, how much.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        return self._link.get(f"/campaigns/{campaign}/prunings", Page[Pruning]).items
+
+    def workers(self, campaign: int) -> tuple[WorkerShare, ...]:
+        """Who ran its episodes; who ran most comes first.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        return self._link.get(f"/campaigns/{campaign}/workers", Page[WorkerShare]).items
+
+    def costs_by_method(self) -> tuple[PeerCosts, ...]:
+        """What a failure costs by method, over all campaigns of one planner and scenario.
+
+        Those groups that have the newest campaigns come first.
+        """
+        return self._link.get("/costs", Page[PeerCosts]).items
+
+    def cost(self, campaign: int) -> CampaignCost:
+        """What failures and modes cost so far, by when, and what the time went into.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        return self._link.get(f"/campaigns/{campaign}/cost", CampaignCost)
+
+    def region(self, campaigns: int | Sequence[int]) -> Region:
+        """Where among the scenario's parameters the episodes so far fail.
+
+        Args:
+            campaigns: one whose parameters vary, or several on one scenario, such as a grid's.
+
+        Raises:
+            NotFound: no such campaign.
+            InvalidValue: none is named, one twice, or they are on different scenarios.
+            UnknownName: the service does not have their scenario.
+        """
+        return self._link.get("/campaigns/region", Region, {"campaigns": _join_ids(campaigns)})
+
+    def compare(self, a: int | Sequence[int], b: int | Sequence[int]) -> Comparison:
+        """Two campaigns side by side, or two groups of them that differ in their seeds alone.
+
+        Raises:
+            NotFound: no such campaign.
+            InvalidValue: a side without a campaign, or a campaign that is named twice.
+        """
+        return self._link.get("/comparisons", Comparison, {"a": _join_ids(a), "b": _join_ids(b)})
+
+    def minimal(self, campaign: int) -> MinimalFailure:
+        """How little noise a failure needs, so far: of a campaign of the method `minimal`.
+
+        Raises:
+            NotFound: no such campaign.
+            Conflict: it shrinks no failure, or no replay of it has failed.
+        """
+        return self._link.get(f"/campaigns/{campaign}/minimal", MinimalFailure)
+
+    def digest(self, campaign: int) -> str:
+        """SHA-256 over the results that are in: equal for equal campaigns.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        return self._link.get(f"/campaigns/{campaign}/digest", Digest).digest
+
+
+def _join_ids(campaigns: int | Sequence[int]) -> str:
+    ids = [campaigns] if isinstance(campaigns, int) else campaigns
+    if not ids:
+        raise InvalidValue("campaigns", "none is named.", "Name at least one.")
+    return ",".join(map(str, ids))

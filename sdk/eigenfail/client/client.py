@@ -1,6 +1,7 @@
-"""The client: one object for one service."""
+"""The client: one object for one service, with its keys and its events."""
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -10,18 +11,26 @@ import httpx2
 from eigenfail.client.analyses import Analyses
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.episodes import Episodes
-from eigenfail.client.events import Events
-from eigenfail.client.keys import Keys, token_of
 from eigenfail.client.link import Link
 from eigenfail.client.reports import NOTHING, check_folder, fetch_report, write_report
 from eigenfail.client.suites import Suites
-from eigenfail.errors import EigenfailError
-from eigenfail.values import Page
+from eigenfail.client.waiting import waiter
+from eigenfail.errors import EigenfailError, InvalidValue
+from eigenfail.rows import Rows
+from eigenfail.values import Event, Page
+from eigenfail.values.access import TOKEN, ApiKey, AuditEntry, KeyRequest, NewKey, Scope
+from eigenfail.values.quotas import UNLIMITED, Quotas, Usage
 from eigenfail.values.report import Report
 from eigenfail.values.worker import Presence, Staffing, WorkerShare
-from eigenfail.wire.http import PluginInfo
+from eigenfail.wire import http
+from eigenfail.wire.http import PluginInfo, read_fields
 
+KEY_VARIABLE = "EIGENFAIL_KEY"
 DEFAULT_URL = "http://127.0.0.1:8440"
+URL_VARIABLE = "EIGENFAIL_URL"
+
+RECONNECT_S = 0.5
+MAX_FAILURES = 5
 
 
 class Client:
@@ -31,18 +40,21 @@ class Client:
     come twice are sent again while the service is busy or away for a moment.
 
     Args:
-        base_url: address of the service.
-        transport: instead of sockets, for tests and for services in this process.
+        base_url: address of the service; None takes that of EIGENFAIL_URL or, if it is not set,
+            http://127.0.0.1:8440.
+        transport: instead of sockets, for tests and for services in this process, whose address
+            EIGENFAIL_URL is not.
         key: what the service asks for, `ef_…`; None takes that of EIGENFAIL_KEY, if it is set.
     """
 
     def __init__(
         self,
-        base_url: str = DEFAULT_URL,
+        base_url: str | None = None,
         transport: httpx2.BaseTransport | None = None,
         key: str | None = None,
     ) -> None:
-        self._link = Link(base_url, transport, token_of(key))
+        by_default = DEFAULT_URL if transport else os.environ.get(URL_VARIABLE) or DEFAULT_URL
+        self._link = Link(base_url or by_default, transport, find_token(key))
         self.campaigns = Campaigns(self._link)
         self.suites = Suites(self._link, self.campaigns)
         self.episodes = Episodes(self._link)
@@ -141,3 +153,130 @@ class Client:
 
     def _plugins(self, kind: str) -> tuple[PluginInfo, ...]:
         return self._link.get(f"/{kind}", Page[PluginInfo]).items
+
+
+class Keys:
+    """Make, list, limit and revoke keys.
+
+    Every method raises Unauthorized without a valid key, Forbidden without one of the scope admin,
+    and ServiceUnreachable if no service answers.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+
+    def create(
+        self,
+        name: str,
+        scope: Scope | str = Scope.VIEWER,
+        expires_s: int | None = None,
+        quotas: Quotas = UNLIMITED,
+    ) -> NewKey:
+        """Make a key; its token is in the answer, and can never be read again.
+
+        Args:
+            name: who or what it is for.
+            scope: viewer reads, runner also starts and steers, admin does everything.
+            expires_s: for how long it is valid [s]; None: until it is revoked.
+            quotas: how much may be done with it.
+
+        Raises:
+            InvalidValue: a value outside its bounds; or a first key that is no administrator's.
+        """
+        wanted = {"name": name, "scope": scope, "expires_s": expires_s, "quotas": quotas}
+        return self._link.post("/keys", NewKey, read_fields(wanted, KeyRequest))
+
+    def list(self) -> Rows[ApiKey]:
+        """All keys, newest first; those that are no longer valid, too."""
+        return self._link.pages("/keys", Page[ApiKey], "before")
+
+    def get(self, key: int) -> ApiKey:
+        """A key, without its secret.
+
+        Raises:
+            NotFound: no such key.
+        """
+        return self._link.get(f"/keys/{key}", ApiKey)
+
+    def usage(self, key: int) -> Usage:
+        """What the campaigns of a key use of its quotas now.
+
+        Raises:
+            NotFound: no such key.
+        """
+        return self._link.get(f"/keys/{key}/usage", Usage)
+
+    def limit(self, key: int, quotas: Quotas) -> ApiKey:
+        """Give a key these quotas from now on; what was made before stays, and counts.
+
+        Raises:
+            NotFound: no such key.
+        """
+        return self._link.post(f"/keys/{key}/quotas", ApiKey, quotas)
+
+    def revoke(self, key: int) -> ApiKey:
+        """Revoke a key, for good.
+
+        Raises:
+            NotFound: no such key.
+        """
+        return self._link.delete(f"/keys/{key}", ApiKey)
+
+    def audit(self) -> Rows[AuditEntry]:
+        """Who changed what, newest first."""
+        return self._link.pages("/audit", Page[AuditEntry], "before")
+
+
+class Events:
+    """The event log of a service, as it grows."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+
+    def follow(self, after: int = 0, campaign: int | None = None) -> Iterator[Event]:
+        """Every event from now on without end, through cut connections and restarts.
+
+        Args:
+            after: begin behind the event with this id; 0 begins with the oldest one.
+            campaign: only events of this campaign.
+
+        Raises:
+            NotFound: no such campaign.
+            ServiceUnreachable: the service stays away.
+        """
+        failures = 0
+        while True:
+            try:
+                for event in self._connected(after, campaign):
+                    after, failures = event.id, 0
+                    yield event
+            except httpx2.TransportError as error:
+                failures += 1
+                if failures == MAX_FAILURES:
+                    raise self._link.unreachable(error) from error
+            waiter.get().rest(RECONNECT_S)
+
+    def _connected(self, after: int, campaign: int | None) -> Iterator[Event]:
+        """The events of one connection; those without data only mark a place."""
+        place = {"Last-Event-ID": str(after)}
+        with self._link.stream("/events", {"campaign": campaign}, place) as events:
+            for event in events:
+                if event.data:
+                    yield http.decode(event.data.encode(), Event)
+
+
+def find_token(given: str | None) -> str | None:
+    """Return the key that was given, or else that of the environment, if there is one.
+
+    Raises:
+        InvalidValue: it does not look like one; what was given is not repeated.
+    """
+    token = (os.environ.get(KEY_VARIABLE, "") if given is None else given).strip()
+    if token and TOKEN.fullmatch(token) is None:
+        raise InvalidValue(
+            "key",
+            "what was given is not of the form ef_ID_SECRET.",
+            f"Look at {KEY_VARIABLE}, or at what was given as `key`; "
+            "`eigenfail key create` makes keys.",
+        )
+    return token or None

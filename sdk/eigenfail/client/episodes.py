@@ -1,28 +1,35 @@
-"""Episodes, as a client sees them."""
+"""Episodes, as a client sees them: read, replayed, and exported to files."""
 
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack, overload
 
 import msgspec
 
-from eigenfail.client.exports import Exports
 from eigenfail.client.link import Link
+from eigenfail.client.waiting import wait_until
+from eigenfail.errors import InvalidValue, ServiceError, UnknownName
 from eigenfail.filters import Value
+from eigenfail.private_files import open_private
 from eigenfail.rows import Rows
 from eigenfail.values import Campaign, Explanation, Outcome, Page
-from eigenfail.values.arrays import Floats
-from eigenfail.values.export import ExportFormat, ExportRequest
+from eigenfail.values.export import Export, ExportFormat, ExportRequest, ExportState
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.worker import Presence
 from eigenfail.wire.http import ReplayRequest, read_fields
+
+POLL_S = 0.5
+
 
 Picked = dict[str, Value | None]
 """Columns of an episode by their names; None where nothing was measured."""
 
 
-class Wanted(TypedDict, total=False):
-    """What an export is to hold.
+class ExportOptions(TypedDict, total=False):
+    """Which episodes and columns an export holds.
 
     Attributes:
         filter: conditions on its episodes.
@@ -38,7 +45,7 @@ class Wanted(TypedDict, total=False):
 
 
 class Episodes:
-    """Read what came of episodes.
+    """Read, replay and export episodes.
 
     Filters, sorts and columns are those of docs/episodes.md. Every method raises
     ServiceUnreachable if no service answers.
@@ -82,7 +89,8 @@ class Episodes:
 
         Args:
             campaign: its id.
-            outcome: only those that ended like this; the same as a condition of the filter.
+            outcome: only those that ended like this: collision, safe or errored; the same as a
+                condition of the filter.
             filter: conditions such as "severity > 80 and min_ttc_s < 1.5".
             sort: a column, or -column for the largest first; without a value they come last.
             fields: of each episode only these columns, as a dict; all of it, as an EpisodeRow,
@@ -105,7 +113,7 @@ class Episodes:
         campaign: int,
         path: Path | str,
         format: ExportFormat | str | None = None,  # noqa: A002 - as for files elsewhere
-        **wanted: Unpack[Wanted],
+        **wanted: Unpack[ExportOptions],
     ) -> Path:
         """Write finished episodes of a campaign to a file; it is there whole, or not at all.
 
@@ -135,7 +143,8 @@ class Episodes:
             NotFound: no such campaign, or the episode has no result yet.
         """
         result = self._link.get(f"/campaigns/{campaign}/episodes/{index}", EpisodeDetail)
-        z, sigma = pairs(result.noise.z), pairs(result.noise.sigma)
+        # JSON forgets the shape (steps, 2) where there is no step.
+        z, sigma = result.noise.z.reshape(-1, 2), result.noise.sigma.reshape(-1, 2)
         noise = msgspec.structs.replace(result.noise, z=z, sigma=sigma)
         return msgspec.structs.replace(result, noise=noise)
 
@@ -174,6 +183,76 @@ class Episodes:
         return self._link.post(path, Campaign, ReplayRequest(scale))
 
 
-def pairs(array: Floats) -> Floats:
-    """The array in its shape (steps, 2), which JSON forgets where there is no step."""
-    return array.reshape(-1, 2)
+class Exports:
+    """Files of episodes: streamed, or made by the service and then fetched."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._writers: dict[ExportFormat, Callable[[int, ExportRequest], Iterator[bytes]]] = {
+            ExportFormat.CSV: partial(self._stream, ".csv"),
+            ExportFormat.NDJSON: partial(self._stream, ".ndjson"),
+            ExportFormat.PARQUET: self._make,
+        }
+
+    def save(
+        self, campaign: int, request: ExportRequest, path: Path, form: ExportFormat | str | None
+    ) -> Path:
+        """Write a file, all of it or nothing."""
+        chosen = _choose_format(path, form)
+        if request.noise and chosen is not ExportFormat.PARQUET:
+            raise InvalidValue("noise", f"{chosen} holds no noise.", "Ask for parquet.")
+        _write_whole(path, self._writers[chosen](campaign, request))
+        return path
+
+    def _stream(self, suffix: str, campaign: int, request: ExportRequest) -> Iterator[bytes]:
+        asked = {
+            "filter": request.filter or None,
+            "sort": request.sort,
+            "fields": ",".join(request.fields) or None,
+        }
+        return self._link.chunks(f"/campaigns/{campaign}/episodes{suffix}", asked)
+
+    def _make(self, campaign: int, request: ExportRequest) -> Iterator[bytes]:
+        asked = self._link.post(f"/campaigns/{campaign}/exports", Export, request)
+        place = f"/exports/{asked.id}"
+        made = wait_until(
+            lambda: self._link.get(place, Export),
+            lambda export: export.state is not ExportState.RUNNING,
+            POLL_S,
+            None,
+        )
+        if made.state is ExportState.FAILED:
+            raise ServiceError(f"Export {made.id} failed: {made.problem}")
+        return self._link.chunks(f"{place}/file", {})
+
+
+def _choose_format(path: Path, form: ExportFormat | str | None) -> ExportFormat:
+    """Return the format that was asked for, or that a file's name ends in.
+
+    Raises:
+        UnknownName: there is no such format.
+    """
+    name = form or path.suffix.removeprefix(".").lower()
+    if name not in list(ExportFormat):
+        raise UnknownName("format", name, ExportFormat)
+    return ExportFormat(name)
+
+
+def _write_whole(path: Path, chunks: Iterator[bytes]) -> None:
+    """Write a file beside its place and move it there once it is whole.
+
+    Raises:
+        ServiceError: it cannot be written.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        try:
+            with open_private(part, "wb") as file:
+                file.writelines(chunks)
+            part.replace(path)
+        finally:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+    except OSError as error:
+        problem = f"{path} cannot be written: {error.strerror or error}."
+        raise ServiceError(problem, "Name a file in a folder that can be written.") from error

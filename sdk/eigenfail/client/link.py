@@ -3,22 +3,22 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
-from socket import SHUT_RDWR
+from socket import MSG_PEEK, SHUT_RDWR, socket
 from typing import Any, TypeVar
 from uuid import uuid4
 
 import httpx2
+import msgspec
 
 from eigenfail import __version__
 from eigenfail.client.asking import ask_again
-from eigenfail.client.refusals import refusal
-from eigenfail.client.speech import listen_first
-from eigenfail.client.waiting import patience
+from eigenfail.client.waiting import waiter
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable
 from eigenfail.loopback import is_loopback
 from eigenfail.rows import Rows
 from eigenfail.values import Page
 from eigenfail.wire import http
+from eigenfail.wire.http import UNTYPED, Problem, make_error
 
 TIMEOUT = httpx2.Timeout(60.0, connect=3.0)
 STREAM_TIMEOUT = httpx2.Timeout(60.0, connect=3.0, read=45.0)
@@ -27,6 +27,9 @@ STREAM_TIMEOUT = httpx2.Timeout(60.0, connect=3.0, read=45.0)
 SCHEMES = ("http://", "https://")
 LIKE = "http://127.0.0.1:8440"
 PAGE = 200
+
+FIRST_BYTE_S = 3.0
+ZEROMQ_GREETING = b"\xff"
 
 Kind = TypeVar("Kind")
 Params = Mapping[str, int | str | None]
@@ -58,13 +61,13 @@ class Link:
             transport=transport,
             timeout=TIMEOUT,
             trust_env=not is_loopback(httpx2.URL(base_url).host),
-            headers={"User-Agent": f"eigenfail/{__version__}", **shown(key)},
-            event_hooks={"request": [listen_first]},
+            headers={"User-Agent": f"eigenfail/{__version__}", **_make_headers(key)},
+            event_hooks={"request": [_refuse_zeromq]},
         )
 
     def get(self, path: str, kind: type[Kind], params: Params | None = None) -> Kind:
         """What is at a path; asked again while the service is busy or away for a moment."""
-        return http.decode(self._repeatedly("GET", path, params=given(params)), kind)
+        return http.decode(self._repeatedly("GET", path, params=_drop_missing(params)), kind)
 
     def get_bytes(self, path: str, params: httpx2.QueryParams, read_s: float) -> bytes:
         """The bytes of a file at a path, for which the service may take so many seconds."""
@@ -73,7 +76,7 @@ class Link:
 
     def chunks(self, path: str, params: Params) -> Iterator[bytes]:
         """The bytes of a file of any size, as they come; asked for once."""
-        asked = given(params)
+        asked = _drop_missing(params)
         with self._understood(), self._http.stream("GET", http.PREFIX + path, params=asked) as file:
             if file.is_error:
                 file.read()
@@ -83,7 +86,7 @@ class Link:
     def post(self, path: str, kind: type[Kind], body: object = None) -> Kind:
         """Have something done: asked once."""
         with self._understood():
-            return http.decode(self._once("POST", path, content=content(body)), kind)
+            return http.decode(self._once("POST", path, content=_encode_body(body)), kind)
 
     def post_once_only(
         self, path: str, kind: type[Kind], body: object = None, key: str | None = None
@@ -97,7 +100,7 @@ class Link:
             key: what tells this request from others, for ever; None makes one for this call.
         """
         headers = {http.IDEMPOTENCY_KEY: key or str(uuid4())}
-        answer = self._repeatedly("POST", path, content=content(body), headers=headers)
+        answer = self._repeatedly("POST", path, content=_encode_body(body), headers=headers)
         return http.decode(answer, kind)
 
     def delete(self, path: str, kind: type[Kind]) -> Kind:
@@ -132,14 +135,14 @@ class Link:
         self, path: str, params: Params, headers: Mapping[str, str]
     ) -> Iterator[Iterator[httpx2.ServerSentEvent]]:
         """Server-sent events, until the connection ends; its end is a httpx2.TransportError."""
-        asked = given(params)
+        asked = _drop_missing(params)
         with self._http.sse(
             http.PREFIX + path, params=asked, headers=dict(headers), timeout=STREAM_TIMEOUT
         ) as source:
             if source.response.is_error:
                 source.response.read()
-                raise refusal(source.response)
-            with patience.get().cutting(partial(cut, source.response)):
+                raise read_refusal(source.response)
+            with waiter.get().cutting(partial(_cut, source.response)):
                 yield iter(source)
 
     def answers(self, path: str) -> bool:
@@ -154,7 +157,7 @@ class Link:
             return self.unreachable(error)
         except ServiceUnreachable as error:
             return error
-        return None if answer.is_success else refusal(answer)
+        return None if answer.is_success else read_refusal(answer)
 
     def close(self) -> None:
         """Let go of all connections."""
@@ -184,12 +187,49 @@ class Link:
         try:
             yield
         except httpx2.HTTPStatusError as error:
-            raise refusal(error.response) from None
+            raise read_refusal(error.response) from None
         except httpx2.TransportError as error:
             raise self.unreachable(error) from error
 
 
-def cut(response: httpx2.Response) -> None:
+def read_refusal(response: httpx2.Response) -> EigenfailError:
+    """Return the error that a response describes."""
+    try:
+        return make_error(msgspec.json.decode(response.content, type=Problem))
+    except msgspec.DecodeError:
+        status = response.status_code
+        detail = f"{response.url} answered with status {status} and no reason."
+        remedy = "Make sure that an eigenfail service of this version listens there."
+        untold = Problem(type=UNTYPED, title="", status=status, detail=detail, remedy=remedy)
+        return make_error(untold)
+
+
+def _refuse_zeromq(request: httpx2.Request) -> None:
+    """Have a request fail at once at the port of a hub, which speaks ZeroMQ and no HTTP.
+
+    A hub speaks first, and its first byte ends no line: a client of HTTP would wait for the rest.
+    """
+    new: list[socket] = []
+
+    def trace(step: str, info: dict[str, Any]) -> None:
+        if step == "connection.connect_tcp.complete":
+            new.append(info["return_value"].get_extra_info("socket"))
+        elif step == "http11.receive_response_headers.started" and new:
+            with suppress(OSError):
+                connection = new.pop()
+                connection.settimeout(FIRST_BYTE_S)
+                if connection.recv(1, MSG_PEEK) == ZEROMQ_GREETING:
+                    raise ServiceUnreachable(
+                        f"What listens at {request.url.netloc.decode()} speaks ZeroMQ, as a hub "
+                        "does to workers.",
+                        "Give the address of the service itself, http://…; `eigenfail up` prints "
+                        "both.",
+                    )
+
+    request.extensions = {**request.extensions, "trace": trace}
+
+
+def _cut(response: httpx2.Response) -> None:
     """End a response from another thread than the one that reads it."""
     stream = response.extensions.get("network_stream")
     if stream is not None:
@@ -197,16 +237,13 @@ def cut(response: httpx2.Response) -> None:
             stream.get_extra_info("socket").shutdown(SHUT_RDWR)
 
 
-def shown(key: str | None) -> dict[str, str]:
-    """The header that shows a key."""
+def _make_headers(key: str | None) -> dict[str, str]:
     return {} if key is None else {"Authorization": f"Bearer {key}"}
 
 
-def content(body: object) -> bytes:
-    """The bytes of a request's body."""
+def _encode_body(body: object) -> bytes:
     return b"" if body is None else http.encode(body)
 
 
-def given(params: Params | None) -> dict[str, int | str]:
-    """The parameters that were given."""
+def _drop_missing(params: Params | None) -> dict[str, int | str]:
     return {name: value for name, value in (params or {}).items() if value is not None}

@@ -1,17 +1,18 @@
 """Reports, as a client sees them: fetched as one bundle, written as a whole or not at all."""
 
 import io
+import lzma
 import re
 import shutil
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import mkdtemp
 from types import MappingProxyType
-from zipfile import is_zipfile
+from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import httpx2
 
-from eigenfail.client.bundles import unpack
 from eigenfail.client.link import Link
 from eigenfail.errors import InvalidValue, ProtocolError, ServiceError
 from eigenfail.values.report import Report
@@ -26,6 +27,20 @@ WITHIN_S = 600.0
 """Twenty campaigns with all of their pictures take a while."""
 
 
+MAX_FILES = 10_000
+MAX_BYTES = 1 << 28
+"""Of all files together. A report of twenty campaigns with all pictures has some 10 MB."""
+
+DAMAGED = (
+    *(BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError),
+    *(RuntimeError, NotImplementedError, ValueError),  # encrypted, or packed in another way
+)
+AGAIN = "Ask for it again; if it is so every time, use one version of eigenfail on both sides."
+UNUSUAL = (
+    "Nothing was written. Make sure that the address is that of an eigenfail service that you"
+    " trust, of the same version."
+)
+
 NOTHING: Mapping[str, bytes] = MappingProxyType({})
 
 
@@ -33,7 +48,7 @@ def fetch_report(link: Link, campaigns: int | Sequence[int]) -> dict[str, bytes]
     """The files of a report by name; raises as `Client.report` does."""
     ids = [campaigns] if isinstance(campaigns, int) else list(campaigns)
     asked = httpx2.QueryParams({"campaign": ids, "format": "zip"})
-    return unpacked(link.get_bytes("/report", asked, WITHIN_S))
+    return unpack(link.get_bytes("/report", asked, WITHIN_S))
 
 
 def write_report(
@@ -42,7 +57,7 @@ def write_report(
     """Write a report and further files into a folder; raises as `Client.report` does."""
     report = decode(files[DATA], Report)
     try:
-        write({**files, **also}, folder)
+        _write_all({**files, **also}, folder)
     except OSError as error:
         problem = f"The report cannot be written to {folder}: {error.strerror}."
         raise ServiceError(problem, "Name a folder that you may write.") from error
@@ -57,7 +72,7 @@ def check_folder(folder: Path, force: bool) -> None:
     """
     if folder.is_dir() and not any(folder.iterdir()):
         return
-    if folder.exists() and (alien := foreign(folder)):
+    if folder.exists() and (alien := _find_foreign(folder)):
         problem = f"{folder} is there already, and holds what no report does: {alien}."
         raise InvalidValue("output", problem, "Name a folder that is not there yet.")
     if folder.exists() and not force:
@@ -65,8 +80,8 @@ def check_folder(folder: Path, force: bool) -> None:
         raise InvalidValue("output", problem, "Name another folder, or give --force.")
 
 
-def foreign(folder: Path) -> str:
-    """Something that is there and was not written by a report; empty if there is nothing."""
+def _find_foreign(folder: Path) -> str:
+    """Return the name of a file that no report wrote; empty if there is none."""
     if not folder.is_dir():
         return "it is no folder"
     files = (path for path in folder.rglob("*") if not path.is_dir())
@@ -74,27 +89,49 @@ def foreign(folder: Path) -> str:
     return next((name for name in names if not (FILE.fullmatch(name) or name in ALSO)), "")
 
 
-def unpacked(bundle: bytes) -> dict[str, bytes]:
-    """The files of a bundle by name.
+def unpack(bundle: bytes) -> dict[str, bytes]:
+    """Return the files of a report by name, from the ZIP archive that a service sent.
+
+    Names and sizes are looked at before anything is unpacked. An archive that claims too little is
+    not read beyond its claim, and is damaged by its checksum.
 
     Raises:
-        ProtocolError: it is no bundle of a report, is damaged, or unpacks to more than any has.
+        ProtocolError: the archive is no report, is damaged, or holds other or larger files.
     """
     if not is_zipfile(io.BytesIO(bundle)):
-        raise not_a_report()
-    files = unpack(bundle, FILE.fullmatch)
+        raise _not_a_report()
+    try:
+        with ZipFile(io.BytesIO(bundle)) as archive:
+            names = archive.namelist()
+            _check_names(names)
+            if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
+                size = f"{MAX_BYTES / 2**20:g} MiB"
+                raise ProtocolError(f"The archive unpacks to more than {size}.", UNUSUAL)
+            files = {name: archive.read(name) for name in names}
+    except DAMAGED as error:
+        raise ProtocolError(f"The archive is damaged: {error}.", AGAIN) from error
     if DATA not in files:
-        raise not_a_report()
+        raise _not_a_report()
     return files
 
 
-def not_a_report() -> ProtocolError:
-    """The error of an answer that is something else."""
+def _check_names(names: Sequence[str]) -> None:
+    if len(names) > MAX_FILES:
+        raise ProtocolError(f"The archive has more than {MAX_FILES} files.", UNUSUAL)
+    if len(set(names)) < len(names):
+        raise ProtocolError("The archive has a file twice.", AGAIN)
+    for name in names:
+        if not FILE.fullmatch(name):
+            problem = f"The archive holds {name[:200]!r}, which is no file of a report."
+            raise ProtocolError(problem, UNUSUAL)
+
+
+def _not_a_report() -> ProtocolError:
     return ProtocolError("The answer is no report.", "Use one version of eigenfail on both sides.")
 
 
-def write(files: Mapping[str, bytes], folder: Path) -> None:
-    """All files, or nothing: they are written elsewhere, and come in by one renaming.
+def _write_all(files: Mapping[str, bytes], folder: Path) -> None:
+    """Write all files or nothing: they are written elsewhere, and come in by one renaming.
 
     Raises:
         OSError: they cannot be written.

@@ -13,8 +13,7 @@ from eigenfail.client.link import Link
 from eigenfail.client.waiting import wait_until
 from eigenfail.errors import IllegalTransition
 from eigenfail.rows import Rows
-from eigenfail.suites import Suite
-from eigenfail.suites.standing import ready, recognised
+from eigenfail.suites import Suite, list_ready_members, match_campaigns
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Page, Summary
 from eigenfail.values.suite import SuiteStanding, SuiteTable, suite_of
 
@@ -49,7 +48,7 @@ class Suites:
             InvalidValue: a value outside its bounds.
         """
         found = self._found(suite)
-        made = {name: self._created(spec) for name, spec in ready(suite, found)}
+        made = {name: self._created(spec) for name, spec in list_ready_members(suite, found)}
         return tuple((found | made).get(member.name) for member in suite.members)
 
     def start(self, suite: Suite) -> Seen:
@@ -144,9 +143,11 @@ class Suites:
         for campaign in chain.from_iterable(self._campaigns.list(suite=name) for name in named):
             if campaign.spec.name in alike:
                 alike[campaign.spec.name].append(campaign)
-                if all(alike.values()) and len(found := recognised(suite, alike)) == len(alike):
+                if all(alike.values()) and len(found := match_campaigns(suite, alike)) == len(
+                    alike
+                ):
                     return found
-        return recognised(suite, alike)
+        return match_campaigns(suite, alike)
 
     def _created(self, spec: CampaignSpec) -> Campaign:
         return self._link.post_once_only("/campaigns", Campaign, spec, key_of(spec))

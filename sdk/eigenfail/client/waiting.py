@@ -21,7 +21,7 @@ Tell = Callable[[Campaign], None]
 log = getLogger("eigenfail.client")
 
 
-class Patience:
+class Waiter:
     """How long blocking calls wait: as long as it takes."""
 
     def rest(self, seconds: float) -> None:
@@ -33,7 +33,7 @@ class Patience:
         return nullcontext()
 
 
-class Watchful(Patience):
+class CheckingWaiter(Waiter):
     """Looks after something while it waits.
 
     Args:
@@ -49,7 +49,7 @@ class Watchful(Patience):
         super().rest(seconds)
 
 
-patience: ContextVar[Patience] = ContextVar("patience", default=Patience())  # noqa: B039 - no state
+waiter: ContextVar[Waiter] = ContextVar("patience", default=Waiter())  # noqa: B039 - no state
 """Of the calls in this context; the asynchronous client has another."""
 
 
@@ -74,12 +74,12 @@ def wait_until(
                 f"It is not over after {timeout_s:g} s, and goes on.",
                 "Wait longer, or look at the service's log if nothing moves.",
             )
-        patience.get().rest(poll_s)
-        seen = back_again(look, poll_s, min(latest_s, monotonic() + AWAY_S))
+        waiter.get().rest(poll_s)
+        seen = _look_until_back(look, poll_s, min(latest_s, monotonic() + AWAY_S))
     return seen
 
 
-def back_again(look: Callable[[], Kind], poll_s: float, until_s: float) -> Kind:
+def _look_until_back(look: Callable[[], Kind], poll_s: float, until_s: float) -> Kind:
     """What is seen as soon as the service is there; after some time, its absence is raised."""
     for tries in count():
         try:
@@ -89,22 +89,22 @@ def back_again(look: Callable[[], Kind], poll_s: float, until_s: float) -> Kind:
                 raise
             if not tries:
                 log.warning("%s It was there a moment ago: waiting.", error.problem)
-        patience.get().rest(poll_s)
+        waiter.get().rest(poll_s)
     raise AssertionError("counting has no end")
 
 
 @contextmanager
-def watching(check: Callable[[], None]) -> Iterator[None]:
+def checking(check: Callable[[], None]) -> Iterator[None]:
     """Within the block, whoever waits looks after something."""
-    token = patience.set(Watchful(check))
+    token = waiter.set(CheckingWaiter(check))
     try:
         yield
     finally:
-        patience.reset(token)
+        waiter.reset(token)
 
 
 @contextmanager
-def telling(on_progress: Tell | None, progress: bool) -> Iterator[Tell]:
+def report_progress(on_progress: Tell | None, progress: bool) -> Iterator[Tell]:
     """Whoever is to be told of a campaign as it goes: a function, a display, both or nobody."""
     tell = on_progress or (lambda _campaign: None)
     if not progress:

@@ -1,6 +1,8 @@
-"""What chooses disturbances: learners and the methods that make them."""
+"""Contracts of what chooses disturbances: learners, and the methods that make them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from types import MappingProxyType
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import msgspec
@@ -9,27 +11,27 @@ from eigenfail.values import EpisodeResult, Estimate, LearnerContext, Proposal, 
 
 
 class Learner(Protocol):
-    """The running state of a method. Pure: no socket, no database, no clock.
+    """State of a running method. Pure: without socket, database and clock.
 
     Attributes:
-        lookahead: how many rounds may be open besides the oldest one; with 0, each round is
-            proposed after all before it were observed; with 1, a policy is trained on rounds up to
-            k-1 while round k runs.
+        lookahead: number of rounds that may be open besides the oldest one; with 0, each round is
+            proposed after all earlier ones were observed; with 1, a policy is trained on rounds up
+            to k-1 while round k runs.
     """
 
     lookahead: int
 
     def propose(self, n: int) -> Proposal:
-        """The next round: at least one and at most n episodes; or none, to end the campaign."""
+        """Return the next round: one to n episodes, or none to end the campaign."""
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Learn from a whole round, in index order; failed episodes are among the results."""
+        """Learn from the results of a complete round in index order, errored episodes included."""
 
     def state(self) -> bytes:
-        """Everything needed to go on bit for bit, without pickle."""
+        """Return a state from which the learner goes on bit for bit, without pickle."""
 
     def restore(self, state: bytes) -> None:
-        """Go on from such a state.
+        """Restore a state of `state`.
 
         Raises:
             ProtocolError: the bytes are not a state of this method.
@@ -38,45 +40,124 @@ class Learner(Protocol):
 
 @runtime_checkable
 class Exploiter(Protocol):
-    """A learner whose knowledge can be used without learning on. No learner has to."""
+    """Optional: a learner that can be used without learning more."""
 
     def exploit(self, n: int) -> Proposal:
-        """Exactly n episodes from what is known now, drawn anew at each call."""
+        """Return exactly n episodes from the present knowledge, drawn anew at each call."""
 
 
 @runtime_checkable
 class Estimator(Protocol):
-    """A learner that can tell the failure probability under p(x). No learner has to."""
+    """Optional: a learner that estimates the failure probability under p(x)."""
 
     def estimate(self) -> Estimate | None:
-        """What is known after the last round observed; None before there is anything to tell."""
+        """Return the estimate after the last observed round; None without one."""
 
 
 @runtime_checkable
 class Trained(Protocol):
-    """A learner that can tell how many episodes it was trained with. No learner has to."""
+    """Optional: a learner that reports the number of episodes that it was trained with."""
 
     @property
     def trained_episodes(self) -> int | None:
-        """So far; it stands still once training has ended. None where it cannot be said."""
+        """Number of training episodes, constant after the end of training; None if unknown."""
+
+
+class Reference(StrEnum):
+    """What a method takes from an earlier campaign or analysis named in its settings."""
+
+    NOISE = "noise"
+    """Noise trajectories to inject again."""
+
+    EPISODES = "episodes"
+    """Noise and robustness of completed episodes as training data."""
+
+    LEARNER = "learner"
+    """The learner of a campaign of any method that implements `Exploiter`."""
+
+    OWN_LEARNER = "own learner"
+    """The learner of a campaign of the same method, whose training continues."""
+
+
+class Injection(StrEnum):
+    """Recorded noise that a method needs."""
+
+    NOTHING = "nothing"
+    TRAJECTORIES = "trajectories"
+    ONE_FAILURE = "one failure"
+
+
+class ModeProbability(StrEnum):
+    """Way in which the probability of a failure mode follows from a campaign's episodes."""
+
+    UNKNOWN = "unknown"
+    COUNTS = "counts"
+    """By counting failures: all noise is drawn from p(x)."""
+
+    WEIGHTS = "weights"
+    """By importance weights of a learner that goes through the campaign again."""
+
+    KNOWN_PROPOSAL = "known proposal"
+    """By importance weights of a proposal that does not change."""
+
+    LEVELS = "levels"
+    """By the last level of a subset simulation."""
+
+
+class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
+    """Declaration of a method's properties, as `traits` of its class; default: the values below.
+
+    Attributes:
+        draws_from_prior: whether all noise is drawn from p(x), so that failures can be counted.
+        learns: whether its proposals improve with the results of earlier episodes.
+        finds_new: whether its failures are new, rather than repeated from earlier campaigns.
+        is_evidence: whether its episodes are evidence, which pruning keeps.
+        pairable: whether episodes of equal seed and settings have the same noise, independent of
+            earlier results.
+        has_members: whether its settings name the `method` and `settings` of several learners.
+        injects: recorded noise that it needs.
+        mode_probability: way in which the probability of a failure mode is found.
+        chart_mark: index of its colour and shape in charts; None derives one from its name.
+        references: settings that name earlier campaigns or analyses, with what it takes from them.
+    """
+
+    draws_from_prior: bool = False
+    learns: bool = True
+    finds_new: bool = True
+    is_evidence: bool = False
+    pairable: bool = False
+    has_members: bool = False
+    injects: Injection = Injection.NOTHING
+    mode_probability: ModeProbability = ModeProbability.UNKNOWN
+    chart_mark: int | None = None
+    references: Mapping[str, Reference] = MappingProxyType(
+        {
+            "analysis": Reference.NOISE,
+            "campaign": Reference.NOISE,
+            "data_from": Reference.EPISODES,
+        }
+    )
 
 
 class Method(Protocol):
-    """Makes learners; its `Settings` carry defaults and bounds."""
+    """Makes learners; its `Settings` carry defaults and bounds.
+
+    It may declare `traits`, see `MethodTraits`.
+    """
 
     Settings: ClassVar[type[msgspec.Struct]]
 
     def __call__(self, context: LearnerContext, settings: Any) -> Learner:
-        """A new learner."""
+        """Return a new learner."""
 
 
 @runtime_checkable
 class Paced(Protocol):
-    """A method that can tell how large its rounds are: stop rules are judged after whole ones.
+    """Optional: a method that reports the size of its rounds, after which stop rules are checked.
 
-    No method has to; one whose settings have a `round_size` is taken to keep to it.
+    For other methods the setting `round_size` is used, if there is one.
     """
 
     @staticmethod
     def round_sizes(settings: Any, episodes: int, /) -> RoundSizes:
-        """With these settings and so many episodes in all."""
+        """Return the sizes of rounds for some settings and a number of episodes in all."""

@@ -1,4 +1,4 @@
-"""What runs an episode: planner, scenario, simulator, engine."""
+"""Contracts of what runs an episode: planner, scenario, simulator and engine."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Protocol, runtime_checkable
@@ -21,34 +21,34 @@ from eigenfail.values import (
 
 
 class Planner(Protocol):
-    """The system under test: perceives, decides. Keeps no state over a reset."""
+    """The system under test. It keeps no state over a reset."""
 
     def reset(self, mission: Mission) -> None:
-        """Forget everything: a new episode begins."""
+        """Forget everything, and begin a new episode."""
 
     def act(self, perception: Perception) -> Control:
-        """Decide on one step. Called every `dt_s` of the scenario, in order."""
+        """Return the control of one step. Called every `dt_s` of the scenario, in order."""
 
 
 class ExplainingPlanner(Planner, Protocol):
-    """A planner that can say why it did what it did. No planner has to."""
+    """Optional: a planner that explains its decisions."""
 
     def explain(self) -> Mapping[str, str | float]:
-        """An account of the last step, in plain names and values; it changes nothing.
+        """Return an account of the last step in plain names and values, without changing state.
 
-        Names are free, units in them. `eigenfail episode explain` understands these, if given:
+        Names are free, with units in them. `eigenfail episode explain` understands these, if given:
         `mode`, `candidate`, `rule`, `override` ("none" if there was none) and `qp_status` ("solved"
-        if there was nothing wrong) in words; `heeds`, what it takes the vehicle ahead for
-        ("nobody" if it heeds none), with `gap_m` and `closing_mps` as it believes them; `tracks`,
-        the states of all it tracks; `lost_tracks`, how many it lost since the reset.
+        if there was nothing wrong) in words; `heeds`, the role of the vehicle that it
+        takes into account ("nobody" without one), with `gap_m` and `closing_mps` as it estimates
+        them; `tracks`, the states of all tracks; `lost_tracks`, their losses since the reset.
         """
 
 
 class PlottingPlanner(Planner, Protocol):
-    """A planner that can say where it means to drive. No planner has to."""
+    """Optional: a planner that reports its planned path."""
 
     def path(self) -> Path:
-        """Where it means to drive after the last step, at most 20 positions; it changes nothing."""
+        """Return the planned path, at most 20 positions, without changing the planner's state."""
 
 
 class PlannerPlugin(Protocol):
@@ -57,17 +57,17 @@ class PlannerPlugin(Protocol):
     Settings: ClassVar[type[msgspec.Struct]]
 
     def __call__(self, settings: Any) -> Planner:
-        """A planner."""
+        """Return a planner."""
 
 
 class Situation(Protocol):
-    """A scenario with its parameters filled in: everything a simulator needs to stage it.
+    """A scenario with its parameters: everything that a simulator needs to stage it.
 
     Attributes:
-        mission: the road, and what the planner is told.
+        mission: road and task, which the planner is told.
         steps: horizon of an episode.
-        ego: where the ego starts.
-        actors: where the others start.
+        ego: initial state of the ego.
+        actors: initial states of the other vehicles.
     """
 
     mission: Mission
@@ -76,7 +76,7 @@ class Situation(Protocol):
     actors: tuple[VehicleState, ...]
 
     def move_actor(self, actor: int, step: int, ego: VehicleState) -> VehicleState:
-        """Where a scripted actor is after `step` steps, given where the ego is then."""
+        """Return the state of a scripted actor after `step` steps, given that of the ego."""
 
 
 class Scenario(Protocol):
@@ -85,17 +85,22 @@ class Scenario(Protocol):
     Parameters: ClassVar[type[msgspec.Struct]]
 
     def __call__(self, parameters: Any, seed: int) -> Situation:
-        """The situation for these parameters; what is random in it comes from the seed."""
+        """Return the situation for some parameters; its randomness depends on the seed alone."""
 
 
 class Simulation(Protocol):
-    """One stack in one scenario, seen from outside: disturbances in, observations out."""
+    """One planner in one scenario: disturbances in, observations out.
+
+    Attributes:
+        dt_s: duration of a step.
+        steps: horizon of an episode.
+    """
 
     dt_s: float
     steps: int
 
     def reset(self, seed: int) -> Observation:
-        """Begin an episode; the observation of its start, step 0."""
+        """Begin an episode, and return the observation of its start, step 0."""
 
     def step(self, disturbance: tuple[float, float]) -> Observation:
         """Disturb the perceived position of the nearest vehicle by (longitudinal, lateral) [m].
@@ -105,51 +110,51 @@ class Simulation(Protocol):
         """
 
     def close(self) -> None:
-        """Let go of whatever the simulation holds."""
+        """Release the resources of the simulation."""
 
 
 class Simulator(Protocol):
     """Opens simulations."""
 
     def open(self, scenario: Scenario, parameters: Any, planner: Planner) -> Simulation:
-        """A simulation of the planner in the scenario; it may be reset any number of times."""
+        """Return a simulation of the planner in the scenario; it may be reset repeatedly."""
 
 
 class EpisodeEngine(Protocol):
     """Runs episodes of one campaign, one after the other, in this process."""
 
     def learn(self, policy: Policy) -> None:
-        """Keep a policy version for the policy sources that name it."""
+        """Store a policy version for the policy sources that name it."""
 
     def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:
-        """The results, in the order of the tasks. Never raises for an episode's own troubles."""
+        """Yield the results in the order of the tasks. Never raises for a fault of an episode."""
 
     def close(self) -> None:
-        """Let go of the simulation."""
+        """Release the resources of the engine."""
 
 
 @runtime_checkable
 class LockstepEngine(EpisodeEngine, Protocol):
-    """An engine that runs several episodes side by side. No engine has to."""
+    """Optional: an engine that runs several episodes side by side."""
 
     @property
     def room(self) -> int:
-        """How many more episodes may begin now."""
+        """Number of episodes that may begin now."""
 
     def begin(self, task: EpisodeTask) -> None:
-        """Begin an episode, for which there is room. Never raises for its troubles."""
+        """Begin an episode for which there is room. Never raises for its faults."""
 
     def turn(self) -> list[EpisodeResult]:
-        """Go on with all of them for a while; the results of those that are over, in any order."""
+        """Advance the episodes for a while; return the results of those that have ended."""
 
 
 class Explainer(Protocol):
-    """Runs one episode for the sake of its explanation, in this process."""
+    """Runs one episode in this process to explain it."""
 
     def __call__(self, setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
-        """The episode with the planner's own account of each step.
+        """Return the episode with the planner's own account of each step.
 
         Raises:
-            UnknownName: a plug-in, setting or parameter that does not exist.
-            InvalidValue: a setting or parameter outside its bounds.
+            UnknownName: a plug-in, setting or parameter does not exist.
+            InvalidValue: a setting or parameter is outside its bounds.
         """

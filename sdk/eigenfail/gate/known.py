@@ -1,15 +1,25 @@
 """Known failures of a baseline, and the campaigns that inject them into another planner."""
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import exp, lgamma
+from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
 from msgspec.structs import replace
 
-from eigenfail.gate.found import Finding, finding
-from eigenfail.gate.verdicts import verdict
-from eigenfail.suites import Member
-from eigenfail.values import Analysis, Campaign, CampaignSpec, Outcome, StopRules
+from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunSide, make_finding
+from eigenfail.gate.verdicts import GateVerdict, judge_outcome
+from eigenfail.suites import SuiteMember
+from eigenfail.values import (
+    Analysis,
+    AnalysisResult,
+    Campaign,
+    CampaignSpec,
+    FailureMode,
+    Outcome,
+    StopRules,
+)
 from eigenfail.values.records import EpisodeRow
 
 REPLAY = "replay"
@@ -45,11 +55,11 @@ class KnownReplay(msgspec.Struct, frozen=True):
         known: the known failure of each episode, by index; others are of no interest.
     """
 
-    member: Member
+    member: SuiteMember
     known: dict[int, KnownFailure]
 
 
-class Under(msgspec.Struct, frozen=True):
+class RunSettings(msgspec.Struct, frozen=True):
     """The planner that known failures are injected into, and the run that this belongs to.
 
     Attributes:
@@ -58,9 +68,9 @@ class Under(msgspec.Struct, frozen=True):
     """
 
     run: str
-    member: Member
+    member: SuiteMember
 
-    def replay(self, title: str, like: CampaignSpec, **varied: Any) -> Member:
+    def replay(self, title: str, like: CampaignSpec, **varied: Any) -> SuiteMember:
         """A campaign that replays noise in the world of another, with this planner."""
         name = f"{self.member.name}: {title}"
         spec = replace(
@@ -73,15 +83,17 @@ class Under(msgspec.Struct, frozen=True):
             scene_every=1,
             **varied,
         )
-        return Member(name, spec)
+        return SuiteMember(name, spec)
 
 
-def in_scenario(spec: CampaignSpec, drawn: Mapping[str, Any]) -> CampaignSpec:
+def _set_scenario(spec: CampaignSpec, drawn: Mapping[str, Any]) -> CampaignSpec:
     """The campaign in the scenario that one of its episodes drew."""
     return replace(spec, scenario_parameters={**spec.scenario_parameters, **drawn})
 
 
-def replay_of_minimal(under: Under, minimal: Campaign, index: int, drawn: Drawn) -> KnownReplay:
+def make_minimal_replay(
+    under: RunSettings, minimal: Campaign, index: int, drawn: Drawn
+) -> KnownReplay:
     """What a campaign shrank its failure to.
 
     Args:
@@ -93,14 +105,14 @@ def replay_of_minimal(under: Under, minimal: Campaign, index: int, drawn: Drawn)
     was = f"{minimal.id}/{index}"
     again = under.replay(
         f"minimal failure {was}",
-        in_scenario(minimal.spec, drawn(index)),
+        _set_scenario(minimal.spec, drawn(index)),
         settings={"campaign": minimal.id, "episodes": [index]},
         episodes=1,
     )
     return KnownReplay(again, {0: KnownFailure(f"minimal failure {was}", was, Outcome.COLLISION)})
 
 
-def shrinks(campaign: Campaign, before: Campaign, analysis: Analysis) -> bool:
+def is_minimal_search(campaign: Campaign, before: Campaign, analysis: Analysis) -> bool:
     """Whether a campaign shrank a failure of another, or a mode of its analysis.
 
     With the same planner: otherwise what is left of it is no failure of the baseline's.
@@ -114,7 +126,7 @@ def shrinks(campaign: Campaign, before: Campaign, analysis: Analysis) -> bool:
     )
 
 
-def proven(replay: KnownReplay, outcomes: Mapping[int, Outcome]) -> KnownReplay:
+def drop_unproven(replay: KnownReplay, outcomes: Mapping[int, Outcome]) -> KnownReplay:
     """The same, knowing what came of it with the baseline's own planner."""
     known = {
         index: replace(failure, before=outcomes.get(index, failure.before))
@@ -123,9 +135,9 @@ def proven(replay: KnownReplay, outcomes: Mapping[int, Outcome]) -> KnownReplay:
     return replace(replay, known=known)
 
 
-def of_known(
+def make_known_findings(
     replay: KnownReplay, rows: Mapping[int, EpisodeRow], pages: str
-) -> tuple[Finding, ...]:
+) -> tuple[GateFinding, ...]:
     """What became of each known failure of a replay.
 
     Args:
@@ -136,11 +148,191 @@ def of_known(
     found = []
     for index, known in replay.known.items():
         row = rows.get(index)
-        became = verdict(known.before, row.outcome if row else None)
-        found.append(finding(became, known.what, known.was, row, pages))
+        became = judge_outcome(known.before, row.outcome if row else None)
+        found.append(make_finding(became, known.what, known.was, row, pages))
     return tuple(found)
 
 
-def outcome_of(rows: Mapping[int, EpisodeRow]) -> dict[int, Outcome]:
+def read_outcomes(rows: Mapping[int, EpisodeRow]) -> dict[int, Outcome]:
     """What came of episodes that were run to their end, by index."""
     return {index: row.outcome for index, row in rows.items() if row.outcome is not Outcome.FAILED}
+
+
+def make_mode_replays(
+    under: RunSettings, before: Campaign, analysis: Analysis, drawn: Drawn
+) -> Iterator[KnownReplay]:
+    """The eigenfailures and medoids of an analysis, each in its own scenario.
+
+    Where the scenario's parameters vary, an eigenfailure's own scenario is that of its medoid:
+    modes whose medoids drew the same share a campaign.
+
+    Args:
+        under: the planner.
+        before: the campaign that was analysed.
+        analysis: done, with at least one mode.
+        drawn: see `Drawn`.
+    """
+    modes = analysis.result.modes if analysis.result else ()
+    for parameters, places in _group_by_scenario(modes, drawn):
+        world = _set_scenario(before.spec, parameters)
+        where = f" as in {before.id}/{modes[places[0]].medoid}" if parameters else ""
+        eigenfailures = under.replay(
+            f"eigenfailures of analysis {analysis.id}{where}",
+            world,
+            settings={"analysis": analysis.id},
+            episodes=len(modes),
+        )
+        yield KnownReplay(eigenfailures, {n: _name_eigenfailure(analysis.id, n) for n in places})
+        medoids = [modes[place].medoid for place in places]
+        again = under.replay(
+            f"medoids of analysis {analysis.id}{where}",
+            world,
+            settings={"campaign": before.id, "episodes": medoids},
+            episodes=len(medoids),
+        )
+        known = {n: _name_medoid(place, before.id, modes[place]) for n, place in enumerate(places)}
+        yield KnownReplay(again, known)
+
+
+def _group_by_scenario(
+    modes: Sequence[FailureMode], drawn: Drawn
+) -> Iterator[tuple[Mapping[str, Any], list[int]]]:
+    """The modes by what their medoids drew, in order."""
+    groups: dict[bytes, tuple[Mapping[str, Any], list[int]]] = {}
+    for place, mode in enumerate(modes):
+        parameters = drawn(mode.medoid)
+        key = msgspec.json.encode(dict(parameters), order="sorted")
+        groups.setdefault(key, (parameters, []))[1].append(place)
+    yield from groups.values()
+
+
+def _name_eigenfailure(analysis: int, place: int) -> KnownFailure:
+    """The eigenfailure of a mode: nobody knows yet whether it fails."""
+    return KnownFailure(f"eigenfailure {place + 1} of analysis {analysis}")
+
+
+def _name_medoid(place: int, campaign: int, mode: FailureMode) -> KnownFailure:
+    """The medoid of a mode: an episode that did fail."""
+    was = f"{campaign}/{mode.medoid}"
+    return KnownFailure(f"medoid {place + 1}, {was}", was, Outcome.COLLISION)
+
+
+NEW_MODE = 0.025
+"""How often failures of the baseline's kind have a mode that is called new, at most: all modes of a
+campaign together, each tested at an equal part of it (Bonferroni)."""
+
+RARER = 10
+"""So many times as often as before must failures be in a mode for it to be called new."""
+
+NOT_JUDGED = (
+    "That is told, not judged: failures of {} are not independent of each other, so that two runs"
+    " of one planner may dwell in different modes."
+)
+
+ASKING = frozenset({GateVerdict.STILL_FAILING, GateVerdict.FIXED})
+
+
+class NewMode(NamedTuple):
+    """A mode that the new planner's failures are in, and the baseline's are not, or hardly.
+
+    Attributes:
+        number: of the mode, from 1.
+        episode: of the new planner, its failure in the mode that is nearest to the centre.
+        now: its failures in the mode, of `of_now`.
+        before: the baseline's, of `of_before`.
+        p_value: of Fisher's exact test, one-sided.
+    """
+
+    number: int
+    episode: int
+    now: int
+    of_now: int
+    before: int
+    of_before: int
+    p_value: float
+
+    def words(self, judged: bool) -> str:
+        """What it rests on; the chance of it is that of independent failures alone."""
+        chance = f" (p = {self.p_value:.2g})" if judged else ""
+        return (
+            f"new mode {self.number}: {self.now} of {self.of_now} failures are in it, before"
+            f" {self.before} of {self.of_before}{chance}"
+        )
+
+
+def needs_modes(judged: Rerun) -> bool:
+    """Whether a new mode would say more: where the rate tells of nothing new."""
+    failed = judged.before.failures and judged.now.failures
+    return bool(judged.by is JudgedBy.RATE and judged.verdict in ASKING and failed)
+
+
+def add_modes(judged: Rerun, together: Analysis, now: RerunSide, pages: str) -> Rerun:
+    """A rerun with the failure modes that are new in it; if they count, it is new itself.
+
+    Args:
+        judged: by its rate.
+        together: an analysis of the baseline's campaign and this one that has ended.
+        now: the new planner's side.
+        pages: address of the service's pages.
+    """
+    result = together.result
+    if result is None or not result.distinct:
+        reason = result.verdict if result else together.problem
+        return replace(judged, modes=f"Whether a failure mode is new cannot be told: {reason}")
+    new = [*find_new_modes(result, judged.before.campaign, judged.now.campaign)]
+    if not new:
+        words = f"None of {len(result.modes)} failure modes is new."
+        return replace(judged, modes=words)
+    counts, rows = judged.judges_modes, now.outcomes.collisions
+    became = GateVerdict.NEW if counts else GateVerdict.UNPROVEN
+    told = [(one.words(counts), rows.get(one.episode)) for one in new]
+    sentence = f"{'; '.join(words for words, _ in told)}.".capitalize()
+    return replace(
+        judged,
+        verdict=GateVerdict.NEW if counts else judged.verdict,
+        modes=sentence if counts else f"{sentence} {NOT_JUDGED.format(judged.method)}",
+        new_modes=tuple(make_finding(became, words, "", row, pages) for words, row in told),
+    )
+
+
+def find_new_modes(result: AnalysisResult, before: int, now: int) -> Iterator[NewMode]:
+    """The modes that hold more of one campaign's failures than chance and the other's explain.
+
+    The modes are found without regard to whose the failures are. So if those of both campaigns are
+    independent draws of one kind, each mode has a random part of either's: Fisher's exact test
+    (1935, The Design of Experiments) holds its error, however the modes were found.
+
+    Args:
+        result: of both campaigns' failures together.
+        before: the baseline's campaign.
+        now: the new planner's.
+    """
+    labels, campaigns = np.array(result.labels), np.array(result.campaigns)
+    ours, theirs = campaigns == now, campaigns == before
+    of_now, of_before = int(ours.sum()), int(theirs.sum())
+    for place, mode in enumerate(result.modes):
+        inside = labels == place
+        k_now, k_before = int((inside & ours).sum()), int((inside & theirs).sum())
+        p_value = bound_probability(k_now, of_now, k_now + k_before, of_now + of_before)
+        is_rare = RARER * k_before * of_now <= k_now * of_before
+        if k_now and is_rare and p_value < NEW_MODE / len(result.modes):
+            rows = np.flatnonzero(inside & ours)
+            away = np.linalg.norm(result.scores[rows] - mode.centre, axis=1)
+            episode = result.episodes[rows[np.argmin(away)]]
+            yield NewMode(place + 1, episode, k_now, of_now, k_before, of_before, p_value)
+
+
+def bound_probability(k: int, drawn: int, marked: int, total: int) -> float:
+    """The probability of k or more marked ones among some drawn of all without replacement."""
+    most = min(drawn, marked)
+    whole = _log_binomial(total, marked)
+    logs = (
+        _log_binomial(drawn, x) + _log_binomial(total - drawn, marked - x) - whole
+        for x in range(max(k, marked - (total - drawn)), most + 1)
+    )
+    return min(1.0, sum(map(exp, logs)))
+
+
+def _log_binomial(n: int, k: int) -> float:
+    """Logarithm of the number of ways to choose k of n."""
+    return lgamma(n + 1) - lgamma(k + 1) - lgamma(n - k + 1)

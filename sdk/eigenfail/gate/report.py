@@ -1,12 +1,25 @@
-"""What a gate found, and whether it is open."""
+"""What a gate found, and whether it is open.
 
+The report is also written as JUnit XML, which Jenkins, GitLab and GitHub read: one `testsuite` for
+each member of the suite, one `testcase` for each known failure, for each campaign that was run
+again, and for each of its new failure modes and new failures. What closes the gate is a `failure`,
+what cannot be run an `error`; what the baseline had already, or what cannot be judged, is
+`skipped`.
+"""
+
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import partial
+from math import prod
+from typing import NamedTuple
+from xml.etree import ElementTree as ET
 
 import msgspec
 
-from eigenfail.gate.found import By, Figures, Finding, Rerun
-from eigenfail.gate.verdicts import CLOSING, INFRASTRUCTURE, STRICTLY_CLOSING, Verdict
+from eigenfail.gate.known import NEW_MODE
+from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
+from eigenfail.gate.verdicts import CLOSING, INFRASTRUCTURE, STRICTLY_CLOSING, GateVerdict
 
 
 class MemberReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -20,21 +33,21 @@ class MemberReport(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     member: str
-    baseline: Figures | None = None
-    known: tuple[Finding, ...] = ()
+    baseline: RerunFigures | None = None
+    known: tuple[GateFinding, ...] = ()
     rerun: Rerun | None = None
     notes: tuple[str, ...] = ()
 
-    def verdicts(self) -> Iterator[Verdict]:
+    def verdicts(self) -> Iterator[GateVerdict]:
         """Of each known failure, and of each failing episode of the rerun or of all of it."""
         yield from (finding.verdict for finding in self.known)
-        if self.rerun is not None and self.rerun.by is By.EPISODE:
+        if self.rerun is not None and self.rerun.by is JudgedBy.EPISODE:
             yield from Counter(self.rerun.counts).elements()
-        if self.rerun is not None and self.rerun.by is By.RATE:
+        if self.rerun is not None and self.rerun.by is JudgedBy.RATE:
             yield self.rerun.verdict
 
 
-class Gate(msgspec.Struct, frozen=True, kw_only=True):
+class GateRun(msgspec.Struct, frozen=True, kw_only=True):
     """What was asked of a gate.
 
     Attributes:
@@ -50,10 +63,10 @@ class Gate(msgspec.Struct, frozen=True, kw_only=True):
     run: str
     baseline: str = ""
     strict: bool = False
-    by: By = By.EPISODE
+    by: JudgedBy = JudgedBy.EPISODE
 
     @property
-    def closing(self) -> frozenset[Verdict]:
+    def closing(self) -> frozenset[GateVerdict]:
         """What closes it."""
         return STRICTLY_CLOSING if self.strict else CLOSING
 
@@ -66,29 +79,268 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True):
         open: whether nothing closes the gate.
     """
 
-    gate: Gate
+    gate: GateRun
     open: bool
-    counts: dict[Verdict, int]
+    counts: dict[GateVerdict, int]
     members: tuple[MemberReport, ...]
 
     def problems(self) -> Iterator[str]:
-        """Why episodes could not be run."""
+        """Why episodes errored."""
         for member in self.members:
             findings = (*member.known, *(member.rerun.findings if member.rerun else ()))
-            yield from (each.problem for each in findings if each.verdict is Verdict.CANNOT_RUN)
+            yield from (each.problem for each in findings if each.verdict is GateVerdict.CANNOT_RUN)
 
     @property
     def in_trouble(self) -> bool:
         """Whether nothing but the machinery keeps it closed, so that it says nothing."""
         closing = self.gate.closing & self.counts.keys()
-        return closing == {Verdict.CANNOT_RUN} and all(
+        return closing == {GateVerdict.CANNOT_RUN} and all(
             problem.startswith(INFRASTRUCTURE) for problem in self.problems()
         )
 
 
-def report(gate: Gate, members: Sequence[MemberReport]) -> GateReport:
+def build_report(gate: GateRun, members: Sequence[MemberReport]) -> GateReport:
     """Everything together."""
     seen = Counter(verdict for member in members for verdict in member.verdicts())
-    counts = {verdict: seen[verdict] for verdict in Verdict if seen[verdict]}
+    counts = {verdict: seen[verdict] for verdict in GateVerdict if seen[verdict]}
     is_open = gate.closing.isdisjoint(counts)
     return GateReport(gate=gate, open=is_open, counts=counts, members=tuple(members))
+
+
+ILLEGAL = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that an XML 1.0 document cannot hold, or does not keep."""
+
+NOT_SAFE = frozenset(GateVerdict) - {GateVerdict.SAFE, GateVerdict.FIXED}
+
+
+class _TestCase(NamedTuple):
+    """A test case: where it stands, what it is called, what became of it, and the details."""
+
+    group: str
+    name: str
+    verdict: GateVerdict | None
+    details: str
+    wall_s: float = 0.0
+
+
+def to_junit(report: GateReport) -> bytes:
+    """The document, encoded as UTF-8."""
+    root = ET.Element("testsuites", name=_remove_illegal(f"eigenfail gate {report.gate.run}"))
+    for member in report.members:
+        root.append(_build_suite(member, report.gate))
+    _write_totals(root, list(root.iter("testcase")))
+    ET.indent(root)
+    document: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+    return document + b"\n"
+
+
+def _build_suite(member: MemberReport, gate: GateRun) -> ET.Element:
+    """The test suite of a member."""
+    suite = ET.Element("testsuite", name=_remove_illegal(f"{gate.suite}: {member.member}"))
+    properties = ET.SubElement(suite, "properties")
+    for name, value in _list_properties(member, gate):
+        ET.SubElement(properties, "property", name=name, value=_remove_illegal(value))
+    found = [_build_case(case, suite.get("name", ""), gate) for case in _list_cases(member)]
+    suite.extend(found)
+    _write_totals(suite, found)
+    return suite
+
+
+def _list_properties(member: MemberReport, gate: GateRun) -> Iterator[tuple[str, str]]:
+    """What the member's verdicts rest on, by name."""
+    yield "version", gate.version
+    yield "baseline", gate.baseline
+    if member.baseline is not None:
+        yield "baseline campaign", str(member.baseline.campaign)
+    if rerun := member.rerun:
+        yield "campaign", str(rerun.now.campaign)
+        yield "failures", f"{rerun.now.failures} of {rerun.now.completed}"
+        yield "failures before", f"{rerun.before.failures} of {rerun.before.completed}"
+        yield from ((str(each), str(count)) for each, count in rerun.counts.items())
+
+
+def _list_cases(member: MemberReport) -> Iterator[_TestCase]:
+    """The test cases of a member."""
+    for note in member.notes:
+        yield _TestCase("baseline", note, None, note)
+    for known in member.known:
+        yield _TestCase(
+            "known failures", known.what, known.verdict, _format_details(known), known.wall_s
+        )
+    if rerun := member.rerun:
+        yield _TestCase(
+            "rerun",
+            f"campaign {rerun.before.campaign}",
+            rerun.verdict,
+            _name_whole(rerun),
+            rerun.wall_s,
+        )
+        yield from map(partial(_make_mode_case, rerun), rerun.new_modes)
+        for each in rerun.findings:
+            if rerun.by is JudgedBy.EPISODE and each.verdict in CLOSING:
+                yield _TestCase(
+                    "rerun", each.what, each.verdict, _format_details(each), each.wall_s
+                )
+
+
+def _make_mode_case(rerun: Rerun, found: GateFinding) -> _TestCase:
+    """A failure mode that is new: judged only where it counts."""
+    verdict = found.verdict if rerun.judges_modes else None
+    told = f"{_format_details(found)}\n{rerun.modes}"
+    return _TestCase("new modes", found.what, verdict, told, found.wall_s)
+
+
+def _name_whole(rerun: Rerun) -> str:
+    """The rerun in words, with the replays of what was found."""
+    return "\n".join(
+        [rerun.told, *(f"{each.what}: {_format_details(each)}" for each in rerun.findings)]
+    )
+
+
+def _format_details(finding: GateFinding) -> str:
+    """How to see it."""
+    return "\n".join(filter(None, (finding.problem, finding.replay, finding.link)))
+
+
+def _build_case(case: _TestCase, suite: str, gate: GateRun) -> ET.Element:
+    """A test case with what became of it."""
+    found = ET.Element(
+        "testcase",
+        classname=_remove_illegal(f"{suite}.{case.group}"),
+        name=_remove_illegal(case.name),
+    )
+    found.set("time", f"{case.wall_s:.3f}")
+    message = case.verdict or "not judged"
+    if tag := _choose_tag(case.verdict, gate):
+        ET.SubElement(found, tag, message=message, type=message).text = _remove_illegal(
+            case.details
+        )
+    else:
+        ET.SubElement(found, "system-out").text = _remove_illegal(f"{message}\n{case.details}")
+    return found
+
+
+def _choose_tag(verdict: GateVerdict | None, gate: GateRun) -> str:
+    """The element that says what became of a case; empty for one that passed."""
+    if verdict is GateVerdict.CANNOT_RUN:
+        return "error"
+    if verdict in gate.closing:
+        return "failure"
+    return "skipped" if verdict is None or verdict in NOT_SAFE else ""
+
+
+def _write_totals(group: ET.Element, found: list[ET.Element]) -> None:
+    """Write how many cases a group has, and how they ended."""
+    tags = {"failures": "failure", "errors": "error", "skipped": "skipped"}
+    group.set("tests", str(len(found)))
+    for name, tag in tags.items():
+        group.set(name, str(sum(each.find(tag) is not None for each in found)))
+    group.set("time", f"{sum(float(each.get('time', '0')) for each in found):.3f}")
+
+
+def _remove_illegal(text: str) -> str:
+    """The text without characters that XML cannot hold."""
+    return ILLEGAL.sub("", text)
+
+
+RISEN = 0.025
+"""How often a rate that did not rise is taken for one that did, at most: one side of 95 %."""
+
+
+FIRST = 0.25
+"""How often there is no failure in a campaign and one in the next, at most: with q the probability
+of none, q (1 - q)."""
+
+
+FIRST_OF_PAIRS = 0.5
+"""The same where only pairs in which one side failed matter: of a single one, each side's turn."""
+
+
+OFTENER = "; failures of a search follow each other, so that it may be more often there"
+
+
+def list_conclusions(report: GateReport) -> Iterator[str]:
+    """What the gate says of all of it, and what it cannot say."""
+    yield describe_conclusion(report)
+    yield from _list_caveats(report)
+
+
+def describe_conclusion(report: GateReport) -> str:
+    """Whether it is open, and why."""
+    counts = ", ".join(f"{count} {each}" for each, count in report.counts.items())
+    told = counts or "no failure on either side"
+    gate = report.gate
+    if not gate.baseline:
+        found = _describe_findings(report)
+        return f"{gate.run} can be a baseline (--baseline {gate.version}): {found}."
+    state = "open" if report.open else "closed"
+    return f"The gate of {gate.run} against {gate.baseline} is {state}: {told}."
+
+
+def _describe_findings(report: GateReport) -> str:
+    """What a baseline knows."""
+    seen = [member.baseline for member in report.members if member.baseline]
+    failures, completed = (
+        sum(getattr(each, name) for each in seen) for name in ("failures", "completed")
+    )
+    counts = ", ".join(f"{count} {each}" for each, count in report.counts.items())
+    told = f"; of its known failures, replayed: {counts}" if counts else ""
+    return f"{failures} of {completed} episodes fail{told}"
+
+
+def _list_caveats(report: GateReport) -> Iterator[str]:
+    """What an open or a closed gate does not mean."""
+    reruns = [each.rerun for each in report.members if each.rerun]
+    if by_rate := [rerun for rerun in reruns if rerun.by is JudgedBy.RATE]:
+        yield _describe_false_alarms(by_rate)
+    if told := sum(len(rerun.new_modes) for rerun in reruns if not rerun.judges_modes):
+        yield (
+            f"Told, not judged: failure modes of searches that only {report.gate.version} has:"
+            f" {told}. Replay them; whether they come back, the same search from other seeds says."
+        )
+    if within := sum(_count_within_chance(member) for member in report.members):
+        yield f"Within chance, yet new: {within} episodes that did not fail before."
+    if GateVerdict.UNPROVEN in report.counts:
+        yield (
+            "Unproven: they fail, but whether the baseline's planner did under the same noise is"
+            " not known; gate the baseline's version without --baseline to know it next time."
+        )
+    if report.open and report.gate.baseline and STRICTLY_CLOSING & report.counts.keys():
+        yield "Failures that were there before do not close the gate without --strict."
+    yield from (note for member in report.members for note in list_notes(member))
+
+
+def _describe_false_alarms(by_rate: Sequence[Rerun]) -> str:
+    """How often campaigns that are judged by rate are called new though nothing changed."""
+    share = 100.0 * (1.0 - prod(1.0 - _bound_false_alarm(rerun) for rerun in by_rate))
+    none = sum(not rerun.before.failures for rerun in by_rate)
+    first = f" (the baseline found none in {none}: there one failure will do)" if none else ""
+    failing = [rerun for rerun in by_rate if rerun.before.failures]
+    by_modes = " or by one of its modes" if any(each.judges_modes for each in failing) else ""
+    oftener = OFTENER if any(each.unpaired_because for each in failing) else ""
+    return (
+        f"{len(by_rate)} judged by rate: even if failures became no likelier, one of them or more"
+        f" is called new, by its rate{by_modes}, in up to about {share:.1f} % of"
+        f" runs{first}{oftener}."
+    )
+
+
+def _bound_false_alarm(rerun: Rerun) -> float:
+    """How often a campaign like this is called new though failures became no likelier, at most."""
+    if rerun.before.failures:
+        return RISEN + NEW_MODE * rerun.judges_modes
+    return FIRST if rerun.unpaired_because else FIRST_OF_PAIRS
+
+
+def _count_within_chance(member: MemberReport) -> int:
+    """How many episodes are new of a rerun that is not."""
+    rerun = member.rerun
+    new = rerun.counts.get(GateVerdict.NEW, 0) if rerun else 0
+    return new if rerun and rerun.verdict is not GateVerdict.NEW else 0
+
+
+def list_notes(member: MemberReport) -> Iterator[str]:
+    """What could not be done, and which member it is of."""
+    yield from (f"{member.member}: {note}" for note in member.notes)
+    if member.rerun:
+        yield from (f"{member.member}: {warning}" for warning in member.rerun.warnings)

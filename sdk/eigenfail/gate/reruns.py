@@ -2,35 +2,167 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from enum import StrEnum
 
 import msgspec
 
-from eigenfail.gate.found import By, Figures, Finding, Rerun, finding
-from eigenfail.gate.verdicts import Outcomes, Verdict, by_chance, by_rate, paired
-from eigenfail.gate.words import of_pairs, of_rates
-from eigenfail.values import Campaign, Comparison
+from eigenfail.gate.verdicts import (
+    GateVerdict,
+    RunOutcomes,
+    describe_pairs,
+    describe_rates,
+    judge_pairs,
+    judge_rate,
+    judge_rate_by_chance,
+)
+from eigenfail.methods import traits_of
+from eigenfail.values import Campaign, Comparison, Difference
+from eigenfail.values.records import EpisodeRow
 
-TOLD = 20
+
+class GateFinding(msgspec.Struct, frozen=True, kw_only=True):
+    """An episode of the new planner, and what became of it.
+
+    Attributes:
+        what: was injected, in words.
+        was: the baseline's episode, as CAMPAIGN/INDEX; empty where there is none.
+        episode: the new planner's, as CAMPAIGN/INDEX; empty if it was never run.
+        replay: the command that runs it again.
+        link: its page.
+        problem: why it errored; empty otherwise.
+        wall_s: what it took [s].
+    """
+
+    verdict: GateVerdict
+    what: str
+    was: str = ""
+    episode: str = ""
+    replay: str = ""
+    link: str = ""
+    problem: str = ""
+    wall_s: float = 0.0
+
+
+class JudgedBy(StrEnum):
+    """By what campaigns under the same noise are judged.
+
+    `episode`: each episode that fails and did not is new. `rate`: they are new together, where more
+    of them fail newly than no longer, by more than chance.
+    """
+
+    EPISODE = "episode"
+    RATE = "rate"
+
+
+class RerunFigures(msgspec.Struct, frozen=True, kw_only=True):
+    """What a campaign found, in numbers."""
+
+    campaign: int
+    completed: int
+    failures: int
+    failed: int
+
+
+class Rerun(msgspec.Struct, frozen=True, kw_only=True):
+    """A campaign that was run again with the new planner.
+
+    Attributes:
+        before: the baseline's.
+        now: the new planner's.
+        method: how both chose their noise.
+        verdict: of all of it.
+        by: whether its episodes count one by one, or all of it together.
+        words: what it rests on, in a sentence.
+        unpaired_because: why episodes cannot be held against each other one by one; empty where
+            they were.
+        counts: how many failing episodes there are of each verdict; empty where unpaired.
+        findings: some of them, the new ones first; where unpaired, the likeliest failures.
+        difference: of the failure rates; None before both completed an episode.
+        modes: whether a failure mode is new, in a sentence; empty where that was not asked.
+        new_modes: a failure of each mode that is new, the one nearest to its centre; they count
+            only where `judges_modes`.
+        warnings: what keeps the comparison from saying more.
+        wall_s: how long it was running [s].
+    """
+
+    before: RerunFigures
+    now: RerunFigures
+    method: str
+    verdict: GateVerdict
+    by: JudgedBy
+    words: str
+    unpaired_because: str = ""
+    counts: dict[GateVerdict, int] = {}
+    findings: tuple[GateFinding, ...] = ()
+    difference: Difference | None = None
+    modes: str = ""
+    new_modes: tuple[GateFinding, ...] = ()
+    warnings: tuple[str, ...] = ()
+    wall_s: float = 0.0
+
+    @property
+    def told(self) -> str:
+        """What it rests on, and what was found of its modes."""
+        return f"{self.words} {self.modes}".rstrip()
+
+    @property
+    def judges_modes(self) -> bool:
+        """Whether a new mode closes the gate, which needs failures that are independent.
+
+        The failures of a search follow each other, so that two searches of one planner may find
+        different failure modes.
+        """
+        return traits_of(self.method).draws_from_prior
+
+
+def make_finding(
+    found: GateVerdict, what: str, was: str, row: EpisodeRow | None, pages: str
+) -> GateFinding:
+    """What became of one episode.
+
+    Args:
+        found: the verdict.
+        what: was injected.
+        was: the baseline's episode.
+        row: of the new planner; None if it was never run.
+        pages: address of the service's pages.
+    """
+    if row is None:
+        return GateFinding(verdict=found, what=what, was=was, problem="It was never run.")
+    episode = f"{row.campaign}/{row.index}"
+    return GateFinding(
+        verdict=found,
+        what=what,
+        was=was,
+        episode=episode,
+        replay=f"eigenfail episode replay {episode}",
+        link=f"{pages}/campaigns/{row.campaign}/episodes/{row.index}",
+        problem=row.problem,
+        wall_s=row.wall_s,
+    )
+
+
+_MOST_FINDINGS = 20
 """How many episodes of a rerun are told with their replays, of each verdict."""
 
 SAME = "A and B were asked for the same thing"
 """How a comparison warns of campaigns that differ in nothing but what it cannot see."""
 
 WORST_FIRST = (
-    Verdict.NEW,
-    Verdict.CANNOT_RUN,
-    Verdict.UNPROVEN,
-    Verdict.STILL_FAILING,
-    Verdict.FIXED,
-    Verdict.SAFE,
+    GateVerdict.NEW,
+    GateVerdict.CANNOT_RUN,
+    GateVerdict.UNPROVEN,
+    GateVerdict.STILL_FAILING,
+    GateVerdict.FIXED,
+    GateVerdict.SAFE,
 )
 
 
-class Side(msgspec.Struct, frozen=True):
+class RerunSide(msgspec.Struct, frozen=True):
     """A campaign with what came of its episodes."""
 
     campaign: Campaign
-    outcomes: Outcomes
+    outcomes: RunOutcomes
 
     @property
     def id(self) -> int:
@@ -38,7 +170,9 @@ class Side(msgspec.Struct, frozen=True):
         return self.campaign.id
 
 
-def rerun(before: Side, now: Side, comparison: Comparison, pages: str, by: By) -> Rerun:
+def judge_rerun(
+    before: RerunSide, now: RerunSide, comparison: Comparison, pages: str, by: JudgedBy
+) -> Rerun:
     """What became of a campaign: episode by episode where noise was the same, else by its rate.
 
     Args:
@@ -49,82 +183,84 @@ def rerun(before: Side, now: Side, comparison: Comparison, pages: str, by: By) -
         by: by what to judge where noise was the same.
     """
     if comparison.pairs is None:
-        return as_a_whole(before, now, comparison, pages)
-    return by_pairs(before, now, comparison, pages, by)
+        return _judge_as_whole(before, now, comparison, pages)
+    return _judge_by_pairs(before, now, comparison, pages, by)
 
 
-def by_pairs(before: Side, now: Side, comparison: Comparison, pages: str, by: By) -> Rerun:
+def _judge_by_pairs(
+    before: RerunSide, now: RerunSide, comparison: Comparison, pages: str, by: JudgedBy
+) -> Rerun:
     """Every failing episode has a verdict of its own; that of all is the worst, or by chance."""
-    verdicts = paired(before.outcomes, now.outcomes)
+    verdicts = judge_pairs(before.outcomes, now.outcomes)
     counts = Counter(verdicts.values())
-    worst = next((each for each in WORST_FIRST if counts[each]), Verdict.SAFE)
+    worst = next((each for each in WORST_FIRST if counts[each]), GateVerdict.SAFE)
     return Rerun(
-        before=figures(before.campaign),
-        now=figures(now.campaign),
+        before=read_figures(before.campaign),
+        now=read_figures(now.campaign),
         method=now.campaign.spec.method,
-        verdict=worst if by is By.EPISODE else by_chance(comparison, counts),
+        verdict=worst if by is JudgedBy.EPISODE else judge_rate_by_chance(comparison, counts),
         by=by,
-        words=of_pairs(counts, comparison),
+        words=describe_pairs(counts, comparison),
         counts={each: counts[each] for each in WORST_FIRST if counts[each]},
-        findings=tuple(told_pairs(verdicts, before.id, now, pages)),
+        findings=tuple(_list_pair_findings(verdicts, before.id, now, pages)),
         difference=comparison.difference,
-        warnings=warnings_of(comparison),
+        warnings=_list_warnings(comparison),
         wall_s=now.campaign.active_s,
     )
 
 
-def told_pairs(
-    verdicts: Mapping[int, Verdict], before: int, now: Side, pages: str
-) -> Iterator[Finding]:
+def _list_pair_findings(
+    verdicts: Mapping[int, GateVerdict], before: int, now: RerunSide, pages: str
+) -> Iterator[GateFinding]:
     """Some episodes of each verdict, the worst verdict first; fixed ones have no failure to see."""
     rows = now.outcomes.collisions | now.outcomes.failed
     for worst in WORST_FIRST:
         alike = [index for index, each in verdicts.items() if each is worst and index in rows]
-        for index in alike[:TOLD]:
+        for index in alike[:_MOST_FINDINGS]:
             what, was = f"episode {index}", f"{before}/{index}"
-            yield finding(worst, what, was, rows[index], pages)
+            yield make_finding(worst, what, was, rows[index], pages)
 
 
-def as_a_whole(before: Side, now: Side, comparison: Comparison, pages: str) -> Rerun:
+def _judge_as_whole(before: RerunSide, now: RerunSide, comparison: Comparison, pages: str) -> Rerun:
     """One verdict for all of it, and its likeliest failures: whether each is new nobody knows."""
-    became = by_rate(before.campaign, now.campaign, comparison)
+    became = judge_rate(before.campaign, now.campaign, comparison)
     return Rerun(
-        before=figures(before.campaign),
-        now=figures(now.campaign),
+        before=read_figures(before.campaign),
+        now=read_figures(now.campaign),
         method=now.campaign.spec.method,
         verdict=became,
-        by=By.RATE,
-        words=of_rates(became, before.campaign, now.campaign, comparison),
+        by=JudgedBy.RATE,
+        words=describe_rates(became, before.campaign, now.campaign, comparison),
         unpaired_because=comparison.unpaired_because or "its episodes are not paired.",
-        findings=tuple(told_of_all(now, pages)),
+        findings=tuple(_list_failure_findings(now, pages)),
         difference=comparison.difference,
-        warnings=warnings_of(comparison),
+        warnings=_list_warnings(comparison),
         wall_s=now.campaign.active_s,
     )
 
 
-def told_of_all(now: Side, pages: str) -> Iterator[Finding]:
-    """Those that could not be run, then the likeliest failures."""
+def _list_failure_findings(now: RerunSide, pages: str) -> Iterator[GateFinding]:
+    """Those that errored, then the likeliest failures."""
     failures = sorted(
         now.outcomes.collisions.values(), key=lambda row: row.log_probability, reverse=True
     )
-    for row in [*now.outcomes.failed.values()][:TOLD]:
-        yield finding(Verdict.CANNOT_RUN, f"episode {row.index}", "", row, pages)
-    for row in failures[:TOLD]:
-        yield finding(Verdict.UNPROVEN, f"episode {row.index}", "", row, pages)
+    for row in [*now.outcomes.failed.values()][:_MOST_FINDINGS]:
+        yield make_finding(GateVerdict.CANNOT_RUN, f"episode {row.index}", "", row, pages)
+    for row in failures[:_MOST_FINDINGS]:
+        yield make_finding(GateVerdict.UNPROVEN, f"episode {row.index}", "", row, pages)
 
 
-def warnings_of(comparison: Comparison) -> tuple[str, ...]:
+def _list_warnings(comparison: Comparison) -> tuple[str, ...]:
     """What keeps it from saying more; not that nothing differs, since the planner's code may."""
     unseen = () if comparison.distinctions else (SAME,)
     left = (each for each in comparison.warnings if not each.startswith(unseen))
     return tuple(each.replace("A and B", "Baseline and rerun") for each in left)
 
 
-def figures(campaign: Campaign) -> Figures:
+def read_figures(campaign: Campaign) -> RerunFigures:
     """What a campaign found."""
     counts = campaign.counts
-    return Figures(
+    return RerunFigures(
         campaign=campaign.id,
         completed=counts.completed,
         failures=counts.failures,

@@ -5,14 +5,20 @@ from enum import StrEnum
 
 import msgspec
 
-from eigenfail.values import Campaign, Comparison, Counts, Estimate, Outcome
+from eigenfail.values import (
+    Campaign,
+    Comparison,
+    Counts,
+    Estimate,
+    Outcome,
+)
 from eigenfail.values.records import EpisodeRow
 
 INFRASTRUCTURE = "infrastructure"
 ERROR = 0.05
 
 
-class Verdict(StrEnum):
+class GateVerdict(StrEnum):
     """What became of a failure under the new planner.
 
     `new`: it fails, and the baseline did not. `still failing`: both fail. `fixed`: the baseline
@@ -29,16 +35,16 @@ class Verdict(StrEnum):
     CANNOT_RUN = "cannot be run"
 
 
-CLOSING = frozenset({Verdict.NEW, Verdict.CANNOT_RUN})
+CLOSING = frozenset({GateVerdict.NEW, GateVerdict.CANNOT_RUN})
 """What closes every gate."""
 
-STRICTLY_CLOSING = CLOSING | {Verdict.STILL_FAILING, Verdict.UNPROVEN}
+STRICTLY_CLOSING = CLOSING | {GateVerdict.STILL_FAILING, GateVerdict.UNPROVEN}
 
-FAILING = {Outcome.COLLISION: Verdict.STILL_FAILING, Outcome.SAFE: Verdict.NEW}
-PASSING = {Outcome.COLLISION: Verdict.FIXED}
+FAILING = {Outcome.COLLISION: GateVerdict.STILL_FAILING, Outcome.SAFE: GateVerdict.NEW}
+PASSING = {Outcome.COLLISION: GateVerdict.FIXED}
 
 
-def verdict(before: Outcome | None, now: Outcome | None) -> Verdict:
+def judge_outcome(before: Outcome | None, now: Outcome | None) -> GateVerdict:
     """What became of an episode that both planners were given.
 
     Args:
@@ -46,19 +52,19 @@ def verdict(before: Outcome | None, now: Outcome | None) -> Verdict:
         now: what came of it with the new one; None if there is no result.
     """
     if now is Outcome.COLLISION:
-        return FAILING.get(before, Verdict.UNPROVEN) if before else Verdict.UNPROVEN
+        return FAILING.get(before, GateVerdict.UNPROVEN) if before else GateVerdict.UNPROVEN
     if now is Outcome.SAFE:
-        return PASSING.get(before, Verdict.SAFE) if before else Verdict.SAFE
-    return Verdict.CANNOT_RUN
+        return PASSING.get(before, GateVerdict.SAFE) if before else GateVerdict.SAFE
+    return GateVerdict.CANNOT_RUN
 
 
-class Outcomes(msgspec.Struct, frozen=True):
+class RunOutcomes(msgspec.Struct, frozen=True):
     """What came of a campaign's episodes, without naming the safe ones.
 
     Attributes:
         episodes: those with a result, which have the indices from 0.
         collisions: by index.
-        failed: those that could not be run, by index.
+        failed: those that errored, by index.
     """
 
     episodes: int
@@ -66,14 +72,14 @@ class Outcomes(msgspec.Struct, frozen=True):
     failed: dict[int, EpisodeRow]
 
     def of(self, index: int) -> Outcome | None:
-        """What came of one; None where it was not tried or could not be run."""
+        """What came of one; None where it was not tried or errored."""
         if index in self.collisions:
             return Outcome.COLLISION
         known = index < self.episodes and index not in self.failed
         return Outcome.SAFE if known else None
 
 
-def paired(before: Outcomes, now: Outcomes) -> dict[int, Verdict]:
+def judge_pairs(before: RunOutcomes, now: RunOutcomes) -> dict[int, GateVerdict]:
     """What became of each episode that failed on a side, by index.
 
     Episodes that only the baseline tried, or that neither could run, are left out.
@@ -85,32 +91,33 @@ def paired(before: Outcomes, now: Outcomes) -> dict[int, Verdict]:
     tried = {index for index in before.collisions if index < now.episodes}
     broken = {index for index in now.failed if before.of(index) is not None}
     indices = sorted(tried | broken | now.collisions.keys())
-    found = {index: verdict(before.of(index), now.of(index)) for index in indices}
-    return {index: each for index, each in found.items() if each is not Verdict.SAFE}
+    found = {index: judge_outcome(before.of(index), now.of(index)) for index in indices}
+    return {index: each for index, each in found.items() if each is not GateVerdict.SAFE}
 
 
-def by_rate(before: Campaign, now: Campaign, comparison: Comparison) -> Verdict:
+def judge_rate(before: Campaign, now: Campaign, comparison: Comparison) -> GateVerdict:
     """What became of the failures of a campaign whose noise depends on what its planner does.
 
     New where the baseline found none, however few there are now, or where the failure rate rose by
     more than chance: where Newcombe's 95 % interval of the difference lies above 0; where both
-    campaigns estimate the failure probability, where the two 95 % intervals do not meet. Fixed, if
-    it fell so far; safe, if there is no failure now, and by chance there may have been none before.
+    campaigns estimate the failure probability, where the two 95 % intervals do not meet (a lower
+    bound of the probability has none and decides nothing). Fixed, if it fell so far; safe, if there
+    is no failure now, and by chance there may have been none before.
     """
-    if broke(before.counts, now.counts):
-        return Verdict.CANNOT_RUN
+    if has_new_errors(before.counts, now.counts):
+        return GateVerdict.CANNOT_RUN
     if not before.counts.failures:
-        return Verdict.NEW if now.counts.failures else Verdict.SAFE
-    changed = change(before.estimate, now.estimate, comparison)
-    return CHANGES[changed] if changed or now.counts.failures else Verdict.SAFE
+        return GateVerdict.NEW if now.counts.failures else GateVerdict.SAFE
+    changed = find_change(before.estimate, now.estimate, comparison)
+    return CHANGES[changed] if changed or now.counts.failures else GateVerdict.SAFE
 
 
-def broke(before: Counts, now: Counts) -> bool:
-    """Whether episodes cannot be run any more."""
-    return bool(now.failed) and not before.failed
+def has_new_errors(before: Counts, now: Counts) -> bool:
+    """Whether episodes error that the baseline completed, as far as counts can tell."""
+    return now.all_errored or (bool(now.failed) and not before.failed)
 
 
-def by_chance(comparison: Comparison, counts: Mapping[Verdict, int]) -> Verdict:
+def judge_rate_by_chance(comparison: Comparison, counts: Mapping[GateVerdict, int]) -> GateVerdict:
     """What became of all pairs of episodes together.
 
     New where none failed before, or where more of them fail newly than no longer, by more than
@@ -118,19 +125,19 @@ def by_chance(comparison: Comparison, counts: Mapping[Verdict, int]) -> Verdict:
     safe, if none fails now, and no fewer than chance explains.
     """
     pairs = comparison.pairs
-    if counts.get(Verdict.CANNOT_RUN) or pairs is None:
-        return Verdict.CANNOT_RUN
+    if counts.get(GateVerdict.CANNOT_RUN) or pairs is None:
+        return GateVerdict.CANNOT_RUN
     if not (pairs.both or pairs.only_a):
-        return Verdict.NEW if pairs.only_b else Verdict.SAFE
+        return GateVerdict.NEW if pairs.only_b else GateVerdict.SAFE
     beyond = pairs.p_value < ERROR
     changed = beyond * ((pairs.only_b > pairs.only_a) - (pairs.only_b < pairs.only_a))
-    return CHANGES[changed] if changed or pairs.both or pairs.only_b else Verdict.SAFE
+    return CHANGES[changed] if changed or pairs.both or pairs.only_b else GateVerdict.SAFE
 
 
-CHANGES = {1: Verdict.NEW, 0: Verdict.STILL_FAILING, -1: Verdict.FIXED}
+CHANGES = {1: GateVerdict.NEW, 0: GateVerdict.STILL_FAILING, -1: GateVerdict.FIXED}
 
 
-def change(before: Estimate | None, now: Estimate | None, comparison: Comparison) -> int:
+def find_change(before: Estimate | None, now: Estimate | None, comparison: Comparison) -> int:
     """1 where failures became likelier beyond chance, -1 where less likely, 0 otherwise."""
     if before and now and before.interval and now.interval:
         low = now.interval.low - before.interval.high
@@ -140,3 +147,56 @@ def change(before: Estimate | None, now: Estimate | None, comparison: Comparison
     else:
         return 0
     return (low > 0.0) - (high < 0.0)
+
+
+RATE_WORDS = {
+    GateVerdict.NEW: "more than chance explains",
+    GateVerdict.STILL_FAILING: "no more and no less than chance explains",
+    GateVerdict.FIXED: "fewer than chance explains",
+    GateVerdict.SAFE: "none on either side",
+    GateVerdict.CANNOT_RUN: "and some episodes errored, which the baseline completed",
+}
+
+
+def describe_pairs(counts: Mapping[GateVerdict, int], comparison: Comparison) -> str:
+    """What became of pairs of episodes."""
+    pairs = comparison.pairs
+    if pairs is None:
+        return comparison.unpaired_because
+    named = ", ".join(f"{count} {each}" for each, count in counts.items()) or "no failure"
+    return (
+        f"{pairs.n} pairs of episodes under the same noise: {named}{_describe_mcnemar(comparison)}."
+    )
+
+
+def _describe_mcnemar(comparison: Comparison) -> str:
+    """What chance says of pairs in which only one side failed."""
+    pairs = comparison.pairs
+    if pairs is None or not (pairs.only_a or pairs.only_b):
+        return ""
+    return f" (McNemar's exact test on {pairs.only_a + pairs.only_b}: p = {pairs.p_value:.2g})"
+
+
+def describe_rates(
+    verdict: GateVerdict, before: Campaign, now: Campaign, comparison: Comparison
+) -> str:
+    """What became of the failures of a campaign as a whole."""
+    was, counts = before.counts, now.counts
+    shares = f"{counts.failures} of {counts.completed} fail, {was.failures} of {was.completed} did"
+    if verdict is GateVerdict.NEW and not was.failures:
+        return f"{shares}: the baseline found none, so whatever is found is new."
+    if verdict is GateVerdict.SAFE and was.failures:
+        interval = _describe_interval(comparison)
+        return f"{shares}: none now, though no fewer than chance explains{interval}."
+    return f"{shares}: {RATE_WORDS[verdict]}{_describe_interval(comparison)}."
+
+
+def _describe_interval(comparison: Comparison) -> str:
+    """The difference of the failure rates, with its interval."""
+    found = comparison.difference
+    if found is None:
+        return ""
+    value, low, high = (
+        100.0 * share for share in (found.value, found.interval.low, found.interval.high)
+    )
+    return f" (difference {value:+.1f} % [{low:+.1f}, {high:+.1f}])"

@@ -9,10 +9,14 @@ from typing import IO
 
 import msgspec
 
+from eigenfail.database_urls import sqlite_url
 from eigenfail.errors import ServiceError, StoreUnavailable
-from eigenfail.private_files import FOLDER_MODE
+from eigenfail.private_files import make_private_folder, open_private
 
 HOST = "127.0.0.1"
+PORT = 8440
+DEFAULT_URL = f"http://{HOST}:{PORT}"
+DEFAULT_DATA = Path("eigenfail-data")
 
 
 class Address(msgspec.Struct, frozen=True):
@@ -33,7 +37,7 @@ class DataFolder:
     @property
     def database(self) -> str:
         """The SQLAlchemy URL of its database."""
-        return f"sqlite:///{self.database_file}"
+        return sqlite_url(self.database_file)
 
     @property
     def database_file(self) -> Path:
@@ -58,7 +62,7 @@ class DataFolder:
             ServiceError: another service runs on it.
         """
         with self.open_lock() as lock:
-            if not take(lock):
+            if not _lock(lock):
                 raise ServiceError(
                     f"A service runs on {self.path} already{self.where()}.",
                     "Use that one, stop it, or name another folder with --data.",
@@ -76,8 +80,8 @@ class DataFolder:
             StoreUnavailable: it cannot be.
         """
         try:
-            self.path.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
-            return self.lock.open("ab")
+            make_private_folder(self.path)
+            return open_private(self.lock, "ab")
         except OSError as error:
             raise StoreUnavailable(
                 f"The data folder {self.path} cannot be written: {error.strerror}.",
@@ -87,7 +91,8 @@ class DataFolder:
     def publish(self, address: Address) -> None:
         """Tell other commands where the service of this folder answers."""
         draft = self.address_file.with_suffix(".new")
-        draft.write_bytes(msgspec.json.encode(address))
+        with open_private(draft, "wb") as file:
+            file.write(msgspec.json.encode(address))
         draft.replace(self.address_file)
 
     def address(self) -> Address | None:
@@ -95,7 +100,7 @@ class DataFolder:
         with suppress(OSError, msgspec.DecodeError):
             address = msgspec.json.decode(self.address_file.read_bytes(), type=Address)
             with self.lock.open("rb") as lock:
-                return None if take(lock) else address
+                return None if _lock(lock) else address
         return None
 
     def where(self) -> str:
@@ -109,7 +114,7 @@ class DataFolder:
         return existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)
 
 
-def take(lock: IO[bytes]) -> bool:
+def _lock(lock: IO[bytes]) -> bool:
     """Whether the lock could be taken; closing the file gives it back."""
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,18 +1,124 @@
-"""Processes that the command line starts, and their end: nothing may be left running."""
+"""Processes that the command line starts, their bounded logs, and their end.
+
+Nothing may be left running. Ctrl-C, SIGTERM and a closed terminal mean the same: stop what was
+started, then end.
+"""
 
 import os
+import signal
 import subprocess
+import threading
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from threading import Event, Thread
 from types import MappingProxyType
+from typing import Any
 
 import psutil
 
 from eigenfail.errors import ServiceError
-from eigenfail.hosting.logs import Log
-from eigenfail.hosting.signals import handled
+from eigenfail.private_files import open_private
+
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def handle_signals(handler: Callable[..., Any]) -> Iterator[None]:
+    """Send stop signals to a handler within the block; only the main thread can hear them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number in STOP_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, previous in before.items():
+            signal.signal(number, previous)
+
+
+def interruptible() -> Any:
+    """Return a context in which each of these signals raises KeyboardInterrupt."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    return handle_signals(interrupt)
+
+
+MAX_BYTES = 10_000_000
+FILES = 5
+"""Of one log, the one that is written to among them."""
+
+EVERY_S = 1.0
+CHUNK = 1 << 20
+
+
+class Log:
+    """A file to which processes append, and all of whose writers opened it to append.
+
+    It is never renamed: whoever writes goes on in the same file. What is written in the instant
+    between its last byte's copy and its emptying is lost.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def older(self, number: int) -> Path:
+        """What was moved aside; 1 is the newest."""
+        return self.path.with_name(f"{self.path.name}.{number}")
+
+    def rotate(self) -> bool:
+        """Empty the file if it is too long, and keep its last part; whether it was emptied.
+
+        Raises:
+            OSError: there is no room for a copy; everything is as before.
+        """
+        if not self.path.exists() or self.path.stat().st_size <= MAX_BYTES:
+            return False
+        draft = self.path.with_name(f"{self.path.name}.new")
+        with self.path.open("rb") as source:
+            try:
+                copy_end(source.fileno(), draft)
+            except OSError:
+                draft.unlink(missing_ok=True)
+                raise
+            for number in range(FILES - 1, 1, -1):
+                with suppress(FileNotFoundError):
+                    self.older(number - 1).replace(self.older(number))
+            draft.replace(self.older(1))
+            os.truncate(self.path, 0)
+        return True
+
+
+def copy_end(source: int, draft: Path) -> None:
+    """The last bytes of an open file, at most as many as a log may have, to another."""
+    os.lseek(source, max(0, os.fstat(source).st_size - MAX_BYTES), os.SEEK_SET)
+    with open_private(draft, "wb") as target:
+        while data := os.read(source, CHUNK):
+            target.write(data)
+
+
+@contextmanager
+def rotate_regularly(rotations: Sequence[Callable[[], object]]) -> Iterator[None]:
+    """Rotate logs, each second, for as long as the block lasts."""
+    over = Event()
+
+    def watch() -> None:
+        while not over.wait(EVERY_S):
+            for rotate in rotations:
+                with suppress(OSError):  # no room: nothing grows either, and it is tried again
+                    rotate()
+
+    thread = Thread(target=watch, name="logs", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
 
 OWNER_MARK = "EIGENFAIL_STARTED_FOR"
 POLL_S = 0.05
@@ -23,7 +129,7 @@ KILL_WITHIN_S = 5.0
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
-class Part:
+class ServicePart:
     """One process of the service; what it says goes to a file.
 
     It has a session of its own, so that Ctrl-C in the terminal reaches only the command line, which
@@ -45,7 +151,7 @@ class Part:
         self._start = self._told = log.stat().st_size if log.exists() else 0
         marks = {OWNER_MARK: owner, "PYTHONUNBUFFERED": "1"}
         environment = os.environ | marks | dict(variables)
-        with log.open("ab") as stream:
+        with open_private(log, "ab") as stream:
             self.process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -95,19 +201,19 @@ class Part:
         return "".join(f"\n  {line}" for line in said[-LAST_LINES:]) + "\n"
 
 
-def marked(owner: str) -> list[psutil.Process]:
+def find_marked(owner: str) -> list[psutil.Process]:
     """Every living process that was started for this owner, and all their descendants."""
     found: dict[int, psutil.Process] = {}
     for process in psutil.process_iter():
         with suppress(psutil.Error, OSError):
-            if bears_mark(process.pid, owner):
+            if _bears_mark(process.pid, owner):
                 found[process.pid] = process
                 found |= {child.pid: child for child in process.children(recursive=True)}
     found.pop(os.getpid(), None)
     return list(found.values())
 
 
-def bears_mark(pid: int, owner: str) -> bool:
+def _bears_mark(pid: int, owner: str) -> bool:
     """Whether the process was started with the owner's mark; raises OSError if it is not ours.
 
     Processes that rename themselves, as Ray's do, overwrite the beginning of their environment:
@@ -117,34 +223,34 @@ def bears_mark(pid: int, owner: str) -> bool:
     return mark in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
 
 
-def stop(parts: Sequence[Part], owner: str, grace_s: float = GRACE_S) -> None:
+def stop_parts(parts: Sequence[ServicePart], owner: str, grace_s: float = GRACE_S) -> None:
     """End the parts politely, then whatever is left of them; a second signal ends the patience."""
     deadline = [time.monotonic() + grace_s]
 
     def hurry(*_: object) -> None:
         deadline[0] = time.monotonic()
 
-    with handled(hurry):
-        family = marked(owner)
+    with handle_signals(hurry):
+        family = find_marked(owner)
         for part in parts:
             part.process.terminate()
         while any(part.process.poll() is None for part in parts) and time.monotonic() < deadline[0]:
             time.sleep(POLL_S)
-        end(family)
-        end_marked(owner)
+        _kill(family)
+        kill_marked(owner)
         for part in parts:
             part.process.wait()
 
 
-def end_marked(owner: str) -> None:
+def kill_marked(owner: str) -> None:
     """Kill whatever bears the owner's mark, until nothing does."""
     deadline = time.monotonic() + KILL_WITHIN_S
-    while (left := marked(owner)) and time.monotonic() < deadline:
-        end(left)
+    while (left := find_marked(owner)) and time.monotonic() < deadline:
+        _kill(left)
         time.sleep(POLL_S)
 
 
-def end(processes: Iterable[psutil.Process]) -> None:
+def _kill(processes: Iterable[psutil.Process]) -> None:
     """Kill these, if they are still what they were."""
     for process in processes:
         with suppress(psutil.Error):

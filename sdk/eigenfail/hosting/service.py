@@ -1,9 +1,12 @@
-"""A whole service on this machine: controller and services as processes, on a data folder."""
+"""A whole service on this machine: controller and services as processes, on a data folder.
+
+Plug-ins that are not installed are registered for one service alone, in a folder of its own.
+"""
 
 import os
 import socket
-import subprocess
 import sys
+import sysconfig
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,17 +14,30 @@ from dataclasses import dataclass
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
+from eigenfail import plugins
 from eigenfail.client import Client
-from eigenfail.errors import InputError, PortTaken, ServiceError
+from eigenfail.errors import InvalidValue, PortTaken, ServiceError
 from eigenfail.hosting.folder import HOST, Address, DataFolder
-from eigenfail.hosting.homemade import python_path
-from eigenfail.hosting.logs import bounded
-from eigenfail.hosting.processes import NOTHING, POLL_S, Part, end_marked, stop
+from eigenfail.hosting.processes import (
+    POLL_S,
+    ServicePart,
+    kill_marked,
+    rotate_regularly,
+    stop_parts,
+)
 from eigenfail.hosting.span import Span, span_of
-from eigenfail.hosting.warden import warden
+from eigenfail.hosting.warden import guard_owner
+from eigenfail.private_files import make_private_folder, open_private
+
+METADATA = "Metadata-Version: 2.1\nName: eigenfail-homemade\nVersion: 0.0\n"
+NAME = "eigenfail_homemade-0.0.dist-info"
+INSTALLED = frozenset(Path(folder) for folder in sysconfig.get_paths().values())
+"""Where every process of this Python looks anyway."""
+
 
 READY_WITHIN_S = 90.0
 NEEDED_MODULES = ("fastapi", "sqlalchemy", "torch", "zmq")
@@ -64,7 +80,7 @@ class LocalService:
     """A service that runs."""
 
     address: Address
-    parts: tuple[Part, ...]
+    parts: tuple[ServicePart, ...]
 
     def check(self) -> None:
         """Raises ServiceError if one of its processes has ended."""
@@ -84,36 +100,36 @@ def local_service(plan: Plan) -> Iterator[LocalService]:
     require_installed()
     folder = DataFolder(plan.data)
     owner = str(folder.path)
-    with folder.claimed(), warden(owner):
-        end_marked(owner)  # left where the warden was killed, too
+    with folder.claimed(), guard_owner(owner):
+        kill_marked(owner)  # left where the warden was killed, too
         port, hub_port = free_port(plan.port), free_port(plan.hub_port)
-        parts: list[Part] = []
+        parts: list[ServicePart] = []
         try:
-            for name, command in commands(plan, folder.database, port, hub_port).items():
-                found = python_path(plan.path)
-                parts.append(Part(name, command, folder.log(name), owner, found))
+            for name, command in make_commands(plan, folder.database, port, hub_port).items():
+                found = _extend_python_path(plan.path)
+                parts.append(ServicePart(name, command, folder.log(name), owner, found))
             service = LocalService(wait_until_ready(parts, port), tuple(parts))
             folder.publish(service.address)
-            with bounded([part.rotate for part in parts]):
+            with rotate_regularly([part.rotate for part in parts]):
                 yield service
         finally:
-            stop(parts, owner)
+            stop_parts(parts, owner)
 
 
-def commands(plan: Plan, database: str, port: int, hub_port: int) -> dict[str, list[str]]:
+def make_commands(plan: Plan, database: str, port: int, hub_port: int) -> dict[str, list[str]]:
     """The command line of each part."""
     python = (sys.executable, "-m")
     controller = ("--host", HOST, "--port", str(port))
     span = plan.span or span_of(plan.workers or None, None, None, None)
     services = (*span.options(), "--launcher", plan.launcher.value)
-    hub = ("--hub", f"tcp://{HOST}:{hub_port}", *hub_keys(DataFolder(plan.data)))
+    hub = ("--hub", f"tcp://{HOST}:{hub_port}", *_list_key_options(DataFolder(plan.data)))
     return {
         "controller": [*python, "eigenfail_api", "--database", database, *controller],
         "services": [*python, "eigenfail_services", "--database", database, *services, *hub],
     }
 
 
-def hub_keys(folder: DataFolder) -> tuple[str, ...]:
+def _list_key_options(folder: DataFolder) -> tuple[str, ...]:
     """What makes the hub ask for keys: somebody made some in its folder."""
     return ("--hub-keys", str(folder.hub_keys)) if folder.hub_keys.exists() else ()
 
@@ -146,46 +162,17 @@ def free_port(port: int) -> int:
         return int(probe.getsockname()[1])
 
 
-def database_tool(action: str, database: str, *options: str) -> str:
-    """What `python -m eigenfail_services db` says.
+def load_database_tool(name: str) -> Any:
+    """Return what the server's package brings for work on a database, without a service.
 
     Raises:
-        InputError: what was asked for cannot be done as asked.
-        ServiceError: it fails.
+        ServiceError: the service is not installed here.
     """
-    return services_tool(("db", action, *options), database)
+    require_installed()
+    return plugins.load(plugins.DATABASE_TOOLS, name)
 
 
-def services_tool(words: Sequence[str], database: str) -> str:
-    """What a command of `python -m eigenfail_services` says, that works on a database and ends.
-
-    Raises:
-        InputError: what was asked for cannot be done as asked.
-        ServiceError: it fails.
-    """
-    # Not an argument: everybody on the machine can read those, and there may be a password in it.
-    return services_program(words, {"EIGENFAIL_DATABASE": database})
-
-
-def services_program(words: Sequence[str], variables: Mapping[str, str] = NOTHING) -> str:
-    """What a command of `python -m eigenfail_services` says that ends by itself.
-
-    Raises:
-        InputError: what was asked for cannot be done as asked.
-        ServiceError: it fails.
-    """
-    command = [sys.executable, "-m", "eigenfail_services", *words]
-    environment = os.environ | dict(variables)
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    if done.returncode:
-        said = done.stderr.strip() or f"The services' program failed at '{' '.join(words[:2])}'."
-        if done.returncode == InputError.exit_code:
-            raise InputError("", said)
-        raise ServiceError(said)
-    return done.stdout.strip()
-
-
-def wait_until_ready(parts: Sequence[Part], port: int) -> Address:
+def wait_until_ready(parts: Sequence[ServicePart], port: int) -> Address:
     """Wait until the controller answers and the services say that they serve.
 
     Raises:
@@ -198,7 +185,7 @@ def wait_until_ready(parts: Sequence[Part], port: int) -> Address:
         while time.monotonic() < deadline:
             for part in parts:
                 part.check()
-            ready = ready_line(services.said())
+            ready = find_ready_line(services.said())
             if ready and client.health():
                 return Address(url, ready.hub)
             time.sleep(POLL_S)
@@ -208,7 +195,7 @@ def wait_until_ready(parts: Sequence[Part], port: int) -> Address:
     )
 
 
-def ready_line(lines: Sequence[str]) -> Ready | None:
+def find_ready_line(lines: Sequence[str]) -> Ready | None:
     """The line by which the services say that they serve."""
     for line in lines:
         try:
@@ -216,3 +203,55 @@ def ready_line(lines: Sequence[str]) -> Ready | None:
         except msgspec.DecodeError:
             continue
     return None
+
+
+def register_planners(folder: Path, planners: Mapping[str, str]) -> tuple[Path, ...]:
+    """Write down where planners are, and return the folders from which a service imports them.
+
+    Args:
+        folder: to write to.
+        planners: module:Class by the name that campaigns give; modules are found where this process
+            finds them, and what is in no file is refused.
+
+    Raises:
+        InvalidValue: a name is taken, or there is nothing at a place.
+    """
+    if not planners:
+        return ()
+    for name, place in planners.items():
+        if not name.isidentifier() or name in plugins.names(plugins.PLANNERS):
+            remedy = "Choose another name, of letters, digits and underscores."
+            raise InvalidValue("planners", f"'{name}' is no name, or is taken.", remedy)
+        plugins.load_class(place)
+    listed = "\n".join(f"{name} = {place}" for name, place in planners.items())
+    notes = folder / NAME
+    make_private_folder(notes)
+    texts = {"METADATA": METADATA, "entry_points.txt": f"[{plugins.PLANNERS}]\n{listed}\n"}
+    for name, text in texts.items():
+        with open_private(notes / name, "wb") as file:
+            file.write(text.encode())
+    homes = {_find_home(place) for place in planners.values()} - {Path.cwd(), *INSTALLED}
+    return folder, Path.cwd(), *sorted(homes)
+
+
+def _find_home(place: str) -> Path:
+    """Return the folder from which the module of a loaded module:Class is imported.
+
+    Raises:
+        InvalidValue: it is in no file that another process can import, such as a notebook's cell.
+    """
+    module = place.partition(":")[0]
+    spec = sys.modules[module].__spec__
+    if module == "__main__" or spec is None or not spec.has_location:
+        remedy = "Write the class to a file, such as my_planner.py, and name my_planner:MyPlanner."
+        raise InvalidValue("planners", f"no service can import '{place}'.", remedy)
+    depth = module.count(".") + bool(spec.submodule_search_locations)
+    return Path(str(spec.origin)).absolute().parents[depth]
+
+
+def _extend_python_path(folders: tuple[Path, ...]) -> dict[str, str]:
+    """Return the variable by which a process imports from these folders, too."""
+    if not folders:
+        return {}
+    before = os.environ.get("PYTHONPATH", "")
+    return {"PYTHONPATH": os.pathsep.join(filter(None, [*map(str, folders), before]))}

@@ -10,10 +10,15 @@ from types import TracebackType
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.hosting.homemade import register
 from eigenfail.hosting.processes import NOTHING
-from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
-from eigenfail.hosting.warden import removing
+from eigenfail.hosting.service import (
+    Launcher,
+    LocalService,
+    Plan,
+    local_service,
+    register_planners,
+)
+from eigenfail.hosting.warden import remove_afterwards
 
 
 class Local(AbstractContextManager[Client]):
@@ -68,7 +73,7 @@ class Local(AbstractContextManager[Client]):
             raise ServiceError(f"This service runs already, at {self.url}.", "Use its client.")
         with ExitStack() as stack:
             data = self.data or self._temporary(stack)
-            path = register(data / "plugins", self._planners)
+            path = register_planners(data / "plugins", self._planners)
             service = stack.enter_context(local_service(self._plan(data, path=path)))
             client = stack.enter_context(Client(service.address.url))
             self._service, self._stack = service, stack.pop_all()
@@ -115,5 +120,5 @@ class Local(AbstractContextManager[Client]):
 
     def _temporary(self, stack: ExitStack) -> Path:
         folder = Path(mkdtemp(prefix="eigenfail-"))
-        stack.enter_context(removing(folder))
+        stack.enter_context(remove_afterwards(folder))
         return folder

@@ -44,32 +44,32 @@ def span_of(workers: int | None, least: int | None, most: int | None, idle_s: fl
         InvalidValue: they do not go together.
     """
     if most is None:
-        refuse_half(least, idle_s)
-        return fixed(workers)
+        _refuse_half(least, idle_s)
+        return _make_fixed(workers)
     if workers is not None:
         problem = "is a number that stays, and --max-workers has it follow the work."
         raise InvalidValue("--workers", problem, "Give one of them.")
-    return scaled(least or 0, most, IDLE_S if idle_s is None else idle_s)
+    return _make_scaled(least or 0, most, IDLE_S if idle_s is None else idle_s)
 
 
-def fixed(workers: int | None) -> Span:
+def _make_fixed(workers: int | None) -> Span:
     """Just so many, or one per core.
 
     Raises:
         InvalidValue: fewer than none.
     """
-    n = default_workers() if workers is None else workers
+    n = _default_workers() if workers is None else workers
     if n < 0:
         raise InvalidValue("--workers", f"{n} is below 0.")
     return Span(n, n)
 
 
-def default_workers() -> int:
+def _default_workers() -> int:
     """How many workers keep this machine busy."""
     return os.cpu_count() or 1
 
 
-def refuse_half(least: int | None, idle_s: float | None) -> None:
+def _refuse_half(least: int | None, idle_s: float | None) -> None:
     """Raises InvalidValue if a bound of scaling is given, and nothing is to be scaled."""
     for option, given in (("--min-workers", least), ("--idle-s", idle_s)):
         if given is not None:
@@ -85,7 +85,7 @@ def refuse_scaling(least: int | None, most: int | None, idle_s: float | None) ->
             raise InvalidValue(option, "scales workers, and --launcher none starts none.", remedy)
 
 
-def scaled(least: int, most: int, idle_s: float) -> Span:
+def _make_scaled(least: int, most: int, idle_s: float) -> Span:
     """The span that was given.
 
     Raises:

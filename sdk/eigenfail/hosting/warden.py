@@ -12,23 +12,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from eigenfail.hosting.processes import OWNER_MARK, end_marked
+from eigenfail.hosting.processes import OWNER_MARK, kill_marked
 
 ALL_WELL = b"all is well\n"
 REMOVE = "--remove"
 
 
 @contextmanager
-def warden(owner: str) -> Iterator[None]:
+def guard_owner(owner: str) -> Iterator[None]:
     """Have the owner's processes ended if this process dies within the block."""
-    with watching([owner]):
+    with _guarding([owner]):
         yield
 
 
 @contextmanager
-def removing(folder: Path) -> Iterator[None]:
+def remove_afterwards(folder: Path) -> Iterator[None]:
     """Have a folder of ours, and the processes that run on it, gone after the block in any case."""
-    with watching([str(folder), REMOVE]):
+    with _guarding([str(folder), REMOVE]):
         try:
             yield
         finally:
@@ -36,7 +36,7 @@ def removing(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def watching(words: list[str]) -> Iterator[None]:
+def _guarding(words: list[str]) -> Iterator[None]:
     """A warden for as long as the block lasts."""
     unmarked = {name: text for name, text in os.environ.items() if name != OWNER_MARK}
     process = subprocess.Popen(
@@ -58,7 +58,7 @@ def main() -> None:
     if sys.stdin.buffer.read() == ALL_WELL:
         return
     owner = sys.argv[1]
-    end_marked(owner)
+    kill_marked(owner)
     if REMOVE in sys.argv[2:]:
         shutil.rmtree(owner, ignore_errors=True)
 

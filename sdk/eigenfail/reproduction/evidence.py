@@ -1,4 +1,4 @@
-"""What the service holds of a programme that was run, and what it makes of the failures."""
+"""Collects the results of a programme from the service, and has its failures analysed."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
@@ -7,17 +7,18 @@ import msgspec
 
 from eigenfail.client import Client
 from eigenfail.errors import Conflict
-from eigenfail.reproduction.causes import of_causes
-from eigenfail.reproduction.diagnosis import (
+from eigenfail.reproduction.statements import NEEDED, judge_campaigns, judge_causes
+from eigenfail.reproduction.tables import (
     AXES,
     Analyses,
-    component_table,
-    replay_table,
-    safety_table,
+    PaperReproduction,
+    PaperStatement,
+    PaperTable,
+    build_campaign_tables,
+    build_component_table,
+    build_replay_table,
+    build_safety_table,
 )
-from eigenfail.reproduction.results import PaperTable, Reproduction, Statement
-from eigenfail.reproduction.statements import NEEDED, of_campaigns
-from eigenfail.reproduction.tables import campaign_tables
 from eigenfail.suites import Suite
 from eigenfail.values import (
     AnalysisResult,
@@ -36,7 +37,7 @@ MEASURED = ("ast evaluation", "difs evaluation", "difs_paper evaluation")
 
 
 class Evidence(msgspec.Struct, frozen=True):
-    """All by the names of members; analyses by the axis, too."""
+    """Results by the name of the member; analyses by name and axis."""
 
     summaries: Mapping[str, Summary]
     safeties: Mapping[str, Safety]
@@ -44,26 +45,26 @@ class Evidence(msgspec.Struct, frozen=True):
     proofs: Mapping[str, Proof]
 
 
-def reproduction(client: Client, suite: Suite, scale: str) -> Reproduction:
-    """The paper's tables and statements with our numbers, from campaigns that have ended.
+def build_reproduction(client: Client, suite: Suite, scale: str) -> PaperReproduction:
+    """Build the paper's tables and statements from campaigns that are done.
 
-    Analyses and replays that are missing are launched and waited for.
+    Launches missing analyses and replays, and waits for them.
 
     Raises:
         Conflict: a campaign is not done, or its failures cannot be analysed.
     """
-    require_done(suite, client.suites.find(suite))
-    evidence = gather(client, suite)
-    return Reproduction(
+    _require_done(suite, client.suites.find(suite))
+    evidence = _gather_evidence(client, suite)
+    return PaperReproduction(
         scale=scale,
         seed=suite.members[0].spec.seed,
-        tables=tuple(tables(evidence)),
-        statements=tuple(statements(client, evidence)),
+        tables=tuple(_build_tables(evidence)),
+        statements=tuple(_judge_statements(client, evidence)),
     )
 
 
-def require_done(suite: Suite, campaigns: Sequence[Campaign | None]) -> None:
-    """Refuse to tell of half a programme.
+def _require_done(suite: Suite, campaigns: Sequence[Campaign | None]) -> None:
+    """Refuse a programme that is not done.
 
     Raises:
         Conflict: a campaign is missing, or ended otherwise.
@@ -77,8 +78,7 @@ def require_done(suite: Suite, campaigns: Sequence[Campaign | None]) -> None:
             )
 
 
-def gather(client: Client, suite: Suite) -> Evidence:
-    """What came of the members that there are."""
+def _gather_evidence(client: Client, suite: Suite) -> Evidence:
     found = zip(suite.members, client.suites.summaries(suite), strict=True)
     summaries = {member.name: summary for member, summary in found if summary is not None}
     ids = {name: one.campaign for name, one in summaries.items() if one.counts.failures}
@@ -87,25 +87,25 @@ def gather(client: Client, suite: Suite) -> Evidence:
         summaries,
         {name: client.campaigns.safety(summaries[name].campaign) for name in NEEDED},
         {
-            (name, axis): analysed(client, campaign, settings)[1]
+            (name, axis): _analyze(client, campaign, settings)[1]
             for name, campaign in diagnosed.items()
             for axis, settings in AXES.items()
         },
-        {name: proven(client, campaign) for name, campaign in diagnosed.items()},
+        {name: _prove(client, campaign) for name, campaign in diagnosed.items()},
     )
 
 
-def proven(client: Client, campaign: int) -> Proof:
-    """The eigenfailures of a campaign, replayed in its scenario and beside it."""
-    analysis, _ = analysed(client, campaign, AnalysisSettings())
+def _prove(client: Client, campaign: int) -> Proof:
+    """Return the replays of a campaign's eigenfailures in its scenario and in similar ones."""
+    analysis, _ = _analyze(client, campaign, AnalysisSettings())
     client.analyses.prove(analysis)
     return client.analyses.wait_for_proof(analysis)
 
 
-def analysed(
+def _analyze(
     client: Client, campaign: int, settings: AnalysisSettings
 ) -> tuple[int, AnalysisResult]:
-    """The id and the result of the analysis with these settings: one that is done, or a new one.
+    """Return id and result of the analysis with these settings; run it if there is none.
 
     Raises:
         Conflict: the failures cannot be analysed.
@@ -118,23 +118,20 @@ def analysed(
     return found.id, found.result
 
 
-def tables(evidence: Evidence) -> Iterator[PaperTable]:
-    """All of them, in the paper's order."""
-    yield from campaign_tables(evidence.summaries)
-    yield safety_table({name: evidence.safeties[name] for name in MEASURED})
-    yield component_table(evidence.analyses)
-    yield replay_table(evidence.proofs)
+def _build_tables(evidence: Evidence) -> Iterator[PaperTable]:
+    yield from build_campaign_tables(evidence.summaries)
+    yield build_safety_table({name: evidence.safeties[name] for name in MEASURED})
+    yield build_component_table(evidence.analyses)
+    yield build_replay_table(evidence.proofs)
 
 
-def statements(client: Client, evidence: Evidence) -> Iterator[Statement]:
-    """All of them, in the paper's order."""
-    compare = partial(compared, client, evidence)
-    yield from of_campaigns(evidence.summaries, evidence.safeties, compare)
+def _judge_statements(client: Client, evidence: Evidence) -> Iterator[PaperStatement]:
+    compare = partial(_compare, client, evidence)
+    yield from judge_campaigns(evidence.summaries, evidence.safeties, compare)
     measured = {name: evidence.safeties[name] for name in MEASURED}
-    yield from of_causes(evidence.analyses, evidence.proofs, measured)
+    yield from judge_causes(evidence.analyses, evidence.proofs, measured)
 
 
-def compared(client: Client, evidence: Evidence, a: str, b: str) -> Comparison:
-    """Two members side by side."""
+def _compare(client: Client, evidence: Evidence, a: str, b: str) -> Comparison:
     one, other = (evidence.summaries[name].campaign for name in (a, b))
     return client.campaigns.compare(one, other)

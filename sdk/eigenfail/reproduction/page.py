@@ -1,78 +1,205 @@
-"""The paper's tables and statements beside ours, in Markdown."""
+"""The files of a reproduction: the page in Markdown, the data, and the claims to quote."""
 
+import csv
+import io
+import re
 from collections.abc import Iterator, Sequence
 
-from eigenfail.reproduction.claims import claim_name
-from eigenfail.reproduction.results import Column, Number, PaperTable, Reproduction, Row
-from eigenfail.reproduction.words import UNKNOWN, figure, heading, verdict
+import msgspec
+
+from eigenfail.reproduction.tables import (
+    PaperColumn,
+    PaperNumber,
+    PaperReproduction,
+    PaperRow,
+    PaperStatement,
+    PaperTable,
+)
+from eigenfail.values import Interval
+
+
+class QuotedNumber(msgspec.Struct, frozen=True):
+    """One number that documents may quote; its fields are those of `PaperNumber`."""
+
+    value: float | None
+    unit: str
+    n: int
+    interval: Interval | None = None
+    paper: float | None = None
+
+
+def list_claims(found: PaperReproduction) -> dict[str, QuotedNumber]:
+    """Return each number by a name such as "paper.evaluation.ast_evaluation.failure_rate"."""
+    return dict(claim for table in found.tables for claim in _list_claims(table))
+
+
+def _list_claims(table: PaperTable) -> Iterator[tuple[str, QuotedNumber]]:
+    for row in table.rows:
+        for column, number in zip(table.columns, row.numbers, strict=True):
+            if number.n:
+                claim = QuotedNumber(
+                    number.value, column.unit, number.n, number.interval, number.paper
+                )
+                yield claim_name(table, row, column), claim
+
+
+def claim_name(table: PaperTable, row: PaperRow, column: PaperColumn) -> str:
+    """Return the name under which documents quote a number."""
+    return f"paper.{table.name}.{_shorten(row.name)}.{column.name}"
+
+
+def _shorten(name: str) -> str:
+    return re.sub(r"[^a-z0-9.+-]+", "_", name.lower())
+
+
+UNKNOWN = "–"
+SIGNS = {"share": "%", "modes": "", "index": ""}
+
+
+def format_heading(column: PaperColumn) -> str:
+    """Return the title of a column with its unit."""
+    unit = SIGNS.get(column.unit, column.unit)
+    return f"{column.title} [{unit}]" if unit else column.title
+
+
+def format_number(column: PaperColumn, number: PaperNumber) -> str:
+    """Return our number with its interval."""
+    if number.value is None:
+        return UNKNOWN
+    told = format_figure(column, number.value)
+    if number.interval is None:
+        return told
+    ends = (format_figure(column, end) for end in (number.interval.low, number.interval.high))
+    return f"{told} [{', '.join(ends)}]"
+
+
+def format_paper_number(column: PaperColumn, number: PaperNumber) -> str:
+    """Return the paper's number in brackets, or nothing if the paper gives none."""
+    return "" if number.paper is None else f" (paper {format_figure(column, number.paper)})"
+
+
+def format_figure(column: PaperColumn, value: float) -> str:
+    """Format a value with three digits or more, a share in percent with one decimal."""
+    if column.unit == "share":
+        return f"{100.0 * value:.1f}"
+    if column.unit == "modes":
+        return f"{value:.0f}"
+    size = abs(value)
+    if size and size < 0.1:
+        return f"{value:.1e}"
+    return f"{value:.{0 if size >= 100.0 else 1 if size >= 10.0 else 2}f}"
+
+
+def format_verdict(statement: PaperStatement) -> str:
+    """Return whether the statement holds here, in words."""
+    return {True: "holds", False: "does not hold", None: "cannot be told"}[statement.holds]
+
 
 OPENING = """# The paper's experiments, reproduced
 
-`eigenfail reproduce --scale {scale}` runs what the paper ran on this world: our planner
-`rulebook`, our scenario `cut_in`, our simulator. The paper's planner and simulator are not public,
-and its episodes have eight times as many steps: the pattern is to be expected here, not the same
-numbers. `ast_paper` and `difs_paper` have the paper's settings, `ast` and `difs` our defaults.
-In brackets are 95 % intervals; the paper gives none. Every campaign has the seed {seed}; those that
-evaluate draw from one that is 1000 higher.
+`eigenfail reproduce --scale {scale}` runs the paper's experiments with our planner `rulebook`, our
+scenario `cut_in` and our simulator. The paper's planner and simulator are not public, and its
+episodes have eight times as many steps: expect the same pattern, not the same numbers.
+
+`ast_paper` and `difs_paper` have the paper's settings, `ast` and `difs` our defaults. Brackets hold
+95 % intervals; the paper gives none. The failure rate of a search is the share of its own episodes:
+its interval says how well that share is known, and nothing about the failure rate under p(x); only
+`monte_carlo` draws from p(x). Every campaign has the seed {seed}; evaluations have a seed that is
+1000 higher.
 """
 
 
-def page(found: Reproduction) -> str:
-    """The page in Markdown."""
+def format_page(found: PaperReproduction) -> str:
+    """Return the page in Markdown."""
     opening = OPENING.format(scale=found.scale, seed=found.seed)
-    return "\n".join((opening, *tables(found), *statements(found)))
+    return "\n".join((opening, *_format_tables(found), *_format_statements(found)))
 
 
-def tables(found: Reproduction) -> Iterator[str]:
-    """A section for each table."""
+def _format_tables(found: PaperReproduction) -> Iterator[str]:
     for table in found.tables:
         yield f"## {table.title}\n"
-        yield from grid(table)
+        yield from _format_grid(table)
         yield f"\n{table.note}\n" if table.note else ""
 
 
-def grid(table: PaperTable) -> Iterator[str]:
-    """Our numbers, and behind those of which the paper prints some the paper's."""
+def _format_grid(table: PaperTable) -> Iterator[str]:
+    """Format our numbers, with the paper's in a column beside those that it gives."""
     columns = [*zip(*(row.numbers for row in table.rows), strict=True)]
     beside = [any(number.paper is not None for number in column) for column in columns]
-    yield f"| |{''.join(headings(table, beside))}"
+    yield f"| |{''.join(_format_headings(table, beside))}"
     yield f"|---|{'--:|' * (len(beside) + sum(beside))}"
     for row in table.rows:
-        yield f"| {row.name} |{''.join(cells(table, row, beside))}"
+        yield f"| {row.name} |{''.join(_format_cells(table, row, beside))}"
 
 
-def headings(table: PaperTable, beside: Sequence[bool]) -> Iterator[str]:
-    """What stands over the columns."""
+def _format_headings(table: PaperTable, beside: Sequence[bool]) -> Iterator[str]:
     for column, has in zip(table.columns, beside, strict=False):
-        yield f" {heading(column)} |{has * ' paper |'}"
+        yield f" {format_heading(column)} |{has * ' paper |'}"
 
 
-def cells(table: PaperTable, row: Row, beside: Sequence[bool]) -> Iterator[str]:
-    """Our numbers, each marked as the claim that it is, and the paper's."""
+def _format_cells(table: PaperTable, row: PaperRow, beside: Sequence[bool]) -> Iterator[str]:
     for column, number, has in zip(table.columns, row.numbers, beside, strict=True):
-        paper = UNKNOWN if number.paper is None else figure(column, number.paper)
-        yield f" {marked(table, row, column, number)} |{has * f' {paper} |'}"
+        paper = UNKNOWN if number.paper is None else format_figure(column, number.paper)
+        yield f" {_format_claim(table, row, column, number)} |{has * f' {paper} |'}"
 
 
-def marked(table: PaperTable, row: Row, column: Column, number: Number) -> str:
-    """Our number with its interval and its mark."""
+def _format_claim(
+    table: PaperTable, row: PaperRow, column: PaperColumn, number: PaperNumber
+) -> str:
     if number.value is None:
         return UNKNOWN
     unit = " %" if column.unit == "share" else ""
     ends = number.interval and (number.interval.low, number.interval.high)
-    interval = f" [{', '.join(figure(column, end) for end in ends)}]" if ends else ""
+    interval = f" [{', '.join(format_figure(column, end) for end in ends)}]" if ends else ""
     name = claim_name(table, row, column)
-    return f"{figure(column, number.value)}{unit}{interval}<!-- claim {name} -->"
+    return f"{format_figure(column, number.value)}{unit}{interval}<!-- claim {name} -->"
 
 
-def statements(found: Reproduction) -> Iterator[str]:
-    """What the paper says, and whether it holds here."""
-    yield "## What the paper says of them\n"
+def _format_statements(found: PaperReproduction) -> Iterator[str]:
+    yield "## Statements of the paper\n"
     yield (
-        "One seed each, so that none of these verdicts is final: means and rates are held against\n"
-        "each other by 95 % intervals within that run; shares of variance or influence have none.\n"
+        "Every campaign was run with one seed, so that no verdict is final. Means and\n"
+        "rates are compared by 95 % intervals within that run; shares of variance and influence\n"
+        "have none.\n"
     )
-    yield "| the paper | here | on what that rests |\n|---|---|---|"
+    yield "| the paper | here | numbers | why |\n|---|---|---|---|"
     for one in found.statements:
-        yield f"| {one.paper} | {verdict(one)} | {one.figures} |"
+        why = "" if one.holds else one.why
+        yield f"| {one.paper} | {format_verdict(one)} | {one.figures} | {why} |"
     yield ""
+
+
+def list_files(found: PaperReproduction) -> dict[str, bytes]:
+    """Return the contents of paper.md, paper.json, claims.json and tables/paper-*.csv, by name."""
+    return {
+        "paper.md": format_page(found).encode(),
+        "paper.json": _encode_json(found),
+        "claims.json": _encode_json(list_claims(found)),
+        **{f"tables/paper-{table.name}.csv": _write_csv(table) for table in found.tables},
+    }
+
+
+def _encode_json(value: object) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"
+
+
+def _write_csv(table: PaperTable) -> bytes:
+    """Write each number unrounded, with its n, its interval and the paper's number."""
+    written = io.StringIO()
+    writer = csv.writer(written, lineterminator="\n")
+    parts = ("", "_n", "_low", "_high", "_paper")
+    writer.writerow(
+        ["row", *(f"{column.name}{part}" for column in table.columns for part in parts)]
+    )
+    for row in table.rows:
+        writer.writerow(
+            [row.name, *(cell for number in row.numbers for cell in _flatten_number(number))]
+        )
+    return written.getvalue().encode()
+
+
+def _flatten_number(number: PaperNumber) -> Iterator[float | None]:
+    ends = number.interval
+    yield from (number.value, number.n)
+    yield from (ends.low, ends.high) if ends else (None, None)
+    yield number.paper

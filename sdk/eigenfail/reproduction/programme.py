@@ -1,4 +1,4 @@
-"""What the paper ran, as campaigns of one suite."""
+"""The paper's experiments, as campaigns of one suite."""
 
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from eigenfail.errors import UnknownName
-from eigenfail.suites import Member, Suite
+from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import CampaignSpec
 
 FRESH = 1000
@@ -32,13 +32,16 @@ SWEEP: Mapping[str, tuple[Any, ...]] = MappingProxyType(
     {
         "alpha": (500, 1000, 5000),
         "c_dist": (100, 5000),
-        "tau": (0.001, 0.01),
         "learning_rate": (1e-3, 1e-4, 5e-5),
         "batch_size": (16, 256),
-        "buffer_size": (10_000, 1_000_000),
     }
 )
-"""Each varied alone; where a row of the paper's table is the default it is run once."""
+"""Each varied alone; a value of the paper's table that is the default is run once.
+
+The paper also varies tau and the size of the buffer. Neither has an effect here: an episode has at
+most ten decisions, as many as `n_step` sums, so that the target critics are never used, and all
+decisions of 300 episodes fit into the smallest buffer.
+"""
 
 CHOSEN: Mapping[str, Any] = MappingProxyType(
     {
@@ -53,8 +56,8 @@ CHOSEN: Mapping[str, Any] = MappingProxyType(
 """What the paper chose for its main runs."""
 
 
-class Scale(msgspec.Struct, frozen=True):
-    """Episodes of each kind of campaign, and the seed unless another is given."""
+class ProgrammeScale(msgspec.Struct, frozen=True):
+    """Number of episodes of each kind of campaign, and the default seed."""
 
     seed: int
     monte_carlo: int
@@ -64,12 +67,14 @@ class Scale(msgspec.Struct, frozen=True):
     moved: int
 
 
-SCALES: Mapping[str, Scale] = MappingProxyType(
+SCALES: Mapping[str, ProgrammeScale] = MappingProxyType(
     {
-        "full": Scale(
+        "full": ProgrammeScale(
             seed=20261122, monte_carlo=2000, sweep=300, training=1000, evaluation=300, moved=100
         ),
-        "small": Scale(seed=1, monte_carlo=300, sweep=120, training=300, evaluation=100, moved=50),
+        "small": ProgrammeScale(
+            seed=1, monte_carlo=300, sweep=120, training=300, evaluation=100, moved=50
+        ),
     }
 )
 """`full` has the paper's numbers of episodes."""
@@ -85,8 +90,8 @@ LEARNERS: Mapping[str, tuple[str, Mapping[str, Any]]] = MappingProxyType(
 """Method and settings: as they are here by default, and as they are in the paper."""
 
 
-def programme(scale: str, seed: int | None = None) -> Suite:
-    """All campaigns of the paper; a member that evaluates names the one that it evaluates.
+def build_suite(scale: str, seed: int | None = None) -> Suite:
+    """Build the suite of the paper's campaigns; evaluations name the member that they evaluate.
 
     Args:
         scale: a name in `SCALES`.
@@ -99,16 +104,20 @@ def programme(scale: str, seed: int | None = None) -> Suite:
         raise UnknownName("scale", scale, SCALES)
     episodes = SCALES[scale]
     name = f"paper {scale}"
-    members = (*planners(episodes), *sweep(episodes), *learners(episodes), *evaluations(episodes))
+    members = (
+        *_plan_planners(episodes),
+        *_plan_sweep(episodes),
+        *_plan_learners(episodes),
+        *_plan_evaluations(episodes),
+    )
     chosen = episodes.seed if seed is None else seed
-    return Suite(name, tuple(member(name, chosen, *one) for one in members))
+    return Suite(name, tuple(_make_member(name, chosen, *one) for one in members))
 
 
-Wanted = tuple[str, dict[str, Any]]
+MemberFields = tuple[str, dict[str, Any]]
 
 
-def planners(scale: Scale) -> Iterator[Wanted]:
-    """Both planners under Monte Carlo."""
+def _plan_planners(scale: ProgrammeScale) -> Iterator[MemberFields]:
     for planner in ("rulebook", "idm"):
         yield (
             f"monte_carlo {planner}",
@@ -116,40 +125,36 @@ def planners(scale: Scale) -> Iterator[Wanted]:
         )
 
 
-def sweep(scale: Scale) -> Iterator[Wanted]:
-    """AST around the defaults of the paper's sweep."""
-    yield "sweep base", trained("ast", SWEPT, scale.sweep)
+def _plan_sweep(scale: ProgrammeScale) -> Iterator[MemberFields]:
+    yield "sweep base", _plan_training("ast", SWEPT, scale.sweep)
     for name, values in SWEEP.items():
         for value in values:
             settings = {**SWEPT, name: value}
-            yield f"sweep {name}={value}", trained("ast", settings, scale.sweep)
+            yield f"sweep {name}={value}", _plan_training("ast", settings, scale.sweep)
 
 
-def learners(scale: Scale) -> Iterator[Wanted]:
-    """The searches of the main experiments."""
+def _plan_learners(scale: ProgrammeScale) -> Iterator[MemberFields]:
     for name, (method, settings) in LEARNERS.items():
-        yield name, trained(method, settings, scale.training)
+        yield name, _plan_training(method, settings, scale.training)
 
 
-def evaluations(scale: Scale) -> Iterator[Wanted]:
-    """What they have learnt, here and where the other car cuts in 5 m further or nearer."""
+def _plan_evaluations(scale: ProgrammeScale) -> Iterator[MemberFields]:
+    """Plan the evaluation of each learner, and of AST where the car cuts in 5 m off."""
     for name in LEARNERS:
-        yield f"{name} evaluation", evaluated(name, scale.evaluation)
+        yield f"{name} evaluation", _plan_evaluation(name, scale.evaluation)
     for name in ("ast", "ast_paper"):
         for place, by_m in MOVED_M.items():
             moved = {"distance_m": USUAL_DISTANCE_M + by_m}
-            yield f"{name} {place}", evaluated(name, scale.moved, moved)
+            yield f"{name} {place}", _plan_evaluation(name, scale.moved, moved)
 
 
-def trained(method: str, settings: Mapping[str, Any], episodes: int) -> dict[str, Any]:
-    """A campaign that learns."""
+def _plan_training(method: str, settings: Mapping[str, Any], episodes: int) -> dict[str, Any]:
     return {"method": method, "settings": dict(settings), "episodes": episodes}
 
 
-def evaluated(
+def _plan_evaluation(
     name: str, episodes: int, parameters: Mapping[str, float] | None = None
 ) -> dict[str, Any]:
-    """A campaign under what an earlier one has learnt."""
     return {
         "method": "evaluate",
         "settings": {"campaign": name},
@@ -158,8 +163,7 @@ def evaluated(
     }
 
 
-def member(suite: str, seed: int, name: str, fields: Mapping[str, Any]) -> Member:
-    """The campaign of a member."""
+def _make_member(suite: str, seed: int, name: str, fields: Mapping[str, Any]) -> SuiteMember:
     fresh = seed + FRESH if fields["method"] == "evaluate" else seed
     usual = {"scenario_parameters": {"distance_m": USUAL_DISTANCE_M}, "seed": fresh}
-    return Member(name, CampaignSpec(name=f"{suite}: {name}", **{**usual, **fields}))
+    return SuiteMember(name, CampaignSpec(name=f"{suite}: {name}", **{**usual, **fields}))

@@ -1,84 +1,234 @@
 """The paper's tables of campaigns, filled from the summaries of ours."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import msgspec
 
-from eigenfail.reproduction import published
 from eigenfail.reproduction.programme import LEARNERS, MOVED_M
-from eigenfail.reproduction.published import Rows
-from eigenfail.reproduction.results import Column, Number, PaperTable, Row
-from eigenfail.values import Summary
-
-Summaries = Mapping[str, Summary]
-Read = Callable[[Summary], Number]
-
-PER_STEP = "Our episodes have 100 steps, the paper's about 800: compare log p by step, not as sums."
-COST = "Cost at 1.20 USD per instance-hour; the paper's simulator needs 30 to 50 s for an episode."
-
-
-def rate(of: Summary) -> Number:
-    """Collisions ÷ completed episodes."""
-    if of.failure_rate is None:
-        return Number(None, 0)
-    return Number(of.failure_rate.value, of.failure_rate.n, of.failure_rate.interval)
-
-
-def mean_of_failures(value: Callable[[Summary], float | None]) -> Read:
-    """A mean over the failures."""
-    return lambda of: Number(value(of), of.counts.failures)
-
-
-def cost(of: Summary) -> Number:
-    """Cost per failure [USD]."""
-    return Number(of.cost.per_failure_usd, of.counts.failures, of.cost.interval_usd)
-
-
-def hours(of: Summary) -> Number:
-    """Time during which the campaign was running [h]."""
-    return Number(of.cost.instance_hours, of.counts.completed)
-
-
-RATE = (Column("failure_rate", "failure rate", "share"), rate)
-LOG_P = (
-    Column("log_p", "mean log p", "nat"),
-    mean_of_failures(lambda of: of.mean_log_probability),
+from eigenfail.values import (
+    AnalysisResult,
+    AnalysisSettings,
+    Interval,
+    Proof,
+    Rate,
+    Safety,
+    Summary,
 )
-PER_STEP_P = (
-    Column("log_p_per_step", "log p per step", "nat"),
-    mean_of_failures(lambda of: of.log_probability_per_step),
-)
-SEVERITY = (
-    Column("severity", "mean severity", "m²/s²"),
-    mean_of_failures(lambda of: of.mean_severity),
-)
-COST_USD = (Column("cost_usd", "cost per failure", "USD"), cost)
-HOURS = (Column("hours", "instance-hours", "h"), hours)
+from eigenfail.values.proof import ProvenScenario
+from eigenfail.values.safety import Violations
 
 
-class Layout(NamedTuple):
-    """What a table shows: which campaigns, and what of each; `rows` are the paper's numbers."""
+class PaperNumber(msgspec.Struct, frozen=True):
+    """One of our numbers, with the paper's.
+
+    Attributes:
+        value: None if undefined, such as the severity of no failures.
+        n: number of episodes or failures behind it.
+        paper: the paper's number; None if the paper gives none.
+    """
+
+    value: float | None
+    n: int
+    interval: Interval | None = None
+    paper: float | None = None
+
+
+class PaperRow(msgspec.Struct, frozen=True):
+    """A row of a table; numbers in the order of the table's columns."""
+
+    name: str
+    numbers: tuple[PaperNumber, ...]
+    campaign: int | None = None
+
+
+class PaperColumn(msgspec.Struct, frozen=True):
+    """Name, title and unit of a column; the unit "share" is printed in percent."""
 
     name: str
     title: str
-    columns: Sequence[tuple[Column, Read]]
+    unit: str
+
+
+class PaperTable(msgspec.Struct, frozen=True):
+    """One of the paper's tables, with our numbers beside its own.
+
+    Attributes:
+        name: short name, for files and claims.
+        note: what a reader must know to compare.
+    """
+
+    name: str
+    title: str
+    columns: tuple[PaperColumn, ...]
+    rows: tuple[PaperRow, ...]
+    note: str = ""
+
+
+class PaperStatement(msgspec.Struct, frozen=True):
+    """A statement of the paper, judged by our numbers.
+
+    Attributes:
+        holds: None where our numbers cannot tell.
+        figures: the numbers that decide it.
+        why: what explains it where it does not hold; shown only there.
+    """
+
+    paper: str
+    holds: bool | None
+    figures: str
+    why: str = ""
+
+
+class PaperReproduction(msgspec.Struct, frozen=True):
+    """All tables and statements, at one scale and seed."""
+
+    scale: str
+    seed: int
+    tables: tuple[PaperTable, ...]
+    statements: tuple[PaperStatement, ...]
+
+
+Numbers = Mapping[str, float]
+Rows = Mapping[str, Numbers]
+
+
+def _publish(rate: float, log_p: float, severity: float) -> Numbers:
+    """Return failure rate [%] as a share, mean log p of the failures, mean severity [m²/s²]."""
+    return {"failure_rate": rate / 100.0, "log_p": log_p, "severity": severity}
+
+
+PLANNERS: Rows = MappingProxyType(
+    {
+        "monte_carlo rulebook": {"failure_rate": 0.0, "severity": 0.0},
+        "monte_carlo idm": {"failure_rate": 0.401, "severity": 0.719},
+    }
+)
+
+SWEEP: Rows = MappingProxyType(
+    {
+        "sweep base": _publish(96, -5360.22, 152.47),
+        "sweep alpha=500": _publish(45, -2465.45, 137.28),
+        "sweep alpha=1000": _publish(72, -2124.35, 126.37),
+        "sweep alpha=5000": _publish(55, -3950.79, 150.77),
+        "sweep c_dist=100": _publish(93, -7340.49, 145.40),
+        "sweep c_dist=5000": _publish(98, -7512.87, 165.92),
+        "sweep learning_rate=0.001": _publish(3, -1185.76, 122.90),
+        "sweep learning_rate=0.0001": _publish(96, -5694.37, 188.23),
+        "sweep learning_rate=5e-05": _publish(3, -1885.44, 119.94),
+        "sweep batch_size=16": _publish(100, -4014.96, 175.52),
+        "sweep batch_size=256": _publish(96, -7250.31, 165.64),
+    }
+)
+
+TRAINING: Rows = MappingProxyType(
+    {
+        "ast_paper": {**_publish(87.7, -4506.13, 152.63), "cost_usd": 0.012},
+        "difs_paper": {**_publish(2.4, -1495.67, 124.93), "cost_usd": 0.648},
+    }
+)
+
+EVALUATION: Rows = MappingProxyType(
+    {
+        "monte_carlo rulebook": {"failure_rate": 0.0},
+        "ast_paper evaluation": {**_publish(94.6, -2870.26, 164.75), "cost_usd": 0.023},
+        "difs_paper evaluation": {**_publish(3.1, -1490.71, 115.21), "cost_usd": 0.518},
+    }
+)
+
+GENERALISATION: Rows = MappingProxyType(
+    {
+        "ast_paper evaluation": {"failure_rate": 0.946, "severity": 164.75},
+        "ast_paper plus5": {"failure_rate": 1.0, "severity": 190.50},
+        "ast_paper minus5": {"failure_rate": 1.0, "severity": 174.45},
+    }
+)
+
+SAFETY: Rows = MappingProxyType(
+    {
+        "collision": {"count": 9},
+        "min_ttc": {"count": 19, "median": 3.50, "worst": 0.015},
+        "drac": {"count": 4, "median": 0.40, "worst": 43.633},
+    }
+)
+SAFETY_EPISODES = 300
+"""Of DiFS."""
+
+EXPLAINED_BY_THREE = MappingProxyType({"longitudinal": 0.40})
+
+MODES = 3
+
+
+Summaries = Mapping[str, Summary]
+Read = Callable[[Summary], PaperNumber]
+
+PER_STEP = "Our episodes have 100 steps, the paper's about 800: compare log p by step, not as sums."
+NOT_SWEPT = (
+    "The paper also varies tau and buffer_size. Neither has an effect here: an episode has at most "
+    "10 decisions (100 steps, `hold` 10) and `n_step` sums 10, so that the target critics are "
+    "never used; 300 episodes have 3,000 decisions, so that a buffer of 10,000 never drops one."
+)
+COST = "Cost at 1.20 USD per instance-hour; the paper's simulator needs 30 to 50 s for an episode."
+
+
+def _read_rate(of: Summary) -> PaperNumber:
+    if of.failure_rate is None:
+        return PaperNumber(None, 0)
+    return PaperNumber(of.failure_rate.value, of.failure_rate.n, of.failure_rate.interval)
+
+
+def _read_mean(value: Callable[[Summary], float | None]) -> Read:
+    return lambda of: PaperNumber(value(of), of.counts.failures)
+
+
+def _read_cost(of: Summary) -> PaperNumber:
+    return PaperNumber(of.cost.per_failure_usd, of.counts.failures, of.cost.interval_usd)
+
+
+def _read_hours(of: Summary) -> PaperNumber:
+    return PaperNumber(of.cost.instance_hours, of.counts.completed)
+
+
+RATE = (PaperColumn("failure_rate", "failure rate", "share"), _read_rate)
+LOG_P = (
+    PaperColumn("log_p", "mean log p", "nat"),
+    _read_mean(lambda of: of.mean_log_probability),
+)
+PER_STEP_P = (
+    PaperColumn("log_p_per_step", "log p per step", "nat"),
+    _read_mean(lambda of: of.log_probability_per_step),
+)
+SEVERITY = (
+    PaperColumn("severity", "mean severity", "m²/s²"),
+    _read_mean(lambda of: of.mean_severity),
+)
+COST_USD = (PaperColumn("cost_usd", "cost per failure", "USD"), _read_cost)
+HOURS = (PaperColumn("hours", "instance-hours", "h"), _read_hours)
+
+
+class TableLayout(NamedTuple):
+    """Columns and campaigns of a table; `rows` are the paper's numbers by campaign."""
+
+    name: str
+    title: str
+    columns: Sequence[tuple[PaperColumn, Read]]
     rows: Rows
     note: str = ""
 
 
-def both(rows: Rows, suffix: str) -> Rows:
-    """The paper's numbers of a method, beside our defaults and beside the paper's settings."""
+def _pair_rows(rows: Rows, suffix: str) -> Rows:
+    """Return the paper's numbers of a method for its default and its paper settings."""
     return {
         f"{name}{suffix}": rows[f"{name.removesuffix('_paper')}_paper{suffix}"] for name in LEARNERS
     }
 
 
-def moved() -> Rows:
-    """The same of AST where the cut-in moves."""
+def _pair_distances() -> Rows:
+    """Return the paper's numbers of AST at each distance of the cut-in."""
     places = (" evaluation", *(f" {place}" for place in MOVED_M))
     return {
-        f"{name}{place}": published.GENERALISATION[f"ast_paper{place}"]
+        f"{name}{place}": GENERALISATION[f"ast_paper{place}"]
         for name in ("ast", "ast_paper")
         for place in places
     }
@@ -87,43 +237,171 @@ def moved() -> Rows:
 SEARCHES = (HOURS, RATE, COST_USD, LOG_P, PER_STEP_P, SEVERITY)
 
 LAYOUTS = (
-    Layout("planners", "Planners under Monte Carlo", (RATE, SEVERITY), published.PLANNERS),
-    Layout(
+    TableLayout("planners", "Planners under Monte Carlo", (RATE, SEVERITY), PLANNERS),
+    TableLayout(
         "sweep",
         "Sweep of AST's settings",
         (RATE, LOG_P, PER_STEP_P, SEVERITY),
-        published.SWEEP,
-        PER_STEP,
+        SWEEP,
+        f"{PER_STEP} {NOT_SWEPT}",
     ),
-    Layout("training", "Training", SEARCHES, both(published.TRAINING, ""), f"{PER_STEP} {COST}"),
-    Layout(
+    TableLayout("training", "Training", SEARCHES, _pair_rows(TRAINING, ""), f"{PER_STEP} {COST}"),
+    TableLayout(
         "evaluation",
         "Evaluation",
         SEARCHES,
         {
-            "monte_carlo rulebook": published.EVALUATION["monte_carlo rulebook"],
-            **both(published.EVALUATION, " evaluation"),
+            "monte_carlo rulebook": EVALUATION["monte_carlo rulebook"],
+            **_pair_rows(EVALUATION, " evaluation"),
         },
         f"{PER_STEP} {COST}",
     ),
-    Layout("generalisation", "AST where the cut-in moves", (RATE, SEVERITY), moved()),
+    TableLayout(
+        "generalisation", "AST where the cut-in moves", (RATE, SEVERITY), _pair_distances()
+    ),
 )
 """In the paper's order."""
 
 
-def campaign_tables(found: Summaries) -> Iterator[PaperTable]:
-    """The tables, each with one row for every campaign that there is."""
+def build_campaign_tables(found: Summaries) -> Iterator[PaperTable]:
+    """Build each table, with a row for each campaign that exists."""
     for layout in LAYOUTS:
-        rows = (row(name, found[name], layout) for name in layout.rows if name in found)
+        rows = (_build_row(name, found[name], layout) for name in layout.rows if name in found)
         columns = tuple(column for column, _ in layout.columns)
         yield PaperTable(layout.name, layout.title, columns, tuple(rows), layout.note)
 
 
-def row(name: str, of: Summary, layout: Layout) -> Row:
-    """Our numbers of a campaign, each with the paper's."""
+def _build_row(name: str, of: Summary, layout: TableLayout) -> PaperRow:
     paper = layout.rows[name]
     numbers = ((column, read(of)) for column, read in layout.columns)
     beside = (
         msgspec.structs.replace(number, paper=paper.get(column.name)) for column, number in numbers
     )
-    return Row(name, tuple(beside), of.campaign)
+    return PaperRow(name, tuple(beside), of.campaign)
+
+
+AXES: Mapping[str, AnalysisSettings] = MappingProxyType(
+    {
+        "longitudinal": AnalysisSettings(align="collision", axes="longitudinal"),
+        "lateral": AnalysisSettings(align="collision", axes="lateral"),
+    }
+)
+"""How each axis of the noise is analysed apart."""
+
+Analyses = Mapping[tuple[str, str], AnalysisResult]
+"""Of the failures of an evaluation, by the name of its member and the axis."""
+
+MEASURES = (
+    PaperColumn("count", "episodes", "share"),
+    PaperColumn("median", "median", "s or m/s²"),
+    PaperColumn("worst", "worst", "s or m/s²"),
+)
+COMPONENTS = (
+    PaperColumn("first_three", "variance of the first three", "share"),
+    PaperColumn("modes", "distinct modes", "modes"),
+    PaperColumn("silhouette", "silhouette", "index"),
+    PaperColumn("noise_silhouette", "of noise", "index"),
+    PaperColumn("stability", "adjusted Rand index", "index"),
+    PaperColumn("late_influence", "influence just before the collision", "share"),
+    PaperColumn("late_time", "share of the time", "share"),
+)
+REPLAYS = (
+    PaperColumn("eigenfailures", "eigenfailures reproduced", "share"),
+    PaperColumn("medoids", "medoids reproduced", "share"),
+)
+
+
+def build_safety_table(found: Mapping[str, Safety]) -> PaperTable:
+    """Build the table of collisions, MinTTC and DRAC of evaluations."""
+    rows = (row for name, safety in found.items() for row in _build_safety_rows(name, safety))
+    note = "The paper's are of its 300 episodes of DiFS. Collisions have no median and no worst."
+    return PaperTable("safety", "Safety measures", MEASURES, tuple(rows), note)
+
+
+def _build_safety_rows(name: str, safety: Safety) -> Iterator[PaperRow]:
+    collisions = (
+        _read_share(safety.collisions, _read_papers_share("collision")),
+        *2 * (PaperNumber(None, 0),),
+    )
+    yield PaperRow(f"{name}: collision", collisions, safety.campaign)
+    for measure, words in (("min_ttc", "MinTTC < 1.5 s"), ("drac", "DRAC > 7 m/s²")):
+        of = safety.ttc if measure == "min_ttc" else safety.drac
+        yield PaperRow(f"{name}: {words}", _read_violations(measure, of), safety.campaign)
+
+
+def _read_violations(measure: str, of: Violations) -> tuple[PaperNumber, ...]:
+    paper = SAFETY[measure]
+    return (
+        _read_share(of.beyond, _read_papers_share(measure)),
+        PaperNumber(of.median, of.n, paper=paper["median"]),
+        PaperNumber(of.worst, of.n, paper=paper["worst"]),
+    )
+
+
+def _read_papers_share(measure: str) -> float:
+    """Return the paper's count as a share of its 300 episodes."""
+    return SAFETY[measure]["count"] / SAFETY_EPISODES
+
+
+def _read_share(rate: Rate | None, paper: float | None = None) -> PaperNumber:
+    if rate is None:
+        return PaperNumber(None, 0, paper=paper)
+    return PaperNumber(rate.value, rate.n, rate.interval, paper)
+
+
+def build_component_table(found: Analyses) -> PaperTable:
+    """Build the table of principal components and modes, one row for each axis."""
+    rows = (
+        PaperRow(f"{name}: {axis}", _read_components(axis, result))
+        for (name, axis), result in found.items()
+    )
+    note = "Aligned at the collision; silhouettes count only where they exceed those of noise."
+    return PaperTable("components", "Principal components and modes", COMPONENTS, tuple(rows), note)
+
+
+def _read_components(axis: str, result: AnalysisResult) -> tuple[PaperNumber, ...]:
+    n = len(result.episodes)
+    return (
+        PaperNumber(float(result.explained.sum()), n, paper=EXPLAINED_BY_THREE.get(axis)),
+        PaperNumber(float(len(result.modes) if result.distinct else 1), n, paper=MODES),
+        PaperNumber(result.silhouette, n),
+        PaperNumber(result.noise_silhouette, n),
+        _read_stability(result),
+        *_read_late_influence(axis, result),
+    )
+
+
+def _read_stability(result: AnalysisResult) -> PaperNumber:
+    if result.stability is None:
+        return PaperNumber(None, 0)
+    return PaperNumber(
+        result.stability.median, result.stability.resamples, result.stability.interval
+    )
+
+
+def _read_late_influence(axis: str, result: AnalysisResult) -> tuple[PaperNumber, PaperNumber]:
+    """Return the share of influence in the time before the collision, and its share of time."""
+    if not result.before_collision:
+        return PaperNumber(None, 0), PaperNumber(None, 0)
+    last, n = result.before_collision[0], len(result.episodes)
+    return PaperNumber(getattr(last, axis), n), PaperNumber(last.time, n)
+
+
+def build_replay_table(found: Mapping[str, Proof]) -> PaperTable:
+    """Build the table of replays of eigenfailures and medoids, by scenario."""
+    rows = (
+        PaperRow(f"{name}: {_name_scenario(scenario)}", _read_replays(scenario), scenario.campaign)
+        for name, proof in found.items()
+        for scenario in proof.scenarios
+    )
+    return PaperTable("eigenfailures", "Eigenfailures replayed", REPLAYS, tuple(rows))
+
+
+def _read_replays(scenario: ProvenScenario) -> tuple[PaperNumber, ...]:
+    # The paper says that all eigenfailures failed again.
+    return (_read_share(scenario.eigenfailures.rate, 1.0), _read_share(scenario.medoids.rate))
+
+
+def _name_scenario(scenario: ProvenScenario) -> str:
+    given = scenario.scenario_parameters
+    return ", ".join(f"{name} {value:g}" for name, value in given.items()) or "the same scenario"

@@ -1,1 +1,1 @@
-"""Conformance suites: one for each contract, for whoever implements it."""
+"""Conformance suites, one for each contract, for authors of plug-ins."""

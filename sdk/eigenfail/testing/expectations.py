@@ -1,11 +1,13 @@
-"""How a conformance check speaks."""
+"""Assertions of conformance checks, with messages for authors of plug-ins."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from eigenfail.error_text import describe_error
+
 
 def expect(kept: bool, broken: str) -> None:
-    """Hold an implementation to its contract.
+    """Require a condition of the contract.
 
     Raises:
         AssertionError: it was broken; the message says how.
@@ -16,7 +18,7 @@ def expect(kept: bool, broken: str) -> None:
 
 @contextmanager
 def expect_error(kind: type[Exception], broken: str) -> Iterator[None]:
-    """Hold an implementation to raising an error of that kind.
+    """Require an error of a kind.
 
     Raises:
         AssertionError: nothing was raised, or something else.
@@ -26,5 +28,5 @@ def expect_error(kind: type[Exception], broken: str) -> Iterator[None]:
     except kind:
         return
     except Exception as error:
-        raise AssertionError(f"{broken} It raised {type(error).__name__}: {error}") from error
+        raise AssertionError(f"{broken} It raised {describe_error(error)}") from error
     raise AssertionError(f"{broken} It raised nothing.")

@@ -1,4 +1,4 @@
-"""The conformance suite of learners: run it over every method.
+"""Conformance suite of learners, to be run for every method.
 
 Subclass `LearnerSuite` in a test module under a name that begins with `Test`, and set `method`,
 `settings` and `budget`; pytest does the rest.
@@ -33,13 +33,13 @@ GARBAGE = (b"", b"\xc1", b"no state", msgspec.msgpack.encode({"kind": "another"}
 CORRIDOR = Corridor(wall=0.5)
 
 
-def encoded(proposal: Proposal) -> bytes:
-    """A proposal bit for bit, weights and trajectories included."""
+def encode_proposal(proposal: Proposal) -> bytes:
+    """Return the bytes of a proposal, with weights and trajectories."""
     return msgspec.msgpack.encode(proposal, enc_hook=encode_array)
 
 
 class LearnerSuite:
-    """What every learner must keep to."""
+    """Checks that every learner must pass."""
 
     method: ClassVar[Method]
     settings: ClassVar[Mapping[str, Any]] = MappingProxyType({})
@@ -47,7 +47,7 @@ class LearnerSuite:
     rounds: ClassVar[int] = 3
 
     def learner(self, seed: int = 0) -> Learner:
-        """A new learner, for a corridor in which failures are rather frequent."""
+        """Return a new learner for a corridor with frequent failures."""
         random = np.random.default_rng(seed)
         context = LearnerContext(
             seed=learner_seed(seed),
@@ -58,14 +58,14 @@ class LearnerSuite:
         return self.method(context, read_settings(self.method.Settings, self.settings, "settings"))
 
     def play(self, learner: Learner, first: int, engine: EpisodeEngine | None = None) -> Proposal:
-        """One round from episode `first`: propose, run, observe."""
+        """Propose, run and observe one round from episode `first` on."""
         engine = engine or ToyEngine(CORRIDOR)
         proposal = learner.propose(self.budget - first)
         learner.observe(results(proposal, first, engine))
         return proposal
 
     def begun(self, seed: int = 0) -> tuple[Learner, int]:
-        """A learner that has observed some rounds, and the number of its next episode."""
+        """Return a learner after some rounds, and the number of its next episode."""
         learner, first = self.learner(seed), 0
         for _ in range(self.rounds):
             first += len(self.play(learner, first).sources)
@@ -77,13 +77,13 @@ class LearnerSuite:
         expect(self.learner().lookahead >= 0, "lookahead is negative")
 
     def test_proposes_from_one_to_n_episodes(self) -> None:
-        """However small n is."""
+        """A proposal has at most n episodes, for any n."""
         for n in (1, 2, 7, self.budget):
             count = len(self.learner().propose(n).sources)
             expect(1 <= count <= n, f"{count} episodes proposed where 1 to {n} were asked for")
 
     def test_uses_its_budget_and_no_more(self) -> None:
-        """Asked again and again, it ends with the budget or with an empty proposal."""
+        """A campaign ends with the budget or with an empty proposal."""
         learner, first = self.learner(), 0
         while first < self.budget:
             count = len(self.play(learner, first).sources)
@@ -94,7 +94,7 @@ class LearnerSuite:
         expect(first > 0, "proposed nothing at all")
 
     def test_trajectories_fit_the_horizon_and_are_finite(self) -> None:
-        """What is injected is float32 of shape (up to horizon, 2)."""
+        """Injected noise is float32 of shape (up to horizon, 2)."""
         learner, first = self.begun()
         for source in learner.propose(self.budget - first).sources:
             if isinstance(source, TrajectorySource):
@@ -104,17 +104,17 @@ class LearnerSuite:
                 expect(bool(np.isfinite(source.z).all()), "a value is not finite")
 
     def test_same_seed_and_results_give_the_same_proposals(self) -> None:
-        """Bit for bit, over several rounds."""
+        """Equal seeds give equal proposals, bit for bit, over several rounds."""
         expect(self.course(self.learner()) == self.course(self.learner()), "proposals differ")
 
     def test_leaves_the_global_generators_alone(self) -> None:
-        """A learner shares its process with whoever runs it."""
+        """A learner does not change the global random state of its process."""
         before = global_numbers()
         self.begun()
         expect(np.array_equal(before, global_numbers()), "numpy's global generator was used")
 
     def test_restored_learner_goes_on_bit_for_bit(self) -> None:
-        """The state carries everything, whatever the learner that reads it did before."""
+        """A state is complete: a learner that restores it forgets its own."""
         learner, first = self.begun()
         state = learner.state()
         expected = self.course(learner, first)
@@ -124,7 +124,7 @@ class LearnerSuite:
             expect(self.course(other, first) == expected, "proposals differ after a restore")
 
     def test_refuses_garbage_as_a_state_and_stays_as_it_was(self) -> None:
-        """With a ProtocolError and nothing else."""
+        """Damaged states are refused by a ProtocolError."""
         learner, _ = self.begun()
         state = learner.state()
         damaged = bytearray(state)
@@ -135,7 +135,7 @@ class LearnerSuite:
             expect(learner.state() == state, "a refused state has changed the learner")
 
     def test_tolerates_failed_episodes(self) -> None:
-        """Some, then a whole round of them; the campaign goes on."""
+        """A campaign goes on after some errored episodes, and after a round of them."""
         learner, first = self.learner(), 0
         for faulty in (range(0, self.budget, 3), range(self.budget), ()):
             first += len(self.play(learner, first, ToyEngine(CORRIDOR, tuple(faulty))).sources)
@@ -143,14 +143,14 @@ class LearnerSuite:
         expect(len(learner.propose(self.budget - first).sources) > 0, "gave up")
 
     def course(self, learner: Learner, first: int = 0) -> list[bytes]:
-        """The proposals of the next rounds."""
+        """Return the proposals of the next rounds."""
         said = []
         for _ in range(self.rounds):
             if first >= self.budget:
                 break
             proposal = self.play(learner, first)
             first += len(proposal.sources)
-            said.append(encoded(proposal))
+            said.append(encode_proposal(proposal))
         return said
 
 
@@ -166,6 +166,6 @@ def results(proposal: Proposal, first: int, engine: EpisodeEngine) -> Sequence[E
 
 
 def global_numbers() -> NDArray[np.uint32]:
-    """The state of numpy's global generator."""
+    """Return the state of numpy's global generator."""
     state = np.random.get_state(legacy=False)  # noqa: NPY002 - this generator is the subject
     return np.array(state["state"]["key"], np.uint32)

@@ -1,4 +1,4 @@
-"""The conformance suite of `Planner`.
+"""Conformance suite of `Planner`.
 
 @pytest.mark.parametrize("check", PLANNER_CHECKS)
 def test_my_planner(check):
@@ -6,12 +6,14 @@ def test_my_planner(check):
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from math import cos, hypot, isfinite
 from time import perf_counter
 
 import msgspec
 
 from eigenfail.contracts import Planner
+from eigenfail.process_state import ProcessState
 from eigenfail.testing.expectations import expect
 from eigenfail.values import Control, Mission, Perception, VehicleState
 
@@ -27,11 +29,11 @@ MISSION = Mission(
 )
 STEPS = 80
 DECISION_S = MISSION.dt_s
-"""How long a decision may take on average: as long as the step that it is for."""
+"""Time limit of a decision on average: the duration of a step."""
 
 
 def cut_in_drive(shake_m: float = 1.0) -> list[Perception]:
-    """What a truck at constant speed sees of a car that changes into its lane.
+    """Return the perceptions of a truck at constant speed while a car cuts in.
 
     Args:
         shake_m: how far the perceived position swings about the true one.
@@ -54,14 +56,24 @@ def _frame(step: int, shake_m: float) -> Perception:
 def drive(
     planner: Planner, perceptions: Sequence[Perception], mission: Mission | None = None
 ) -> list[Control]:
-    """The planner's answers over one episode; of a mission of its own, unless given."""
+    """Return the planner's answers over one episode, by default of a new mission."""
     planner.reset(mission or msgspec.structs.replace(MISSION))
     return [planner.act(perception) for perception in perceptions]
 
 
 def _alike(one: Sequence[Control], other: Sequence[Control]) -> bool:
-    """Whether two drives are the same, bit for bit; as text, so that a NaN is like a NaN."""
+    """Whether two drives are equal bit for bit; compared as text, so that NaN equals NaN."""
     return repr(one) == repr(other)
+
+
+def leaves_its_process_alone(make: MakePlanner) -> None:
+    """An episode leaves rounding mode, numpy, locale, directory and signal handlers unchanged."""
+    before = ProcessState()
+    with suppress(Exception):  # what it raises is another check's subject
+        drive(make(), cut_in_drive())
+    changes = before.changes()
+    before.restore()
+    expect(not changes, f"The planner changed process-wide state: {'; '.join(changes)}.")
 
 
 def returns_finite_controls(make: MakePlanner) -> None:
@@ -73,13 +85,13 @@ def returns_finite_controls(make: MakePlanner) -> None:
 
 
 def is_deterministic(make: MakePlanner) -> None:
-    """Two planners that see the same answer the same, bit for bit."""
+    """Two planners with equal perceptions give equal answers, bit for bit."""
     same = _alike(drive(make(), cut_in_drive()), drive(make(), cut_in_drive()))
     expect(same, "Two planners answered the same perceptions differently.")
 
 
 def forgets_at_reset(make: MakePlanner) -> None:
-    """After a reset, also in the middle of an episode, a planner is as good as new."""
+    """After a reset, also in the middle of an episode, a planner behaves like a new one."""
     used = make()
     for perceptions in (cut_in_drive(4.0), cut_in_drive(2.0)[: STEPS // 2]):
         drive(used, perceptions)
@@ -88,7 +100,7 @@ def forgets_at_reset(make: MakePlanner) -> None:
 
 
 def leaves_its_input_alone(make: MakePlanner) -> None:
-    """What a planner is told and shown is as it was afterwards."""
+    """A planner does not change its mission and perceptions."""
     perceptions, mission = cut_in_drive(), msgspec.structs.replace(MISSION)
     before = msgspec.msgpack.encode(perceptions)
     drive(make(), perceptions, mission)
@@ -98,7 +110,7 @@ def leaves_its_input_alone(make: MakePlanner) -> None:
 
 
 def decides_in_time(make: MakePlanner) -> None:
-    """On average a decision takes no longer than the step that it is for: 0.1 s."""
+    """A decision takes no longer than a step, 0.1 s, on average."""
     planner, perceptions = make(), cut_in_drive()
     began = perf_counter()
     drive(planner, perceptions)
@@ -108,7 +120,7 @@ def decides_in_time(make: MakePlanner) -> None:
 
 
 def explains_without_a_trace(make: MakePlanner) -> None:
-    """If it explains itself, then in plain words and numbers, and drives on as if not asked.
+    """An explanation has plain words and numbers, and does not change how the planner drives.
 
     The same for its path, if it tells one: pairs of finite numbers.
     """
@@ -131,6 +143,7 @@ def explains_without_a_trace(make: MakePlanner) -> None:
 
 
 PLANNER_CHECKS: tuple[Callable[[MakePlanner], None], ...] = (
+    leaves_its_process_alone,  # first: what it finds would change what the others compute
     returns_finite_controls,
     is_deterministic,
     forgets_at_reset,

@@ -1,4 +1,4 @@
-"""The conformance suite of `Scenario`.
+"""Conformance suite of `Scenario`.
 
 @pytest.mark.parametrize("check", SCENARIO_CHECKS)
 def test_my_scenario(check):
@@ -18,11 +18,11 @@ from eigenfail.values import VehicleState
 
 SEEDS = (0, 1, 2**62)
 TOLERANCE_M = 0.05
-"""By how much an actor's way in one step may differ from its reported speed × dt."""
+"""Tolerance of an actor's way in one step against its reported speed × dt."""
 
 
 def has_valid_defaults(scenario: Scenario) -> None:
-    """Every parameter has a default, within its own bounds, and survives plain data."""
+    """Every parameter has a default within its bounds, and survives conversion to plain data."""
     parameters = read_settings(scenario.Parameters, {}, "scenario_parameters")
     plain = msgspec.to_builtins(parameters)
     again = read_settings(scenario.Parameters, plain, "scenario_parameters")
@@ -30,7 +30,7 @@ def has_valid_defaults(scenario: Scenario) -> None:
 
 
 def is_plausible(scenario: Scenario) -> None:
-    """There is time, a road, a planner's task and at least one actor."""
+    """A situation has time, a road, a task and at least one actor."""
     for situation in _situations(scenario):
         mission = situation.mission
         expect(mission.dt_s > 0.0 and situation.steps >= 1, "The episode has no duration.")
@@ -42,7 +42,7 @@ def is_plausible(scenario: Scenario) -> None:
 
 
 def starts_without_overlap(scenario: Scenario) -> None:
-    """The ego touches nobody at the start."""
+    """The ego touches no vehicle at the start."""
     for situation in _situations(scenario):
         for actor in situation.actors:
             apart = _separated(situation.ego, actor) or _separated(actor, situation.ego)
@@ -63,13 +63,13 @@ def repeats_itself(scenario: Scenario) -> None:
 
 
 def has_a_steady_horizon(scenario: Scenario) -> None:
-    """Time step and horizon depend on the parameters alone, never on the seed."""
+    """Time step and horizon depend on the parameters alone, not on the seed."""
     times = {(one.mission.dt_s, one.steps) for one in _situations(scenario)}
     expect(len(times) == 1, f"Time step and horizon vary with the seed: {sorted(times)}.")
 
 
 def moves_actors_as_they_say(scenario: Scenario) -> None:
-    """A script begins where the actor starts, and its positions follow from its speeds."""
+    """A script begins at the start of the actor, and its positions follow from its speeds."""
     for situation in _situations(scenario):
         dt_s = situation.mission.dt_s
         for poses, start in zip(_script(situation), situation.actors, strict=True):
@@ -89,7 +89,7 @@ def _situations(scenario: Scenario) -> Iterator[Situation]:
 
 
 def _script(situation: Situation) -> list[list[VehicleState]]:
-    """The poses of every actor at every step, for an ego that keeps its speed and heading."""
+    """Return the poses of every actor at every step, for an ego at constant velocity."""
     egos = [_kept(situation.ego, step * situation.mission.dt_s) for step in range(situation.steps)]
     return [
         [situation.move_actor(actor, step, ego) for step, ego in enumerate(egos)]
@@ -104,7 +104,7 @@ def _kept(ego: VehicleState, time_s: float) -> VehicleState:
 
 
 def _separated(one: VehicleState, other: VehicleState) -> bool:
-    """Whether a side of the first rectangle has the whole second one beyond it."""
+    """Whether a side of the first rectangle separates it from the second one."""
     along, across = _in_frame(one, other)
     turn = other.heading_rad - one.heading_rad
     c, s = abs(cos(turn)), abs(sin(turn))

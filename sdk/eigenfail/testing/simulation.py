@@ -1,4 +1,4 @@
-"""The conformance suite of `Simulation`.
+"""Conformance suite of `Simulation`.
 
     @pytest.mark.parametrize("check", SIMULATION_CHECKS)
     def test_my_simulator(check):
@@ -26,27 +26,27 @@ NONE: Pair = (0.0, 0.0)
 
 
 class Cruise:
-    """A planner that answers the same to whatever it sees, and remembers what that was."""
+    """A planner with a constant answer that records its perceptions."""
 
     def __init__(self, answer: object = None) -> None:
         self.answer = Control(0.0, 0.0) if answer is None else answer
         self.seen: list[Perception] = []
 
     def reset(self, mission: Mission) -> None:  # noqa: ARG002 - of the contract
-        """Forget."""
+        """Clear the record."""
         self.seen.clear()
 
     def act(self, perception: Perception) -> Control:
-        """The answer, which may be none that a planner is allowed."""
+        """Return the constant answer, which may be invalid."""
         self.seen.append(perception)
         return self.answer  # type: ignore[return-value]  # wrong answers are checked too
 
 
 class Follower(Cruise):
-    """A planner on whose controls every bit of the perceived position shows."""
+    """A planner whose controls depend on every bit of the perceived position."""
 
     def act(self, perception: Perception) -> Control:
-        """Brake a little, by what is seen."""
+        """Brake slightly, depending on the perceived position."""
         super().act(perception)
         other = perception.others[0]
         ahead_m = other.x_m - perception.ego.x_m
@@ -54,27 +54,27 @@ class Follower(Cruise):
 
 
 class Broken(Cruise):
-    """A planner that cannot."""
+    """A planner that fails."""
 
     def act(self, perception: Perception) -> Control:  # noqa: ARG002 - of the contract
-        """Raise what no contract mentions."""
+        """Raise an error that no contract mentions."""
         raise ZeroDivisionError("on purpose")
 
 
 def wave(step: int) -> Pair:
-    """Some disturbance [m]."""
+    """Return a disturbance that depends on the step. [m]"""
     return 2.0 * cos(3.0 * step), 0.5 * cos(5.0 * step)
 
 
 def calm(_step: int) -> Pair:
-    """No disturbance."""
+    """Return no disturbance. [m]"""
     return NONE
 
 
 def course(
     simulation: Simulation, disturb: Callable[[int], Pair] = wave, seed: int = SEED
 ) -> list[Observation]:
-    """One whole episode."""
+    """Return the observations of one episode."""
     observations = [simulation.reset(seed)]
     while not observations[-1].ended:
         observations.append(simulation.step(disturb(len(observations))))
@@ -83,7 +83,7 @@ def course(
 
 
 def starts_at_step_zero(open_simulation: OpenSimulation) -> None:
-    """A reset shows the start: nothing has happened, somebody else is there."""
+    """A reset shows the start: step 0, without a collision, with another vehicle."""
     with closing(open_simulation(Cruise())) as simulation:
         start = simulation.reset(SEED)
     expect(start.step == 0, f"The start is step {start.step}.")
@@ -104,7 +104,7 @@ def counts_steps(open_simulation: OpenSimulation) -> None:
 
 
 def ends_at_a_collision(open_simulation: OpenSimulation) -> None:
-    """Whoever collided has ended, and nobody was touched before."""
+    """A collision ends the episode, and no vehicle was touched before."""
     with closing(open_simulation(Cruise(Control(3.0, 0.0)))) as simulation:
         for observation in course(simulation):
             ended = observation.ended or not observation.collided
@@ -126,7 +126,7 @@ def shows_finite_numbers(open_simulation: OpenSimulation) -> None:
 
 
 def repeats_itself(open_simulation: OpenSimulation) -> None:
-    """The same seed and disturbances give the same episode, bit for bit, over and over."""
+    """Equal seeds and disturbances give equal episodes, bit for bit."""
     with closing(open_simulation(Follower())) as simulation:
         first = course(simulation)
         expect(course(simulation) == first, "The second episode differs from the first.")
@@ -138,7 +138,7 @@ def repeats_itself(open_simulation: OpenSimulation) -> None:
 
 
 def disturbs_the_nearest(open_simulation: OpenSimulation) -> None:
-    """The planner sees the truth, but for the nearest vehicle's position, which is disturbed."""
+    """The planner perceives the true state, with a disturbed position of the nearest vehicle."""
     planner = Follower()
     with closing(open_simulation(planner)) as simulation:
         seen = course(simulation)
@@ -162,7 +162,7 @@ def leaves_the_truth_alone(open_simulation: OpenSimulation) -> None:
 
 
 def obeys_the_planner(open_simulation: OpenSimulation) -> None:
-    """Braking slows the ego down, ends at rest, and is told as it was asked for."""
+    """Braking slows the ego down, ends at rest, and is reported as requested."""
     asked = Control(-6.0, 0.0)
     with closing(open_simulation(Cruise(asked))) as simulation:
         seen = course(simulation, calm)
@@ -174,7 +174,7 @@ def obeys_the_planner(open_simulation: OpenSimulation) -> None:
 
 
 def blames_the_planner(open_simulation: OpenSimulation) -> None:
-    """A planner's failure is a PlannerError, and the next episode begins as if it never was."""
+    """A planner's failure is a PlannerError, and does not affect the next episode."""
     answers = ("go", Control(nan, 0.0), Control(0.0, inf))
     for planner in (Broken(), *(Cruise(answer) for answer in answers)):
         with closing(open_simulation(planner)) as simulation:
@@ -185,7 +185,7 @@ def blames_the_planner(open_simulation: OpenSimulation) -> None:
 
 
 def refuses_what_is_over(open_simulation: OpenSimulation) -> None:
-    """No step before a reset or after the end; nothing at all once closed."""
+    """A step before a reset or after the end is refused, and so is any use after closing."""
     simulation = open_simulation(Cruise())
     with expect_error(EpisodeError, "A step before any reset must be an EpisodeError."):
         simulation.step(NONE)

@@ -1,4 +1,4 @@
-"""A world in a few lines of numpy: enough to run any method, in well under a millisecond."""
+"""A small world in numpy that runs any method, in less than a millisecond an episode."""
 
 from collections.abc import Iterator, Sequence
 
@@ -27,7 +27,7 @@ LAST_NOISE = slice(STATE.index("noise_x"), STATE.index("noise_y") + 1)
 
 
 class Corridor(msgspec.Struct, frozen=True):
-    """A vehicle that follows its low-pass filtered longitudinal noise, and a wall.
+    """A vehicle that follows low-pass filtered longitudinal noise, and a wall.
 
     y_t = (1 - gain) · y_{t-1} + gain · z_t fails once it reaches `wall`; robustness is the
     distance to it. White noise is filtered away; noise that lasts is not.
@@ -39,7 +39,7 @@ class Corridor(msgspec.Struct, frozen=True):
     sigma: tuple[float, float] = (2.0, 0.4)
 
     def course(self, z: NDArray[np.floating]) -> NDArray[np.float64]:
-        """y after each step, shape (…, steps), for noise of shape (…, steps, 2)."""
+        """Return y after each step, shape (…, steps), for noise of shape (…, steps, 2)."""
         y = np.zeros(z.shape[:-1])
         last = np.zeros(z.shape[:-2])
         for t in range(z.shape[-2]):
@@ -61,11 +61,11 @@ class ToyEngine:
         self._policies: dict[int, Policy] = {}
 
     def learn(self, policy: Policy) -> None:
-        """Keep a policy version."""
+        """Store a policy version."""
         self._policies[policy.version] = policy
 
     def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:
-        """The results, in the order of the tasks."""
+        """Yield the results in the order of the tasks."""
         for task in tasks:
             if task.index in self._faulty:
                 yield unrunnable(task, EpisodeFault("simulator", "the toy was told to fail"))
@@ -73,7 +73,7 @@ class ToyEngine:
                 yield self._episode(task)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: the engine holds no resources."""
 
     def _episode(self, task: EpisodeTask) -> EpisodeResult:
         random = np.random.default_rng(task.seed)
@@ -105,7 +105,7 @@ class ToyEngine:
         return self._chosen(self._policies[source.version], random, states)
 
     def _chosen(self, policy: Policy, random: np.random.Generator, states: Floats) -> Floats:
-        """z of a policy's episode; what it saw is written into `states`."""
+        """Return z of a policy's episode, and write its observed states into `states`."""
         z = np.zeros((len(states), 2), np.float32)
         y = 0.0
         for t in range(len(states)):
@@ -123,7 +123,7 @@ class ToyEngine:
 
 
 def decide(policy: Policy, state: Floats, eps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """z of one decision, shape (2,), as `Policy` defines it.
+    """Return z of one decision, shape (2,), as `Policy` defines it.
 
     Args:
         policy: which decides.

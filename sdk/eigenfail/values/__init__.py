@@ -11,6 +11,8 @@ from eigenfail.values.arrays import Floats
 from eigenfail.values.assessment import Assessment, ConflictClass, assess
 from eigenfail.values.campaign import (
     FINAL_STATES,
+    IMPORTANCE_SAMPLING,
+    ONE_REGION,
     Campaign,
     CampaignSpec,
     CampaignState,
@@ -20,6 +22,7 @@ from eigenfail.values.campaign import (
     Interval,
     Overhead,
     Rate,
+    RunPart,
 )
 from eigenfail.values.comparison import (
     Comparison,
@@ -48,7 +51,6 @@ from eigenfail.values.episode import (
     EpisodeResult,
     EpisodeSetup,
     EpisodeTask,
-    Measures,
     Outcome,
     PolicySource,
     PriorSource,
@@ -80,6 +82,7 @@ from eigenfail.values.learning import (
     Round,
     RoundSizes,
 )
+from eigenfail.values.measures import MEASURES, Measure, Measures
 from eigenfail.values.minimal import MinimalFailure
 from eigenfail.values.paging import Page
 from eigenfail.values.policy import STATE, Layer, Policy
@@ -113,11 +116,14 @@ from eigenfail.values.spending import (
     TimeSplit,
 )
 from eigenfail.values.stopping import StopRules
-from eigenfail.values.summary import Conflicts, MeanTime, Summary, Unresolved
+from eigenfail.values.summary import Conflicts, Errored, MeanTime, Summary, Unresolved
 
 __all__ = [
     "AXES",
     "FINAL_STATES",
+    "IMPORTANCE_SAMPLING",
+    "MEASURES",
+    "ONE_REGION",
     "STATE",
     "Account",
     "AnalysedCampaign",
@@ -153,6 +159,7 @@ __all__ = [
     "EpisodeResult",
     "EpisodeSetup",
     "EpisodeTask",
+    "Errored",
     "Estimate",
     "Event",
     "Experience",
@@ -172,6 +179,7 @@ __all__ = [
     "Magnitude",
     "McNemar",
     "MeanTime",
+    "Measure",
     "MeasureTotals",
     "Measures",
     "MinimalFailure",
@@ -202,6 +210,7 @@ __all__ = [
     "Reproduction",
     "Round",
     "RoundSizes",
+    "RunPart",
     "Safety",
     "SafetyTotals",
     "Scatter",

@@ -117,11 +117,11 @@ class NewKey(msgspec.Struct, frozen=True):
 
     def __repr__(self) -> str:
         """Without the secret."""
-        return f"NewKey(key={self.key!r}, token={redacted(self.token)!r})"
+        return f"NewKey(key={self.key!r}, token={redact(self.token)!r})"
 
     def __rich_repr__(self) -> list[tuple[str, Any]]:
         """The same for those who print with colours."""
-        return [("key", self.key), ("token", redacted(self.token))]
+        return [("key", self.key), ("token", redact(self.token))]
 
 
 class Change(msgspec.Struct, frozen=True):
@@ -156,7 +156,7 @@ class AuditEntry(Change, frozen=True, kw_only=True):
     at_ms: int
 
 
-def redacted(text: str) -> str:
+def redact(text: str) -> str:
     """A text in which no key can be read, nor the password of a database."""
     for secret, instead in HIDDEN:
         text = secret.sub(instead, text)

@@ -95,7 +95,8 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
         components: shape (components, steps, 2); signs fixed so that the largest entry is positive;
             zero along an axis that was left out.
         scores: the data in PCA space D* = (D - mu) V_k, shape (failures, components).
-        labels: the mode of each failure, by position in `modes`.
+        labels: the mode of each failure, by position in `modes`, from 0; pages, tables and data
+            frames number modes from 1.
         silhouette: of the clustering, from -1 to 1; None with a single mode.
         noise_silhouette: the largest that the same clustering reaches on 19 draws of data without
             groups, of the same covariance and the same distances from the centre.
@@ -178,7 +179,7 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
         return f"{len(self.modes)} distinct modes ({against}; {again})."
 
 
-class Analysis(Shown, Tabular, msgspec.Struct, frozen=True, eq=False):
+class Analysis(Brief, Shown, Tabular, msgspec.Struct, frozen=True, eq=False):
     """An analysis as it stands.
 
     Attributes:

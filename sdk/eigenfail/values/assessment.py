@@ -4,10 +4,12 @@ Thresholds are the paper's (section on safety measures, after FHWA-RD-03-050).
 """
 
 from enum import StrEnum
+from typing import Annotated
 
 import msgspec
 
-from eigenfail.values.episode import Measures, Outcome
+from eigenfail.values.episode import Outcome
+from eigenfail.values.measures import Measure, Measures, read_declarations
 
 NEAR_MISS_TTC_S = 1.5
 """A time to collision below this is a violation."""
@@ -55,8 +57,24 @@ class Assessment(msgspec.Struct, frozen=True):
     """
 
     conflict: ConflictClass | None = None
-    ttc_lead_s: float | None = None
-    drac_lead_s: float | None = None
+    ttc_lead_s: Annotated[
+        float | None,
+        Measure(
+            label="lead time of TTC",
+            unit="s",
+            words="from ttc_violated_s to the collision",
+            formula="`collided_s` − `ttc_violated_s`",
+        ),
+    ] = None
+    drac_lead_s: Annotated[
+        float | None,
+        Measure(
+            label="lead time of DRAC",
+            unit="s",
+            words="from drac_violated_s to the collision",
+            formula="`collided_s` − `drac_violated_s`",
+        ),
+    ] = None
     unresolved: bool | None = None
 
     @property
@@ -67,6 +85,10 @@ class Assessment(msgspec.Struct, frozen=True):
     def beside(self, words: str) -> str:
         """Words on the episode, and whether it was unresolved at the horizon."""
         return ", ".join(filter(None, (words, UNRESOLVED if self.unresolved else "")))
+
+
+LEAD_TIMES = read_declarations(Assessment)
+"""Declarations of the measures that follow from outcome and measures."""
 
 
 def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
@@ -81,7 +103,7 @@ def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
     if outcome is Outcome.SAFE:
         near = measures.min_ttc_s is not None and measures.min_ttc_s < NEAR_MISS_TTC_S
         conflict = ConflictClass.NEAR_MISS if near else ConflictClass.NONE
-        return Assessment(conflict, unresolved=unresolved(measures))
+        return Assessment(conflict, unresolved=is_unresolved(measures))
     return Assessment(
         _of_collision(measures),
         _lead_s(measures, measures.ttc_violated_s),
@@ -90,7 +112,7 @@ def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
     )
 
 
-def unresolved(measures: Measures) -> bool | None:
+def is_unresolved(measures: Measures) -> bool | None:
     """Whether an episode without a collision ended while braking could not avoid one any more.
 
     At a closing speed v and a gap g, constant braking avoids the crash if v² / (2 · g), which is

@@ -1,22 +1,49 @@
 """A campaign: a budgeted search for failures of one planner, with one method, from one seed."""
 
+from collections.abc import Mapping
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
+from msgspec import structs
 
 from eigenfail.values.disturbance import DisturbanceModel
-from eigenfail.values.episode import EpisodeSetup
+from eigenfail.values.episode import ERRORED, EpisodeSetup
 from eigenfail.values.priority import Priority
 from eigenfail.values.randomness import MAX_SEED
 from eigenfail.values.showing import Shown
 from eigenfail.values.stopping import StopRules
+from eigenfail.values.worker import Versions
 
 MAX_EPISODES = 10_000_000
 LONGEST_NAME = 200
 
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=LONGEST_NAME)]
 Settings = dict[str, Any]
+
+
+class Section(StrEnum):
+    """Section of the launch form; fields without one are placed by the plug-ins they belong to."""
+
+    CAMPAIGN = "Campaign"
+    RECORDS = "Price, records and priority"
+    PLUGINS = ""
+
+
+class SpecField(msgspec.Struct, frozen=True, kw_only=True):
+    """Description of a field of a spec, from which forms, pages and comparisons are made.
+
+    Attributes:
+        help: sentence beside the field of a form.
+        section: of the form.
+        label: on the page of a campaign; empty for fields that it shows elsewhere.
+        changes_episodes: whether campaigns that differ in this field have different episodes.
+    """
+
+    help: str
+    section: Section = Section.PLUGINS
+    label: str = ""
+    changes_episodes: bool = True
 
 
 class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -32,22 +59,85 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             its turn; it may be changed later, and changes no episode.
     """
 
-    name: Name
-    method: Name
-    episodes: Annotated[int, msgspec.Meta(ge=1, le=MAX_EPISODES)]
-    seed: Annotated[int, msgspec.Meta(ge=0, le=MAX_SEED)] = 0
+    name: Annotated[
+        Name,
+        SpecField(
+            help="What it is called in lists.", section=Section.CAMPAIGN, changes_episodes=False
+        ),
+    ]
+    method: Annotated[Name, SpecField(help="How disturbances are chosen.")]
+    episodes: Annotated[
+        int,
+        msgspec.Meta(ge=1, le=MAX_EPISODES),
+        SpecField(
+            help="The budget: every simulated episode counts.",
+            section=Section.CAMPAIGN,
+            label="episodes",
+        ),
+    ]
+    seed: Annotated[
+        int,
+        msgspec.Meta(ge=0, le=MAX_SEED),
+        SpecField(
+            help="Equal campaigns with equal seeds have equal episodes.",
+            section=Section.CAMPAIGN,
+            label="seed",
+        ),
+    ] = 0
     settings: Settings = {}
-    scenario: Name = "cut_in"
-    scenario_parameters: Settings = {}
-    planner: Name = "rulebook"
-    planner_settings: Settings = {}
-    simulator: Name = "highway"
+    scenario: Annotated[Name, SpecField(help="The road, the actors and the goal.")] = "cut_in"
+    scenario_parameters: Annotated[
+        Settings,
+        SpecField(help='As JSON: {"steps": 100}, "dt_s" if it is not 0.1, and its own.'),
+    ] = {}
+    planner: Annotated[Name, SpecField(help="The system under test.")] = "rulebook"
+    planner_settings: Annotated[
+        Settings,
+        SpecField(help="As JSON: those of the planner, as eigenfail doctor --bridge lists them."),
+    ] = {}
+    simulator: Annotated[Name, SpecField(help="What moves the vehicles.", label="simulator")] = (
+        "highway"
+    )
     disturbance: DisturbanceModel = DisturbanceModel()
     stop: StopRules = StopRules()
-    price_usd_per_hour: Annotated[float, msgspec.Meta(ge=0.0, le=100_000.0)] = 1.20
-    instances: Annotated[int, msgspec.Meta(ge=1, le=100_000)] = 1
-    scene_every: Annotated[int, msgspec.Meta(ge=1, le=MAX_EPISODES)] = 50
-    priority: Priority = Priority.NORMAL
+    price_usd_per_hour: Annotated[
+        float,
+        msgspec.Meta(ge=0.0, le=100_000.0),
+        SpecField(
+            help="Price of one instance.",
+            section=Section.RECORDS,
+            label="price [USD/h]",
+            changes_episodes=False,
+        ),
+    ] = 1.20
+    instances: Annotated[
+        int,
+        msgspec.Meta(ge=1, le=100_000),
+        SpecField(
+            help="Number of instances that the campaign occupies while it runs.",
+            section=Section.RECORDS,
+            label="instances",
+            changes_episodes=False,
+        ),
+    ] = 1
+    scene_every: Annotated[
+        int,
+        msgspec.Meta(ge=1, le=MAX_EPISODES),
+        SpecField(
+            help="Besides all collisions, the scene of every n-th episode is kept.",
+            section=Section.RECORDS,
+            label="scene kept every",
+            changes_episodes=False,
+        ),
+    ] = 50
+    priority: Annotated[
+        Priority,
+        SpecField(
+            help="Share of the workers beside other campaigns, and place in the queue.",
+            section=Section.RECORDS,
+            changes_episodes=False,
+        ),
+    ] = Priority.NORMAL
 
     def is_like(self, other: "CampaignSpec") -> bool:
         """Whether both ask for the same, at whatever priority."""
@@ -66,8 +156,17 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         )
 
 
+SPEC_FIELDS: Mapping[str, SpecField] = {
+    field.name: description
+    for field in structs.fields(CampaignSpec)
+    for description in getattr(field.type, "__metadata__", ())
+    if isinstance(description, SpecField)
+}
+"""Descriptions by field name, in the order of the fields."""
+
+
 class CampaignState(StrEnum):
-    """Where a campaign is in its life; the transitions are in `campaigns.lifecycle`."""
+    """State of a campaign."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -86,9 +185,9 @@ class Counts(msgspec.Struct, frozen=True):
     """planned = completed + failed + cancelled + open, at every commit.
 
     `failures` counts the collisions among the completed episodes; `failed` counts the episodes
-    that could not be run; `cancelled` counts those that were left unrun when the campaign ended,
-    whoever ended it: a user, a stop rule, or a method with no more to propose; `duplicates` counts
-    results that came a second time.
+    that errored, which no rate counts; `cancelled` counts those that were left unrun when the
+    campaign ended, whoever ended it: a user, a stop rule, or a method with no more to propose;
+    `duplicates` counts results that came a second time.
     """
 
     planned: int
@@ -99,9 +198,27 @@ class Counts(msgspec.Struct, frozen=True):
     duplicates: int = 0
 
     @property
+    def errored(self) -> int:
+        """Number of episodes that could not be completed; the field is called `failed`."""
+        return self.failed
+
+    @property
+    def all_errored(self) -> bool:
+        """Whether every episode that ended has errored, so that nothing was found out."""
+        return self.failed > 0 and not self.completed
+
+    @property
     def open(self) -> int:
         """Episodes still to come."""
         return self.planned - self.completed - self.failed - self.cancelled
+
+
+def state_word(state: CampaignState, counts: Counts) -> str:
+    """Return the state as people read it: "errored" for a campaign whose every episode errored.
+
+    The stored state of such a campaign is `done`: its search ran to its end.
+    """
+    return ERRORED if state is CampaignState.DONE and counts.all_errored else state.value
 
 
 class Interval(msgspec.Struct, frozen=True):
@@ -111,15 +228,29 @@ class Interval(msgspec.Struct, frozen=True):
     high: float
 
 
+IMPORTANCE_SAMPLING = "importance sampling"
+ONE_REGION = (
+    "Importance sampling from one Gaussian sees one failure region; others are missed, so the true "
+    "probability may be larger."
+)
+
+
 class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     """The failure probability under p(x), as a learner knows it after its last whole round.
+
+    An estimate by importance sampling is a lower bound without an interval, whatever it was stored
+    as: the proposal follows one failure region, and neither the spread of the weights nor the
+    agreement of several such estimates shows the share of the regions that were missed.
 
     Attributes:
         by: how it was found: "subset simulation" or "importance sampling".
         episodes: how many it rests on.
         probability: None where it cannot be told honestly; `problem` then says why.
-        cv: coefficient of variation: standard error ÷ probability.
-        interval: of 95 %.
+        bound: "lower" where `probability` is only a lower bound, which `note` explains; None
+            where it is an estimate of the probability itself.
+        cv: coefficient of variation: standard error ÷ probability. Of a lower bound it is the
+            random error of the bound, not the distance from the true probability.
+        interval: of 95 %; None of a lower bound.
         effective: effective sample size, of weighted samples.
         problem: why there is no number, and what to do; empty otherwise.
         note: what neither the number nor its interval can know.
@@ -133,6 +264,14 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     effective: float | None = None
     problem: str = ""
     note: str = ""
+    bound: Literal["lower"] | None = None
+
+    def __post_init__(self) -> None:
+        if self.by == IMPORTANCE_SAMPLING and self.probability is not None and self.bound is None:
+            # Only estimates that were stored or sent by an earlier release come without a bound.
+            structs.force_setattr(self, "bound", "lower")
+            structs.force_setattr(self, "interval", None)
+            structs.force_setattr(self, "note", f"{ONE_REGION} {self.note}".strip())
 
 
 class Overhead(msgspec.Struct, frozen=True):
@@ -150,17 +289,34 @@ class Overhead(msgspec.Struct, frozen=True):
     discarded_s: float = 0.0
 
 
+class RunPart(msgspec.Struct, frozen=True, kw_only=True):
+    """A part of a campaign that services with the same versions ran.
+
+    Attributes:
+        versions: by name, of what the learner ran with: Python, processor, packages.
+        began_ms: when these services took the campaign over.
+        results: number of results that the campaign had by then; all later ones are of this part.
+    """
+
+    versions: Versions
+    began_ms: int
+    results: int
+
+
 class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
     """A campaign as it stands.
 
     Attributes:
-        stopped_because: why it is in its final state, in words; empty before.
+        stopped_because: why it is in its final state, or why the service paused it, in words; empty
+            otherwise.
         active_s: time during which it was running; pauses do not count.
         digest: over all results in index order, once the campaign is done.
         estimate: of the failure probability; None where the method tells none, or none yet.
         overhead: what of `active_s` was no simulation; None where nobody measured it.
         trained_episodes: how many its learner was trained with so far; None where the method does
             not say.
+        parts: the versions of the services that ran it, one after the other; empty where an older
+            release, which recorded none, ran all of it.
     """
 
     id: int
@@ -176,6 +332,22 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
     estimate: Estimate | None = None
     overhead: Overhead | None = None
     trained_episodes: int | None = None
+    parts: tuple[RunPart, ...] = ()
+
+    @property
+    def is_mixed(self) -> bool:
+        """Whether services of other versions took the campaign over when it had results."""
+        return any(part.results for part in self.parts)
+
+    @property
+    def is_errored(self) -> bool:
+        """Whether the campaign is done and every episode of it errored."""
+        return self.state_word == ERRORED
+
+    @property
+    def state_word(self) -> str:
+        """The state as people read it: "errored" if the campaign is done without any result."""
+        return state_word(self.state, self.counts)
 
 
 class Rate(msgspec.Struct, frozen=True):

@@ -5,7 +5,7 @@ from enum import StrEnum
 import msgspec
 
 from eigenfail.values.campaign import Cost, Interval, Rate
-from eigenfail.values.showing import Shown, Tabular
+from eigenfail.values.showing import Brief, Shown, Tabular
 
 
 class PairTotals(msgspec.Struct, frozen=True):
@@ -114,7 +114,7 @@ class Distinction(msgspec.Struct, frozen=True):
     b: str
 
 
-class Comparison(Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
+class Comparison(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     """Two groups of campaigns, side by side.
 
     Attributes:

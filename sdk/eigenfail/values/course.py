@@ -3,7 +3,7 @@
 import msgspec
 
 from eigenfail.values.campaign import Rate
-from eigenfail.values.showing import Shown, Tabular
+from eigenfail.values.showing import Brief, Shown, Tabular
 
 MOST_BLOCKS = 1_000
 """How many blocks a course has at most."""
@@ -50,7 +50,7 @@ class CourseBlock(msgspec.Struct, frozen=True, kw_only=True):
     median_robustness_m: float | None
 
 
-class Course(Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
+class Course(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     """A campaign over its episodes.
 
     Attributes:

@@ -8,16 +8,15 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from eigenfail.error_text import clean_text
 from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory, White
+from eigenfail.values.measures import Measures
 from eigenfail.values.scene import Scene
 from eigenfail.values.showing import Brief
 
-FIRST_MEASURES = 4
-"""How many measures the first release had."""
-
-DIGESTED_MEASURES = 12
-"""How many measures a digest covers: those that came later follow from the same course."""
+MAX_WALL_S = 7 * 86_400.0
+"""The longest that an episode is believed to have taken: a worker may report any number. [s]"""
 
 
 class PriorSource(msgspec.Struct, frozen=True, tag="prior"):
@@ -70,82 +69,54 @@ class EpisodeSetup(msgspec.Struct, frozen=True):
     scene_every: int = 50
 
 
+ERRORED = "errored"
+"""What people call an episode that could not be completed, and a campaign of only such episodes."""
+
+
 class Outcome(StrEnum):
-    """How an episode ended; `failed` means that it could not be run, not that the ego crashed."""
+    """How an episode ended.
+
+    `failed` is the stored word for an episode that errored: it could not be completed, which says
+    nothing about the ego. People read `word` instead; "errored" is accepted wherever an outcome is.
+    """
 
     COLLISION = "collision"
     SAFE = "safe"
     FAILED = "failed"
+    ERRORED = "failed"
+
+    @classmethod
+    def _missing_(cls, value: object) -> "Outcome | None":
+        return cls.FAILED if value == ERRORED else None
+
+    @property
+    def word(self) -> str:
+        """The outcome as people read it: collision, safe or errored."""
+        return ERRORED if self is Outcome.FAILED else self.value
 
 
 class EpisodeFault(msgspec.Struct, frozen=True):
-    """Why an episode could not be run.
+    """Why an episode errored.
 
-    `kind` is infrastructure, simulator, planner, solver or input.
+    `kind` is infrastructure, simulator, planner, solver or input. The message is bounded, and holds
+    no character that a message or a database refuses, wherever it came from.
     """
 
     kind: str
     message: str
 
-
-class Measures(msgspec.Struct, frozen=True):
-    """What was measured over one episode; formulas and sources are in docs/measures.md.
-
-    Times are in seconds from the start. Violations are those of the vehicle that was struck or,
-    without a collision, the earliest of any. What an older release did not measure is None.
-
-    Attributes:
-        robustness_m: smallest distance between the footprints of the ego and any other vehicle;
-            0 on a collision.
-        severity: ||v_ego - v_actor||² at the collision [m²/s²]; None without one.
-        min_ttc_s: smallest time to collision; None if the ego never closed in.
-        max_drac_mps2: largest deceleration required to avoid the crash; None if it never closed in.
-        ttc_violated_s: when the time to collision first fell below 1.5 s; None if never.
-        drac_violated_s: when DRAC first exceeded 7.0 m/s²; None if never.
-        drac_at_warning_mps2: DRAC at `ttc_violated_s`, where a collision is classified.
-        collided_s: when the collision was seen; None without one.
-        left_road_s: when the ego was first off its road; None if never.
-        max_jerk_mps3: largest |change| of the acceleration applied, by time.
-        hard_brakings: how often braking harder than 3.0 m/s² began.
-        clipped_steps: in how many steps the planner asked for more than the truck can do.
-        final_drac_mps2: DRAC at the last step, the largest of any vehicle; 0 if the ego closed in
-            on nobody, None on a collision.
-    """
-
-    robustness_m: float
-    severity: float | None = None
-    min_ttc_s: float | None = None
-    max_drac_mps2: float | None = None
-    ttc_violated_s: float | None = None
-    drac_violated_s: float | None = None
-    drac_at_warning_mps2: float | None = None
-    collided_s: float | None = None
-    left_road_s: float | None = None
-    max_jerk_mps3: float | None = None
-    hard_brakings: int | None = None
-    clipped_steps: int | None = None
-    final_drac_mps2: float | None = None
-
-    def packed(self) -> bytes:
-        """The first twelve of them as little-endian doubles, NaN for None, for a digest.
-
-        Whatever is None at the end does not count beyond the fourth: so results that were stored
-        before there were more than four measures keep their digests.
-        """
-        numbers = list(msgspec.structs.astuple(self)[:DIGESTED_MEASURES])
-        while len(numbers) > FIRST_MEASURES and numbers[-1] is None:
-            numbers.pop()
-        return struct.pack(
-            f"<{len(numbers)}d", *(float("nan") if n is None else n for n in numbers)
-        )
+    def __post_init__(self) -> None:
+        """Clean the texts, which plug-ins and workers have a hand in."""
+        msgspec.structs.force_setattr(self, "kind", clean_text(self.kind))
+        msgspec.structs.force_setattr(self, "message", clean_text(self.message))
 
 
 class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False):
     """What came of one episode.
 
     Attributes:
-        measures: None if the episode failed.
-        noise: the disturbances injected; empty if the episode failed before its first step.
+        measures: None if the episode errored.
+        noise: the disturbances injected; empty if the episode errored before its first step.
         states: what the adversary saw, shape (steps, len(policy.STATE)), for policy sources.
         scene: the full trajectories, for collisions and a sample of the others.
         wall_s: time the worker spent on the episode; not part of the digest.
@@ -168,6 +139,11 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False):
     def is_failure(self) -> bool:
         """Whether the ego collided."""
         return self.outcome is Outcome.COLLISION
+
+    @property
+    def believed_wall_s(self) -> float:
+        """Time the worker spent on the episode; 0 where it reports what no episode takes. [s]"""
+        return self.wall_s if 0.0 <= self.wall_s <= MAX_WALL_S else 0.0
 
     def digest(self) -> str:
         """SHA-256 of what happened: the same for an episode and for its replay, bit for bit.

@@ -4,6 +4,7 @@ import msgspec
 
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.scene import Scene
+from eigenfail.values.showing import Brief
 
 Account = dict[str, str | float]
 
@@ -63,7 +64,7 @@ class Replayed(msgspec.Struct, frozen=True):
     differing: tuple[str, ...] | None = None
 
 
-class Explanation(msgspec.Struct, frozen=True, eq=False):
+class Explanation(Brief, msgspec.Struct, frozen=True, eq=False):
     """A stored episode, run again and accounted for.
 
     Attributes:

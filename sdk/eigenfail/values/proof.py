@@ -6,7 +6,7 @@ import msgspec
 
 from eigenfail.values.campaign import CampaignState, Rate, Settings
 from eigenfail.values.episode import Outcome
-from eigenfail.values.showing import Shown
+from eigenfail.values.showing import Brief, Shown
 
 
 class ReplayKind(StrEnum):
@@ -53,7 +53,7 @@ class Reproduction(msgspec.Struct, frozen=True):
 
     Attributes:
         rate: failed again ÷ tried, with Wilson's interval; None before the first result. A replay
-            that could not be run was not tried.
+            that errored was not tried.
         smallest_robustness_m: of those tried; 0 once one has failed again.
     """
 
@@ -107,8 +107,13 @@ class ProvenMode(msgspec.Struct, frozen=True):
     eigenfailure: Reproduction
     medoid: Reproduction
 
+    @property
+    def number(self) -> int:
+        """Number of the mode on pages, in tables and in data frames, which count from 1."""
+        return self.mode + 1
 
-class Proof(Shown, msgspec.Struct, frozen=True, kw_only=True):
+
+class Proof(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     """How far replays bear an analysis out, with the results that are in.
 
     Attributes:

@@ -7,6 +7,7 @@ import msgspec
 from eigenfail.values.arrays import Floats
 from eigenfail.values.assessment import Assessment, assess
 from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.measures import LaterMeasures
 
 
 class Delivery(msgspec.Struct, frozen=True, eq=False):
@@ -30,16 +31,9 @@ class Verdict(StrEnum):
     UNWANTED = "unwanted"
 
 
-class EpisodeRow(msgspec.Struct, frozen=True, kw_only=True):
-    """An episode in a list: what happened, without its trajectories; measures as in `Measures`.
-
-    Attributes:
-        log_probability: sum of log p(a_t) until the episode ended.
-        assessed: what outcome and measures say together.
-        problem: why it failed, as "kind: message"; empty unless the outcome is `failed`.
-        noise_pruned_ms: when its noise and scene were taken away; None if they are kept.
-    """
-
+class _EpisodeIdentity(LaterMeasures, frozen=True):
+    # Positional fields stand before the inherited ones, which are keyword-only: this class exists
+    # for the order of the fields in answers and files.
     campaign: int
     index: int
     seed: int
@@ -52,15 +46,18 @@ class EpisodeRow(msgspec.Struct, frozen=True, kw_only=True):
     severity: float | None
     min_ttc_s: float | None
     max_drac_mps2: float | None
-    ttc_violated_s: float | None = None
-    drac_violated_s: float | None = None
-    drac_at_warning_mps2: float | None = None
-    collided_s: float | None = None
-    left_road_s: float | None = None
-    max_jerk_mps3: float | None = None
-    hard_brakings: int | None = None
-    clipped_steps: int | None = None
-    final_drac_mps2: float | None = None
+
+
+class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
+    """An episode in a list: what happened, without its trajectories; measures as in `Measures`.
+
+    Attributes:
+        log_probability: sum of log p(a_t) until the episode ended.
+        assessed: what outcome and measures say together.
+        problem: why it errored, as "kind: message"; empty unless the outcome is `failed`.
+        noise_pruned_ms: when its noise and scene were taken away; None if they are kept.
+    """
+
     wall_s: float
     finished_ms: int
     digest: str
@@ -76,7 +73,7 @@ class EpisodeDetail(EpisodeResult, frozen=True, eq=False, kw_only=True):
     assessed: Assessment = Assessment()
 
 
-def detailed(result: EpisodeResult) -> EpisodeDetail:
+def add_assessment(result: EpisodeResult) -> EpisodeDetail:
     """The result with its assessment."""
     assessed = assess(result.outcome, result.measures)
     return EpisodeDetail(**msgspec.structs.asdict(result), assessed=assessed)
@@ -105,11 +102,29 @@ class ConflictTotals(msgspec.Struct, frozen=True):
     perhaps_unresolved: int = 0
 
 
+class FrequentFault(msgspec.Struct, frozen=True):
+    """The most frequent reason for which episodes of a campaign errored.
+
+    Attributes:
+        kind: infrastructure, simulator, planner, solver or input.
+        message: the reason itself; of equally frequent ones that of the earliest episode.
+        episodes: number of episodes with this reason.
+        first: index of the first of them.
+    """
+
+    kind: str
+    message: str
+    episodes: int
+    first: int
+
+
 class Totals(msgspec.Struct, frozen=True):
-    """Sums over a campaign, from which its summary is made; all but `conflicts` of failures.
+    """Sums over the failures of a campaign, from which its summary is made.
 
     Attributes:
         severity: None where no failure has one.
+        conflicts: over all completed episodes.
+        fault: of the errored episodes; None where none errored.
     """
 
     failures: int
@@ -117,6 +132,7 @@ class Totals(msgspec.Struct, frozen=True):
     steps: int
     severity: float | None
     conflicts: ConflictTotals = ConflictTotals()
+    fault: FrequentFault | None = None
 
 
 PORTION = 2_000

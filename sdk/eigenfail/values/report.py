@@ -5,6 +5,7 @@ from typing import Annotated
 import msgspec
 
 from eigenfail.values.campaign import Campaign
+from eigenfail.values.showing import Brief, Shown
 
 MOST_CAMPAIGNS = 20
 """How many campaigns one report tells of at most."""
@@ -79,7 +80,7 @@ class ReportSection(msgspec.Struct, frozen=True, kw_only=True):
     pictures: tuple[ReportPicture, ...] = ()
 
 
-class Report(msgspec.Struct, frozen=True, kw_only=True):
+class Report(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     """What campaigns found, as it stood when the report was made.
 
     Attributes:

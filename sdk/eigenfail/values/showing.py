@@ -1,31 +1,39 @@
-"""What notebooks and tables can do with values; the values themselves stay plain."""
+"""The forms that values take in notebooks and tables; the values themselves stay plain."""
 
+from collections.abc import Sized
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+import eigenfail
+
 if TYPE_CHECKING:
     import pandas as pd
 
 MOST_ITEMS = 6
-"""How much of a sequence a repr tells."""
+"""How many items of a sequence a repr tells."""
+
+MOST_CHARACTERS = 300
+"""Length of what a repr tells of one field; the rest of longer content is left out."""
 
 
 class Shown:
-    """A value that notebooks show as HTML; `eigenfail.notebook` says how."""
+    """A value that notebooks show as HTML, which `eigenfail.presentation.notebook` writes."""
 
     __slots__ = ()
 
     def _repr_html_(self) -> str:
         """The value for a notebook."""
-        from eigenfail.notebook import html
-
-        return html(self)
+        html: str = eigenfail.convert(self, "html")
+        return html
 
 
 class Brief:
-    """A value whose repr tells arrays by type and shape, and long sequences by their beginning."""
+    """A value with a short repr, so that the last line of a notebook's cell may be one.
+
+    Arrays are told by type and shape, long sequences and other large content by their beginning.
+    """
 
     __slots__ = ()
     __struct_fields__: ClassVar[tuple[str, ...]]
@@ -47,25 +55,28 @@ class Tabular:
         Raises:
             ServiceError: pandas is not installed.
         """
-        from eigenfail.frames import to_pandas
-
-        return to_pandas(self)
+        frame: pd.DataFrame = eigenfail.convert(self, "pandas")
+        return frame
 
     def to_numpy(self) -> NDArray[np.generic]:
         """The table as a structured array with a field for each column; NaN where nothing is known.
 
         Of an analysis: the scores, shape (failures, components). Of noise: shape (steps, 2) [m].
         """
-        from eigenfail.frames import to_numpy
-
-        return to_numpy(self)
+        table: NDArray[np.generic] = eigenfail.convert(self, "numpy")
+        return table
 
 
 def brief(content: object) -> str:
-    """An array as "float32 (100, 2)", a long tuple by its beginning, anything else by its repr."""
+    """Return a field for a repr: arrays by type and shape, large content by its beginning."""
     if isinstance(content, np.ndarray):
         return f"<{content.dtype} {content.shape}>"
     if isinstance(content, tuple) and len(content) > MOST_ITEMS:
-        first = ", ".join(map(repr, content[:MOST_ITEMS]))
-        return f"({first}, … {len(content)} in all)"
-    return repr(content)
+        first = ", ".join(map(brief, content[:MOST_ITEMS]))
+        told = f"({first}, … {len(content)} in all)"
+    else:
+        told = repr(content)
+    if isinstance(content, Brief) or len(told) <= MOST_CHARACTERS:
+        return told
+    size = f", {len(content)} in all" if isinstance(content, Sized) else ""
+    return f"{told[:MOST_CHARACTERS]} … <{type(content).__name__}{size}>"

@@ -3,7 +3,7 @@
 import msgspec
 
 from eigenfail.values.campaign import Cost
-from eigenfail.values.showing import Shown, Tabular
+from eigenfail.values.showing import Brief, Shown, Tabular
 
 MOST_LANDINGS = 200
 """How many points a curve of cost has at most, beside its ends."""
@@ -28,7 +28,7 @@ class SpendingTotals(msgspec.Struct, frozen=True):
 
     Attributes:
         completed_worker_s: sum of `wall_s` over the completed episodes.
-        failed_worker_s: over those that could not be run.
+        failed_worker_s: over those that errored.
         landings: every k-th completed episode by the time that it was stored, then by index, and
             the last one.
     """
@@ -69,7 +69,7 @@ class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
         lost_s: of the time in which episodes were with workers, the share whose results were
             thrown away: `lost_worker_s` ÷ (`worker_s` + `lost_worker_s`).
         worker_s: worker time in completed episodes, summed over all workers.
-        lost_worker_s: worker time in episodes that could not be run, in second results of an
+        lost_worker_s: worker time in episodes that errored, in second results of an
             episode, and in results that the store did not want.
         problem: why the parts are missing; empty otherwise.
     """
@@ -84,7 +84,7 @@ class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
     problem: str = ""
 
 
-class CampaignCost(Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
+class CampaignCost(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     """What a campaign cost, and what that bought.
 
     Attributes:

@@ -21,8 +21,8 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
             failures is too high on average, the more so the smaller its rounds are.
         half_width: half the width of the failure rate's 95 % Wilson interval fell to this, where
             episodes are drawn from one distribution.
-        cv: the coefficient of variation of the failure probability fell to this, of methods that
-            estimate one.
+        cv: the coefficient of variation of the failure probability, or of its lower bound, fell to
+            this, of methods that tell one.
         wall_s: it was running for so long; pauses do not count.
         cost_usd: its instances cost so much.
     """

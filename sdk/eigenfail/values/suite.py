@@ -6,7 +6,8 @@ from collections.abc import Mapping
 import msgspec
 
 from eigenfail.values.campaign import CampaignState, Settings
-from eigenfail.values.showing import Shown, Tabular
+from eigenfail.values.episode import ERRORED
+from eigenfail.values.showing import Brief, Shown, Tabular
 from eigenfail.values.summary import Summary
 
 SEPARATOR = ": "
@@ -43,6 +44,7 @@ class SuiteStanding(msgspec.Struct, frozen=True, kw_only=True):
         states: how many of them are in each state that any is in.
         planned: episodes of all of them; `completed` likewise.
         failures: collisions among the completed ones.
+        errored: how many of the campaigns that are done are errored: no episode was completed.
     """
 
     name: str
@@ -52,6 +54,16 @@ class SuiteStanding(msgspec.Struct, frozen=True, kw_only=True):
     planned: int
     completed: int
     failures: int
+    errored: int = 0
+
+    @property
+    def state_words(self) -> dict[str, int]:
+        """How many campaigns are in each state as people read it, errored ones apart."""
+        states = {**self.states}
+        done = states.pop(CampaignState.DONE, 0) - self.errored
+        words = {state.value: count for state, count in states.items()}
+        split = {CampaignState.DONE.value: done, ERRORED: self.errored}
+        return dict(sorted((words | {name: n for name, n in split.items() if n > 0}).items()))
 
 
 class SuiteRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -70,7 +82,7 @@ class SuiteRow(msgspec.Struct, frozen=True, kw_only=True):
     summary: Summary
 
 
-class SuiteTable(Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
+class SuiteTable(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     """A suite, one row for each member.
 
     Attributes:

@@ -59,6 +59,49 @@ class Unresolved(msgspec.Struct, frozen=True):
         return " ".join(words for words, count in told.items() if count)
 
 
+class Errored(msgspec.Struct, frozen=True):
+    """Episodes of a campaign that could not be completed, and their most frequent reason.
+
+    Attributes:
+        count: number of errored episodes; no rate counts them.
+        kind: of the most frequent reason: infrastructure, simulator, planner, solver or input.
+        reason: the most frequent reason, in words; of equally frequent ones the earliest.
+        times: number of episodes with that reason.
+        first: index of the first episode with that reason.
+    """
+
+    count: int = 0
+    kind: str = ""
+    reason: str = ""
+    times: int = 0
+    first: int | None = None
+
+    def words(self, counts: Counts) -> str:
+        """Return a sentence on the errored episodes; empty if there are none.
+
+        Args:
+            counts: of the same campaign; a rate counts its completed episodes alone.
+        """
+        if not self.count:
+            return ""
+        if counts.completed:
+            total = self.count + counts.completed
+            told = f"{self.count:,} of {total:,} episodes errored and are not counted in the rate"
+        else:
+            every = "The only episode" if self.count == 1 else f"All {self.count:,} episodes"
+            so_far = " so far" if counts.open else ""
+            told = f"{every}{so_far} errored, so there is no result"
+        return f"{told}. {self.most_frequent}".strip()
+
+    @property
+    def most_frequent(self) -> str:
+        """The most frequent reason in a sentence, with its kind; empty if it is not known."""
+        if not self.times:
+            return ""
+        times = "" if self.times == self.count else f", {self.times:,} times"
+        return f"Most frequent reason ({self.kind}{times}): {self.reason}"
+
+
 class Summary(Shown, msgspec.Struct, frozen=True):
     """The row of a campaign in a result table.
 
@@ -70,6 +113,9 @@ class Summary(Shown, msgspec.Struct, frozen=True):
         estimate: of the failure probability under p(x); None where the method tells none, or none
             yet.
         unresolved: episodes that are no failures only because they ended.
+        errored: episodes that could not be completed, with their most frequent reason.
+        reach: of a campaign that ended without a failure: which disturbances its method cannot
+            choose, and what to do; empty where the method can choose any.
     """
 
     campaign: int
@@ -85,8 +131,12 @@ class Summary(Shown, msgspec.Struct, frozen=True):
     conflicts: Conflicts = Conflicts()
     estimate: Estimate | None = None
     unresolved: Unresolved = Unresolved()
+    errored: Errored = Errored()
+    reach: str = ""
 
     @property
     def remark(self) -> str:
-        """What is to be known of the failure rate, in a sentence; empty if there is nothing."""
-        return self.unresolved.words(self.counts.completed)
+        """What is to be known of the failure rate, in sentences; empty if there is nothing."""
+        missed = f"No failure was found. {self.reach}" if self.reach else ""
+        unresolved = self.unresolved.words(self.counts.completed)
+        return " ".join(filter(None, (missed, unresolved, self.errored.words(self.counts))))

@@ -74,7 +74,7 @@ class WorkerShare(msgspec.Struct, frozen=True, kw_only=True):
         worker: its name, as it told the hub.
         episodes: results of it that were stored.
         failures: collisions among them.
-        failed: episodes among them that could not be run.
+        failed: episodes among them that errored.
         wall_s: time that it spent in them. [s]
         last_ms: when the last of them was stored; milliseconds since 1970.
     """

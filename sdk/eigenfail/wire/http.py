@@ -1,19 +1,129 @@
-"""What client and API say to each other beside the values themselves: bodies and problems.
+"""Bodies of requests and answers between client and API, and errors as RFC 9457 problems.
 
-JSON through msgspec, arrays as nested lists; both sides read and write with the functions here.
+JSON through msgspec, arrays as nested lists; both sides read and write with the functions here. The
+client raises the error that the service raised.
 """
 
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from http import HTTPStatus
 from typing import Annotated, Any, TypeVar, get_args
 
 import msgspec
 
-from eigenfail.errors import InvalidValue, ProtocolError, UnknownName
+from eigenfail.errors import (
+    Conflict,
+    EigenfailError,
+    Forbidden,
+    InputError,
+    InvalidValue,
+    NoisePruned,
+    NotFound,
+    ProtocolError,
+    ServiceError,
+    Unauthorized,
+    UnknownName,
+)
 from eigenfail.settings import invalid_value
 from eigenfail.values.arrays import decode_array, encode_array_as_lists
-from eigenfail.values.campaign import Settings
+from eigenfail.values.campaign import CampaignSpec, Settings
+from eigenfail.values.showing import Brief
+
+NAMESPACE = "urn:eigenfail:"
+UNTYPED = "about:blank"
+SERVER_SIDE = 500
+
+HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])")
+
+
+class Problem(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Why a request was refused or failed.
+
+    Attributes:
+        type: urn:eigenfail: and the error's name, or about:blank where the status says enough.
+        detail: what was wrong, and where.
+        instance: path of the request.
+        field: path of the refused value.
+        remedy: what to do next.
+        name: the unknown name.
+        known: the known names.
+    """
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    instance: str = ""
+    field: str = ""
+    remedy: str = ""
+    name: str = ""
+    known: tuple[str, ...] = ()
+
+
+def make_problem(error: EigenfailError, instance: str = "") -> Problem:
+    """Return the problem that describes an error."""
+    words = HUMP.split(type(error).__name__)
+    unknown = error if isinstance(error, UnknownName) else None
+    return Problem(
+        type=NAMESPACE + slugify(type(error)),
+        title=" ".join(words).capitalize(),
+        status=error.http_status,
+        detail=error.problem,
+        instance=instance,
+        field=error.field if isinstance(error, InputError) else "",
+        remedy=error.remedy,
+        name=unknown.name if unknown else "",
+        known=tuple(unknown.known) if unknown else (),
+    )
+
+
+def make_untyped_problem(status: int, detail: str, instance: str = "", remedy: str = "") -> Problem:
+    """Return a problem for a status that no error of ours has: 405, 413 and the like."""
+    return Problem(
+        type=UNTYPED,
+        title=HTTPStatus(status).phrase,
+        status=status,
+        detail=detail,
+        instance=instance,
+        remedy=remedy,
+    )
+
+
+def make_error(problem: Problem) -> EigenfailError:
+    """Return the error that a problem describes."""
+    kinds = {NAMESPACE + slugify(kind): kind for kind in list_error_types(EigenfailError)}
+    kind = kinds.get(problem.type) or _get_type_for_status(problem.status)
+    if issubclass(kind, UnknownName):
+        return kind(problem.field, problem.name, problem.known)
+    if issubclass(kind, InputError):
+        detail = problem.detail.removeprefix(f"{problem.field}: ")
+        return kind(problem.field, detail, problem.remedy)
+    return kind(problem.detail, problem.remedy)
+
+
+def _get_type_for_status(status: int) -> type[EigenfailError]:
+    exact: dict[int, type[EigenfailError]] = {
+        401: Unauthorized,
+        403: Forbidden,
+        404: NotFound,
+        409: Conflict,
+        410: NoisePruned,
+    }
+    return exact.get(status, ServiceError if status >= SERVER_SIDE else InputError)
+
+
+def slugify(kind: type[EigenfailError]) -> str:
+    """Return the name of an error in a problem's type: unknown-name for UnknownName."""
+    return HUMP.sub("-", kind.__name__).lower()
+
+
+def list_error_types(kind: type[EigenfailError]) -> Iterator[type[EigenfailError]]:
+    """Yield a type of error and all its subclasses."""
+    yield kind
+    for below in kind.__subclasses__():
+        yield from list_error_types(below)
+
 
 PREFIX = "/api/v1"
 IDEMPOTENCY_KEY = "Idempotency-Key"
@@ -21,7 +131,7 @@ PROBLEM_JSON = "application/problem+json"
 MAX_VARIATIONS = 100
 
 NOT_JSON = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
-"""What is raised where bytes are no JSON, no text, or nested too deeply."""
+"""Errors of bytes that are no JSON, no text, or nested too deeply."""
 
 MISSING = re.compile(r"missing required field `(?P<name>[^`]+)`")
 
@@ -32,12 +142,12 @@ Plain = TypeVar("Plain", dict[str, Any], list[Any])
 
 
 class ProofRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """In which scenarios an analysis is to be proven by replay.
+    """Scenarios in which an analysis is to be proven by replay.
 
     Attributes:
-        variations: scenario parameters with plain values, each put over those of the scenario in
-            which the failures happened; an empty one is the same scenario. None: the same, and its
-            neighbours to both sides.
+        variations: scenario parameters that replace those of the scenario in which the failures
+            happened; an empty object is the same scenario. None: the same scenario, and its
+            neighbours on both sides.
     """
 
     variations: (
@@ -47,17 +157,17 @@ class ProofRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ReplayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How the noise of an episode is injected again: multiplied by `scale`."""
+    """Replay of an episode's noise, multiplied by `scale`."""
 
     scale: Annotated[float, msgspec.Meta(ge=0.1, le=2.0)] = 1.0
 
 
 class Digest(msgspec.Struct, frozen=True):
-    """SHA-256 over the digests of all results in index order, as far as they are in.
+    """SHA-256 over the digests of all results so far, in index order.
 
     Attributes:
-        episodes: how many results it covers.
-        final: whether the campaign is done, so that it will not change any more.
+        episodes: number of results that it covers.
+        final: whether the campaign is over, so that the digest cannot change any more.
     """
 
     campaign: int
@@ -66,13 +176,13 @@ class Digest(msgspec.Struct, frozen=True):
     final: bool
 
 
-class PluginInfo(msgspec.Struct, frozen=True):
+class PluginInfo(Brief, msgspec.Struct, frozen=True):
     """A plug-in that campaigns can name.
 
     Attributes:
-        summary: what it is, in one line.
+        summary: description in one line.
         settings: JSON schema of its settings (of a scenario: its parameters).
-        problem: why it cannot be used here; empty if it can.
+        problem: why it cannot be loaded here; empty if it can.
     """
 
     name: str
@@ -82,7 +192,7 @@ class PluginInfo(msgspec.Struct, frozen=True):
 
 
 class Health(msgspec.Struct, frozen=True):
-    """The service is as well as was asked."""
+    """The service is healthy."""
 
     status: str = "ok"
 
@@ -91,15 +201,15 @@ _encoder = msgspec.json.Encoder(enc_hook=encode_array_as_lists)
 
 
 def encode(value: object) -> bytes:
-    """The JSON of a value."""
+    """Return the JSON of a value."""
     return _encoder.encode(value)
 
 
 def decode(data: bytes, kind: type[Kind]) -> Kind:
-    """The value that an answer holds.
+    """Return the value in the JSON of an answer.
 
     Raises:
-        ProtocolError: the answer is something else.
+        ProtocolError: the answer is no value of this kind.
     """
     try:
         return msgspec.json.decode(data, type=kind, dec_hook=decode_array)
@@ -111,61 +221,61 @@ def decode(data: bytes, kind: type[Kind]) -> Kind:
 
 
 def read_body(data: bytes, kind: type[Body]) -> Body:
-    """The body of a request; nothing at all stands for an object without fields.
+    """Return the body of a request; no bytes stand for an object without fields.
 
     Raises:
-        ProtocolError: it is not JSON.
-        UnknownName: it has a field that is not known.
-        InvalidValue: a value of the wrong type, outside its bounds, or missing.
+        ProtocolError: the body is not JSON.
+        UnknownName: it has an unknown field.
+        InvalidValue: a value has the wrong type, is out of bounds, or is missing.
     """
     try:
         return msgspec.json.decode(data or b"{}", type=kind)
     except msgspec.ValidationError as error:
         with suppress(*NOT_JSON):
             refuse_unknown_fields(msgspec.json.decode(data or b"{}"), kind)
-        raise complaint(error) from None
+        raise _explain_invalid_value(error) from None
     except NOT_JSON as error:
         raise ProtocolError(f"The body is not JSON: {error}.", "Send a JSON object.") from None
 
 
 def read_plain(data: bytes, kind: type[Plain]) -> Plain:
-    """The body of a request as plain data; nothing at all stands for an empty one.
+    """Return the body of a request as plain data; no bytes stand for an empty body.
 
     Raises:
-        ProtocolError: it is not JSON.
+        ProtocolError: the body is not JSON.
         InvalidValue: it is JSON of another kind.
     """
     try:
         found: Plain = msgspec.convert(msgspec.json.decode(data) if data else kind(), kind)
     except msgspec.ValidationError as error:
-        raise complaint(error) from None
+        raise _explain_invalid_value(error) from None
     except NOT_JSON as error:
         raise ProtocolError(f"The body is not JSON: {error}.", "Send JSON.") from None
     return found
 
 
 def read_fields(given: Mapping[str, Any], kind: type[Body]) -> Body:
-    """A body from keyword arguments; values may be structs or plain data.
+    """Return a body made of keyword arguments, whose values may be structs or plain data.
 
     Raises:
-        UnknownName: a field that is not known.
-        InvalidValue: a value of the wrong type, outside its bounds, or missing.
+        UnknownName: a field is unknown.
+        InvalidValue: a value has the wrong type, is out of bounds, or is missing.
     """
     try:
         plain = msgspec.to_builtins(dict(given))
         refuse_unknown_fields(plain, kind)
         return msgspec.convert(plain, kind)
     except msgspec.ValidationError as error:
-        raise complaint(error) from None
+        raise _explain_invalid_value(error) from None
     except TypeError as error:
         raise InvalidValue("", f"{error}.", "Give plain numbers, text, lists and dicts.") from None
 
 
 def refuse_unknown_fields(given: Any, kind: type[msgspec.Struct], field: str = "") -> None:
-    """Names that a struct, or a struct inside it, does not have.
+    """Check that all names in plain data are fields of a struct, or of a struct inside it.
 
     Raises:
-        UnknownName: the first of them, with the known ones.
+        UnknownName: the first name that is none, with the known ones.
     """
     if not isinstance(given, dict):
         return
@@ -174,25 +284,25 @@ def refuse_unknown_fields(given: Any, kind: type[msgspec.Struct], field: str = "
     for name in given:
         if name not in known:
             raise UnknownName(field, name, known)
-    for name, kinds in inner_structs(kind):
+    for name, kinds in _list_inner_structs(kind):
         path = f"{field}.{name}" if field else name
-        for inner in chosen(given.get(name), kinds, path):
+        for inner in _select_kinds(given.get(name), kinds, path):
             refuse_unknown_fields(given.get(name), inner, path)
 
 
-def inner_structs(kind: StructType) -> Iterator[tuple[str, tuple[StructType, ...]]]:
-    """The fields of a struct that are structs themselves, with the kinds that may stand there."""
+def _list_inner_structs(kind: StructType) -> Iterator[tuple[str, tuple[StructType, ...]]]:
+    """Yield the fields of a struct that hold structs, with the kinds that each may hold."""
     for field in msgspec.structs.fields(kind):
         kinds = get_args(field.type) or (field.type,)
         if all(isinstance(each, type) and issubclass(each, msgspec.Struct) for each in kinds):
             yield field.name, kinds
 
 
-def chosen(given: Any, kinds: tuple[StructType, ...], field: str) -> tuple[StructType, ...]:
-    """Those of the kinds that a value can be: the one whose tag it has, where kinds have tags.
+def _select_kinds(given: Any, kinds: tuple[StructType, ...], field: str) -> tuple[StructType, ...]:
+    """Return the kinds that a value can be: where kinds have tags, the kind of the value's tag.
 
     Raises:
-        UnknownName: it has the tag of something else.
+        UnknownName: no kind has the tag.
     """
     tag = kinds[0].__struct_config__.tag_field
     if tag is None or not isinstance(given, dict):
@@ -204,11 +314,29 @@ def chosen(given: Any, kinds: tuple[StructType, ...], field: str) -> tuple[Struc
     return tuple(kind for name, kind in known.items() if name == wanted)
 
 
-def complaint(error: msgspec.ValidationError) -> InvalidValue:
-    """msgspec's complaint with the path of the field, also where that field is missing."""
+def _explain_invalid_value(error: msgspec.ValidationError) -> InvalidValue:
+    """Return msgspec's error with the path of the field, also if that field is missing."""
     plain = invalid_value(error)
     missing = MISSING.search(str(error))
     if missing is None:
         return plain
     path = f"{plain.field}.{missing['name']}" if plain.field else missing["name"]
     return InvalidValue(path, "is required.")
+
+
+MAX_CAMPAIGNS_AT_ONCE = 500
+"""Largest number of campaigns that one request creates."""
+
+
+class CampaignCheck(msgspec.Struct, frozen=True):
+    """Result of checking a campaign before it is launched.
+
+    Attributes:
+        spec: full specification, including the defaults of plug-ins; None if there is a problem.
+        problems: everything for which a launch would be refused.
+        notes: what to know before the launch, such as how late a stop rule may take effect.
+    """
+
+    spec: CampaignSpec | None
+    problems: tuple[Problem, ...] = ()
+    notes: tuple[str, ...] = ()

@@ -1,9 +1,12 @@
-"""What hub, workers and learners say to each other.
+"""Messages between hub, workers and learners, their encoding, and pieces of long messages.
 
-MessagePack through tagged structs; arrays as shape and little-endian float32 bytes. A message that
-does not decode is a ProtocolError and nothing else: nothing in it can run code.
+Messages are tagged structs in MessagePack; arrays are a shape and little-endian float32 bytes.
+Bytes that do not decode raise ProtocolError and nothing else: nothing in them can run code.
 """
 
+from collections.abc import Collection, Hashable, Iterator
+from hashlib import sha256
+from itertools import count
 from typing import Annotated, Any
 
 import msgspec
@@ -21,31 +24,69 @@ from eigenfail.values import (
 )
 from eigenfail.values.arrays import Floats, PackedArray, encode_array, unpack
 from eigenfail.values.worker import Name, Versions
-from eigenfail.wire.claims import MAX_CLAIMS, Claim
 
-PROTOCOL = 5
-"""Counts up with every change that an older peer would not understand."""
+PROTOCOL = 6
+"""Version of the protocol: increases with each change that an older peer would not understand."""
 
 MAX_MESSAGE_BYTES = 256 * 1024 * 1024
 LONGEST_LIFE = 64
 LARGEST_PID = 2**31 - 1
+LONGEST_REASON = 2_000
+
+MAX_CLAIMS = 4_096
+"""Largest number of episodes that a worker may name at a time: many times what it is leased."""
+
+FINGERPRINT_BYTES = 16
+
+_Natural = Annotated[int, msgspec.Meta(ge=0)]
+_Fingerprint = Annotated[bytes, msgspec.Meta(max_length=FINGERPRINT_BYTES)]
+
+FINISHED = b""
+"""Fingerprint of a task that is finished: its result follows, and is judged like any other."""
+
+_task_encoder = msgspec.msgpack.Encoder(enc_hook=encode_array, order="deterministic")
+
+
+class Claim(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An episode that a worker holds from before, and the fingerprint of its task."""
+
+    campaign: _Natural
+    index: _Natural
+    task: _Fingerprint = FINISHED
+
+
+def fingerprint_task(setup: EpisodeSetup, task: EpisodeTask) -> bytes:
+    """Return a fingerprint that two tasks share if and only if their results are the same.
+
+    It covers everything that an episode depends on: setup, index, seed and source. A policy counts
+    by its version alone, which is a function of the campaign's seed and earlier rounds.
+    """
+    return sha256(_task_encoder.encode((setup, task))).digest()[:FINGERPRINT_BYTES]
+
+
+def is_same_task(one: EpisodeTask, other: EpisodeTask) -> bool:
+    """Return whether two tasks of one campaign have the same result."""
+    return _task_encoder.encode(one) == _task_encoder.encode(other)
+
+
+_Reason = Annotated[str, msgspec.Meta(max_length=LONGEST_REASON)]
 
 
 class Message(msgspec.Struct, frozen=True, eq=False, tag=True, forbid_unknown_fields=True):
-    """Anything that is said."""
+    """Base of all messages."""
 
 
 class Hello(Message, frozen=True):
-    """Worker: I am here and can hold `credit` episodes at a time.
+    """Worker to hub: request to join, with room for `credit` episodes at a time.
 
     Attributes:
-        life: of its process, the same on whatever connection it comes; empty for nobody's.
-        asked: which time it asks to be let in. It says hello until it is welcomed, and only the
-            first of these tells the hub anything new.
-        claims: what it holds from before: leased and not begun, running, or finished and not
-            acknowledged.
-        versions: of what it runs its episodes with.
-        bridge: whether it has one, so that it can run what is to be run on a bridge.
+        life: random name of the worker's process, the same on each of its connections.
+        asked: number of the request. A worker repeats its hello until it is welcomed; repeated
+            ones have the same number and tell the hub nothing new.
+        claims: the episodes that it holds from before: leased and not begun, running, or finished
+            and not acknowledged.
+        versions: of the packages that run its episodes.
+        bridge: whether it has one, so that it can run episodes that need a bridge.
     """
 
     protocol: int
@@ -61,62 +102,71 @@ class Hello(Message, frozen=True):
 
 
 class Welcome(Message, frozen=True):
-    """Hub: you are in; be heard every `heartbeat_s`."""
+    """Hub to worker: you have joined; send a heartbeat every `heartbeat_s`."""
 
     heartbeat_s: Annotated[float, msgspec.Meta(ge=0.05, le=3600.0)]
 
 
 class Refusal(Message, frozen=True):
-    """Hub: you are not in, and why."""
+    """Hub to worker: you have not joined, for this reason."""
 
     reason: str
 
 
 class Heartbeat(Message, frozen=True):
-    """Worker: I live. `running` is the episode being run, if any.
+    """Worker to hub: sign of life.
 
-    `held` are campaign and index of all that it holds and has not finished, that one included.
-    `slots` says how many episodes of the campaign that it runs may be run side by side.
+    Attributes:
+        campaign: of the episode that it runs, if any.
+        running: index of the episode that it runs, if any.
+        held: campaign and index of all unfinished episodes that it holds, the running one included.
+        slots: number of episodes of the running campaign that it can run in parallel.
+        declined: campaigns of which it can run no episode, each with the reason, until they are
+            dropped. The key is left out if there are none, as in releases without this field.
     """
 
     campaign: int | None = None
     running: int | None = None
     held: Annotated[tuple[tuple[int, int], ...], msgspec.Meta(max_length=MAX_CLAIMS)] = ()
     slots: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLAIMS)] = 1
+    declined: (
+        Annotated[tuple[tuple[int, _Reason], ...], msgspec.Meta(max_length=MAX_CLAIMS)]
+        | msgspec.UnsetType
+    ) = msgspec.UNSET
 
 
 class Setup(Message, frozen=True):
-    """Hub: what the episodes of a campaign share; sent before its first lease."""
+    """Hub to worker: what the episodes of a campaign share; sent before its first lease."""
 
     campaign: int
     setup: EpisodeSetup
 
 
 class PolicyUpdate(Message, frozen=True):
-    """Hub: a policy version of a campaign; sent before the first lease that needs it."""
+    """Hub to worker: a policy version of a campaign; sent before the first lease that needs it."""
 
     campaign: int
     policy: Policy
 
 
 class Lease(Message, frozen=True):
-    """Hub: run these."""
+    """Hub to worker: episodes of a campaign that the worker is to run."""
 
     campaign: int
     tasks: tuple[EpisodeTask, ...]
 
 
 class Results(Message, frozen=True):
-    """Worker: they are done. Kept until acknowledged."""
+    """Worker to hub: results of episodes. The worker keeps them until they are acknowledged."""
 
     campaign: int
     results: tuple[EpisodeResult, ...]
 
 
 class Ack(Message, frozen=True):
-    """Hub: the results with these indices are committed (or not wanted); forget them.
+    """Hub to worker: these results are committed or not needed; forget them.
 
-    With none of them it answers a heartbeat, so that a worker knows a line that is dead.
+    Without indices it answers a heartbeat, so that a worker notices a dead connection.
     """
 
     campaign: int
@@ -124,23 +174,38 @@ class Ack(Message, frozen=True):
 
 
 class Drop(Message, frozen=True):
-    """Hub: forget what this campaign has not begun."""
+    """Hub to worker: forget the episodes of this campaign that have not begun."""
 
     campaign: int
 
 
 class Goodbye(Message, frozen=True):
-    """Either: I leave; what I hold and have not finished is yours again."""
+    """Either side: end of the session; the worker's unfinished episodes go back to the hub."""
 
     reason: str = ""
 
 
-WorkerMessage = Hello | Heartbeat | Results | Goodbye
-HubMessage = Welcome | Refusal | Setup | PolicyUpdate | Lease | Ack | Drop | Goodbye
+class Piece(Message, frozen=True):
+    """Either side: a part of a message that is too long for one frame; see `split`.
+
+    Attributes:
+        number: of the message; its sender counts them.
+        offset: of the part in the message. [bytes]
+        total: length of the message. [bytes]
+    """
+
+    number: Annotated[int, msgspec.Meta(ge=1)]
+    offset: Annotated[int, msgspec.Meta(ge=0)]
+    total: Annotated[int, msgspec.Meta(ge=1)]
+    data: bytes
+
+
+WorkerMessage = Hello | Heartbeat | Results | Goodbye | Piece
+HubMessage = Welcome | Refusal | Setup | PolicyUpdate | Lease | Ack | Drop | Goodbye | Piece
 
 
 class Start(Message, frozen=True):
-    """Hub to a learner process: be this method, from this checkpoint if there is one."""
+    """Hub to learner process: run this method, from this checkpoint if there is one."""
 
     method: str
     settings: dict[str, Any]
@@ -151,19 +216,19 @@ class Start(Message, frozen=True):
 
 
 class Observed(Message, frozen=True):
-    """Hub to a learner process: the whole oldest open round, in index order."""
+    """Hub to learner process: all results of the oldest open round, in index order."""
 
     results: tuple[EpisodeResult, ...]
 
 
 class Stop(Message, frozen=True):
-    """Hub to a learner process: end."""
+    """Hub to learner process: end."""
 
 
 class Proposed(Message, frozen=True):
-    """Learner process: the rounds that are open now, and a checkpoint that restores just that.
+    """Learner process to hub: the open rounds, and a checkpoint that restores them.
 
-    An empty `rounds` means that the campaign is over; `because` says why.
+    Without rounds the campaign is over, for the reason in `because`.
     """
 
     rounds: tuple[Round, ...]
@@ -174,13 +239,13 @@ class Proposed(Message, frozen=True):
 
 
 class Trouble(Message, frozen=True):
-    """Learner process: I cannot go on, and why."""
+    """Learner process to hub: the learner cannot continue, for this reason."""
 
     problem: str
 
 
 class Diverged(Message, frozen=True):
-    """Learner process: a number in me is NaN or infinite; my last checkpoint is from before."""
+    """Learner process to hub: a number is NaN or infinite since the last checkpoint."""
 
     problem: str
     remedy: str = ""
@@ -193,26 +258,26 @@ _encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
 
 
 def encode(message: Message) -> bytes:
-    """The bytes of a message."""
+    """Return the bytes of a message."""
     return _encoder.encode(message)
 
 
 def decode_array(_kind: Any, value: Any) -> Floats:
-    """The array of its packed form; a list, as in JSON, would be unbounded and untyped."""
+    """Return the array of a packed form; a list, as in JSON, would be unbounded and untyped."""
     return unpack(msgspec.convert(value, PackedArray))
 
 
-class Reader:
-    """Reads the messages of one direction."""
+class MessageReader:
+    """Decodes the messages of one direction."""
 
     def __init__(self, kinds: object) -> None:
         self._decoder = msgspec.msgpack.Decoder(kinds, dec_hook=decode_array)
 
     def __call__(self, data: bytes | memoryview) -> Message:
-        """The message.
+        """Return the message in these bytes.
 
         Raises:
-            ProtocolError: the bytes are not one.
+            ProtocolError: they are no message of this direction, or too long.
         """
         if len(data) > MAX_MESSAGE_BYTES:
             raise ProtocolError(f"A message of {len(data)} bytes exceeds {MAX_MESSAGE_BYTES}.")
@@ -224,7 +289,7 @@ class Reader:
 
 
 class ForeignHello(msgspec.Struct, frozen=True, tag="Hello"):
-    """What every hello says, whatever protocol its worker speaks."""
+    """The fields that a hello has in every version of the protocol."""
 
     protocol: int
     versions: Versions = {}
@@ -234,14 +299,145 @@ _foreign_decoder = msgspec.msgpack.Decoder(ForeignHello)
 
 
 def read_foreign_hello(data: bytes) -> ForeignHello | None:
-    """The hello of a worker of another release; None if the bytes are none."""
+    """Return the hello of a worker of another release; None if the bytes are no hello."""
     try:
         return _foreign_decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
 
 
-read_worker_message = Reader(WorkerMessage)
-read_hub_message = Reader(HubMessage)
-read_learner_command = Reader(LearnerCommand)
-read_learner_message = Reader(LearnerMessage)
+read_worker_message = MessageReader(WorkerMessage)
+read_hub_message = MessageReader(HubMessage)
+read_learner_command = MessageReader(LearnerCommand)
+read_learner_message = MessageReader(LearnerMessage)
+
+
+# ZeroMQ delivers whole frames only: at 8 kbit/s, a policy of 100 kB would look like silence for
+# 100 s. In pieces, each frame that arrives is a sign of life, and the largest frame to accept from
+# a stranger is the longest hello.
+PIECE_BYTES = 4096
+"""Length of a piece: 4 s at 8 kbit/s, less than the silence after which either side gives up."""
+
+MAX_FRAME_BYTES = 2**20
+"""Longest frame between hub and workers: a `Hello` with all claims and versions takes 750 kB and is
+not split."""
+
+MAX_BYTES_TO_HUB = 64 * 2**20
+"""Longest message of a worker: a result with a scene of 40,000 steps and 100 vehicles."""
+
+MAX_UNFINISHED_BYTES = 4 * MAX_BYTES_TO_HUB
+"""Bytes of all incomplete messages that a hub holds at a time."""
+
+_numbers = count(1)
+
+
+def split(message: Message, max_bytes: int = MAX_MESSAGE_BYTES) -> Iterator[bytes]:
+    """Yield the frames of a message, in the order in which they are to be sent.
+
+    Args:
+        message: to be sent.
+        max_bytes: the longest message that the other side joins.
+
+    Raises:
+        ProtocolError: the message is longer.
+    """
+    data = encode(message)
+    if len(data) <= PIECE_BYTES or isinstance(message, Hello):
+        yield data
+        return
+    if len(data) > max_bytes:
+        raise ProtocolError(f"A message of {len(data)} bytes exceeds {max_bytes}.")
+    number = next(_numbers)
+    for offset in range(0, len(data), PIECE_BYTES):
+        part = data[offset : offset + PIECE_BYTES]
+        yield encode(Piece(number, offset, len(data), part))
+
+
+class Assembler:
+    """Joins the pieces that one connection brings; one message at a time.
+
+    A message of which a piece was lost is dropped whole: its sender repeats it when it learns that
+    it did not arrive, like any other message.
+
+    Args:
+        max_bytes: the longest message that is joined.
+    """
+
+    def __init__(self, max_bytes: int = MAX_MESSAGE_BYTES) -> None:
+        self._max_bytes = max_bytes
+        self._number = 0
+        self._data = bytearray()
+
+    @property
+    def held_bytes(self) -> int:
+        """Bytes of the message that is not complete."""
+        return len(self._data)
+
+    def add(self, piece: Piece) -> bytes | None:
+        """Take a piece; return the message if it is complete now.
+
+        Raises:
+            ProtocolError: the piece does not fit the size that it names.
+        """
+        fits = 0 < len(piece.data) <= piece.total - piece.offset
+        if not fits or piece.total > self._max_bytes:
+            self.clear()
+            raise ProtocolError("A piece of a message does not fit the size that it names.")
+        if piece.offset == 0:
+            self._number, self._data = piece.number, bytearray()
+        elif (piece.number, piece.offset) != (self._number, len(self._data)):
+            self.clear()
+            return None
+        self._data += piece.data
+        if len(self._data) < piece.total:
+            return None
+        whole = bytes(self._data)
+        self.clear()
+        return whole
+
+    def clear(self) -> None:
+        """Drop the message that is not complete."""
+        self._number, self._data = 0, bytearray()
+
+
+class AssemblerTable:
+    """The assemblers of a hub, one for each connection, within a bound for all of them."""
+
+    def __init__(self) -> None:
+        self._assemblers: dict[Hashable, Assembler] = {}
+        self._held_bytes = 0
+
+    def __len__(self) -> int:
+        """Number of connections with an incomplete message."""
+        return len(self._assemblers)
+
+    def add(self, connection: Hashable, piece: Piece) -> bytes | None:
+        """Take a piece; return the message of that connection if it is complete now.
+
+        Where the bound is exceeded, the longest incomplete message is dropped.
+
+        Raises:
+            ProtocolError: the piece does not fit the size that it names.
+        """
+        assembler = self._assemblers.setdefault(connection, Assembler(MAX_BYTES_TO_HUB))
+        before = assembler.held_bytes
+        try:
+            return assembler.add(piece)
+        finally:
+            self._held_bytes += assembler.held_bytes - before
+            if not assembler.held_bytes:
+                del self._assemblers[connection]
+            elif self._held_bytes > MAX_UNFINISHED_BYTES:
+                self._drop(max(self._assemblers, key=self._size))
+
+    def keep_only(self, connections: Collection[Hashable]) -> None:
+        """Drop the incomplete messages of all other connections."""
+        for gone in [each for each in self._assemblers if each not in connections]:
+            self._drop(gone)
+
+    def _drop(self, connection: Hashable) -> None:
+        self._held_bytes -= self._size(connection)
+        del self._assemblers[connection]
+
+    def _size(self, connection: Hashable) -> int:
+        return self._assemblers[connection].held_bytes

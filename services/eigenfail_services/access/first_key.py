@@ -4,11 +4,11 @@ from pathlib import Path
 
 import msgspec
 
-from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue
 from eigenfail.private_files import replace_private
 from eigenfail.values.access import ApiKey, KeyRequest, Scope
 from eigenfail_services.access.keys import make_key
+from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
 
 FIELD = "--file"

@@ -7,9 +7,9 @@ import hashlib
 import hmac
 import secrets
 
-from eigenfail.contracts import Store
 from eigenfail.errors import Conflict, InvalidValue, NotFound, Unauthorized
 from eigenfail.values.access import TOKEN, ApiKey, KeyRequest, NewKey, Scope
+from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
 
 SECRET_BYTES = 32

@@ -40,7 +40,7 @@ def refuse_beyond(
     """
     for demand in demands(quotas, usage, [spec.episodes for spec in specs]):
         if demand.limit is not None and demand.used + demand.more > demand.limit:
-            raise exceeded(key, name, demand)
+            raise make_refusal(key, name, demand)
 
 
 def demands(quotas: Quotas, usage: Usage, episodes: Sequence[int]) -> Iterator[Demand]:
@@ -61,7 +61,7 @@ def demands(quotas: Quotas, usage: Usage, episodes: Sequence[int]) -> Iterator[D
     )
 
 
-def exceeded(key: int, name: str, demand: Demand) -> QuotaExceeded:
+def make_refusal(key: int, name: str, demand: Demand) -> QuotaExceeded:
     """The refusal: which quota, its limit, what is used, and what to do."""
     command = f"eigenfail key limit {key} --{demand.quota.replace('_', '-')} N"
     return QuotaExceeded(

@@ -1,12 +1,15 @@
-"""Failures of different length, side by side."""
+"""Noise of failures of different length, aligned at the start or at the collision."""
 
-from collections.abc import Iterator, Sequence
+import hashlib
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import AXES, Floats
+from eigenfail.errors import InvalidValue
+from eigenfail.values import AXES, AnalysisSettings, Floats
+from eigenfail.values.records import Failures
 
 BLOCK = 4096
 """How many rows are in double precision at a time."""
@@ -129,3 +132,102 @@ class Aligned(NamedTuple):
             place = self.alignment.place(steps, self.horizon)
             for first in range(0, len(rows), BLOCK):
                 yield self.noise[rows[first : first + BLOCK], place].astype(np.float64)
+
+
+def check_clusterer(settings: AnalysisSettings) -> None:
+    """Raises InvalidValue for a number of groups that the clusterer would not heed."""
+    if settings.clusters is not None and settings.clusterer == "hdbscan":
+        problem = "hdbscan finds the number of modes itself."
+        raise InvalidValue("clusters", problem, "Leave it out, or take clusterer kmeans.")
+
+
+def check_noise(z: Floats, index: int, horizon: int) -> None:
+    """Raises InvalidValue for noise that is not finite of shape (at most `horizon`, 2)."""
+    if z.ndim != 2 or z.shape[1] != 2 or len(z) > horizon or not np.isfinite(z).all():
+        raise InvalidValue(
+            "failures",
+            f"the noise of episode {index} is not finite of shape (at most {horizon}, 2).",
+            "Analyse campaigns of one horizon, and check the store that it came from.",
+        )
+
+
+def explain_no_failures() -> InvalidValue:
+    """The refusal where there is no failure."""
+    return InvalidValue(
+        "failures",
+        "there is none to analyse.",
+        "Where episodes errored, mend what raised and run them again as a new campaign. Otherwise "
+        "let the campaign run on, or search with a method that looks for them: ast, cem, difs.",
+    )
+
+
+class FailureBatch(NamedTuple):
+    """Some failures of a campaign."""
+
+    campaign: int
+    failures: Failures
+
+
+class _PlacedBatch(NamedTuple):
+    """A portion put side by side, and what each of its failures is sorted by."""
+
+    keys: list[tuple[bytes, int, int]]
+    steps: list[int]
+    noise: Floats
+
+
+def gather_failures(
+    portions: Iterable[FailureBatch], horizon: int, settings: AnalysisSettings
+) -> Aligned:
+    """Put failures side by side, in an order that depends on nothing but their noise.
+
+    So the modes do not depend on when a failure was found, and sums round alike.
+
+    Args:
+        portions: of no episode twice.
+        horizon: steps of a full episode.
+        settings: how to align, and which axes.
+
+    Raises:
+        InvalidValue: there is no failure, or one that does not fit the horizon.
+    """
+    parts = [_place_batch(portion, horizon, settings.align) for portion in portions]
+    keys = [key for part in parts for key in part.keys]
+    if not keys:
+        raise explain_no_failures()
+    order = sorted(range(len(keys)), key=keys.__getitem__)
+    _, campaigns, episodes = zip(*(keys[row] for row in order), strict=True)
+    steps = np.array([steps for part in parts for steps in part.steps])
+    noise = np.concatenate([part.noise for part in parts])
+    del parts
+    return Aligned(
+        campaigns=np.array(campaigns),
+        episodes=np.array(episodes),
+        steps=steps[order],
+        noise=noise[order],
+        alignment=ALIGNMENTS[settings.align],
+        columns=COLUMNS[settings.axes],
+    )
+
+
+def _place_batch(portion: FailureBatch, horizon: int, how: str) -> _PlacedBatch:
+    """A portion put side by side.
+
+    Args:
+        portion: of one campaign.
+        horizon: steps of a full episode.
+        how: a name in `ALIGNMENTS`.
+
+    Raises:
+        InvalidValue: the noise of a failure does not fit the horizon.
+    """
+    campaign, failures = portion
+    noise = np.zeros((len(failures.noise), horizon, 2), np.float32)
+    for row, z, index in zip(noise, failures.noise, failures.indices, strict=True):
+        check_noise(z, index, horizon)
+        row[ALIGNMENTS[how].place(len(z), horizon)] = z
+    keys = [
+        (hashlib.blake2b(z.tobytes(), digest_size=16).digest(), campaign, index)
+        for z, index in zip(failures.noise, failures.indices, strict=True)
+    ]
+    return _PlacedBatch(keys, [len(z) for z in failures.noise], noise)

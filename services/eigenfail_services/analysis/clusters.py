@@ -1,16 +1,137 @@
-"""Groups among the failures, and how much of a group chance alone would show.
+"""Clusters of failures, how distinct they are, and whether they are stable under resampling.
 
-Clustering always finds groups. Whether they are more than an artefact says the comparison with data
-without groups, of the same size, spread and distances from the centre, clustered in the same way.
+Clustering always finds groups. Whether they are more than an artefact shows the comparison with
+data without groups, of the same size, spread and distances from the centre, clustered in the same
+way.
 """
 
-from typing import NamedTuple
+import warnings
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.metrics import silhouette_score
+from sklearn.cluster import HDBSCAN, KMeans
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.metrics import adjusted_rand_score, silhouette_score
+from sklearn.mixture import GaussianMixture
+from sklearn.neighbors import KNeighborsClassifier
 
-from eigenfail_services.analysis.clusterers import CLUSTERERS, SEED, Clusterer, Labels, Scores
+from eigenfail.values import AnalysisSettings, Floats, Interval, Stability
+from eigenfail_services.analysis.components import fit_components
+
+Scores = NDArray[np.float64]
+Labels = NDArray[np.intp]
+
+CHOICES = range(2, 9)
+SEED = 0
+STARTS = 3
+SMALLEST_SHARE = 0.05
+FEWEST = 5
+
+
+class Groups(Protocol):
+    """Groups that were found among some rows."""
+
+    def predict(self, scores: Scores) -> Labels:
+        """The group of each row, shape (rows,)."""
+
+
+class Grouping(NamedTuple):
+    """Groups, and the share of the rows that were found to belong to none."""
+
+    groups: Groups
+    outliers: float = 0.0
+
+
+class Clusterer(Protocol):
+    """A way to find groups, repeatable."""
+
+    def choices(self, wanted: int | None) -> Sequence[int]:
+        """The numbers of groups to try; the best silhouette decides."""
+
+    def fit(self, scores: Scores, groups: int) -> Grouping | None:
+        """Groups among rows that differ more often than there are groups; None if none show.
+
+        Args:
+            scores: shape (rows, components).
+            groups: how many to find.
+        """
+
+
+class ScaledGroups(NamedTuple):
+    """Groups that were found among rows divided by a scale."""
+
+    groups: Groups
+    scale: float
+
+    def predict(self, scores: Scores) -> Labels:
+        """The group of each row, shape (rows,)."""
+        return self.groups.predict(scores / self.scale)
+
+
+class KMeansClusterer:
+    """Round groups, all of about one width (Lloyd 1982); several seeded starts."""
+
+    def choices(self, wanted: int | None) -> Sequence[int]:
+        """As wanted, or 2 to 8."""
+        return CHOICES if wanted is None else (wanted,)
+
+    def fit(self, scores: Scores, groups: int) -> Grouping:
+        """The partition of least squares."""
+        means = KMeans(
+            groups, init="k-means++", n_init=STARTS, random_state=SEED, algorithm="lloyd"
+        )
+        return Grouping(means.fit(scores))
+
+
+class MixtureClusterer:
+    """Normal distributions, each with a covariance of its own: groups of different widths."""
+
+    def choices(self, wanted: int | None) -> Sequence[int]:
+        """As wanted, or 2 to 8."""
+        return CHOICES if wanted is None else (wanted,)
+
+    def fit(self, scores: Scores, groups: int) -> Grouping:
+        """The mixture of largest likelihood that the start of K-means leads to."""
+        # What keeps covariances regular is an absolute number: it is to mean the same at any scale.
+        scale = float(scores.std())
+        mixture = GaussianMixture(groups, covariance_type="full", random_state=SEED)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            return Grouping(ScaledGroups(mixture.fit(scores / scale), scale))
+
+
+class DensityClusterer:
+    """Dense regions of any form and number (Campello et al. 2013).
+
+    A region counts from 5 % of the rows on, and at least 5. Rows that belong to none are put with
+    their nearest neighbour that does, so that every failure has its mode, and are told of.
+    """
+
+    def choices(self, _wanted: int | None) -> Sequence[int]:
+        """It finds the number itself; two groups are the fewest."""
+        return CHOICES[:1]
+
+    def fit(self, scores: Scores, _groups: int) -> Grouping | None:
+        """The regions, if there are at least two."""
+        size = max(FEWEST, round(SMALLEST_SHARE * len(scores)))
+        if len(scores) < 2 * size:
+            return None
+        labels = HDBSCAN(min_cluster_size=size, copy=True).fit_predict(scores)
+        inside = labels >= 0
+        if len(np.unique(labels[inside])) < 2:
+            return None
+        nearest = KNeighborsClassifier(1).fit(scores[inside], labels[inside])
+        return Grouping(nearest, 1.0 - float(inside.mean()))
+
+
+CLUSTERERS: dict[str, Clusterer] = {
+    "kmeans": KMeansClusterer(),
+    "hdbscan": DensityClusterer(),
+    "gaussian_mixture": MixtureClusterer(),
+}
+
 
 KMEANS = CLUSTERERS["kmeans"]
 # The largest of 19 draws is a test at the level of 1 in 20 of elliptical data.
@@ -42,9 +163,9 @@ def divide(scores: Scores, clusters: int | None, clusterer: Clusterer = KMEANS) 
         clusters: number of groups; None takes the best silhouette.
         clusterer: what finds them.
     """
-    limit = count_different(scores[drawn(len(scores), CLUSTERED_ROWS)]) - 1
+    limit = _count_different(scores[draw_rows(len(scores), CLUSTERED_ROWS)]) - 1
     wanted = [k for k in clusterer.choices(clusters) if 2 <= k <= limit]
-    tried = [split(scores, k, clusterer) for k in wanted]
+    tried = [_split(scores, k, clusterer) for k in wanted]
     single = Partition(np.zeros(len(scores), np.intp), None)
     found = [partition for partition in tried if partition is not None]
     return max(found, key=lambda partition: partition.silhouette or 0.0, default=single)
@@ -58,11 +179,11 @@ def noise_silhouette(scores: Scores, clusters: int | None, clusterer: Clusterer 
     bent does so more often, without having groups.
     """
     generator = np.random.default_rng(SEED)
-    draws = (without_groups(scores, generator) for _ in range(NOISE_DRAWS))
+    draws = (draw_without_groups(scores, generator) for _ in range(NOISE_DRAWS))
     return max(divide(noise, clusters, clusterer).silhouette or 0.0 for noise in draws)
 
 
-def without_groups(scores: Scores, generator: np.random.Generator) -> Scores:
+def draw_without_groups(scores: Scores, generator: np.random.Generator) -> Scores:
     """Rows as far from the centre as those of the scores, each in a direction of its own.
 
     Distances are counted in standard deviations of each component. So a shell is held against
@@ -79,33 +200,33 @@ def without_groups(scores: Scores, generator: np.random.Generator) -> Scores:
     return np.asarray(noise * spread, np.float64)
 
 
-def split(scores: Scores, clusters: int, clusterer: Clusterer) -> Partition | None:
+def _split(scores: Scores, clusters: int, clusterer: Clusterer) -> Partition | None:
     """The rows in so many groups; None if fewer than two show."""
-    grouping = clusterer.fit(scores[drawn(len(scores), CLUSTERED_ROWS)], clusters)
+    grouping = clusterer.fit(scores[draw_rows(len(scores), CLUSTERED_ROWS)], clusters)
     if grouping is None:
         return None
     labels = grouping.groups.predict(scores).astype(np.intp)
     if len(np.unique(labels)) < 2:
         return None
-    return Partition(labels, silhouette(scores, labels), grouping.outliers)
+    return Partition(labels, _compute_silhouette(scores, labels), grouping.outliers)
 
 
-def silhouette(scores: Scores, labels: Labels) -> float:
+def _compute_silhouette(scores: Scores, labels: Labels) -> float:
     """The mean silhouette (Rousseeuw 1987); 0 where each row, or none, is a group of its own."""
-    rows = drawn(len(scores), SILHOUETTE_ROWS)
+    rows = draw_rows(len(scores), SILHOUETTE_ROWS)
     if not 1 < len(np.unique(labels[rows])) < len(rows):
         return 0.0
     return float(silhouette_score(scores[rows], labels[rows]))
 
 
-def drawn(rows: int, most: int) -> NDArray[np.intp]:
+def draw_rows(rows: int, most: int) -> NDArray[np.intp]:
     """So many of the rows at most, drawn evenly, always the same ones."""
     if rows <= most:
         return np.arange(rows)
     return np.random.default_rng(SEED).choice(rows, most, replace=False)
 
 
-def count_different(scores: Scores) -> int:
+def _count_different(scores: Scores) -> int:
     """How many of the rows differ by more than rounding."""
     largest = np.abs(scores).max(initial=0.0)
     if largest == 0.0:
@@ -113,7 +234,7 @@ def count_different(scores: Scores) -> int:
     return len(np.unique(np.round(scores / largest, RESOLUTION_DIGITS), axis=0))
 
 
-def largest_first(labels: Labels, episodes: NDArray[np.int64]) -> Labels:
+def order_by_size(labels: Labels, episodes: NDArray[np.int64]) -> Labels:
     """The groups numbered by size; of equal ones, that of the earliest episode comes first.
 
     Args:
@@ -124,3 +245,43 @@ def largest_first(labels: Labels, episodes: NDArray[np.int64]) -> Labels:
     earliest = [episodes[labels == name].min() for name in names]
     order = np.lexsort((earliest, -sizes))
     return np.argsort(order)[np.searchsorted(names, labels)]
+
+
+# Of more failures, these many drawn ones are drawn again: what is stable with few is with many.
+ROWS = 2000
+
+
+def measure_stability(data: Floats, labels: Labels, settings: AnalysisSettings) -> Stability | None:
+    """The adjusted Rand index under the bootstrap (Efron 1979; Hubert and Arabie 1985).
+
+    Everything is done anew on each draw: components, the number of modes unless it is given, modes.
+    The failures of a draw, each counted once, are compared by their modes there and before.
+
+    Args:
+        data: D, shape (failures, columns).
+        labels: the mode of each failure, shape (failures,).
+        settings: of the analysis.
+
+    Returns:
+        None with a single mode, or without resamples.
+    """
+    if settings.bootstrap == 0 or len(np.unique(labels)) < 2:
+        return None
+    rows = draw_rows(len(data), ROWS)
+    generator = np.random.default_rng(SEED)
+    found = [
+        _measure_likeness(data, labels, generator.choice(rows, len(rows)), settings)
+        for _ in range(settings.bootstrap)
+    ]
+    low, median, high = np.quantile(found, (0.025, 0.5, 0.975)).tolist()
+    return Stability(settings.bootstrap, len(rows), median, Interval(low, high))
+
+
+def _measure_likeness(
+    data: Floats, labels: Labels, resample: Labels, settings: AnalysisSettings
+) -> float:
+    """The adjusted Rand index between the modes of a draw and those of the same failures before."""
+    space = fit_components(data[resample], settings.components)
+    again = divide(space.scores, settings.clusters, CLUSTERERS[settings.clusterer])
+    rows, first = np.unique(resample, return_index=True)
+    return float(adjusted_rand_score(labels[rows], again.labels[first]))

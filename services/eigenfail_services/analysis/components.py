@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.decomposition import PCA
 
-from eigenfail.values import Floats
-from eigenfail_services.analysis.alignment import BLOCK
+from eigenfail.values import AXES, FailureMode, Floats
+from eigenfail_services.analysis.alignment import BLOCK, Aligned
 
 Array = NDArray[np.float64]
 Data = Array | Floats
@@ -60,7 +60,7 @@ class Directions(NamedTuple):
     singular: Array
 
 
-def fit(data: Data, wanted: int) -> ComponentSpace:
+def fit_components(data: Data, wanted: int) -> ComponentSpace:
     """The components of D, at most as many as its rows differ in directions.
 
     Args:
@@ -68,18 +68,18 @@ def fit(data: Data, wanted: int) -> ComponentSpace:
         wanted: k.
     """
     mean = np.asarray(data.mean(axis=0, dtype=np.float64))
-    smallest = ROUNDING * np.sqrt(sum(float(np.sum(block**2)) for block in blocks(data)))
-    total = sum(float(np.sum((block - mean) ** 2)) for block in blocks(data))
+    smallest = ROUNDING * np.sqrt(sum(float(np.sum(block**2)) for block in iterate_blocks(data)))
+    total = sum(float(np.sum((block - mean) ** 2)) for block in iterate_blocks(data))
     if np.sqrt(total) <= smallest:
-        return without_spread(data, mean)
-    found = directions(data, mean, min(wanted, *data.shape))
+        return _make_flat_space(data, mean)
+    found = _find_directions(data, mean, min(wanted, *data.shape))
     kept = found.singular > smallest
-    components = with_fixed_signs(found.vectors[kept])
-    scores = np.concatenate([(block - mean) @ components.T for block in blocks(data)])
+    components = fix_signs(found.vectors[kept])
+    scores = np.concatenate([(block - mean) @ components.T for block in iterate_blocks(data)])
     return ComponentSpace(mean, components, found.singular[kept] ** 2 / total, scores)
 
 
-def directions(data: Data, mean: Array, count: int) -> Directions:
+def _find_directions(data: Data, mean: Array, count: int) -> Directions:
     """The directions of largest variance, in the way that suits the size of the data.
 
     Args:
@@ -90,11 +90,11 @@ def directions(data: Data, mean: Array, count: int) -> Directions:
     if data.size <= SMALL_ENTRIES:
         # LAPACK's fastest way (gesdd) now and then finds no end on rows that come twice.
         with suppress(np.linalg.LinAlgError):
-            return decomposed(data, count, svd_solver="full")
-        return accumulated(data, mean, count)
+            return _decompose(data, count, svd_solver="full")
+        return _accumulate(data, mean, count)
     if data.shape[1] <= WIDEST:
-        return accumulated(data, mean, count)
-    return decomposed(
+        return _accumulate(data, mean, count)
+    return _decompose(
         data,
         count,
         svd_solver="randomized",
@@ -104,16 +104,16 @@ def directions(data: Data, mean: Array, count: int) -> Directions:
     )
 
 
-def decomposed(data: Data, count: int, **solver: str | int) -> Directions:
+def _decompose(data: Data, count: int, **solver: str | int) -> Directions:
     """By the singular value decomposition of scikit-learn."""
     pca = PCA(n_components=count, **solver).fit(data.astype(np.float64))
     return Directions(pca.components_, pca.singular_values_)
 
 
-def accumulated(data: Data, mean: Array, count: int) -> Directions:
+def _accumulate(data: Data, mean: Array, count: int) -> Directions:
     """By the eigenvectors of (D − mu)^T (D − mu), whose eigenvalues are S², summed over blocks."""
     squares = np.zeros((data.shape[1], data.shape[1]))
-    for block in blocks(data):
+    for block in iterate_blocks(data):
         centred = block - mean
         squares += centred.T @ centred
     values, vectors = np.linalg.eigh(squares)
@@ -121,21 +121,104 @@ def accumulated(data: Data, mean: Array, count: int) -> Directions:
     return Directions(vectors.T[largest], np.sqrt(np.maximum(values[largest], 0.0)))
 
 
-def blocks(data: Data) -> Iterator[Array]:
+def iterate_blocks(data: Data) -> Iterator[Array]:
     """The rows in double precision, some at a time."""
     for first in range(0, len(data), BLOCK):
         yield data[first : first + BLOCK].astype(np.float64)
 
 
-def without_spread(data: Data, mean: Array) -> ComponentSpace:
+def _make_flat_space(data: Data, mean: Array) -> ComponentSpace:
     """The space of rows that are all alike: a point."""
     rows, columns = data.shape
     return ComponentSpace(mean, np.zeros((0, columns)), np.zeros(0), np.zeros((rows, 0)))
 
 
-def with_fixed_signs(components: Array) -> Array:
+def fix_signs(components: Array) -> Array:
     """The same directions, each with its largest entry positive; of equal ones the first."""
     sizes = np.abs(components)
     largest = np.argmax(sizes >= (1.0 - ROUNDING) * sizes.max(axis=1, keepdims=True), axis=1)
     signs = np.sign(np.take_along_axis(components, largest[:, None], axis=1))
     return np.asarray(components * signs, np.float64)
+
+
+BAND = (0.1, 0.9)
+
+
+def describe_modes(
+    failures: Aligned, space: ComponentSpace, labels: NDArray[np.intp]
+) -> tuple[FailureMode, ...]:
+    """One mode for each label, in the order of the labels."""
+    groups = (np.flatnonzero(labels == label) for label in range(labels.max() + 1))
+    return tuple(_describe_mode(failures, space, members) for members in groups)
+
+
+def _describe_mode(
+    failures: Aligned, space: ComponentSpace, members: NDArray[np.intp]
+) -> FailureMode:
+    """The mode of these failures: its centre, the real failure nearest to it, its eigenfailure.
+
+    The eigenfailure is centre · V_k^T + mu (paper, inverse transform), taken back to the start.
+
+    Args:
+        failures: all of them.
+        space: in which they are, row by row.
+        members: the rows of these, shape (members,).
+    """
+    scores = space.scores[members]
+    centre = scores.mean(axis=0)
+    nearest = members[np.argmin(np.linalg.norm(scores - centre, axis=1))]
+    eigenfailure = failures.injectable(_select_noise(centre, failures, space, members), members)
+    return FailureMode(
+        failures=len(members),
+        medoid=int(failures.episodes[nearest]),
+        centre=centre.astype(np.float32),
+        eigenfailure=eigenfailure.astype(np.float32),
+        medoid_campaign=int(failures.campaigns[nearest]),
+        band=_compute_band(failures, members),
+    )
+
+
+def _compute_band(failures: Aligned, members: NDArray[np.intp]) -> Floats:
+    """How the noise of these failures spreads about their eigenfailure, shape (2, horizon, 2).
+
+    At each step from the 10 % to the 90 % quantile over those that lasted so long, taken back to
+    the start; zero where none did.
+    """
+    lasted = np.zeros((len(members), failures.horizon), np.bool_)
+    for row, steps in zip(lasted, failures.steps[members].tolist(), strict=True):
+        row[failures.alignment.place(steps, failures.horizon)] = True
+    bounds = np.zeros((len(BAND), failures.horizon, len(AXES)))
+    for step in np.flatnonzero(lasted.any(axis=0)):
+        there = members[lasted[:, step]]
+        bounds[:, step] = np.quantile(failures.noise[there, step].astype(np.float64), BAND, axis=0)
+    return np.stack([failures.injectable(each, members) for each in bounds]).astype(np.float32)
+
+
+def _select_noise(
+    centre: NDArray[np.float64],
+    failures: Aligned,
+    space: ComponentSpace,
+    members: NDArray[np.intp],
+) -> NDArray[np.float64]:
+    """The noise of a centre, shape (horizon, 2); along an axis left out, its failures' mean.
+
+    A planner fails by both axes together: without any noise along one of them it might not.
+    """
+    noise = np.asarray(failures.noise[members].mean(axis=0, dtype=np.float64))
+    noise[:, failures.columns] = space.invert(centre).reshape(failures.horizon, -1)
+    return noise
+
+
+def measure_influence(
+    components: NDArray[np.float64], explained: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """How much each step and axis weighs: sum over k of explained_k · |V_k|.
+
+    Args:
+        components: shape (k, steps, 2).
+        explained: share of the variance of each, shape (k,).
+
+    Returns:
+        Shape (steps, 2), in the alignment of the components; zeros without components.
+    """
+    return np.tensordot(explained, np.abs(components), axes=1)

@@ -1,6 +1,19 @@
-"""What a failure cost to find."""
+"""Cost of a campaign's failures, and how its time and money were spent."""
 
-from eigenfail.values import Cost, Interval
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from eigenfail.values import (
+    Campaign,
+    Cost,
+    CostPoint,
+    Interval,
+    Overhead,
+    SpendingTotals,
+    TimeSplit,
+)
 from eigenfail_services.statistics.intervals import rate
 
 SECONDS_PER_HOUR = 3600.0
@@ -35,3 +48,130 @@ def cost(
     at_most_usd = total_usd / (completed * bounds.low)
     interval_usd = Interval(at_least_usd, at_most_usd)
     return Cost(total_usd, hours, total_usd / failures, interval_usd, at_least_usd)
+
+
+NOT_MEASURED = "An older release ran it, which did not measure what the time went into."
+BY_CLOCK = (
+    "The curve tells an episode's time by when its result was stored; a mode is found with its "
+    "failure of the lowest index."
+)
+PAUSED = "It was paused or moved: the longest gaps between results were cut to the time billed."
+
+SLACK_S = 2.5
+"""A bill is late by as much: a supervisor sends one every two seconds."""
+
+
+class KnownModes(NamedTuple):
+    """The distinct modes of a campaign's newest analysis.
+
+    Attributes:
+        analysis: its id; None where there is none that is done.
+        found_ms: when the first failure of each mode was stored; None where none are known.
+        words: how many there are and why, or why they are not known.
+    """
+
+    analysis: int | None
+    found_ms: tuple[int, ...] | None
+    words: str
+
+
+def estimate_usd(campaign: Campaign, active_s: float) -> float:
+    """Price per instance-hour × instance-hours."""
+    spec = campaign.spec
+    return spec.price_usd_per_hour * spec.instances * active_s / SECONDS_PER_HOUR
+
+
+def split_time(campaign: Campaign, totals: SpendingTotals) -> TimeSplit:
+    """What the time that was billed went into; the parts sum to it."""
+    worker_s, overhead = totals.completed_worker_s, campaign.overhead
+    if overhead is None:
+        return TimeSplit(active_s=campaign.active_s, worker_s=worker_s, problem=NOT_MEASURED)
+    lost_worker_s = totals.failed_worker_s + overhead.discarded_s
+    busy_s = max(campaign.active_s - overhead.learning_s - overhead.waiting_s, 0.0)
+    lost_s = busy_s * _measure_discarded(worker_s, lost_worker_s)
+    learning_s, waiting_s = _split_idle(campaign.active_s - busy_s, overhead)
+    return TimeSplit(
+        active_s=campaign.active_s,
+        worker_s=worker_s,
+        simulation_s=busy_s - lost_s,
+        learning_s=learning_s,
+        waiting_s=waiting_s,
+        lost_s=lost_s,
+        lost_worker_s=lost_worker_s,
+    )
+
+
+def _measure_discarded(kept_s: float, lost_s: float) -> float:
+    """The share of worker time whose results were thrown away."""
+    return lost_s / (kept_s + lost_s) if lost_s > 0.0 else 0.0
+
+
+def _split_idle(idle_s: float, overhead: Overhead) -> tuple[float, float]:
+    """Learning and waiting, of so much time without an episode at work."""
+    learning_s = min(overhead.learning_s, idle_s)
+    return learning_s, idle_s - learning_s
+
+
+def make_cost_curve(
+    campaign: Campaign, totals: SpendingTotals, modes: KnownModes
+) -> Iterator[CostPoint]:
+    """From nothing spent to everything, point by point."""
+    spent_s = _list_active_s(campaign, [landing.at_ms for landing in totals.landings])
+    yield _make_point(campaign, 0.0, (0, 0), 0 if modes.found_ms is not None else None)
+    for landing, active_s in zip(totals.landings, spent_s, strict=True):
+        known = _count_modes(modes, landing.at_ms)
+        yield _make_point(campaign, active_s, (landing.completed, landing.failures), known)
+    if totals.landings:
+        last = totals.landings[-1]
+        known = _count_modes(modes, last.at_ms)
+        yield _make_point(campaign, campaign.active_s, (last.completed, last.failures), known)
+
+
+def _make_point(
+    campaign: Campaign, active_s: float, found: tuple[int, int], modes: int | None
+) -> CostPoint:
+    """What was found (episodes and failures) by an active time."""
+    completed, failures = found
+    return CostPoint(
+        usd=estimate_usd(campaign, active_s),
+        active_s=active_s,
+        completed=completed,
+        failures=failures,
+        modes=modes,
+    )
+
+
+def _count_modes(modes: KnownModes, at_ms: int) -> int | None:
+    """How many modes had been found."""
+    return None if modes.found_ms is None else sum(each <= at_ms for each in modes.found_ms)
+
+
+def _list_active_s(campaign: Campaign, at_ms: Sequence[int]) -> list[float]:
+    """The active time at which each result was stored, of results in that order. [s]
+
+    The clock went on while the campaign was paused. Where the gaps between results sum to more
+    than the time that was billed, the longest are cut to one length at which they sum to just it.
+    """
+    start_ms = campaign.started_ms if campaign.started_ms is not None else campaign.created_ms
+    gaps_s = np.maximum(np.diff([start_ms, *at_ms]) / 1_000.0, 0.0)
+    longest_s = _find_longest_gap(gaps_s.tolist(), campaign.active_s)
+    until_s = np.minimum(np.cumsum(np.minimum(gaps_s, longest_s)), campaign.active_s)
+    return [float(each) for each in until_s]
+
+
+def was_cut(campaign: Campaign, at_ms: Sequence[int]) -> bool:
+    """Whether more time passed until the last result than was billed."""
+    if not at_ms or campaign.started_ms is None:
+        return False
+    return (at_ms[-1] - campaign.started_ms) / 1_000.0 > campaign.active_s + SLACK_S
+
+
+def _find_longest_gap(gaps_s: Sequence[float], total_s: float) -> float:
+    """The length c at which Σ min(gap, c) is the total; infinite where the gaps sum to no more."""
+    left_s, ordered = total_s, sorted(gaps_s)
+    for place, gap_s in enumerate(ordered):
+        share_s = left_s / (len(ordered) - place)
+        if gap_s > share_s:
+            return share_s
+        left_s -= gap_s
+    return float("inf")

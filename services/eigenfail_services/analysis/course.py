@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from math import ceil
 
 from eigenfail.errors import InvalidValue
+from eigenfail.methods import traits_of
 from eigenfail.values import BlockTotals, Campaign, Counts, Course, CourseBlock
 from eigenfail.values.course import MOST_BLOCKS
 from eigenfail_services.statistics.intervals import rate
@@ -11,9 +12,6 @@ from eigenfail_services.statistics.intervals import rate
 PER = 100
 INTERVALS = 10
 BLOCKS_SHOWN = 50
-
-NOTHING_TO_LEARN = frozenset({"evaluate", "minimal", "monte_carlo", "replay", "subset"})
-"""Methods of this house whose later episodes do not follow from a model trained on earlier ones."""
 
 
 def course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> Course:
@@ -67,4 +65,4 @@ def block_length(counts: Counts, wanted: int | None = None) -> int:
 
 def heading(method: str) -> str:
     """What the course of such a campaign shows."""
-    return "Failures over episodes" if method in NOTHING_TO_LEARN else "Learning curve"
+    return "Learning curve" if traits_of(method).learns else "Failures over episodes"

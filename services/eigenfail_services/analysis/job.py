@@ -1,26 +1,35 @@
-"""From the failures of campaigns to their failure modes."""
+"""The analysis of failures: from their noise to failure modes."""
 
+import hashlib
 from collections.abc import Iterable, Mapping
 
+import msgspec
 import numpy as np
+from msgspec import msgpack
 from msgspec.structs import replace
 from sklearn import config_context
 from threadpoolctl import threadpool_limits
 
 from eigenfail.values import AnalysisResult, AnalysisSettings, InfluenceShare
+from eigenfail.values.arrays import encode_array
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.alignment import Aligned, median_steps
-from eigenfail_services.analysis.clusterers import CLUSTERERS
-from eigenfail_services.analysis.clusters import divide, largest_first, noise_silhouette
-from eigenfail_services.analysis.collapse import diversity
-from eigenfail_services.analysis.components import fit
-from eigenfail_services.analysis.eigenfailures import modes
-from eigenfail_services.analysis.gathering import Portion, gather
-from eigenfail_services.analysis.influence import influence
-from eigenfail_services.analysis.moments import before_collision, moments
-from eigenfail_services.analysis.refusals import check_clusterer
-from eigenfail_services.analysis.stability import stability
-from eigenfail_services.analysis.training import training
+from eigenfail_services.analysis.alignment import (
+    Aligned,
+    FailureBatch,
+    check_clusterer,
+    gather_failures,
+    median_steps,
+)
+from eigenfail_services.analysis.clusters import (
+    CLUSTERERS,
+    divide,
+    measure_stability,
+    noise_silhouette,
+    order_by_size,
+)
+from eigenfail_services.analysis.components import describe_modes, fit_components, measure_influence
+from eigenfail_services.analysis.moments import find_moments, measure_before_collision
+from eigenfail_services.analysis.training import measure_diversity, summarize_training
 
 LEAN = {"assume_finite": True, "skip_parameter_validation": True}
 """The noise was checked when it was gathered; clusterers run by the hundred."""
@@ -38,11 +47,11 @@ def analyse(failures: Failures, horizon: int, settings: AnalysisSettings) -> Ana
         InvalidValue: there is no failure, or one that does not fit the horizon; or a number of
             clusters that the clusterer takes none of.
     """
-    return analyse_portions([Portion(1, failures)], horizon, settings, None, {})
+    return analyse_portions([FailureBatch(1, failures)], horizon, settings, None, {})
 
 
 def analyse_portions(
-    portions: Iterable[Portion],
+    portions: Iterable[FailureBatch],
     horizon: int,
     settings: AnalysisSettings,
     step_s: float | None,
@@ -66,7 +75,7 @@ def analyse_portions(
             clusters that the clusterer takes none of.
     """
     check_clusterer(settings)
-    failures = gather(portions, horizon, settings)
+    failures = gather_failures(portions, horizon, settings)
     return analyse_gathered(failures, settings, step_s, episodes)
 
 
@@ -79,10 +88,10 @@ def analyse_gathered(
     """`analyse_portions` of failures that were gathered before, with settings that were checked."""
     # A sum over two threads rounds otherwise than over one.
     with threadpool_limits(limits=1), config_context(**LEAN):
-        return found(failures, settings, step_s, episodes)
+        return _make_result(failures, settings, step_s, episodes)
 
 
-def found(
+def _make_result(
     failures: Aligned,
     settings: AnalysisSettings,
     step_s: float | None,
@@ -90,11 +99,11 @@ def found(
 ) -> AnalysisResult:
     """The result of failures that stand side by side."""
     data, clusterer = failures.data, CLUSTERERS[settings.clusterer]
-    space = fit(data, settings.components)
+    space = fit_components(data, settings.components)
     partition = divide(space.scores, settings.clusters, clusterer)
-    labels = largest_first(partition.labels, failures.episodes)
+    labels = order_by_size(partition.labels, failures.episodes)
     components = failures.by_step(space.components)
-    weighed = influence(components, space.explained).astype(np.float32)
+    weighed = measure_influence(components, space.explained).astype(np.float32)
     single, order = partition.silhouette is None, failures.order
     result = AnalysisResult(
         episodes=tuple(failures.episodes[order].tolist()),
@@ -102,28 +111,43 @@ def found(
         components=components.astype(np.float32),
         scores=space.scores[order].astype(np.float32),
         labels=tuple(labels[order].tolist()),
-        modes=modes(failures, space, labels),
+        modes=describe_modes(failures, space, labels),
         influence=weighed,
         silhouette=partition.silhouette,
         noise_silhouette=(
             None if single else noise_silhouette(space.scores, settings.clusters, clusterer)
         ),
         campaigns=tuple(failures.campaigns[order].tolist()),
-        stability=stability(data, labels, settings),
+        stability=measure_stability(data, labels, settings),
         outliers=partition.outliers,
-        moments=moments(weighed, failures, step_s),
-        before_collision=impending(failures, settings, step_s),
-        training=training(failures, space, episodes),
+        moments=find_moments(weighed, failures, step_s),
+        before_collision=_measure_impending(failures, settings, step_s),
+        training=summarize_training(failures, space, episodes),
     )
-    return replace(result, diversity=diversity(failures, result, episodes))
+    return replace(result, diversity=measure_diversity(failures, result, episodes))
 
 
-def impending(
+def _measure_impending(
     failures: Aligned, settings: AnalysisSettings, step_s: float | None
 ) -> tuple[InfluenceShare, ...]:
     """What share of the influence the last seconds have, in components of their own."""
     ending = failures.at_collision()
-    space = fit(ending.data, settings.components)
-    weighed = influence(ending.by_step(space.components), space.explained)
+    space = fit_components(ending.data, settings.components)
+    weighed = measure_influence(ending.by_step(space.components), space.explained)
     steps = median_steps(failures.steps.tolist())
-    return before_collision(weighed.astype(np.float32), steps, step_s)
+    return measure_before_collision(weighed.astype(np.float32), steps, step_s)
+
+
+def hash_result(result: AnalysisResult) -> str:
+    """SHA-256 over the numbers of a result: the same whenever the analysis is repeated.
+
+    Words are left out: the planner's account in them is given only where workers are installed, and
+    only by a planner that answers in time. So are bands: they follow from labels and noise, and
+    without them an analysis has the digest that it had before there were any.
+    """
+    numbers = msgspec.to_builtins(
+        replace(result, words=(), digest=""), enc_hook=encode_array, builtin_types=(bytes,)
+    )
+    for mode in numbers["modes"]:
+        del mode["band"]
+    return hashlib.sha256(msgpack.encode(numbers)).hexdigest()

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from eigenfail.values import AXES, Floats, InfluenceShare, Moment
 from eigenfail_services.analysis.alignment import Aligned, median_steps
 
-MOST = 3
-APART = 5
+MAX_MOMENTS = 3
+MIN_STEPS_APART = 5
 """Steps that two moments of an axis are apart at least: nearer ones are one moment."""
 LAST_S = (1.0, 2.0)
 
 
-def moments(influence: Floats, failures: Aligned, step_s: float | None) -> tuple[Moment, ...]:
+def find_moments(influence: Floats, failures: Aligned, step_s: float | None) -> tuple[Moment, ...]:
     """The steps of greatest influence along each axis, the greatest first.
 
     Only steps that half of the failures reach count: what few reach says little.
@@ -34,22 +34,22 @@ def moments(influence: Floats, failures: Aligned, step_s: float | None) -> tuple
             influence=float(course[peak]),
         )
         for axis, course in zip(AXES, influence[place].T, strict=True)
-        for peak in peaks(course.tolist())
+        for peak in find_peaks(course.tolist())
     )
 
 
-def peaks(course: Sequence[float]) -> list[int]:
+def find_peaks(course: Sequence[float]) -> list[int]:
     """Where a course is largest, positions apart from each other, the largest first."""
     found: list[int] = []
     for step in sorted(range(len(course)), key=lambda step: (-course[step], step)):
-        if len(found) == MOST or course[step] <= 0.0:
+        if len(found) == MAX_MOMENTS or course[step] <= 0.0:
             break
-        if all(abs(step - other) >= APART for other in found):
+        if all(abs(step - other) >= MIN_STEPS_APART for other in found):
             found.append(step)
     return found
 
 
-def before_collision(
+def measure_before_collision(
     influence: Floats, steps: int, step_s: float | None
 ) -> tuple[InfluenceShare, ...]:
     """How much of the influence lies in the last seconds before the collision.
@@ -67,16 +67,16 @@ def before_collision(
         InfluenceShare(
             seconds=seconds,
             time=last / steps,
-            longitudinal=share(course[:, :1], last),
-            lateral=share(course[:, 1:], last),
-            both=share(course, last),
+            longitudinal=_compute_share(course[:, :1], last),
+            lateral=_compute_share(course[:, 1:], last),
+            both=_compute_share(course, last),
         )
         for seconds, last in lasts
         if 0 < last <= steps
     )
 
 
-def share(course: NDArray[np.float64], last: int) -> float | None:
+def _compute_share(course: NDArray[np.float64], last: int) -> float | None:
     """The share of the last rows in the sum over all; None of nothing."""
     total = float(course.sum())
     return float(course[-last:].sum()) / total if total > 0.0 else None

@@ -5,6 +5,7 @@ every figure comes from the other half, so that what the tree took from chance i
 (honest trees: Athey and Imbens 2016, PNAS 113, 7353–7360).
 """
 
+from collections.abc import Sequence
 from math import ceil
 from typing import NamedTuple
 
@@ -14,12 +15,119 @@ from scipy.stats import hypergeom
 from sklearn.tree import DecisionTreeClassifier
 
 from eigenfail.values import Box, Region
-from eigenfail_services.analysis.boxes import Growth, Leaf, box_bounds, failing_leaves
+from eigenfail.values.region import Bound
 from eigenfail_services.analysis.safety import share
 from eigenfail_services.statistics.intervals import rate
 
 Table = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+UNITS = {
+    "m": "m",
+    "s": "s",
+    "mps": "m/s",
+    "mps2": "m/s²",
+    "mps3": "m/s³",
+    "rad": "rad",
+    "deg": "°",
+    "kg": "kg",
+    "kw": "kW",
+}
+"""What the last part of a parameter's name says of its unit."""
+
+
+class _Leaf(NamedTuple):
+    """A box: values above `low` and at most `high`, one of each for a parameter; ±inf is open."""
+
+    low: Table
+    high: Table
+
+    def holds(self, values: Table) -> Flags:
+        """Which rows are inside, shape (n,)."""
+        within = (values > self.low) & (values <= self.high)
+        inside: Flags = np.logical_and.reduce(within, axis=1)
+        return inside
+
+    def cut(self, parameter: int, at: float) -> tuple["_Leaf", "_Leaf"]:
+        """The part at most there, and the part above."""
+        high, low = self.high.copy(), self.low.copy()
+        high[parameter] = min(high[parameter], at)
+        low[parameter] = max(low[parameter], at)
+        return _Leaf(self.low, high), _Leaf(low, self.high)
+
+
+class _GrownTree(NamedTuple):
+    """A tree and the episodes that it was grown on.
+
+    Attributes:
+        tree: of scikit-learn.
+        values: shape (rows, parameters).
+        failed: shape (rows,).
+    """
+
+    tree: DecisionTreeClassifier
+    values: Table
+    failed: Flags
+
+    def fails(self, leaf: _Leaf) -> bool:
+        """Whether episodes in a box fail more often than all of them."""
+        inside = leaf.holds(self.values)
+        return bool(inside.any() and self.failed[inside].mean() > self.failed.mean())
+
+
+def _list_failing_leaves(growth: _GrownTree) -> list[_Leaf]:
+    """The boxes that fail more often than the whole; neighbours that both do are one."""
+    width = growth.values.shape[1]
+    whole = _Leaf(np.full(width, -np.inf), np.full(width, np.inf))
+    return _descend(growth, 0, whole)
+
+
+def _descend(growth: _GrownTree, node: int, span: _Leaf) -> list[_Leaf]:
+    """The failing boxes below a node, or the node's own where all of it fails."""
+    found = growth.tree.tree_
+    if found.children_left[node] < 0:
+        return [span] if growth.fails(span) else []
+    near, far = span.cut(int(found.feature[node]), float(found.threshold[node]))
+    below = [
+        *_descend(growth, int(found.children_left[node]), near),
+        *_descend(growth, int(found.children_right[node]), far),
+    ]
+    # A part that fails as a whole comes back as itself.
+    joined = len(below) == 2 and below[0] is near and below[1] is far
+    return [span] if joined else below
+
+
+def _make_bounds(names: Sequence[str], leaf: _Leaf, values: Table) -> tuple[Bound, ...]:
+    """The sides of a box that are not open, at the outermost values that were seen inside."""
+    inside = values[leaf.holds(values)]
+    return tuple(
+        describe_bound(
+            name,
+            float(column.min()) if np.isfinite(low) else None,
+            float(column.max()) if np.isfinite(high) else None,
+        )
+        for name, column, low, high in zip(names, inside.T, leaf.low, leaf.high, strict=True)
+        if np.isfinite(low) or np.isfinite(high)
+    )
+
+
+def describe_bound(name: str, low: float | None, high: float | None) -> Bound:
+    """A bound with its words."""
+    thing, _, last = name.rpartition("_")
+    unit = UNITS.get(last, "") if thing else ""
+    thing = (thing if unit else name).replace("_", " ")
+    words = " ".join(filter(None, (thing, _describe_range(low, high), unit)))
+    return Bound(parameter=name, low=low, high=high, unit=unit, words=words)
+
+
+def _describe_range(low: float | None, high: float | None) -> str:
+    """A span in words."""
+    if low is None:
+        return f"at most {high:.4g}"
+    if high is None:
+        return f"at least {low:.4g}"
+    return f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+
 
 DEPTH = 3
 LEAST_OF_EACH = 20
@@ -33,7 +141,7 @@ LEVEL = 0.01
 SEED = 0
 
 
-class Question(NamedTuple):
+class RegionQuestion(NamedTuple):
     """Episodes by their parameters and outcome.
 
     Attributes:
@@ -53,22 +161,22 @@ class Question(NamedTuple):
     warnings: tuple[str, ...] = ()
 
 
-def failing_region(asked: Question) -> Region:
+def find_failing_region(asked: RegionQuestion) -> Region:
     """The boxes in which episodes fail more often, or why none can be told."""
-    if problem := obstacle(asked):
-        return without_boxes(asked, problem)
-    grown, held = halves(asked.failed)
-    leaves = failing_leaves(grow(asked, grown))
+    if problem := _find_obstacle(asked):
+        return _make_empty_region(asked, problem)
+    grown, held = split_in_halves(asked.failed)
+    leaves = _list_failing_leaves(_grow_tree(asked, grown))
     rows = [held[leaf.holds(asked.values[held])] for leaf in leaves]
     if not rows:
-        return without_boxes(asked, "No part fails more often than the whole. " + MORE)
-    return told(asked, leaves, rows, held)
+        return _make_empty_region(asked, "No part fails more often than the whole. " + MORE)
+    return _make_region(asked, leaves, rows, held)
 
 
 MORE = "Give it more episodes, or vary other parameters, or vary them further."
 
 
-def obstacle(asked: Question) -> str:
+def _find_obstacle(asked: RegionQuestion) -> str:
     """Why nothing can be tried; empty if it can."""
     failures, episodes = int(asked.failed.sum()), len(asked.failed)
     if not asked.names:
@@ -85,7 +193,7 @@ def obstacle(asked: Question) -> str:
     return ""
 
 
-def without_boxes(asked: Question, problem: str) -> Region:
+def _make_empty_region(asked: RegionQuestion, problem: str) -> Region:
     """What can be said without a region."""
     return Region(
         campaigns=asked.campaigns,
@@ -99,7 +207,7 @@ def without_boxes(asked: Question, problem: str) -> Region:
     )
 
 
-def halves(failed: Flags) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def split_in_halves(failed: Flags) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows to grow on and rows to judge by, with half of the failures in each; seeded."""
     random = np.random.default_rng(SEED)
     mixed = [random.permutation(np.flatnonzero(failed == kind)) for kind in (True, False)]
@@ -107,16 +215,16 @@ def halves(failed: Flags) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.sort(parts[0]), np.sort(parts[1])
 
 
-def grow(asked: Question, rows: NDArray[np.intp]) -> Growth:
+def _grow_tree(asked: RegionQuestion, rows: NDArray[np.intp]) -> _GrownTree:
     """A tree on some of the episodes; the same for the same episodes."""
     least = max(LEAST_LEAF, ceil(LEAF_SHARE * len(rows)))
     tree = DecisionTreeClassifier(max_depth=DEPTH, min_samples_leaf=least, random_state=SEED)
     values, failed = asked.values[rows], asked.failed[rows]
-    return Growth(tree.fit(values, failed), values, failed)
+    return _GrownTree(tree.fit(values, failed), values, failed)
 
 
-def told(
-    asked: Question, leaves: list[Leaf], rows: list[NDArray[np.intp]], held: NDArray[np.intp]
+def _make_region(
+    asked: RegionQuestion, leaves: list[_Leaf], rows: list[NDArray[np.intp]], held: NDArray[np.intp]
 ) -> Region:
     """The region with its figures, unless chance explains it as well."""
     inside, failed = np.concatenate(rows), asked.failed
@@ -124,12 +232,14 @@ def told(
     k, n = int(failed[inside].sum()), len(inside)
     p_value = float(hypergeom.sf(k - 1, len(held), all_failures, n))
     if p_value > LEVEL:
-        return without_boxes(
+        return _make_empty_region(
             asked,
             f"No part fails more often than chance explains (p = {p_value:.2g}; it takes "
             f"{LEVEL:g}). {MORE}",
         )
-    boxes = [box(asked, leaf, own, all_failures) for leaf, own in zip(leaves, rows, strict=True)]
+    boxes = [
+        _make_box(asked, leaf, own, all_failures) for leaf, own in zip(leaves, rows, strict=True)
+    ]
     return Region(
         campaigns=asked.campaigns,
         scenario=asked.scenario,
@@ -145,10 +255,10 @@ def told(
     )
 
 
-def box(asked: Question, leaf: Leaf, rows: NDArray[np.intp], all_failures: int) -> Box:
+def _make_box(asked: RegionQuestion, leaf: _Leaf, rows: NDArray[np.intp], all_failures: int) -> Box:
     """A leaf with its figures, over the rows inside of those to judge by."""
     k = int(asked.failed[rows].sum())
-    bounds = box_bounds(asked.names, leaf, asked.values)
+    bounds = _make_bounds(asked.names, leaf, asked.values)
     return Box(
         bounds=bounds,
         words=", ".join(each.words for each in bounds),

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from eigenfail.methods import traits_of
 from eigenfail.values import (
     Campaign,
     Conflicts,
@@ -18,12 +19,9 @@ from eigenfail.values import (
 )
 from eigenfail.values.assessment import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail.values.safety import LEVEL, FailurePoint
+from eigenfail_services.statistics.comparison import rank_correlation
 from eigenfail_services.statistics.intervals import rate
-from eigenfail_services.statistics.rank_correlation import rank_correlation
 from eigenfail_services.statistics.tail_risk import tail_risk
-
-FROM_PRIOR = "monte_carlo"
-"""The method whose episodes are as likely as p(x) says."""
 
 
 def safety(
@@ -53,12 +51,12 @@ def safety(
         collisions=share(totals.failures, totals.completed),
         near_misses=share(conflicts.near_misses, totals.completed),
         conflicts=conflicts,
-        ttc=violations(totals.ttc, NEAR_MISS_TTC_S, totals.completed),
-        drac=violations(totals.drac, PEAK_BRAKING_MPS2, totals.completed),
+        ttc=_count_violations(totals.ttc, NEAR_MISS_TTC_S, totals.completed),
+        drac=_count_violations(totals.drac, PEAK_BRAKING_MPS2, totals.completed),
         severity=tail_risk(totals.severities, level),
-        scatter=Scatter(totals.points, len(totals.severities), correlation(totals.points)),
+        scatter=Scatter(totals.points, len(totals.severities), _correlate(totals.points)),
         unresolved=unresolved,
-        notes=tuple(notes(campaign, totals, unresolved)),
+        notes=tuple(_list_notes(campaign, totals, unresolved)),
     )
 
 
@@ -67,7 +65,7 @@ def share(k: int, n: int) -> Rate | None:
     return rate(min(k, n), n) if n else None
 
 
-def violations(totals: MeasureTotals, threshold: float, completed: int) -> Violations:
+def _count_violations(totals: MeasureTotals, threshold: float, completed: int) -> Violations:
     """A row of the table."""
     return Violations(
         threshold=threshold,
@@ -78,7 +76,7 @@ def violations(totals: MeasureTotals, threshold: float, completed: int) -> Viola
     )
 
 
-def correlation(points: Sequence[FailurePoint]) -> Figure | None:
+def _correlate(points: Sequence[FailurePoint]) -> Figure | None:
     """How severity goes with likelihood, over the points that are shown."""
     return rank_correlation(
         np.array([point.log_probability_per_step for point in points]),
@@ -86,11 +84,11 @@ def correlation(points: Sequence[FailurePoint]) -> Figure | None:
     )
 
 
-def notes(campaign: Campaign, totals: SafetyTotals, unresolved: Unresolved) -> Iterator[str]:
+def _list_notes(campaign: Campaign, totals: SafetyTotals, unresolved: Unresolved) -> Iterator[str]:
     """What the numbers cannot know."""
     if words := unresolved.words(totals.completed):
         yield words
-    if campaign.spec.method != FROM_PRIOR and totals.failures:
+    if totals.failures and not traits_of(campaign.spec.method).draws_from_prior:
         yield (
             f"The episodes are those that {campaign.spec.method} chose: shares, medians and "
             "severities are of these, not of what p(x) would bring."

@@ -1,19 +1,25 @@
-"""How failures and their components move through training (paper, figure of the disturbances)."""
+"""How failures change during training (paper, figure of the disturbances), and mode collapse.
+
+Clustering finds groups in anything, even in pure noise. Clusters count as modes only where the
+analysis calls them distinct; otherwise all failures are one mode.
+"""
 
 from collections.abc import Mapping
+from math import exp, log
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import TrainingInterval
+from eigenfail.values import AnalysisResult, Diversity, TrainingInterval
+from eigenfail.values.diversity import COLLAPSED_SHARE, NARROW_SPREAD
 from eigenfail_services.analysis.alignment import Aligned
-from eigenfail_services.analysis.components import ComponentSpace, blocks, fit
+from eigenfail_services.analysis.components import ComponentSpace, fit_components, iterate_blocks
 
-INTERVALS = 10
-SHOWN = 3
+TENTHS = 10
+SHOWN_COMPONENTS = 3
 
 
-def training(
+def summarize_training(
     failures: Aligned, space: ComponentSpace, episodes: Mapping[int, int]
 ) -> tuple[TrainingInterval, ...]:
     """Ten intervals of the episodes, each with its failures' mean and their own components.
@@ -23,43 +29,144 @@ def training(
         space: the components of all of them.
         episodes: how many of each campaign have ended, by its id.
     """
-    tenths = tenth_of(failures, episodes)
+    tenths = find_tenths(failures, episodes)
     return tuple(
-        interval(failures, space, tenth, np.flatnonzero(tenths == tenth))
-        for tenth in range(INTERVALS)
+        _summarize_interval(failures, space, tenth, np.flatnonzero(tenths == tenth))
+        for tenth in range(TENTHS)
     )
 
 
-def tenth_of(failures: Aligned, episodes: Mapping[int, int]) -> NDArray[np.int64]:
+def find_tenths(failures: Aligned, episodes: Mapping[int, int]) -> NDArray[np.int64]:
     """In which tenth of its campaign each failure was found, from 0, shape (failures,)."""
     tenths = np.zeros(len(failures.episodes), np.int64)
     for campaign in np.unique(failures.campaigns).tolist():
         own = failures.campaigns == campaign
         indices = failures.episodes[own]
         last = max(episodes.get(campaign, 0), int(indices.max()) + 1)
-        tenths[own] = indices * INTERVALS // last
+        tenths[own] = indices * TENTHS // last
     return tenths
 
 
-def interval(
+def _summarize_interval(
     failures: Aligned, space: ComponentSpace, tenth: int, rows: NDArray[np.intp]
 ) -> TrainingInterval:
     """One of them, with the failures in these rows."""
     own = failures._replace(noise=failures.noise[rows])
     mean = np.zeros((failures.horizon, 2))
-    for block in blocks(own.noise):
+    for block in iterate_blocks(own.noise):
         mean += block.sum(axis=0) / len(rows)
-    wanted = min(SHOWN, len(space.components))
-    found = fit(own.data, wanted) if len(rows) > 1 and wanted else None
+    wanted = min(SHOWN_COMPONENTS, len(space.components))
+    found = fit_components(own.data, wanted) if len(rows) > 1 and wanted else None
     components = found.components if found else space.components[:0]
     cosines = np.sum(components * space.components[: len(components)], axis=1)
     turned = components * np.where(cosines < 0.0, -1.0, 1.0)[:, None]
     return TrainingInterval(
-        start=tenth / INTERVALS,
-        end=(tenth + 1) / INTERVALS,
+        start=tenth / TENTHS,
+        end=(tenth + 1) / TENTHS,
         failures=len(rows),
         mean=mean.astype(np.float32),
         components=failures.by_step(turned).astype(np.float32),
         explained=(found.explained if found else np.zeros(0)).astype(np.float32),
         likeness=np.abs(cosines).astype(np.float32),
     )
+
+
+LEAST_FAILURES = 10
+"""Of fewer failures no share of 90 % can be told from one of 100 %."""
+
+REMEDY = "try `ensemble`, the reward `dissimilarity`, or a distribution of scenarios."
+
+Labels = NDArray[np.int64]
+
+
+def measure_diversity(
+    failures: Aligned, result: AnalysisResult, episodes: Mapping[int, int]
+) -> Diversity:
+    """How the failures of campaigns spread over the modes that an analysis found.
+
+    Args:
+        failures: those that were analysed.
+        result: what the analysis found.
+        episodes: number of ended episodes of each campaign, by its id, for `count_coverage`.
+    """
+    labels = np.array(result.labels if result.distinct else [0] * len(result.labels))
+    shares = np.bincount(labels) / len(labels)
+    largest, wide = float(shares.max()), measure_spread(failures)
+    return Diversity(
+        failures=len(labels),
+        modes=len(shares),
+        largest_share=largest,
+        effective_modes=count_effective_modes(shares),
+        spread=wide,
+        coverage=count_coverage(labels, find_tenths(failures, episodes)[failures.order]),
+        verdict=describe_collapse(result, shares),
+        warning=_write_warning(len(labels), len(shares), largest, wide),
+    )
+
+
+def count_effective_modes(shares: NDArray[np.float64]) -> float:
+    """exp(−sum p log p): how many equally large modes would be as diverse.
+
+    Args:
+        shares: p, of the failures, shape (modes,).
+
+    Source: Hill 1973, Ecology 54, 427–432, order 1.
+    """
+    return exp(-sum(p * log(p) for p in shares.tolist() if p > 0.0))
+
+
+def count_coverage(labels: Labels, tenths: Labels) -> tuple[int, ...]:
+    """How many of the modes had been seen after each tenth of the episodes.
+
+    Args:
+        labels: the mode of each failure, shape (failures,).
+        tenths: in which tenth of its campaign it was found, from 0, shape (failures,).
+    """
+    first = [int(tenths[labels == mode].min()) for mode in np.unique(labels)]
+    return tuple(sum(seen <= tenth for seen in first) for tenth in range(TENTHS))
+
+
+def measure_spread(failures: Aligned) -> float | None:
+    """How much the failures differ from each other in each step that at least two of them reach.
+
+    Root mean square over these steps and both axes of the standard deviation (n − 1) of z. [sigma]
+    None where there is no such step.
+    """
+    reached = np.zeros((failures.horizon, 1))
+    sums, squares = (np.zeros((failures.horizon, 2)) for _ in range(2))
+    for noise in failures.runs():
+        reached[: noise.shape[1]] += len(noise)
+        sums[: noise.shape[1]] += noise.sum(axis=0)
+    twice = reached[:, 0] >= 2
+    if not twice.any():
+        return None
+    means = sums / np.maximum(reached, 1.0)
+    for noise in failures.runs():
+        squares[: noise.shape[1]] += ((noise - means[: noise.shape[1]]) ** 2).sum(axis=0)
+    return float(np.sqrt(np.mean(squares[twice] / (reached[twice] - 1.0))))
+
+
+def describe_collapse(result: AnalysisResult, shares: NDArray[np.float64]) -> str:
+    """How many modes, and how evenly they were found, in words."""
+    if not result.distinct:
+        return result.verdict
+    return (
+        f"{result.verdict} The largest holds {100.0 * shares.max():.0f} % of "
+        f"{len(result.labels)} failures. "
+        f"Effective number of modes: {count_effective_modes(shares):.1f}."
+    )
+
+
+def _write_warning(failures: int, modes: int, largest: float, wide: float | None) -> str:
+    """That the modes have collapsed, and what to try; nothing said of a few failures.
+
+    A single mode is no collapse by itself: a planner may have no second. It is one where the
+    failures hardly differ, for noise that makes a planner fail leaves most of itself free.
+    """
+    if failures < LEAST_FAILURES:
+        return ""
+    if modes > 1 and largest > COLLAPSED_SHARE:
+        return f"mode collapse: {100.0 * largest:.0f} % of the failures are of one mode; {REMEDY}"
+    if modes == 1 and wide is not None and wide < NARROW_SPREAD:
+        return f"mode collapse: the failures differ by {wide:.2f} sigma only; {REMEDY}"
+    return ""

@@ -1,16 +1,19 @@
-"""Words for noise: which way it pushes what is perceived, how strongly, and when. Plain templates.
+"""Sentences about noise and about a planner's account of an episode, from plain templates.
 
-Times are counted back from the impact, the end of the last step: what is injected in the last of
-steps that take 0.1 s is told as during 0.1 … 0.0 s before it.
+They say in which direction noise shifts what is perceived, how strongly, and when; and which rule
+of the planner decided, was overridden, or was lost. Times count back from the impact, the end of
+the last step: noise in the last step of 0.1 s acts from 0.1 to 0.0 s before it.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
 
-from eigenfail.values import AXES, Floats
+from eigenfail.explanations.explaining import NOTHING, _read_word
+from eigenfail.values import AXES, ExplainedEpisode, ExplainedStep, Floats
 
 TELLING = 0.5
 """Share of an axis's strongest noise from which a step is told of, where noise is everywhere."""
@@ -180,3 +183,63 @@ def _words(push: Push, axis: int, clock: Clock) -> str:
     some = "" if push.steps == length else f" in {push.steps} of {length} steps"
     more = "" if peak == mean else f", peak {peak},"
     return f"{mean} sigma ({way}){more}{some} during {clock.window(push.first, push.last)}"
+
+
+MOST_RULES = 2
+
+
+def describe_account(episode: ExplainedEpisode, clock: Clock) -> str:
+    """The planner's own account of an episode in a sentence; empty if it explains nothing.
+
+    The names looked for in the account are those of `ExplainingPlanner`.
+    """
+    steps = episode.steps[: clock.impact]
+    told = [
+        part
+        for teller in (_describe_rules, _describe_overrides, _describe_losses)
+        for part in teller(steps, clock)
+    ]
+    return f"{'; '.join(told)}." if told else ""
+
+
+def _describe_rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[str]:
+    """Which rules decided, and in how many of the steps."""
+    counted = Counter(rule for step in steps if (rule := _read_word(step, "rule")) not in NOTHING)
+    if counted:
+        shares = (
+            f"{_make_plain(name)} in {count} of {len(steps)} steps"
+            for name, count in sorted(counted.items(), key=lambda each: (-each[1], each[0]))
+        )
+        yield "what decided: " + ", ".join([*shares][:MOST_RULES])
+
+
+def _describe_overrides(steps: Sequence[ExplainedStep], clock: Clock) -> Iterator[str]:
+    """What overrode the plan, from when to when."""
+    names = [_read_word(step, "override") for step in steps]
+    for name in sorted({*names} - NOTHING):
+        places = [place for place, each in enumerate(names) if each == name]
+        window = clock.window(places[0], places[-1])
+        some = "a step" if len(places) == 1 else f"{len(places)} steps"
+        yield f"overridden by {_make_plain(name)} in {some} during {window} before {clock.event}"
+
+
+def _describe_losses(steps: Sequence[ExplainedStep], clock: Clock) -> Iterator[str]:
+    """When it lost sight of somebody for the last time."""
+    lost = [_count(step, "lost_tracks") for step in steps]
+    places = [place for place in range(1, len(lost)) if lost[place] > lost[place - 1]]
+    if places:
+        times = "once," if len(places) == 1 else f"{len(places)} times, the last"
+        yield f"it lost a track {times} {clock.moment(places[-1])}"
+
+
+def _count(step: ExplainedStep, name: str) -> float:
+    """A number of the account; 0 if it has none of that name, or anything but a number there."""
+    try:
+        return float(step.account.get(name, 0.0))
+    except (TypeError, ValueError):
+        return 0.0
+
+
+def _make_plain(name: str) -> str:
+    """A name as people read it."""
+    return name.replace("_", " ")

@@ -1,22 +1,151 @@
-"""Analyses run in processes of their own: a heavy one slows nobody, a dying one dies alone."""
+"""Analyses of campaigns: which failures each is made of, and the processes that compute it.
+
+Each analysis runs in a process of its own: a heavy one slows nothing else, and its end is its own.
+"""
 
 import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, Self
 
 import msgspec
+from msgspec.structs import replace
 
-from eigenfail.contracts import Store
-from eigenfail.errors import InputError
+from eigenfail.error_text import describe_error, read_text
+from eigenfail.errors import InputError, InvalidValue, NotFound
 from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group
-from eigenfail.values import Analysis, AnalysisResult
-from eigenfail.values.records import Job
-from eigenfail_services.bounds import NO_BOUNDS, Bounds
-from eigenfail_services.campaigns.analysed import ground, notes, portions
-from eigenfail_services.campaigns.mode_probability import with_probabilities
-from eigenfail_services.campaigns.mode_words import mode_words
-from eigenfail_services.hub.patience import Patience
+from eigenfail.values import (
+    FINAL_STATES,
+    AnalysedCampaign,
+    Analysis,
+    AnalysisResult,
+    AnalysisSettings,
+    Campaign,
+)
+from eigenfail.values.campaign import CampaignSpec
+from eigenfail.values.records import Failures, Job
+from eigenfail.worlds import world_of
+from eigenfail_services.analysis.alignment import check_clusterer
+from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
+from eigenfail_services.campaigns.explanations import describe_modes
+from eigenfail_services.campaigns.mode_probability import add_probabilities
+from eigenfail_services.hub.timing import Timeout
+from eigenfail_services.store import Store
+
+WORLD_FIELDS = ("scenario", "scenario_parameters", "planner", "planner_settings", "simulator")
+"""What may differ between campaigns that are analysed together, and is told then."""
+
+
+class AnalysisBasis(NamedTuple):
+    """Campaigns that an analysis takes its failures from.
+
+    Attributes:
+        campaigns: each once, the first one first; with their states from before their failures
+            are read, so that whatever has ended is read whole.
+        horizon: steps of their full episodes.
+        step_s: duration of a step; None where it has none. [s]
+    """
+
+    campaigns: tuple[Campaign, ...]
+    horizon: int
+    step_s: float | None
+
+    @property
+    def ended(self) -> dict[int, int]:
+        """Number of episodes that have ended, by id of their campaign."""
+        return {each.id: each.counts.completed + each.counts.failed for each in self.campaigns}
+
+    def recounted(self, store: Store) -> Self:
+        """Return the basis with current counts, which cover all failures that were read before."""
+        now = ((each, store.campaigns.get(each.id).counts) for each in self.campaigns)
+        return self._replace(campaigns=tuple(replace(each, counts=c) for each, c in now))
+
+    def sources(self, rows: Sequence[int]) -> tuple[AnalysedCampaign, ...]:
+        """Return the analysed campaigns, each with the number of its failures among the rows."""
+        return tuple(
+            AnalysedCampaign(
+                campaign=each.id,
+                episodes=self.ended[each.id],
+                failures=rows.count(each.id),
+                running=each.state not in FINAL_STATES,
+            )
+            for each in self.campaigns
+        )
+
+
+def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> AnalysisBasis:
+    """Return the basis of an analysis of a campaign and of those that its settings name.
+
+    Raises:
+        NotFound: there is no such campaign.
+        InvalidValue: there is no such further campaign, or it does not go together with the first;
+            or a setting that the clusterer would not heed.
+    """
+    check_clusterer(settings)
+    first = store.campaigns.get(campaign)
+    others = [_find_further(store, each) for each in dict.fromkeys(settings.campaigns)]
+    campaigns = (first, *(other for other in others if other.id != campaign))
+    world = world_of(first.spec.simulator)
+    steps, duration = world.horizon(first.spec), world.step_s(first.spec)
+    for other in campaigns[1:]:
+        _refuse_unlike(first.spec, other.spec, f"campaign {other.id}")
+    return AnalysisBasis(campaigns, steps, duration)
+
+
+def _find_further(store: Store, campaign: int) -> Campaign:
+    """Return a campaign that the settings of an analysis name.
+
+    Raises:
+        InvalidValue: there is none.
+    """
+    try:
+        return store.campaigns.get(campaign)
+    except NotFound as error:
+        raise InvalidValue("campaigns", error.problem, error.remedy) from error
+
+
+def _refuse_unlike(first: CampaignSpec, other: CampaignSpec, name: str) -> None:
+    """Raises InvalidValue where the noise of two campaigns cannot stand side by side."""
+    world, beside = world_of(first.simulator), world_of(other.simulator)
+    told = {
+        "episodes of another number of steps": (world.horizon(first), beside.horizon(other)),
+        "steps of another duration": (world.step_s(first), beside.step_s(other)),
+        "another disturbance model: one z is not the same noise in both": (
+            first.disturbance,
+            other.disturbance,
+        ),
+    }
+    for words, (one, another) in told.items():
+        if one != another:
+            raise InvalidValue("campaigns", f"{name} has {words}.", "Analyse it by itself.")
+
+
+def _list_portions(store: Store, campaigns: Sequence[Campaign]) -> Iterator[tuple[int, Failures]]:
+    for campaign in campaigns:
+        for failures in store.episodes.failure_portions(campaign.id):
+            yield campaign.id, failures
+
+
+def list_notes(found: AnalysisBasis) -> tuple[str, ...]:
+    """Return caveats of an analysis of several campaigns, or of campaigns that still run."""
+    specs = [campaign.spec for campaign in found.campaigns]
+    differing = [
+        name for name in WORLD_FIELDS if any(_differ(name, specs[0], spec) for spec in specs)
+    ]
+    running = sorted(each.id for each in found.campaigns if each.state not in FINAL_STATES)
+    still = ", ".join(map(str, running))
+    words = {
+        f"The campaigns differ in {', '.join(differing)}: a mode may be of one of them.": differing,
+        f"A snapshot: more episodes were to come in campaign {still}.": running,
+    }
+    return tuple(sentence for sentence, reason in words.items() if reason)
+
+
+def _differ(name: str, one: CampaignSpec, other: CampaignSpec) -> bool:
+    return bool(getattr(one, name) != getattr(other, name))
+
 
 LEASE_S = 30.0
 DATABASE_VARIABLE = "EIGENFAIL_DATABASE"
@@ -38,16 +167,16 @@ LONGER = (
 
 
 class RunningAnalysis(msgspec.Struct):
-    """A process, the job that it works on, and when that job's lease is to be renewed."""
+    """The process of an analysis, its job, and the time at which the job's lease is renewed."""
 
     job: Job
     process: "subprocess.Popen[bytes]"
-    patience: Patience
+    timeout: Timeout
     renew_s: float = 0.0
 
 
 class AnalysisJobs:
-    """Starts a process for each claimed analysis, and sees how it ends.
+    """Starts a process for each claimed analysis, and records its end.
 
     Args:
         database: URL of the store; handed on in the environment, where no list of processes
@@ -55,18 +184,18 @@ class AnalysisJobs:
         bounds: of each process.
     """
 
-    def __init__(self, store: Store, database: str, bounds: Bounds = NO_BOUNDS) -> None:
+    def __init__(self, store: Store, database: str, bounds: SettingBounds = NO_BOUNDS) -> None:
         self._store = store
         self._bounds = bounds
         self._environment = os.environ | ONE_THREAD | as_parent() | {DATABASE_VARIABLE: database}
         self._running: list[RunningAnalysis] = []
 
     def __len__(self) -> int:
-        """How many are running."""
+        """Return the number of running analyses."""
         return len(self._running)
 
     def open(self, job: Job) -> None:
-        """Start on an analysis, unless it is our own lease on it that ran out."""
+        """Start the process of an analysis, unless it runs here already with a lost lease."""
         for running in self._running:
             if running.job.subject == job.subject:
                 running.job = job
@@ -82,19 +211,19 @@ class AnalysisJobs:
         command = [sys.executable, "-m", "eigenfail_services", "analyse", str(job.subject)]
         process = subprocess.Popen(command, env=self._environment, process_group=0)
         self._bounds.confine(process.pid)
-        return RunningAnalysis(job, process, Patience(self._bounds.time_s))
+        return RunningAnalysis(job, process, Timeout(self._bounds.time_s))
 
     def tend(self) -> None:
-        """Renew the leases of those that run, conclude those that have ended."""
+        """Renew the leases of running analyses, and conclude the ended ones."""
         self._running = [running for running in self._running if not self._ended(running)]
 
     def _ended(self, running: RunningAnalysis) -> bool:
         status = exit_status(running.process)
-        if status is None and not running.patience.is_over():
+        if status is None and not running.timeout.has_expired():
             self._renew(running)
             return False
         if status is not None and status < 0:
-            # Killed, by nobody of this house: whoever claims the job next starts it anew.
+            # Killed from outside: the next claim of the job starts it anew.
             kill_group(running.process)
             self._store.jobs.renew(running.job, 0.0)
             return True
@@ -105,7 +234,7 @@ class AnalysisJobs:
         return True
 
     def _problem(self, status: int | None) -> str:
-        """What is told of one that is over, or takes too long; empty if it went well."""
+        """Return why an analysis failed or is ended; empty if it succeeded."""
         if status is None:  # it would take as long the next time
             took = f"The analysis took more than {self._bounds.time_s:g} s, and was broken off."
             return f"{took} {LONGER}"
@@ -117,47 +246,46 @@ class AnalysisJobs:
             self._store.jobs.renew(running.job, LEASE_S)
 
     def stop(self) -> None:
-        """End all of them; the next supervisor starts them anew."""
+        """End all running analyses; the next supervisor starts them anew."""
         for running in self._running:
             kill_group(running.process)
             self._store.jobs.renew(running.job, 0.0)
 
 
 def run_analysis(store: Store, analysis_id: int) -> None:
-    """Analyse the failures of a campaign and keep what was found, or why nothing could be."""
+    """Run an analysis, and store its result or the reason why it failed."""
     analysis = store.analyses.get(analysis_id)
     store.analyses.start(analysis_id)
     try:
-        store.analyses.finish(analysis_id, found(store, analysis))
+        store.analyses.finish(analysis_id, find_modes(store, analysis))
     except InputError as error:
-        store.analyses.fail(analysis_id, str(error))
+        store.analyses.fail(analysis_id, read_text(error))
     except Exception as error:
-        problem = f"The analysis broke off with {type(error).__name__}: {error}."
+        problem = f"The analysis broke off with {describe_error(error)}."
         store.analyses.fail(analysis_id, f"{problem} {LOOK}")
         raise
 
 
-def found(store: Store, analysis: Analysis) -> AnalysisResult:
-    """What an analysis finds in the failures that there are by now.
+def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
+    """Return the failure modes among the failures that are stored by now.
 
     Raises:
         InvalidValue: there is no failure, or one that does not fit; or the campaigns do not go
             together.
     """
     # scikit-learn takes a second to load.
-    from eigenfail_services.analysis.digest import result_digest
-    from eigenfail_services.analysis.gathering import Portion, gather
-    from eigenfail_services.analysis.job import analyse_gathered
+    from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
+    from eigenfail_services.analysis.job import analyse_gathered, hash_result
 
-    begun = ground(store, analysis.campaign, analysis.settings)
-    read = (Portion(*each) for each in portions(store, begun.campaigns))
-    failures = gather(read, begun.horizon, analysis.settings)
+    begun = find_basis(store, analysis.campaign, analysis.settings)
+    read = (FailureBatch(*each) for each in _list_portions(store, begun.campaigns))
+    failures = gather_failures(read, begun.horizon, analysis.settings)
     base = begun.recounted(store)
     result = analyse_gathered(failures, analysis.settings, base.step_s, base.ended)
     whole = msgspec.structs.replace(
-        with_probabilities(store, base.campaigns, result),
+        add_probabilities(store, base.campaigns, result),
         sources=base.sources(result.campaigns),
-        notes=notes(base),
-        words=mode_words(store, analysis, result, base.step_s),
+        notes=list_notes(base),
+        words=describe_modes(store, analysis, result, base.step_s),
     )
-    return msgspec.structs.replace(whole, digest=result_digest(whole))
+    return msgspec.structs.replace(whole, digest=hash_result(whole))

@@ -1,30 +1,184 @@
-"""Two groups of campaigns side by side, from what the store holds of them."""
+"""Two groups of campaigns compared, in numbers and sentences; many campaigns side by side."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from math import floor, log10
 
+import msgspec
 from msgspec.structs import replace
 
-from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Campaign, CampaignSpec, Comparison, Cost, Difference, EffectSize, Side
-from eigenfail_services.analysis.cost import cost
-from eigenfail_services.campaigns.comparison_words import (
-    by_luck,
-    confounded,
-    impure,
-    sentences,
-    unfinished,
+from eigenfail.values import (
+    FINAL_STATES,
+    Campaign,
+    CampaignSpec,
+    Comparison,
+    Cost,
+    Difference,
+    EffectSize,
+    Interval,
+    McNemar,
+    Side,
 )
-from eigenfail_services.campaigns.distinctions import distinctions, mixed, things
-from eigenfail_services.campaigns.pairing import pair
-from eigenfail_services.campaigns.summary import failure_rate, ratio
-from eigenfail_services.statistics.comparison import difference, mcnemar
-from eigenfail_services.statistics.effect_size import LEAST, effect_size
+from eigenfail.versions import describe_mixed
+from eigenfail_services.analysis.cost import cost
+from eigenfail_services.campaigns.drafts import fill_defaults
+from eigenfail_services.campaigns.pairing import (
+    find_differing_fields,
+    find_distinctions,
+    find_mixed_fields,
+    list_leaves,
+    list_unpairable,
+    pair_episodes,
+)
+from eigenfail_services.campaigns.summary import divide, find_failure_rate
+from eigenfail_services.statistics.comparison import LEAST_VALUES, difference, effect_size, mcnemar
 from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.store import Store
+
+SMALLEST_P = 1e-4
+LEVEL = 0.05
+
+
+def _list_sentences(found: Comparison) -> tuple[str, ...]:
+    a, b, pairs = found.a, found.b, found.pairs
+    return (
+        f"A {_describe_failures(a)}; B {_describe_failures(b)}.",
+        *([_compare_rates(found.difference)] if found.difference else []),
+        _describe_pairs(pairs) if pairs else f"Episodes are not paired: {found.unpaired_because}",
+        f"A failure costs {_format_price(a.cost)} with A, {_format_price(b.cost)} with B.",
+        *_compare_likelihood(a, b),
+        *([_compare_seeds(found.effect)] if found.effect else []),
+    )
+
+
+def _describe_failures(side: Side) -> str:
+    rate = side.failure_rate
+    if rate is None:
+        return "has completed no episode"
+    share = f"{_format_percent(rate.value)} {_format_bounds(rate.interval)}"
+    return f"fails in {share} of {rate.n} episodes"
+
+
+def _compare_rates(found: Difference) -> str:
+    if found.interval.low <= 0.0 <= found.interval.high:
+        return (
+            "From the rates alone no difference can be told: B − A is "
+            f"{_format_percent(found.value, '+')} {_format_bounds(found.interval)} of the episodes."
+        )
+    word = "more" if found.value > 0.0 else "fewer"
+    near, far = sorted((abs(found.interval.low), abs(found.interval.high)))
+    size = f"{_format_percent(abs(found.value))} {_format_bounds(Interval(near, far))}"
+    return f"B fails in {size} {word} of the episodes than A."
+
+
+def _describe_pairs(found: McNemar) -> str:
+    verdict = "tells them apart" if found.p_value < LEVEL else "does not tell them apart"
+    return (
+        f"Both saw the same noise in {found.n} pairs of episodes: {found.only_b} where only B "
+        f"failed, {found.only_a} where only A did, {found.both} where both did; McNemar's exact "
+        f"test {verdict} ({format_p_value(found.p_value)})."
+    )
+
+
+def _compare_seeds(found: EffectSize) -> str:
+    return (
+        f"A campaign of B fails more often than one of A with probability {found.a12:.2f}: "
+        f"{found.magnitude} effect (Vargha–Delaney A12, n = {found.n_a} and {found.n_b} campaigns)."
+    )
+
+
+def _compare_likelihood(a: Side, b: Side) -> Iterator[str]:
+    of_a, of_b = a.log_probability_per_step, b.log_probability_per_step
+    if of_a is not None and of_b is not None:
+        yield (
+            f"log p per step of the failures is {of_a:.2f} with A (n = {a.failures}), "
+            f"{of_b:.2f} with B (n = {b.failures}); higher is likelier."
+        )
+
+
+def _list_confounders(differing: Sequence[str]) -> Iterator[str]:
+    """Warn that a difference has more than one possible cause, or none.
+
+    Args:
+        differing: the things in which the sides differ.
+    """
+    if len(differing) > 1:
+        yield (
+            f"A and B differ in more than one thing ({', '.join(differing)}): what is found cannot "
+            "be laid to one of them alone."
+        )
+    if not differing:
+        yield "A and B were asked for the same thing: only their seeds can differ."
+
+
+def _warn_of_mixture(side: str, differing: Sequence[str]) -> Iterator[str]:
+    """Warn that the campaigns of a side are not of one kind.
+
+    Args:
+        side: its name.
+        differing: the things in which its campaigns differ among themselves.
+    """
+    if differing:
+        yield f"The campaigns of {side} differ among themselves in {', '.join(differing)}."
+
+
+def warn_of_seeds(campaigns: Sequence[Campaign]) -> Iterator[str]:
+    """Warn that intervals do not cover the spread between seeds of a learner."""
+    learning = list_unpairable(campaigns)
+    if learning:
+        yield (
+            f"Episodes of {' and '.join(learning)} depend on what was learnt: intervals know "
+            "the luck of the episodes, not that of the training seed. Compare several seeds."
+        )
+
+
+def _warn_of_errors(side: str, campaigns: Sequence[Campaign]) -> Iterator[str]:
+    count = sum(campaign.counts.errored for campaign in campaigns)
+    completed = sum(campaign.counts.completed for campaign in campaigns)
+    if count and not completed:
+        yield f"Every episode of {side} errored ({count:,}): there is nothing to compare."
+    elif count:
+        total = count + completed
+        yield f"{count:,} of {total:,} episodes of {side} errored and are not counted in its rate."
+
+
+def warn_of_unfinished(campaigns: Sequence[Campaign]) -> Iterator[str]:
+    """Warn that figures of running campaigns may still change."""
+    for campaign in campaigns:
+        if campaign.state not in FINAL_STATES:
+            yield f"Campaign {campaign.id} is {campaign.state}: its figures may still change."
+
+
+def _format_percent(share: float, sign: str = "") -> str:
+    return f"{100.0 * share:{sign}.1f} %"
+
+
+def _format_bounds(interval: Interval) -> str:
+    return f"[{100.0 * interval.low:.1f}, {100.0 * interval.high:.1f}]"
+
+
+def _format_price(cost: Cost) -> str:
+    if cost.per_failure_usd is not None and cost.interval_usd is not None:
+        low, high = cost.interval_usd.low, cost.interval_usd.high
+        return f"{_format_usd(cost.per_failure_usd)} USD [{_format_usd(low)}, {_format_usd(high)}]"
+    if cost.at_least_usd is not None:
+        return f"at least {_format_usd(cost.at_least_usd)} USD"
+    return "nobody knows what"
+
+
+def _format_usd(amount: float) -> str:
+    """Format an amount with at least two decimals and at least two significant digits."""
+    digits = 2 if amount <= 0.0 else max(2, 1 - floor(log10(amount)))
+    return f"{amount:.{digits}f}"
+
+
+def format_p_value(p_value: float) -> str:
+    """Format a p-value; below `SMALLEST_P` as a bound."""
+    return f"p < {SMALLEST_P:.4f}" if p_value < SMALLEST_P else f"p = {p_value:.4f}"
 
 
 def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
-    """Failure rates, cost, likelihood and pairs of two groups of campaigns.
+    """Compare failure rates, cost, likelihood and pairs of two groups of campaigns.
 
     Args:
         store: where the campaigns are.
@@ -35,35 +189,41 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         InvalidValue: a side without a campaign, or a campaign that is named twice.
         NotFound: no such campaign.
     """
-    refuse_repeats(a, b)
+    _refuse_repeats(a, b)
     ones, others = ([store.campaigns.get(campaign) for campaign in ids] for ids in (a, b))
-    left, right, pairing = side_of(store, ones), side_of(store, others), pair(store, ones, others)
+    left, right, pairing = (
+        _summarise_side(store, ones),
+        _summarise_side(store, others),
+        pair_episodes(store, ones, others),
+    )
     found = Comparison(
         a=left,
         b=right,
-        difference=difference_of(left, right),
+        difference=_find_difference(left, right),
         pairs=mcnemar(pairing.totals) if pairing.totals else None,
         unpaired_because=pairing.because,
-        effect=effect_of(left, right),
-        distinctions=distinctions(specs(ones), specs(others)),
+        effect=_find_effect(left, right),
+        distinctions=find_distinctions(_list_specs(ones), _list_specs(others)),
     )
     caveats = (
-        *confounded(things(found.distinctions)),
-        *impure("A", mixed(specs(ones))),
-        *impure("B", mixed(specs(others))),
-        *by_luck([*ones, *others]),
-        *unfinished([*ones, *others]),
+        *_list_confounders(find_differing_fields(found.distinctions)),
+        *_warn_of_mixture("A", find_mixed_fields(_list_specs(ones))),
+        *_warn_of_mixture("B", find_mixed_fields(_list_specs(others))),
+        *warn_of_seeds([*ones, *others]),
+        *_warn_of_errors("A", ones),
+        *_warn_of_errors("B", others),
+        *(told for one in (*ones, *others) for told in describe_mixed(one)[:-1]),
+        *warn_of_unfinished([*ones, *others]),
     )
-    return replace(found, sentences=sentences(found), warnings=caveats)
+    return replace(found, sentences=_list_sentences(found), warnings=caveats)
 
 
-def specs(campaigns: Sequence[Campaign]) -> list[CampaignSpec]:
-    """What was asked for."""
+def _list_specs(campaigns: Sequence[Campaign]) -> list[CampaignSpec]:
     return [campaign.spec for campaign in campaigns]
 
 
-def refuse_repeats(a: Sequence[int], b: Sequence[int]) -> None:
-    """Every campaign counts once.
+def _refuse_repeats(a: Sequence[int], b: Sequence[int]) -> None:
+    """Make sure that every campaign is named once.
 
     Raises:
         InvalidValue: one is named twice, or a side has none.
@@ -81,12 +241,11 @@ def refuse_repeats(a: Sequence[int], b: Sequence[int]) -> None:
             )
 
 
-def side_of(store: Store, campaigns: Sequence[Campaign]) -> Side:
-    """What these campaigns found together."""
+def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
     totals = [store.episodes.totals(campaign.id) for campaign in campaigns]
     completed = sum(campaign.counts.completed for campaign in campaigns)
     failures = sum(campaign.counts.failures for campaign in campaigns)
-    rates = [failure_rate(campaign) for campaign in campaigns]
+    rates = [find_failure_rate(campaign) for campaign in campaigns]
     severities = [each.severity for each in totals if each.severity is not None]
     return Side(
         campaigns=tuple(campaign.id for campaign in campaigns),
@@ -94,16 +253,15 @@ def side_of(store: Store, campaigns: Sequence[Campaign]) -> Side:
         failures=failures,
         failure_rate=rate(failures, completed) if completed else None,
         rates=tuple(each.value if each else None for each in rates),
-        log_probability_per_step=ratio(
+        log_probability_per_step=divide(
             sum(each.log_probability for each in totals), sum(each.steps for each in totals)
         ),
-        mean_severity=ratio(sum(severities) if severities else None, failures),
-        cost=cost_of(campaigns, failures, completed),
+        mean_severity=divide(sum(severities) if severities else None, failures),
+        cost=_sum_cost(campaigns, failures, completed),
     )
 
 
-def cost_of(campaigns: Sequence[Campaign], failures: int, completed: int) -> Cost:
-    """What they cost together, at the mean price of an hour."""
+def _sum_cost(campaigns: Sequence[Campaign], failures: int, completed: int) -> Cost:
     instance_s = [campaign.active_s * campaign.spec.instances for campaign in campaigns]
     prices = [campaign.spec.price_usd_per_hour for campaign in campaigns]
     paid = sum(seconds * price for seconds, price in zip(instance_s, prices, strict=True))
@@ -112,14 +270,81 @@ def cost_of(campaigns: Sequence[Campaign], failures: int, completed: int) -> Cos
     return cost(active_s, 1, price, failures, completed)
 
 
-def difference_of(a: Side, b: Side) -> Difference | None:
-    """The failure rate of B minus that of A; None before both have completed an episode."""
+def _find_difference(a: Side, b: Side) -> Difference | None:
     if not (a.completed and b.completed):
         return None
     return difference(a.failures, a.completed, b.failures, b.completed)
 
 
-def effect_of(a: Side, b: Side) -> EffectSize | None:
-    """A12 over the campaigns; None of fewer than two on a side with an episode."""
+def _find_effect(a: Side, b: Side) -> EffectSize | None:
+    """Return A12 over the campaigns; None with fewer than two completed ones on a side."""
     known = [[value for value in side.rates if value is not None] for side in (a, b)]
-    return effect_size(*known) if min(map(len, known)) >= LEAST else None
+    return effect_size(*known) if min(map(len, known)) >= LEAST_VALUES else None
+
+
+FEWEST, MOST = 2, 12
+
+ABSENT = "–"
+
+Group = tuple[Campaign, ...]
+
+
+class SettingValues(msgspec.Struct, frozen=True):
+    """The values of one setting in several campaigns, as text.
+
+    Attributes:
+        path: in a CampaignSpec.
+        values: in the order of the campaigns.
+    """
+
+    path: str
+    values: tuple[str, ...]
+
+    @property
+    def differs(self) -> bool:
+        """Whether the campaigns have different values."""
+        return len(set(self.values)) > 1
+
+
+def pick_campaigns(ids: Sequence[int], store: Store) -> tuple[Campaign, ...]:
+    """Return the campaigns to be compared, each once, in the order of their ids.
+
+    Raises:
+        InvalidValue: they are too many.
+        NotFound: no such campaign.
+    """
+    different = tuple(dict.fromkeys(ids))
+    if len(different) > MOST:
+        problem = f"{len(different)} campaigns are named; {FEWEST} to {MOST} can be compared."
+        raise InvalidValue("campaign", problem, "Leave some of them out.")
+    return tuple(map(store.campaigns.get, different))
+
+
+def group_by_seed(campaigns: Sequence[Campaign]) -> tuple[Group, ...]:
+    """Group campaigns that differ in name and seed alone; if all do, each is a group of its own."""
+    found: dict[bytes, list[Campaign]] = {}
+    for campaign in campaigns:
+        alike = replace(fill_defaults(campaign.spec), name="alike", seed=0)
+        found.setdefault(msgspec.msgpack.encode(alike, order="sorted"), []).append(campaign)
+    if len(found) == 1:
+        return tuple((campaign,) for campaign in campaigns)
+    return tuple(map(tuple, found.values()))
+
+
+def against_first(store: Store, found: Sequence[Group]) -> tuple[Comparison, ...]:
+    """Compare every group but the first, as B, with the first, as A."""
+    first, *others = ([campaign.id for campaign in group] for group in found)
+    return tuple(compare(store, first, other) for other in others)
+
+
+def list_settings(campaigns: Sequence[Campaign]) -> tuple[SettingValues, ...]:
+    """Return all settings of campaigns, with the defaults of installed plug-ins."""
+    flat = [dict(list_leaves(msgspec.to_builtins(fill_defaults(each.spec)))) for each in campaigns]
+    paths = sorted(dict.fromkeys(path for each in flat for path in each), key=_rank_path)
+    return tuple(
+        SettingValues(path, tuple(each.get(path, ABSENT) for each in flat)) for path in paths
+    )
+
+
+def _rank_path(path: str) -> int:
+    return CampaignSpec.__struct_fields__.index(path.partition(".")[0])

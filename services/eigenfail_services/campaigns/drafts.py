@@ -1,23 +1,31 @@
-"""Campaigns before they are launched: all that is wrong with them, and all that they would be."""
+"""Campaigns before they are launched: from fields, from lists, and from earlier campaigns."""
 
+import contextlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail import bridges, functions, plugins
-from eigenfail.contracts import Store
-from eigenfail.errors import InputError, InvalidValue, UnknownName
-from eigenfail.settings import defaults_of, read_settings
-from eigenfail.values import CampaignSpec
+from eigenfail.contracts import Reference
+from eigenfail.errors import EigenfailError, InputError, InvalidValue, UnknownName
+from eigenfail.methods import describe_method, traits_of
+from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec
 from eigenfail.values.campaign import MAX_EPISODES
-from eigenfail.wire.http import MISSING, read_fields
-from eigenfail_services.campaigns.checks import check_spec
-from eigenfail_services.campaigns.materials import check_references
+from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE, MISSING, read_fields
+from eigenfail.worlds import world_of
+from eigenfail_services.campaigns.resolution import (
+    ResolvedCampaign,
+    check_has_knowledge,
+    resolve_method,
+)
+from eigenfail_services.campaigns.validation import validate_campaign
+from eigenfail_services.store import Store
 
 MOST_PROBLEMS = 100
+EVALUATE = "evaluate"
+"""The method that a campaign is continued with whose knowledge is used."""
 
 STAND_INS: Mapping[str, Any] = {
     "name": "unnamed",
@@ -36,34 +44,72 @@ COMPANIONS = {
 WHOLE = (("scenario_parameters", 2), ("disturbance.shape", 2))
 """Below these, so many words down, a value is taken out whole: a part of it is none."""
 
+TABLES = ("settings", "scenario_parameters", "planner_settings", "disturbance", "stop")
+"""Fields of a clone whose values are put over the earlier ones, name by name."""
+
 BRACKETS = re.compile(r"\[[^\]]*\]")
 
 Fields = Mapping[str, Any]
 
 
-def read_draft(given: Fields, store: Store) -> CampaignSpec:
-    """A campaign that can be launched, from its fields.
+def read_draft(given: Fields, store: Store) -> ResolvedCampaign:
+    """Resolve a campaign that can be launched, from its fields.
 
     Raises:
         UnknownName: a field, plug-in, setting or parameter that does not exist.
         InvalidValue: a value of the wrong type, outside its bounds, or missing; or something is
-            built upon that is not there.
+            built upon that does not exist.
     """
-    return check_references(check_spec(read_fields(given, CampaignSpec)), store)
+    return validate_campaign(read_fields(given, CampaignSpec), store)
 
 
-def problems_of(given: Fields, store: Store) -> tuple[InputError, ...]:
-    """Everything that is wrong with a campaign: what is, is taken out, and the rest looked at."""
+def read_drafts(given: Sequence[Any], store: Store) -> list[CampaignSpec]:
+    """Return the campaigns that a list asks for, once every one of them can be launched.
+
+    Raises:
+        UnknownName: one has a field, plug-in or setting that does not exist; its place is named.
+        InvalidValue: one has a value that cannot be; or there are none, or too many.
+    """
+    if not 1 <= len(given) <= MAX_CAMPAIGNS_AT_ONCE:
+        problem = f"the list has {len(given)} campaigns, not 1 to {MAX_CAMPAIGNS_AT_ONCE}."
+        remedy = "Send them in several requests." if given else "Name at least one."
+        raise InvalidValue("", problem, remedy)
+    return [_read_item(item, f"[{place}]", store) for place, item in enumerate(given)]
+
+
+def _read_item(item: Any, where: str, store: Store) -> CampaignSpec:
+    if not isinstance(item, dict):
+        raise InvalidValue(where, "is not an object with the fields of a campaign.")
+    try:
+        return read_draft(item, store).spec
+    except InputError as error:
+        raise _move_error(error, where) from error
+
+
+def _move_error(error: InputError, where: str) -> InputError:
+    """Return the same error, of a value inside something else."""
+    field = f"{where}.{error.field}" if error.field else where
+    if isinstance(error, UnknownName):
+        return UnknownName(field, error.name, error.known)
+    return InvalidValue(field, error.problem.removeprefix(f"{error.field}: "), error.remedy)
+
+
+def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
+    """Return everything that is wrong with a campaign.
+
+    A campaign is refused for its first problem. So each offending value is taken out, and what is
+    left is read again, until it is in order.
+    """
     left, found = dict(given), list[InputError]()
     while len(found) < MOST_PROBLEMS:
         try:
             read_draft(left, store)
         except InputError as refusal:
-            error = located(refusal)
+            error = _locate(refusal)
             if error.field in {each.field for each in found if not isinstance(each, UnknownName)}:
                 break
             found.append(error)
-            reduced = without(left, error)
+            reduced = _take_out_value(left, error)
             if reduced == left:
                 break
             left = reduced
@@ -72,31 +118,30 @@ def problems_of(given: Fields, store: Store) -> tuple[InputError, ...]:
     return tuple(found)
 
 
-def located(error: InputError) -> InputError:
-    """The error with the path of the value, also where that is missing in a plug-in's settings."""
+def _locate(error: InputError) -> InputError:
+    """Return the error with the path of the value, also where a plug-in's setting is missing."""
     if (missing := MISSING.search(error.problem)) is None:
         return error
     return InvalidValue(f"{error.field}.{missing['name']}".lstrip("."), "is required.")
 
 
-def without(given: dict[str, Any], error: InputError) -> dict[str, Any]:
-    """The fields without the one that an error is about."""
-    path = path_of(error)
+def _take_out_value(given: dict[str, Any], error: InputError) -> dict[str, Any]:
+    path = find_path(error)
     found = [name for name in path[:1] if name in given or name in STAND_INS]
     if not found:
-        return taken_out(given, (error.name,)) if isinstance(error, UnknownName) else given
+        return _take_out(given, (error.name,)) if isinstance(error, UnknownName) else given
     (top,) = found
     if top in STAND_INS:
         given = {**given, top: STAND_INS[top]}
-    elif isinstance(error, UnknownName) and isinstance(value_at(given, path), dict):
-        given = taken_out(given, (*path, error.name))
+    elif isinstance(error, UnknownName) and isinstance(_value_at(given, path), dict):
+        given = _take_out(given, (*path, error.name))
     else:
-        given = taken_out(given, path)
-    return given if top not in COMPANIONS else taken_out(given, (COMPANIONS[top],))
+        given = _take_out(given, path)
+    return given if top not in COMPANIONS else _take_out(given, (COMPANIONS[top],))
 
 
-def path_of(error: InputError) -> tuple[str, ...]:
-    """Where the value stands that an error is about, as names."""
+def find_path(error: InputError) -> tuple[str, ...]:
+    """Return the names that lead to the value that an error is about."""
     plain = BRACKETS.sub("", error.field)
     names = tuple(name for name in plain.split(".") if name)
     for above, most in WHOLE:
@@ -105,42 +150,120 @@ def path_of(error: InputError) -> tuple[str, ...]:
     return names
 
 
-def value_at(given: Any, path: tuple[str, ...]) -> Any:
-    """What stands at a path; None if nothing does."""
+def _value_at(given: Any, path: tuple[str, ...]) -> Any:
     for name in path:
         given = given.get(name) if isinstance(given, dict) else None
     return given
 
 
-def taken_out(given: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
-    """The table without what stands at a path, or at as much of it as there is."""
+def _take_out(given: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
+    """Return the table without the value at a path, or at as much of the path as there is."""
     name, *rest = path
     inner = given.get(name)
     if rest and isinstance(inner, dict) and rest[0] in inner:
-        return {**given, name: taken_out(inner, tuple(rest))}
+        return {**given, name: _take_out(inner, tuple(rest))}
     return {other: value for other, value in given.items() if other != name}
 
 
-def completed(spec: CampaignSpec) -> CampaignSpec:
-    """A spec that was checked, with every default that its plug-ins fill in."""
-    method = plugins.load(plugins.METHODS, spec.method)
-    settings = plain(read_settings(method.Settings, spec.settings, "settings"))
-    if spec.simulator == functions.SIMULATOR:
-        parameters = plain(functions.check(spec))
-        return replace(spec, settings=settings, scenario_parameters=parameters)
-    if spec.simulator == bridges.SIMULATOR:
-        return replace(spec, settings=settings)
-    planner = plugins.load(plugins.PLANNERS, spec.planner)
-    scenario = plugins.load(plugins.SCENARIOS, spec.scenario)
-    return replace(
-        spec,
-        settings=settings,
-        planner_settings=plain(read_settings(planner.Settings, spec.planner_settings, "")),
-        scenario_parameters={**defaults_of(scenario.Parameters), **spec.scenario_parameters},
+def fill_defaults(spec: CampaignSpec) -> CampaignSpec:
+    """Return the spec with the defaults of its method, planner and scenario written out.
+
+    Two specs that differ only in which defaults they write out become equal. A plug-in that is not
+    installed here, or that has changed since and refuses the settings, leaves its part as it is.
+    """
+    world = world_of(spec.simulator)
+    for fill in (_fill_method, world.fill_planner, world.fill_scenario):
+        with contextlib.suppress(EigenfailError):
+            spec = fill(spec)
+    return spec
+
+
+def _fill_method(spec: CampaignSpec) -> CampaignSpec:
+    settings = resolve_method(spec.method, spec.settings).settings
+    return replace(spec, settings=msgspec.to_builtins(settings))
+
+
+def clone(spec: CampaignSpec, changes: Fields, store: Store) -> CampaignSpec:
+    """Return a campaign like another, with some fields changed.
+
+    Settings and parameters are put over the earlier ones; with another plug-in the earlier ones
+    mean nothing and are left out.
+
+    Raises:
+        UnknownName: a field, plug-in or setting that does not exist.
+        InvalidValue: a value that cannot be.
+    """
+    return read_draft(change_fields(msgspec.to_builtins(spec), changes), store).spec
+
+
+def change_fields(fields: Fields, changes: Fields) -> dict[str, Any]:
+    """Return the fields with the changes in them."""
+    kept = dict(fields)
+    for name, companion in COMPANIONS.items():
+        if name in changes and changes[name] != fields.get(name):
+            kept.pop(companion, None)
+    for name, value in changes.items():
+        over = name in TABLES and isinstance(value, dict) and isinstance(kept.get(name), dict)
+        kept[name] = {**kept[name], **value} if over else value
+    return kept
+
+
+class Continuation(msgspec.Struct, frozen=True):
+    """A way to build on an earlier campaign.
+
+    Attributes:
+        words: what it does.
+        changes: of the campaign's fields, by path.
+    """
+
+    words: str
+    changes: Fields
+
+
+CONTINUATIONS = {
+    Reference.OWN_LEARNER: "Start from the networks that it trained.",
+    Reference.EPISODES: "Learn from its episodes first.",
+}
+"""What a new campaign of the same method can take from an earlier one."""
+
+
+def list_continuations(campaign: Campaign) -> Iterator[Continuation]:
+    """Return how a new campaign can build on this one; none before it has ended."""
+    if campaign.state not in FINAL_STATES:
+        return
+    for name, kind in _list_references(campaign.spec.method):
+        if kind in CONTINUATIONS:
+            yield Continuation(CONTINUATIONS[kind], {f"settings.{name}": campaign.id})
+    if _has_knowledge(campaign):
+        changes = {"method": EVALUATE, "settings.campaign": campaign.id}
+        yield Continuation("Use what it learnt, and learn no further.", changes)
+
+
+def _list_references(method: str) -> Iterator[tuple[str, Reference]]:
+    """Return the settings of a method that name campaigns; none where it is not installed here."""
+    with contextlib.suppress(EigenfailError):
+        known = describe_method(method)
+        for name in known.settings_type.__struct_fields__:
+            if name in known.traits.references:
+                yield name, known.traits.references[name]
+
+
+def _has_knowledge(campaign: Campaign) -> bool:
+    try:
+        check_has_knowledge(campaign, "")
+    except EigenfailError:
+        return False
+    return True
+
+
+def describe_repetition(spec: CampaignSpec) -> str:
+    """Return what more episodes of a campaign with the same seed begin with, in words."""
+    if traits_of(spec.method).draws_from_prior:
+        return (
+            f"With the same seed its first {spec.episodes:,} episodes are those of the earlier one "
+            "again; give another seed for fresh ones."
+        )
+    return (
+        f"{spec.method} plans by its budget, so that with the same seed, too, the episodes may "
+        "differ from the earlier ones."
     )
-
-
-def plain(settings: msgspec.Struct) -> dict[str, Any]:
-    """A struct as plain data."""
-    data: dict[str, Any] = msgspec.to_builtins(settings)
-    return data

@@ -1,13 +1,42 @@
-"""Explanations of stored episodes; the last few are kept, since a process makes each."""
+"""Episodes and failure modes explained: accounts of planners, tables of steps, single replays."""
 
+import csv
+import io
+import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from hashlib import sha256
-from threading import Lock
+from threading import Lock, Thread
 
-from eigenfail.contracts import Store
-from eigenfail.stories.explaining import explain_aside, question
-from eigenfail.values import Explanation
+import msgspec
+
+from eigenfail import plugins
+from eigenfail.contracts import Explainer
+from eigenfail.errors import EigenfailError, InvalidValue
+from eigenfail.explanations.explaining import encode_question, explain_in_process
+from eigenfail.process_state import ProcessState
+from eigenfail.tabulation import Record, records
+from eigenfail.values import (
+    AXES,
+    Analysis,
+    AnalysisResult,
+    Campaign,
+    EpisodeResult,
+    EpisodeSetup,
+    EpisodeTask,
+    ExplainedEpisode,
+    Explanation,
+    FailureMode,
+    Scene,
+    StopRules,
+    TrajectorySource,
+)
+from eigenfail.values.campaign import LONGEST_NAME
+from eigenfail.worlds import drawn_for
+from eigenfail_services.analysis.clearance import measure_clearances
+from eigenfail_services.analysis.words import Clock, describe, describe_account
+from eigenfail_services.campaigns.validation import check_spec
+from eigenfail_services.store import Store
 
 KEPT = 32
 
@@ -15,19 +44,19 @@ Explain = Callable[[bytes], Explanation]
 
 
 class Explanations:
-    """Made when they are first asked for, one at a time.
+    """Explanations of episodes, computed when first asked for, one at a time.
 
     Args:
-        explain: makes one of the question that `eigenfail.stories.explaining.question` puts.
+        explain: answers a question of `eigenfail.explanations.explaining.encode_question`.
     """
 
-    def __init__(self, explain: Explain = explain_aside) -> None:
+    def __init__(self, explain: Explain = explain_in_process) -> None:
         self._explain = explain
         self._making = Lock()
         self._made: OrderedDict[bytes, Explanation] = OrderedDict()
 
     def of(self, store: Store, campaign: int, index: int) -> Explanation:
-        """What the planner says of an episode; takes seconds if it was not asked for before.
+        """Return the planner's account of an episode; the first time takes seconds.
 
         Raises:
             NotFound: no such campaign, or the episode has no result yet.
@@ -35,7 +64,7 @@ class Explanations:
             ServiceError: the world is not installed here, or there was no answer in time.
         """
         spec = store.campaigns.get(campaign).spec
-        asked = question(campaign, spec, store.episodes.get(campaign, index))
+        asked = encode_question(campaign, spec, store.episodes.get(campaign, index))
         key = sha256(asked).digest()
         with self._making:
             told = self._made.get(key) or self._explain(asked)
@@ -44,3 +73,176 @@ class Explanations:
             while len(self._made) > KEPT:
                 self._made.popitem(last=False)
         return told
+
+
+NOISE = (
+    "step",
+    *(f"{axis}_{quantity}" for quantity in ("z", "sigma_m", "m") for axis in AXES),
+    "log_probability",
+)
+"""What `NoiseTrajectory.to_pandas` calls it, too."""
+
+CONTROLS = ("acceleration_mps2", "steering_rad", "perceived_x_m", "perceived_y_m", "clearance_m")
+STATE = ("x_m", "y_m", "heading_rad", "speed_mps")
+
+
+def write_steps(result: EpisodeResult) -> str:
+    """Return one CSV row for each step: its noise and, if the scene was kept, all vehicles."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    scene = result.scene
+    writer.writerow((*NOISE, *(_list_columns(scene) if scene else ())))
+    rows = _list_scene_rows(scene) if scene else iter([()] * result.steps)
+    told = _list_noise_rows(result)
+    writer.writerows(
+        (*(row[name] for name in NOISE), *more) for row, more in zip(told, rows, strict=True)
+    )
+    return text.getvalue()
+
+
+def _list_noise_rows(result: EpisodeResult) -> Iterator[Record]:
+    likely = result.noise.log_probability_per_step
+    for row, log_p in zip(records(result.noise), likely, strict=True):
+        yield {**row, "log_probability": float(log_p)}
+
+
+def _list_columns(scene: Scene) -> Iterator[str]:
+    yield from ("time_s", *CONTROLS)
+    for number in range(len(scene.sizes)):
+        who = "ego" if number == 0 else f"vehicle_{number}"
+        yield from (f"{who}_{name}" for name in STATE)
+
+
+def _list_scene_rows(scene: Scene) -> Iterator[tuple[float, ...]]:
+    apart = measure_clearances(scene).min(axis=1)
+    for step, (control, seen) in enumerate(zip(scene.controls, scene.perceived, strict=True)):
+        states = scene.vehicles[step].ravel()
+        yield tuple(map(float, (step * scene.dt_s, *control, *seen, apart[step], *states)))
+
+
+def replay_episode(
+    store: Store, campaign: int, index: int, scale: float, made_by: int | None = None
+) -> Campaign:
+    """Queue a campaign of one episode, whose scene is kept, in the scenario that the stored drew.
+
+    Args:
+        store: where the episode is.
+        campaign: of the episode.
+        index: of the episode.
+        scale: of the noise; 1 injects it as it was.
+        made_by: id of the key of whoever asks.
+
+    Raises:
+        NotFound: no such campaign, or the episode has no result yet.
+        InvalidValue: the episode ended before its first step, so that there is no noise.
+        UnknownName: a plug-in of the campaign is not installed here.
+        QuotaExceeded: the key does not allow another campaign.
+    """
+    spec = store.campaigns.get(campaign).spec
+    stored = store.episodes.get(campaign, index)
+    _refuse_empty(stored)
+    scaled = f", noise × {scale:g}" if scale != 1.0 else ""
+    wanted = msgspec.structs.replace(
+        spec,
+        name=f"{spec.name}: replay of {campaign}/{index}{scaled}"[-LONGEST_NAME:],
+        method="replay",
+        settings={"campaign": campaign, "episodes": [index], "scale": scale},
+        episodes=1,
+        stop=StopRules(),
+        scene_every=1,
+        scenario_parameters={**spec.scenario_parameters, **drawn_for(spec, stored.seed)},
+    )
+    return store.campaigns.create(check_spec(wanted).spec, made_by=made_by)
+
+
+def _refuse_empty(stored: EpisodeResult) -> None:
+    """Raises InvalidValue for an episode that ended before any noise was injected."""
+    if not stored.steps:
+        why = stored.fault.message if stored.fault else "no reason was kept"
+        raise InvalidValue("episode", f"It has no noise to replay: {why}")
+
+
+PATIENCE_S = 60.0
+"""For all episodes of an analysis together: then no planner is waited for, nor asked, any more."""
+
+
+def describe_modes(
+    store: Store, analysis: Analysis, result: AnalysisResult, step_s: float | None
+) -> tuple[str, ...]:
+    """Describe each mode in a few sentences, in the order of the modes.
+
+    Args:
+        store: where the medoids are.
+        analysis: that found the modes.
+        result: what it found.
+        step_s: duration of a step; None where it has none. [s]
+    """
+    until_s = time.monotonic() + PATIENCE_S
+    return tuple(
+        f"Mode {number}: {_describe_mode(store, analysis.campaign, mode, step_s, until_s)}"
+        for number, mode in enumerate(result.modes, start=1)
+    )
+
+
+def _describe_mode(
+    store: Store, campaign: int, mode: FailureMode, step_s: float | None, until_s: float
+) -> str:
+    """Describe the eigenfailure of a mode, its medoid, and what the planner did in the medoid.
+
+    Times are those of the medoid: an eigenfailure has no impact of its own until it is replayed.
+    """
+    campaign = mode.medoid_campaign or campaign
+    medoid = store.episodes.get(campaign, mode.medoid)
+    clock = Clock(medoid.steps, step_s, "its medoid's impact")
+    shown = f"Its medoid is episode {campaign}/{mode.medoid}"
+    setup = store.campaigns.get(campaign).spec.setup()
+    account = _describe_account(setup, medoid, Clock(medoid.steps, step_s), until_s)
+    told = f"{shown}; {account}" if account else f"{shown}."
+    return f"{describe(mode.eigenfailure, clock)} {told}"
+
+
+def _describe_account(
+    setup: EpisodeSetup, medoid: EpisodeResult, clock: Clock, until_s: float
+) -> str:
+    """Describe what the planner did in an episode; empty without an account in time.
+
+    The planner is asked in a thread of its own. Whatever goes wrong there leaves the analysis as it
+    is; and one that never answers is left behind once, as the time of all others is spent with it.
+
+    Args:
+        setup: of the episode's campaign.
+        medoid: the episode.
+        clock: its times.
+        until_s: when `time.monotonic` says so, the planner is not waited for. [s]
+    """
+    told: list[str] = []
+
+    def ask() -> None:
+        explained = _explain_episode(setup, medoid)
+        if explained is not None and explained.result.digest() == medoid.digest():
+            told.append(describe_account(explained, clock))
+
+    left_s = until_s - time.monotonic()
+    if left_s > 0.0:
+        before = ProcessState()
+        asking = Thread(target=ask, daemon=True)
+        asking.start()
+        asking.join(left_s)
+        # What the planner has changed here must not change what this process goes on to compute.
+        if before.changes():
+            before.restore()
+    return told[0] if told else ""
+
+
+def _explain_episode(setup: EpisodeSetup, stored: EpisodeResult) -> ExplainedEpisode | None:
+    """Run an episode again with the planner's account.
+
+    None where workers are not installed, where there is no planner to be asked, and where it fails
+    at the question.
+    """
+    task = EpisodeTask(stored.index, stored.seed, TrajectorySource(stored.noise.z))
+    try:
+        explainer: Explainer = plugins.load(plugins.EXPLAINERS, "default")
+        return explainer(setup, task)
+    except EigenfailError:
+        return None

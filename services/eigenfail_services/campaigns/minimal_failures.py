@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from eigenfail.contracts import Store
 from eigenfail.errors import Conflict
 from eigenfail.values import (
     FINAL_STATES,
@@ -13,36 +12,36 @@ from eigenfail.values import (
     Outcome,
 )
 from eigenfail_services.analysis.words import Clock, describe_needed
-from eigenfail_services.campaigns.checkpoint import read_checkpoint
-from eigenfail_services.methods.minimal.blocks import energy
-from eigenfail_services.methods.minimal.method import Facts, known
-from eigenfail_services.methods.minimal.search import Phase
+from eigenfail_services.campaigns.rounds import read_checkpoint
+from eigenfail_services.methods.minimal.method import MinimalFacts, read_state
+from eigenfail_services.methods.minimal.search import SearchPhase, compute_energy
+from eigenfail_services.store import Store
 
 METHOD = "minimal"
 
 
-def minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
-    """What a campaign of `minimal` has shrunk its failure to, so far.
+def find_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
+    """Return what a campaign of `minimal` has shrunk its failure to, so far.
 
     Raises:
         Conflict: it is one of another method, or no replay has failed yet.
         ProtocolError: its checkpoint cannot be read.
     """
-    facts, z = knowledge(store, campaign)
+    facts, z = read_knowledge(store, campaign)
     if facts.best is None:
-        raise nothing_yet(campaign)
+        raise _make_conflict(campaign)
     found = store.episodes.get(campaign.id, facts.best)
-    full = first_failure(store, campaign, facts.best)
+    full = _find_first_failure(store, campaign, facts.best)
     return MinimalFailure(
         campaign=campaign.id,
         index=found.index,
-        done=facts.phase is Phase.OVER,
-        because=reason(facts, z, campaign),
-        words=describe_needed(found.noise.z, Clock(found.steps, step_s(found))),
+        done=facts.phase is SearchPhase.OVER,
+        because=_describe_progress(facts, z, campaign),
+        words=describe_needed(found.noise.z, Clock(found.steps, _find_step_s(found))),
         needed=int(np.count_nonzero(found.noise.z)),
         injected=int(np.count_nonzero(full.noise.z)),
-        energy=energy(found.noise.z),
-        full_energy=energy(full.noise.z),
+        energy=compute_energy(found.noise.z),
+        full_energy=compute_energy(full.noise.z),
         log_probability=found.noise.log_probability,
         full_log_probability=full.noise.log_probability,
         log_probability_per_step=found.noise.log_probability / found.steps,
@@ -50,8 +49,8 @@ def minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
     )
 
 
-def knowledge(store: Store, campaign: Campaign) -> tuple[Facts, Floats]:
-    """What the campaign's learner knew after its last whole round, and its noise.
+def read_knowledge(store: Store, campaign: Campaign) -> tuple[MinimalFacts, Floats]:
+    """Return the facts and the noise of the campaign's learner after its last whole round.
 
     Raises:
         Conflict: it is one of another method, or has not finished a round.
@@ -64,12 +63,11 @@ def knowledge(store: Store, campaign: Campaign) -> tuple[Facts, Floats]:
         )
     checkpoint = store.checkpoints.load(campaign.id)
     if checkpoint is None:
-        raise nothing_yet(campaign)
-    return known(read_checkpoint(checkpoint).learner)
+        raise _make_conflict(campaign)
+    return read_state(read_checkpoint(checkpoint).learner)
 
 
-def nothing_yet(campaign: Campaign) -> Conflict:
-    """There is no failing replay so far, or there was none."""
+def _make_conflict(campaign: Campaign) -> Conflict:
     return Conflict(
         f"Campaign {campaign.id} is {campaign.state}, and no replay of it has failed. "
         f"{campaign.stopped_because}".strip(),
@@ -79,20 +77,19 @@ def nothing_yet(campaign: Campaign) -> Conflict:
     )
 
 
-def first_failure(store: Store, campaign: Campaign, best: int) -> EpisodeResult:
-    """The failure at full strength: the first replay that could be run."""
+def _find_first_failure(store: Store, campaign: Campaign, best: int) -> EpisodeResult:
+    """Return the failure at full strength: the first replay that collided."""
     before = store.episodes.finished(campaign.id, range(best + 1))
     return next(result for result in before if result.outcome is Outcome.COLLISION)
 
 
-def step_s(result: EpisodeResult) -> float | None:
-    """The duration of a step; None of a function, whose steps have none. [s]"""
+def _find_step_s(result: EpisodeResult) -> float | None:
+    """Return the duration of a step; None of a function, whose steps have no duration. [s]"""
     return result.scene.dt_s if result.scene else None
 
 
-def reason(facts: Facts, z: Floats, campaign: Campaign) -> str:
-    """Why the search stands where it does."""
-    if facts.phase is not Phase.OVER:
+def _describe_progress(facts: MinimalFacts, z: Floats, campaign: Campaign) -> str:
+    if facts.phase is not SearchPhase.OVER:
         goes_on = "The search goes on" if campaign.state not in FINAL_STATES else "It was cut short"
         return f"{goes_on} at blocks of {facts.width} steps: less noise may do."
     if not z.any():

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 from msgspec.structs import replace
 
 from eigenfail import plugins
-from eigenfail.contracts import Store
+from eigenfail.contracts import ModeProbability
 from eigenfail.errors import NoisePruned
+from eigenfail.methods import traits_of
 from eigenfail.settings import read_settings
 from eigenfail.values import (
     FINAL_STATES,
@@ -20,13 +21,13 @@ from eigenfail.values import (
     Outcome,
 )
 from eigenfail.values.records import EpisodeRow
-from eigenfail_services.campaigns.materials import learner_context
-from eigenfail_services.methods.subset.modes import by_mode
-from eigenfail_services.methods.subset.settings import SubsetMethodSettings
-from eigenfail_services.methods.subset.waves import Dialogue
-from eigenfail_services.statistics import importance, independent_runs
+from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.methods.subset.method import SimulationRun, SubsetMethodSettings
+from eigenfail_services.methods.subset.modes import estimate_modes
+from eigenfail_services.statistics import importance, pooled_estimate
 from eigenfail_services.statistics.importance import WeightedFailures
 from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.store import Store
 
 PAGE = 1_000
 
@@ -40,13 +41,13 @@ UNDERWAY = (
     "Its campaign had not ended when the failures were read. Analyse it again once it has ended."
 )
 
-Told = Sequence[Estimate | None]
+ModeEstimates = Sequence[Estimate | None]
 
 
-def with_probabilities(
+def add_probabilities(
     store: Store, campaigns: Sequence[Campaign], result: AnalysisResult
 ) -> AnalysisResult:
-    """The result, its modes with their probabilities.
+    """Return the result with the probabilities of its modes.
 
     None are told of modes that are not distinct, nor of several campaigns together: their episodes
     are drawn from different proposals. Of a campaign that had not ended it is said why there is
@@ -58,16 +59,17 @@ def with_probabilities(
         result: what was found in their failures.
     """
     (first, *others) = campaigns
-    teller = TELLERS.get(first.spec.method)
+    teller = ESTIMATORS.get(traits_of(first.spec.method).mode_probability)
     if others or teller is None or not teller.can(first) or not result.distinct:
         return result
-    told = told_by(teller, store, first, result)
+    told = _estimate_modes(teller, store, first, result)
     modes = zip(result.modes, told, strict=True)
     return replace(result, modes=tuple(replace(mode, probability=one) for mode, one in modes))
 
 
-def told_by(teller: "Teller", store: Store, campaign: Campaign, result: AnalysisResult) -> Told:
-    """What the campaign's method tells of each mode."""
+def _estimate_modes(
+    teller: "ModeEstimator", store: Store, campaign: Campaign, result: AnalysisResult
+) -> ModeEstimates:
     modes = len(result.modes)
     if campaign.state not in FINAL_STATES:
         return [Estimate(by=teller.by, episodes=0, problem=UNDERWAY)] * modes
@@ -78,27 +80,28 @@ def told_by(teller: "Teller", store: Store, campaign: Campaign, result: Analysis
         return [Estimate(by=teller.by, episodes=0, problem=str(error))] * modes
 
 
-def by_levels(store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int) -> Told:
-    """By the last level of the simulations of `subset`."""
+def estimate_by_levels(
+    store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
+) -> ModeEstimates:
+    """Estimate each mode by the last level of a subset simulation."""
     settings = read_settings(SubsetMethodSettings, campaign.spec.settings, "settings")
     context = learner_context(campaign, store)
-    each = settings.within(context.episodes)
+    each = settings.make_settings(context.episodes)
     runs = range(settings.runs)
-    dialogues = [Dialogue(context.horizon, each, (context.seed, run)) for run in runs]
-    robustness = [robustness_m(row) for row in rows(store, campaign.id)]
-    return by_mode(dialogues, robustness, mode_of, modes) or [None] * modes
+    simulations = [SimulationRun(context.horizon, each, (context.seed, run)) for run in runs]
+    robustness = [_read_robustness_m(row) for row in _list_rows(store, campaign.id)]
+    return estimate_modes(simulations, robustness, mode_of, modes) or [None] * modes
 
 
-def robustness_m(row: EpisodeRow) -> float:
-    """0 on a collision, not a number where the episode could not be run. [m]"""
+def _read_robustness_m(row: EpisodeRow) -> float:
+    """Return the robustness; 0 on a collision, not a number where the episode errored. [m]"""
     if row.outcome is Outcome.COLLISION:
         return 0.0
     ran = row.outcome is not Outcome.FAILED and row.robustness_m is not None
     return float(row.robustness_m or 0.0) if ran else nan
 
 
-def rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
-    """The episodes of a campaign in index order."""
+def _list_rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
     page = store.episodes.page(campaign, PAGE)
     yield from page.items
     while page.next is not None:
@@ -106,25 +109,28 @@ def rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
         yield from page.items
 
 
-def by_weights(store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int) -> Told:
-    """By the weights of `cem`: its learner goes through the campaign again, round by round."""
+def estimate_by_weights(
+    store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
+) -> ModeEstimates:
+    """Estimate each mode by importance weights; the learner goes through all rounds again."""
     context = learner_context(campaign, store)
     method = plugins.load(plugins.METHODS, campaign.spec.method)
     settings = read_settings(method.Settings, campaign.spec.settings, "settings")
     learner = method(context, settings)
     sums, seen = [WeightedFailures()] * modes, 0
-    for results in rounds(store, campaign, learner):
+    for results in _list_rounds(store, campaign, learner):
         if seen >= context.episodes // 2:
             sums = [
-                learner.weigh(one, alone(results, mode_of, mode)) for mode, one in enumerate(sums)
+                learner.weigh(one, _keep_mode(results, mode_of, mode))
+                for mode, one in enumerate(sums)
             ]
         learner.observe(results)
         seen += len(results)
     return [learner.tell(one, context.horizon) for one in sums]
 
 
-def rounds(store: Store, campaign: Campaign, learner: Any) -> Iterator[list[EpisodeResult]]:
-    """The rounds that have ended whole, in order; the learner observes each before the next."""
+def _list_rounds(store: Store, campaign: Campaign, learner: Any) -> Iterator[list[EpisodeResult]]:
+    """Return the completed rounds in order; the learner has to observe each before the next."""
     first, budget = 0, campaign.spec.episodes
     while first < budget:
         last = first + len(learner.propose(budget - first).sources)
@@ -135,10 +141,10 @@ def rounds(store: Store, campaign: Campaign, learner: Any) -> Iterator[list[Epis
         first = last
 
 
-def alone(
+def _keep_mode(
     results: Sequence[EpisodeResult], mode_of: Mapping[int, int], mode: int
 ) -> list[EpisodeResult]:
-    """The results as they would be if failures of other modes were none."""
+    """Return the results with the failures of other modes as safe episodes."""
     return [
         replace(result, outcome=Outcome.SAFE)
         if result.is_failure and mode_of.get(result.index) != mode
@@ -147,10 +153,10 @@ def alone(
     ]
 
 
-def by_known_proposal(
+def estimate_by_known_proposal(
     store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
-) -> Told:
-    """By the weights of `evaluate`: one learner for each mode, to whom other failures are none.
+) -> ModeEstimates:
+    """Estimate each mode by a learner of its own, for which other failures are safe.
 
     Nothing is learnt from results, so that each proposes what was proposed.
     """
@@ -158,22 +164,23 @@ def by_known_proposal(
     method = plugins.load(plugins.METHODS, campaign.spec.method)
     settings = read_settings(method.Settings, campaign.spec.settings, "settings")
     first, *others = learners = [method(context, settings) for _ in range(modes)]
-    for results in rounds(store, campaign, first):
+    for results in _list_rounds(store, campaign, first):
         for learner in others:
             learner.propose(len(results))
         for mode, learner in enumerate(learners):
-            learner.observe(alone(results, mode_of, mode))
+            learner.observe(_keep_mode(results, mode_of, mode))
     return [learner.estimate() for learner in learners]
 
 
-def by_counts(_store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int) -> Told:
-    """By counting, where all noise is drawn from p(x): failures of the mode ÷ episodes."""
+def _estimate_by_counts(
+    _store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
+) -> ModeEstimates:
     counted = Counter(mode_of.values())
-    return [share(counted[mode], campaign.counts.completed) for mode in range(modes)]
+    return [estimate_share(counted[mode], campaign.counts.completed) for mode in range(modes)]
 
 
-def share(failures: int, episodes: int) -> Estimate:
-    """The estimate that k of n make."""
+def estimate_share(failures: int, episodes: int) -> Estimate:
+    """Return the estimate from k failures among n episodes."""
     found = rate(failures, episodes)
     return Estimate(
         by=COUNTING,
@@ -185,27 +192,27 @@ def share(failures: int, episodes: int) -> Estimate:
     )
 
 
-def always(_campaign: Campaign) -> bool:
-    """A method that tells of every campaign."""
+def _has_probability(_campaign: Campaign) -> bool:
     return True
 
 
-def tells_itself(campaign: Campaign) -> bool:
-    """A method that tells of a mode where it tells of failures at all."""
+def _has_estimate(campaign: Campaign) -> bool:
     return campaign.estimate is not None
 
 
-class Teller(NamedTuple):
-    """How a method tells a probability, by name and in deed, and of which campaigns."""
+class ModeEstimator(NamedTuple):
+    """A way to estimate the probability of each mode, its name, and the campaigns that it suits."""
 
     by: str
-    tell: Callable[[Store, Campaign, Mapping[int, int], int], Told]
-    can: Callable[[Campaign], bool] = always
+    tell: Callable[[Store, Campaign, Mapping[int, int], int], ModeEstimates]
+    can: Callable[[Campaign], bool] = _has_probability
 
 
-TELLERS = {
-    "cem": Teller(importance.BY, by_weights),
-    "evaluate": Teller(importance.BY, by_known_proposal, tells_itself),
-    "monte_carlo": Teller(COUNTING, by_counts),
-    "subset": Teller(independent_runs.BY, by_levels),
+ESTIMATORS: Mapping[ModeProbability, ModeEstimator] = {
+    ModeProbability.COUNTS: ModeEstimator(COUNTING, _estimate_by_counts),
+    ModeProbability.KNOWN_PROPOSAL: ModeEstimator(
+        importance.BY, estimate_by_known_proposal, _has_estimate
+    ),
+    ModeProbability.LEVELS: ModeEstimator(pooled_estimate.SUBSET_SIMULATION, estimate_by_levels),
+    ModeProbability.WEIGHTS: ModeEstimator(importance.BY, estimate_by_weights),
 }

@@ -1,53 +1,59 @@
-"""Whether the episodes of two groups of campaigns saw the same noise, one by one."""
+"""Whether two groups of campaigns can be compared: the same noise, and the same request."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import lcm
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
-from eigenfail.contracts import Store
-from eigenfail.values import Campaign, CampaignSpec, EpisodeResult, PairTotals
-
-DRAWS_FROM_PRIOR = "monte_carlo"
-REPLAYS = "replay"
-PAIRABLE = frozenset({DRAWS_FROM_PRIOR, REPLAYS})
-"""Methods whose noise does not depend on what earlier episodes did."""
+from eigenfail.contracts import Injection
+from eigenfail.methods import traits_of
+from eigenfail.values import (
+    Campaign,
+    CampaignSpec,
+    Distinction,
+    EpisodeResult,
+    PairTotals,
+)
+from eigenfail_services.campaigns.drafts import fill_defaults
+from eigenfail_services.store import Store
 
 LOOKED_AT = 32
 """How many pairs of episodes of each pair of campaigns are read, to see that noise is the same."""
 
 
-class Pairing(NamedTuple):
-    """The pairs of all campaigns of one seed together, or why there are none."""
+class PairedEpisodes(NamedTuple):
+    """Pairs of episodes with the same noise, counted, or the reason why there are none."""
 
     totals: PairTotals | None
     because: str = ""
 
 
-def pair(store: Store, a: Sequence[Campaign], b: Sequence[Campaign]) -> Pairing:
+def pair_episodes(store: Store, a: Sequence[Campaign], b: Sequence[Campaign]) -> PairedEpisodes:
     """Pair episodes of equal index of campaigns of equal seed, where they saw the same noise."""
-    if problem := obstacle(a, b):
-        return Pairing(None, problem)
+    if problem := _find_obstacle(a, b):
+        return PairedEpisodes(None, problem)
     by_seed = {campaign.spec.seed: campaign for campaign in b}
     matched = [(campaign, by_seed[campaign.spec.seed]) for campaign in a]
     for one, other in matched:
-        if problem := other_noise(store, one, other):
-            return Pairing(None, problem)
+        if problem := _find_other_noise(store, one, other):
+            return PairedEpisodes(None, problem)
     totals = [store.episodes.paired(one.id, other.id) for one, other in matched]
     if not sum(each.n for each in totals):
-        return Pairing(None, "no episode was completed on both sides with the same seed.")
-    return Pairing(added(totals))
+        return PairedEpisodes(None, "no episode was completed on both sides with the same seed.")
+    return PairedEpisodes(_sum_pairs(totals))
 
 
-def obstacle(a: Sequence[Campaign], b: Sequence[Campaign]) -> str:
-    """Why these campaigns cannot have seen the same noise; empty if they can."""
+def _find_obstacle(a: Sequence[Campaign], b: Sequence[Campaign]) -> str:
+    """Return why campaigns cannot have seen the same noise; empty if they can."""
     methods = {campaign.spec.method for campaign in (*a, *b)}
-    for method in sorted(methods - PAIRABLE):
+    for method in list_unpairable([*a, *b]):
         return f"{method} chooses its noise by what earlier episodes did."
     if len(methods) > 1:
         return f"{' and '.join(sorted(methods))} do not draw the same noise."
-    if problem := other_question(methods, [campaign.spec for campaign in (*a, *b)]):
+    if problem := _find_other_request([campaign.spec for campaign in (*a, *b)]):
         return problem
     seeds = [[campaign.spec.seed for campaign in side] for side in (a, b)]
     if any(len(set(side)) < len(side) for side in seeds):
@@ -57,20 +63,27 @@ def obstacle(a: Sequence[Campaign], b: Sequence[Campaign]) -> str:
     return ""
 
 
-def other_question(methods: set[str], specs: Sequence[CampaignSpec]) -> str:
-    """That what was asked for makes other noise; empty if it does not."""
+def list_unpairable(campaigns: Sequence[Campaign]) -> list[str]:
+    """Return the methods of campaigns whose noise depends on what earlier episodes did."""
+    methods = {campaign.spec.method for campaign in campaigns}
+    return sorted(method for method in methods if not traits_of(method).pairable)
+
+
+def _find_other_request(specs: Sequence[CampaignSpec]) -> str:
+    """Return which difference of the specs makes other noise; empty without one."""
     if len({repr(spec.disturbance.shape) for spec in specs}) > 1:
         return "their noise differs in shape."
     replayed = {repr(sorted(spec.settings.items())) for spec in specs}
-    if REPLAYS in methods and len(replayed) > 1:
+    injects = traits_of(specs[0].method).injects is not Injection.NOTHING
+    if injects and len(replayed) > 1:
         return "they were asked to replay different noise."
     return ""
 
 
-def other_noise(store: Store, one: Campaign, other: Campaign) -> str:
-    """That a pair of episodes saw different noise, if one of those looked at did."""
-    for first, second in some_pairs(store, one, other):
-        if not same_noise(first, second):
+def _find_other_noise(store: Store, one: Campaign, other: Campaign) -> str:
+    """Return which sampled pair of episodes saw different noise; empty without one."""
+    for first, second in _sample_pairs(store, one, other):
+        if not _is_same_noise(first, second):
             return (
                 f"the noise of episode {one.id}/{first.index} is not that of "
                 f"{other.id}/{second.index}."
@@ -78,12 +91,12 @@ def other_noise(store: Store, one: Campaign, other: Campaign) -> str:
     return ""
 
 
-def some_pairs(
+def _sample_pairs(
     store: Store, one: Campaign, other: Campaign
 ) -> Iterator[tuple[EpisodeResult, EpisodeResult]]:
-    """Some pairs of episodes with noise, spread over the campaigns."""
+    """Return pairs of episodes with noise, evenly spread over the campaigns."""
     reach = min(one.counts.planned, other.counts.planned)
-    each = spared(store, one, other)
+    each = _find_kept_multiple(store, one, other)
     places = {place * reach // LOOKED_AT // each * each for place in range(LOOKED_AT)}
     others = {result.index: result for result in store.episodes.finished(other.id, places)}
     for result in store.episodes.finished(one.id, places):
@@ -92,24 +105,116 @@ def some_pairs(
             yield result, partner
 
 
-def spared(store: Store, *campaigns: Campaign) -> int:
-    """The number whose multiples have kept their noise in all of these campaigns."""
+def _find_kept_multiple(store: Store, *campaigns: Campaign) -> int:
+    """Return the number whose multiples have kept their noise in all campaigns after pruning."""
     records = (record for each in campaigns for record in store.retention.of(each.id))
     return lcm(*(record.retention.keep_every for record in records))
 
 
-def same_noise(first: EpisodeResult, second: EpisodeResult) -> bool:
-    """Whether two episodes were given the same z, as far as both went."""
+def _is_same_noise(first: EpisodeResult, second: EpisodeResult) -> bool:
+    """Return whether two episodes were given the same z, as far as both went."""
     steps = min(first.steps, second.steps)
     same = np.array_equal(first.noise.z[:steps], second.noise.z[:steps])
     return same and (first.seed, first.source) == (second.seed, second.source)
 
 
-def added(totals: Sequence[PairTotals]) -> PairTotals:
-    """The pairs of several campaigns together."""
+def _sum_pairs(totals: Sequence[PairTotals]) -> PairTotals:
     return PairTotals(
         both=sum(each.both for each in totals),
         only_first=sum(each.only_first for each in totals),
         only_second=sum(each.only_second for each in totals),
         neither=sum(each.neither for each in totals),
     )
+
+
+THINGS = {
+    "method": "method",
+    "settings": "method",
+    "scenario": "scenario",
+    "scenario_parameters": "scenario",
+    "planner": "planner",
+    "planner_settings": "planner",
+    "simulator": "simulator",
+    "disturbance": "disturbance model",
+    "episodes": "budget",
+    "stop": "stop rules",
+    "price_usd_per_hour": "price",
+    "instances": "price",
+}
+"""Which thing a field of a spec belongs to; the others change no result."""
+
+DEFAULT = "default"
+
+
+def find_distinctions(
+    a: Sequence[CampaignSpec], b: Sequence[CampaignSpec]
+) -> tuple[Distinction, ...]:
+    """Return every setting whose values differ between the sides, in the order of `THINGS`.
+
+    Defaults are resolved on both sides, so that writing one out makes no difference. A setting that
+    only one side's plug-ins have is listed if a campaign gives it another value than the default.
+    """
+    left, right = _group_values(a), _group_values(b)
+    of_one_side = (left.keys() ^ right.keys()) & _find_chosen_paths([*a, *b])
+    paths = sorted(left.keys() & right.keys() | of_one_side, key=_rank_path)
+    nothing = (DEFAULT,)
+    return tuple(
+        Distinction(
+            path, _format_values(left.get(path, nothing)), _format_values(right.get(path, nothing))
+        )
+        for path in paths
+        if left.get(path, nothing) != right.get(path, nothing)
+    )
+
+
+def find_differing_fields(found: Iterable[Distinction]) -> tuple[str, ...]:
+    """Return the fields that the distinctions belong to, each once."""
+    return tuple(dict.fromkeys(THINGS[each.thing.partition(".")[0]] for each in found))
+
+
+def find_mixed_fields(specs: Sequence[CampaignSpec]) -> tuple[str, ...]:
+    """Return the fields in which the campaigns of one side differ among themselves."""
+    paths = _group_values(specs)
+    return find_differing_fields(
+        Distinction(path, "", "") for path in sorted(paths, key=_rank_path) if len(paths[path]) > 1
+    )
+
+
+def _group_values(specs: Sequence[CampaignSpec]) -> dict[str, tuple[str, ...]]:
+    """Return the different values of each setting over campaigns, as text, by dotted path."""
+    plain = [dict(list_leaves(msgspec.to_builtins(fill_defaults(spec)))) for spec in specs]
+    paths = dict.fromkeys(path for each in plain for path in each)
+    return {
+        path: tuple(sorted({each.get(path, DEFAULT) for each in plain}))
+        for path in paths
+        if path.partition(".")[0] in THINGS
+    }
+
+
+def _find_chosen_paths(specs: Sequence[CampaignSpec]) -> set[str]:
+    """Return the settings of plug-ins to which a campaign gives another value than the default."""
+    found = set()
+    for spec in specs:
+        bare = replace(spec, settings={}, planner_settings={}, scenario_parameters={})
+        given, default = (
+            set(list_leaves(msgspec.to_builtins(fill_defaults(each)))) for each in (spec, bare)
+        )
+        found |= {path for path, _ in given - default}
+    return found
+
+
+def list_leaves(value: dict[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    """Return every plain value inside nested dicts, as text, by dotted path."""
+    for name, part in value.items():
+        if isinstance(part, dict):
+            yield from list_leaves(part, f"{above}{name}.")
+        else:
+            yield f"{above}{name}", str(part)
+
+
+def _rank_path(path: str) -> tuple[int, str]:
+    return list(THINGS).index(path.partition(".")[0]), path
+
+
+def _format_values(values: tuple[str, ...]) -> str:
+    return ", ".join(values)

@@ -1,20 +1,21 @@
-"""Proof by replay: what came of eigenfailures and medoids that were injected again."""
+"""Proof by replay: modes injected again, where their failures happened and in other scenarios."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple, get_args, get_type_hints
 
 import msgspec
 
-from eigenfail.contracts import Store
-from eigenfail.errors import Conflict
+from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.values import (
     FINAL_STATES,
     Analysis,
     AnalysisResult,
     Campaign,
     CampaignSpec,
+    CampaignState,
     EpisodeResult,
+    FailureMode,
     Outcome,
     Proof,
     ProvenMode,
@@ -22,25 +23,98 @@ from eigenfail.values import (
     ReplayedNoise,
     ReplayKind,
     Reproduction,
+    StopRules,
+    episode_seed,
 )
-from eigenfail_services.campaigns.remembered import Remembered
-from eigenfail_services.campaigns.worlds import (
-    World,
-    varied,
-    worlds,
-)
+from eigenfail.values.campaign import LONGEST_NAME
+from eigenfail.worlds import drawn_for, world_of
+from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS
+from eigenfail_services.campaigns.cache import StoreCache
+from eigenfail_services.campaigns.validation import check_spec, is_distribution, list_varied
 from eigenfail_services.statistics.expected_likelihood import expected_log_probability
 from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.store import Store
+from eigenfail_services.store.codec import spec_hash
+
+
+class ReplayWorld(NamedTuple):
+    """The analysed campaign in one scenario, with the modes that happened there.
+
+    Attributes:
+        spec: of the campaign, in that scenario.
+        modes: that are at home there, from 0.
+        drawn: the scenario's parameters that its modes' medoids drew; none where none vary.
+    """
+
+    spec: CampaignSpec
+    modes: tuple[int, ...]
+    drawn: Mapping[str, Any]
+
+
+def _list_worlds(store: Store, analysis: Analysis, result: AnalysisResult) -> list[ReplayWorld]:
+    """Return the scenarios of an analysis's modes: one, unless the scenario's parameters vary.
+
+    Where they vary, a mode is at home in what its medoid drew; modes whose medoids drew the same
+    share a world.
+    """
+    analysed = store.campaigns.get(analysis.campaign).spec
+    if not list_varied(analysed):
+        return [ReplayWorld(analysed, tuple(range(len(result.modes))), {})]
+    found: dict[bytes, ReplayWorld] = {}
+    for place, mode in enumerate(result.modes):
+        drawn = read_drawn(store, analysis, mode)
+        key = msgspec.json.encode(drawn, order="deterministic")
+        before = found.get(key, ReplayWorld(_put_parameters(analysed, drawn), (), drawn))
+        found[key] = before._replace(modes=(*before.modes, place))
+    return list(found.values())
+
+
+def read_drawn(store: Store, analysis: Analysis, mode: FailureMode) -> dict[str, Any]:
+    """Return the scenario parameters that the medoid of a mode drew, by name."""
+    spec = store.campaigns.get(mode.medoid_campaign or analysis.campaign).spec
+    return drawn_for(spec, episode_seed(spec.seed, mode.medoid))
+
+
+def _put_parameters(spec: CampaignSpec, parameters: dict[str, Any]) -> CampaignSpec:
+    together = {**spec.scenario_parameters, **parameters}
+    return msgspec.structs.replace(spec, scenario_parameters=together)
+
+
+def _refuse_several_worlds(store: Store, analysis: Analysis) -> None:
+    """Make sure that all failures of an analysis are of one world.
+
+    Raises:
+        Conflict: its campaigns differ in their scenario, its parameters, planner or simulator.
+    """
+    numbers = (analysis.campaign, *analysis.settings.campaigns)
+    first, *others = (_describe_world(store.campaigns.get(each).spec) for each in numbers)
+    differing = [name for name in WORLD_FIELDS if any(each[name] != first[name] for each in others)]
+    if differing:
+        raise Conflict(
+            f"Analysis {analysis.id} is of campaigns that differ in {', '.join(differing)}: there"
+            " is no one scenario and planner to replay all of its modes with.",
+            "Analyse each campaign by itself, and prove that analysis.",
+        )
+
+
+def _describe_world(spec: CampaignSpec) -> dict[str, Any]:
+    defaults = world_of(spec.simulator).default_parameters(spec)
+    parameters = defaults | spec.scenario_parameters
+    return {
+        **{name: getattr(spec, name) for name in WORLD_FIELDS},
+        "scenario_parameters": parameters,
+    }
+
 
 MOST_SCENARIOS = 1_000
 MOST_ANALYSES = 100
 
-KNOWN_SCENARIOS: Remembered[ProvenScenario] = Remembered(MOST_SCENARIOS)
-KNOWN_WORLDS: Remembered[list[World]] = Remembered(MOST_ANALYSES)
+KNOWN_SCENARIOS: StoreCache[ProvenScenario] = StoreCache(MOST_SCENARIOS)
+KNOWN_WORLDS: StoreCache[list[ReplayWorld]] = StoreCache(MOST_ANALYSES)
 
 
-def findings(analysis: Analysis) -> AnalysisResult:
-    """What an analysis found.
+def read_result(analysis: Analysis) -> AnalysisResult:
+    """Return the result of an analysis.
 
     Raises:
         Conflict: it is not done.
@@ -53,34 +127,38 @@ def findings(analysis: Analysis) -> AnalysisResult:
     return analysis.result
 
 
-def proof(store: Store, analysis: Analysis) -> Proof:
-    """What the replays of an analysis have shown so far.
+def summarise_proof(store: Store, analysis: Analysis) -> Proof:
+    """Return what the replays of an analysis have shown so far.
 
     Raises:
         Conflict: the analysis is not done.
     """
-    result = findings(analysis)
+    result = read_result(analysis)
     # A result that is there changes no more, and its campaigns' specs never do.
-    homes = KNOWN_WORLDS.get(store, analysis.id, None, lambda: worlds(store, analysis, result))
+    homes = KNOWN_WORLDS.get(
+        store, analysis.id, None, lambda: _list_worlds(store, analysis, result)
+    )
     replays = [store.campaigns.get(each) for each in store.analyses.replays(analysis.id)]
-    scenarios = tuple(known(store, analysis, homes, each) for each in latest(replays))
+    scenarios = tuple(
+        _find_scenario(store, analysis, homes, each) for each in _keep_latest(replays)
+    )
     everything = [replay for scenario in scenarios for replay in scenario.replays]
     same = [replay for scenario in scenarios if scenario.is_same for replay in scenario.replays]
     return Proof(
         analysis=analysis.id,
         done=bool(replays) and all(each.state in FINAL_STATES for each in scenarios),
-        reproduced=reproduction(of_kind(same, ReplayKind.EIGENFAILURE)),
-        eigenfailures=reproduction(of_kind(everything, ReplayKind.EIGENFAILURE)),
-        medoids=reproduction(of_kind(everything, ReplayKind.MEDOID)),
-        modes=tuple(proven_mode(everything, mode) for mode in range(len(result.modes))),
+        reproduced=_count_reproductions(_count_kind(same, ReplayKind.EIGENFAILURE)),
+        eigenfailures=_count_reproductions(_count_kind(everything, ReplayKind.EIGENFAILURE)),
+        medoids=_count_reproductions(_count_kind(everything, ReplayKind.MEDOID)),
+        modes=tuple(_summarise_mode(everything, mode) for mode in range(len(result.modes))),
         scenarios=scenarios,
     )
 
 
-def known(
-    store: Store, analysis: Analysis, homes: Sequence[World], replay: Campaign
+def _find_scenario(
+    store: Store, analysis: Analysis, homes: Sequence[ReplayWorld], replay: Campaign
 ) -> ProvenScenario:
-    """The replays of one campaign, read anew only where more of them are in.
+    """Return the results of a replay campaign, from the cache unless more episodes have ended.
 
     Results stay as they are for good, and the counts change with each that comes in.
     """
@@ -88,57 +166,55 @@ def known(
         store,
         (analysis.id, replay.id),
         (replay.state, replay.counts),
-        lambda: proven(store, home_of(replay, homes), replay),
+        lambda: _summarise_scenario(store, _find_home(replay, homes), replay),
     )
 
 
-def latest(replays: Iterable[Campaign]) -> list[Campaign]:
-    """The newest replay of each mode in each scenario, so that no trajectory counts twice in one.
+def _keep_latest(replays: Iterable[Campaign]) -> list[Campaign]:
+    """Return the newest replay of each mode in each scenario, so that no trajectory counts twice.
 
     Replays that drew a scenario of their own each say nothing of one.
     """
     newest = {
-        msgspec.json.encode((spec.scenario_parameters, modes_of(spec)), order="deterministic"): each
+        msgspec.json.encode(
+            (spec.scenario_parameters, _list_modes(spec)), order="deterministic"
+        ): each
         for each in replays
-        if not varied(spec := each.spec)
+        if not list_varied(spec := each.spec)
     }
     return list(newest.values())
 
 
-def modes_of(replay: CampaignSpec) -> list[int]:
-    """The modes that a replay names, counted from 1; none: all."""
+def _list_modes(replay: CampaignSpec) -> list[int]:
     return list(replay.settings.get("modes", ()))
 
 
-def home_of(replay: Campaign, homes: Sequence[World]) -> World:
-    """The world whose modes are replayed."""
-    named = modes_of(replay.spec)
+def _find_home(replay: Campaign, homes: Sequence[ReplayWorld]) -> ReplayWorld:
+    named = _list_modes(replay.spec)
     return next((home for home in homes if home.modes[0] + 1 in named), homes[0])
 
 
-def proven(store: Store, home: World, replay: Campaign) -> ProvenScenario:
-    """The replays of one campaign, as far as they are in."""
+def _summarise_scenario(store: Store, home: ReplayWorld, replay: Campaign) -> ProvenScenario:
     results = store.episodes.finished(replay.id, range(replay.spec.episodes))
     by_index = {result.index: result for result in results}
     kinds = replay.spec.settings.get("what") or (ReplayKind.EIGENFAILURE,)
     order = product(map(ReplayKind, kinds), home.modes)
     replays = tuple(
-        replayed(ReplayedNoise(what=what, mode=mode, campaign=replay.id, index=index), by_index)
+        _read_replay(ReplayedNoise(what=what, mode=mode, campaign=replay.id, index=index), by_index)
         for index, (what, mode) in enumerate(order)
     )
     return ProvenScenario(
-        scenario_parameters=differing(home.spec, replay.spec),
-        drawn=still_drawn(home, replay.spec),
+        scenario_parameters=_list_differing(home.spec, replay.spec),
+        drawn=_list_still_drawn(home, replay.spec),
         campaign=replay.id,
         state=replay.state,
-        eigenfailures=reproduction(of_kind(replays, ReplayKind.EIGENFAILURE)),
-        medoids=reproduction(of_kind(replays, ReplayKind.MEDOID)),
+        eigenfailures=_count_reproductions(_count_kind(replays, ReplayKind.EIGENFAILURE)),
+        medoids=_count_reproductions(_count_kind(replays, ReplayKind.MEDOID)),
         replays=replays,
     )
 
 
-def differing(world: CampaignSpec, replay: CampaignSpec) -> dict[str, Any]:
-    """The scenario parameters in which a replay differs from a world."""
+def _list_differing(world: CampaignSpec, replay: CampaignSpec) -> dict[str, Any]:
     before = world.scenario_parameters
     return {
         name: value
@@ -147,14 +223,13 @@ def differing(world: CampaignSpec, replay: CampaignSpec) -> dict[str, Any]:
     }
 
 
-def still_drawn(home: World, replay: CampaignSpec) -> dict[str, Any]:
-    """What the medoids of a world drew of its scenario, but for what a replay puts over it."""
+def _list_still_drawn(home: ReplayWorld, replay: CampaignSpec) -> dict[str, Any]:
+    """Return the parameters that the world's medoids drew and that a replay does not override."""
     given = replay.scenario_parameters
     return {name: value for name, value in home.drawn.items() if given.get(name) == value}
 
 
-def replayed(planned: ReplayedNoise, results: Mapping[int, EpisodeResult]) -> ReplayedNoise:
-    """A replay with what came of it, if that is in."""
+def _read_replay(planned: ReplayedNoise, results: Mapping[int, EpisodeResult]) -> ReplayedNoise:
     result = results.get(planned.index)
     if result is None or result.measures is None:
         return msgspec.structs.replace(planned, outcome=result.outcome if result else None)
@@ -170,20 +245,17 @@ def replayed(planned: ReplayedNoise, results: Mapping[int, EpisodeResult]) -> Re
     )
 
 
-def proven_mode(replays: Sequence[ReplayedNoise], mode: int) -> ProvenMode:
-    """What a mode's two trajectories did in all scenarios."""
+def _summarise_mode(replays: Sequence[ReplayedNoise], mode: int) -> ProvenMode:
     ours = [replay for replay in replays if replay.mode == mode]
-    eigenfailure, medoid = (reproduction(of_kind(ours, kind)) for kind in ReplayKind)
+    eigenfailure, medoid = (_count_reproductions(_count_kind(ours, kind)) for kind in ReplayKind)
     return ProvenMode(mode, eigenfailure, medoid)
 
 
-def of_kind(replays: Iterable[ReplayedNoise], what: ReplayKind) -> Iterator[ReplayedNoise]:
-    """Those of one kind."""
+def _count_kind(replays: Iterable[ReplayedNoise], what: ReplayKind) -> Iterator[ReplayedNoise]:
     return (replay for replay in replays if replay.what is what)
 
 
-def reproduction(replays: Iterable[ReplayedNoise]) -> Reproduction:
-    """How many failed again, of those that were tried."""
+def _count_reproductions(replays: Iterable[ReplayedNoise]) -> Reproduction:
     tried = [each for each in replays if each.outcome not in (None, Outcome.FAILED)]
     if not tried:
         return Reproduction()
@@ -192,3 +264,157 @@ def reproduction(replays: Iterable[ReplayedNoise]) -> Reproduction:
         rate(sum(each.reproduced for each in tried), len(tried)),
         min(robustness, default=None),
     )
+
+
+NEARBY = "nearby"
+"""In the `extra` of a parameter's `Meta`: how far its neighbours are, in its own unit."""
+
+SHARE = 0.25
+"""Of the range of the first bounded parameter, where a scenario names no neighbours."""
+
+
+class _BoundedParameter(msgspec.Struct, frozen=True):
+    """A parameter with two bounds, and the distance to its neighbours."""
+
+    name: str
+    low: float
+    high: float
+    distance: float
+    is_named: bool
+
+
+def list_neighbours(spec: CampaignSpec) -> tuple[dict[str, Any], ...]:
+    """Return scenario parameters to put over a campaign's own: none, then one below and one above.
+
+    Neighbours are those that the scenario names; otherwise its first bounded parameter is moved by
+    a quarter of its range. They stay within the bounds, and a parameter that varies anyway is left
+    alone.
+    """
+    world = world_of(spec.simulator)
+    kind = world.parameters_type(spec)
+    if kind is None:
+        return ({},)
+    variation = world.variation(spec)
+    parameters = next(iter(variation.corners()))
+    fixed = [each for each in _list_moved(kind) if each.name not in variation.varied]
+    sides = (_move_parameter(each, getattr(parameters, each.name)) for each in fixed)
+    return ({}, *(beside for side in sides for beside in side))
+
+
+def _list_moved(kind: type[msgspec.Struct]) -> list[_BoundedParameter]:
+    known = list(_list_bounded(kind))
+    return [each for each in known if each.is_named] or known[:1]
+
+
+def _list_bounded(kind: type[msgspec.Struct]) -> Iterator[_BoundedParameter]:
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        for meta in get_args(hint)[1:]:
+            if isinstance(meta, msgspec.Meta) and meta.ge is not None and meta.le is not None:
+                yield _read_parameter(name, meta.ge, meta.le, meta.extra or {})
+
+
+def _read_parameter(
+    name: str, low: float, high: float, extra: Mapping[str, Any]
+) -> _BoundedParameter:
+    return _BoundedParameter(
+        name, low, high, extra.get(NEARBY, SHARE * (high - low)), NEARBY in extra
+    )
+
+
+def _move_parameter(parameter: _BoundedParameter, value: float) -> Iterator[dict[str, Any]]:
+    """Return a parameter's neighbours on both sides of a value, within its bounds."""
+    for place in (value - parameter.distance, value + parameter.distance):
+        within = min(max(place, parameter.low), parameter.high)
+        neighbour = type(value)(within)
+        if neighbour != value:
+            yield {parameter.name: neighbour}
+
+
+CAME_TO_NOTHING = frozenset({CampaignState.CANCELLED, CampaignState.DEAD})
+
+Parameters = Mapping[str, Any]
+
+
+def launch_replays(
+    store: Store,
+    analysis: Analysis,
+    variations: Sequence[Parameters] | None,
+    made_by: int | None = None,
+) -> Proof:
+    """Queue a replay in each scenario that has none yet, and return the proof so far.
+
+    Args:
+        store: where campaigns are.
+        analysis: that is done.
+        variations: scenario parameters put over those in which the failures happened; None: that
+            scenario and its neighbours.
+        made_by: id of the key of whoever asks.
+
+    Raises:
+        Conflict: the analysis is not done, found no failure mode, or is of several worlds.
+        UnknownName: a parameter that the scenario does not have.
+        InvalidValue: a parameter outside its bounds, or a distribution.
+        QuotaExceeded: the key does not allow so many more campaigns; those before stay.
+    """
+    result = read_result(analysis)
+    if not result.modes:
+        raise Conflict(
+            f"Analysis {analysis.id} found no failure mode, so there is nothing to replay.",
+            "Let the campaign run until it has failures, and analyse it again.",
+        )
+    _refuse_several_worlds(store, analysis)
+    _refuse_distributions(variations or ())
+    analysed = store.campaigns.get(analysis.campaign).spec
+    wanted = list_neighbours(analysed) if variations is None else variations
+    pairs = product(wanted, _list_worlds(store, analysis, result))
+    specs = [check_spec(_make_replay(analysis, analysed, *pair)).spec for pair in pairs]
+    for spec in specs:
+        _launch_replay(store, analysis.id, spec, made_by)
+    return summarise_proof(store, analysis)
+
+
+def _refuse_distributions(variations: Sequence[Parameters]) -> None:
+    for place, variation in enumerate(variations):
+        for name, value in variation.items():
+            if is_distribution(value):
+                problem = "is a distribution: each replay would draw a scenario of its own."
+                remedy = "Give it a value, and a variation for each further value."
+                raise InvalidValue(f"variations[{place}].{name}", problem, remedy)
+
+
+def _leave_out_equal(world: CampaignSpec, variation: Parameters) -> dict[str, Any]:
+    defaults = world_of(world.simulator).default_parameters(world)
+    there = defaults | world.scenario_parameters
+    absent = object()
+    return {name: value for name, value in variation.items() if there.get(name, absent) != value}
+
+
+def _make_replay(
+    analysis: Analysis, analysed: CampaignSpec, variation: Parameters, home: ReplayWorld
+) -> CampaignSpec:
+    spec = _put_parameters(home.spec, _leave_out_equal(home.spec, variation))
+    told = ", ".join(f"{name}={value}" for name, value in _list_differing(analysed, spec).items())
+    name = f"{analysed.name}: replay of analysis {analysis.id}" + (told and f", {told}")
+    settings = {"analysis": analysis.id, "what": [kind.value for kind in ReplayKind]}
+    some = {"modes": [place + 1 for place in home.modes]} if list_varied(analysed) else {}
+    return msgspec.structs.replace(
+        spec,
+        name=name[-LONGEST_NAME:],
+        method="replay",
+        settings=settings | some,
+        episodes=len(ReplayKind) * len(home.modes),
+        stop=StopRules(),
+        scene_every=1,
+    )
+
+
+def _launch_replay(store: Store, analysis: int, spec: CampaignSpec, made_by: int | None) -> None:
+    """Queue a replay, unless there is an equal one that was neither cancelled nor dead.
+
+    Who asks twice, or at the same time as somebody else, gets one campaign: a replay is the same
+    whenever it is run, and its key is made of what it is.
+    """
+    before = [store.campaigns.get(each) for each in store.analyses.replays(analysis)]
+    lost = sum(each.spec.is_like(spec) and each.state in CAME_TO_NOTHING for each in before)
+    key = f"replay {lost} of analysis {analysis}: {spec_hash(spec)}"
+    store.analyses.link_replay(analysis, store.campaigns.create(spec, key, made_by).id)

@@ -8,15 +8,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail import functions, side_process
-from eigenfail.contracts import Store
+from eigenfail import side_process
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Campaign, CampaignSpec, Region
 from eigenfail.values.region import MOST_TRIALS
-from eigenfail.variations import variation_of
-from eigenfail_services.campaigns.comparison_words import unfinished
-from eigenfail_services.campaigns.distinctions import mixed
-from eigenfail_services.campaigns.pairing import PAIRABLE
+from eigenfail.worlds import world_of
+from eigenfail_services.campaigns.comparison import warn_of_unfinished
+from eigenfail_services.campaigns.pairing import find_mixed_fields, list_unpairable
+from eigenfail_services.store import Store
 
 Parameters = dict[str, object]
 
@@ -32,7 +31,7 @@ Numbers = Annotated[bytes, "int64, little-endian"]
 Flags = Annotated[bytes, "a byte each, 0 or 1"]
 
 
-class Tried(msgspec.Struct, frozen=True):
+class ExaminedEpisodes(msgspec.Struct, frozen=True):
     """Episodes of a campaign by seed, and which of them collided."""
 
     spec: CampaignSpec
@@ -40,8 +39,8 @@ class Tried(msgspec.Struct, frozen=True):
     failed: Flags
 
 
-class Wanted(msgspec.Struct, frozen=True):
-    """All that a region is made of, as a process can be told it.
+class RegionQuery(msgspec.Struct, frozen=True):
+    """The input of a region, as it is sent to a process.
 
     Attributes:
         warnings: what keeps the region from saying more.
@@ -49,12 +48,12 @@ class Wanted(msgspec.Struct, frozen=True):
 
     campaigns: tuple[int, ...]
     scenario: str
-    tried: tuple[Tried, ...]
+    tried: tuple[ExaminedEpisodes, ...]
     warnings: tuple[str, ...]
 
 
-def region_of(store: Store, ids: Sequence[int], most: int = MOST_TRIALS) -> Region:
-    """The failing region over all episodes of some campaigns so far.
+def find_region(store: Store, ids: Sequence[int], most: int = MOST_TRIALS) -> Region:
+    """Return the failing region over all episodes of campaigns so far.
 
     Args:
         store: where they are.
@@ -66,11 +65,11 @@ def region_of(store: Store, ids: Sequence[int], most: int = MOST_TRIALS) -> Regi
         InvalidValue: none is named, one twice, or they are on different scenarios.
         UnknownName: their scenario is not installed here.
     """
-    return region_in(wanted(store, ids, most))
+    return compute_region(_read_query(store, ids, most))
 
 
-def region_aside(store: Store, ids: Sequence[int], most: int = MOST_TRIALS) -> Region:
-    """The same, made in a process of its own: it keeps a processor busy for seconds.
+def find_region_in_process(store: Store, ids: Sequence[int], most: int = MOST_TRIALS) -> Region:
+    """Return the failing region, computed in another process, since it takes seconds.
 
     Raises:
         NotFound: no such campaign.
@@ -78,49 +77,49 @@ def region_aside(store: Store, ids: Sequence[int], most: int = MOST_TRIALS) -> R
         UnknownName: their scenario is not installed here.
         ServiceError: the process gave no answer.
     """
-    question = msgspec.msgpack.encode(wanted(store, ids, most))
+    question = msgspec.msgpack.encode(_read_query(store, ids, most))
     answer = side_process.ask(MODULE, question, PATIENCE_S)
     return msgspec.msgpack.decode(answer, type=Region)
 
 
-def wanted(store: Store, ids: Sequence[int], most: int) -> Wanted:
-    """What the store holds of it; raises as `region_of` does."""
-    refuse_repeats(ids)
+def _read_query(store: Store, ids: Sequence[int], most: int) -> RegionQuery:
+    _refuse_repeats(ids)
     campaigns = [store.campaigns.get(campaign) for campaign in ids]
-    scenario = the_scenario(campaigns)
-    tried = [tried_in(store, one, max(1, most // len(ids))) for one in campaigns]
-    warnings = caveats(campaigns, sum(len(each.failed) for each in tried))
-    return Wanted(tuple(ids), scenario, tuple(tried), tuple(warnings))
+    scenario = _find_scenario(campaigns)
+    tried = [_read_examined(store, one, max(1, most // len(ids))) for one in campaigns]
+    warnings = _list_caveats(campaigns, sum(len(each.failed) for each in tried))
+    return RegionQuery(tuple(ids), scenario, tuple(tried), tuple(warnings))
 
 
-def tried_in(store: Store, campaign: Campaign, most: int) -> Tried:
-    """The episodes of a campaign."""
+def _read_examined(store: Store, campaign: Campaign, most: int) -> ExaminedEpisodes:
     trials = store.episodes.trials(campaign.id, most)
-    return Tried(campaign.spec, trials.seeds.astype("<i8").tobytes(), trials.failed.tobytes())
+    return ExaminedEpisodes(
+        campaign.spec, trials.seeds.astype("<i8").tobytes(), trials.failed.tobytes()
+    )
 
 
-def region_in(asked: Wanted) -> Region:
-    """The failing region among these episodes.
+def compute_region(asked: RegionQuery) -> Region:
+    """Return the failing region among examined episodes.
 
     Raises:
         UnknownName: their scenario is not installed here.
     """
     from eigenfail_services.analysis.region import (  # scikit-learn takes a second to load
-        Question,
-        failing_region,
+        RegionQuestion,
+        find_failing_region,
     )
 
-    tables = (parameters(one.spec, np.frombuffer(one.seeds, "<i8")) for one in asked.tried)
-    names, values, left_out = columns(list(chain.from_iterable(tables)))
+    tables = (_list_parameters(one.spec, np.frombuffer(one.seeds, "<i8")) for one in asked.tried)
+    names, values, left_out = make_columns(list(chain.from_iterable(tables)))
     failed = np.frombuffer(b"".join(one.failed for one in asked.tried), np.bool_)
     warnings = (*left_out, *asked.warnings)
-    return failing_region(
-        Question(asked.campaigns, asked.scenario, names, values, failed, warnings)
+    return find_failing_region(
+        RegionQuestion(asked.campaigns, asked.scenario, names, values, failed, warnings)
     )
 
 
-def refuse_repeats(ids: Sequence[int]) -> None:
-    """Every campaign counts once.
+def _refuse_repeats(ids: Sequence[int]) -> None:
+    """Make sure that every campaign is named once.
 
     Raises:
         InvalidValue: there is none, or one is named twice.
@@ -129,8 +128,8 @@ def refuse_repeats(ids: Sequence[int]) -> None:
         raise InvalidValue("campaigns", f"{list(ids)} is not one or several different campaigns.")
 
 
-def the_scenario(campaigns: Sequence[Campaign]) -> str:
-    """The one that all of them are on.
+def _find_scenario(campaigns: Sequence[Campaign]) -> str:
+    """Return the scenario that all campaigns share.
 
     Raises:
         InvalidValue: there are several.
@@ -142,15 +141,17 @@ def the_scenario(campaigns: Sequence[Campaign]) -> str:
     return names[0]
 
 
-def parameters(spec: CampaignSpec, seeds: NDArray[np.int64]) -> Iterator[Parameters]:
-    """The scenario parameters of episodes; a function under test has what its campaign set."""
-    if not functions.drives(spec):
+def _list_parameters(spec: CampaignSpec, seeds: NDArray[np.int64]) -> Iterator[Parameters]:
+    world = world_of(spec.simulator)
+    if not world.has_road:
         return (dict(spec.scenario_parameters) for _ in seeds)
-    return variation_of(spec).table(seeds.tolist())
+    return world.variation(spec).table(seeds.tolist())
 
 
-def columns(rows: Sequence[Parameters]) -> tuple[tuple[str, ...], NDArray[np.float64], list[str]]:
-    """Names and values of the parameters that took more than one value, and what was left out.
+def make_columns(
+    rows: Sequence[Parameters],
+) -> tuple[tuple[str, ...], NDArray[np.float64], list[str]]:
+    """Return the parameters that took more than one value, and notes on those left out.
 
     Returns:
         The names, their values in shape (rows, names), and a sentence for each that is no number.
@@ -164,11 +165,10 @@ def columns(rows: Sequence[Parameters]) -> tuple[tuple[str, ...], NDArray[np.flo
     return tuple(plain), values.reshape(len(rows), len(plain)), left_out
 
 
-def caveats(campaigns: Sequence[Campaign], episodes: int) -> Iterator[str]:
-    """What keeps a region from saying more."""
-    if differing := [t for t in mixed([one.spec for one in campaigns]) if t in APART]:
+def _list_caveats(campaigns: Sequence[Campaign], episodes: int) -> Iterator[str]:
+    if differing := [t for t in find_mixed_fields([one.spec for one in campaigns]) if t in APART]:
         yield f"The campaigns differ in {', '.join(differing)}: their episodes count alike."
-    learning = sorted({campaign.spec.method for campaign in campaigns} - PAIRABLE)
+    learning = list_unpairable(campaigns)
     if learning and len(campaigns) > 1:
         yield (
             f"Campaigns of {' and '.join(learning)} also differ by the luck of what each learnt, "
@@ -177,4 +177,4 @@ def caveats(campaigns: Sequence[Campaign], episodes: int) -> Iterator[str]:
     completed = sum(campaign.counts.completed for campaign in campaigns)
     if episodes < completed:
         yield f"{episodes} of {completed} episodes were looked at, evenly spread in index order."
-    yield from unfinished(campaigns)
+    yield from warn_of_unfinished(campaigns)

@@ -4,12 +4,14 @@ import msgspec
 
 from eigenfail import logs
 from eigenfail.side_process import answer
-from eigenfail_services.campaigns.region import Wanted, region_in
+from eigenfail_services.campaigns.region import RegionQuery, compute_region
 
 
 def reply(question: bytes) -> bytes:
     """The region that was asked for."""
-    return msgspec.msgpack.encode(region_in(msgspec.msgpack.decode(question, type=Wanted)))
+    return msgspec.msgpack.encode(
+        compute_region(msgspec.msgpack.decode(question, type=RegionQuery))
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,12 @@
-"""The bookkeeping between a learner and whoever runs its episodes: pure."""
+"""The rounds of a campaign: proposed by its learner, judged by stop rules, kept in checkpoints.
+
+Nothing here opens a socket or a file.
+"""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+
+import msgspec
 
 from eigenfail.contracts import EpisodeEngine, Estimator, Learner, Trained
 from eigenfail.errors import LearnerFailed, ProtocolError
@@ -9,6 +14,7 @@ from eigenfail.values import (
     EpisodeResult,
     EpisodeTask,
     Estimate,
+    Outcome,
     Policy,
     PolicySource,
     Proposal,
@@ -16,14 +22,134 @@ from eigenfail.values import (
     StopRules,
     episode_seed,
 )
-from eigenfail_services.campaigns import stopping
-from eigenfail_services.campaigns.checkpoint import (
-    FORMAT,
-    Checkpoint,
-    read_checkpoint,
-    write_checkpoint,
-)
-from eigenfail_services.campaigns.stopping import Tally
+from eigenfail.values.arrays import decode_array, encode_array
+from eigenfail_services.statistics.intervals import wilson
+
+
+class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Counts of the episodes in the rounds observed so far."""
+
+    completed: int = 0
+    failures: int = 0
+
+    def after(self, results: Sequence[EpisodeResult]) -> "Tally":
+        """Return the counts with another round."""
+        completed = sum(result.outcome is not Outcome.FAILED for result in results)
+        failures = sum(result.is_failure for result in results)
+        return Tally(self.completed + completed, self.failures + failures)
+
+    def half_width(self) -> float | None:
+        """Half the width of the failure rate's 95 % Wilson interval; None before any episode."""
+        if not self.completed:
+            return None
+        interval = wilson(self.failures, self.completed)
+        return (interval.high - interval.low) / 2.0
+
+
+def depends_on_results(rules: StopRules) -> bool:
+    """Return whether there are rules that are judged after each round."""
+    return any(limit is not None for limit in (rules.failures, rules.half_width, rules.cv))
+
+
+def judge_results(rules: StopRules, tally: Tally, estimate: Estimate | None) -> str:
+    """Return which rule on results ends a campaign, in words; empty if none does."""
+    width, cv = tally.half_width(), estimate.cv if estimate else None
+    known = f"The failure rate is known to ± {_format_figure(width)}"
+    bounded = estimate is not None and estimate.bound is not None
+    what = "lower bound of the failure probability" if bounded else "failure probability"
+    sure = f"The {what} has a coefficient of variation of {_format_figure(cv)}"
+    return (
+        _reached("failures", rules.failures, tally.failures, _count_failures(tally.failures))
+        or _fell_to("half_width", rules.half_width, width, known)
+        or _fell_to("cv", rules.cv, cv, sure)
+    )
+
+
+def judge_time(rules: StopRules, active_s: float, cost_usd: float) -> str:
+    """Return which rule on time or cost ends a campaign, in words; empty if none does."""
+    lasted, cost = (
+        f"It ran for {_format_figure(active_s)} s",
+        f"It cost {_format_figure(cost_usd)} USD",
+    )
+    return _reached("wall_s", rules.wall_s, active_s, lasted) or _reached(
+        "cost_usd", rules.cost_usd, cost_usd, cost
+    )
+
+
+def _count_failures(failures: int) -> str:
+    return "1 failure was found" if failures == 1 else f"{failures} failures were found"
+
+
+def _format_figure(figure: float | None) -> str:
+    return "nothing" if figure is None else f"{figure:.4g}"
+
+
+def _reached(name: str, limit: float | None, figure: float, words: str) -> str:
+    holds = limit is not None and figure >= limit
+    return f"{words} (rule: {name} = {limit})." if holds else ""
+
+
+def _fell_to(name: str, limit: float | None, figure: float | None, words: str) -> str:
+    holds = limit is not None and figure is not None and figure <= limit
+    return f"{words} (rule: {name} = {limit})." if holds else ""
+
+
+FORMAT = 2
+"""Format 1 had neither tally nor stop rules; it is read as one of a campaign without rules."""
+
+
+class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=True):
+    """The learner's state and the rounds that were open when it was taken.
+
+    Attributes:
+        format: counts up when older programs could not read it.
+        episodes: how many have been proposed.
+        policy: the newest policy version.
+        tally: of the rounds observed.
+        stopped: the words of the stop rule that held; empty if none did.
+    """
+
+    format: int
+    campaign_seed: int
+    budget: int
+    number: int
+    episodes: int
+    ended: bool
+    policy: Policy | None
+    rounds: tuple[Round, ...]
+    learner: bytes
+    tally: Tally = Tally()
+    stopped: str = ""
+
+
+_encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
+_decoder = msgspec.msgpack.Decoder(Checkpoint, dec_hook=decode_array)
+
+
+def write_checkpoint(checkpoint: Checkpoint) -> bytes:
+    """Encode a checkpoint as MessagePack, with arrays in their binary form."""
+    return _encoder.encode(checkpoint)
+
+
+def read_checkpoint(data: bytes) -> Checkpoint:
+    """Decode a checkpoint of `Rounds.checkpoint`.
+
+    Raises:
+        ProtocolError: the bytes are no checkpoint, or one of a newer program.
+    """
+    try:
+        checkpoint = _decoder.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ProtocolError(
+            f"The campaign's checkpoint cannot be read: {error}.", "Start the campaign anew."
+        ) from error
+    if not 1 <= checkpoint.format <= FORMAT:
+        raise ProtocolError(
+            f"The checkpoint has format {checkpoint.format}, this program reads {FORMAT}.",
+            "Finish the campaign with the version of eigenfail that began it.",
+        )
+    return checkpoint
+
 
 NO_RULES = StopRules()
 OPEN_WAS_FINISHED = " The round that was open was finished."
@@ -59,13 +185,8 @@ class Rounds:
         self._policy: Policy | None = None
 
     @property
-    def done(self) -> bool:
-        """Whether no round is open and none will be proposed."""
-        return not self._open and not self._may_propose()
-
-    @property
     def because(self) -> str:
-        """Why there is no more to propose, in words; empty while there is."""
+        """Why no further round is proposed, in words; empty while there is one."""
         if self._stopped:
             return self._stopped
         if self._episodes >= self._budget:
@@ -73,15 +194,15 @@ class Rounds:
         return "The method had no more to propose." if self._ended else ""
 
     def estimate(self) -> Estimate | None:
-        """The failure probability after the last round observed; None if the learner tells none."""
+        """Return the failure probability after the last round; None without an estimate."""
         return self._learner.estimate() if isinstance(self._learner, Estimator) else None
 
     def trained_episodes(self) -> int | None:
-        """How many episodes the learner was trained with; None if it does not say."""
+        """Return the number of episodes that the learner was trained with; None if unknown."""
         return self._learner.trained_episodes if isinstance(self._learner, Trained) else None
 
     def open(self) -> tuple[Round, ...]:
-        """The open rounds, oldest first, proposing as far as lookahead and budget allow.
+        """Return the open rounds, oldest first; propose as far as lookahead and budget allow.
 
         Empty at the campaign's end.
 
@@ -116,17 +237,17 @@ class Rounds:
             self._stopped = self._judge()
 
     def _judge(self) -> str:
-        """What the rules on results say, with the rounds that will be finished all the same."""
+        """Return which rule holds, and that open rounds are finished all the same."""
         estimate = self.estimate() if self._rules.cv is not None else None
-        words = stopping.by_results(self._rules, self._tally, estimate)
+        words = judge_results(self._rules, self._tally, estimate)
         return words and words + (OPEN_WAS_FINISHED if self._open else "")
 
     def _lookahead(self) -> int:
         wanted = self._learner.lookahead
-        return min(wanted, 1) if stopping.depends_on_results(self._rules) else wanted
+        return min(wanted, 1) if depends_on_results(self._rules) else wanted
 
     def checkpoint(self) -> bytes:
-        """Everything needed to go on bit for bit, open rounds and their policies included."""
+        """Return all that is needed to go on bit for bit, with open rounds and their policies."""
         checkpoint = Checkpoint(
             format=FORMAT,
             campaign_seed=self._campaign_seed,
@@ -192,7 +313,7 @@ class Rounds:
 
 
 def run_in_process(rounds: Rounds, engine: EpisodeEngine) -> Iterator[EpisodeResult]:
-    """Run a whole campaign in this process; its results in index order."""
+    """Run a whole campaign in this process, and yield its results in index order."""
     while opened := rounds.open():
         oldest = opened[0]
         if oldest.policy is not None:

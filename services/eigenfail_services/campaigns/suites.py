@@ -5,21 +5,20 @@ from typing import Any
 
 import msgspec
 
-from eigenfail.contracts import Store
 from eigenfail.errors import NotFound
-from eigenfail.suites import MOST_MEMBERS
-from eigenfail.suites.changes import Path, leaves, short_names
+from eigenfail.suites import MOST_MEMBERS, KeyPath, list_leaves, shorten_paths
 from eigenfail.values import Campaign, CampaignSpec, Summary
 from eigenfail.values.suite import SuiteRow, SuiteTable, member_of
 from eigenfail_services.campaigns.summary import summaries_of
+from eigenfail_services.store import Store
 
 PAGE = 200
 DRAWN = "scenario_parameters"
 """A parameter may have a distribution in place of a value: that is one setting."""
 
 
-def suite_table(store: Store, suite: str, most: int = MOST_MEMBERS) -> SuiteTable:
-    """The newest campaign of each member, with the settings in which members differ.
+def make_suite_table(store: Store, suite: str, most: int = MOST_MEMBERS) -> SuiteTable:
+    """Return the newest campaign of each member, with the settings in which members differ.
 
     Args:
         store: where campaigns are.
@@ -29,7 +28,7 @@ def suite_table(store: Store, suite: str, most: int = MOST_MEMBERS) -> SuiteTabl
     Raises:
         NotFound: no campaign belongs to such a suite.
     """
-    campaigns = list(campaigns_of(store, suite))
+    campaigns = list(_list_campaigns(store, suite))
     if not campaigns:
         raise NotFound(
             f"No campaign belongs to a suite '{suite}'.",
@@ -38,13 +37,13 @@ def suite_table(store: Store, suite: str, most: int = MOST_MEMBERS) -> SuiteTabl
     newest = {member_of(each.spec.name): each for each in reversed(campaigns)}
     shown = dict(sorted(newest.items(), key=lambda one: -one[1].id)[:most])
     members = [(name, shown[name]) for name in newest if name in shown]
-    columns = short_names(differing([each.spec for _, each in members]))
+    columns = shorten_paths(_list_differing([each.spec for _, each in members]))
     summaries = summaries_of(store, [each for _, each in members])
     return SuiteTable(
         suite=suite,
         columns=tuple(columns.values()),
         members=tuple(
-            row(name, each, columns, summary)
+            _make_row(name, each, columns, summary)
             for (name, each), summary in zip(members, summaries, strict=True)
         ),
         earlier=len(campaigns) - len(newest),
@@ -52,8 +51,7 @@ def suite_table(store: Store, suite: str, most: int = MOST_MEMBERS) -> SuiteTabl
     )
 
 
-def campaigns_of(store: Store, suite: str) -> Iterator[Campaign]:
-    """All campaigns of a suite, newest first."""
+def _list_campaigns(store: Store, suite: str) -> Iterator[Campaign]:
     page = store.campaigns.page(PAGE, suite=suite)
     yield from page.items
     while page.next is not None:
@@ -61,32 +59,34 @@ def campaigns_of(store: Store, suite: str) -> Iterator[Campaign]:
         yield from page.items
 
 
-def differing(specs: Sequence[CampaignSpec]) -> list[Path]:
-    """Where specs do not all have the same, in the order of a spec's fields; names aside."""
-    given = [settings_of(spec) for spec in specs]
+def _list_differing(specs: Sequence[CampaignSpec]) -> list[KeyPath]:
+    """Return the paths at which specs differ, in the order of a spec's fields; names aside."""
+    given = [_list_settings(spec) for spec in specs]
     paths = dict.fromkeys(path for one in given for path in one)
     absent = object()
-    found = [path for path in paths if any(differs(path, given[0], one, absent) for one in given)]
+    found = [path for path in paths if any(_differs(path, given[0], one, absent) for one in given)]
     return sorted(found, key=lambda path: CampaignSpec.__struct_fields__.index(path[0]))
 
 
-def differs(path: Path, one: dict[Path, Any], other: dict[Path, Any], absent: object) -> bool:
-    """Whether two have something else at a path."""
+def _differs(
+    path: KeyPath, one: dict[KeyPath, Any], other: dict[KeyPath, Any], absent: object
+) -> bool:
     return bool(one.get(path, absent) != other.get(path, absent))
 
 
-def settings_of(spec: CampaignSpec) -> dict[Path, Any]:
-    """All that a campaign was asked for but name and priority, each at its path."""
+def _list_settings(spec: CampaignSpec) -> dict[KeyPath, Any]:
+    """Return all settings of a campaign but name and priority, by path."""
     table = msgspec.to_builtins(spec)
     del table["name"], table["priority"]
     drawn = table.pop(DRAWN)
-    found: dict[Path, Any] = {path: value for path, value in leaves(table) if value != {}}
+    found: dict[KeyPath, Any] = {path: value for path, value in list_leaves(table) if value != {}}
     return found | {(DRAWN, name): value for name, value in drawn.items()}
 
 
-def row(member: str, campaign: Campaign, columns: dict[Path, str], summary: Summary) -> SuiteRow:
-    """A member with what it has in the columns, and what came of it so far."""
-    given = settings_of(campaign.spec)
+def _make_row(
+    member: str, campaign: Campaign, columns: dict[KeyPath, str], summary: Summary
+) -> SuiteRow:
+    given = _list_settings(campaign.spec)
     return SuiteRow(
         member=member,
         campaign=campaign.id,

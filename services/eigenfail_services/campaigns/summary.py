@@ -1,17 +1,52 @@
-"""The row of a campaign in a result table."""
+"""Figures of one campaign: its row in result tables, safety, course, workers, and newest policy."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
-from eigenfail.contracts import Store
-from eigenfail.values import Campaign, Conflicts, Cost, MeanTime, Rate, Summary, Unresolved
-from eigenfail.values.records import ConflictTotals, Totals
+import msgspec
+import structlog
+
+from eigenfail.errors import InputError, NotFound
+from eigenfail.values import (
+    FINAL_STATES,
+    Campaign,
+    CampaignSpec,
+    Conflicts,
+    Cost,
+    Course,
+    Event,
+    MeanTime,
+    Policy,
+    Rate,
+    Safety,
+    Summary,
+    Unresolved,
+)
+from eigenfail.values.records import ConflictTotals, FrequentFault, Totals
+from eigenfail.values.safety import LEVEL
+from eigenfail.values.summary import Errored
+from eigenfail.values.worker import Presence, Staffing, WorkerShare
+from eigenfail.worlds import world_of
 from eigenfail_services.analysis.cost import cost
-from eigenfail_services.campaigns.horizon import horizon_s
+from eigenfail_services.analysis.course import block_length, course
+from eigenfail_services.analysis.safety import safety
+from eigenfail_services.campaigns.cache import StoreCache
+from eigenfail_services.campaigns.resolution import find_searching, resolve_method
+from eigenfail_services.campaigns.rounds import read_checkpoint
+from eigenfail_services.hub.roster import WORKERS_LACKING, WORKERS_MET
+from eigenfail_services.methods.fitness import describe_reach
 from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.store import Store
+from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.refusals import no_episode
+
+MOST_SPECS = 1_000
+
+log = structlog.get_logger()
 
 
 def summarise(campaign: Campaign, totals: Totals) -> Summary:
-    """What a campaign found, how quickly, and at what price, so far.
+    """Return the row of a campaign in result tables: findings, speed and price so far.
 
     Rate and cost rest on the campaign's counts, means on the totals: while a campaign runs the two
     may have been read a few results apart.
@@ -22,49 +57,100 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
         name=campaign.spec.name,
         method=campaign.spec.method,
         counts=campaign.counts,
-        failure_rate=failure_rate(campaign),
-        mean_log_probability=ratio(totals.log_probability, totals.failures),
-        log_probability_per_step=ratio(totals.log_probability, totals.steps),
-        mean_severity=ratio(totals.severity, totals.failures),
-        episodes_per_s=ratio(completed, campaign.active_s),
-        cost=campaign_cost(campaign),
-        conflicts=conflicts(totals.conflicts),
+        failure_rate=find_failure_rate(campaign),
+        mean_log_probability=divide(totals.log_probability, totals.failures),
+        log_probability_per_step=divide(totals.log_probability, totals.steps),
+        mean_severity=divide(totals.severity, totals.failures),
+        episodes_per_s=divide(completed, campaign.active_s),
+        cost=find_cost(campaign),
+        conflicts=summarise_conflicts(totals.conflicts),
         estimate=campaign.estimate,
-        unresolved=unresolved(campaign, totals.conflicts),
+        unresolved=summarise_unresolved(campaign, totals.conflicts),
+        errored=_describe_errored(campaign, totals.fault),
+        reach=_find_reach(campaign),
     )
 
 
 def summaries_of(store: Store, campaigns: Sequence[Campaign]) -> list[Summary]:
-    """The summaries of some campaigns, in their order, at the price of one."""
+    """Return the summaries of campaigns in their order, with one query for all."""
     totals = store.figures.totals([campaign.id for campaign in campaigns])
     return [summarise(campaign, totals[campaign.id]) for campaign in campaigns]
 
 
-def conflicts(totals: ConflictTotals) -> Conflicts:
-    """Episodes by class, and the means of their lead times."""
+def summarise_conflicts(totals: ConflictTotals) -> Conflicts:
+    """Return the number of episodes by class, and the means of their lead times."""
     return Conflicts(
         unavoidable=totals.unavoidable,
         planner_failures=totals.planner_failures,
         unclassified=totals.unclassified,
         near_misses=totals.near_misses,
-        ttc_lead=MeanTime(ratio(totals.ttc_lead_s, totals.ttc_leads), totals.ttc_leads),
-        drac_lead=MeanTime(ratio(totals.drac_lead_s, totals.drac_leads), totals.drac_leads),
+        ttc_lead=MeanTime(divide(totals.ttc_lead_s, totals.ttc_leads), totals.ttc_leads),
+        drac_lead=MeanTime(divide(totals.drac_lead_s, totals.drac_leads), totals.drac_leads),
     )
 
 
-def unresolved(campaign: Campaign, totals: ConflictTotals) -> Unresolved:
-    """Episodes that are no failures only because they ended, and when they did."""
-    return Unresolved(totals.unresolved, totals.perhaps_unresolved, horizon_s(campaign.spec))
+def summarise_unresolved(campaign: Campaign, totals: ConflictTotals) -> Unresolved:
+    """Return the episodes that are no failures only because they ended, and their horizon."""
+    return Unresolved(totals.unresolved, totals.perhaps_unresolved, find_horizon_s(campaign.spec))
 
 
-def failure_rate(campaign: Campaign) -> Rate | None:
-    """Collisions within the horizon ÷ completed episodes; None before the first one."""
+def _describe_errored(campaign: Campaign, fault: FrequentFault | None) -> Errored:
+    """Return the number of errored episodes with their most frequent reason."""
+    count = campaign.counts.failed
+    if not count or fault is None:
+        return Errored(count)
+    return Errored(count, fault.kind, fault.message, min(fault.episodes, count), fault.first)
+
+
+def _find_reach(campaign: Campaign) -> str:
+    """Return where failures may be that the method cannot reach; empty unless it ended without any.
+
+    Empty too of a method that is not installed any more.
+    """
+    spec, counts = campaign.spec, campaign.counts
+    if counts.failures or not counts.completed or campaign.state not in FINAL_STATES:
+        return ""
+    try:
+        return describe_reach(find_searching(resolve_method(spec.method, spec.settings)).settings)
+    except InputError:
+        return ""
+    # What a plug-in of today raises for a campaign of yesterday must not cost its summary.
+    except Exception:
+        log.exception("reach not known", method=spec.method)
+        return ""
+
+
+def find_horizon_s(spec: CampaignSpec) -> float | None:
+    """Return the longest that an episode lasts; None where steps have no duration. [s]
+
+    None too of a scenario that is not installed any more.
+    """
+    return _find_horizon_s(msgspec.json.encode(spec))
+
+
+@lru_cache(MOST_SPECS)
+def _find_horizon_s(text: bytes) -> float | None:
+    spec = msgspec.json.decode(text, type=CampaignSpec)
+    world = world_of(spec.simulator)
+    try:
+        duration = world.step_s(spec)
+        return None if duration is None else world.horizon(spec) * duration
+    except InputError:
+        return None
+    # What a plug-in of today raises for a campaign of yesterday must not cost its summary.
+    except Exception:
+        log.exception("horizon not known", scenario=spec.scenario)
+        return None
+
+
+def find_failure_rate(campaign: Campaign) -> Rate | None:
+    """Return collisions within the horizon ÷ completed episodes; None before the first episode."""
     counts = campaign.counts
     return rate(counts.failures, counts.completed) if counts.completed else None
 
 
-def campaign_cost(campaign: Campaign) -> Cost:
-    """What its instances cost while it was running."""
+def find_cost(campaign: Campaign) -> Cost:
+    """Return the cost of a campaign's instances while it was running."""
     return cost(
         active_s=campaign.active_s,
         instances=campaign.spec.instances,
@@ -74,6 +160,126 @@ def campaign_cost(campaign: Campaign) -> Cost:
     )
 
 
-def ratio(amount: float | None, per: float) -> float | None:
-    """The quotient, or None of nothing."""
+def divide(amount: float | None, per: float) -> float | None:
+    """Return the quotient; None without an amount or with a divisor of 0."""
     return None if amount is None or not per else amount / per
+
+
+MOST_TABLES = 500
+
+# The intervals of VaR and CVaR take longer than everything else on a page that shows them.
+CACHE: StoreCache[Safety] = StoreCache(MOST_TABLES)
+
+
+def find_safety(store: Store, campaign: Campaign, level: float = LEVEL) -> Safety:
+    """Return the safety table of the episodes so far.
+
+    Raises:
+        InvalidValue: the level is not between 0 and 1.
+    """
+    totals, measured = store.episodes.totals(campaign.id), store.episodes.safety(campaign.id)
+    return CACHE.get(
+        store,
+        (campaign.id, level),
+        (campaign.counts, totals, measured.completed),
+        lambda: safety(
+            campaign,
+            measured,
+            summarise_conflicts(totals.conflicts),
+            summarise_unresolved(campaign, totals.conflicts),
+            level,
+        ),
+    )
+
+
+def find_course(store: Store, campaign: Campaign, per: int | None = None) -> Course:
+    """Return failures, likelihood and robustness block by block over the episodes so far.
+
+    Args:
+        store: where the episodes are.
+        campaign: as it stands.
+        per: how many indices a block spans; None chooses by the budget.
+
+    Raises:
+        InvalidValue: so short blocks would be too many.
+    """
+    length = block_length(campaign.counts, per)
+    return course(campaign, length, store.episodes.course(campaign.id, length))
+
+
+LOOKED_AT = 200
+WORDS = frozenset({"workers.asked", "workers.refused", "ray.lost", "ray.back", "ray.machines"})
+"""Kinds of events that tell of workers which the services start."""
+
+OUTLOOK = frozenset({WORKERS_LACKING, WORKERS_MET, "campaign.state", "campaign.progress"})
+"""Kinds of events after which a campaign goes on, or waits for another worker than there is."""
+
+LATELY_S = 600
+PRESENT_S = 15
+"""Whom no hub has named for so many seconds is not there: hubs do so every few seconds."""
+
+
+def find_worker_shares(store: Store, campaign: Campaign) -> tuple[WorkerShare, ...]:
+    """Return the workers that ran the episodes of a campaign; the busiest comes first."""
+    return store.figures.workers(campaign.id)
+
+
+def list_recent_workers(store: Store, within_s: int = LATELY_S) -> tuple[WorkerShare, ...]:
+    """Return the workers that delivered results within some seconds, with these results counted."""
+    return store.figures.workers_since(now_ms() - 1_000 * within_s)
+
+
+def count_present(store: Store) -> tuple[Presence, ...]:
+    """Return the workers that are connected to a hub now, by name."""
+    return store.roster.present(now_ms() - 1_000 * PRESENT_S)
+
+
+def list_unrunnable(store: Store) -> tuple[Event, ...]:
+    """Return the newest event of each running campaign that no connected worker can run."""
+    return tuple(event for event in store.events.newest(OUTLOOK) if event.kind == WORKERS_LACKING)
+
+
+def find_staffing(store: Store) -> Staffing:
+    """Return the number of workers, the newest event on workers to come, and unrunnable campaigns.
+
+    Where nobody works hardly anything else is said: few events are looked at.
+    """
+    workers, lacking = len(count_present(store)), list_unrunnable(store)
+    for event in store.events.latest(LOOKED_AT):
+        if event.kind in WORDS:
+            return Staffing(
+                workers=workers, said=event.message, said_ms=event.at_ms, stranded=lacking
+            )
+    return Staffing(workers=workers, stranded=lacking)
+
+
+def find_worker(store: Store, campaign: int, index: int) -> Presence:
+    """Return the worker whose result of an episode was accepted, as it was at that time.
+
+    Raises:
+        NotFound: no such episode, or nothing is known of its worker any more.
+    """
+    row = next(iter(store.episodes.page(campaign, 1, index - 1 if index else None).items), None)
+    if row is None or row.index != index:
+        raise no_episode(campaign, index)
+    if (found := store.roster.last(row.worker, row.finished_ms)) is None:
+        problem = f"Nothing is known of the worker '{row.worker}' of episode {campaign}/{index}."
+        raise NotFound(problem, "Workers are written down when they connect to a hub.")
+    return found
+
+
+def find_newest_policy(store: Store, campaign: Campaign) -> Policy:
+    """Return the newest policy that a campaign's workers were given.
+
+    Raises:
+        NotFound: there is none, or none yet.
+        ProtocolError: the checkpoint is one of a newer program.
+    """
+    state = store.checkpoints.load(campaign.id)
+    policy = read_checkpoint(state).policy if state else None
+    if policy is None:
+        raise NotFound(
+            f"Campaign {campaign.id} of method '{campaign.spec.method}' has no policy.",
+            "A policy is what 'ast' trains; it is there once the first round is in.",
+        )
+    return policy

@@ -1,25 +1,212 @@
-"""Claims jobs and sees them through: campaigns on the hub, analyses in processes of their own."""
+"""Claims jobs and runs them: campaigns on the hub, analyses in processes of their own.
+
+The owner of a job is a process, under a name that no other process ever has. That it has died can
+be seen on its own machine alone; elsewhere only the lease of the job says so.
+"""
 
 import contextlib
+import os
+import platform
 import time
 from collections import deque
 from collections.abc import Callable
+from math import isclose
+from pathlib import Path
 from queue import Empty
+from typing import NamedTuple
+from uuid import uuid4
 
+import psutil
 import structlog
+from msgspec.structs import replace
 
-from eigenfail.contracts import Store
-from eigenfail.errors import ClaimLost, Conflict, IllegalTransition, InputError, NotFound
-from eigenfail.values import FINAL_STATES, Campaign, CampaignState
+from eigenfail.errors import (
+    ClaimLost,
+    Conflict,
+    IllegalTransition,
+    InputError,
+    InvalidValue,
+    NotFound,
+)
+from eigenfail.values import (
+    FINAL_STATES,
+    Campaign,
+    CampaignState,
+    Counts,
+    Overhead,
+    Priority,
+)
 from eigenfail.values.records import Job, JobKind
+from eigenfail.versions import learner_versions
+from eigenfail.worlds import world_of
+from eigenfail_services.campaigns import rounds
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
-from eigenfail_services.campaigns.materials import learner_context
-from eigenfail_services.campaigns.owner import is_lost, this_process
-from eigenfail_services.campaigns.unlisted import may_run
-from eigenfail_services.campaigns.watch import Watch, spent
-from eigenfail_services.hub.ended import Ended
-from eigenfail_services.hub.runs import Order
-from eigenfail_services.hub.server import Hub
+from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.summary import find_cost
+from eigenfail_services.hub.runs import RunSpec
+from eigenfail_services.hub.server import FinishedRun, Hub
+from eigenfail_services.hub.timing import TimeAccounting
+from eigenfail_services.store import Store
+from eigenfail_services.store.lifecycle import BY_USER
+
+PROCESSES = Path("/proc")
+ZOMBIE = "Z"
+NOWHERE = uuid4().hex
+
+
+class ProcessFacts(NamedTuple):
+    """A process: its state, and its start time after the start of the machine."""
+
+    state: str
+    started: str
+
+
+def name_this_process() -> str:
+    """Return the owner's name of this process."""
+    life = read_process(os.getpid())
+    return f"{find_place()}:{os.getpid()}:{life.started if life else ''}"
+
+
+def is_lost(owner: str) -> bool:
+    """Return whether an owner was a process on this machine that has ended."""
+    where, _, rest = owner.partition(":")
+    pid, _, started = rest.partition(":")
+    if where != find_place() or not (pid.isdecimal() and started):
+        return False
+    life = read_process(int(pid))
+    if life is None:  # another user's process may be hidden
+        return not psutil.pid_exists(int(pid))
+    return life.state == ZOMBIE or life.started != started
+
+
+def find_place() -> str:
+    """Return the name of this machine since its last start, and of its process namespace.
+
+    Two containers may have one name; a restarted machine counts its processes anew. Where the
+    kernel does not tell, the name is this process's own, so that no other process shares it.
+    """
+    try:
+        boot = (PROCESSES / "sys/kernel/random/boot_id").read_text("utf-8").strip()
+        space = (PROCESSES / "self/ns/pid").stat().st_ino
+    except OSError:
+        return f"{platform.node()}/{NOWHERE}".replace(":", "_")
+    return f"{platform.node()}/{boot}/{space}".replace(":", "_")
+
+
+def read_process(pid: int) -> ProcessFacts | None:
+    """Return state and start time of a process; None if it does not exist."""
+    try:
+        text = (PROCESSES / str(pid) / "stat").read_text("utf-8", "replace")
+    except OSError:
+        return None
+    # The name of the program is in brackets, and may hold spaces and brackets of its own.
+    fields = text.rpartition(")")[2].split()
+    return ProcessFacts(fields[0], fields[19])
+
+
+class Bill(NamedTuple):
+    """The time between two readings of the clock, and the overhead in it. [s]"""
+
+    since_s: float
+    until_s: float
+    overhead: Overhead
+
+    @property
+    def length_s(self) -> float:
+        """The time that the bill adds to the campaign's active time. [s]"""
+        return self.until_s - self.since_s
+
+
+class SupervisedCampaign:
+    """A campaign that runs on this hub, the claimed job, and the time that is billed.
+
+    Args:
+        job: our claim; nobody else bills the campaign as long as it holds.
+        priority: as the hub was told.
+        kept_s: the campaign's active time as the store has it.
+    """
+
+    def __init__(self, job: Job, priority: Priority = Priority.NORMAL, kept_s: float = 0.0) -> None:
+        self.job = job
+        self.priority = priority
+        self.accounting = TimeAccounting()
+        self._kept_s = kept_s
+        self._billed_s = time.monotonic()
+        self._unanswered: Bill | None = None
+        self.told: Counts | None = None
+        self.halting = False
+        self.lost = False
+        self.spent = ""
+
+    def has_new(self, priority: Priority) -> bool:
+        """Set the priority, and return whether it has changed."""
+        before, self.priority = self.priority, priority
+        return before is not priority
+
+    def so_far(self, campaign: Campaign) -> Campaign:
+        """Return the campaign with the time that is not yet billed."""
+        unbilled_s = time.monotonic() - self._billed_s
+        return replace(campaign, active_s=self._kept_s + unbilled_s)
+
+    def billed(self, store: Store) -> bool:
+        """Bill the time until now; return False if another supervisor has claimed the campaign."""
+        try:
+            self.bill(store)
+        except ClaimLost:
+            return False
+        return True
+
+    def bill(self, store: Store) -> None:
+        """Add the time since the last bill; it stays open while the store is away.
+
+        Raises:
+            StoreUnavailable: it could not be added.
+            ClaimLost: the campaign is somebody else's by now, and so is its time.
+        """
+        self._look_up(store)
+        # Taken before the clock is read, so that no part is more than the whole.
+        overhead = self.accounting.take()
+        bill = self._unanswered = Bill(self._billed_s, time.monotonic(), overhead)
+        store.campaigns.add_active(self.job.subject, bill.length_s, overhead, self.job)
+        self._keep(bill)
+
+    def claim_again(self, job: Job, campaign: Campaign) -> None:
+        """Go on with a new claim; another supervisor may have billed time in between.
+
+        Args:
+            job: our new claim.
+            campaign: as the store has it.
+        """
+        if bill := self._unanswered:
+            if isclose(campaign.active_s, self._kept_s + bill.length_s):
+                self._keep(bill)
+            else:
+                self._forget(bill)
+        self.job, self._kept_s = job, campaign.active_s
+
+    def _look_up(self, store: Store) -> None:
+        """Find out from the campaign's stored time whether an unanswered bill was kept."""
+        if (bill := self._unanswered) is None:
+            return
+        kept_s = store.campaigns.get(self.job.subject).active_s
+        if kept_s > self._kept_s + bill.length_s / 2:
+            self._keep(bill)
+        else:
+            self._forget(bill)
+
+    def _forget(self, bill: Bill) -> None:
+        self.accounting.give_back(bill.overhead)
+        self._unanswered = None
+
+    def _keep(self, bill: Bill) -> None:
+        self._kept_s += bill.length_s
+        self._billed_s, self._unanswered = bill.until_s, None
+
+
+def find_spent_rule(campaign: Campaign) -> str:
+    """Return which rule on time or cost ends the campaign; empty if none does."""
+    return rounds.judge_time(campaign.spec.stop, campaign.active_s, find_cost(campaign).total_usd)
+
 
 LEASE_S = 10.0
 RENEW_S = 2.0
@@ -31,8 +218,49 @@ AT_REST = FINAL_STATES | {CampaignState.PAUSED}
 log = structlog.get_logger()
 
 
+AFTER = {
+    CampaignState.PAUSING: CampaignState.PAUSED,
+    CampaignState.CANCELLING: CampaignState.CANCELLED,
+}
+
+
+def may_run(campaign: Campaign, job: Job, store: Store) -> bool:
+    """Return whether a claimed campaign may run here; one that may not is paused."""
+    try:
+        world_of(campaign.spec.simulator).refuse_unlisted(campaign.spec.planner)
+    except InvalidValue as error:
+        _set_aside(campaign, job, store, f"{error} Then: eigenfail campaign resume {campaign.id}.")
+        return False
+    return True
+
+
+def set_aside_declined(campaign: Campaign, job: Job, store: Store, reason: str) -> None:
+    """Pause a campaign of which a worker can run no episode, with the reason and the remedy."""
+    remedy = (
+        f"Launch a corrected one: eigenfail campaign clone {campaign.id} --set FIELD=VALUE. If the "
+        f"worker or its bridge is to blame, mend it, then: eigenfail campaign resume {campaign.id}."
+    )
+    _set_aside(campaign, job, store, f"{reason} {remedy}")
+
+
+def _set_aside(campaign: Campaign, job: Job, store: Store, because: str) -> None:
+    """Pause a campaign, or cancel it if a user asked for that.
+
+    In the queue it would be claimed again and again, until it is buried.
+    """
+    move, state = store.campaigns.move, campaign.state
+    try:
+        if state is CampaignState.RUNNING:
+            state = move(campaign.id, CampaignState.PAUSING, because, job).state
+        move(campaign.id, AFTER.get(state, CampaignState.PAUSED), because, job)
+    except (IllegalTransition, ClaimLost):  # a user has asked for something else meanwhile
+        store.jobs.renew(job, 0.0)
+        return
+    store.jobs.finish(job)
+
+
 class Supervisor:
-    """One turn after the other: claim, tend, conclude.
+    """Claims jobs, tends running ones and concludes ended ones, turn by turn.
 
     Args:
         store: where the queue is.
@@ -52,9 +280,9 @@ class Supervisor:
         self._store = store
         self._hub = hub
         self._analyses = analyses
-        self._owner = this_process()
-        self._watched: dict[int, Watch] = {}
-        self._to_close: deque[Ended] = deque()
+        self._owner = name_this_process()
+        self._watched: dict[int, SupervisedCampaign] = {}
+        self._to_close: deque[FinishedRun] = deque()
         self._next_renewal_s = 0.0
         self._openers: dict[JobKind, Callable[[Job], None]] = {
             JobKind.CAMPAIGN: self._open_campaign,
@@ -67,7 +295,7 @@ class Supervisor:
         }
 
     def turn(self) -> None:
-        """Do what is to be done now; never waits.
+        """Do everything that is due now, without waiting.
 
         Raises:
             StoreUnavailable: the database does not answer; the next turn tries again.
@@ -79,7 +307,7 @@ class Supervisor:
         self._analyses.tend()
 
     def release(self) -> None:
-        """Give back what is running, for the next supervisor to go on with."""
+        """Release the claims of all running campaigns for the next supervisor."""
         for watch in self._watched.values():
             with contextlib.suppress(ClaimLost):
                 watch.bill(self._store)
@@ -90,12 +318,13 @@ class Supervisor:
         for kind, opener in self._openers.items():
             while self._has_room(kind) and self._store.jobs.waiting(kind):
                 job = self._store.jobs.claim(self._owner, LEASE_S, kind)
-                if job is None:  # somebody else is at what waits: just claiming it, or lost while
-                    break  # they wrote with its claim
+                # Another supervisor is claiming what waits, or was lost while it wrote its claim.
+                if job is None:
+                    break
                 opener(job)
 
     def _has_room(self, kind: JobKind) -> bool:
-        """Whether there is time for one more; looked at before the queue is locked for a claim."""
+        """Return whether one more job may run; asked before the queue is locked for a claim."""
         running = {JobKind.CAMPAIGN: len(self._watched), JobKind.ANALYSIS: len(self._analyses)}
         return running[kind] < self._room[kind]
 
@@ -114,7 +343,7 @@ class Supervisor:
             return
         try:
             moved = self._store.campaigns.move(campaign.id, CampaignState.RUNNING, claim=job)
-        except (IllegalTransition, ClaimLost):  # somebody paused or cancelled it since we looked
+        except (IllegalTransition, ClaimLost):  # a user has paused or cancelled it meanwhile
             self._store.jobs.finish(job)
             return
         self._launch(moved, job)
@@ -128,8 +357,12 @@ class Supervisor:
                 self._store.campaigns.move(campaign.id, CampaignState.DEAD, str(error), job)
             self._store.jobs.finish(job)
             return
-        watch = self._watched[campaign.id] = Watch(job, spec.priority, campaign.active_s)
-        order = Order(
+        with contextlib.suppress(ClaimLost):  # the new owner records its own versions
+            self._store.campaigns.begin_part(campaign.id, learner_versions(), job)
+        watch = self._watched[campaign.id] = SupervisedCampaign(
+            job, spec.priority, campaign.active_s
+        )
+        run = RunSpec(
             campaign=campaign.id,
             setup=spec.setup(),
             method=spec.method,
@@ -138,10 +371,10 @@ class Supervisor:
             context=context,
             rules=spec.stop,
             weight=spec.priority.weight,
-            meter=watch.meter,
+            accounting=watch.accounting,
             claim=lambda: watch.job,
         )
-        self._hub.launch(order)
+        self._hub.launch(run)
         log.info("campaign started", campaign=campaign.id, method=spec.method)
 
     def _heed_wishes_and_rules(self) -> None:
@@ -150,8 +383,8 @@ class Supervisor:
                 continue
             now = watch.so_far(self._store.campaigns.get(campaign))
             if watch.has_new(now.spec.priority):
-                self._hub.weigh(campaign, now.spec.priority.weight)
-            watch.spent = spent(now)
+                self._hub.set_weight(campaign, now.spec.priority.weight)
+            watch.spent = find_spent_rule(now)
             if watch.spent or now.state in self._wishes:
                 watch.halting = True
                 self._hub.halt(campaign)
@@ -171,8 +404,8 @@ class Supervisor:
             else:
                 self._tell_progress(campaign, watch)
 
-    def _tell_progress(self, campaign: int, watch: Watch) -> None:
-        """Wake those who follow, if there is anything new to see."""
+    def _tell_progress(self, campaign: int, watch: SupervisedCampaign) -> None:
+        """Append a progress event if the counts have changed."""
         counts = self._store.campaigns.get(campaign).counts
         if counts != watch.told:
             watch.told = counts
@@ -181,10 +414,10 @@ class Supervisor:
             self._store.events.append("campaign.progress", progress, campaign)
 
     def _conclude(self) -> None:
-        """Close what the hub has ended; what the store refuses now is closed in a later turn."""
+        """Close the campaigns that the hub has ended; a refused one is closed in a later turn."""
         with contextlib.suppress(Empty):
             while True:
-                self._to_close.append(self._hub.ended.get_nowait())
+                self._to_close.append(self._hub.finished_runs.get_nowait())
         while self._to_close:
             try:
                 self._close_campaign(self._to_close[0])
@@ -192,7 +425,7 @@ class Supervisor:
                 return
             self._to_close.popleft()
 
-    def _close_campaign(self, ended: Ended) -> None:
+    def _close_campaign(self, ended: FinishedRun) -> None:
         watch = self._watched[ended.campaign]
         if watch.lost or ended.lost or not self._settled(ended, watch):
             log.warning("campaign lost to another supervisor", campaign=ended.campaign)
@@ -200,17 +433,21 @@ class Supervisor:
             self._store.jobs.renew(watch.job, 0.0)
         del self._watched[ended.campaign]
 
-    def _settled(self, ended: Ended, watch: Watch) -> bool:
-        """Whether its end was ours to write down."""
+    def _settled(self, ended: FinishedRun, watch: SupervisedCampaign) -> bool:
+        """Store the end of a campaign; return False if another supervisor has claimed it."""
         try:
             watch.bill(self._store)
+            if ended.declined:
+                seen = self._store.campaigns.get(ended.campaign)
+                set_aside_declined(seen, watch.job, self._store, ended.declined)
+                return True
             self._settle(ended, watch)
         except ClaimLost:
             return False
         self._store.jobs.finish(watch.job)
         return True
 
-    def _settle(self, ended: Ended, watch: Watch) -> None:
+    def _settle(self, ended: FinishedRun, watch: SupervisedCampaign) -> None:
         state = self._store.campaigns.get(ended.campaign).state
         if state in AT_REST:
             return
@@ -219,10 +456,10 @@ class Supervisor:
         log.info("campaign ended", campaign=ended.campaign, state=to, because=because)
 
     def _verdict(
-        self, state: CampaignState, watch: Watch, ended: Ended
+        self, state: CampaignState, watch: SupervisedCampaign, ended: FinishedRun
     ) -> tuple[CampaignState, str]:
         if ended.problem:
             return CampaignState.DEAD, ended.problem
         if watch.halting and not watch.spent:
-            return self._wishes[state], "A user asked for it."
-        return CampaignState.DONE, ended.because or watch.spent
+            return self._wishes[state], BY_USER
+        return CampaignState.DONE, ended.stop_reason or watch.spent

@@ -1,8 +1,7 @@
-"""Parquet files made in the background, and how far they are.
+"""Parquet exports, which are made in the background.
 
-The process that makes a file is the one that hands it out, so that no folder has to be shared.
-Everything that counts is in that folder: an export whose process was killed is begun anew by the
-next question about it.
+The process that makes a file also serves it, so that no folder has to be shared. The folder holds
+the whole state: an export whose process was killed is started again by the next request for it.
 """
 
 import threading
@@ -12,43 +11,43 @@ from uuid import uuid4
 import msgspec
 import structlog
 
-from eigenfail.contracts import Store
+from eigenfail.error_text import describe_error
 from eigenfail.errors import Conflict, StoreUnavailable
 from eigenfail.values.export import Export, ExportRequest, ExportState
-from eigenfail_services.exports.files import whole
-from eigenfail_services.exports.parquet import require_pyarrow, write_parquet
-from eigenfail_services.exports.selection import Source, selection_of
-from eigenfail_services.exports.shelf import WHOLE, Shelf
+from eigenfail_services.exports.folder import EPISODES_FILE, ExportFolder, open_draft
+from eigenfail_services.exports.formats import require_pyarrow, write_parquet
+from eigenfail_services.exports.selection import ExportSource, parse_selection
+from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
 
 log = structlog.get_logger()
 
 
 class ExportJobs:
-    """Makes files one after the other, each in a folder of its own.
+    """Makes exports one after the other, each in a folder of its own.
 
     Args:
-        store: where the episodes are.
-        folder: of all exports; made when the first one is asked for.
+        store: of the episodes.
+        folder: of all exports; it is created with the first one.
     """
 
     def __init__(self, store: Store, folder: Path) -> None:
         self._store = store
-        self._shelf = Shelf(folder)
+        self._shelf = ExportFolder(folder)
         self._rows: dict[str, int] = {}
         self._changing = threading.Lock()
-        """Held from a look at the shelf to what is done because of it."""
+        """Held from reading the folder's state to acting on it."""
         self._one_at_a_time = threading.Lock()
 
     def create(self, campaign: int, request: ExportRequest) -> Export:
-        """Begin a file.
+        """Start an export.
 
         Raises:
-            NotFound: no such campaign.
-            InvalidValue: a request that cannot be read, or no library to write it with.
-            ServiceError: too many are at work already, or the folder is somebody else's.
+            NotFound: the campaign does not exist.
+            InvalidValue: the request is invalid, or pyarrow is not installed.
+            ServiceError: too many exports are running, or the folder belongs to another user.
         """
-        selection_of(request)
+        parse_selection(request)
         require_pyarrow()
         self._store.campaigns.get(campaign)
         export = Export(
@@ -65,22 +64,22 @@ class ExportJobs:
         return export
 
     def get(self, export: str) -> Export:
-        """How far it is; one that nobody works on any more is begun anew.
+        """Return the state of an export; an interrupted one is started again.
 
         Raises:
-            NotFound: no such export.
-            ServiceError: the folder is somebody else's.
+            NotFound: the export does not exist.
+            ServiceError: the folder belongs to another user.
         """
         with self._changing:
             return self._look(export)
 
     def file(self, export: str) -> Path:
-        """The file, once it is whole.
+        """Return the file of a finished export.
 
         Raises:
-            NotFound: no such export.
-            Conflict: it is not done.
-            ServiceError: the folder is somebody else's.
+            NotFound: the export does not exist.
+            Conflict: it is not finished.
+            ServiceError: the folder belongs to another user.
         """
         with self._changing:
             known = self._look(export)
@@ -105,11 +104,11 @@ class ExportJobs:
         try:
             with self._one_at_a_time:
                 self._write(export)
-        except StoreUnavailable as error:  # the next question begins it anew
+        except StoreUnavailable as error:  # the next request starts it again
             log.warning("export interrupted", export=export.id, error=str(error))
         except Exception as error:
             log.exception("export failed", export=export.id)
-            self._shelf.fail(export.id, f"{type(error).__name__}: {error}")
+            self._shelf.fail(export.id, describe_error(error))
         finally:
             with self._changing:
                 del self._rows[export.id]
@@ -118,6 +117,6 @@ class ExportJobs:
         def told(rows: int) -> None:
             self._rows[export.id] = rows
 
-        source = Source(self._store, export.campaign, selection_of(export.request))
-        with whole(self._shelf.home(export.id) / WHOLE) as part:
+        source = ExportSource(self._store, export.campaign, parse_selection(export.request))
+        with open_draft(self._shelf.home(export.id) / EPISODES_FILE) as part:
             write_parquet(part, source, told, noise=export.request.noise)

@@ -5,19 +5,19 @@ from typing import NamedTuple
 
 import msgspec
 
-from eigenfail.contracts import Store
 from eigenfail.filters import (
     COLUMNS,
     Conditions,
-    Sort,
+    SortOrder,
     Value,
     parse_fields,
     parse_filter,
     parse_sort,
-    value_of,
+    read_value,
 )
 from eigenfail.values.export import ExportRequest
 from eigenfail.values.records import PORTION, EpisodeRow
+from eigenfail_services.store import Store
 
 Cells = list[Value | None]
 
@@ -26,11 +26,11 @@ class Selection(msgspec.Struct, frozen=True):
     """Which episodes, in which order, and which columns of them."""
 
     where: Conditions
-    sort: Sort
+    sort: SortOrder
     columns: tuple[str, ...]
 
 
-def selection_of(request: ExportRequest) -> Selection:
+def parse_selection(request: ExportRequest) -> Selection:
     """What a request asks for.
 
     Raises:
@@ -41,7 +41,7 @@ def selection_of(request: ExportRequest) -> Selection:
     return Selection(parse_filter(request.filter), parse_sort(request.sort), columns)
 
 
-class Source(NamedTuple):
+class ExportSource(NamedTuple):
     """The episodes of a campaign that are wanted."""
 
     store: Store
@@ -49,7 +49,7 @@ class Source(NamedTuple):
     wanted: Selection
 
 
-def portions(source: Source) -> Iterator[tuple[EpisodeRow, ...]]:
+def read_batches(source: ExportSource) -> Iterator[tuple[EpisodeRow, ...]]:
     """The episodes in their order, at most `PORTION` at a time; none of these is empty."""
     store, campaign, wanted = source
     after: int | None = None
@@ -62,11 +62,11 @@ def portions(source: Source) -> Iterator[tuple[EpisodeRow, ...]]:
         after = page.next
 
 
-def cells(row: EpisodeRow, columns: tuple[str, ...]) -> Cells:
+def read_cells(row: EpisodeRow, columns: tuple[str, ...]) -> Cells:
     """What a row has in some columns."""
-    return [value_of(row, column) for column in columns]
+    return [read_value(row, column) for column in columns]
 
 
-def picked(row: EpisodeRow, columns: tuple[str, ...]) -> dict[str, Value | None]:
+def pick_columns(row: EpisodeRow, columns: tuple[str, ...]) -> dict[str, Value | None]:
     """The same by name."""
-    return dict(zip(columns, cells(row, columns), strict=True))
+    return dict(zip(columns, read_cells(row, columns), strict=True))

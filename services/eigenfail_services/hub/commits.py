@@ -1,29 +1,37 @@
-"""Group commit: many results in one transaction, acknowledged only when it has happened."""
+"""Group commit of results, and the count of workers that were lost with an episode.
+
+Many results share one transaction, and each is acknowledged only once its transaction is committed.
+"""
 
 import time
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from math import inf
 
 import msgspec
 import structlog
 
-from eigenfail.contracts import EpisodeStore
 from eigenfail.errors import NotFound, StoreUnavailable
-from eigenfail.values import EpisodeResult
+from eigenfail.values import EpisodeFault, EpisodeResult, EpisodeTask, unrunnable
 from eigenfail.values.records import Delivery, Verdict
-from eigenfail_services.hub.vitals import Vitals, timed
+from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.metrics import Metrics, observe_duration
+from eigenfail_services.store.episodes import EpisodeStore
 from eigenfail_services.tracing import span
 
 MAX_WAIT_S = 0.05
 MAX_RESULTS = 256
 RETRY_S = 1.0
 
+HUB = b"hub"
+"""Stands for the worker of results that the hub makes itself."""
+
+MAX_DEATHS = 3
+
 log = structlog.get_logger()
 
 
-class Committed(msgspec.Struct, frozen=True, eq=False):
-    """A result that the store has judged; the worker may forget it."""
+class JudgedResult(msgspec.Struct, frozen=True, eq=False):
+    """A result that the store has judged, so that its worker may forget it."""
 
     worker: bytes
     campaign: int
@@ -31,48 +39,49 @@ class Committed(msgspec.Struct, frozen=True, eq=False):
     verdict: Verdict
 
 
-class Pending(msgspec.Struct, frozen=True, eq=False):
-    """A result that waits for the next commit."""
-
+class _PendingResult(msgspec.Struct, frozen=True, eq=False):
     worker: bytes
     campaign: int
     delivery: Delivery
-    came_s: float
+    arrived_s: float
 
 
-class Commits:
+class CommitQueue:
     """Collects results for up to 50 ms or 256 of them, then writes them together.
 
     Args:
-        episodes: where they are written.
-        vitals: where it is counted what became of them, and how long it took.
+        episodes: the store that they are written to.
+        metrics: count the verdicts and measure the durations.
 
     Attributes:
-        stuck: whether results wait that the store did not take when it was last asked to.
+        stuck: whether results wait that the store could not take at the last attempt.
     """
 
-    def __init__(self, episodes: EpisodeStore, vitals: Vitals | None = None) -> None:
+    def __init__(self, episodes: EpisodeStore, metrics: Metrics | None = None) -> None:
         self.stuck = False
         self._episodes = episodes
-        self._vitals = vitals or Vitals()
-        self._pending: list[Pending] = []
+        self._metrics = metrics or Metrics()
+        self._pending: list[_PendingResult] = []
         self._due_s = 0.0
 
     def add(self, worker: bytes, name: str, campaign: int, result: EpisodeResult) -> None:
-        """Take a result from a worker."""
+        """Add a result that a worker brought."""
         now_s = time.monotonic()
         if not self._pending:
             self._due_s = max(self._due_s, now_s + MAX_WAIT_S)
-        self._pending.append(Pending(worker, campaign, Delivery(result, name), now_s))
+        self._pending.append(_PendingResult(worker, campaign, Delivery(result, name), now_s))
 
     def campaigns(self) -> set[int]:
-        """Those of which results wait."""
+        """Return the campaigns of the results that wait."""
         return {pending.campaign for pending in self._pending}
 
-    def flush(self, *, now: bool = False) -> list[Committed]:
-        """Write what is due, or everything; what became of it.
+    def flush(self, *, now: bool = False) -> list[JudgedResult]:
+        """Write the results that are due, and return the store's verdicts.
 
-        While the store is unavailable everything stays pending and is tried again.
+        While the store is unavailable, all results wait and are tried again.
+
+        Args:
+            now: whether to write all results, due or not.
 
         Raises:
             StoreUnavailable: nothing was written.
@@ -80,54 +89,48 @@ class Commits:
         due = time.monotonic() >= self._due_s or len(self._pending) >= MAX_RESULTS
         if not self._pending or not (due or now):
             return []
-        groups, self._pending, self.stuck = self._by_campaign(), [], False
-        committed: list[Committed] = []
+        by_campaign: defaultdict[int, list[_PendingResult]] = defaultdict(list)
+        for pending in self._pending:
+            by_campaign[pending.campaign].append(pending)
+        groups, self._pending, self.stuck = list(by_campaign.values()), [], False
+        judged: list[JudgedResult] = []
         while groups:
             try:
-                committed += self._commit(groups[0])
+                judged += self._commit(groups[0])
             except StoreUnavailable:
-                self._postpone(groups)
-                if not committed:
+                self._pending, self.stuck = [each for group in groups for each in group], True
+                self._due_s = time.monotonic() + RETRY_S
+                if not judged:
                     raise
                 break
             del groups[0]
-        return committed
+        return judged
 
-    def _postpone(self, groups: list[list[Pending]]) -> None:
-        self._pending, self.stuck = [pending for group in groups for pending in group], True
-        self._due_s = time.monotonic() + RETRY_S
-
-    def _by_campaign(self) -> list[list[Pending]]:
-        groups: defaultdict[int, list[Pending]] = defaultdict(list)
-        for pending in self._pending:
-            groups[pending.campaign].append(pending)
-        return list(groups.values())
-
-    def _commit(self, group: list[Pending]) -> list[Committed]:
-        verdicts = self._judged(group[0].campaign, [pending.delivery for pending in group])
-        self._count(group, verdicts)
+    def _commit(self, group: list[_PendingResult]) -> list[JudgedResult]:
+        verdicts = self._judge(group[0].campaign, [pending.delivery for pending in group])
+        self._record(group, verdicts)
         return [
-            Committed(pending.worker, pending.campaign, pending.delivery.result, verdict)
+            JudgedResult(pending.worker, pending.campaign, pending.delivery.result, verdict)
             for pending, verdict in zip(group, verdicts, strict=True)
         ]
 
-    def _judged(self, campaign: int, deliveries: list[Delivery]) -> Sequence[Verdict]:
+    def _judge(self, campaign: int, deliveries: list[Delivery]) -> Sequence[Verdict]:
         with span("commit", campaign=campaign, results=len(deliveries)):
             try:
-                with timed(self._vitals.commit_s):
+                with observe_duration(self._metrics.commit_s):
                     return self._episodes.commit(campaign, deliveries)
-            except NotFound:  # brought by a worker that came here from another service
+            except NotFound:  # the worker came here from another service
                 return [Verdict.UNWANTED] * len(deliveries)
 
-    def _count(self, group: list[Pending], verdicts: Sequence[Verdict]) -> None:
-        vitals, now_s = self._vitals, time.monotonic()
-        for verdict, number in Counter(verdicts).items():
-            vitals.results.labels(verdict).inc(number)
+    def _record(self, group: list[_PendingResult], verdicts: Sequence[Verdict]) -> None:
+        now_s = time.monotonic()
+        for verdict, count in Counter(verdicts).items():
+            self._metrics.results.labels(verdict).inc(count)
         for pending in group:
-            vitals.result_s.observe(now_s - pending.came_s)
+            self._metrics.result_s.observe(now_s - pending.arrived_s)
             result = pending.delivery.result
-            if 0.0 < result.wall_s < inf:  # it came over the wire
-                vitals.episode_s.observe(result.wall_s)
+            if result.believed_wall_s:
+                self._metrics.episode_s.observe(result.believed_wall_s)
             if result.fault:
                 log.warning(
                     "episode failed",
@@ -136,3 +139,39 @@ class Commits:
                     worker=pending.delivery.worker,
                     kind=result.fault.kind,
                 )
+
+
+class WorkerDeaths:
+    """Counts, in the store, the workers that were lost while they ran an episode.
+
+    The store outlives this hub. After `MAX_DEATHS` of them the episode is given up as errored.
+    """
+
+    def __init__(self, leases: Leases, commits: CommitQueue, episodes: EpisodeStore) -> None:
+        self._leases = leases
+        self._commits = commits
+        self._episodes = episodes
+
+    def record(self) -> None:
+        """Count the deaths since the last call, after which their episodes can be leased again.
+
+        Raises:
+            StoreUnavailable: a death could not be counted; the next call tries again.
+        """
+        for campaign, task in self._leases.list_interrupted():
+            if self._add_death(campaign, task) < MAX_DEATHS:
+                self._leases.clear_interrupted(campaign, task.index)
+            else:
+                self._give_up(campaign, task)
+
+    def _add_death(self, campaign: int, task: EpisodeTask) -> int:
+        try:
+            return self._episodes.add_death(campaign, task.index)
+        except NotFound:  # the campaign was removed
+            return MAX_DEATHS
+
+    def _give_up(self, campaign: int, task: EpisodeTask) -> None:
+        problem = f"{MAX_DEATHS} workers were lost while they ran it."
+        result = unrunnable(task, EpisodeFault("infrastructure", problem))
+        self._leases.receive(campaign, task.index, result.wall_s, HUB)
+        self._commits.add(HUB, HUB.decode(), campaign, result)

@@ -1,6 +1,6 @@
 """The process of one learner: `python -m eigenfail_services.hub.learner_process ADDRESS`.
 
-It speaks with the hub over one PAIR socket and keeps nothing that its checkpoint does not hold.
+It talks to the hub over one PAIR socket and keeps nothing that its checkpoint does not hold.
 """
 
 import os
@@ -10,6 +10,7 @@ import sys
 import zmq
 
 from eigenfail import logs, plugins
+from eigenfail.error_text import read_text
 from eigenfail.errors import EigenfailError, LearnerDiverged
 from eigenfail.processes import die_with_parent
 from eigenfail.settings import read_settings
@@ -24,11 +25,11 @@ from eigenfail.wire.messages import (
     read_learner_command,
 )
 from eigenfail_services.campaigns.rounds import Rounds
-from eigenfail_services.hub.learner_curve import KEY_VARIABLE, unlock
+from eigenfail_services.hub.learner_link import KEY_VARIABLE, unlock
 
 
-def begin(start: Start) -> Rounds:
-    """The rounds of a new learner, or of the one that a checkpoint describes."""
+def create_rounds(start: Start) -> Rounds:
+    """Return the rounds of a new learner, or of the learner in a checkpoint."""
     method = plugins.load(plugins.METHODS, start.method)
     learner = method(start.context, read_settings(method.Settings, start.settings, "settings"))
     rounds = Rounds(learner, start.campaign_seed, start.context.episodes, start.rules)
@@ -37,8 +38,8 @@ def begin(start: Start) -> Rounds:
     return rounds
 
 
-def proposed(rounds: Rounds) -> Proposed:
-    """What is open now, and how to come back to it."""
+def make_proposal(rounds: Rounds) -> Proposed:
+    """Return the message with the open rounds and the learner's checkpoint."""
     opened = rounds.open()
     return Proposed(
         rounds=opened,
@@ -50,7 +51,12 @@ def proposed(rounds: Rounds) -> Proposed:
 
 
 class LearnerProcess:
-    """Answers each command with the rounds that are open after it."""
+    """Answers each command of the hub with the rounds that are open after it.
+
+    Args:
+        address: of the hub's socket.
+        key: the public key of that socket.
+    """
 
     def __init__(self, address: str, key: str) -> None:
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PAIR)
@@ -58,33 +64,26 @@ class LearnerProcess:
         self._socket.connect(address)
 
     def serve(self) -> None:
-        """Start as told, then observe round after round until told to stop."""
-        start = self._hear()
+        """Create the learner, then observe one round after the other until told to stop."""
+        start = self._receive()
         if not isinstance(start, Start):
             return
-        rounds = begin(start)
-        self._say(proposed(rounds))
-        while isinstance(command := self._hear(), Observed):
+        rounds = create_rounds(start)
+        self.send(make_proposal(rounds))
+        while isinstance(command := self._receive(), Observed):
             rounds.complete(command.results)
-            self._say(proposed(rounds))
+            self.send(make_proposal(rounds))
 
-    def complain(self, problem: str) -> None:
-        """Say why the learner cannot go on."""
-        self._say(Trouble(problem))
-
-    def confess(self, error: LearnerDiverged) -> None:
-        """Say that the learner is not to be trusted since its last checkpoint."""
-        self._say(Diverged(error.problem, error.remedy))
+    def send(self, message: Message) -> None:
+        """Send a message to the hub."""
+        self._socket.send(encode(message))
 
     def close(self) -> None:
         """Send what is left and disconnect."""
         self._socket.close(linger=1_000)
 
-    def _hear(self) -> Message:
+    def _receive(self) -> Message:
         return read_learner_command(self._socket.recv())
-
-    def _say(self, message: Message) -> None:
-        self._socket.send(encode(message))
 
 
 def main() -> None:
@@ -92,13 +91,14 @@ def main() -> None:
     die_with_parent()
     logs.configure("services")
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    plugins.keep_import_effects()
     process = LearnerProcess(sys.argv[1], os.environ.pop(KEY_VARIABLE))
     try:
         process.serve()
     except LearnerDiverged as error:
-        process.confess(error)
+        process.send(Diverged(error.problem, error.remedy))
     except EigenfailError as error:
-        process.complain(str(error))
+        process.send(Trouble(read_text(error)))
     finally:
         process.close()
 

@@ -1,247 +1,411 @@
-"""Who runs which episode: a state machine without a socket. Events in, assignments out."""
+"""Leases of episodes to workers: a state machine without a socket. Events in, assignments out."""
 
-from collections.abc import Collection
+from collections import defaultdict
+from collections.abc import Collection, Iterator
+from typing import NamedTuple
 
 from eigenfail.values import EpisodeTask
-from eigenfail.wire.claims import same_task
-from eigenfail.wire.messages import Hello
-from eigenfail_services.hub.claims import Claims, Fingerprint, Key
-from eigenfail_services.hub.dealer import Assignment, Dealer, Portion
-from eigenfail_services.hub.loans import Loans
-from eigenfail_services.hub.seating import Seating
-from eigenfail_services.hub.seats import Seat
-from eigenfail_services.hub.suspects import Missed, Suspects
-from eigenfail_services.hub.waiting import Waiting
+from eigenfail.wire.messages import Hello, is_same_task
+from eigenfail_services.hub.scheduler import Assignment, Scheduler
+from eigenfail_services.hub.worker_table import (
+    Adoptions,
+    EndedLease,
+    EpisodeQueue,
+    Fingerprint,
+    Key,
+    WorkerSession,
+    WorkerTable,
+)
 
 
-class Leases:
-    """Hands episodes to workers in batches, and takes them back from workers that are gone.
+class LeaseTable:
+    """Which worker holds which episode; each change is O(log n).
 
-    Attributes:
-        seats: who is here, by their connections.
+    Args:
+        sessions: of the connected workers, which are kept up to date.
+        scheduler: is told of each change.
+    """
+
+    def __init__(self, sessions: dict[bytes, WorkerSession], scheduler: Scheduler) -> None:
+        self._sessions = sessions
+        self._scheduler = scheduler
+        self._holders: defaultdict[int, dict[int, bytes]] = defaultdict(dict)
+
+    def has_leases(self, campaign: int) -> bool:
+        """Return whether a worker holds any episode of a campaign."""
+        return bool(self._holders.get(campaign))
+
+    def find_task(self, key: Key) -> EpisodeTask | None:
+        """Return the leased task of an episode, if a worker holds it."""
+        worker = self._holders.get(key[0], {}).get(key[1])
+        return None if worker is None else self._sessions[worker].held[key]
+
+    def lease(self, worker: bytes, key: Key, task: EpisodeTask) -> None:
+        """Lease an episode to a worker, and charge its campaign for the estimated work."""
+        session = self._sessions[worker]
+        work_s = self._scheduler.estimate_work_s(key[0], session)
+        session.add_lease(key, task, work_s)
+        self._holders[key[0]][key[1]] = worker
+        self._scheduler.charge(key[0], session, work_s)
+        self._scheduler.update_worker(worker, session)
+
+    def end(self, key: Key) -> EndedLease:
+        """End a lease; its campaign stays charged for the estimated work."""
+        worker = self._holders[key[0]].pop(key[1])
+        session = self._sessions[worker]
+        ended = session.end_lease(key)
+        self._scheduler.update_worker(worker, session)
+        return ended
+
+    def settle(self, key: Key, by: bytes | None) -> EndedLease | None:
+        """End the lease of an episode that has a result.
+
+        Args:
+            key: of the episode.
+            by: the worker that brought the result; None for whichever holds the episode.
+
+        Returns:
+            The lease under which the result was made; None if that worker holds none any more. A
+            lease of another worker is revoked.
+        """
+        holder = self._holders.get(key[0], {}).get(key[1])
+        if holder is None:
+            return None
+        if by in (None, holder):
+            return self.end(key)
+        self.revoke(key)
+        return None
+
+    def revoke(self, key: Key) -> EpisodeTask:
+        """End a lease whose episode was not run, and refund its campaign."""
+        ended = self.end(key)
+        self._scheduler.charge(key[0], ended.session, -ended.work_s)
+        return ended.task
+
+    def end_all(self, campaign: int) -> None:
+        """End all leases of a campaign."""
+        for index in [*self._holders.get(campaign, ())]:
+            self.end((campaign, index))
+        self._holders.pop(campaign, None)
+
+
+class Disconnection(NamedTuple):
+    """The episode that a worker ran as its connection closed, and the end of its time to return."""
+
+    key: Key
+    task: EpisodeTask
+    until_s: float
+
+
+class InterruptedEpisodes:
+    """Episodes that were running when their workers were lost or disconnected.
+
+    Those of lost workers wait until the death is counted. A disconnected worker may have lost no
+    more than its connection, so it has time to come back.
     """
 
     def __init__(self) -> None:
-        self._seating = Seating()
-        self.seats = self._seating.seats
-        self._dealer = Dealer()
-        self._loans = Loans(self.seats, self._dealer)
-        self._waiting = Waiting()
-        self._claims = Claims()
-        self._suspects = Suspects()
-        self._brought: set[Key] = set()
+        self._lost: dict[Key, EpisodeTask] = {}
+        self._disconnections: dict[str, Disconnection] = {}
+        self._running: dict[Key, dict[str, EpisodeTask]] = {}
+
+    def __iter__(self) -> Iterator[tuple[int, EpisodeTask]]:
+        """Iterate over campaigns and episodes whose deaths are to be counted."""
+        return ((campaign, task) for (campaign, _), task in self._lost.items())
+
+    def add(self, key: Key, task: EpisodeTask) -> None:
+        """Add an episode whose worker is lost for good."""
+        self._lost[key] = task
+
+    def pop(self, key: Key) -> EpisodeTask | None:
+        """Remove and return an episode whose death is counted or that has a result."""
+        return self._lost.pop(key, None)
+
+    def remove_campaign(self, campaign: int) -> None:
+        """Remove the episodes of a campaign that is over."""
+        self._lost = {key: task for key, task in self._lost.items() if key[0] != campaign}
+
+    def withholds(self, key: Key, task: EpisodeTask) -> bool:
+        """Return whether an episode must not be leased now.
+
+        Its death is to be counted, or two disconnected workers ran it. One of these may have lost
+        no more than its connection. A second one is hardly chance, and a third worker would be lost
+        before the first death is counted.
+        """
+        same = [other for other in self._running.get(key, {}).values() if is_same_task(other, task)]
+        return key in self._lost or len(same) > 1
+
+    def disconnect(self, worker: str, disconnection: Disconnection) -> None:
+        """Note that the connection of a worker closed while it ran an episode."""
+        self.reconnect(worker)
+        self._disconnections[worker] = disconnection
+        self._running.setdefault(disconnection.key, {})[worker] = disconnection.task
+
+    def reconnect(self, worker: str) -> Disconnection | None:
+        """Remove and return the disconnection of a worker that is alive, if it has one."""
+        if disconnection := self._disconnections.pop(worker, None):
+            del self._running[disconnection.key][worker]
+            if not self._running[disconnection.key]:
+                del self._running[disconnection.key]
+        return disconnection
+
+    def extend(self, duration_s: float) -> None:
+        """Give disconnected workers more time: the hub could not hear them for a while."""
+        self._disconnections = {
+            worker: each._replace(until_s=each.until_s + duration_s)
+            for worker, each in self._disconnections.items()
+        }
+
+    def pop_overdue(self, now_s: float) -> list[Disconnection]:
+        """Remove and return the disconnections of workers that did not come back in time.
+
+        If several workers ran the same episode, one of them at a time: each death is counted.
+        """
+        overdue = {
+            each.key: worker
+            for worker, each in self._disconnections.items()
+            if now_s >= each.until_s and each.key not in self._lost
+        }
+        return [each for worker in overdue.values() if (each := self.reconnect(worker))]
+
+
+class Leases:
+    """Leases episodes to workers in batches, and takes them back from workers that are gone.
+
+    Attributes:
+        sessions: of the connected workers, by connection.
+    """
+
+    def __init__(self) -> None:
+        self._workers = WorkerTable()
+        self.sessions = self._workers.sessions
+        self._scheduler = Scheduler()
+        self._table = LeaseTable(self.sessions, self._scheduler)
+        self._queue = EpisodeQueue()
+        self._adoptions = Adoptions()
+        self._interrupted = InterruptedEpisodes()
+        self._uncommitted: set[Key] = set()
 
     def join(self, worker: bytes, hello: Hello, now_s: float) -> None:
-        """A worker sits down, with what it says that it holds.
+        """Open the session of a worker, with the episodes that it claims to hold.
 
-        If it had a seat before, by this connection or another one, it begins anew: all else that
-        it held there is free again.
+        If it had a session before, by this connection or another one, that ends: what it held and
+        does not claim can be leased again.
         """
-        for old in self._seating.of(worker, hello):
+        for old in self._workers.find_connections(worker, hello):
             self.leave(old)
-        if missed := self._suspects.is_back(hello.life):
-            self._put_back(missed.key[0], missed.task)
-        self._seating.sit(worker, hello, now_s)
-        self._claims.take(worker, hello.claims)
-        self._dealer.look(worker, self.seats[worker])
+        if disconnection := self._interrupted.reconnect(hello.life):
+            self._put_back(disconnection.key[0], disconnection.task)
+        self._workers.add(worker, hello, now_s)
+        self._adoptions.add(worker, hello.claims)
+        self._scheduler.update_worker(worker, self.sessions[worker])
 
-    def heard(self, worker: bytes, now_s: float) -> Seat | None:
-        """A worker was heard; None if it has no seat."""
-        return self._seating.heard(worker, now_s)
+    def touch(self, worker: bytes, now_s: float) -> WorkerSession | None:
+        """Note the time of a worker's message; return its session, if it has one."""
+        return self._workers.touch(worker, now_s)
 
-    def beat(
+    def record_heartbeat(
         self, worker: bytes, running: Key | None, named: Collection[Key], slots: int = 1
     ) -> None:
-        """A worker says which episode it is running, if any, and names all that it holds.
+        """Take in a worker's heartbeat, and free what it has not named for long.
 
-        The first is the one to suspect if the worker is lost. What it does not name for long is
-        free again: a lease or a result went astray.
-        Of the campaign that it runs, it can run so many side by side as it has `slots`.
+        A lease or a result of such an episode was lost on its way.
+
+        Args:
+            worker: that sent it.
+            running: the episode that it runs, if any: the one to suspect if the worker is lost.
+            named: all episodes that it holds.
+            slots: number of episodes of the running campaign that it can run in parallel.
         """
-        seat = self.seats[worker]
-        if seat.runs(running, slots):
-            self._dealer.look(worker, seat)
-        claimed = self._claims.of(worker)
-        missed = seat.missed(seat.held.keys() | claimed, named)
-        for key in missed & claimed:
-            self._claims.discard(worker, key)
-        self._free(seat, missed)
+        session = self.sessions[worker]
+        if session.set_running(running, slots):
+            self._scheduler.update_worker(worker, session)
+        claimed = self._adoptions.claimed_by(worker)
+        unnamed = session.find_unnamed(session.held.keys() | claimed, named)
+        for key in unnamed & claimed:
+            self._adoptions.discard(worker, key)
+        self._free(session, unnamed)
 
-    def busy(self, campaign: int) -> bool:
-        """Whether any episode of a campaign is with a worker."""
-        return self._loans.busy(campaign)
+    def has_leases(self, campaign: int) -> bool:
+        """Return whether a worker holds any episode of a campaign."""
+        return self._table.has_leases(campaign)
 
-    def expects(self, campaign: int) -> bool:
-        """Whether more results of a campaign are to come: some episode is out, or waits to go."""
-        return self.busy(campaign) or campaign in self._waiting.campaigns()
+    def expects_results(self, campaign: int) -> bool:
+        """Return whether any episode of a campaign is leased or waits."""
+        return self.has_leases(campaign) or campaign in self._queue.campaigns()
 
-    def pace_s(self, campaign: int) -> float:
-        """What an episode of a campaign is thought to take of a worker. [s]"""
-        return self._dealer.pace_s(campaign)
+    def episode_s(self, campaign: int) -> float:
+        """Return the estimated duration of an episode of a campaign. [s]"""
+        return self._scheduler.episode_s(campaign)
 
     def retire(self, worker: bytes) -> None:
-        """A worker gets nothing more."""
-        seat = self.seats[worker]
-        seat.credit = 0
-        self._dealer.look(worker, seat)
+        """Lease nothing more to a worker."""
+        session = self.sessions[worker]
+        session.credit = 0
+        self._scheduler.update_worker(worker, session)
 
-    def silent(self, now_s: float, limit_s: float) -> list[bytes]:
-        """The workers that were not heard for longer than the limit."""
-        return self._seating.silent(now_s, limit_s)
+    def list_silent(self, now_s: float, limit_s: float) -> list[bytes]:
+        """Return the workers whose last message is older than the limit."""
+        return self._workers.list_silent(now_s, limit_s)
 
-    def excuse(self, away_s: float, now_s: float) -> None:
-        """Nobody could be heard for a while: that is not the workers' silence."""
-        self._seating.excuse(away_s, now_s)
-        self._suspects.excuse(away_s)
+    def excuse_silence(self, duration_s: float, now_s: float) -> None:
+        """Do not count as silence a time in which the hub itself could read no messages."""
+        self._workers.excuse_silence(duration_s, now_s)
+        self._interrupted.extend(duration_s)
 
     def leave(self, worker: bytes) -> None:
-        """A worker goes, or begins anew: it lives, and has died of nothing that it ran.
-
-        What it held waits again, at the front.
-        """
-        self._claims.leave(worker)
-        if seat := self.seats.get(worker):
-            self._free(seat, set(seat.held))
-            self._seating.leave(worker)
-            self._dealer.leave(worker, seat)
+        """End the session of a worker that is alive; what it held waits again, at the front."""
+        self._adoptions.remove_worker(worker)
+        if session := self.sessions.get(worker):
+            self._free(session, set(session.held))
+            self._workers.remove(worker)
+            self._scheduler.remove_worker(worker, session)
 
     def lose(self, worker: bytes) -> None:
-        """A worker is gone without a word: what it ran is suspected, the rest waits again."""
-        seat = self.seats[worker]
-        if seat.running is not None and seat.running in seat.held:
-            self._suspects.add(seat.running, self._loans.end(seat.running).task)
+        """End the session of a lost worker: what it ran is suspected, the rest waits again."""
+        session = self.sessions[worker]
+        if session.running is not None and session.running in session.held:
+            self._interrupted.add(session.running, self._table.end(session.running).task)
         self.leave(worker)
 
-    def miss(self, worker: bytes, until_s: float) -> None:
-        """Its line is closed: all that it held waits. What it ran is suspected if it stays away."""
-        seat = self.seats[worker]
-        if seat.running is not None and (task := seat.held.get(seat.running)) is not None:
-            self._suspects.miss(seat.life or worker.hex(), Missed(seat.running, task, until_s))
+    def disconnect(self, worker: bytes, until_s: float) -> None:
+        """End the session of a worker whose connection closed: all that it held waits again.
+
+        What it ran is suspected if it does not come back until then.
+        """
+        session = self.sessions[worker]
+        running = session.running
+        if running is not None and (task := session.held.get(running)) is not None:
+            name = session.life or worker.hex()
+            self._interrupted.disconnect(name, Disconnection(running, task, until_s))
         self.leave(worker)
 
-    def suspect(self, now_s: float) -> None:
-        """Those who are missed, and not back in time, were lost with what they ran."""
-        for key, task, _ in self._suspects.overdue(now_s):
-            if self._waiting.wants(*key):
-                self._suspects.add(key, task)
+    def expire_disconnected(self, now_s: float) -> None:
+        """Suspect what those disconnected workers ran that did not come back in time."""
+        for key, task, _ in self._interrupted.pop_overdue(now_s):
+            if self._queue.needs_result(*key):
+                self._interrupted.add(key, task)
 
-    def suspects(self) -> list[tuple[int, EpisodeTask]]:
-        """Campaigns and episodes that ran as their workers were lost, and are to be counted."""
-        return [*self._suspects]
+    def list_interrupted(self) -> list[tuple[int, EpisodeTask]]:
+        """Return the campaigns and episodes that ran when their workers were lost, uncounted."""
+        return [*self._interrupted]
 
-    def acquit(self, campaign: int, index: int) -> None:
-        """An episode that was suspected waits again, at the front, unless somebody has it."""
-        if task := self._suspects.pop((campaign, index)):
+    def clear_interrupted(self, campaign: int, index: int) -> None:
+        """Have an interrupted episode wait again, at the front, unless a worker holds it."""
+        if task := self._interrupted.pop((campaign, index)):
             self._put_back(campaign, task)
 
-    def _free(self, seat: Seat, keys: Collection[Key]) -> None:
-        for key in reversed([key for key in seat.held if key in keys]):
-            self._put_back(key[0], self._loans.undo(key))
+    def _free(self, session: WorkerSession, keys: Collection[Key]) -> None:
+        for key in reversed([key for key in session.held if key in keys]):
+            self._put_back(key[0], self._table.revoke(key))
 
     def _put_back(self, campaign: int, task: EpisodeTask) -> None:
         key = campaign, task.index
-        is_free = self._loans.held(key) is None and not self._suspects.withholds(key, task)
-        if is_free and task.index not in self._waiting.of(campaign):
-            self._waiting.put_back(campaign, task)
-            self._claims.look_again(campaign)
+        is_free = self._table.find_task(key) is None and not self._interrupted.withholds(key, task)
+        if is_free and task.index not in self._queue.tasks(campaign):
+            self._queue.put_back(campaign, task)
+            self._adoptions.mark_changed(campaign)
 
     def offer(self, campaign: int, tasks: tuple[EpisodeTask, ...]) -> None:
-        """These episodes are to be run, unless somebody is at it or has just brought them."""
-        self._waiting.want(campaign, tasks)
-        self._claims.look_again(campaign)
+        """Have these episodes run, except those that a worker runs or has just brought."""
+        self._queue.require(campaign, tasks)
+        self._adoptions.mark_changed(campaign)
         for task in tasks:
-            if not self._is_out(campaign, task):
-                self._waiting.add(campaign, task)
+            if not self._is_taken(campaign, task):
+                self._queue.append(campaign, task)
 
-    def _is_out(self, campaign: int, task: EpisodeTask) -> bool:
+    def _is_taken(self, campaign: int, task: EpisodeTask) -> bool:
         key = campaign, task.index
-        if key in self._brought or self._suspects.withholds(key, task):
+        if key in self._uncommitted or self._interrupted.withholds(key, task):
             return True
-        held = self._loans.held(key)
-        if held is None or same_task(held, task):
-            return held is not None
-        self._loans.end(key)
+        leased = self._table.find_task(key)
+        if leased is None or is_same_task(leased, task):
+            return leased is not None
+        self._table.end(key)
         return False
 
-    def weigh(self, campaign: int, weight: float) -> None:
-        """From now on its share of the workers' time goes by this weight."""
-        self._dealer.weigh(campaign, weight)
+    def set_weight(self, campaign: int, weight: float) -> None:
+        """Set the weight of a campaign's share of worker time."""
+        self._scheduler.set_weight(campaign, weight)
 
-    def need_bridge(self, campaign: int) -> None:
-        """Only workers with a bridge get anything of it."""
-        self._dealer.need_bridge(campaign)
+    def require_bridge(self, campaign: int) -> None:
+        """Lease the episodes of a campaign only to workers with a bridge."""
+        self._scheduler.require_bridge(campaign)
 
-    def stranded(self) -> Collection[int]:
-        """Campaigns of which something waits that nobody who is here can run."""
-        return self._dealer.stranded(self._waiting.campaigns())
+    def list_unrunnable(self) -> Collection[int]:
+        """Return the campaigns with waiting episodes that no connected worker can run."""
+        return self._scheduler.list_unrunnable(self._queue.campaigns())
 
     def has_bridge(self) -> bool:
-        """Whether anybody who is here has one."""
-        return self._dealer.has_bridge()
+        """Return whether a worker with a bridge is connected."""
+        return self._scheduler.has_bridge()
 
     def suspend(self, campaign: int) -> None:
-        """Its learner is lost. What is leased stays so: the next one proposes the same again.
+        """Lease nothing more of a campaign whose learner is lost; leases stay with their workers.
 
-        It goes on from a checkpoint that was committed before any of this was leased, and in
-        which the open rounds lie with their indices, seeds and policy versions.
+        The next learner proposes the same episodes again: it starts from a checkpoint that was
+        committed before any of them was leased, and that holds the open rounds with their indices,
+        seeds and policy versions.
         """
-        self._waiting.call_off(campaign)
+        self._queue.remove_campaign(campaign)
 
     def withdraw(self, campaign: int) -> None:
-        """Nothing of this campaign is to be run any more."""
-        self._waiting.call_off(campaign)
-        self._claims.withdraw(campaign)
-        self._suspects.withdraw(campaign)
-        self._loans.end_all(campaign)
-        self._dealer.forget(campaign)
+        """End everything about a campaign: none of its episodes is to be run any more."""
+        self._queue.remove_campaign(campaign)
+        self._adoptions.remove_campaign(campaign)
+        self._interrupted.remove_campaign(campaign)
+        self._table.end_all(campaign)
+        self._scheduler.remove_campaign(campaign)
 
-    def bring(self, campaign: int, index: int, wall_s: float, by: bytes | None = None) -> None:
-        """A result of the episode has come, and waits to be committed."""
-        self._brought.add((campaign, index))
+    def receive(self, campaign: int, index: int, wall_s: float, by: bytes | None = None) -> None:
+        """Settle an episode whose result came, and note that the result waits for its commit."""
+        self._uncommitted.add((campaign, index))
         self.settle(campaign, index, wall_s, by)
 
-    def land(self, campaign: int, index: int) -> None:
-        """What was brought was judged; if it is not wanted, the episode may be offered again."""
-        self._brought.discard((campaign, index))
+    def release(self, campaign: int, index: int) -> None:
+        """Note that a received result was judged; if refused, its episode may be offered again."""
+        self._uncommitted.discard((campaign, index))
 
     def settle(self, campaign: int, index: int, wall_s: float, by: bytes | None = None) -> None:
-        """The episode has a result, from whomever it came: None for whoever holds it."""
+        """End everything about an episode that has a result.
+
+        Args:
+            campaign: of the episode.
+            index: of the episode.
+            wall_s: duration that its result reports. [s]
+            by: the worker that brought the result; None for whichever holds the episode.
+        """
         key = campaign, index
-        self._claims.settle(key)
-        self._suspects.pop(key)
-        self._waiting.settle(campaign, index)
-        loan = self._loans.settle(key, by)
-        if self._waiting.knows(campaign):
-            self._dealer.took(campaign, wall_s, loan)
+        self._adoptions.settle(key)
+        self._interrupted.pop(key)
+        self._queue.settle(campaign, index)
+        lease = self._table.settle(key, by)
+        if self._queue.has_campaign(campaign):
+            self._scheduler.record_duration(campaign, wall_s, lease)
 
     def adopt(self, fingerprint: Fingerprint) -> set[tuple[bytes, int]]:
-        """What waits, and a worker says that it holds, is leased to that worker.
+        """Lease each waiting episode that a worker claims to hold to that worker.
 
-        After a restart, a campaign goes on from a checkpoint that was committed before the first
-        lease of the rounds in it, so a task that a worker took before is the one that waits here.
-        Where it is not, as with a worker of another service, the fingerprints differ.
+        After a restart of the hub, a campaign goes on from a checkpoint that was committed before
+        the first lease of its rounds, so a task that a worker took before is the task that waits
+        here. The fingerprints differ if it is not, as with a worker of another service.
 
         Returns:
-            Workers, and campaigns of which they hold something else than what is asked for here.
+            Workers, and the campaigns of which they hold other tasks than those that wait here.
         """
         refused = set()
-        for claimed in self._claims.matching(self._waiting, fingerprint):
-            if claimed.is_right:
-                self._loans.lend(claimed.worker, claimed.key, self._waiting.take(*claimed.key))
+        for claim in self._adoptions.match(self._queue, fingerprint):
+            if claim.is_same_task:
+                self._table.lease(claim.worker, claim.key, self._queue.pop(*claim.key))
             else:
-                refused.add((claimed.worker, claimed.key[0]))
+                refused.add((claim.worker, claim.key[0]))
         return refused
 
     def assign(self) -> list[Assignment]:
-        """Hand out what waits: to the workers with least work, from whose campaign's turn it is."""
+        """Lease waiting episodes, least loaded workers first, until no worker needs more."""
         assignments = []
-        while (portion := self._dealer.next(self.seats, self._waiting)) is not None:
-            assignments.append(self._hand_out(portion))
+        while (assignment := self._scheduler.assign_next(self.sessions, self._queue)) is not None:
+            for task in assignment.tasks:
+                self._table.lease(assignment.worker, (assignment.campaign, task.index), task)
+            assignments.append(assignment)
         return assignments
-
-    def _hand_out(self, portion: Portion) -> Assignment:
-        worker, campaign, episodes = portion
-        tasks = tuple(self._waiting.take(campaign) for _ in range(episodes))
-        for task in tasks:
-            self._loans.lend(worker, (campaign, task.index), task)
-        return Assignment(worker, campaign, tasks)

@@ -1,22 +1,80 @@
-"""The open rounds of one campaign: who is asked for their results, and which of these count."""
+"""The open rounds of a campaign: their episodes, results and policies."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
 
 import msgspec
 
-from eigenfail.contracts import Store
-from eigenfail.values import EpisodeResult, Policy, Round, Shape
+from eigenfail.values import EpisodeResult, EpisodeTask, Policy, Round, Shape
 from eigenfail.values.records import Verdict
-from eigenfail_services.hub.flight import Flight
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.store.judging import storable
+from eigenfail_services.store import Store
+from eigenfail_services.store.judging import make_storable
 
 MAX_REFUSALS = 3
 
 
+class RoundCollector:
+    """Collects results until the oldest round is complete, and returns them in index order."""
+
+    def __init__(self) -> None:
+        self._rounds: dict[int, Round] = {}
+        self._results: dict[int, EpisodeResult] = {}
+        self._expected: set[int] = set()
+
+    def list_new_tasks(self, rounds: Iterable[Round]) -> tuple[EpisodeTask, ...]:
+        """Return the tasks of those rounds that are not open."""
+        return tuple(task for r in rounds if r.number not in self._rounds for task in r.tasks)
+
+    def open(self, rounds: Iterable[Round]) -> tuple[EpisodeTask, ...]:
+        """Open those rounds that are not open, and return their tasks."""
+        rounds = tuple(rounds)
+        tasks = self.list_new_tasks(rounds)
+        self._rounds = {r.number: r for r in rounds} | self._rounds
+        self._expected.update(task.index for task in tasks)
+        return tasks
+
+    def find_pending_task(self, index: int) -> EpisodeTask | None:
+        """Return the task of an episode of an open round that has no result yet."""
+        if index not in self._expected or index in self._results:
+            return None
+        return next(t for r in self._rounds.values() for t in r.tasks if t.index == index)
+
+    def count_pending(self) -> int:
+        """Return the number of results that open rounds still need."""
+        return len(self._expected) - len(self._results)
+
+    def add(self, result: EpisodeResult) -> None:
+        """Add a result; one that no open round needs is ignored."""
+        if result.index in self._expected:
+            self._results[result.index] = result
+
+    def pop_complete(self) -> tuple[EpisodeResult, ...] | None:
+        """Close the oldest round and return its results, if all are there."""
+        if not self._rounds:
+            return None
+        number = min(self._rounds)
+        indices = [task.index for task in self._rounds[number].tasks]
+        if any(index not in self._results for index in indices):
+            return None
+        del self._rounds[number]
+        self._expected.difference_update(indices)
+        return tuple(self._results.pop(index) for index in indices)
+
+    def find_policy(self, version: int) -> Policy:
+        """Return a policy of an open round.
+
+        Raises:
+            KeyError: no open round has it.
+        """
+        for opened in self._rounds.values():
+            if opened.policy is not None and opened.policy.version == version:
+                return opened.policy
+        raise KeyError(version)
+
+
 class OpenRounds:
-    """Has the episodes of rounds run; what is learnt from is what the store keeps, nothing else.
+    """Has the episodes of rounds run; the learner observes the results that the store keeps.
 
     Args:
         campaign: by its id.
@@ -25,7 +83,7 @@ class OpenRounds:
         leases: of all campaigns.
 
     Attributes:
-        problem: why the rounds cannot become whole; empty while they can.
+        problem: why the rounds cannot become complete; empty while they can.
     """
 
     def __init__(self, campaign: int, shape: Shape, store: Store, leases: Leases) -> None:
@@ -34,85 +92,85 @@ class OpenRounds:
         self._shape = shape
         self._store = store
         self._leases = leases
-        self._flight = Flight()
+        self._collector = RoundCollector()
         self._to_look_up: set[int] = set()
-        self._refused = Counter[int]()
-        self._landings: dict[Verdict, Callable[[EpisodeResult], None]] = {
-            Verdict.KEPT: self._count,
+        self._refusals = Counter[int]()
+        self._handlers: dict[Verdict, Callable[[EpisodeResult], None]] = {
+            Verdict.KEPT: self._add,
             Verdict.DUPLICATE: self._look_up,
             Verdict.ALARM: self._look_up,
             Verdict.UNWANTED: self._offer_again,
         }
 
     def open(self, rounds: Iterable[Round]) -> None:
-        """Offer the episodes of new rounds to workers, but for those that have a result.
+        """Offer the episodes of new rounds to workers, except those that have a result.
 
         Raises:
-            StoreUnavailable: nothing is open that was not before.
+            StoreUnavailable: no new round is open.
         """
         rounds = tuple(rounds)
-        indices = [task.index for task in self._flight.new(rounds)]
+        indices = [task.index for task in self._collector.list_new_tasks(rounds)]
         finished = self._store.episodes.finished(self._campaign, indices)
-        # Only now, when the store can no longer be away: a round takes off once.
-        tasks = self._flight.take_off(rounds)
+        # Only after the last call of the store, which may fail: a round is opened once.
+        tasks = self._collector.open(rounds)
         known = {result.index for result in finished}
         self._leases.offer(self._campaign, tuple(task for task in tasks if task.index not in known))
         for result in finished:
-            self._flight.land(result)
+            self._collector.add(result)
 
-    def land(self, result: EpisodeResult, verdict: Verdict) -> None:
-        """A result was judged."""
-        self._landings[verdict](result)
+    def take_verdict(self, result: EpisodeResult, verdict: Verdict) -> None:
+        """Add, look up or request again a result, by the store's verdict on it."""
+        self._handlers[verdict](result)
 
-    def count_those_kept(self) -> int:
-        """Of episodes whose result came twice, the one that the store has; how many it had.
+    def load_kept_results(self) -> int:
+        """Load the kept results of episodes that had a second one; return how many there were.
 
         Raises:
-            StoreUnavailable: they are counted at the next call.
+            StoreUnavailable: the next call tries again.
         """
         if not self._to_look_up:
             return 0
         kept = self._store.episodes.finished(self._campaign, self._to_look_up)
         for result in kept:
-            self._count(result)
+            self._add(result)
         self._to_look_up.clear()
         return len(kept)
 
-    def whole(self) -> tuple[EpisodeResult, ...] | None:
-        """The results of the oldest round if all are there; it is closed by this."""
-        return self._flight.whole()
+    def pop_complete(self) -> tuple[EpisodeResult, ...] | None:
+        """Close the oldest round and return its results, if all are there."""
+        return self._collector.pop_complete()
 
-    def awaited(self) -> int:
-        """How many results open rounds wait for."""
-        return self._flight.open()
+    def count_pending(self) -> int:
+        """Return the number of results that open rounds still need."""
+        return self._collector.count_pending()
 
-    def policy(self, version: int) -> Policy:
-        """A policy that an open round needs.
+    def find_policy(self, version: int) -> Policy:
+        """Return a policy of an open round.
 
         Raises:
-            KeyError: none of them does.
+            KeyError: no open round has it.
         """
-        return self._flight.policy(version)
+        return self._collector.find_policy(version)
 
-    def _count(self, result: EpisodeResult) -> None:
-        # It may have been proposed after it was brought, while its commit was still to come.
+    def _add(self, result: EpisodeResult) -> None:
+        # The episode may have been proposed after its result came and before that was committed.
         self._leases.settle(self._campaign, result.index, wall_s=0.0)
-        # As the store keeps it: a learner that begins again is shown what was read from there.
-        kept = storable(result, self._shape)
-        self._flight.land(msgspec.structs.replace(kept, scene=None))
+        # A learner must see the same numbers as one that starts again and reads from the store.
+        kept = make_storable(result, self._shape)
+        self._collector.add(msgspec.structs.replace(kept, scene=None))
 
     def _look_up(self, result: EpisodeResult) -> None:
-        """It is a second one. If the first came to another hub, that one is learnt from."""
-        if self._flight.awaited(result.index) is not None:
+        """Look up the first result of an episode: it may have come to another hub."""
+        if self._collector.find_pending_task(result.index) is not None:
             self._to_look_up.add(result.index)
 
     def _offer_again(self, result: EpisodeResult) -> None:
-        """What the store does not take leaves its episode open, but not for ever."""
-        task = self._flight.awaited(result.index)
+        """Offer the episode of a refused result again, up to `MAX_REFUSALS` times."""
+        task = self._collector.find_pending_task(result.index)
         if task is None:
             return
-        self._refused[result.index] += 1
-        if self._refused[result.index] < MAX_REFUSALS:
+        self._refusals[result.index] += 1
+        if self._refusals[result.index] < MAX_REFUSALS:
             self._leases.offer(self._campaign, (task,))
             return
         self.problem = (

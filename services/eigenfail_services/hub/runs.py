@@ -1,40 +1,52 @@
-"""One running campaign in the hub: its learner process, its rounds in flight, its leases."""
+"""A campaign that runs on the hub: its learner process, its open rounds and its leases."""
 
 import time
 from collections.abc import Callable
-from math import inf
 from typing import Any
 
 import msgspec
 import structlog
 
-from eigenfail.contracts import Store
 from eigenfail.errors import ProtocolError
 from eigenfail.values import EpisodeResult, EpisodeSetup, LearnerContext, Policy, StopRules
 from eigenfail.values.records import Job, Verdict
 from eigenfail.wire.messages import Diverged, Message, Observed, Proposed, Start, Trouble
-from eigenfail_services.bounds import NO_BOUNDS, Bounds
-from eigenfail_services.hub.learner_link import LearnerLink
+from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
+from eigenfail_services.hub.learner_link import (
+    FailureKind,
+    LearnerFailure,
+    LearnerLink,
+    LearnerRestarts,
+    describe_exit,
+    describe_timeout,
+)
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.hub.losses import Kind, Loss, Losses, died, hung
-from eigenfail_services.hub.meter import Meter, Phase
-from eigenfail_services.hub.muster import Work
+from eigenfail_services.hub.metrics import Metrics, Work
 from eigenfail_services.hub.open_rounds import OpenRounds
-from eigenfail_services.hub.patience import Patience
-from eigenfail_services.hub.vitals import Vitals
+from eigenfail_services.hub.timing import CampaignPhase, TimeAccounting, Timeout
+from eigenfail_services.store import Store
 
 log = structlog.get_logger()
 
 
 def no_claim() -> None:
-    """Of a run that nobody else can have claimed."""
+    """Return no claim: for a run that no other process can take over."""
 
 
-class Order(msgspec.Struct, frozen=True, eq=False):
-    """What the hub needs to know to run a campaign, and where it writes down its time.
+class RunSpec(msgspec.Struct, frozen=True, eq=False):
+    """What the hub needs to know to run a campaign.
 
-    `claim` tells by what right it is run; it may be claimed anew meanwhile. The workers' time is
-    shared by `weight`.
+    Attributes:
+        campaign: by its id.
+        setup: what its episodes share.
+        method: name of its method.
+        settings: of the method.
+        seed: of the campaign.
+        context: of the learner.
+        rules: that stop the campaign.
+        accounting: where its time is accounted for.
+        claim: returns the job that gives the right to run it, which may be renewed meanwhile.
+        weight: of its share of worker time.
     """
 
     campaign: int
@@ -44,194 +56,195 @@ class Order(msgspec.Struct, frozen=True, eq=False):
     seed: int
     context: LearnerContext
     rules: StopRules = StopRules()
-    meter: Meter = msgspec.field(default_factory=Meter)
+    accounting: TimeAccounting = msgspec.field(default_factory=TimeAccounting)
     claim: Callable[[], Job | None] = no_claim
     weight: float = 1.0
 
 
-class Run:
-    """Moves rounds from the learner to the leases, and whole rounds of results back.
+class CampaignRun:
+    """Moves rounds from the learner to the leases, and complete rounds of results back.
 
     Args:
-        order: what is to be run.
+        spec: what is to be run.
         store: where results and checkpoints are kept.
         leases: of all campaigns.
-        bounds: of the learner; a step is to begin, or to learn from a round and propose the next.
-        vitals: where steps and losses of the learner are counted.
+        bounds: of the learner, whose steps are to start, and to learn from a round.
+        metrics: count the learner's steps and failures.
 
     Attributes:
-        ended: why it is over, once it is: an empty text when the learner has no more to propose,
-            else the trouble.
-        because: why the learner has no more to propose.
-        resumed: whether it goes on from a checkpoint, so that workers may hold some of it.
+        problem: set when the run is over: why it failed, or empty if the learner has no more to
+            propose.
+        stop_reason: why the learner has no more to propose.
+        resumed: whether it goes on from a checkpoint, so that workers may hold its episodes.
     """
 
     def __init__(
         self,
-        order: Order,
+        spec: RunSpec,
         store: Store,
         leases: Leases,
-        bounds: Bounds = NO_BOUNDS,
-        vitals: Vitals | None = None,
+        bounds: SettingBounds = NO_BOUNDS,
+        metrics: Metrics | None = None,
     ) -> None:
-        self.order = order
-        self.ended: str | None = None
-        self.because = ""
+        self.spec = spec
+        self.problem: str | None = None
+        self.stop_reason = ""
         self.resumed = False
         self._store = store
         self._leases = leases
-        leases.weigh(order.campaign, order.weight)
-        self._losses = Losses()
-        self._vitals = vitals or Vitals()
+        leases.set_weight(spec.campaign, spec.weight)
+        self._restarts = LearnerRestarts()
+        self._metrics = metrics or Metrics()
         self._bounds = bounds
-        self._patience = Patience(bounds.time_s)
+        self._timeout = Timeout(bounds.time_s)
         self._handlers: dict[type, Callable[[Any], None]] = {
-            Proposed: self._proposed,
-            Trouble: self._trouble,
-            Diverged: self._diverged,
+            Proposed: self._handle_proposed,
+            Trouble: self._handle_trouble,
+            Diverged: self._handle_diverged,
         }
         self._start()
 
     @property
     def socket(self) -> Any:
-        """What to poll for the learner's words."""
+        """The socket on which the learner's messages come."""
         return self._link.socket
 
     def _start(self) -> None:
-        """A new life of the learner, from its checkpoint; what is leased stays with its workers."""
-        shape = self.order.setup.disturbance.shape
-        self._rounds = OpenRounds(self.order.campaign, shape, self._store, self._leases)
+        """Start a learner process; leased episodes stay with their workers."""
+        shape = self.spec.setup.disturbance.shape
+        self._rounds = OpenRounds(self.spec.campaign, shape, self._store, self._leases)
         self._learning_since_s: float | None = time.monotonic()
-        self._handed_back = False
+        self._has_observed = False
         self._unhandled: Message | None = None
-        self._briefed = False
-        self._divergence: Loss | None = None
-        self._link = LearnerLink(self._bounds, self._losses.pause_s)
-        self.look()
+        self._has_begun = False
+        self._divergence: LearnerFailure | None = None
+        self._link = LearnerLink(self._bounds, self._restarts.pause_s)
+        self.update_phase()
 
-    def _brief(self) -> None:
-        """Tell a new learner what it is to be; without the store nobody can know."""
-        order = self.order
+    def _begin(self) -> None:
+        """Send a new learner its method, settings and checkpoint, for which the store is needed."""
+        spec = self.spec
         try:
-            checkpoint = self._store.checkpoints.recover(order.campaign, order.claim())
+            checkpoint = self._store.checkpoints.recover(spec.campaign, spec.claim())
         except ProtocolError as error:
-            self.ended = str(error)
+            self.problem = str(error)
             return
         self.resumed = checkpoint is not None
-        self._link.say(
-            Start(order.method, order.settings, order.context, order.seed, checkpoint, order.rules)
+        self._link.send(
+            Start(spec.method, spec.settings, spec.context, spec.seed, checkpoint, spec.rules)
         )
-        self._briefed = True
-        self._patience.renew(self._losses.pause_s)
+        self._has_begun = True
+        self._timeout.restart(self._restarts.pause_s)
 
     def tend(self) -> None:
-        """Hear the learner, and bring it back if it is lost.
+        """Handle the learner's messages, and restart it if it is lost.
 
         Raises:
-            StoreUnavailable: what it said could not be kept; it is handled at the next call.
-            ClaimLost: the campaign is somebody else's by now; what it said is not kept.
+            StoreUnavailable: a message could not be stored; the next call handles it.
+            ClaimLost: the campaign belongs to another process now; the message is not stored.
         """
-        if not self._briefed:
-            self._brief()
-        if self._rounds.count_those_kept():
+        if not self._has_begun:
+            self._begin()
+        if self._rounds.load_kept_results():
             self._hand_back()
-        status = self._link.exit_status()  # before listening: its last words are heard all the same
-        self._listen()
-        if self.ended is None and (loss := self._lost(status)) is not None:
-            self._lose(loss)
-
-    def _listen(self) -> None:
-        while (message := self._unhandled or self._link.hear()) is not None:
+        # The status is read before the messages, so that the last message of a process is handled.
+        status = self._link.exit_status()
+        while (message := self._unhandled or self._link.receive()) is not None:
             self._unhandled = message
             self._handlers[type(message)](message)
             self._unhandled = None
+        if self.problem is None and (failure := self._find_failure(status)) is not None:
+            self._handle_failure(failure)
 
-    def _proposed(self, message: Proposed) -> None:
-        campaign = self.order.campaign
-        told = message.estimate, message.trained_episodes
-        self._store.checkpoints.save(campaign, message.checkpoint, *told, self.order.claim())
-        self._vitals.learner_s.observe(self.learner_s)
+    def _handle_proposed(self, message: Proposed) -> None:
+        campaign, claim = self.spec.campaign, self.spec.claim()
+        learned = message.estimate, message.trained_episodes
+        self._store.checkpoints.save(campaign, message.checkpoint, *learned, claim)
+        self._metrics.learner_s.observe(self.learner_s)
         self._learning_since_s = None
-        if self._handed_back:
-            self._losses.forget()
+        if self._has_observed:
+            self._restarts.reset()
         if not message.rounds:
-            self.ended, self.because = "", message.because
+            self.problem, self.stop_reason = "", message.because
             return
         self._rounds.open(message.rounds)
         self._hand_back()
 
-    def _trouble(self, message: Trouble) -> None:
-        self.ended = message.problem
+    def _handle_trouble(self, message: Trouble) -> None:
+        self.problem = message.problem
 
-    def _diverged(self, message: Diverged) -> None:
-        self._divergence = Loss(Kind.DIVERGED, message.problem, message.remedy)
+    def _handle_diverged(self, message: Diverged) -> None:
+        self._divergence = LearnerFailure(FailureKind.DIVERGED, message.problem, message.remedy)
 
-    def _lost(self, status: int | None) -> Loss | None:
-        """Why the learner is no longer to be waited for; None while it is."""
+    def _find_failure(self, status: int | None) -> LearnerFailure | None:
         if self._divergence is not None:
             return self._divergence
         if status is not None:
-            return died(status)
-        if self._learning_since_s is not None and self._patience.is_over():
-            return hung(self._bounds.time_s)
+            return describe_exit(status)
+        if self._learning_since_s is not None and self._timeout.has_expired():
+            return describe_timeout(self._bounds.time_s)
         return None
 
-    def _lose(self, loss: Loss) -> None:
-        """Another life from the last checkpoint, or the campaign's end."""
-        if problem := self._losses.end_with(loss):
-            self.ended = problem
+    def _handle_failure(self, failure: LearnerFailure) -> None:
+        """Restart the learner from its last checkpoint, or end the campaign."""
+        if problem := self._restarts.explain_end(failure):
+            self.problem = problem
             return
-        campaign = self.order.campaign
-        told = f"Campaign {campaign} goes on from its last checkpoint. {loss.problem}"
-        self._store.events.append("learner.lost", told, campaign)
-        log.warning("learner lost", campaign=campaign, problem=loss.problem)
-        self._vitals.learners_lost.labels(loss.kind).inc()
-        self._losses.add(loss)
+        campaign = self.spec.campaign
+        message = f"Campaign {campaign} goes on from its last checkpoint. {failure.problem}"
+        self._store.events.append("learner.lost", message, campaign)
+        log.warning("learner lost", campaign=campaign, problem=failure.problem)
+        self._metrics.learners_lost.labels(failure.kind).inc()
+        self._restarts.add(failure)
         self._leases.suspend(campaign)
         self._end_learner()
         self._start()
 
-    def land(self, result: EpisodeResult, verdict: Verdict) -> None:
-        """A result was judged: what is learnt from is what the store keeps, and nothing else."""
-        if verdict is not Verdict.KEPT and 0.0 < result.wall_s < inf:  # it came over the wire
-            self.order.meter.discard(result.wall_s)
-        self._rounds.land(result, verdict)
-        self.ended = self._rounds.problem or self.ended
+    def take_verdict(self, result: EpisodeResult, verdict: Verdict) -> None:
+        """Take in the store's verdict on a result; the learner observes what the store keeps."""
+        if verdict is not Verdict.KEPT:
+            self.spec.accounting.add_discarded(result.believed_wall_s)
+        self._rounds.take_verdict(result, verdict)
+        self.problem = self._rounds.problem or self.problem
         self._hand_back()
 
     def _hand_back(self) -> None:
-        """Let the learner observe the oldest round if it is whole and the learner is free."""
-        if self._learning_since_s is None and (results := self._rounds.whole()):
-            self._learning_since_s, self._handed_back = time.monotonic(), True
-            self._patience.renew()
-            self._link.say(Observed(results))
+        """Have the learner observe the oldest round, if it is complete and the learner is free."""
+        if self._learning_since_s is None and (results := self._rounds.pop_complete()):
+            self._learning_since_s, self._has_observed = time.monotonic(), True
+            self._timeout.restart()
+            self._link.send(Observed(results))
 
     @property
     def learner_s(self) -> float:
-        """For how long the learner has been at its step; 0 while it waits. [s]"""
+        """How long the learner has been at its current step, 0 while it waits. [s]"""
         since_s = self._learning_since_s
         return 0.0 if since_s is None else time.monotonic() - since_s
 
     def work(self) -> Work:
-        """What there is for workers to do."""
-        episodes = self._rounds.awaited()
-        return Work(episodes, episodes * self._leases.pace_s(self.order.campaign))
+        """Return the work that waits or is leased."""
+        episodes = self._rounds.count_pending()
+        return Work(episodes, episodes * self._leases.episode_s(self.spec.campaign))
 
-    def look(self) -> None:
-        """Write down what the campaign is at from now on."""
-        busy = self._leases.busy(self.order.campaign)
-        idle = Phase.WAITING if self._learning_since_s is None else Phase.LEARNING
-        self.order.meter.look(Phase.SIMULATING if busy else idle)
+    def update_phase(self) -> None:
+        """Account for the campaign's time by what it does from now on."""
+        idle = CampaignPhase.WAITING if self._learning_since_s is None else CampaignPhase.LEARNING
+        busy = self._leases.has_leases(self.spec.campaign)
+        self.spec.accounting.set_phase(CampaignPhase.SIMULATING if busy else idle)
 
-    def policy(self, version: int) -> Policy:
-        """A policy that an open round needs."""
-        return self._rounds.policy(version)
+    def find_policy(self, version: int) -> Policy:
+        """Return a policy of an open round.
+
+        Raises:
+            KeyError: no open round has it.
+        """
+        return self._rounds.find_policy(version)
 
     def stop(self) -> None:
-        """Lease nothing more of it and end its learner; what is not finished stays open."""
-        self._leases.withdraw(self.order.campaign)
+        """Withdraw its leases and end its learner; unfinished episodes stay open in the store."""
+        self._leases.withdraw(self.spec.campaign)
         self._end_learner()
 
     def _end_learner(self) -> None:
         self._link.stop()
-        self.order.meter.look(None)
+        self.spec.accounting.set_phase(None)

@@ -1,56 +1,77 @@
-"""The hub: one ROUTER for all workers, in a thread of its own. Decisions are made elsewhere."""
+"""The hub: one ROUTER for all workers, in a thread of its own, that runs turn after turn."""
 
 import contextlib
 import time
 from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
 
+import msgspec
 import structlog
 import zmq
 
-from eigenfail import bridges
-from eigenfail.contracts import Store
 from eigenfail.errors import ClaimLost, StoreUnavailable
-from eigenfail_services.bounds import NO_BOUNDS, Bounds
-from eigenfail_services.hub.attendance import Attendance
-from eigenfail_services.hub.binding import bind
-from eigenfail_services.hub.commits import Commits
-from eigenfail_services.hub.deaths import Deaths
-from eigenfail_services.hub.departures import Departures
-from eigenfail_services.hub.desk import Desk
-from eigenfail_services.hub.ears import Ears
-from eigenfail_services.hub.ended import Ended
+from eigenfail.worlds import world_of
+from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
+from eigenfail_services.hub.commits import CommitQueue, WorkerDeaths
 from eigenfail_services.hub.keys import HubKeys
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.hub.muster import Muster, muster
-from eigenfail_services.hub.post import Post
-from eigenfail_services.hub.runs import Order, Run
-from eigenfail_services.hub.stranded import Stranded
-from eigenfail_services.hub.vitals import Vitals, standing, timed
+from eigenfail_services.hub.metrics import (
+    Metrics,
+    WorkerDemand,
+    measure_demand,
+    observe_duration,
+    summarize_status,
+)
+from eigenfail_services.hub.roster import RosterWriter, UnrunnableCampaigns
+from eigenfail_services.hub.runs import CampaignRun, RunSpec
+from eigenfail_services.hub.transport import Poller, bind, is_connected, send
+from eigenfail_services.hub.worker_sessions import Draining, WorkerSessions
+from eigenfail_services.store import Store
 
 TICK_MS = 20
 MESSAGES_PER_TURN = 1_000
 
-PARTING_S = 3.0
-"""How long a hub that stops waits for those who hold episodes."""
+FAREWELL_S = 3.0
+"""Time that a stopping hub gives its workers to hand over finished results."""
 
-LOOK_EVERY_S = 1.0
-"""How old what is scraped may be."""
+STATUS_INTERVAL_S = 1.0
+"""Age that the published status may reach."""
+
+WARNING_INTERVAL_S = 1.0
 
 log = structlog.get_logger()
 
 
-class Hub:
-    """Runs campaigns on whatever workers there are.
-
-    Commands come in and endings go out through queues; everything else happens in its thread.
-    With keys, only workers that they let in reach it.
+class FinishedRun(msgspec.Struct, frozen=True):
+    """A campaign that the hub does not run any more.
 
     Attributes:
-        address: where it listens.
-        ended: campaigns that it has finished with.
-        vitals: how it is doing.
+        campaign: by its id.
+        problem: why it failed; empty if it came to its end or was halted.
+        stop_reason: why it came to its end; empty if it was halted.
+        lost: whether it belongs to another process now.
+        declined: why a worker can run no episode of it as it is; empty if that did not happen.
+    """
+
+    campaign: int
+    problem: str
+    stop_reason: str = ""
+    lost: bool = False
+    declined: str = ""
+
+
+class Hub:
+    """Runs campaigns on the connected workers.
+
+    Commands come in and finished runs go out through queues; everything else happens in its thread.
+    With keys, only workers with accepted keys can reach it.
+
+    Attributes:
+        address: at which it listens.
+        finished_runs: campaigns that it does not run any more.
+        metrics: for Prometheus.
 
     Raises:
         PortTaken: another process listens on the address.
@@ -61,64 +82,71 @@ class Hub:
         store: Store,
         address: str,
         keys: HubKeys | None = None,
-        learners: Bounds = NO_BOUNDS,
+        learners: SettingBounds = NO_BOUNDS,
     ) -> None:
         self._router = bind(address, keys)
         self.address: str = self._router.getsockopt_string(zmq.LAST_ENDPOINT)
-        self.ended: SimpleQueue[Ended] = SimpleQueue()
+        self.finished_runs: SimpleQueue[FinishedRun] = SimpleQueue()
         self._store = store
         self._learners = learners
         self._leases = Leases()
-        self.vitals = Vitals()
-        self._commits = Commits(store.episodes, self.vitals)
-        post, kept = Post(self._router), (self._leases, self._commits, self.vitals)
-        self._desk = Desk(post.send, *kept, post.reaches)
-        self._deaths = Deaths(self._leases, self._commits, store.episodes)
-        self._attendance = Attendance(store.roster, self._leases.seats)
-        self._stranded = Stranded(store.events, self._leases.stranded, self._leases.has_bridge)
-        self._departures = Departures()
-        self._runs: dict[int, Run] = {}
-        self._away = False
-        self._ears = Ears()
-        self._next_look_s = 0.0
+        self.metrics = Metrics()
+        self._commits = CommitQueue(store.episodes, self.metrics)
+        self._sessions = WorkerSessions(
+            partial(send, self._router),
+            self._leases,
+            self._commits,
+            self.metrics,
+            partial(is_connected, self._router),
+        )
+        self._deaths = WorkerDeaths(self._leases, self._commits, store.episodes)
+        self._roster = RosterWriter(store.roster, self._leases.sessions)
+        self._unrunnable = UnrunnableCampaigns(
+            store.events, self._leases.list_unrunnable, self._leases.has_bridge
+        )
+        self._draining = Draining()
+        self._runs: dict[int, CampaignRun] = {}
+        self._is_store_away = False
+        self._poller = Poller()
+        self._next_status_s = self._next_warning_s = 0.0
         self._commands: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._stopping = Event()
         self._thread = Thread(target=self._serve, name="hub")
 
     def start(self) -> None:
-        """Begin to serve."""
+        """Start the hub's thread."""
         self._thread.start()
 
-    def launch(self, order: Order) -> None:
-        """Run a campaign; `ended` says when it is over."""
-        self._commands.put(lambda: self._launch(order))
+    def launch(self, spec: RunSpec) -> None:
+        """Run a campaign, until it is among the finished runs."""
+        self._commands.put(lambda: self._launch(spec))
 
-    def weigh(self, campaign: int, weight: float) -> None:
-        """From now on its share of the workers' time goes by this weight, if it runs."""
-        self._commands.put(lambda: self._weigh(campaign, weight))
+    def set_weight(self, campaign: int, weight: float) -> None:
+        """Set the weight of a campaign's share of worker time, if it runs."""
+        self._commands.put(lambda: self._set_weight(campaign, weight))
 
     def halt(self, campaign: int) -> None:
-        """Stop running a campaign; `ended` says when that is done."""
-        self._commands.put(lambda: self._halt(Ended(campaign, "")))
+        """Stop running a campaign, which then is among the finished runs."""
+        self._commands.put(lambda: self._halt(FinishedRun(campaign, "")))
 
     def workers(self) -> list[str]:
-        """Names of the workers that are connected."""
-        return [seat.name for seat in list(self._leases.seats.values())]
+        """Return the names of the connected workers."""
+        return [session.name for session in list(self._leases.sessions.values())]
 
-    def muster(self) -> Muster:
-        """What there is to do, and who is there; any thread may ask."""
-        return muster([*self._runs.values()], [*self._leases.seats.values()])
+    def measure_demand(self) -> WorkerDemand:
+        """Return the work and the workers at this moment; any thread may call this."""
+        return measure_demand([*self._runs.values()], [*self._leases.sessions.values()])
 
-    def part_with(self, names: Collection[str]) -> None:
-        """Lease nothing more to these workers, and send each home once it holds nothing."""
-        self._departures.name(names)
+    def drain_workers(self, names: Collection[str]) -> None:
+        """Lease nothing more to these workers, and dismiss each once it holds no episode."""
+        self._draining.set_names(names)
 
-    def alive(self) -> bool:
-        """Whether its thread runs."""
+    def is_alive(self) -> bool:
+        """Return whether the hub's thread runs."""
         return self._thread.is_alive()
 
     def stop(self) -> None:
-        """Send the workers home, end the learners, commit what came, and close."""
+        """Dismiss the workers, end the learners, commit what came, and close."""
         self._stopping.set()
         if self._thread.ident is None:  # it was never started
             self._router.close()
@@ -128,121 +156,127 @@ class Hub:
     def _serve(self) -> None:
         try:
             while not self._stopping.is_set():
-                self._wait()
-                with timed(self.vitals.turn_s):
+                learners = [run.socket for run in self._runs.values()]
+                self._poller.wait([self._router], learners, TICK_MS)
+                with observe_duration(self.metrics.turn_s):
                     self.turn()
         finally:
-            self._desk.dismiss()
-            self._part()
+            self._sessions.dismiss_all()
+            self._await_results()
             self._close()
 
     def turn(self) -> None:
-        """Do what is to be done now; never waits. Its own thread alone may call it."""
-        self._obey()
-        self._hear_workers()
-        with self._patience():
-            self._tend_runs()
-            self._commit()
-            self._deaths.count()
-            self._attendance.note()
-            self._stranded.note(self._runs.keys())
-        self._desk.bury_silent()
-        self._desk.send_home(self._departures)
-        if not (self._away or self._commits.stuck):  # else what comes of it could not be kept
-            self._desk.assign(self._runs)
-        self._look()
-
-    def _wait(self) -> None:
-        learners = [run.socket for run in self._runs.values()]
-        self._ears.wait([self._router], learners, TICK_MS)
-
-    def _obey(self) -> None:
+        """Do everything that is due, without waiting. Only the hub's own thread may call this."""
         with contextlib.suppress(Empty):
             while True:
                 self._commands.get_nowait()()
+        self._receive()
+        self._halt_declined()
+        with self._tolerate_store_failure():
+            self._tend_runs()
+            self._commit()
+            self._deaths.record()
+            self._roster.update()
+            self._unrunnable.update(self._runs.keys())
+        self._sessions.expire_silent()
+        self._sessions.drain(self._draining)
+        # New leases would bring results that could not be stored.
+        if not (self._is_store_away or self._commits.stuck):
+            self._sessions.assign(self._runs)
+        self._update_status()
 
-    def _launch(self, order: Order) -> None:
-        run = Run(order, self._store, self._leases, self._learners, self.vitals)
-        self._runs[order.campaign] = run
-        if order.setup.simulator == bridges.SIMULATOR:
-            self._leases.need_bridge(order.campaign)
+    def _launch(self, spec: RunSpec) -> None:
+        run = CampaignRun(spec, self._store, self._leases, self._learners, self.metrics)
+        self._runs[spec.campaign] = run
+        if world_of(spec.setup.simulator).needs_bridge:
+            self._leases.require_bridge(spec.campaign)
 
-    def _weigh(self, campaign: int, weight: float) -> None:
+    def _set_weight(self, campaign: int, weight: float) -> None:
         if campaign in self._runs:
-            self._leases.weigh(campaign, weight)
+            self._leases.set_weight(campaign, weight)
 
-    def _halt(self, ended: Ended) -> None:
-        if run := self._runs.pop(ended.campaign, None):
+    def _halt(self, finished: FinishedRun) -> None:
+        if run := self._runs.pop(finished.campaign, None):
             run.stop()
-            self._desk.drop(ended.campaign)
-            self.ended.put(ended)
+            self._sessions.drop_campaign(finished.campaign)
+            self.finished_runs.put(finished)
 
-    def _hear_workers(self) -> None:
+    def _receive(self) -> None:
         for _ in range(MESSAGES_PER_TURN):
             try:
                 parts = self._router.recv_multipart(zmq.NOBLOCK)
             except zmq.Again:
                 return
-            self._desk.hear(parts[0], parts[-1])
+            self._sessions.handle(parts[0], parts[-1])
+
+    def _halt_declined(self) -> None:
+        """Halt what a worker cannot run, before every episode of it errs for the same reason."""
+        while self._sessions.declined:
+            campaign, reason = self._sessions.declined.popitem()
+            self._halt(FinishedRun(campaign, "", declined=reason))
 
     def _tend_runs(self) -> None:
         for run in list(self._runs.values()):
             try:
                 run.tend()
             except ClaimLost as error:
-                log.warning("campaign lost", campaign=run.order.campaign, problem=str(error))
-                self._halt(Ended(run.order.campaign, "", lost=True))
-            if run.ended is not None:
-                self._halt(Ended(run.order.campaign, run.ended, run.because))
+                log.warning("campaign lost", campaign=run.spec.campaign, problem=str(error))
+                self._halt(FinishedRun(run.spec.campaign, "", lost=True))
+            if run.problem is not None:
+                self._halt(FinishedRun(run.spec.campaign, run.problem, run.stop_reason))
 
-    def _look(self) -> None:
-        """At the end of a turn: what is seen now lasts until the next one's end."""
+    def _update_status(self) -> None:
+        # At the end of a turn, as nothing changes from here until the end of the next one.
         for run in self._runs.values():
-            run.look()
-        if time.monotonic() >= self._next_look_s:
-            self.vitals.standing = standing(self._runs, self._leases.seats.values())
-            self._next_look_s = time.monotonic() + LOOK_EVERY_S
+            run.update_phase()
+        if time.monotonic() >= self._next_status_s:
+            self.metrics.status = summarize_status(self._runs, self._leases.sessions.values())
+            self._next_status_s = time.monotonic() + STATUS_INTERVAL_S
 
     def _commit(self, *, now: bool = False) -> None:
-        committed = self._commits.flush(now=now or self._is_awaited())
-        self._desk.acknowledge(committed)
-        for each in committed:
+        judged = self._commits.flush(now=now or self._has_last_results())
+        self._sessions.acknowledge(judged)
+        for each in judged:
             if run := self._runs.get(each.campaign):
-                run.land(each.result, each.verdict)
+                run.take_verdict(each.result, each.verdict)
 
-    def _is_awaited(self) -> bool:
-        """Whether the last results of a round wait: none is to come to share their commit."""
+    def _has_last_results(self) -> bool:
+        """Return whether the last results of a round wait, with no others to share their commit."""
         campaigns = set() if self._commits.stuck else self._commits.campaigns()
-        return not all(map(self._leases.expects, campaigns))
+        return not all(map(self._leases.expects_results, campaigns))
 
     @contextlib.contextmanager
-    def _patience(self) -> Iterator[None]:
-        """While the store is away nothing is lost: results wait, and so do their workers."""
+    def _tolerate_store_failure(self) -> Iterator[None]:
+        """While the store is unavailable nothing is lost: results wait, and so do their workers."""
         try:
             yield
-            self._away = False
+            self._is_store_away = False
         except StoreUnavailable as error:
-            self._away = True
-            log.warning("store unavailable", problem=str(error))
+            now_s = time.monotonic()
+            # The first failure is logged, then one a second: every turn tries again.
+            if not self._is_store_away or now_s >= self._next_warning_s:
+                self._next_warning_s = now_s + WARNING_INTERVAL_S
+                log.warning("store unavailable", problem=str(error))
+            self._is_store_away = True
             time.sleep(TICK_MS / 1_000)
 
+    def _await_results(self) -> None:
+        """Take the finished results of dismissed workers; what they run is leased again later."""
+        until_s = time.monotonic() + FAREWELL_S
+        while True:
+            self._receive()
+            with self._tolerate_store_failure():
+                self._commit(now=True)
+            is_any_held = any(session.held for session in self._leases.sessions.values())
+            if time.monotonic() >= until_s or not is_any_held:
+                return
+            self._router.poll(TICK_MS)
+
     def _close(self) -> None:
-        self._hear_workers()
-        with self._patience():
+        self._receive()
+        with self._tolerate_store_failure():
             self._commit(now=True)
-            self._attendance.close()
+            self._roster.close()
         for run in self._runs.values():
             run.stop()
         self._router.close()
-
-    def _part(self) -> None:
-        """Who was sent home hands over what is finished; what they run is leased anew."""
-        until_s = time.monotonic() + PARTING_S
-        while True:
-            self._hear_workers()
-            with self._patience():
-                self._commit(now=True)
-            someone_holds = any(seat.held for seat in self._leases.seats.values())
-            if time.monotonic() >= until_s or not someone_holds:
-                return
-            self._router.poll(TICK_MS)

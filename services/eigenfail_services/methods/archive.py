@@ -1,4 +1,4 @@
-"""The state of a learner as bytes: raw arrays and a few facts, a header, a hash; no pickle."""
+"""The state of a learner as bytes: raw arrays, facts, a header and a hash, without pickle."""
 
 import hashlib
 from collections.abc import Iterator, Mapping
@@ -27,8 +27,8 @@ class RawArray(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     data: bytes
 
 
-class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is kept."""
+class ArchiveBody(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Facts and arrays of a state."""
 
     facts: msgspec.Raw
     arrays: dict[str, RawArray]
@@ -44,29 +44,29 @@ class Archive(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 _archives = msgspec.msgpack.Decoder(Archive)
-_bodies = msgspec.msgpack.Decoder(Body)
+_bodies = msgspec.msgpack.Decoder(ArchiveBody)
 
 
 def write(kind: str, facts: msgspec.Struct, arrays: Arrays) -> bytes:
-    """The bytes of a state.
+    """Return the bytes of a state.
 
     Args:
-        kind: whose state it is, such as a method's name.
-        facts: counters and the like.
+        kind: name of the method.
+        facts: values besides arrays, such as counters.
         arrays: float32, float64 or int64, by name.
     """
     raw = {name: _raw(array) for name, array in arrays.items()}
-    body = msgspec.msgpack.encode(Body(msgspec.Raw(msgspec.msgpack.encode(facts)), raw))
+    body = msgspec.msgpack.encode(ArchiveBody(msgspec.Raw(msgspec.msgpack.encode(facts)), raw))
     return msgspec.msgpack.encode(Archive(kind, VERSION, hashlib.sha256(body).digest(), body))
 
 
 def read(kind: str, data: bytes, facts: type[Facts]) -> tuple[Facts, dict[str, Array]]:
-    """The facts and arrays of a state; the arrays can be written to.
+    """Return facts and arrays of a state; the arrays are writable.
 
     Raises:
         ProtocolError: the bytes are not a state of that kind, or are damaged.
     """
-    with refusing(kind):
+    with wrap_errors(kind):
         archive = _archives.decode(data)
         if (archive.kind, archive.version) != (kind, VERSION):
             raise ValueError(f"they are {archive.kind} version {archive.version}")
@@ -78,11 +78,11 @@ def read(kind: str, data: bytes, facts: type[Facts]) -> tuple[Facts, dict[str, A
 
 
 @contextmanager
-def refusing(kind: str) -> Iterator[None]:
-    """Turn whatever goes wrong while a state is read into a ProtocolError.
+def wrap_errors(kind: str) -> Iterator[None]:
+    """Turn exceptions while a state is read into a ProtocolError.
 
     Raises:
-        ProtocolError: something went wrong.
+        ProtocolError: the block raised an exception.
     """
     try:
         yield
@@ -94,10 +94,10 @@ def refusing(kind: str) -> Iterator[None]:
 
 
 def take(arrays: Arrays, name: str, shape: tuple[int, ...]) -> Array:
-    """One array of a state.
+    """Return one array of a state.
 
     Raises:
-        ValueError: it is missing or has another shape.
+        ValueError: the array is missing or has another shape.
     """
     array = arrays.get(name)
     if array is None or array.shape != shape:

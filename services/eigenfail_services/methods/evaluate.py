@@ -1,13 +1,19 @@
-"""Evaluate: what an earlier campaign has learnt is used, in any scenario, and learns no further."""
+"""Evaluate: use what an earlier campaign has learnt, in any scenario, without learning more."""
 
 from collections.abc import Callable, Sequence
-from typing import Annotated
+from typing import Annotated, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
 
 from eigenfail import plugins
-from eigenfail.contracts import Exploiter, Learner
+from eigenfail.contracts import (
+    Exploiter,
+    Learner,
+    MethodTraits,
+    ModeProbability,
+    Reference,
+)
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
 from eigenfail.values import (
@@ -19,87 +25,112 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.weighing import Weigher
 from eigenfail_services.statistics.importance import WeightedFailures
 
 
-class Evaluate:
-    """Proposes what the learner of an earlier campaign knows best, until the budget is spent.
+@runtime_checkable
+class Weigher(Protocol):
+    """An exploiter whose draws have a known density q, from which P(failure) is estimated."""
 
-    All draws are this campaign's own: the earlier learner is made anew with this campaign's seed,
-    and restored from its last state. So two evaluations of one campaign differ by their seeds
-    alone, and with one seed are the same in two scenarios as far as the scenarios are.
+    def weigh(self, sums: WeightedFailures, results: Sequence[EpisodeResult]) -> WeightedFailures:
+        """Return the sums with episodes of `exploit`, weighted by its present density."""
+
+    def tell(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
+        """Return the estimate from some sums; None where there is none.
+
+        Args:
+            sums: of all weighted episodes.
+            horizon: the number of steps of a full episode.
+        """
+
+
+class EvaluateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of `evaluate`."""
+
+    campaign: Annotated[
+        int, msgspec.Meta(ge=1, description="the campaign whose knowledge is evaluated")
+    ]
+    round_size: Annotated[
+        int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
+    ] = 20
+
+
+class Evaluate:
+    """Proposes exploiting episodes of the learner of an earlier campaign, within the budget.
+
+    The earlier learner is made with this campaign's seed, and restored from its last state. So two
+    evaluations of one campaign differ only by their seeds, and with one seed their noise in two
+    scenarios differs only as far as the scenarios do.
 
     Args:
-        context: its one predecessor is what is evaluated.
-        settings: say which campaign that is.
+        context: its predecessor is evaluated.
+        settings: name the campaign of the predecessor.
 
     Raises:
-        InvalidValue: there is no predecessor, or it has learnt nothing that could be used.
+        InvalidValue: there is no predecessor, or its learner cannot exploit.
         ProtocolError: its state is not one of its method.
 
     Attributes:
-        lookahead: enough that no worker ever waits for the end of a round.
+        lookahead: 3, so that no worker waits for the end of a round.
     """
 
-    class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-        """Settings of `evaluate`."""
-
-        campaign: Annotated[
-            int, msgspec.Meta(ge=1, description="the campaign whose knowledge is evaluated")
-        ]
-        round_size: Annotated[
-            int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
-        ] = 20
+    Settings = EvaluateSettings
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """How many episodes have been proposed, what the earlier learner is by now, and sums."""
+        """State: number of proposed episodes, state of the earlier learner, and sums."""
 
         proposed: Annotated[int, msgspec.Meta(ge=0)]
         learner: bytes
         sums: WeightedFailures = WeightedFailures()
 
+    traits = MethodTraits(
+        learns=False,
+        finds_new=False,
+        mode_probability=ModeProbability.KNOWN_PROPOSAL,
+        chart_mark=5,
+        references={"campaign": Reference.LEARNER},
+    )
     lookahead = 3
 
-    def __init__(self, context: LearnerContext, settings: Settings) -> None:
+    def __init__(self, context: LearnerContext, settings: EvaluateSettings) -> None:
         self._campaign = settings.campaign
         self._round_size = settings.round_size
         self._horizon = context.horizon
-        self._learner = reborn(context, settings.campaign)
-        self._exploit = exploitation(self._learner, settings.campaign)
+        self._learner = restore_learner(context, settings.campaign)
+        self._exploit = _get_exploit(self._learner, settings.campaign)
         self._proposed = 0
         self._sums = WeightedFailures()
 
     def propose(self, n: int) -> Proposal:
-        """A round of the best that is known.
+        """Return a round of exploiting episodes.
 
         Raises:
-            InvalidValue: it is noise trajectories for episodes of another length.
+            InvalidValue: its noise trajectories have another length than the episodes.
         """
         proposal = self._exploit(min(n, self._round_size))
         for source in proposal.sources:
             if isinstance(source, TrajectorySource) and len(source.z) != self._horizon:
-                raise other_horizon(self._campaign, len(source.z), self._horizon)
+                raise _make_horizon_error(self._campaign, len(source.z), self._horizon)
         self._proposed += len(proposal.sources)
         return proposal
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Weigh them where that can be done; nothing is learnt from them."""
+        """Add the weights of episodes whose density is known; nothing is learnt."""
         if isinstance(self._learner, Weigher):
             self._sums = self._learner.weigh(self._sums, results)
 
     def estimate(self) -> Estimate | None:
-        """The failure probability from all episodes so far; None where their density is unknown."""
+        """Return the failure probability from all episodes; None for an unknown density."""
         weigher = self._learner
         return weigher.tell(self._sums, self._horizon) if isinstance(weigher, Weigher) else None
 
     def state(self) -> bytes:
-        """How far it has come, the earlier learner with it, and the sums of the weights."""
+        """Return number of episodes, state of the earlier learner, and sums of the weights."""
         facts = self._Facts(self._proposed, self._learner.state(), self._sums)
         return archive.write("evaluate", facts, {})
 
     def restore(self, state: bytes) -> None:
-        """Go on from there, bit for bit.
+        """Restore a state, from which learning goes on bit for bit.
 
         Raises:
             ProtocolError: the bytes are not a state of this method with this predecessor.
@@ -109,14 +140,14 @@ class Evaluate:
         self._proposed, self._sums = facts.proposed, facts.sums
 
 
-def reborn(context: LearnerContext, campaign: int) -> Learner:
-    """The learner of an earlier campaign as it was in the end, its draws those of this seed.
+def restore_learner(context: LearnerContext, campaign: int) -> Learner:
+    """Return the learner of an earlier campaign in its last state, with this campaign's seed.
 
     Raises:
-        InvalidValue: the context does not hold it.
-        ProtocolError: its state is not one of its method.
+        InvalidValue: the context does not hold the campaign.
+        ProtocolError: its state is not a state of its method.
     """
-    before = predecessor(context, campaign)
+    before = _find_predecessor(context, campaign)
     method = plugins.load(plugins.METHODS, before.method)
     own = LearnerContext(
         seed=context.seed,
@@ -130,12 +161,8 @@ def reborn(context: LearnerContext, campaign: int) -> Learner:
     return learner
 
 
-def predecessor(context: LearnerContext, campaign: int) -> Predecessor:
-    """What the context holds of an earlier campaign.
-
-    Raises:
-        InvalidValue: nothing.
-    """
+def _find_predecessor(context: LearnerContext, campaign: int) -> Predecessor:
+    """Return an earlier campaign from the context."""
     if (before := context.predecessor(campaign)) is not None:
         return before
     raise InvalidValue(
@@ -145,12 +172,8 @@ def predecessor(context: LearnerContext, campaign: int) -> Predecessor:
     )
 
 
-def exploitation(learner: Learner, campaign: int) -> Callable[[int], Proposal]:
-    """The learner's `exploit`.
-
-    Raises:
-        InvalidValue: it has none.
-    """
+def _get_exploit(learner: Learner, campaign: int) -> Callable[[int], Proposal]:
+    """Return the learner's `exploit`."""
     if isinstance(learner, Exploiter):
         return learner.exploit
     raise InvalidValue(
@@ -160,8 +183,7 @@ def exploitation(learner: Learner, campaign: int) -> Callable[[int], Proposal]:
     )
 
 
-def other_horizon(campaign: int, steps: int, horizon: int) -> InvalidValue:
-    """Noise trajectories do not fit the episodes."""
+def _make_horizon_error(campaign: int, steps: int, horizon: int) -> InvalidValue:
     return InvalidValue(
         "settings.campaign",
         f"campaign {campaign} learnt noise of {steps} steps, but an episode has {horizon} here.",

@@ -5,15 +5,16 @@ from typing import Annotated
 
 import msgspec
 
+from eigenfail.contracts import MethodTraits, ModeProbability
 from eigenfail.values import EpisodeResult, LearnerContext, PriorSource, Proposal
 from eigenfail_services.methods import archive
 
 
 class MonteCarlo:
-    """Draws from p(x); there is nothing to learn.
+    """Draws from p(x), without learning.
 
     Attributes:
-        lookahead: enough that no worker ever waits for the end of a round.
+        lookahead: 3, so that no worker waits for the end of a round.
     """
 
     class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -24,26 +25,34 @@ class MonteCarlo:
         ] = 100
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """Nothing needs to be remembered."""
+        """State without fields."""
 
+    traits = MethodTraits(
+        draws_from_prior=True,
+        learns=False,
+        pairable=True,
+        mode_probability=ModeProbability.COUNTS,
+        chart_mark=0,
+        references={},
+    )
     lookahead = 3
 
     def __init__(self, _context: LearnerContext, settings: Settings) -> None:
         self._round_size = settings.round_size
 
     def propose(self, n: int) -> Proposal:
-        """A round of draws from the prior."""
+        """Return a round of draws from the prior."""
         return Proposal((PriorSource(),) * min(n, self._round_size))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Nothing is learnt from results."""
+        """Do nothing: Monte Carlo does not learn."""
 
     def state(self) -> bytes:
-        """A state that says whose it is."""
+        """Return a state that only names the method."""
         return archive.write("monte_carlo", self._Facts(), {})
 
     def restore(self, state: bytes) -> None:
-        """Go on.
+        """Restore a state.
 
         Raises:
             ProtocolError: the bytes are not a state of this method.

@@ -1,4 +1,4 @@
-"""Replay: inject given noise trajectories, to prove that what they did can be done again."""
+"""Replay: inject given noise trajectories, to prove that their effect is reproducible."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -6,6 +6,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue
 from eigenfail.values import (
     EpisodeResult,
@@ -19,56 +20,68 @@ from eigenfail_services.methods import archive
 Id = Annotated[int, msgspec.Meta(ge=1)]
 
 
+class ReplaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of `replay`: name an analysis (its modes) or a campaign (its noise)."""
+
+    analysis: Annotated[Id | None, msgspec.Meta(description="replay what this analysis found")] = (
+        None
+    )
+    what: Annotated[
+        tuple[ReplayKind, ...],
+        msgspec.Meta(min_length=1, description="of that analysis, mode by mode of each"),
+    ] = (ReplayKind.EIGENFAILURE,)
+    modes: Annotated[
+        tuple[Id, ...],
+        msgspec.Meta(description="of that analysis, counted from 1; none given: all"),
+    ] = ()
+    campaign: Annotated[
+        Id | None, msgspec.Meta(description="replay the noise of this campaign's episodes")
+    ] = None
+    episodes: Annotated[
+        tuple[Annotated[int, msgspec.Meta(ge=0)], ...],
+        msgspec.Meta(description="of that campaign; none given: all of its failures"),
+    ] = ()
+    repeats: Annotated[
+        int, msgspec.Meta(ge=1, le=100_000, description="passes through the trajectories")
+    ] = 1
+    scale: Annotated[
+        float, msgspec.Meta(ge=0.0, le=10.0, description="the noise is multiplied by this")
+    ] = 1.0
+    round_size: Annotated[
+        int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
+    ] = 100
+
+
 class Replay:
     """Injects the trajectories of its context in order, one episode each, then ends.
 
     Args:
-        context: its trajectories are what is replayed.
-        settings: say where the trajectories came from, and how often to go through them.
+        context: holds the trajectories.
+        settings: name the source of the trajectories, and the number of passes.
 
     Raises:
         InvalidValue: there is no trajectory.
     """
 
-    class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-        """Settings of `replay`: name an analysis (its modes) or a campaign (its noise)."""
-
-        analysis: Annotated[
-            Id | None, msgspec.Meta(description="replay what this analysis found")
-        ] = None
-        what: Annotated[
-            tuple[ReplayKind, ...],
-            msgspec.Meta(min_length=1, description="of that analysis, mode by mode of each"),
-        ] = (ReplayKind.EIGENFAILURE,)
-        modes: Annotated[
-            tuple[Id, ...],
-            msgspec.Meta(description="of that analysis, counted from 1; none given: all"),
-        ] = ()
-        campaign: Annotated[
-            Id | None, msgspec.Meta(description="replay the noise of this campaign's episodes")
-        ] = None
-        episodes: Annotated[
-            tuple[Annotated[int, msgspec.Meta(ge=0)], ...],
-            msgspec.Meta(description="of that campaign; none given: all of its failures"),
-        ] = ()
-        repeats: Annotated[
-            int, msgspec.Meta(ge=1, le=100_000, description="passes through the trajectories")
-        ] = 1
-        scale: Annotated[
-            float, msgspec.Meta(ge=0.0, le=10.0, description="the noise is multiplied by this")
-        ] = 1.0
-        round_size: Annotated[
-            int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
-        ] = 100
+    Settings = ReplaySettings
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """How many episodes have been proposed."""
+        """State: number of proposed episodes."""
 
         proposed: Annotated[int, msgspec.Meta(ge=0)]
 
+    traits = MethodTraits(
+        learns=False,
+        finds_new=False,
+        is_evidence=True,
+        pairable=True,
+        injects=Injection.TRAJECTORIES,
+        chart_mark=8,
+        references={"analysis": Reference.NOISE, "campaign": Reference.NOISE},
+    )
     lookahead = 3
 
-    def __init__(self, context: LearnerContext, settings: Settings) -> None:
+    def __init__(self, context: LearnerContext, settings: ReplaySettings) -> None:
         if not len(context.trajectories):
             raise InvalidValue(
                 "settings",
@@ -81,7 +94,7 @@ class Replay:
         self._proposed = 0
 
     def propose(self, n: int) -> Proposal:
-        """The next trajectories; none after the last pass."""
+        """Return the next trajectories; none after the last pass."""
         first = self._proposed
         self._proposed = min(first + min(n, self._round_size), self._total)
         count = len(self._trajectories)
@@ -93,14 +106,14 @@ class Replay:
         )
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Nothing is learnt from results."""
+        """Do nothing: replay does not learn."""
 
     def state(self) -> bytes:
-        """How far it has come."""
+        """Return the number of proposed episodes."""
         return archive.write("replay", self._Facts(self._proposed), {})
 
     def restore(self, state: bytes) -> None:
-        """Go on from there.
+        """Restore a state.
 
         Raises:
             ProtocolError: the bytes are not a state of this method.

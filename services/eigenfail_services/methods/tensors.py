@@ -1,6 +1,6 @@
-"""torch's modules, optimizers and randomness as plain arrays and seeds.
+"""Conversion of torch's modules, optimizers and randomness to arrays and seeds.
 
-Only the methods that train import it, and only once a learner is made.
+Only methods that train import this module, and only when a learner is made.
 """
 
 from collections.abc import Iterator
@@ -15,11 +15,11 @@ from eigenfail_services.methods.archive import Array, Arrays, take
 
 
 @contextmanager
-def own_randomness(seed: int, draw: int) -> Iterator[np.random.Generator]:
-    """Draws that depend on (seed, draw) alone, in torch's global generator and in numpy's own.
+def isolate_randomness(seed: int, draw: int) -> Iterator[np.random.Generator]:
+    """Seed torch's global generator, and yield a numpy generator, by (seed, draw) alone.
 
-    So a state needs no generator in it, only the number of the next draw. The global generator is
-    given back as it was.
+    So a state needs no generator, only the number of the next draw. The global generator is
+    restored afterwards.
     """
     generator = np.random.default_rng([seed, draw])
     with torch.random.fork_rng(devices=[]):
@@ -28,25 +28,25 @@ def own_randomness(seed: int, draw: int) -> Iterator[np.random.Generator]:
 
 
 @contextmanager
-def within_memory() -> Iterator[None]:
-    """What a device has no room for is told in words: the learner can go back, but not on.
+def wrap_memory_errors() -> Iterator[None]:
+    """Turn errors of a device that is out of memory into LearnerDiverged.
 
     Raises:
-        LearnerDiverged: the memory of the device was not enough.
+        LearnerDiverged: the device is out of memory.
     """
     try:
         yield
     except torch.OutOfMemoryError as error:
-        told = str(error).partition("\n")[0]
+        reason = str(error).partition("\n")[0]
         raise LearnerDiverged(
-            f"The learner ran out of memory on its device: {told}",
+            f"The learner ran out of memory on its device: {reason}",
             "Set device to cpu, or lower batch_size or width, or end what else uses the GPU; then "
             "start a campaign like it anew.",
         ) from error
 
 
 def module_arrays(prefix: str, module: torch.nn.Module) -> dict[str, Array]:
-    """The weights of a module by name."""
+    """Return the weights of a module by name."""
     return {f"{prefix}.{name}": _array(tensor) for name, tensor in module.state_dict().items()}
 
 
@@ -61,7 +61,7 @@ def load_module(prefix: str, module: torch.nn.Module, arrays: Arrays) -> None:
 
 
 def adam_arrays(prefix: str, optimizer: torch.optim.Adam) -> dict[str, Array]:
-    """The moments and step counts of Adam by name; nothing before the first step."""
+    """Return moments and step counts of Adam by name; nothing before the first step."""
     return {
         f"{prefix}.{i}.{key}": _array(value)
         for i, parameter in enumerate(_parameters(optimizer))

@@ -7,19 +7,32 @@ whole process, so pictures are drawn one at a time.
 import io
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
 from threading import Lock
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from eigenfail_services.reports.parts import Drawing
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 WIDTH_IN = 7.2
 INK, MUTED, GRID = "#16202a", "#525e6b", "#d6dbe1"
+
+
+Draw = Callable[["Figure"], None]
+
+
+class Drawing(NamedTuple):
+    """What is drawn, on a figure of the usual width.
+
+    Attributes:
+        height_in: of the figure [inch].
+    """
+
+    draw: Draw
+    height_in: float = 3.4
 
 
 class Mark(NamedTuple):
@@ -103,7 +116,7 @@ def draw(name: str, title: str, alternative: str, drawing: Drawing) -> str:
         alternative: what is to be seen, in words.
         drawing: draws it.
     """
-    with styled(name):
+    with use_style(name):
         from matplotlib.backends.backend_svg import FigureCanvasSVG
         from matplotlib.figure import Figure
 
@@ -112,11 +125,11 @@ def draw(name: str, title: str, alternative: str, drawing: Drawing) -> str:
         drawing.draw(figure)
         file = io.StringIO()
         figure.savefig(file, format="svg", metadata=NO_METADATA)
-    return described(tidied(file.getvalue()), name, title, alternative)
+    return describe_svg(tidy_svg(file.getvalue()), name, title, alternative)
 
 
 @contextmanager
-def styled(name: str) -> Iterator[None]:
+def use_style(name: str) -> Iterator[None]:
     """matplotlib in our style, used by nobody else meanwhile."""
     import matplotlib as mpl
 
@@ -126,13 +139,13 @@ def styled(name: str) -> Iterator[None]:
         yield
 
 
-def tidied(svg: str) -> str:
+def tidy_svg(svg: str) -> str:
     """Without document type, fixed size, and names that nothing refers to."""
     bare = SIZE.sub('<svg xmlns:xlink="http://www.w3.org/1999/xlink"', HEAD.sub("", svg))
     return NAME.sub(lambda found: found[0] if f"#{found[1]}" in bare else "", bare)
 
 
-def described(svg: str, name: str, title: str, alternative: str) -> str:
+def describe_svg(svg: str, name: str, title: str, alternative: str) -> str:
     """With title and text alternative, as the accessibility guidelines for SVG want them."""
     told = (
         f'\n <title id="{name}-title">{escape(title)}</title>'

@@ -5,15 +5,13 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 
-from eigenfail.contracts import Store
 from eigenfail.values.report import Report
 from eigenfail.wire.http import encode
 from eigenfail_services.reports import material as materials
-from eigenfail_services.reports.page import page
-from eigenfail_services.reports.parts import Part
+from eigenfail_services.reports.page import ReportPart, page, to_csv
 from eigenfail_services.reports.pictures import draw
 from eigenfail_services.reports.sections import PARTS
-from eigenfail_services.reports.tables import to_csv
+from eigenfail_services.store import Store
 
 PAGE, DATA = "report.html", "report.json"
 LONG_AGO = (1980, 1, 1, 0, 0, 0)
@@ -22,7 +20,7 @@ LONG_AGO = (1980, 1, 1, 0, 0, 0)
 class Made:
     """A report, and how people see its sections."""
 
-    def __init__(self, report: Report, parts: tuple[Part, ...]) -> None:
+    def __init__(self, report: Report, parts: tuple[ReportPart, ...]) -> None:
         self.report = report
         self._parts = parts
 
@@ -84,7 +82,7 @@ def make(store: Store, campaigns: Sequence[int], made_ms: int) -> Made:
         title=title(material),
         made_ms=made_ms,
         command=f"eigenfail report {ids}",
-        warnings=tuple(materials.unfinished(material)),
+        warnings=tuple(materials.list_unfinished(material)),
         campaigns=tuple(subject.campaign for subject in material.subjects),
         sections=tuple(part.section for part in parts),
     )

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.values import NoiseTrajectory
-from eigenfail.values.disturbance.shapes import Shape
+from eigenfail.values.disturbance import Shape
 
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(40)
 """E[f(z)] of a standard normal z is sum(w · f(x)) / sqrt(2 pi) (Gauss and Hermite)."""

@@ -16,7 +16,8 @@ def rate(k: int, n: int) -> Rate:
     Raises:
         InvalidValue: no trial, or not 0 <= k <= n.
     """
-    return Rate(k / n if n else 0.0, k, n, interval(k, n))
+    bounds = interval(k, n)
+    return Rate(k / n, k, n, bounds)
 
 
 def interval(k: int, n: int) -> Interval:

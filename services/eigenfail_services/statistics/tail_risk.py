@@ -45,13 +45,13 @@ def tail_risk(values: Array, level: float) -> SeverityRisk:
     if n == 0:
         return SeverityRisk(level=level, n=0, beyond=0.0, problem="There is no failure.")
     ordered = np.sort(values)
-    middle = mean(ordered)
+    middle = _estimate_mean(ordered)
     if beyond < LEAST_BEYOND - ROUNDING:
-        problem = too_few(risk, LEAST_BEYOND, "VaR and CVaR")
+        problem = _explain_too_few(risk, LEAST_BEYOND, "VaR and CVaR")
         return SeverityRisk(level=level, n=n, beyond=beyond, mean=middle, problem=problem)
-    var, cvar = tail(ordered, level)
+    var, cvar = measure_tail(ordered, level)
     told = beyond >= LEAST_FOR_INTERVAL - ROUNDING
-    spread = bootstrap(ordered, level) if told else (None, None)
+    spread = bootstrap_intervals(ordered, level) if told else (None, None)
     return SeverityRisk(
         level=level,
         n=n,
@@ -59,11 +59,11 @@ def tail_risk(values: Array, level: float) -> SeverityRisk:
         mean=middle,
         var=Figure(var, spread[0]),
         cvar=Figure(cvar, spread[1]),
-        problem="" if told else too_few(risk, LEAST_FOR_INTERVAL, "their intervals"),
+        problem="" if told else _explain_too_few(risk, LEAST_FOR_INTERVAL, "their intervals"),
     )
 
 
-def mean(values: Array) -> Figure:
+def _estimate_mean(values: Array) -> Figure:
     """The mean of values, shape (n,), with Student's 95 % interval, cut at 0; none of one value."""
     from scipy.special import stdtrit  # the API starts sooner without it
 
@@ -74,36 +74,36 @@ def mean(values: Array) -> Figure:
     return Figure(centre, Interval(max(centre - error, 0.0), centre + error))
 
 
-def rank(n: int, level: float) -> int:
+def _find_rank(n: int, level: float) -> int:
     """How many of n ordered values VaR is the last of."""
     return max(1, ceil(n * level - ROUNDING))
 
 
-def tail(ordered: Array, level: float) -> tuple[float, float]:
+def measure_tail(ordered: Array, level: float) -> tuple[float, float]:
     """VaR and CVaR of ascending values, shape (n,)."""
-    n, k = len(ordered), rank(len(ordered), level)
+    n, k = len(ordered), _find_rank(len(ordered), level)
     var = float(ordered[k - 1])
     return var, var + float((ordered[k:] - var).sum()) / ((1.0 - level) * n)
 
 
-def bootstrap(ordered: Array, level: float) -> tuple[Interval, Interval]:
+def bootstrap_intervals(ordered: Array, level: float) -> tuple[Interval, Interval]:
     """Percentile intervals of VaR and CVaR over resamples of ascending values, shape (n,).
 
     A resample of n is x[⌊n·u⌋] of n uniform numbers u. Only those from the k-th smallest on count:
     that one is Beta(k, n − k + 1), and given it those above are uniform between it and 1. So a
     resample costs as many draws as there are values beyond VaR, and is exact.
     """
-    n, k = len(ordered), rank(len(ordered), level)
+    n, k = len(ordered), _find_rank(len(ordered), level)
     random = np.random.default_rng(SEED)
     cuts = random.beta(k, n - k + 1, RESAMPLES)
-    drawn = (tail_of_resample(ordered, cut, n - k, level, random) for cut in cuts)
+    drawn = (measure_resample(ordered, cut, n - k, level, random) for cut in cuts)
     found = np.array(list(drawn))
     low, high = np.quantile(found, [ERROR / 2.0, 1.0 - ERROR / 2.0], axis=0)
     var, cvar = (Interval(float(a), float(b)) for a, b in zip(low, high, strict=True))
     return var, cvar
 
 
-def tail_of_resample(
+def measure_resample(
     ordered: Array, cut: float, above: int, level: float, random: np.random.Generator
 ) -> tuple[float, float]:
     """VaR and CVaR of one resample, of which `above` values lie above the quantile `cut`."""
@@ -114,7 +114,7 @@ def tail_of_resample(
     return var, var + excess / ((1.0 - level) * n)
 
 
-def too_few(risk: SeverityRisk, least: int, what: str) -> str:
+def _explain_too_few(risk: SeverityRisk, least: int, what: str) -> str:
     """Why so few values say nothing, and what to do."""
     needed = ceil(least / (1.0 - risk.level) - ROUNDING)
     leave = "failure leaves" if risk.n == 1 else "failures leave"

@@ -1,6 +1,105 @@
-"""What remembers: SQLite by default, PostgreSQL for production, memory for tests."""
+"""The store: campaigns, episodes, analyses, jobs, events and keys in SQLite or PostgreSQL."""
 
-from eigenfail_services.store.memory import MemoryStore
-from eigenfail_services.store.opening import open_store
+from contextlib import ExitStack
+from functools import cache
 
-__all__ = ["MemoryStore", "open_store"]
+from eigenfail.values.records import JobKind
+from eigenfail_services.store import analyses, campaigns
+from eigenfail_services.store.access import AuditLog, KeyStore
+from eigenfail_services.store.analyses import AnalysisStore
+from eigenfail_services.store.campaigns import CampaignStore
+from eigenfail_services.store.checkpoints import CheckpointStore
+from eigenfail_services.store.engine import WAIT_S, Database, find_backend, translate_errors
+from eigenfail_services.store.episodes import EpisodeStore
+from eigenfail_services.store.events import EventLog
+from eigenfail_services.store.figures import FigureStore
+from eigenfail_services.store.jobs import JobQueue
+from eigenfail_services.store.migrate import ensure_newest, upgrade_with
+from eigenfail_services.store.query_cache import CachedQueries
+from eigenfail_services.store.retention import RetentionStore
+from eigenfail_services.store.roster import Roster
+from eigenfail_services.store.sqlite import SqliteMemory
+
+__all__ = ["Store", "open_store"]
+
+MEMORY = "memory://"
+
+
+class Store:
+    """All parts of the store on one database; safe to use from many threads."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self.campaigns = CampaignStore(database)
+        cached = CachedQueries(database)
+        self.episodes = EpisodeStore(database, cached)
+        self.figures = FigureStore(database, cached)
+        self.checkpoints = CheckpointStore(database)
+        self.analyses = AnalysisStore(database)
+        self.retention = RetentionStore(database)
+        self.events = EventLog(database)
+        self.jobs = JobQueue(
+            database,
+            {JobKind.CAMPAIGN: campaigns.give_up, JobKind.ANALYSIS: analyses.give_up},
+        )
+        self.keys = KeyStore(database)
+        self.audit = AuditLog(database)
+        self.roster = Roster(database)
+
+    def ping(self) -> None:
+        """Raises StoreUnavailable, within seconds, if the database does not answer.
+
+        Also if no writer gets its lock, or if a process, this one or another, could not write to
+        it in the last five seconds. Nothing is written.
+        """
+        self._database.probe()
+
+    def close(self) -> None:
+        """Let go of all connections."""
+        self._database.close()
+
+
+def open_store(url: str, *, migrate: bool = True, wait_s: float = WAIT_S) -> Store:
+    """Open the store at an address.
+
+    An empty database gets its tables, and one of an older release is upgraded: all of the way or
+    not at all.
+
+    Args:
+        url: sqlite:///folder/file.db, postgresql://user:password@host:5432/database, or memory://
+            for one that is gone with the process.
+        migrate: whether the schema may be changed; if not, anything but the newest is refused.
+        wait_s: how long a statement waits for the lock of another program. [s]
+
+    Raises:
+        InvalidValue: it is no address of a database that is supported.
+        StoreUnavailable: nothing can be read or written there, within about five seconds; or
+            there is nothing and it may not be made.
+        SchemaMismatch: the schema is newer than this program, somebody else's, or may not be
+            changed.
+    """
+    if url == MEMORY:
+        return Store(Database(SqliteMemory(wait_s, _empty_image())))
+    backend = find_backend(url, wait_s)
+    if migrate:
+        with translate_errors(backend):
+            backend.prepare()
+    else:
+        backend.require()
+    database = Database(backend)
+    with ExitStack() as undo:
+        undo.callback(database.close)
+        ensure_newest(database, backend, migrate=migrate)
+        undo.pop_all()
+    return Store(database)
+
+
+@cache
+def _empty_image() -> bytes:
+    """Return a database with the newest schema and no rows, as bytes.
+
+    It is made once for each process: the migrations take half a second, a copy a millisecond.
+    """
+    first = SqliteMemory(WAIT_S)
+    upgrade_with(first)
+    return first.image()

@@ -1,28 +1,85 @@
-"""Keys and the audit log in SQL."""
+"""Keys of the API, their quotas, and the audit log."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from msgspec.structs import asdict
-from sqlalchemy import ColumnElement, RowMapping, Select, delete, func, insert, select, update
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    RowMapping,
+    Select,
+    case,
+    delete,
+    func,
+    insert,
+    select,
+    update,
+)
 
-from eigenfail.values import Page
+from eigenfail.values import CampaignSpec, Page
 from eigenfail.values.access import ApiKey, AuditEntry, Change, KeyRecord, Scope
 from eigenfail.values.quotas import UNLIMITED, Quotas, Usage
-from eigenfail_services.store import limits
+from eigenfail_services.access.quotas import DAY_MS, refuse_beyond
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.quotas import QUOTAS, used_by
 from eigenfail_services.store.refusals import no_key
-from eigenfail_services.store.schema import audit, keys
+from eigenfail_services.store.schema import audit, campaigns, keys
+
+QUOTAS = Quotas.__struct_fields__
+_LIMITS = select(keys.c.name, *(keys.c[name] for name in QUOTAS))
+
+
+def admit_campaigns(connection: Connection, key: int | None, specs: Sequence[CampaignSpec]) -> None:
+    """Check a new campaigns' demand against the quotas of a key; None has no quotas.
+
+    The key stays locked until the transaction ends.
+
+    Raises:
+        QuotaExceeded: it would be more than the key allows.
+    """
+    if key is None:
+        return
+    found = connection.execute(_LIMITS.where(keys.c.id == key).with_for_update()).first()
+    if found is None:
+        return
+    name, *limits = found
+    if (quotas := Quotas(*limits)) != UNLIMITED:
+        refuse_beyond(key, name, quotas, count_usage(connection, [key])[key], specs)
+
+
+def count_usage(connection: Connection, wanted: Sequence[int]) -> dict[int, Usage]:
+    """Return what the campaigns of each key use now."""
+    nothing = dict.fromkeys(wanted, Usage())
+    found = connection.execute(_select_usage(wanted, now_ms() - DAY_MS)).all()
+    return nothing | {row.made_by: Usage(int(row.open), int(row.episodes)) for row in found}
+
+
+def _select_usage(wanted: Sequence[int], since_ms: int) -> Select[Any]:
+    is_open = campaigns.c.ended_ms.is_(None)
+    is_new = campaigns.c.created_ms > since_ms
+    episodes = case((is_new, campaigns.c.planned - campaigns.c.cancelled), else_=0)
+    return (
+        select(
+            campaigns.c.made_by,
+            func.sum(case((is_open, 1), else_=0)).label("open"),
+            func.sum(episodes).label("episodes"),
+        )
+        .where(campaigns.c.made_by.in_(wanted), is_open | is_new)
+        .group_by(campaigns.c.made_by)
+    )
+
+
+KEPT_CHANGES = 1_000_000
+"""Lines of the audit log; older ones are deleted."""
 
 PRUNED_EVERY = 1_000
 
-SHOWN = tuple(column for column in keys.c if column is not keys.c.digest)
+_SHOWN = tuple(column for column in keys.c if column is not keys.c.digest)
 
 
-class SqlKeys:
-    """Keys of the API."""
+class KeyStore:
+    """Keys of the API. None is ever deleted, so that the audit log stays readable."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -35,63 +92,75 @@ class SqlKeys:
         expires_ms: int | None = None,
         quotas: Quotas = UNLIMITED,
     ) -> ApiKey:
-        """A new key, of whose secret only the digest is kept."""
+        """Create a key; of its secret only the digest is stored."""
         values = {"name": name, "scope": scope.value, "digest": digest, "expires_ms": expires_ms}
         made = insert(keys).values(created_ms=now_ms(), **values, **asdict(quotas))
-        statement = made.returning(*SHOWN)
+        statement = made.returning(*_SHOWN)
         with self._database.writing() as connection:
-            return _key(connection.execute(statement).mappings().one())
+            return _to_key(connection.execute(statement).mappings().one())
 
     def find(self, key: int) -> KeyRecord:
-        """A key with the digest of its secret."""
+        """Return a key with the digest of its secret.
+
+        Raises:
+            NotFound: no such key.
+        """
         with self._database.reading() as connection:
             found = connection.execute(select(keys).where(keys.c.id == key)).mappings().first()
         if found is None:
             raise no_key(key)
         values = dict(found)
         digest = values.pop("digest")
-        return KeyRecord(_key(values), digest)
+        return KeyRecord(_to_key(values), digest)
 
     def page(self, limit: int, before: int | None = None) -> Page[ApiKey]:
-        """Keys, newest first, with ids below `before`."""
-        query = newest(select(*SHOWN), keys.c.id, limit, before)
+        """Return keys, newest first, with ids below `before`, with revoked and expired ones."""
+        query = _select_newest(select(*_SHOWN), keys.c.id, limit, before)
         with self._database.reading() as connection:
-            found = [_key(row) for row in connection.execute(query).mappings()]
+            found = [_to_key(row) for row in connection.execute(query).mappings()]
         return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
 
     def revoke(self, key: int) -> ApiKey:
-        """It opens nothing any more; a second time changes nothing."""
+        """Revoke a key; a second time changes nothing.
+
+        Raises:
+            NotFound: no such key.
+        """
         return self._change(key, revoked_ms=func.coalesce(keys.c.revoked_ms, now_ms()))
 
     def limit(self, key: int, quotas: Quotas) -> ApiKey:
-        """From now on it has these quotas; what was made before stays."""
+        """Set the quotas of a key; campaigns that exist are not affected.
+
+        Raises:
+            NotFound: no such key.
+        """
         return self._change(key, **asdict(quotas))
 
     def usage(self, wanted: Sequence[int]) -> dict[int, Usage]:
-        """What the campaigns of each key use now."""
+        """Return how much of its quotas each key uses, 0 for a key without campaigns."""
         with self._database.reading() as connection:
-            return used_by(connection, wanted)
+            return count_usage(connection, wanted)
 
     def _change(self, key: int, **values: Any) -> ApiKey:
-        change = update(keys).where(keys.c.id == key).values(**values).returning(*SHOWN)
+        change = update(keys).where(keys.c.id == key).values(**values).returning(*_SHOWN)
         with self._database.writing() as connection:
             found = connection.execute(change).mappings().first()
         if found is None:
             raise no_key(key)
-        return _key(found)
+        return _to_key(found)
 
     def used(self, key: int, at_ms: int) -> None:
-        """Remember when it was last used."""
+        """Record when a key was last used; an unknown key is ignored."""
         with self._database.writing() as connection:
             connection.execute(update(keys).where(keys.c.id == key).values(last_used_ms=at_ms))
 
     def exist(self) -> bool:
-        """Whether a key was ever made."""
+        """Return whether a key was ever created."""
         with self._database.reading() as connection:
             return connection.execute(select(keys.c.id).limit(1)).first() is not None
 
     def admins(self, at_ms: int) -> int:
-        """How many keys for administrators are valid at a moment."""
+        """Count the administrators' keys that are valid at a moment."""
         valid = keys.c.revoked_ms.is_(None) & (
             keys.c.expires_ms.is_(None) | (keys.c.expires_ms > at_ms)
         )
@@ -100,40 +169,40 @@ class SqlKeys:
             return int(connection.execute(query).scalar_one())
 
 
-class SqlAuditLog:
-    """Keeps the newest changes; older ones are forgotten."""
+class AuditLog:
+    """The newest changes; older ones are deleted."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def append(self, change: Change) -> AuditEntry:
-        """Write down a change, with the time."""
+        """Record a change with the current time."""
         values, at_ms = asdict(change), now_ms()
         statement = insert(audit).values(at_ms=at_ms, **values).returning(audit.c.id)
         with self._database.writing() as connection:
             number: int = connection.execute(statement).scalar_one()
             if number % PRUNED_EVERY == 0:
-                oldest = number - limits.KEPT_CHANGES
+                oldest = number - KEPT_CHANGES
                 connection.execute(delete(audit).where(audit.c.id <= oldest))
         return AuditEntry(**values, id=number, at_ms=at_ms)
 
     def page(self, limit: int, before: int | None = None) -> Page[AuditEntry]:
-        """Changes, newest first, with ids below `before`."""
-        query = newest(select(audit), audit.c.id, limit, before)
+        """Return changes, newest first, with ids below `before`."""
+        query = _select_newest(select(audit), audit.c.id, limit, before)
         with self._database.reading() as connection:
             found = [AuditEntry(**row) for row in connection.execute(query).mappings()]
         return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
 
 
-def newest(
+def _select_newest(
     query: Select[Any], number: ColumnElement[int], limit: int, before: int | None
 ) -> Select[Any]:
-    """One row more than a page has, with numbers below `before`."""
+    """Select one row more than a page has, with numbers below `before`."""
     ordered = query.order_by(number.desc()).limit(limit + 1)
     return ordered if before is None else ordered.where(number < before)
 
 
-def _key(found: RowMapping | dict[str, Any]) -> ApiKey:
+def _to_key(found: RowMapping | dict[str, Any]) -> ApiKey:
     values: dict[str, Any] = dict(found)
     quotas = Quotas(**{name: values.pop(name) for name in QUOTAS})
     return ApiKey(scope=Scope(values.pop("scope")), quotas=quotas, **values)

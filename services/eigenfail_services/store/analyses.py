@@ -1,4 +1,4 @@
-"""Analyses and what they found, in SQL."""
+"""Analyses, their results, and the campaigns that replay them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,15 +7,14 @@ from sqlalchemy import Connection, RowMapping, insert, select, update
 
 from eigenfail.values import Analysis, AnalysisResult, AnalysisSettings, AnalysisState, Page
 from eigenfail.values.records import JobKind
-from eigenfail_services.store import sentences
-from eigenfail_services.store.campaign_rows import locked, one
+from eigenfail_services.store.campaigns import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_analysis_result, to_json, to_settings
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.events import append
+from eigenfail_services.store.events import append_event, describe_analysis
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import finite
-from eigenfail_services.store.naming import hold_noise
+from eigenfail_services.store.references import hold_noise
 from eigenfail_services.store.refusals import no_analysis
 from eigenfail_services.store.schema import analyses, replays
 
@@ -31,14 +30,18 @@ BRIEF = (
 )
 
 
-class SqlAnalyses:
-    """Analyses; the first end of each counts, and whoever comes later changes nothing."""
+class AnalysisStore:
+    """Analyses; the first end of each is final, and later ones change nothing."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def create(self, campaign: int, settings: AnalysisSettings) -> Analysis:
-        """A new analysis, queued with a job for it."""
+        """Create an analysis, queued with a job for it.
+
+        Raises:
+            NotFound: no such campaign.
+        """
         statement = (
             insert(analyses)
             .values(
@@ -52,14 +55,18 @@ class SqlAnalyses:
         )
         with self._database.writing() as connection:
             hold_noise(connection, [campaign])
-            one(connection, campaign)
+            read_campaign(connection, campaign)
             analysis = _analysis(connection.execute(statement).mappings().one())
             enqueue(connection, JobKind.ANALYSIS, analysis.id)
             _log(connection, analysis)
         return analysis
 
     def get(self, analysis: int) -> Analysis:
-        """The analysis as it stands."""
+        """Return an analysis with its result.
+
+        Raises:
+            NotFound: no such analysis.
+        """
         query = select(*BRIEF, analyses.c.result).where(analyses.c.id == analysis)
         with self._database.reading() as connection:
             found = connection.execute(query).mappings().one_or_none()
@@ -70,7 +77,7 @@ class SqlAnalyses:
     def page(
         self, limit: int, before: int | None = None, campaign: int | None = None
     ) -> Page[Analysis]:
-        """Analyses, newest first, with ids below `before`, without their results."""
+        """Return analyses, newest first, with ids below `before`, without their results."""
         query = select(*BRIEF).order_by(analyses.c.id.desc()).limit(limit + 1)
         if before is not None:
             query = query.where(analyses.c.id < before)
@@ -82,12 +89,12 @@ class SqlAnalyses:
         return Page(items, items[-1].id if len(found) > limit else None)
 
     def start(self, analysis: int) -> None:
-        """It is running now."""
+        """Mark an analysis as running."""
         with self._database.writing() as connection:
             _change(connection, analysis, {"state": AnalysisState.RUNNING})
 
     def finish(self, analysis: int, result: AnalysisResult) -> None:
-        """It is done."""
+        """Store the result of an analysis, and mark it as done."""
         columns = {
             "state": AnalysisState.DONE,
             "failures": len(result.episodes),
@@ -100,26 +107,34 @@ class SqlAnalyses:
             _change(connection, analysis, columns)
 
     def fail(self, analysis: int, problem: str) -> None:
-        """It cannot be done."""
+        """Mark an analysis as failed, with the reason."""
         with self._database.writing() as connection:
             give_up(connection, analysis, problem)
 
     def link_replay(self, analysis: int, campaign: int) -> None:
-        """Remember a campaign that replays what it found."""
+        """Link a campaign that replays an analysis's failures; a known link changes nothing.
+
+        Raises:
+            NotFound: no such analysis or campaign.
+        """
         link = {"analysis": analysis, "campaign": campaign}
         with self._database.writing() as connection:
-            locked(connection, campaign)
+            lock_campaign(connection, campaign)
             if campaign not in _replays(connection, analysis):
                 connection.execute(insert(replays).values(link))
 
     def replays(self, analysis: int) -> tuple[int, ...]:
-        """The campaigns that replay what it found, oldest first."""
+        """Return the campaigns that replay an analysis's failures, oldest first.
+
+        Raises:
+            NotFound: no such analysis.
+        """
         with self._database.reading() as connection:
             return _replays(connection, analysis)
 
 
 def give_up(connection: Connection, analysis: int, problem: str) -> None:
-    """Let an analysis fail, unless it has ended."""
+    """Mark an analysis as failed, unless it has ended."""
     _change(connection, analysis, {"state": AnalysisState.FAILED, "problem": problem})
 
 
@@ -146,7 +161,7 @@ def _replays(connection: Connection, analysis: int) -> tuple[int, ...]:
 
 
 def _log(connection: Connection, analysis: Analysis) -> None:
-    append(connection, "analysis.state", sentences.analysis_moved(analysis), analysis.campaign)
+    append_event(connection, "analysis.state", describe_analysis(analysis), analysis.campaign)
 
 
 def _analysis(found: RowMapping) -> Analysis:

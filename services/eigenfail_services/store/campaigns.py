@@ -1,40 +1,329 @@
-"""Campaigns in SQL."""
+"""Campaigns: their rows, how they are created and moved, and suites of them.
+
+A suite is all campaigns with one text before the first ": " of their names.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+from hashlib import sha256
+from typing import Any, TypeVar
 
 from msgspec.structs import replace
-from sqlalchemy import ColumnElement, Connection, func, select, update
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Row,
+    Select,
+    bindparam,
+    func,
+    insert,
+    select,
+    update,
+)
 from sqlalchemy.exc import IntegrityError
 
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Overhead, Page, Priority
+from eigenfail.values import (
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    Counts,
+    Estimate,
+    Overhead,
+    Page,
+    Priority,
+)
 from eigenfail.values.campaign_filter import ANY_CAMPAIGN, CampaignFilter
 from eigenfail.values.records import Job, JobKind
-from eigenfail.values.suite import SuiteStanding
-from eigenfail_services.campaigns.lifecycle import MOVES, WITHDRAWN, moved, prioritised
-from eigenfail_services.store import sentences
-from eigenfail_services.store.campaign_rows import locked, one, write
+from eigenfail.values.suite import SuiteStanding, suite_of
+from eigenfail.values.worker import Versions
+from eigenfail_services.store.access import admit_campaigns
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import OVERHEAD, to_campaign
-from eigenfail_services.store.creation import create, create_many
-from eigenfail_services.store.engine import Database
-from eigenfail_services.store.episodes import digest
-from eigenfail_services.store.events import append
-from eigenfail_services.store.jobs import enqueue, withdraw
-from eigenfail_services.store.leases import fence
-from eigenfail_services.store.schema import campaigns
-from eigenfail_services.store.spec_fields import spec_field
-from eigenfail_services.store.suites import suites_page
+from eigenfail_services.store.codec import (
+    COUNTS,
+    OVERHEAD,
+    spec_hash,
+    spec_text,
+    to_campaign,
+    to_json,
+)
+from eigenfail_services.store.engine import CHUNK, Database
+from eigenfail_services.store.events import (
+    append_event,
+    describe_created,
+    describe_mixed_releases,
+    describe_move,
+    describe_priority,
+)
+from eigenfail_services.store.jobs import enqueue, fence, withdraw
+from eigenfail_services.store.lifecycle import (
+    MOVES,
+    WITHDRAWN,
+    begin_part,
+    move_campaign,
+    set_priority,
+)
+from eigenfail_services.store.references import hold_named_noise, refuse_pruned
+from eigenfail_services.store.refusals import key_used, no_campaign
+from eigenfail_services.store.schema import (
+    campaigns,
+    episode_index,
+    episodes,
+    idempotency_keys,
+    spec_field,
+)
 
-NOTHING = Overhead()
+# Made once: they are asked for with every group of results.
+_BY_ID = select(campaigns).where(campaigns.c.id == bindparam("campaign"))
+_BY_ID_LOCKED = _BY_ID.with_for_update(key_share=True)
+_SET_COUNTS = update(campaigns).where(campaigns.c.id == bindparam("campaign"))
+
+
+def read_campaign(
+    connection: Connection, campaign: int, row: Select[*tuple[Any, ...]] = _BY_ID
+) -> Campaign:
+    """Return the campaign with an id.
+
+    Raises:
+        NotFound: no such campaign.
+    """
+    found = connection.execute(row, {"campaign": campaign}).mappings().one_or_none()
+    if found is None:
+        raise no_campaign(campaign)
+    return to_campaign(found)
+
+
+def lock_campaign(connection: Connection, campaign: int) -> Campaign:
+    """Return a campaign and lock its row until the transaction ends.
+
+    Raises:
+        NotFound: no such campaign.
+    """
+    return read_campaign(connection, campaign, _BY_ID_LOCKED)
+
+
+def _insert_campaign(
+    connection: Connection, spec: CampaignSpec, made_by: int | None = None
+) -> Campaign:
+    statement = (
+        insert(campaigns)
+        .values(
+            state=CampaignState.QUEUED,
+            spec=spec_text(spec),
+            priority=spec.priority,
+            made_by=made_by,
+            created_ms=now_ms(),
+            active_s=0.0,
+            stopped_because="",
+            suite=suite_of(spec.name),
+            **dict.fromkeys(OVERHEAD, 0.0),
+            **count_columns(Counts(spec.episodes)),
+        )
+        .returning(campaigns)
+    )
+    return to_campaign(connection.execute(statement).mappings().one())
+
+
+def _update_campaign(connection: Connection, campaign: Campaign) -> None:
+    connection.execute(
+        update(campaigns)
+        .where(campaigns.c.id == campaign.id)
+        .values(
+            state=campaign.state,
+            started_ms=campaign.started_ms,
+            ended_ms=campaign.ended_ms,
+            stopped_because=campaign.stopped_because,
+            digest=campaign.digest,
+            **count_columns(campaign.counts),
+        )
+    )
+
+
+def update_counts(connection: Connection, campaign: int, counts: Counts) -> None:
+    """Write the counts of a locked campaign."""
+    connection.execute(_SET_COUNTS, {"campaign": campaign} | count_columns(counts))
+
+
+def update_learner(
+    connection: Connection, campaign: int, estimate: Estimate | None, trained_episodes: int | None
+) -> None:
+    """Write the estimate of a locked campaign's learner, and its number of trained episodes."""
+    text = None if estimate is None else to_json(estimate)
+    connection.execute(
+        update(campaigns)
+        .where(campaigns.c.id == campaign)
+        .values(estimate=text, trained_episodes=trained_episodes)
+    )
+
+
+def count_columns(counts: Counts) -> dict[str, int]:
+    """Return counts as columns of a campaign's row."""
+    return {name: getattr(counts, name) for name in COUNTS}
+
+
+def hash_results(connection: Connection, campaign: int) -> str:
+    """Return the SHA-256 over one line "index digest" for each result, in index order."""
+    query = (
+        select(episode_index, episodes.c.digest)
+        .where(episodes.c.campaign == campaign)
+        .order_by(episode_index)
+        .execution_options(yield_per=CHUNK)
+    )
+    lines = sha256()
+    for index, known in connection.execute(query):
+        lines.update(f"{index} {known}\n".encode())
+    return lines.hexdigest()
+
+
+_States = dict[str, dict[CampaignState, int]]
+
+
+def _read_suites(connection: Connection, limit: int, before: int | None) -> Page[SuiteStanding]:
+    newest = func.max(campaigns.c.id)
+    query = (
+        select(
+            campaigns.c.suite,
+            newest.label("newest"),
+            func.count().label("campaigns"),
+            *(func.sum(campaigns.c[name]).label(name) for name in _SUMS),
+            func.count().filter(*_ALL_ERRORED).label("errored"),
+        )
+        .where(campaigns.c.suite.is_not(None))
+        .group_by(campaigns.c.suite)
+        .order_by(newest.desc())
+        .limit(limit + 1)
+    )
+    if before is not None:
+        query = query.having(newest < before)
+    found = connection.execute(query).all()
+    states = _count_states(connection, [row.suite for row in found])
+    items = tuple(_to_standing(row, states) for row in found[:limit])
+    return Page(items, items[-1].newest if len(found) > limit else None)
+
+
+_SUMS = ("planned", "completed", "failures")
+
+_ALL_ERRORED = (
+    campaigns.c.state == CampaignState.DONE,
+    campaigns.c.completed == 0,
+    campaigns.c.failed > 0,
+)
+
+
+def _count_states(connection: Connection, names: Sequence[str]) -> _States:
+    query = (
+        select(campaigns.c.suite, campaigns.c.state, func.count().label("n"))
+        .where(campaigns.c.suite.in_(names))
+        .group_by(campaigns.c.suite, campaigns.c.state)
+        .order_by(campaigns.c.state)
+    )
+    found: _States = {name: {} for name in names}
+    for row in connection.execute(query):
+        found[row.suite][CampaignState(row.state)] = row.n
+    return found
+
+
+def _to_standing(row: Row[Any], states: _States) -> SuiteStanding:
+    return SuiteStanding(
+        name=row.suite,
+        newest=row.newest,
+        campaigns=row.campaigns,
+        states=states[row.suite],
+        errored=row.errored,
+        **{name: int(getattr(row, name)) for name in _SUMS},
+    )
+
+
+def create_campaign(
+    connection: Connection, spec: CampaignSpec, key: str | None, made_by: int | None
+) -> Campaign:
+    """Create a campaign, or return the one that the key has created."""
+    if key is None:
+        return _insert_queued(connection, [spec], made_by)[0]
+    if earlier := _find_made_with(connection, [key], spec_hash(spec)):
+        return earlier[0]
+    made = _insert_queued(connection, [spec], made_by)
+    _insert_keys(connection, [key], spec_hash(spec), made)
+    return made[0]
+
+
+def create_campaigns(
+    connection: Connection, specs: Sequence[CampaignSpec], key: str | None, made_by: int | None
+) -> tuple[Campaign, ...]:
+    """Create campaigns in their order, or return those that the key has created."""
+    if key is None:
+        return _insert_queued(connection, specs, made_by)
+    keys, asked = [derive_key(key, place) for place in range(len(specs))], hash_specs(specs)
+    if earlier := _find_made_with(connection, keys, asked):
+        return earlier
+    made = _insert_queued(connection, specs, made_by)
+    _insert_keys(connection, keys, asked, made)
+    return made
+
+
+def _insert_queued(
+    connection: Connection, specs: Sequence[CampaignSpec], made_by: int | None
+) -> tuple[Campaign, ...]:
+    """Create campaigns with their jobs and their events.
+
+    Raises:
+        QuotaExceeded: the key does not allow so many campaigns, or so many episodes in them.
+        NoisePruned: a spec names an episode whose noise was pruned.
+    """
+    hold_named_noise(connection, specs)
+    refuse_pruned(connection, specs)
+    admit_campaigns(connection, made_by, specs)
+    made = tuple(_insert_campaign(connection, spec, made_by) for spec in specs)
+    for campaign in made:
+        enqueue(connection, JobKind.CAMPAIGN, campaign.id)
+        append_event(connection, "campaign.created", describe_created(campaign), campaign.id)
+    return made
+
+
+def _find_made_with(
+    connection: Connection, keys: Sequence[str], asked: str
+) -> tuple[Campaign, ...]:
+    """Return the campaigns that these keys have created, in the order of the keys.
+
+    Raises:
+        IdempotencyMismatch: they were created by a request for something else.
+    """
+    query = select(idempotency_keys).where(idempotency_keys.c.key.in_(keys))
+    known = {row.key: row for row in connection.execute(query)}
+    for row in known.values():
+        if row.spec_hash != asked:
+            raise key_used(row.campaign)
+    return tuple(read_campaign(connection, known[key].campaign) for key in keys if key in known)
+
+
+def _insert_keys(
+    connection: Connection, keys: Sequence[str], asked: str, made: Sequence[Campaign]
+) -> None:
+    rows = [
+        {"key": key, "spec_hash": asked, "campaign": campaign.id}
+        for key, campaign in zip(keys, made, strict=True)
+    ]
+    if rows:
+        connection.execute(insert(idempotency_keys), rows)
+
+
+def derive_key(key: str, place: int) -> str:
+    """Return the key of one campaign of a request for many; no single campaign has such a key."""
+    return f"bulk-{sha256(f'{place} {key}'.encode()).hexdigest()}"
+
+
+def hash_specs(specs: Sequence[CampaignSpec]) -> str:
+    """Return the SHA-256 of all specs of a request, by which a repeated request is recognised."""
+    return sha256("\n".join(map(spec_hash, specs)).encode()).hexdigest()
+
+
+_NOTHING = Overhead()
 
 Asked = TypeVar("Asked")
 Made = TypeVar("Made")
-Maker = Callable[[Connection, Asked, str | None, int | None], Made]
+_Maker = Callable[[Connection, Asked, str | None, int | None], Made]
 
 
-class SqlCampaigns:
-    """Campaigns and their life."""
+class CampaignStore:
+    """Campaigns and their states."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -42,8 +331,18 @@ class SqlCampaigns:
     def create(
         self, spec: CampaignSpec, idempotency_key: str | None = None, made_by: int | None = None
     ) -> Campaign:
-        """A new campaign, queued with a job for it; the same one again for the same key."""
-        return self._once(create, spec, idempotency_key, made_by)
+        """Create a campaign, queued with a job; return the same one again for the same key.
+
+        Args:
+            spec: the campaign's spec.
+            idempotency_key: identifies this request for ever.
+            made_by: id of the API key of the request, whose quotas apply.
+
+        Raises:
+            IdempotencyMismatch: the key was used for another spec, whatever its priority.
+            QuotaExceeded: the API key does not allow more.
+        """
+        return self._once(create_campaign, spec, idempotency_key, made_by)
 
     def create_many(
         self,
@@ -51,11 +350,18 @@ class SqlCampaigns:
         idempotency_key: str | None = None,
         made_by: int | None = None,
     ) -> tuple[Campaign, ...]:
-        """New campaigns, all or none; the same ones again for the same key."""
-        return self._once(create_many, specs, idempotency_key, made_by)
+        """Create campaigns in this order, all or none; return the same ones for the same key.
+
+        Keys of requests for one campaign are not known here, nor these there.
+
+        Raises:
+            IdempotencyMismatch: the key was used for another list of specs; none is created.
+            QuotaExceeded: the API key does not allow all of them; none is created.
+        """
+        return self._once(create_campaigns, specs, idempotency_key, made_by)
 
     def _once(
-        self, make: Maker[Asked, Made], asked: Asked, key: str | None, made_by: int | None
+        self, make: _Maker[Asked, Made], asked: Asked, key: str | None, made_by: int | None
     ) -> Made:
         try:
             with self._database.writing() as connection:
@@ -66,14 +372,23 @@ class SqlCampaigns:
                 return make(connection, asked, key, made_by)
 
     def prioritise(self, campaign: int, priority: Priority) -> Campaign:
-        """Give it another priority from now on, and log the event."""
+        """Set a campaign's priority, and log an event if it is another one.
+
+        Raises:
+            NotFound: no such campaign.
+            IllegalTransition: the campaign has ended.
+        """
         with self._database.writing() as connection:
-            return prioritise(connection, campaign, priority)
+            return _prioritise_campaign(connection, campaign, priority)
 
     def get(self, campaign: int) -> Campaign:
-        """The campaign as it stands."""
+        """Return a campaign.
+
+        Raises:
+            NotFound: no such campaign.
+        """
         with self._database.reading() as connection:
-            return one(connection, campaign)
+            return read_campaign(connection, campaign)
 
     def page(
         self,
@@ -83,7 +398,7 @@ class SqlCampaigns:
         suite: str | None = None,
         where: CampaignFilter = ANY_CAMPAIGN,
     ) -> Page[Campaign]:
-        """Campaigns, newest first, with ids below `before`; of one state, of one suite."""
+        """Return campaigns, newest first, with ids below `before`, by state, suite and filter."""
         query = select(campaigns).order_by(campaigns.c.id.desc()).limit(limit + 1)
         if before is not None:
             query = query.where(campaigns.c.id < before)
@@ -91,32 +406,81 @@ class SqlCampaigns:
             query = query.where(campaigns.c.state == state)
         if suite is not None:
             query = query.where(campaigns.c.suite == suite)
-        query = query.where(*fulfilled(where))
+        query = query.where(*_filter_conditions(where))
         with self._database.reading() as connection:
             found = [to_campaign(row) for row in connection.execute(query).mappings()]
         items = tuple(found[:limit])
         return Page(items, items[-1].id if len(found) > limit else None)
 
     def suites(self, limit: int, before: int | None = None) -> Page[SuiteStanding]:
-        """Suites by their newest campaigns, newest first, of those with ids below `before`."""
+        """Return suites by their newest campaigns, newest first, with ids below `before`."""
         with self._database.reading() as connection:
-            return suites_page(connection, limit, before)
+            return _read_suites(connection, limit, before)
 
     def move(
         self, campaign: int, to: CampaignState, because: str = "", claim: Job | None = None
     ) -> Campaign:
-        """Change the state, and log the event."""
+        """Change the state, and log the event.
+
+        A move to `queued` queues a job; a move to a final state counts what is still open as
+        cancelled and, for `done`, stores the digest.
+
+        Args:
+            campaign: by its id.
+            to: the new state.
+            because: why, in a sentence.
+            claim: of who runs the campaign; users need none.
+
+        Raises:
+            NotFound: no such campaign.
+            IllegalTransition: its state does not allow it.
+            ClaimLost: the claim is no longer the campaign's; nothing changes.
+        """
         with self._database.writing() as connection:
-            return change(connection, campaign, to, because, claim)
+            return _move_campaign(connection, campaign, to, because, claim)
+
+    def begin_part(self, campaign: int, versions: Versions, claim: Job | None = None) -> Campaign:
+        """Record with which versions the campaign goes on; the same as before change nothing.
+
+        Where the campaign has results of other versions, an event says so.
+
+        Args:
+            campaign: by its id.
+            versions: by name, of what its learner runs with from now on.
+            claim: of who runs the campaign.
+
+        Raises:
+            NotFound: no such campaign.
+            ClaimLost: the claim is no longer the campaign's; nothing is recorded.
+        """
+        with self._database.writing() as connection:
+            before = lock_campaign(connection, campaign)
+            fence(connection, claim)
+            after = begin_part(before, versions, now_ms())
+            if after is not before:
+                text = to_json(after.parts)
+                ours = update(campaigns).where(campaigns.c.id == campaign)
+                connection.execute(ours.values(parts=text))
+                if after.is_mixed:
+                    told = describe_mixed_releases(after)
+                    append_event(connection, "campaign.mixed_releases", told, campaign)
+        return after
 
     def add_active(
         self,
         campaign: int,
         seconds: float,
-        overhead: Overhead = NOTHING,
+        overhead: Overhead = _NOTHING,
         claim: Job | None = None,
     ) -> None:
-        """Add to the time during which the campaign was running, and to what that went into."""
+        """Add to the time during which the campaign was running, and to what that went into.
+
+        The overhead of a campaign of which an older release did not measure it stays unknown.
+
+        Raises:
+            NotFound: no such campaign.
+            ClaimLost: the claim is no longer the campaign's; nothing is added.
+        """
         # Where nobody measured from the beginning on, NULL + x stays NULL.
         more = {name: campaigns.c[name] + getattr(overhead, name) for name in OVERHEAD}
         statement = (
@@ -125,13 +489,12 @@ class SqlCampaigns:
             .values(active_s=campaigns.c.active_s + seconds, **more)
         )
         with self._database.writing() as connection:
-            locked(connection, campaign)
+            lock_campaign(connection, campaign)
             fence(connection, claim)
             connection.execute(statement)
 
 
-def fulfilled(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
-    """The conditions of a filter."""
+def _filter_conditions(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
     if where.method is not None:
         yield spec_field("method") == where.method
     if where.besides is not None:
@@ -141,43 +504,42 @@ def fulfilled(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
         yield func.lower(spec_field("name")).contains(words, autoescape=True)
 
 
-def change(
+def _move_campaign(
     connection: Connection,
     campaign: int,
     to: CampaignState,
     because: str,
     claim: Job | None = None,
 ) -> Campaign:
-    """Move a campaign: its row, its job, its event."""
-    before = locked(connection, campaign)
+    """Move a campaign: change its row and its job, and log an event."""
+    before = lock_campaign(connection, campaign)
     fence(connection, claim)
-    after = moved(before, to, because, now_ms())
+    after = move_campaign(before, to, because, now_ms())
     if after is before:
         return before
     if after.state is CampaignState.DONE:
-        after = replace(after, digest=digest(connection, campaign))
-    write(connection, after)
+        after = replace(after, digest=hash_results(connection, campaign))
+    _update_campaign(connection, after)
     if after.state is CampaignState.QUEUED:
         enqueue(connection, JobKind.CAMPAIGN, campaign)
     if before.state is CampaignState.QUEUED and after.state in WITHDRAWN:
         withdraw(connection, JobKind.CAMPAIGN, campaign)
-    append(connection, "campaign.state", sentences.campaign_moved(after, because), campaign)
+    append_event(connection, "campaign.state", describe_move(after, because), campaign)
     return after
 
 
-def prioritise(connection: Connection, campaign: int, priority: Priority) -> Campaign:
-    """Give a campaign another priority: its row, its event."""
-    before = locked(connection, campaign)
-    after = prioritised(before, priority)
+def _prioritise_campaign(connection: Connection, campaign: int, priority: Priority) -> Campaign:
+    before = lock_campaign(connection, campaign)
+    after = set_priority(before, priority)
     if after is not before:
         connection.execute(
             update(campaigns).where(campaigns.c.id == campaign).values(priority=priority)
         )
-        append(connection, "campaign.priority", sentences.campaign_prioritised(after), campaign)
+        append_event(connection, "campaign.priority", describe_priority(after), campaign)
     return after
 
 
 def give_up(connection: Connection, campaign: int, because: str) -> None:
-    """Let a campaign die, unless it has ended or rests."""
-    if CampaignState.DEAD in MOVES[locked(connection, campaign).state]:
-        change(connection, campaign, CampaignState.DEAD, because)
+    """Move a campaign to `dead`, unless it has ended or is paused."""
+    if CampaignState.DEAD in MOVES[lock_campaign(connection, campaign).state]:
+        _move_campaign(connection, campaign, CampaignState.DEAD, because)

@@ -1,4 +1,4 @@
-"""The learner's last states of each campaign, in SQL."""
+"""The last two learner states of each campaign."""
 
 from hashlib import sha256
 from typing import NamedTuple
@@ -8,28 +8,32 @@ from sqlalchemy import Connection, delete, func, insert, select
 
 from eigenfail.values import Estimate
 from eigenfail.values.records import Job
-from eigenfail_services.store import sentences
-from eigenfail_services.store.campaign_rows import locked, write_told
+from eigenfail_services.store.campaigns import lock_campaign, update_learner
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.events import append
-from eigenfail_services.store.leases import fence
-from eigenfail_services.store.limits import KEPT_CHECKPOINTS
+from eigenfail_services.store.events import append_event, describe_damage
+from eigenfail_services.store.jobs import fence
 from eigenfail_services.store.refusals import damaged_checkpoint
 from eigenfail_services.store.schema import checkpoints
 
 log = structlog.get_logger()
 
+KEPT_CHECKPOINTS = 2
+"""Of each campaign: the last one, and the one to fall back to."""
 
-class Found(NamedTuple):
+
+class NewestCheckpoint(NamedTuple):
     """The newest checkpoint that is whole, and the numbers of those after it, which are not."""
 
     state: bytes | None
     damaged: tuple[int, ...]
 
 
-class SqlCheckpoints:
-    """The last two checkpoints of each campaign, each with the hash of all of it."""
+class CheckpointStore:
+    """The last two checkpoints of each campaign, with a hash each, and the learner's estimate.
+
+    The one before the last is there to fall back to if the last one is damaged.
+    """
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -42,19 +46,26 @@ class SqlCheckpoints:
         trained_episodes: int | None = None,
         claim: Job | None = None,
     ) -> None:
-        """A new checkpoint, and what the campaign's learner told, all or nothing.
+        """Save a checkpoint, and the estimate of the campaign's learner, all or nothing.
+
+        Args:
+            campaign: by its id.
+            checkpoint: the learner's state and the open rounds; its SHA-256 is stored with it.
+            estimate: of the failure probability.
+            trained_episodes: number of episodes that the learner was trained with.
+            claim: of the service that runs the campaign.
 
         Raises:
             NotFound: no such campaign.
-            ClaimLost: the claim is no longer the campaign's.
+            ClaimLost: the claim is no longer the campaign's; nothing is saved.
         """
-        values = {"state": checkpoint, "sha256": digest(checkpoint), "saved_ms": now_ms()}
+        values = {"state": checkpoint, "sha256": hash_state(checkpoint), "saved_ms": now_ms()}
         ours = checkpoints.c.campaign == campaign
         last = select(func.coalesce(func.max(checkpoints.c.number), 0)).where(ours)
         with self._database.writing() as connection:
-            locked(connection, campaign)
+            lock_campaign(connection, campaign)
             fence(connection, claim)
-            write_told(connection, campaign, estimate, trained_episodes)
+            update_learner(connection, campaign, estimate, trained_episodes)
             number = connection.execute(last).scalar_one() + 1
             connection.execute(
                 insert(checkpoints).values(campaign=campaign, number=number, **values)
@@ -63,36 +74,36 @@ class SqlCheckpoints:
             connection.execute(delete(checkpoints).where(ours, oldest))
 
     def load(self, campaign: int) -> bytes | None:
-        """The newest checkpoint that is whole, if there is one.
+        """Return the newest undamaged checkpoint, or None.
 
         Raises:
-            ProtocolError: there are checkpoints, and none is whole.
+            ProtocolError: there are checkpoints, and all are damaged.
         """
         with self._database.reading() as connection:
-            return newest_whole(connection, campaign).state
+            return _find_newest(connection, campaign).state
 
     def recover(self, campaign: int, claim: Job | None = None) -> bytes | None:
-        """The same, to go on from: newer ones that are damaged are dropped, with an event.
+        """Return the newest undamaged checkpoint, and delete newer, damaged ones with an event.
 
         Raises:
             NotFound: no such campaign.
             ClaimLost: the claim is no longer the campaign's.
-            ProtocolError: there are checkpoints, and none is whole.
+            ProtocolError: there are checkpoints, and all are damaged.
         """
         with self._database.writing() as connection:
-            locked(connection, campaign)
+            lock_campaign(connection, campaign)
             fence(connection, claim)
-            state, damaged = newest_whole(connection, campaign)
+            state, damaged = _find_newest(connection, campaign)
             if damaged:
-                drop(connection, campaign, damaged)
+                _drop_damaged(connection, campaign, damaged)
         return state
 
 
-def newest_whole(connection: Connection, campaign: int) -> Found:
-    """What to go on from; read one after the other, as they may be large.
+def _find_newest(connection: Connection, campaign: int) -> NewestCheckpoint:
+    """Return the newest undamaged checkpoint; they are read one by one, as they may be large.
 
     Raises:
-        ProtocolError: there are checkpoints, and none is whole.
+        ProtocolError: there are checkpoints, and all are damaged.
     """
     mine = checkpoints.c.campaign == campaign
     numbers = select(checkpoints.c.number).where(mine).order_by(checkpoints.c.number.desc())
@@ -101,19 +112,18 @@ def newest_whole(connection: Connection, campaign: int) -> Found:
         columns = select(checkpoints.c.state, checkpoints.c.sha256)
         kept = connection.execute(columns.where(mine, checkpoints.c.number == number)).one()
         if is_whole(*kept):
-            return Found(kept.state, tuple(damaged))
+            return NewestCheckpoint(kept.state, tuple(damaged))
         damaged.append(number)
     if damaged:
         raise damaged_checkpoint(campaign)
-    return Found(None, ())
+    return NewestCheckpoint(None, ())
 
 
-def drop(connection: Connection, campaign: int, damaged: tuple[int, ...]) -> None:
-    """Forget checkpoints that are not what was saved, and say so."""
+def _drop_damaged(connection: Connection, campaign: int, damaged: tuple[int, ...]) -> None:
     mine = (checkpoints.c.campaign == campaign) & checkpoints.c.number.in_(damaged)
     connection.execute(delete(checkpoints).where(mine))
     tell_damaged(campaign)
-    append(connection, "checkpoint.damaged", sentences.checkpoint_damaged(campaign), campaign)
+    append_event(connection, "checkpoint.damaged", describe_damage(campaign), campaign)
 
 
 def tell_damaged(campaign: int) -> None:
@@ -121,11 +131,11 @@ def tell_damaged(campaign: int) -> None:
     log.warning("checkpoint damaged, the one before it is used", campaign=campaign)
 
 
-def digest(state: bytes) -> str:
-    """SHA-256 of a checkpoint: of the learner's state and of the open rounds beside it."""
+def hash_state(state: bytes) -> str:
+    """Return the SHA-256 of a checkpoint: the learner's state and the open rounds."""
     return sha256(state).hexdigest()
 
 
 def is_whole(state: bytes, kept: str | None) -> bool:
-    """Whether a state is the one that was saved; where an older release kept no hash, it is."""
-    return kept is None or digest(state) == kept
+    """Return whether a state is what was saved; states of older releases have no hash, and pass."""
+    return kept is None or hash_state(state) == kept

@@ -1,7 +1,7 @@
-"""Two clocks: the wall's labels rows; leases of jobs are dated by one that all share.
+"""Clocks: wall time for rows, and a clock for leases that all services on a database share.
 
-For PostgreSQL that is the server's own. Those who share a file are on one machine, and its steady
-clock, which counts from the start of the machine and which nobody sets, is the same for them all.
+For PostgreSQL that is the server's. Users of a SQLite file are on one machine, and share its
+monotonic clock, which counts from the start of the machine and cannot be set.
 """
 
 import time
@@ -14,22 +14,22 @@ from sqlalchemy.sql.functions import GenericFunction
 
 
 def now_ms() -> int:
-    """Milliseconds since 1970."""
+    """Return the milliseconds since 1970."""
     return time.time_ns() // 1_000_000
 
 
 def steady_ms() -> int:
-    """Milliseconds that only ever grow, until the machine is started anew."""
+    """Return the monotonic clock of the machine. [ms]"""
     return time.monotonic_ns() // 1_000_000
 
 
 def length_ms(lease_s: float) -> int:
-    """How long a lease is."""
+    """Return the length of a lease. [ms]"""
     return round(lease_s * 1_000)
 
 
 class LeaseClock(GenericFunction[int]):
-    """What leases are dated by, in SQL; SQLite's connections know `steady_ms` by this name."""
+    """The clock of leases, in SQL; SQLite's connections know `steady_ms` by this name."""
 
     name = "lease_clock"
     type = BigInteger()

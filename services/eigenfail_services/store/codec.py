@@ -1,4 +1,4 @@
-"""Frozen values as bytes and text, and back."""
+"""Conversion of frozen values to bytes, text and rows, and back."""
 
 import hashlib
 from functools import lru_cache
@@ -25,6 +25,7 @@ from eigenfail.values import (
     Outcome,
     Overhead,
     Priority,
+    RunPart,
     Scene,
     Shape,
     assess,
@@ -35,6 +36,7 @@ from eigenfail.values.records import EpisodeRow
 _packer = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _specs = msgspec.json.Decoder(CampaignSpec)
 _estimates = msgspec.json.Decoder(Estimate)
+_parts = msgspec.json.Decoder(tuple[RunPart, ...])
 _settings = msgspec.json.Decoder(AnalysisSettings)
 _scenes = msgspec.msgpack.Decoder(Scene, dec_hook=decode_array)
 _analyses = msgspec.msgpack.Decoder(AnalysisResult, dec_hook=decode_array)
@@ -43,13 +45,13 @@ COUNTS = Counts.__struct_fields__
 OVERHEAD = Overhead.__struct_fields__
 
 
-def to_json(value: AnalysisSettings | Estimate) -> str:
-    """The one JSON text of a value: equal values give equal texts."""
+def to_json(value: AnalysisSettings | Estimate | tuple[RunPart, ...]) -> str:
+    """Return the canonical JSON text of a value: equal values have equal texts."""
     return msgspec.json.encode(value, order="deterministic").decode()
 
 
 def spec_text(spec: CampaignSpec) -> str:
-    """The one JSON text of a spec; its priority, which may change, is kept beside it."""
+    """Return the canonical JSON text of a spec without its priority, which has a column."""
     told = {
         name: msgspec.Raw(msgspec.json.encode(getattr(spec, name), order="deterministic"))
         for name in spec.__struct_fields__
@@ -59,44 +61,44 @@ def spec_text(spec: CampaignSpec) -> str:
 
 
 def spec_hash(spec: CampaignSpec) -> str:
-    """SHA-256 of a spec, to recognise it by at whatever priority."""
+    """Return the SHA-256 of a spec, which does not depend on its priority."""
     return hashlib.sha256(spec_text(spec).encode()).hexdigest()
 
 
 def to_settings(text: str) -> AnalysisSettings:
-    """What `to_json` made."""
+    """Read the settings of an analysis from JSON."""
     return _settings.decode(text)
 
 
 def to_blob(array: Floats) -> bytes:
-    """Row-major little-endian float32."""
+    """Return an array as row-major little-endian float32."""
     return np.ascontiguousarray(array, LITTLE_ENDIAN_FLOAT).tobytes()
 
 
 def to_floats(blob: bytes, columns: int) -> Floats:
-    """What `to_blob` made, shape (rows, columns)."""
+    """Read an array of shape (rows, columns) from the bytes of `to_blob`."""
     return np.frombuffer(blob, LITTLE_ENDIAN_FLOAT).reshape(-1, columns)
 
 
 def pack(value: Scene | AnalysisResult) -> bytes:
-    """MessagePack."""
+    """Return a value as MessagePack."""
     return _packer.encode(value)
 
 
 def to_scene(blob: bytes) -> Scene:
-    """What `pack` made of a scene."""
+    """Read a scene from MessagePack."""
     return _scenes.decode(blob)
 
 
 def to_analysis_result(blob: bytes) -> AnalysisResult:
-    """What `pack` made of an analysis."""
+    """Read the result of an analysis from MessagePack."""
     return _analyses.decode(blob)
 
 
 def to_campaign(found: RowMapping) -> Campaign:
-    """A campaign from its row."""
+    """Return a campaign from its row."""
     values: dict[str, Any] = dict(found)
-    estimate = values.pop("estimate")
+    estimate, parts = values.pop("estimate"), values.pop("parts")
     values.pop("suite")  # it is in the name
     values.pop("made_by")
     spec = _specs.decode(values.pop("spec"))
@@ -106,13 +108,14 @@ def to_campaign(found: RowMapping) -> Campaign:
         state=CampaignState(values.pop("state")),
         counts=Counts(**{name: values.pop(name) for name in COUNTS}),
         estimate=None if estimate is None else _estimates.decode(estimate),
+        parts=() if parts is None else _parts.decode(parts),
         overhead=None if None in spent else Overhead(*spent),
         **values,
     )
 
 
 def to_row(found: RowMapping) -> EpisodeRow:
-    """A line of a list from an episode's row."""
+    """Return a line of a list of episodes from an episode's row."""
     values: dict[str, Any] = dict(found)
     fault = _fault(values.pop("fault_kind"), values.pop("fault_message"))
     outcome = Outcome(values.pop("outcome"))
@@ -126,18 +129,17 @@ def to_row(found: RowMapping) -> EpisodeRow:
 
 @lru_cache(maxsize=64)
 def to_shape(spec: str) -> Shape:
-    """The shape of a campaign's noise; its results come by the hundred, with one spec."""
+    """Return the shape of a campaign's noise; cached, as results come in hundreds with one spec."""
     return _specs.decode(spec).disturbance.shape
 
 
 def _state_width(found: RowMapping) -> int:
-    """Numbers in a state: those of an older release had fewer."""
     rows = found["steps"] * LITTLE_ENDIAN_FLOAT.itemsize
     return len(found["states"]) // rows if rows else len(STATE)
 
 
 def to_result(found: RowMapping, scene: bytes | None = None) -> EpisodeResult:
-    """A result from an episode's row, its blobs, and its campaign's spec."""
+    """Return a result from an episode's row, its blobs, and its campaign's spec."""
     states, z, sigma = found["states"], to_floats(found["z"], 2), to_floats(found["sigma"], 2)
     return EpisodeResult(
         index=found["index"],

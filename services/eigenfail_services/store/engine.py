@@ -1,13 +1,14 @@
-"""Transactions on a database, whatever it is; all trouble comes out as StoreUnavailable."""
+"""Transactions on a database of any kind; its errors become `StoreUnavailable`."""
 
-from collections.abc import Callable, Iterator, Mapping
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Protocol
 
-from sqlalchemy import URL, Connection, Engine, exc, make_url
+from sqlalchemy import Connection, Engine, exc
 
-from eigenfail.errors import InvalidValue, StoreUnavailable, StoreUnwritable
-from eigenfail_services.store.distress import Distress, Signal
+from eigenfail.errors import InvalidValue, StoreDamaged, StoreUnavailable, StoreUnwritable
+from eigenfail_services.store.alarms import Signal, WriteAlarm
 from eigenfail_services.store.postgres import Postgres
 from eigenfail_services.store.sqlite import Sqlite
 
@@ -20,27 +21,25 @@ class Backend(Protocol):
 
     Attributes:
         label: the address, fit to be shown.
-        address: the same, fit to be typed again: whatever is secret in it is left out.
-        remedy: what to look at when it is not available.
-        secrets: what must not be shown.
+        address: the address without secrets, as users type it.
+        secrets: texts that must not be shown.
     """
 
     label: str
     address: str
-    remedy: str
     secrets: tuple[str, ...]
 
     def engine(self) -> Engine:
-        """For everyday work; transactions with the execution option `writes` may change rows."""
+        """Return the engine for everyday work; writers have the execution option `writes`."""
 
     def schema_engine(self) -> Engine:
-        """For migrations."""
+        """Return the engine for migrations."""
 
     def prepare(self) -> None:
-        """Whatever must be there before the first connection."""
+        """Make what must be there before the first connection."""
 
     def require(self) -> None:
-        """Refuse a database that a connection would make, for those who only look.
+        """Refuse a database that does not exist, where a connection would create it.
 
         Raises:
             StoreUnavailable: there is none.
@@ -50,82 +49,137 @@ class Backend(Protocol):
         """Keep other programs from changing the schema until the transaction ends."""
 
     def refuses_writes(self, error: object) -> bool:
-        """Whether a driver's error says that the database can be read, but not written."""
+        """Return whether a driver's error says that the database cannot be written."""
+
+    def remedy_of(self, error: object) -> str:
+        """Return what a user can do about a driver's error."""
+
+    def is_damage(self, error: object) -> bool:
+        """Return whether a driver's error says that stored data were truncated or overwritten."""
 
     def signal(self) -> Signal:
-        """What all who use the database can see without reading or writing it."""
+        """Return a lock that all users of the database see without reading or writing it."""
+
+    def check(self, connection: Connection) -> None:
+        """Check that the files of a connection still are the database.
+
+        Raises:
+            StoreUnavailable: they were moved, deleted or replaced.
+        """
+
+    def probe(self, connection: Connection) -> None:
+        """Read from the database itself, and check that a writer would get its lock.
+
+        Bounded in time; nothing is written. Raises StoreUnavailable or an error of the driver.
+        """
 
 
-BACKENDS: Mapping[str, Callable[[URL], Backend]] = {
+BACKENDS: Mapping[str, Callable[[str, float], Backend]] = {
     "sqlite": Sqlite,
     "postgresql": Postgres,
     "postgres": Postgres,
 }
 
 ROOM = "Check that its disk has room and can be written; then it goes on by itself."
+WAIT_S = 10.0
+"""How long a statement waits for the lock of another program, unless told otherwise."""
+
+CHUNK = 500
+"""Numbers that one statement names, and rows that are fetched at a time, at most."""
+
 FORMS = "sqlite:///folder/file.db or postgresql://user:password@host:5432/database"
 
 
-def find(address: str) -> Backend:
-    """The backend of an address.
+def read_kind(address: str) -> str:
+    """Return the kind of database at an address, such as sqlite."""
+    return address.partition("://")[0].partition("+")[0]
+
+
+def find_backend(address: str, wait_s: float = WAIT_S) -> Backend:
+    """Return the backend of an address.
+
+    Args:
+        address: URL of the database.
+        wait_s: how long a statement waits for the lock of another program. [s]
 
     Raises:
-        InvalidValue: it is not an address of a database that is supported.
+        InvalidValue: the address is not that of a supported database.
     """
     try:
-        url = make_url(address)
-        backend = BACKENDS[url.get_backend_name()]
+        return BACKENDS[read_kind(address)](address, wait_s)
     except (exc.ArgumentError, KeyError, ValueError):
         # The text itself may hold a password, in a place where nobody looks for one.
         raise InvalidValue(
             "database", "The address cannot be read.", f"Write it as {FORMS}."
         ) from None
-    return backend(url)
 
 
 class Database:
-    """Hands out transactions; each is committed at the end of its block, or undone by an error."""
+    """Gives transactions; each is committed at the end of its block, or rolled back on an error."""
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
         self._reader = backend.engine()
         self._writer = self._reader.execution_options(writes=True)
-        self._distress = Distress(backend.signal())
+        self._alarm = WriteAlarm(backend.signal())
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
-        """A transaction that changes nothing."""
-        with translated(self._backend), self._reader.begin() as connection:
+        """Begin a transaction that changes nothing."""
+        with translate_errors(self._backend), self._reader.begin() as connection:
+            self._backend.check(connection)
             yield connection
 
     @contextmanager
     def writing(self) -> Iterator[Connection]:
-        """A transaction that may change rows."""
+        """Begin a transaction that may change rows.
+
+        Raises:
+            StoreUnavailable: nothing was written, or what was written may be lost.
+        """
         try:
-            with translated(self._backend), self._writer.begin() as connection:
-                yield connection
+            with translate_errors(self._backend), self._writer.connect() as connection:
+                with connection.begin():
+                    self._backend.check(connection)
+                    yield connection
+                    self._backend.check(connection)
+                # Once more: only what is in the database after the commit may be acknowledged.
+                self._backend.check(connection)
         except StoreUnwritable:
-            self._distress.call()
+            self._alarm.begin()
             raise
 
     def ask_writers(self, connection: Connection) -> None:
-        """Raises StoreUnwritable if a process on this database said of late that it cannot."""
-        if self._distress.is_heard(connection):
+        """Raise StoreUnwritable if a process on this database could not write lately."""
+        if self._alarm.is_raised(connection):
             raise StoreUnwritable(
                 f"A part of the service cannot write to the database {self._backend.label}: its "
                 "disk is full, or it takes no writes. No work is handed out until it does.",
                 ROOM,
             )
 
+    def probe(self) -> None:
+        """Raise StoreUnavailable if nothing can be read, or no writer gets its lock."""
+        with self.reading() as connection:
+            self.ask_writers(connection)
+            self._backend.probe(connection)
+
     def close(self) -> None:
-        """Let go of all connections."""
-        self._distress.end()
+        """Close all connections."""
+        self._alarm.end()
         self._reader.dispose()
 
 
+def chunks(numbers: Iterable[int]) -> Iterator[list[int]]:
+    """Yield numbers in rising order, as many at a time as one statement may name."""
+    ordered = sorted(numbers)
+    for start in range(0, len(ordered), CHUNK):
+        yield ordered[start : start + CHUNK]
+
+
 @contextmanager
-def translated(backend: Backend) -> Iterator[None]:
-    """Let a database's troubles out as StoreUnavailable.
+def translate_errors(backend: Backend) -> Iterator[None]:
+    """Translate errors of the database in this block.
 
     Raises:
         StoreUnavailable: the database cannot be reached, or (StoreUnwritable) not written.
@@ -134,19 +188,25 @@ def translated(backend: Backend) -> Iterator[None]:
         yield
     except MISTAKES:
         raise
-    except (exc.DatabaseError, exc.InterfaceError, exc.TimeoutError, OSError) as error:
-        raise unavailable(backend, error) from None
+    except (
+        *(exc.DatabaseError, exc.InterfaceError, exc.TimeoutError, OSError),
+        sqlite3.Error,
+    ) as error:
+        raise to_unavailable(backend, error) from None
 
 
-def unavailable(backend: Backend, error: Exception) -> StoreUnavailable:
-    """The error for people: the first line of the driver's complaint, without secrets."""
-    complaint = str(getattr(error, "orig", None) or error).strip()
+def to_unavailable(backend: Backend, error: Exception) -> StoreUnavailable:
+    """Return the error for users: the first line of the driver's message, without secrets."""
+    origin = getattr(error, "orig", None) or error
+    complaint = str(origin).strip()
     line = complaint.splitlines()[0] if complaint else type(error).__name__
     for secret in backend.secrets:
         line = line.replace(secret, "***")
-    if backend.refuses_writes(getattr(error, "orig", None)):
+    if backend.refuses_writes(origin):
         problem = f"The database {backend.label} cannot be written: {line.rstrip('.')}."
         return StoreUnwritable(problem, ROOM)
-    return StoreUnavailable(
-        f"The database {backend.label} is not available: {line.rstrip('.')}.", backend.remedy
+    kind = StoreDamaged if backend.is_damage(origin) else StoreUnavailable
+    return kind(
+        f"The database {backend.label} is not available: {line.rstrip('.')}.",
+        backend.remedy_of(origin),
     )

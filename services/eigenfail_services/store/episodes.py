@@ -1,13 +1,42 @@
-"""Results of episodes in SQL: at most one for each, for good."""
+"""Episodes: lists of them by filter and order, and the one result that each may have.
 
-import hashlib
+Results enter the database by a fixed number of statements, however many there are.
+"""
+
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
-from sqlalchemy import Connection, RowMapping, select
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    RowMapping,
+    Select,
+    Text,
+    bindparam,
+    case,
+    func,
+    insert,
+    literal,
+    null,
+    or_,
+    select,
+    tuple_,
+    type_coerce,
+    update,
+)
 
-from eigenfail.filters import BY_INDEX, Conditions, Sort
+from eigenfail.filters import (
+    BY_INDEX,
+    COMPARE,
+    Condition,
+    Conditions,
+    Operator,
+    SortOrder,
+    Value,
+)
 from eigenfail.values import (
     BlockTotals,
+    ConflictClass,
     EpisodeResult,
     Outcome,
     Page,
@@ -16,81 +45,301 @@ from eigenfail.values import (
     SpendingTotals,
     Trials,
 )
-from eigenfail.values.records import (
-    PORTION,
-    Delivery,
-    EpisodeRow,
-    Failures,
-    Totals,
-    Verdict,
-)
+from eigenfail.values.assessment import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
+from eigenfail.values.records import PORTION, Delivery, EpisodeRow, Failures, Totals, Verdict
 from eigenfail.values.region import MOST_TRIALS
 from eigenfail.values.safety import MOST_POINTS
 from eigenfail.values.spending import MOST_LANDINGS
-from eigenfail_services.store import deaths
-from eigenfail_services.store.blocks import course, paired
-from eigenfail_services.store.campaign_rows import locked, one
-from eigenfail_services.store.codec import to_floats, to_result, to_row
-from eigenfail_services.store.engine import Database
-from eigenfail_services.store.episode_pages import number, pages
-from eigenfail_services.store.landing import CHUNK, chunks, land
-from eigenfail_services.store.refusals import no_episode, pruned
-from eigenfail_services.store.remembered import Remembered
-from eigenfail_services.store.retention import pruned_ms
-from eigenfail_services.store.safety import safety
-from eigenfail_services.store.schema import campaigns, episodes, scenes, trajectories
-from eigenfail_services.store.spending import spending
-from eigenfail_services.store.trials import trials
-
-SAME_TRAJECTORY = (trajectories.c.campaign == episodes.c.campaign) & (
-    trajectories.c["index"] == number
+from eigenfail_services.store.campaigns import (
+    hash_results,
+    lock_campaign,
+    read_campaign,
+    update_counts,
 )
-SAME_SCENE = (scenes.c.campaign == episodes.c.campaign) & (scenes.c["index"] == number)
-RESULTS = (
+from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import pack, to_blob, to_floats, to_result, to_row
+from eigenfail_services.store.engine import Database, chunks
+from eigenfail_services.store.events import append_event, describe_alarm
+from eigenfail_services.store.judging import Kept, columns_of, judge
+from eigenfail_services.store.query_cache import CachedQueries
+from eigenfail_services.store.references import select_pruned_ms
+from eigenfail_services.store.refusals import no_episode, noise_pruned
+from eigenfail_services.store.schema import (
+    Number,
+    Prose,
+    campaigns,
+    deaths,
+    episode_index,
+    episodes,
+    scenes,
+    trajectories,
+)
+from eigenfail_services.store.totals import (
+    count_pairs,
+    read_trials,
+    sum_blocks,
+    sum_safety,
+    sum_spending,
+)
+
+_Expression = ColumnElement[Any]
+
+_c = episodes.c
+_COLLIDED = _c.outcome == Outcome.COLLISION
+_HOPELESS = or_(_c.drac_at_warning_mps2.is_(None), _c.drac_at_warning_mps2 > PEAK_BRAKING_MPS2)
+
+_CLASS = case(
+    (_c.robustness_m.is_(None), null()),
+    (
+        (_c.outcome == Outcome.SAFE) & (_c.min_ttc_s < NEAR_MISS_TTC_S),
+        ConflictClass.NEAR_MISS.value,
+    ),
+    (_c.outcome == Outcome.SAFE, ConflictClass.NONE.value),
+    (_c.collided_s.is_(None), null()),
+    (_COLLIDED & _HOPELESS, ConflictClass.UNAVOIDABLE.value),
+    (_COLLIDED, ConflictClass.PLANNER_FAILURE.value),
+)
+"""As `assess` classifies episodes."""
+
+_DERIVED: dict[str, _Expression] = {
+    "class": type_coerce(_CLASS, Text()),
+    "ttc_lead_s": case((_COLLIDED, _c.collided_s - _c.ttc_violated_s)),
+    "drac_lead_s": case((_COLLIDED, _c.collided_s - _c.drac_violated_s)),
+    "log_probability_per_step": _c.log_probability / case((_c.steps > 0, _c.steps), else_=1),
+    "problem": type_coerce(
+        _c.fault_kind + literal(": ") + func.coalesce(_c.fault_message, ""), Prose()
+    ),
+}
+"""What is worked out from a row rather than stored in it."""
+
+
+def _expression(column: str) -> _Expression:
+    return _DERIVED[column] if column in _DERIVED else _c[column]
+
+
+def _filter_conditions(where: Conditions, sort: SortOrder) -> Iterator[_Expression]:
+    """Yield the conditions so that the database follows the order, not one of the conditions."""
+    for condition in where:
+        column = _expression(condition.column)
+        leads = _has_index(condition, sort)
+        # SQLite, which knows nothing of how many rows match, would take any index for a condition
+        # and then sort what it found, for every page anew.
+        compared = column if leads else func.coalesce(column, null(), type_=column.type)
+        yield COMPARE[condition.operator](compared, _bind(condition.value))
+
+
+def _bind(value: Value) -> Any:
+    """Return a value to compare with; a whole number may exceed the range of its column."""
+    return literal(value, Number()) if type(value) is int else value
+
+
+def _has_index(condition: Condition, sort: SortOrder) -> bool:
+    """Return whether an index holds the rows of a condition in the wanted order."""
+    of_one_outcome = condition.column == "outcome" and condition.operator is Operator.EQUAL
+    return condition.column == sort.column or (sort.column == "index" and of_one_outcome)
+
+
+INDEXED = {
+    index.columns.keys()[1]
+    for index in episodes.indexes
+    if index.columns.keys()[::2] == ["campaign", "index"]
+}
+"""Columns that an index of the database sorts."""
+
+_Indices = Select[int]
+
+
+def page_queries(
+    connection: Connection, campaign: int, after: int | None, where: Conditions, sort: SortOrder
+) -> Iterator[_Indices]:
+    """Yield the queries whose answers, one after the other, are the indices behind `after`.
+
+    They select indices only: without an index of the database all rows are sorted.
+    """
+    query = select(episode_index).where(
+        episodes.c.campaign == campaign, *_filter_conditions(where, sort)
+    )
+    if sort.column == "index":
+        yield _by_index(query, after, sort)
+        return
+    column = _expression(sort.column)
+    missing = query.where(column.is_(None))
+    if after is not None:
+        last = select(column).where(episodes.c.campaign == campaign, episode_index == after)
+        found = connection.execute(last).one_or_none()
+        if found is None:
+            return
+        if found[0] is None:
+            yield _by_index(missing, after, sort)
+            return
+        # Rows never change: an index stands for its place in the order.
+        query = query.where(_beyond(tuple_(column, episode_index), tuple_(found[0], after), sort))
+    yield _by_value(query, column, sort)
+    if all(condition.column != sort.column for condition in where):
+        yield _by_index(missing, None, sort)
+
+
+def _by_index(query: _Indices, after: int | None, sort: SortOrder) -> _Indices:
+    behind = query if after is None else query.where(_beyond(episode_index, after, sort))
+    return behind.order_by(episode_index.desc() if sort.descending else episode_index)
+
+
+def _by_value(query: _Indices, column: _Expression, sort: SortOrder) -> _Indices:
+    """Select rows that have a value, by value and index: an index can be read both ways."""
+    order = (column.desc(), episode_index.desc()) if sort.descending else (column, episode_index)
+    known = query.where(column.is_not(None)).order_by(*order)
+    # Where all are sorted, SQLite would read them in the order of whatever index comes first.
+    return known if sort.column in INDEXED else known.where(episode_index >= 0)
+
+
+def _beyond(place: Any, last: Any, sort: SortOrder) -> Any:
+    return place < last if sort.descending else place > last
+
+
+_KNOWN = select(episode_index, episodes.c.digest).where(
+    episodes.c.campaign == bindparam("campaign"),
+    episode_index.in_(bindparam("indices", expanding=True)),
+)
+_INSERT_EPISODES, _INSERT_TRAJECTORIES, _INSERT_SCENES = (
+    insert(episodes),
+    insert(trajectories),
+    insert(scenes),
+)
+
+
+def _store_deliveries(
+    connection: Connection, campaign: int, deliveries: Sequence[Delivery]
+) -> list[Verdict]:
+    """Store results, update the counts, and log alarms; return one verdict for each delivery.
+
+    Raises:
+        NotFound: no such campaign.
+    """
+    before = lock_campaign(connection, campaign)
+    known = _read_digests(connection, campaign, {delivery.result.index for delivery in deliveries})
+    judgement = judge(before, known, deliveries)
+    _insert_results(connection, campaign, judgement.kept)
+    if judgement.counts != before.counts:
+        update_counts(connection, campaign, judgement.counts)
+    for alarm in judgement.alarms:
+        message = describe_alarm(campaign, alarm.result.index, alarm.worker)
+        append_event(connection, "episode.alarm", message, campaign)
+    return judgement.verdicts
+
+
+def _read_digests(connection: Connection, campaign: int, indices: set[int]) -> dict[int, str]:
+    return {
+        index: known
+        for chunk in chunks(indices)
+        for index, known in connection.execute(_KNOWN, {"campaign": campaign, "indices": chunk})
+    }
+
+
+def _insert_results(connection: Connection, campaign: int, kept: Sequence[Kept]) -> None:
+    if not kept:
+        return
+    at_ms = now_ms()
+    rows = [columns_of(campaign, one, at_ms) | _fault(one.result) for one in kept]
+    connection.execute(_INSERT_EPISODES, rows)
+    connection.execute(
+        _INSERT_TRAJECTORIES, [_key(campaign, one) | _blobs(one.result) for one in kept]
+    )
+    seen = [
+        _key(campaign, one) | {"scene": pack(one.result.scene)}
+        for one in kept
+        if one.result.scene is not None
+    ]
+    if seen:
+        connection.execute(_INSERT_SCENES, seen)
+
+
+def _key(campaign: int, kept: Kept) -> dict[str, object]:
+    return {"campaign": campaign, "index": kept.result.index}
+
+
+def _fault(result: EpisodeResult) -> dict[str, object]:
+    fault = result.fault
+    return {
+        "fault_kind": fault.kind if fault else None,
+        "fault_message": fault.message if fault else None,
+    }
+
+
+def _blobs(result: EpisodeResult) -> dict[str, object]:
+    return {
+        "z": to_blob(result.noise.z),
+        "sigma": to_blob(result.noise.sigma),
+        "states": None if result.states is None else to_blob(result.states),
+    }
+
+
+def _add_death(connection: Connection, campaign: int, index: int) -> int:
+    count = (
+        update(deaths)
+        .where(deaths.c.campaign == campaign, deaths.c["index"] == index)
+        .values(workers=deaths.c.workers + 1)
+        .returning(deaths.c.workers)
+    )
+    if (workers := connection.execute(count).scalar_one_or_none()) is not None:
+        return int(workers)
+    connection.execute(insert(deaths).values(campaign=campaign, index=index, workers=1))
+    return 1
+
+
+_SAME_TRAJECTORY = (trajectories.c.campaign == episodes.c.campaign) & (
+    trajectories.c["index"] == episode_index
+)
+_SAME_SCENE = (scenes.c.campaign == episodes.c.campaign) & (scenes.c["index"] == episode_index)
+_RESULTS = (
     select(*episodes.c, campaigns.c.spec)
     .add_columns(trajectories.c.z, trajectories.c.sigma, trajectories.c.states)
     .select_from(episodes)
     .join(campaigns, campaigns.c.id == episodes.c.campaign)
-    .outerjoin(trajectories, SAME_TRAJECTORY)
-    .add_columns(pruned_ms().label("pruned_ms"))
+    .outerjoin(trajectories, _SAME_TRAJECTORY)
+    .add_columns(select_pruned_ms().label("pruned_ms"))
 )
 
-ROWS = select(*episodes.c, pruned_ms().label("noise_pruned_ms"))
+_ROWS = select(*episodes.c, select_pruned_ms().label("noise_pruned_ms"))
 
 
-class SqlEpisodes:
-    """Results, read and written."""
+class EpisodeStore:
+    """Results of episodes: at most one for each, which never changes."""
 
-    def __init__(self, database: Database, remembered: Remembered) -> None:
+    def __init__(self, database: Database, cached: CachedQueries) -> None:
         self._database = database
-        self._remembered = remembered
+        self._cached = cached
 
     def commit(self, campaign: int, deliveries: Sequence[Delivery]) -> list[Verdict]:
-        """Keep results, update the counts, and log alarms; one verdict for each delivery."""
+        """Store results, update counts, and log alarms; return one verdict for each delivery."""
         with self._database.writing() as connection:
-            return land(connection, campaign, deliveries)
+            return _store_deliveries(connection, campaign, deliveries)
 
     def add_death(self, campaign: int, index: int) -> int:
-        """One more worker was lost while it ran this episode; how many that makes.
+        """Count one more worker that was lost while it ran an episode; return how many were.
 
         Raises:
             NotFound: no such campaign.
         """
         with self._database.writing() as connection:
-            locked(connection, campaign)
-            return deaths.add(connection, campaign, index)
+            lock_campaign(connection, campaign)
+            return _add_death(connection, campaign, index)
 
     def get(self, campaign: int, index: int) -> EpisodeResult:
-        """One result with everything that is kept of it."""
+        """Return the result of an episode with everything that is stored of it.
+
+        Raises:
+            NotFound: no such campaign, or the episode has no result.
+            NoisePruned: the episode's noise was pruned.
+        """
         query = (
-            RESULTS.add_columns(scenes.c.scene)
-            .outerjoin(scenes, SAME_SCENE)
-            .where(episodes.c.campaign == campaign, number == index)
+            _RESULTS.add_columns(scenes.c.scene)
+            .outerjoin(scenes, _SAME_SCENE)
+            .where(episodes.c.campaign == campaign, episode_index == index)
         )
         with self._database.reading() as connection:
-            one(connection, campaign)
+            read_campaign(connection, campaign)
             found = connection.execute(query).mappings().one_or_none()
-        if found is None or not is_there(found):
+        if found is None or not _has_result(found):
             raise no_episode(campaign, index)
         return to_result(found, found["scene"])
 
@@ -100,12 +349,16 @@ class SqlEpisodes:
         limit: int,
         after: int | None = None,
         where: Conditions = (),
-        sort: Sort = BY_INDEX,
+        sort: SortOrder = BY_INDEX,
     ) -> Page[EpisodeRow]:
-        """Episodes that fulfil all conditions, in an order, those behind `after`."""
+        """Return episodes that fulfil all conditions, in an order, behind the index `after` in it.
+
+        By index, `after` may be any number; in another order it is that of an episode with a
+        result, behind which rows follow each other without gap or overlap, whatever is added.
+        """
         found: list[EpisodeRow] = []
         with self._database.reading() as connection:
-            for query in pages(connection, campaign, after, where, sort):
+            for query in page_queries(connection, campaign, after, where, sort):
                 keys = query.limit(limit + 1 - len(found))
                 found += _rows(connection, campaign, connection.execute(keys).scalars().all())
                 if len(found) > limit:
@@ -114,18 +367,22 @@ class SqlEpisodes:
         return Page(items, items[-1].index if len(found) > limit else None)
 
     def finished(self, campaign: int, indices: Iterable[int]) -> list[EpisodeResult]:
-        """Those of the episodes that have a result, in index order, without their scenes."""
-        query = RESULTS.where(episodes.c.campaign == campaign).order_by(number)
+        """Return the results of those episodes that have one, in index order, without scenes.
+
+        Raises:
+            NoisePruned: the noise of one of them was pruned.
+        """
+        query = _RESULTS.where(episodes.c.campaign == campaign).order_by(episode_index)
         with self._database.reading() as connection:
             return [
                 to_result(found)
                 for chunk in chunks(set(indices))
-                for found in connection.execute(query.where(number.in_(chunk))).mappings()
-                if is_there(found)
+                for found in connection.execute(query.where(episode_index.in_(chunk))).mappings()
+                if _has_result(found)
             ]
 
     def failures(self, campaign: int) -> Failures:
-        """The noise of all collisions."""
+        """Return the noise of all collisions."""
         portions = list(self.failure_portions(campaign))
         return Failures(
             tuple(index for portion in portions for index in portion.indices),
@@ -133,12 +390,12 @@ class SqlEpisodes:
         )
 
     def failure_portions(self, campaign: int) -> Iterator[Failures]:
-        """The noise of all collisions, some at a time; all of one transaction."""
+        """Yield the noise of all collisions, at most `PORTION` at a time, from one transaction."""
         query = (
-            select(number, trajectories.c.z)
-            .join(trajectories, SAME_TRAJECTORY)
+            select(episode_index, trajectories.c.z)
+            .join(trajectories, _SAME_TRAJECTORY)
             .where(episodes.c.campaign == campaign, episodes.c.outcome == Outcome.COLLISION)
-            .order_by(number)
+            .order_by(episode_index)
             .execution_options(yield_per=PORTION)
         )
         with self._database.reading() as connection:
@@ -148,68 +405,65 @@ class SqlEpisodes:
                 )
 
     def totals(self, campaign: int) -> Totals:
-        """Sums over all collisions, and episodes counted by class."""
-        return self._remembered.totals([campaign])[campaign]
+        """Return sums over all collisions, and episodes counted by the classes of `assess`."""
+        return self._cached.totals([campaign])[campaign]
 
     def course(self, campaign: int, per: int) -> list[BlockTotals]:
-        """Sums over blocks of `per` indices, in index order."""
-        return self._remembered.once(course, campaign, per)
+        """Return sums over the completed episodes of each block of `per` indices, in order."""
+        return self._cached.once(sum_blocks, campaign, per)
 
     def safety(self, campaign: int, most: int = MOST_POINTS) -> SafetyTotals:
-        """Safety measures over the completed episodes, with at most so many points."""
-        return self._remembered.once(safety, campaign, most)
+        """Return safety measures of the completed episodes, and at most `most` failures as points.
+
+        If more failures have a severity, the points are every k-th of them in index order from the
+        first one on, for the smallest sufficient k.
+        """
+        return self._cached.once(sum_safety, campaign, most)
 
     def trials(self, campaign: int, most: int = MOST_TRIALS) -> Trials:
-        """Seeds and outcomes of the completed episodes, of at most so many."""
+        """Return seeds and outcomes of the completed episodes in index order.
+
+        If there are more than `most`, of every k-th from the first one on, for the smallest
+        sufficient k.
+        """
         with self._database.reading() as connection:
-            return trials(connection, campaign, most)
+            return read_trials(connection, campaign, most)
 
     def spending(self, campaign: int, most: int = MOST_LANDINGS) -> SpendingTotals:
-        """Worker time in the episodes, and when they landed."""
-        return self._remembered.once(spending, campaign, most)
+        """Return the worker time in the episodes, and when they landed.
+
+        The landings are every k-th completed episode by the time that it was stored, then by
+        index, for the smallest k that leaves at most `most`; and the last one.
+        """
+        return self._cached.once(sum_spending, campaign, most)
 
     def paired(self, first: int, second: int) -> PairTotals:
-        """The episodes that two campaigns both completed."""
+        """Count episodes that both campaigns completed with one seed and source, by outcome."""
         with self._database.reading() as connection:
-            return paired(connection, first, second)
+            return count_pairs(connection, first, second)
 
     def digest(self, campaign: int) -> str:
-        """SHA-256 over the digests of all results in index order."""
+        """Return the SHA-256 over one line "index digest" for each result, in index order."""
         with self._database.reading() as connection:
-            return digest(connection, campaign)
+            return hash_results(connection, campaign)
 
 
-def digest(connection: Connection, campaign: int) -> str:
-    """SHA-256 over one line "index digest" for each result, in index order."""
-    query = (
-        select(number, episodes.c.digest)
-        .where(episodes.c.campaign == campaign)
-        .order_by(number)
-        .execution_options(yield_per=CHUNK)
-    )
-    lines = hashlib.sha256()
-    for index, known in connection.execute(query):
-        lines.update(f"{index} {known}\n".encode())
-    return lines.hexdigest()
-
-
-def is_there(found: RowMapping) -> bool:
-    """Whether the noise of an episode is; without it, and not pruned, it has no result either.
+def _has_result(found: RowMapping) -> bool:
+    """Return whether an episode has a result; without noise that was not pruned it has none.
 
     Raises:
-        NoisePruned: it was taken away.
+        NoisePruned: the episode's noise was pruned.
     """
     if found["z"] is None and found["pruned_ms"] is not None:
-        raise pruned(found["campaign"], found["index"], found["source"], found["pruned_ms"])
+        raise noise_pruned(found["campaign"], found["index"], found["source"], found["pruned_ms"])
     return found["z"] is not None
 
 
 def _rows(connection: Connection, campaign: int, indices: Sequence[int]) -> list[EpisodeRow]:
-    """The rows of some episodes, in the order of these."""
-    query = ROWS.where(episodes.c.campaign == campaign)
+    query = _ROWS.where(episodes.c.campaign == campaign)
     found = {
         row["index"]: to_row(row)
         for chunk in chunks(set(indices))
-        for row in connection.execute(query.where(number.in_(chunk))).mappings()
+        for row in connection.execute(query.where(episode_index.in_(chunk))).mappings()
     }
     return [found[index] for index in indices]

@@ -1,26 +1,106 @@
-"""The event log in SQL.
+"""The event log, and the sentences in it.
 
-Whoever follows the log asks for ids above the last one seen, so an id must never become visible
-after a higher one. Ids therefore come from one counted row: it stays locked from the moment an id
-is taken until that transaction's end, and ids appear in order, without gaps. Every transaction
-takes it last, so that nobody waits for long, and no two wait for each other.
+Readers ask for ids above the last one seen, so an id must never become visible after a higher one.
+Ids therefore come from one counted row: it stays locked from the moment an id is taken until that
+transaction's end, and ids appear in order, without gaps. Every transaction takes it last, so that
+none waits for long, and no two wait for each other.
 """
 
 from collections.abc import Collection
 
 from sqlalchemy import Connection, delete, insert, select, update
 
-from eigenfail.values import CampaignState, Event
-from eigenfail_services.store import limits
+from eigenfail.values import (
+    Analysis,
+    AnalysisResult,
+    AnalysisState,
+    Campaign,
+    CampaignState,
+    Event,
+)
+from eigenfail.values.retention import Retention
+from eigenfail.versions import describe_mixed
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
+from eigenfail_services.store.lifecycle import STORIES
 from eigenfail_services.store.schema import campaigns, event_counter, events
+
+
+def describe_created(campaign: Campaign) -> str:
+    """Describe a new campaign."""
+    spec = campaign.spec
+    return f"{_name_of(campaign)} waits in the queue: {spec.episodes} episodes by {spec.method}."
+
+
+def describe_move(campaign: Campaign, because: str) -> str:
+    """Describe a campaign's new state."""
+    return f"{_name_of(campaign)} {STORIES[campaign.state]}. {because}".strip()
+
+
+def describe_priority(campaign: Campaign) -> str:
+    """Describe a campaign's new priority."""
+    return f"{_name_of(campaign)} has the priority {campaign.spec.priority} from now on."
+
+
+def describe_mixed_releases(campaign: Campaign) -> str:
+    """Describe that a campaign goes on with other versions."""
+    return " ".join(describe_mixed(campaign)[-2:])
+
+
+def describe_alarm(campaign: int, index: int, worker: str) -> str:
+    """Describe a result that contradicts the stored one."""
+    return (
+        f"Worker {worker} brought another result of episode {index} of campaign {campaign} than "
+        "the one that is kept: simulator, planner or machine is not deterministic."
+    )
+
+
+def describe_damage(campaign: int) -> str:
+    """Describe that the newest checkpoint is damaged."""
+    return (
+        f"The last checkpoint of campaign {campaign} is damaged: its SHA-256 does not match. The "
+        "campaign goes on from the one before it, with the same episodes. Check the disk."
+    )
+
+
+def describe_pruning(campaign: int, rule: Retention, who: str) -> str:
+    """Describe the beginning of a pruning."""
+    return (
+        f"{who} prunes campaign {campaign}: of its safe episodes with noise by {rule.source}, each "
+        f"{rule.keep_every}th keeps noise and scene. All rows and all failures stay."
+    )
+
+
+def describe_analysis(analysis: Analysis) -> str:
+    """Describe an analysis's new state."""
+    stories = {
+        AnalysisState.QUEUED: "waits in the queue",
+        AnalysisState.RUNNING: "is running",
+        AnalysisState.DONE: f"is done{_describe_findings(analysis.result)}",
+        AnalysisState.FAILED: "failed",
+    }
+    story = f"Analysis {analysis.id} of campaign {analysis.campaign} {stories[analysis.state]}."
+    return f"{story} {analysis.problem}".strip()
+
+
+def _name_of(campaign: Campaign) -> str:
+    return f"Campaign {campaign.id} '{campaign.spec.name}'"
+
+
+def _describe_findings(result: AnalysisResult | None) -> str:
+    return f": {len(result.modes)} modes in {len(result.episodes)} failures" if result else ""
+
+
+KEPT_EVENTS = 200_000
+"""Events in the log; older ones are deleted."""
 
 PRUNED_EVERY = 1_000
 
 
-def append(connection: Connection, kind: str, message: str, campaign: int | None = None) -> Event:
-    """Log an event as the last thing that a transaction does."""
+def append_event(
+    connection: Connection, kind: str, message: str, campaign: int | None = None
+) -> Event:
+    """Log an event; this must be the last statement of a transaction."""
     number = connection.execute(
         update(event_counter).values(last=event_counter.c.last + 1).returning(event_counter.c.last)
     ).scalar_one()
@@ -31,12 +111,12 @@ def append(connection: Connection, kind: str, message: str, campaign: int | None
         )
     )
     if number % PRUNED_EVERY == 0:
-        connection.execute(delete(events).where(events.c.id <= number - limits.KEPT_EVENTS))
+        connection.execute(delete(events).where(events.c.id <= number - KEPT_EVENTS))
     return event
 
 
-class SqlEventLog:
-    """Keeps the newest events; older ones are forgotten."""
+class EventLog:
+    """The newest events, in order; older ones are deleted."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -44,10 +124,10 @@ class SqlEventLog:
     def append(self, kind: str, message: str, campaign: int | None = None) -> Event:
         """Log an event."""
         with self._database.writing() as connection:
-            return append(connection, kind, message, campaign)
+            return append_event(connection, kind, message, campaign)
 
     def after(self, event: int, limit: int, campaign: int | None = None) -> list[Event]:
-        """Events with ids above `event`, oldest first."""
+        """Return events with ids above `event`, oldest first."""
         query = select(events).where(events.c.id > event).order_by(events.c.id).limit(limit)
         if campaign is not None:
             query = query.where(events.c.campaign == campaign)
@@ -55,7 +135,7 @@ class SqlEventLog:
             return [Event(**found) for found in connection.execute(query).mappings()]
 
     def latest(self, limit: int, campaign: int | None = None) -> list[Event]:
-        """The newest events, newest first."""
+        """Return the newest events, newest first."""
         query = select(events).order_by(events.c.id.desc()).limit(limit)
         if campaign is not None:
             query = query.where(events.c.campaign == campaign)
@@ -63,7 +143,7 @@ class SqlEventLog:
             return [Event(**found) for found in connection.execute(query).mappings()]
 
     def newest(self, kinds: Collection[str]) -> list[Event]:
-        """The newest event of these kinds of each campaign that is running, by campaign."""
+        """Return the newest event of these kinds of each running campaign, by campaign."""
         newest = (
             select(events.c.id)
             .where(events.c.campaign == campaigns.c.id, events.c.kind.in_(kinds))
@@ -77,7 +157,7 @@ class SqlEventLog:
             return [Event(**found) for found in connection.execute(query).mappings()]
 
     def last(self) -> int:
-        """The id of the newest event, 0 if there is none."""
+        """Return the id of the newest event, or 0."""
         with self._database.reading() as connection:
             last: int = connection.execute(select(event_counter.c.last)).scalar_one()
         return last

@@ -1,6 +1,7 @@
-"""The job queue in SQL: a row for each piece of work, leased to whoever claims it."""
+"""The job queue: a row for each campaign or analysis to be run, leased to who claims it."""
 
 from collections.abc import Callable, Mapping
+from typing import Any
 from uuid import uuid4
 
 from sqlalchemy import (
@@ -20,30 +21,69 @@ from sqlalchemy import (
 
 from eigenfail.values import Priority
 from eigenfail.values.records import Job, JobKind
-from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.clock import LeaseClock, length_ms, now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.leases import LEASE_OVER, held, leased
-from eigenfail_services.store.limits import BURIED, MAX_ATTEMPTS
+from eigenfail_services.store.refusals import claim_lost
 from eigenfail_services.store.schema import analyses, campaigns, jobs
+
+# A lease that is yet to begin is of another clock: of before the machine was started anew.
+_BEGUN_MS = jobs.c.lease_until_ms - jobs.c.lease_ms
+LEASE_OVER = (jobs.c.lease_until_ms <= LeaseClock()) | (LeaseClock() < _BEGUN_MS)
+
+
+def lease_columns(lease_s: float) -> dict[str, Any]:
+    """Return the columns of a lease that begins now."""
+    length = length_ms(lease_s)
+    return {"lease_until_ms": LeaseClock() + length, "lease_ms": length}
+
+
+def holds_token(job: Job) -> ColumnElement[bool]:
+    """Return the condition that a job still has the token of this claim."""
+    return (jobs.c.id == job.id) & (jobs.c.token == job.token)
+
+
+def fence(connection: Connection, claim: Job | None) -> None:
+    """Refuse to go on unless a claim is still held; None needs no claim.
+
+    The subject must be locked before. The job stays the holder's until the transaction ends.
+
+    Raises:
+        ClaimLost: the job was claimed by another service since, or is no longer there.
+    """
+    if claim is None:
+        return
+    # Nobody claims it or takes it away meanwhile; its lease may be renewed.
+    theirs = select(jobs.c.id).where(holds_token(claim)).with_for_update(read=True, key_share=True)
+    if connection.execute(theirs).first() is None:
+        raise claim_lost(claim)
+
+
+MAX_ATTEMPTS = 5
+"""Claims of one job in a row without progress, before the job becomes a dead letter."""
+
+DEAD_LETTER_REASON = (
+    f"Whoever worked on it was lost {MAX_ATTEMPTS} times in a row before it got any further. "
+    "The service's log says why; start it anew once that is put right."
+)
 
 SUBJECTS: Mapping[JobKind, Table] = {JobKind.CAMPAIGN: campaigns, JobKind.ANALYSIS: analyses}
 
-NOT_BURIED = jobs.c.buried_because.is_(None)
+NOT_DEAD = jobs.c.buried_because.is_(None)
 # Asked all the time, so made once: building a statement costs more than running it.
-WAITING = (
+_WAITING = (
     select(func.count())
     .select_from(jobs)
-    .where(jobs.c.kind == bindparam("wanted"), NOT_BURIED, LEASE_OVER)
+    .where(jobs.c.kind == bindparam("wanted"), NOT_DEAD, LEASE_OVER)
 )
-LEASED = select(jobs.c.owner, jobs.c.token).where(
-    jobs.c.token.is_not(None), NOT_BURIED, not_(LEASE_OVER)
+_LEASED = select(jobs.c.owner, jobs.c.token).where(
+    jobs.c.token.is_not(None), NOT_DEAD, not_(LEASE_OVER)
 )
 
-Undertaker = Callable[[Connection, int, str], object]
+OnDead = Callable[[Connection, int, str], object]
 
 
 def enqueue(connection: Connection, kind: JobKind, subject: int) -> None:
-    """A job at the end of the queue; one that was left over is taken from whoever holds it."""
+    """Add a job at the end of the queue; one that was left over is withdrawn."""
     withdraw(connection, kind, subject)
     connection.execute(
         insert(jobs).values(
@@ -59,47 +99,52 @@ def enqueue(connection: Connection, kind: JobKind, subject: int) -> None:
 
 
 def withdraw(connection: Connection, kind: JobKind, subject: int) -> None:
-    """Take the job for a subject out of the queue, whoever holds it."""
+    """Remove the job of a subject from the queue, whoever holds it."""
     connection.execute(delete(jobs).where(jobs.c.kind == kind, jobs.c.subject == subject))
 
 
-class SqlJobQueue:
-    """Claims, leases and burials.
+class JobQueue:
+    """Claims, leases and dead letters.
 
-    Attempts count the claims since the work last got further: a campaign that keeps results is
-    never buried, however often its supervisor is lost.
+    Attempts count the claims since the work last made progress: a campaign whose results are stored
+    never becomes a dead letter, however often its supervisor is lost.
 
     Args:
-        database: where the queue is.
-        undertakers: what makes a subject of each kind fail, given its id and the reason.
+        database: the database with the queue.
+        on_dead: for each kind of job, what makes its subject fail, given the subject's id and the
+            reason.
     """
 
-    def __init__(self, database: Database, undertakers: Mapping[JobKind, Undertaker]) -> None:
+    def __init__(self, database: Database, on_dead: Mapping[JobKind, OnDead]) -> None:
         self._database = database
-        self._undertakers = undertakers
+        self._on_dead = on_dead
 
     def claim(self, owner: str, lease_s: float, kind: JobKind | None = None) -> Job | None:
-        """The next job (of a kind) that nobody works on, now leased to the owner."""
+        """Lease the next free job (of a kind) to the owner, and return it.
+
+        That is the oldest, where each campaign counts as older by its priority's head start.
+        A job that was claimed too often becomes a dead letter instead, and its subject fails.
+        """
         while (job := self._take(owner, lease_s, kind)) and job.attempts > MAX_ATTEMPTS:
-            self._bury(job)
+            self._dead_letter(job)
         return job
 
     def _take(self, owner: str, lease_s: float, kind: JobKind | None) -> Job | None:
         first = (
             select(jobs.c.id)
-            .where(free(kind))
-            .order_by(place(), jobs.c.id)
+            .where(_is_free(kind))
+            .order_by(_queue_place(), jobs.c.id)
             .limit(1)
             .with_for_update(skip_locked=True)
         )
-        progress = finished()
+        progress = _count_finished()
         statement = (
             update(jobs)
             .where(jobs.c.id == first.scalar_subquery())
             .values(
                 owner=owner,
                 token=uuid4().hex,
-                **leased(lease_s),
+                **lease_columns(lease_s),
                 attempts=case((progress > jobs.c.progress, 1), else_=jobs.c.attempts + 1),
                 progress=progress,
             )
@@ -109,52 +154,55 @@ class SqlJobQueue:
             found = connection.execute(statement).one_or_none()
         return None if found is None else Job(found.id, JobKind(found.kind), *found[2:])
 
-    def _bury(self, job: Job) -> None:
+    def _dead_letter(self, job: Job) -> None:
         table = SUBJECTS[job.kind]
         # Everybody locks the subject first and its job second.
         lock = select(table.c.id).where(table.c.id == job.subject).with_for_update(key_share=True)
-        grave = update(jobs).where(held(job)).values(token=None, buried_because=BURIED)
+        dead_letter = (
+            update(jobs)
+            .where(holds_token(job))
+            .values(token=None, buried_because=DEAD_LETTER_REASON)
+        )
         with self._database.writing() as connection:
             connection.execute(lock)
-            if connection.execute(grave).rowcount:
-                self._undertakers[job.kind](connection, job.subject, BURIED)
+            if connection.execute(dead_letter).rowcount:
+                self._on_dead[job.kind](connection, job.subject, DEAD_LETTER_REASON)
 
     def renew(self, job: Job, lease_s: float) -> bool:
-        """Hold the job longer, or, with 0, give it back; False if it is no longer ours."""
-        statement = update(jobs).where(held(job)).values(**leased(lease_s))
+        """Extend the lease of a job, or, with 0, give it back; return False if it was lost."""
+        statement = update(jobs).where(holds_token(job)).values(**lease_columns(lease_s))
         with self._database.writing() as connection:
             return connection.execute(statement).rowcount == 1
 
     def let_go(self, is_lost: Callable[[str], bool]) -> int:
-        """Free at once what is leased to owners that are lost; how many jobs that are."""
+        """Free the jobs that are leased to lost owners; return their number."""
         with self._database.reading() as connection:
-            found = connection.execute(LEASED).all()
+            found = connection.execute(_LEASED).all()
         lost = [row.token for row in found if is_lost(row.owner)]
         if not lost:
             return 0
-        free_now = update(jobs).where(jobs.c.token.in_(lost)).values(**leased(0.0))
+        free_now = update(jobs).where(jobs.c.token.in_(lost)).values(**lease_columns(0.0))
         with self._database.writing() as connection:
             return connection.execute(free_now).rowcount
 
     def finish(self, job: Job) -> bool:
-        """The job is done; False if it was no longer ours."""
+        """Remove a job that is done; return False if its lease was lost."""
         with self._database.writing() as connection:
-            return connection.execute(delete(jobs).where(held(job))).rowcount == 1
+            return connection.execute(delete(jobs).where(holds_token(job))).rowcount == 1
 
     def waiting(self, kind: JobKind) -> int:
-        """How many jobs of a kind wait to be claimed."""
+        """Count the jobs of a kind that wait to be claimed."""
         with self._database.reading() as connection:
-            return connection.execute(WAITING, {"wanted": kind}).scalar_one()
+            return connection.execute(_WAITING, {"wanted": kind}).scalar_one()
 
 
-def free(kind: JobKind | None) -> ColumnElement[bool]:
-    """Jobs (of a kind) that nobody holds."""
+def _is_free(kind: JobKind | None) -> ColumnElement[bool]:
     wanted = true() if kind is None else jobs.c.kind == kind
-    return wanted & NOT_BURIED & LEASE_OVER
+    return wanted & NOT_DEAD & LEASE_OVER
 
 
-def place() -> ColumnElement[int]:
-    """Where a job stands in the queue: by when it was queued, less what its priority is worth."""
+def _queue_place() -> ColumnElement[int]:
+    """Return a job's place in the queue: when it was queued, less its priority's head start."""
     starts = {priority.value: priority.head_start_ms for priority in Priority}
     head_start = (
         select(case(starts, value=campaigns.c.priority))
@@ -164,8 +212,7 @@ def place() -> ColumnElement[int]:
     return jobs.c.queued_ms - func.coalesce(head_start, Priority.NORMAL.head_start_ms)
 
 
-def finished() -> ColumnElement[int]:
-    """How many episodes the campaign of a job has behind it; 0 for other jobs."""
+def _count_finished() -> ColumnElement[int]:
     count = (
         select(campaigns.c.completed + campaigns.c.failed)
         .where(campaigns.c.id == jobs.c.subject, jobs.c.kind == JobKind.CAMPAIGN)

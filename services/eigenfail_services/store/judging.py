@@ -1,13 +1,13 @@
-"""What becomes of delivered results: pure, and the same in every store."""
+"""Which delivered results are stored, and what follows: pure functions."""
 
 from collections.abc import Iterable, Mapping
-from math import isfinite
 from typing import Any
 
 import msgspec
 
 from eigenfail.values import (
     FINAL_STATES,
+    MEASURES,
     STATE,
     Campaign,
     Counts,
@@ -16,23 +16,22 @@ from eigenfail.values import (
     Measures,
     Outcome,
     Shape,
-    assess,
 )
 from eigenfail.values.randomness import MAX_SEED
-from eigenfail.values.records import Delivery, EpisodeRow, Verdict
+from eigenfail.values.records import Delivery, Verdict
 
 MAX_STEPS = 2**31 - 1
+MAX_MAGNITUDE = 1e15
+"""Of a measure or a log-probability: sums and squares over ten million episodes stay finite."""
 
-MEASURES = Measures.__struct_fields__
-COUNTED = ("hard_brakings", "clipped_steps")
 NOTHING_MEASURED: dict[str, Any] = dict.fromkeys(MEASURES)
 
 
 class Kept(msgspec.Struct, frozen=True, eq=False):
-    """A result that is the episode's one result.
+    """A result that becomes the stored result of its episode.
 
     Attributes:
-        result: as it can be stored: numbers that are not finite are gone.
+        result: as it is stored: numbers that are not finite are removed.
         digest: of the result as it was delivered.
     """
 
@@ -53,12 +52,12 @@ class Judgement(msgspec.Struct, frozen=True, eq=False):
 def judge(
     campaign: Campaign, known: Mapping[int, str], deliveries: Iterable[Delivery]
 ) -> Judgement:
-    """Judge results: the first that fits is kept, within one delivery too.
+    """Judge deliveries: the first fitting result of an episode is stored.
 
     Args:
         campaign: as it stands, locked.
         known: digests of those of the episodes that have a result.
-        deliveries: what was brought.
+        deliveries: the delivered results.
     """
     digests = dict(known)
     judgement = Judgement([], [], [], campaign.counts)
@@ -66,11 +65,11 @@ def judge(
         verdict = _verdict(campaign, digests, delivery.result)
         judgement.verdicts.append(verdict)
         if verdict is Verdict.KEPT:
-            judgement.kept.append(_kept(delivery, campaign))
+            judgement.kept.append(_to_kept(delivery, campaign))
             digests[delivery.result.index] = judgement.kept[-1].digest
         if verdict is Verdict.ALARM:
             judgement.alarms.append(delivery)
-    return msgspec.structs.replace(judgement, counts=_counted(judgement))
+    return msgspec.structs.replace(judgement, counts=_update_counts(judgement))
 
 
 def _verdict(campaign: Campaign, digests: Mapping[int, str], result: EpisodeResult) -> Verdict:
@@ -83,14 +82,14 @@ def _verdict(campaign: Campaign, digests: Mapping[int, str], result: EpisodeResu
     return Verdict.DUPLICATE if same else Verdict.ALARM
 
 
-def _kept(delivery: Delivery, campaign: Campaign) -> Kept:
+def _to_kept(delivery: Delivery, campaign: Campaign) -> Kept:
     result = delivery.result
-    kept = storable(result, campaign.spec.disturbance.shape)
+    kept = make_storable(result, campaign.spec.disturbance.shape)
     return Kept(kept, delivery.worker, result.digest())
 
 
 def _fits(result: EpisodeResult, campaign: Campaign) -> bool:
-    """Whether it belongs to the campaign, and can be read back as it was written."""
+    """Return whether a result belongs to the campaign, and can be read back as it was written."""
     noise, states = result.noise, result.states
     return (
         0 <= result.index < campaign.counts.planned
@@ -107,7 +106,7 @@ def _is_table(array: Floats, columns: int) -> bool:
     return array.ndim == 2 and array.shape[1] == columns
 
 
-def _counted(judgement: Judgement) -> Counts:
+def _update_counts(judgement: Judgement) -> Counts:
     before = judgement.counts
     outcomes = [kept.result.outcome for kept in judgement.kept]
     failed = outcomes.count(Outcome.FAILED)
@@ -121,48 +120,46 @@ def _counted(judgement: Judgement) -> Counts:
     )
 
 
-def storable(result: EpisodeResult, shape: Shape) -> EpisodeResult:
-    """The result without numbers that are not finite; without a robustness nothing was measured.
+def make_storable(result: EpisodeResult, shape: Shape) -> EpisodeResult:
+    """Return a result without invalid numbers; without a robustness it has no measures.
 
-    Noise without a step, as of an episode that was never run, is given the campaign's shape.
+    Noise without a step, as of an episode that never ran, gets the campaign's shape.
     """
     return msgspec.structs.replace(
         result,
         noise=msgspec.structs.replace(result.noise, shape=shape),
         measures=_finite_measures(result.measures),
-        wall_s=finite(result.wall_s) or 0.0,
+        wall_s=result.believed_wall_s,
     )
 
 
 def _finite_measures(measures: Measures | None) -> Measures | None:
-    if measures is None or not isfinite(measures.robustness_m):
+    if measures is None or _valid_measure(measures.robustness_m) is None:
         return None
-    found: dict[str, Any] = {name: finite(getattr(measures, name)) for name in MEASURES}
-    return Measures(**found | {name: count(getattr(measures, name)) for name in COUNTED})
+    found: dict[str, Any] = {
+        name: (valid_count if measure.is_count else _valid_measure)(getattr(measures, name))
+        for name, measure in MEASURES.items()
+    }
+    return Measures(**found)
+
+
+def _valid_measure(number: float | None) -> float | None:
+    # Distances, times, and magnitudes of speed, deceleration and jerk are never negative.
+    return finite(number) if number is not None and number >= 0.0 else None
 
 
 def finite(number: float | None) -> float | None:
-    """The number if it is one."""
-    return number if number is not None and isfinite(number) else None
+    """Return the number if it is finite, and no larger than anything that is measured."""
+    return number if number is not None and abs(number) <= MAX_MAGNITUDE else None
 
 
-def count(number: int | None) -> int | None:
-    """The number if it can be one of steps."""
+def valid_count(number: int | None) -> int | None:
+    """Return the number if it can be a number of steps."""
     return number if number is not None and 0 <= number <= MAX_STEPS else None
 
 
-def row_of(campaign: int, kept: Kept, at_ms: int) -> EpisodeRow:
-    """A kept result as a line in a list."""
-    result, fault = kept.result, kept.result.fault
-    return EpisodeRow(
-        assessed=assess(result.outcome, result.measures),
-        problem=f"{fault.kind}: {fault.message}" if fault else "",
-        **columns_of(campaign, kept, at_ms),
-    )
-
-
 def columns_of(campaign: int, kept: Kept, at_ms: int) -> dict[str, Any]:
-    """What of a kept result can be looked for; a log-probability that is not finite reads 0."""
+    """Return the columns of a stored result; an invalid log-probability becomes 0."""
     result, measures = kept.result, kept.result.measures
     return {
         "campaign": campaign,

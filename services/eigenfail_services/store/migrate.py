@@ -1,28 +1,40 @@
-"""Brings a database to the schema that this program was made for, or says why not."""
+"""Schema versions: how a database is brought to the schema of this program, or refused."""
+
+from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sqlalchemy import Connection, MetaData, Table, inspect, select
 from sqlalchemy.exc import ProgrammingError
 
 import eigenfail_services
 from eigenfail.errors import SchemaMismatch
-from eigenfail_services.store.engine import Backend, Database, find, translated, unavailable
+from eigenfail_services.store.engine import (
+    Backend,
+    Database,
+    find_backend,
+    to_unavailable,
+    translate_errors,
+)
 from eigenfail_services.store.refusals import upgrade_command
 from eigenfail_services.store.schema import VERSION, VERSION_TABLE, metadata
 
+if TYPE_CHECKING:
+    from alembic.config import Config
 
-def folder() -> Path:
-    """The migrations: inside the package when installed, at the root of a checkout."""
+
+def find_migrations() -> Path:
+    """Return the folder of the migrations: in the installed package, or in a checkout's root."""
     package = Path(eigenfail_services.__file__).parent
     shipped = package / "migrations"
     return shipped if shipped.is_dir() else package.parents[1] / "migrations"
 
 
-def version(connection: Connection) -> str | None:
-    """The schema's version; None for a database without any of our tables.
+def find_version(connection: Connection) -> str | None:
+    """Return the version of a database's schema; None for a database without tables of eigenfail.
 
     Raises:
         SchemaMismatch: somebody else's tables have the names of ours.
@@ -39,14 +51,14 @@ def version(connection: Connection) -> str | None:
     return None
 
 
-def ensure(database: Database, backend: Backend, *, migrate: bool) -> None:
-    """See to it that the schema is the newest: made if there is none, upgraded if it is older.
+def ensure_newest(database: Database, backend: Backend, *, migrate: bool) -> None:
+    """Bring the schema to the newest version, from none or an older one.
 
     Raises:
         SchemaMismatch: it is newer than this program, or may not be changed here.
     """
     with database.reading() as connection:
-        found = version(connection)
+        found = find_version(connection)
     if found == VERSION:
         return
     if not migrate:
@@ -57,18 +69,18 @@ def ensure(database: Database, backend: Backend, *, migrate: bool) -> None:
     upgrade_with(backend)
 
 
-def current(address: str) -> str | None:
-    """The schema version of the database at an address; None if it is empty.
+def read_version(address: str) -> str | None:
+    """Return the schema version of the database at an address; None if it is empty.
 
     Raises:
         StoreUnavailable: there is none, or it does not answer.
     """
-    backend = find(address)
+    backend = find_backend(address)
     backend.require()
     database = Database(backend)
     try:
         with database.reading() as connection:
-            return version(connection)
+            return find_version(connection)
     finally:
         database.close()
 
@@ -80,33 +92,70 @@ def upgrade(address: str) -> None:
         SchemaMismatch: it is newer than this program, or not ours.
         StoreUnavailable: it cannot be reached or changed.
     """
-    upgrade_with(find(address))
+    upgrade_with(find_backend(address))
 
 
 def upgrade_with(backend: Backend) -> None:
-    """The same, for a backend."""
-    from eigenfail_services.store import steps
+    """Bring the database of a backend to the newest schema.
 
-    with changing(backend) as connection:
-        steps.refuse_newer(version(connection), backend.label)
-        steps.upgrade(connection)
+    Raises:
+        SchemaMismatch: the schema is newer than this program, or not eigenfail's.
+        StoreUnavailable: the database cannot be reached or changed.
+    """
+    # Importing Alembic takes a quarter of a second, and most starts need none of it.
+    from alembic import command
+
+    with schema_transaction(backend) as connection:
+        refuse_newer(find_version(connection), backend.label)
+        command.upgrade(alembic_config(connection), "head")
 
 
 def downgrade(address: str, revision: str) -> None:
     """Take the database at an address back to an older schema; `base` removes everything."""
-    from eigenfail_services.store import steps
+    from alembic import command
 
-    backend = find(address)
-    with changing(backend) as connection:
-        steps.refuse_newer(version(connection), backend.label)
-        steps.downgrade(connection, revision)
+    backend = find_backend(address)
+    with schema_transaction(backend) as connection:
+        refuse_newer(find_version(connection), backend.label)
+        command.downgrade(alembic_config(connection), revision)
+
+
+def alembic_config(connection: Connection | None = None) -> Config:
+    """Return Alembic's settings: the folder of the migrations, and their transaction."""
+    from alembic.config import Config
+
+    config = Config()
+    config.set_main_option("script_location", str(find_migrations()).replace("%", "%%"))
+    config.attributes["connection"] = connection
+    return config
+
+
+def list_revisions() -> list[str]:
+    """Return all schema versions that this program knows, oldest first."""
+    from alembic.script import ScriptDirectory
+
+    script = ScriptDirectory.from_config(alembic_config())
+    return [revision.revision for revision in script.walk_revisions()][::-1]
+
+
+def refuse_newer(version: str | None, label: str) -> None:
+    """Refuse to touch a database that a later program made.
+
+    Raises:
+        SchemaMismatch: no migration of this program leads to that version.
+    """
+    if version is not None and version not in list_revisions():
+        raise SchemaMismatch(
+            f"The schema of {label} is {version}, newer than this program's {VERSION}.",
+            "Update eigenfail, or use another database; this one was left as it is.",
+        )
 
 
 @contextmanager
-def changing(backend: Backend) -> Iterator[Connection]:
-    """A transaction in which nobody else changes the schema."""
+def schema_transaction(backend: Backend) -> Iterator[Connection]:
+    """Give a transaction in which no other program changes the schema."""
     engine = backend.schema_engine().execution_options(writes=True)
-    with translated(backend):
+    with translate_errors(backend):
         backend.prepare()
         try:
             with engine.begin() as connection:
@@ -114,4 +163,4 @@ def changing(backend: Backend) -> Iterator[Connection]:
                 yield connection
         except ProgrammingError as error:
             # Here it is a right that is missing, not a statement that is wrong.
-            raise unavailable(backend, error) from None
+            raise to_unavailable(backend, error) from None

@@ -4,10 +4,21 @@ from functools import cache
 from importlib.util import find_spec
 from typing import Any
 
-from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, event, text
+from sqlalchemy import (
+    URL,
+    Connection,
+    Engine,
+    NullPool,
+    create_engine,
+    event,
+    make_url,
+    select,
+    text,
+)
 
-from eigenfail.errors import InvalidValue, StoreUnavailable
-from eigenfail_services.store.distress import AdvisoryLock
+from eigenfail.errors import InvalidValue, StoreUnavailable, StoreUnwritable
+from eigenfail_services.store.alarms import AdvisoryLock
+from eigenfail_services.store.schema import event_counter
 
 # libpq's own names. A server that has gone silent is given up after about ten seconds.
 QUERY = {
@@ -20,7 +31,7 @@ QUERY = {
 }
 # The second line is what the server does where this host is the one that has gone silent.
 OPTIONS = (
-    "-c synchronous_commit=on -c lock_timeout=30000 "
+    "-c synchronous_commit=on "
     "-c tcp_keepalives_idle=5 -c tcp_keepalives_interval=2 -c tcp_keepalives_count=3 "
     "-c tcp_user_timeout=10000"
 )
@@ -38,15 +49,31 @@ UNWRITABLE = frozenset({"53100", "58030", "25006"})
 LIMITS = {"idle_in_transaction_session_timeout": "10s", "transaction_timeout": "30s"}
 SINCE = {"transaction_timeout": (17,)}
 
+# query_canceled, lock_not_available
+TOOK_TOO_LONG = frozenset({"57014", "55P03"})
+LOCKED = (
+    "A session at the server holds its lock (pg_stat_activity and pg_locks name it): wait for it, "
+    "or end it; then the service goes on by itself."
+)
+# data_corrupted, index_corrupted
+DAMAGES = frozenset({"XX001", "XX002"})
+DAMAGED = (
+    "Stop the service; the server's log names the damage. Put a backup in the database's place: "
+    "`eigenfail db restore BACKUP --force`."
+)
+UNREACHABLE = "Check that the server runs, and the address, user and password."
+
+PROBE_LIMIT = "SET LOCAL statement_timeout = '2s'"
+TAKES_WRITES = "SHOW transaction_read_only"
+
 SCHEMA_LOCK = text("SELECT pg_advisory_xact_lock(hashtext('eigenfail_schema'))")
 
 
 class Postgres:
-    """The database at a server."""
+    """The database of a PostgreSQL server."""
 
-    remedy = "Check that the server runs, and the address, user and password."
-
-    def __init__(self, url: URL) -> None:
+    def __init__(self, address: str, wait_s: float) -> None:
+        url = make_url(address)
         query = {name: _one(value) for name, value in url.query.items()}
         host = url.host or query.get("host", "")
         if "@" in host:
@@ -54,7 +81,8 @@ class Postgres:
             raise InvalidValue(
                 "database", "The address has more than one @.", "Write %40 for an @ in a password."
             )
-        options = f"{OPTIONS} {query.get('options', '')}".strip()
+        waits = f"-c lock_timeout={round(wait_s * 1_000)}"
+        options = f"{OPTIONS} {waits} {query.get('options', '')}".strip()
         self._url = url.set(
             drivername="postgresql+psycopg", query={**QUERY, **query, "options": options}
         )
@@ -62,10 +90,13 @@ class Postgres:
         self.label = f"postgresql://{host}/{url.database or ''}"
         shown = {name: value for name, value in query.items() if name != "password"}
         bare = URL.create("postgresql", url.username, None, url.host, url.port, url.database, shown)
-        self.address = bare.render_as_string()
+        # SQLAlchemy leaves a space as it is, or writes a + in a query; PostgreSQL's own programs
+        # know %20 alone.
+        place, mark, options = bare.render_as_string().partition("?")
+        self.address = place.replace(" ", "%20") + mark + options.replace("+", "%20")
 
     def engine(self) -> Engine:
-        """For everyday work."""
+        """Return the engine for everyday work."""
         engine = create_engine(
             self._url,
             isolation_level="READ COMMITTED",
@@ -75,18 +106,18 @@ class Postgres:
             pool_timeout=POOL_WAIT_S,
             pool_pre_ping=True,
         )
-        event.listen(engine, "begin", begin)
-        return knowing_text(engine)
+        event.listen(engine, "begin", _begin)
+        return require_encoding(engine)
 
     def schema_engine(self) -> Engine:
-        """For migrations."""
+        """Return the engine for migrations."""
         engine = create_engine(
             self._url, isolation_level="READ COMMITTED", hide_parameters=True, poolclass=NullPool
         )
-        return knowing_text(engine)
+        return require_encoding(engine)
 
     def prepare(self) -> None:
-        """Nothing more: databases are made by whoever runs the server."""
+        """Check for the driver; the server's administrator creates databases."""
         self.require()
 
     def require(self) -> None:
@@ -97,27 +128,50 @@ class Postgres:
             )
 
     def lock_schema(self, connection: Connection) -> None:
-        """One program at a time looks at the schema and changes it."""
+        """Let one program at a time look at the schema and change it."""
         connection.execute(SCHEMA_LOCK)
 
     def refuses_writes(self, error: object) -> bool:
-        """Whether there is no room, or the server or its disk takes no writes."""
+        """Return whether the disk is full, or the server or its disk is read-only."""
         return getattr(error, "sqlstate", None) in UNWRITABLE
 
+    def remedy_of(self, error: object) -> str:
+        """Return what a user can do about a lock, damaged data or a server that is out of reach."""
+        if self.is_damage(error):
+            return DAMAGED
+        return LOCKED if getattr(error, "sqlstate", None) in TOOK_TOO_LONG else UNREACHABLE
+
+    def is_damage(self, error: object) -> bool:
+        """Return whether a page of a table or of an index is damaged."""
+        return getattr(error, "sqlstate", None) in DAMAGES
+
+    def check(self, connection: Connection) -> None:
+        """Do nothing: a connection to the server is one to the database."""
+
+    def probe(self, connection: Connection) -> None:
+        """Read a row, and check that the server takes writes, for two seconds at most."""
+        connection.exec_driver_sql(PROBE_LIMIT)
+        connection.execute(select(event_counter.c.last)).scalar_one()
+        if connection.exec_driver_sql(TAKES_WRITES).scalar_one() != "off":
+            raise StoreUnwritable(
+                f"The server of {self.label} takes no writes: it is a standby or read-only.",
+                "Name the primary server, or let it take writes.",
+            )
+
     def signal(self) -> AdvisoryLock:
-        """A lock at the server."""
+        """Return an advisory lock at the server."""
         return AdvisoryLock(self.schema_engine())
 
 
-def knowing_text(engine: Engine) -> Engine:
-    """The same, which refuses a database that keeps bytes and does not know what text they are."""
+def require_encoding(engine: Engine) -> Engine:
+    """Let an engine refuse databases that store text without an encoding."""
     # Before SQLAlchemy asks the server anything: it takes the answers for text.
-    event.listen(engine, "connect", refuse_bytes, insert=True)
+    event.listen(engine, "connect", _refuse_ascii, insert=True)
     return engine
 
 
-def refuse_bytes(connection: Any, _record: object) -> None:
-    """Raises InvalidValue for a database in SQL_ASCII."""
+def _refuse_ascii(connection: Any, _record: object) -> None:
+    """Raise InvalidValue for a database in SQL_ASCII."""
     name = connection.info.dbname
     if connection.info.parameter_status("server_encoding") == "SQL_ASCII":
         connection.close()
@@ -129,15 +183,15 @@ def refuse_bytes(connection: Any, _record: object) -> None:
         )
 
 
-def begin(connection: Connection) -> None:
-    """Give writers a limit on how long they may stand still."""
+def _begin(connection: Connection) -> None:
+    """Limit how long a writing transaction may stand still."""
     if connection.get_execution_options().get("writes", False):
-        connection.exec_driver_sql(limiting(connection.dialect.server_version_info or ()))
+        connection.exec_driver_sql(limit_statement(connection.dialect.server_version_info or ()))
 
 
 @cache
-def limiting(server: tuple[int, ...]) -> str:
-    """The statement that limits the transaction in which it stands, at a server of some version."""
+def limit_statement(server: tuple[int, ...]) -> str:
+    """Return the statement that limits its own transaction, for a version of the server."""
     known = {name: limit for name, limit in LIMITS.items() if server >= SINCE.get(name, ())}
     return "SELECT " + ", ".join(
         f"set_config('{name}', '{limit}', true)" for name, limit in known.items()

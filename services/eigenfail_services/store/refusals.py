@@ -29,7 +29,7 @@ def no_episode(campaign: int, index: int) -> NotFound:
     )
 
 
-def pruned(campaign: int, index: int, source: str, at_ms: int) -> NoisePruned:
+def noise_pruned(campaign: int, index: int, source: str, at_ms: int) -> NoisePruned:
     """The noise of an episode was taken away at a time."""
     day = datetime.fromtimestamp(at_ms / 1_000, UTC).date()
     drawn = (

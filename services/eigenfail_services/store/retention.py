@@ -1,13 +1,10 @@
-"""Noise and scenes that go to make room, and the record of what is gone, in SQL."""
+"""Pruning: noise and scenes that are deleted to make room, and the record of it."""
 
-from collections.abc import Iterable
 from typing import Any
 
 from sqlalchemy import (
     ColumnElement,
     Connection,
-    ScalarSelect,
-    and_,
     delete,
     func,
     insert,
@@ -16,134 +13,136 @@ from sqlalchemy import (
 )
 from sqlalchemy.engine import RowMapping
 
-from eigenfail.values import FINAL_STATES, CampaignSpec, Outcome
+from eigenfail.values import FINAL_STATES, Outcome
 from eigenfail.values.retention import Pruning, Retention, Weight
-from eigenfail_services.store import sentences
-from eigenfail_services.store.campaign_rows import locked, one
+from eigenfail_services.store.campaigns import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.events import append
-from eigenfail_services.store.landing import chunks
-from eigenfail_services.store.naming import episodes_of, in_use
-from eigenfail_services.store.refusals import not_ended, pruned, still_needed
-from eigenfail_services.store.schema import episodes, prunings, scenes, trajectories
+from eigenfail_services.store.events import append_event, describe_pruning
+from eigenfail_services.store.references import find_noise_in_use
+from eigenfail_services.store.refusals import not_ended, still_needed
+from eigenfail_services.store.schema import episode_index, episodes, prunings, scenes, trajectories
 
 SLICE = 2_000
 """Episodes that lose their noise in one transaction: others who write wait for less than a second.
 """
 
-number = episodes.c["index"]
-NOISE = (trajectories.c.campaign == episodes.c.campaign) & (trajectories.c["index"] == number)
-SCENE = (scenes.c.campaign == episodes.c.campaign) & (scenes.c["index"] == number)
-BYTES = (
+NOISE = (trajectories.c.campaign == episodes.c.campaign) & (
+    trajectories.c["index"] == episode_index
+)
+_SCENE = (scenes.c.campaign == episodes.c.campaign) & (scenes.c["index"] == episode_index)
+_BYTES = (
     func.length(trajectories.c.z)
     + func.length(trajectories.c.sigma)
     + func.coalesce(func.length(trajectories.c.states), 0)
     + func.coalesce(func.length(scenes.c.scene), 0)
 )
-HAS_SCENE = scenes.c.campaign.is_not(None)
-
-TAKEN = and_(
-    prunings.c.campaign == episodes.c.campaign,
-    prunings.c.through >= number,
-    episodes.c.outcome == Outcome.SAFE,
-    episodes.c.source == prunings.c.source,
-    number % prunings.c.keep_every != 0,
-)
-"""Whether an episode has lost its noise to a pruning: as `Pruning.took` says."""
+_HAS_SCENE = scenes.c.campaign.is_not(None)
 
 
-def pruned_ms() -> ScalarSelect[int]:
-    """When an episode lost its noise, beside its row; nothing where it is kept."""
-    return select(func.min(prunings.c.pruned_ms)).where(TAKEN).correlate(episodes).scalar_subquery()
-
-
-class SqlRetention:
-    """Takes blobs away, slice by slice."""
+class RetentionStore:
+    """Pruning of noise and scenes; rows, failures and every k-th episode stay."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def weigh(self, campaign: int, rule: Retention) -> Weight:
-        """What goes by a rule, if it is applied now."""
-        sums = (func.count(), func.count(scenes.c.campaign), func.coalesce(func.sum(BYTES), 0))
-        query = with_blobs(*sums).where(*losable(campaign, rule))
+        """Return what a rule would delete now.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        sums = (func.count(), func.count(scenes.c.campaign), func.coalesce(func.sum(_BYTES), 0))
+        query = _select_with_blobs(*sums).where(*_is_losable(campaign, rule))
         with self._database.reading() as connection:
-            one(connection, campaign)
+            read_campaign(connection, campaign)
             counted, sights, size = connection.execute(query).one()
         return Weight(counted, sights, int(size))
 
     def prune(
         self, campaign: int, rule: Retention, who: str, begun: int | None = None
     ) -> Pruning | None:
-        """Take away the next slice, and record it."""
+        """Delete the next slice by a rule, in index order, and record it, all or nothing.
+
+        Args:
+            campaign: by its id.
+            rule: which episodes keep their noise.
+            who: the user, in words, for the record.
+            begun: id of the record to continue; None begins one, with an event.
+
+        Returns:
+            The record so far; None if nothing (more) is to be deleted, and nothing was changed.
+
+        Raises:
+            NotFound: no such campaign.
+            Conflict: the campaign has not ended, or its noise is in use: see `in_use`. No
+                campaign that names it is created meanwhile.
+        """
         with self._database.writing() as connection:
-            subject = locked(connection, campaign)
+            subject = lock_campaign(connection, campaign)
             if subject.state not in FINAL_STATES:
                 raise not_ended(subject)
-            if campaign in in_use(connection, campaign):
+            if campaign in find_noise_in_use(connection, campaign):
                 raise still_needed(campaign)
-            found = next_slice(connection, campaign, rule, begun)
+            found = _next_slice(connection, campaign, rule, begun)
             if not found:
                 return None
             if begun is None:
-                begun = begin(connection, campaign, rule, who)
-            take(connection, campaign, found)
-            return recorded(connection, begun, found)
+                begun = _begin_pruning(connection, campaign, rule, who)
+            _delete_blobs(connection, campaign, found)
+            return _record_slice(connection, begun, found)
 
     def in_use(self) -> frozenset[int]:
-        """Campaigns whose noise others need that have not ended."""
+        """Return the campaigns whose noise a running campaign or analysis still needs."""
         with self._database.reading() as connection:
-            return in_use(connection)
+            return find_noise_in_use(connection)
 
     def of(self, campaign: int) -> tuple[Pruning, ...]:
-        """What was taken from a campaign, oldest first."""
+        """Return the prunings of a campaign, oldest first."""
         query = select(prunings).where(prunings.c.campaign == campaign).order_by(prunings.c.id)
         with self._database.reading() as connection:
-            return tuple(map(to_pruning, connection.execute(query).mappings()))
+            return tuple(map(_to_pruning, connection.execute(query).mappings()))
 
 
-def with_blobs(*columns: ColumnElement[Any]) -> Any:
-    """A question about episodes whose noise is there, and their scenes."""
-    return select(*columns).select_from(episodes).join(trajectories, NOISE).outerjoin(scenes, SCENE)
+def _select_with_blobs(*columns: ColumnElement[Any]) -> Any:
+    return (
+        select(*columns).select_from(episodes).join(trajectories, NOISE).outerjoin(scenes, _SCENE)
+    )
 
 
-def losable(campaign: int, rule: Retention) -> tuple[ColumnElement[bool], ...]:
-    """What a rule takes of a campaign."""
+def _is_losable(campaign: int, rule: Retention) -> tuple[ColumnElement[bool], ...]:
     return (
         episodes.c.campaign == campaign,
         episodes.c.outcome == Outcome.SAFE,
         episodes.c.source == rule.source,
-        number % rule.keep_every != 0,
+        episode_index % rule.keep_every != 0,
     )
 
 
-def next_slice(
+def _next_slice(
     connection: Connection, campaign: int, rule: Retention, begun: int | None
 ) -> list[Any]:
-    """Index, size and whether there is a scene, of the next episodes that lose their noise."""
+    """Return index, size and presence of a scene of the next episodes that lose their noise."""
     last = select(func.coalesce(func.max(prunings.c.through), -1)).where(prunings.c.id == begun)
     query = (
-        with_blobs(number, BYTES.label("bytes"), HAS_SCENE.label("has_scene"))
-        .where(*losable(campaign, rule), number > last.scalar_subquery())
-        .order_by(number)
+        _select_with_blobs(episode_index, _BYTES.label("bytes"), _HAS_SCENE.label("has_scene"))
+        .where(*_is_losable(campaign, rule), episode_index > last.scalar_subquery())
+        .order_by(episode_index)
         .limit(SLICE)
     )
     return list(connection.execute(query))
 
 
-def begin(connection: Connection, campaign: int, rule: Retention, who: str) -> int:
-    """A record that nothing is gone as yet, and an event."""
+def _begin_pruning(connection: Connection, campaign: int, rule: Retention, who: str) -> int:
     values = {"campaign": campaign, "source": rule.source, "keep_every": rule.keep_every}
     nothing = {"through": -1, "episodes": 0, "scenes": 0, "bytes": 0}
     statement = insert(prunings).values(pruned_ms=now_ms(), who=who, **values, **nothing)
     begun: int = connection.execute(statement.returning(prunings.c.id)).scalar_one()
-    append(connection, "campaign.pruned", sentences.pruning(campaign, rule, who), campaign)
+    append_event(connection, "campaign.pruned", describe_pruning(campaign, rule, who), campaign)
     return begun
 
 
-def take(connection: Connection, campaign: int, found: list[Any]) -> None:
-    """Away with the blobs."""
+def _delete_blobs(connection: Connection, campaign: int, found: list[Any]) -> None:
     indices = [row[0] for row in found]
     sights = [row[0] for row in found if row.has_scene]
     same = trajectories.c.campaign == campaign
@@ -151,12 +150,11 @@ def take(connection: Connection, campaign: int, found: list[Any]) -> None:
     if sights:
         seen = (scenes.c.campaign == campaign, scenes.c["index"].in_(sights))
         connection.execute(delete(scenes).where(*seen))
-        ours = (episodes.c.campaign == campaign, number.in_(sights))
+        ours = (episodes.c.campaign == campaign, episode_index.in_(sights))
         connection.execute(update(episodes).where(*ours).values(has_scene=False))
 
 
-def recorded(connection: Connection, begun: int, found: list[Any]) -> Pruning:
-    """The record, with a slice more."""
+def _record_slice(connection: Connection, begun: int, found: list[Any]) -> Pruning:
     c = prunings.c
     statement = update(prunings).where(c.id == begun)
     change = statement.values(
@@ -165,23 +163,11 @@ def recorded(connection: Connection, begun: int, found: list[Any]) -> Pruning:
         scenes=c.scenes + sum(1 for row in found if row.has_scene),
         bytes=c.bytes + sum(row.bytes for row in found),
     )
-    return to_pruning(connection.execute(change.returning(prunings)).mappings().one())
+    return _to_pruning(connection.execute(change.returning(prunings)).mappings().one())
 
 
-def to_pruning(found: RowMapping) -> Pruning:
-    """A record from its row."""
+def _to_pruning(found: RowMapping) -> Pruning:
     values = dict(found)
     rule = Retention(values.pop("keep_every"), values.pop("source"))
     weight = Weight(values.pop("episodes"), values.pop("scenes"), values.pop("bytes"))
     return Pruning(retention=rule, weight=weight, **values)
-
-
-def refuse_gone(connection: Connection, specs: Iterable[CampaignSpec]) -> None:
-    """Raises NoisePruned if an episode that a new campaign names has lost its noise."""
-    for campaign, indices in (episodes_of(spec.settings) for spec in specs):
-        found = select(number, episodes.c.source, pruned_ms().label("at_ms"))
-        query = found.where(episodes.c.campaign == campaign)
-        for some in chunks(indices):
-            for index, source, at_ms in connection.execute(query.where(number.in_(some))):
-                if at_ms is not None:
-                    raise pruned(campaign or 0, index, source, at_ms)

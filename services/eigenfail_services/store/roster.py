@@ -1,4 +1,4 @@
-"""Which workers are there, and were, in SQL."""
+"""The roster: which workers are connected, and which were."""
 
 from collections.abc import Collection, Sequence
 
@@ -7,41 +7,45 @@ from msgspec.structs import asdict
 from sqlalchemy import Connection, RowMapping, Update, delete, insert, select, update
 
 from eigenfail.values.worker import Arrival, Presence, Versions
-from eigenfail_services.store import limits
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.engine import Database
-from eigenfail_services.store.landing import chunks
+from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.schema import arrivals
 
+KEPT_ARRIVALS = 100_000
+"""Arrivals of workers; older ones are deleted."""
+
 PRUNED_EVERY = 1_000
-ARRIVED = insert(arrivals).returning(arrivals.c.id, sort_by_parameter_order=True)
+_ARRIVED = insert(arrivals).returning(arrivals.c.id, sort_by_parameter_order=True)
 
 _versions = msgspec.json.Decoder(Versions)
 
 
-class SqlRoster:
-    """Keeps the newest arrivals; older ones are forgotten."""
+class Roster:
+    """Workers that are and were connected; the newest arrivals are kept.
+
+    Each method writes all or nothing.
+    """
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def arrived(self, arrivals: Sequence[Arrival]) -> list[int]:
-        """Workers have come; the numbers under which they are there, rising, in the same order."""
+        """Record that workers have connected; return their ids, rising, in the same order."""
         if not arrivals:
             return []
         at_ms = now_ms()
         with self._database.writing() as connection:
             rows = [_row(arrival, at_ms) for arrival in arrivals]
-            numbers = [*connection.execute(ARRIVED, rows).scalars()]
-            prune(connection, numbers)
+            numbers = [*connection.execute(_ARRIVED, rows).scalars()]
+            _prune(connection, numbers)
         return numbers
 
     def heard(self, presences: Collection[int]) -> None:
-        """These are still there."""
+        """Record that workers are still connected."""
         self._note(update(arrivals).values(heard_ms=now_ms()), presences)
 
     def left(self, presences: Collection[int]) -> None:
-        """They are not there any more; a second time changes nothing."""
+        """Record that workers have disconnected; a second time changes nothing."""
         here = update(arrivals).where(arrivals.c.left_ms.is_(None))
         self._note(here.values(left_ms=now_ms()), presences)
 
@@ -51,14 +55,14 @@ class SqlRoster:
                 connection.execute(statement.where(arrivals.c.id.in_(some)))
 
     def present(self, since_ms: int) -> tuple[Presence, ...]:
-        """Those that were heard since then and have not left, by name."""
+        """Return the workers that were heard since a moment and have not left, by name."""
         here = (arrivals.c.heard_ms >= since_ms) & arrivals.c.left_ms.is_(None)
         query = select(arrivals).where(here).order_by(arrivals.c.worker, arrivals.c.id)
         with self._database.reading() as connection:
             return tuple(map(_presence, connection.execute(query).mappings()))
 
     def last(self, worker: str, at_ms: int) -> Presence | None:
-        """The latest arrival under a name up to a moment, if it is still known."""
+        """Return the latest arrival under a name up to a moment, if it is still on record."""
         named = (arrivals.c.worker == worker) & (arrivals.c.arrived_ms <= at_ms)
         query = select(arrivals).where(named).order_by(arrivals.c.id.desc()).limit(1)
         with self._database.reading() as connection:
@@ -66,10 +70,9 @@ class SqlRoster:
         return None if found is None else _presence(found)
 
 
-def prune(connection: Connection, numbers: Sequence[int]) -> None:
-    """Forget what is too old, now and then."""
+def _prune(connection: Connection, numbers: Sequence[int]) -> None:
     if any(number % PRUNED_EVERY == 0 for number in numbers):
-        oldest = numbers[-1] - limits.KEPT_ARRIVALS
+        oldest = numbers[-1] - KEPT_ARRIVALS
         connection.execute(delete(arrivals).where(arrivals.c.id <= oldest))
 
 

@@ -1,17 +1,282 @@
-"""Sums over the episodes of campaigns, made by the database."""
+"""Sums over the episodes of campaigns, computed by the database.
+
+Sums of floats depend on their order, and reports must not: values are added in index order.
+"""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from contextlib import closing
+from math import ceil, fsum
+from statistics import fmean
+from typing import Any, NamedTuple
 
+import numpy as np
 from msgspec.structs import replace
-from sqlalchemy import Connection, Row, and_, func, null, or_, select
+from numpy.typing import NDArray
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Integer,
+    Row,
+    Select,
+    and_,
+    cast,
+    func,
+    null,
+    or_,
+    select,
+)
 
-from eigenfail.values import Outcome
+from eigenfail.values import (
+    BlockTotals,
+    FailurePoint,
+    Landing,
+    MeasureTotals,
+    Outcome,
+    PairTotals,
+    SafetyTotals,
+    SpendingTotals,
+    Trials,
+)
 from eigenfail.values.assessment import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.records import ConflictTotals, Totals
-from eigenfail_services.store.schema import campaigns, episodes
+from eigenfail.values.records import ConflictTotals, FrequentFault, Totals
+from eigenfail_services.store.codec import to_row
+from eigenfail_services.store.schema import campaigns, episode_index, episodes
 
-SUMMED = tuple(
+_CHUNK = 10_000
+"""How many rows are fetched at a time."""
+
+_Column = NDArray[np.float64]
+
+_COLLIDED = cast(episodes.c.outcome == Outcome.COLLISION, Integer)
+
+
+def _read_columns(connection: Connection, query: Select[*tuple[Any, ...]]) -> tuple[_Column, ...]:
+    """Return the columns of a query's answer as arrays; NaN stands for a missing value."""
+    parts = [np.empty((0, len(query.selected_columns)))]
+    with closing(connection.execute(query)) as answer:
+        # The driver's rows as they are: ours would take three times as long.
+        while rows := answer.cursor.fetchmany(_CHUNK):
+            parts.append(np.array(rows, np.float64))
+    return tuple(np.concatenate(parts).T)
+
+
+def sum_blocks(connection: Connection, campaign: int, per: int) -> list[BlockTotals]:
+    """Return sums over blocks of `per` indices that have a completed episode, in index order."""
+    query = (
+        select(episode_index, _COLLIDED, episodes.c.robustness_m, episodes.c.log_probability)
+        .add_columns(episodes.c.steps)
+        .where(episodes.c.campaign == campaign, episodes.c.outcome != Outcome.FAILED)
+        .order_by(episodes.c.finished_ms, episode_index)
+    )
+    landed = _read_columns(connection, query)
+    # In index order: sums of floats depend on theirs, and reports must not change with it.
+    index, *measured = (column[np.argsort(landed[0])] for column in landed)
+    blocks, begins = np.unique(index // per, return_index=True)
+    if not len(blocks):
+        return []
+    parts = zip(*(np.split(column, begins[1:]) for column in measured), strict=True)
+    return [
+        _sum_block(int(place) * per, *part)
+        for place, part in zip(blocks.tolist(), parts, strict=True)
+    ]
+
+
+def _sum_block(
+    first: int, collided: _Column, robustness_m: _Column, log_probability: _Column, steps: _Column
+) -> BlockTotals:
+    crashes = collided == 1.0
+    known_m = robustness_m[~np.isnan(robustness_m)]
+    return BlockTotals(
+        first=first,
+        completed=len(collided),
+        failures=int(crashes.sum()),
+        log_probability=sum(log_probability[crashes].tolist(), 0.0),
+        steps=int(steps[crashes].sum()),
+        smallest_robustness_m=float(known_m.min()) if len(known_m) else None,
+        median_robustness_m=float(np.median(known_m)) if len(known_m) else None,
+    )
+
+
+def count_pairs(connection: Connection, first: int, second: int) -> PairTotals:
+    """Count the episodes that two campaigns both completed with one seed and source, by outcome."""
+    other = episodes.alias()
+    same = and_(
+        other.c["index"] == episode_index,
+        other.c.seed == episodes.c.seed,
+        other.c.source == episodes.c.source,
+    )
+    one_failed = episodes.c.outcome == Outcome.COLLISION
+    other_failed = other.c.outcome == Outcome.COLLISION
+    query = (
+        select(
+            func.count().filter(one_failed, other_failed).label("both"),
+            func.count().filter(one_failed, ~other_failed).label("only_first"),
+            func.count().filter(~one_failed, other_failed).label("only_second"),
+            func.count().filter(~one_failed, ~other_failed).label("neither"),
+        )
+        .select_from(episodes)
+        .join(other, same)
+        .where(
+            episodes.c.campaign == first,
+            other.c.campaign == second,
+            episodes.c.outcome != Outcome.FAILED,
+            other.c.outcome != Outcome.FAILED,
+        )
+    )
+    return PairTotals(*connection.execute(query).one())
+
+
+def sum_safety(connection: Connection, campaign: int, most: int) -> SafetyTotals:
+    """Return safety measures of the completed episodes, and at most `most` failures as points.
+
+    Memory grows with the campaign by two numbers for each failure only.
+    """
+    done = select(func.count(), func.sum(_COLLIDED)).where(*_is_completed(campaign))
+    count, failures = connection.execute(done).one()
+    crashed, severities = _read_columns(connection, _select_severities(campaign))
+    every = max(1, ceil(len(crashed) / most))
+    return SafetyTotals(
+        completed=count,
+        failures=failures or 0,
+        ttc=_sum_measure(connection, campaign, _TTC),
+        drac=_sum_measure(connection, campaign, _DRAC),
+        severities=severities,
+        points=_read_points(connection, campaign, crashed[::every].astype(int).tolist()),
+    )
+
+
+def _is_completed(campaign: int) -> tuple[ColumnElement[bool], ...]:
+    return episodes.c.campaign == campaign, episodes.c.outcome != Outcome.FAILED
+
+
+class _Threshold(NamedTuple):
+    """A measure, which of its values are beyond its threshold, and its worst value."""
+
+    column: ColumnElement[float]
+    beyond: ColumnElement[bool]
+    worst: ColumnElement[float]
+
+
+_TTC = _Threshold(
+    episodes.c.min_ttc_s,
+    episodes.c.min_ttc_s < NEAR_MISS_TTC_S,
+    func.min(episodes.c.min_ttc_s),
+)
+_DRAC = _Threshold(
+    episodes.c.max_drac_mps2,
+    episodes.c.max_drac_mps2 > PEAK_BRAKING_MPS2,
+    func.max(episodes.c.max_drac_mps2),
+)
+
+
+def _sum_measure(connection: Connection, campaign: int, of: _Threshold) -> MeasureTotals:
+    """Sum up a measure over the completed episodes that have it; an index holds them in order."""
+    inside = (*_is_completed(campaign), of.column.is_not(None))
+    query = select(func.count(), func.count().filter(of.beyond), of.worst).where(*inside)
+    count, beyond, worst = connection.execute(query).one()
+    if not count:
+        return MeasureTotals()
+    middle = (
+        select(of.column)
+        .where(*inside)
+        .order_by(of.column)
+        .offset((count - 1) // 2)
+        .limit(2 - count % 2)
+    )
+    return MeasureTotals(count, beyond, fmean(connection.execute(middle).scalars()), worst)
+
+
+def _select_severities(campaign: int) -> Select[*tuple[Any, ...]]:
+    return (
+        select(episode_index, episodes.c.severity)
+        .where(
+            episodes.c.campaign == campaign,
+            episodes.c.outcome == Outcome.COLLISION,
+            episodes.c.severity.is_not(None),
+        )
+        .order_by(episode_index)
+    )
+
+
+def _read_points(
+    connection: Connection, campaign: int, chosen: Sequence[int]
+) -> tuple[FailurePoint, ...]:
+    query = select(episodes).where(episodes.c.campaign == campaign, episode_index.in_(chosen))
+    rows = map(to_row, connection.execute(query.order_by(episode_index)).mappings())
+    return tuple(
+        FailurePoint(
+            row.index, row.log_probability / max(row.steps, 1), row.severity, row.assessed.conflict
+        )
+        for row in rows
+        if row.severity is not None
+    )
+
+
+_COMPLETED = episodes.c.outcome != Outcome.FAILED
+
+
+def sum_spending(connection: Connection, campaign: int, most: int) -> SpendingTotals:
+    """Return the worker time in all episodes, and at most `most` landings beside the last one."""
+    inside = episodes.c.campaign == campaign
+    completed = connection.execute(select(func.count()).where(inside, _COMPLETED)).scalar_one()
+    failed = select(episodes.c.wall_s).where(inside, ~_COMPLETED)
+    found = connection.execute(_select_landings(campaign, completed, most)).all()
+    return SpendingTotals(
+        completed_worker_s=found[-1].worker_s if found else 0.0,
+        failed_worker_s=fsum(connection.execute(failed).scalars()),
+        landings=tuple(Landing(each.finished_ms, each.place, each.failures) for each in found),
+    )
+
+
+def _select_landings(campaign: int, completed: int, most: int) -> Select[*tuple[Any, ...]]:
+    """Select every k-th completed episode in the order of landing, and the last one.
+
+    Each has the numbers of episodes and collisions and the worker time up to it.
+    """
+    order = (episodes.c.finished_ms, episode_index)
+    # By rows, not by range: two that landed at the same time are two.
+    until = (None, 0)
+    crashes = func.count().filter(episodes.c.outcome == Outcome.COLLISION)
+    landed = (
+        select(
+            episodes.c.finished_ms,
+            func.row_number().over(order_by=order).label("place"),
+            crashes.over(order_by=order, rows=until).label("failures"),
+            func.sum(episodes.c.wall_s).over(order_by=order, rows=until).label("worker_s"),
+        )
+        .where(episodes.c.campaign == campaign, _COMPLETED)
+        .subquery()
+        .c
+    )
+    every = max(1, ceil(completed / most))
+    chosen = or_(landed.place % every == 0, landed.place == completed)
+    return select(*landed).where(chosen).order_by(landed.place)
+
+
+_TRIALS_CHUNK = 10_000
+"""How many rows are fetched at a time."""
+
+_TRIAL = np.dtype([("seed", np.int64), ("failed", np.bool_)])
+
+
+def read_trials(connection: Connection, campaign: int, most: int) -> Trials:
+    """Return seeds and outcomes of the completed episodes, or of every k-th of them."""
+    inside = (episodes.c.campaign == campaign, episodes.c.outcome != Outcome.FAILED)
+    count = connection.execute(select(func.count()).where(*inside)).scalar_one()
+    place = func.row_number().over(order_by=episode_index).label("place")
+    ranked = select(episodes.c.seed, episodes.c.outcome, place).where(*inside).subquery().c
+    query = (
+        select(ranked.seed, ranked.outcome)
+        .where((ranked.place - 1) % max(1, ceil(count / most)) == 0)
+        .order_by(ranked.place)
+        .execution_options(yield_per=_TRIALS_CHUNK)
+    )
+    rows = ((seed, outcome == Outcome.COLLISION) for seed, outcome in connection.execute(query))
+    found = np.fromiter(rows, _TRIAL)
+    return Trials(found["seed"], found["failed"])
+
+
+_SUMMED = tuple(
     episodes.c[name]
     for name in (
         *("campaign", "index", "log_probability", "steps", "severity", "collided_s"),
@@ -21,33 +286,33 @@ SUMMED = tuple(
 """An index holds just these."""
 
 
-class Ended(NamedTuple):
-    """Episodes whose end was unresolved, and those of which that is not known."""
+class _Ended(NamedTuple):
+    """Episodes whose end was unresolved, and episodes of which that is unknown."""
 
     unresolved: int
     perhaps: int
 
 
-NOBODY = Ended(0, 0)
+_NONE_ENDED = _Ended(0, 0)
 
 
-def results(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
-    """How many results each of some campaigns has; those that do not exist are left out."""
+def count_results(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
+    """Count the results of campaigns, by id; campaigns that do not exist are left out."""
     query = select(campaigns.c.id, campaigns.c.completed + campaigns.c.failed)
     found = connection.execute(query.where(campaigns.c.id.in_(chosen)))
     return {row[0]: row[1] for row in found}
 
 
-def totals(connection: Connection, chosen: Sequence[int]) -> dict[int, Totals]:
-    """Sums over all collisions, and episodes counted by class, as `assess` classifies them.
+def sum_campaigns(connection: Connection, chosen: Sequence[int]) -> dict[int, Totals]:
+    """Return sums over all collisions, and episodes counted by class, of each campaign.
 
-    Three questions, however many campaigns.
+    Classes are those of `assess`. The number of queries does not depend on that of campaigns.
     """
     # In index order: sums of floats depend on theirs, and reports must not change with it.
     collisions = (
-        select(*SUMMED)
+        select(*_SUMMED)
         .where(episodes.c.campaign.in_(chosen), episodes.c.outcome == Outcome.COLLISION)
-        .order_by(episodes.c.campaign, episodes.c["index"])
+        .order_by(episodes.c.campaign, episode_index)
         .subquery()
         .c
     )
@@ -72,17 +337,20 @@ def totals(connection: Connection, chosen: Sequence[int]) -> dict[int, Totals]:
         func.count(drac_lead_s).label("drac_leads"),
     ).group_by(collisions.campaign)
     crashes = {found.campaign: found for found in connection.execute(query)}
-    near, ended = near_misses(connection, chosen), unresolved(connection, chosen)
+    near, ended = count_near_misses(connection, chosen), count_unresolved(connection, chosen)
+    faults = _find_frequent_faults(connection, chosen)
     return {
-        campaign: totals_of(
-            crashes.get(campaign), near.get(campaign, 0), ended.get(campaign, NOBODY)
+        campaign: replace(
+            _to_totals(
+                crashes.get(campaign), near.get(campaign, 0), ended.get(campaign, _NONE_ENDED)
+            ),
+            fault=faults.get(campaign),
         )
         for campaign in chosen
     }
 
 
-def totals_of(found: Row[*tuple[object, ...]] | None, near: int, ended: Ended) -> Totals:
-    """From the sums over a campaign's collisions, where it has one, and what else was near."""
+def _to_totals(found: Row[*tuple[object, ...]] | None, near: int, ended: _Ended) -> Totals:
     safe = ConflictTotals(
         near_misses=near, unresolved=ended.unresolved, perhaps_unresolved=ended.perhaps
     )
@@ -106,8 +374,8 @@ def totals_of(found: Row[*tuple[object, ...]] | None, near: int, ended: Ended) -
     )
 
 
-def near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
-    """How many episodes came near without a collision; an index holds just these."""
+def count_near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
+    """Count near misses by campaign; an index holds just these."""
     query = (
         select(episodes.c.campaign, func.count())
         .where(
@@ -120,10 +388,10 @@ def near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int, int]
     return {row[0]: row[1] for row in connection.execute(query)}
 
 
-def unresolved(connection: Connection, chosen: Sequence[int]) -> dict[int, Ended]:
-    """How many episodes ended while braking could not avoid a collision any more, as `assess` says.
+def count_unresolved(connection: Connection, chosen: Sequence[int]) -> dict[int, _Ended]:
+    """Count episodes that ended when braking could no longer avoid a collision, by campaign.
 
-    The largest DRAC is no smaller than the last: an index leads to the few that come into question.
+    The largest DRAC is no smaller than the last one: an index leads to the few candidates.
     """
     last = episodes.c.final_drac_mps2
     query = (
@@ -140,4 +408,29 @@ def unresolved(connection: Connection, chosen: Sequence[int]) -> dict[int, Ended
         )
         .group_by(episodes.c.campaign)
     )
-    return {row[0]: Ended(row[1], row[2]) for row in connection.execute(query)}
+    return {row[0]: _Ended(row[1], row[2]) for row in connection.execute(query)}
+
+
+def _find_frequent_faults(
+    connection: Connection, chosen: Sequence[int]
+) -> dict[int, FrequentFault]:
+    """Return the most frequent fault of each campaign that has errored episodes.
+
+    An index leads to the errored episodes, of which most campaigns have none.
+    """
+    reason = (episodes.c.campaign, episodes.c.fault_kind, episodes.c.fault_message)
+    first, count = func.min(episode_index), func.count()
+    rank = func.row_number().over(
+        partition_by=episodes.c.campaign, order_by=(count.desc(), first.asc())
+    )
+    ranked = (
+        select(*reason, count.label("n"), first.label("first"), rank.label("rank"))
+        .where(episodes.c.campaign.in_(chosen), episodes.c.outcome == Outcome.FAILED)
+        .group_by(*reason)
+        .subquery()
+    )
+    found = connection.execute(select(ranked).where(ranked.c.rank == 1))
+    return {
+        row.campaign: FrequentFault(row.fault_kind or "", row.fault_message or "", row.n, row.first)
+        for row in found
+    }

@@ -1,69 +1,535 @@
-"""A database, held against what is promised of it."""
+"""Verification of a database, and repair of what is safe to repair.
 
-from collections.abc import Mapping, Sequence
-from itertools import islice
+Each check is one statement whose rows are defects, so that a service may write meanwhile. Stored
+episodes are replayed in processes of their own, one for each campaign: what a planner changes in
+its process affects neither other campaigns nor this process.
+"""
 
-from eigenfail.values.upkeep import Check, Verification
-from eigenfail_services.store.engine import Database, find
-from eigenfail_services.store.opening import open_database
-from eigenfail_services.upkeep.checks import QUESTIONS, Question
-from eigenfail_services.upkeep.files import PAGES, REFERENCES
-from eigenfail_services.upkeep.mending import mend
-from eigenfail_services.upkeep.replays import replays
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import closing
+from hashlib import sha256
+from itertools import accumulate, groupby, islice
+from operator import itemgetter
+from typing import Any
 
-MOST_SHOWN = 20
+import msgspec
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Row,
+    Select,
+    Table,
+    and_,
+    delete,
+    exists,
+    func,
+    or_,
+    select,
+    update,
+)
+from sqlalchemy.exc import DatabaseError
 
-FILES: Mapping[str, Sequence[Question]] = {"sqlite": (PAGES,)}
-"""Asked before all others, by kind of database: in a damaged file nothing else is looked at."""
+from eigenfail import functions
+from eigenfail.errors import (
+    InputError,
+    NoisePruned,
+    ProtocolError,
+    ServiceError,
+    StoreDamaged,
+)
+from eigenfail.explanations.replays import (
+    load_engine,
+    make_redraw_task,
+    make_replay_task,
+    replay_in_process,
+)
+from eigenfail.values import (
+    FINAL_STATES,
+    AnalysisState,
+    Campaign,
+    Counts,
+    EpisodeTask,
+    Outcome,
+)
+from eigenfail.values.records import JobKind
+from eigenfail.values.retention import DRAWN_AGAIN
+from eigenfail.values.upkeep import Check, Defect, Verification
+from eigenfail_services.campaigns.rounds import read_checkpoint
+from eigenfail_services.store import Store
+from eigenfail_services.store import migrate as schema
+from eigenfail_services.store.campaigns import count_columns, lock_campaign
+from eigenfail_services.store.engine import Database, find_backend, read_kind
+from eigenfail_services.store.events import append_event
+from eigenfail_services.store.jobs import LEASE_OVER, NOT_DEAD, SUBJECTS
+from eigenfail_services.store.references import NOISE_PRUNED
+from eigenfail_services.store.retention import NOISE
+from eigenfail_services.store.schema import (
+    campaigns,
+    checkpoints,
+    episodes,
+    jobs,
+    prunings,
+    scenes,
+    spec_field,
+    trajectories,
+)
 
-ROWS: Mapping[str, Sequence[Question]] = {"sqlite": (REFERENCES,)}
-"""Asked besides; PostgreSQL keeps references itself."""
+AT_A_TIME = 500
+"""Number of rows in memory at a time."""
+
+REPAIR = "eigenfail db verify --repair"
+RESTORE = "Restore a backup: eigenfail db restore."
+ENDED_STATES: Mapping[JobKind, frozenset[str]] = {
+    JobKind.CAMPAIGN: frozenset(FINAL_STATES),
+    JobKind.ANALYSIS: frozenset({AnalysisState.DONE, AnalysisState.FAILED}),
+}
+
+
+class IntegrityCheck(msgspec.Struct, frozen=True):
+    """A check of a database.
+
+    Attributes:
+        name: of the check.
+        promise: what holds if there is no defect.
+        ask: yields the defects.
+    """
+
+    name: str
+    promise: str
+    ask: Callable[[Connection], Iterator[Defect]]
+
+
+def _iterate_rows(connection: Connection, query: Select[Any]) -> Iterator[Row[Any]]:
+    """Iterate over the rows of a query without loading all of them."""
+    return iter(connection.execute(query.execution_options(yield_per=AT_A_TIME)))
+
+
+def _count_rows() -> Any:
+    """Return columns that count the rows of each campaign by outcome."""
+    of_outcome = episodes.c.outcome
+    return (
+        select(
+            episodes.c.campaign,
+            func.count().label("ended"),
+            func.count().filter(of_outcome == Outcome.FAILED).label("failed"),
+            func.count().filter(of_outcome == Outcome.COLLISION).label("failures"),
+        )
+        .group_by(episodes.c.campaign)
+        .subquery()
+        .c
+    )
+
+
+def _select_miscounted() -> Select[Any]:
+    """Select the campaigns whose counts differ from their rows, with both."""
+    found = _count_rows()
+    ended, failed, failures = (
+        func.coalesce(found[name], 0).label(f"rows_{name}")
+        for name in ("ended", "failed", "failures")
+    )
+    wrong = or_(
+        campaigns.c.completed + campaigns.c.failed != ended,
+        campaigns.c.failed != failed,
+        campaigns.c.failures != failures,
+        and_(campaigns.c.state.not_in(FINAL_STATES), campaigns.c.cancelled != 0),
+    )
+    return (
+        select(campaigns, ended, failed, failures)
+        .outerjoin(found.ended.table, found.campaign == campaigns.c.id)
+        .where(wrong)
+        .order_by(campaigns.c.id)
+    )
+
+
+def _check_counts(connection: Connection) -> Iterator[Defect]:
+    """Yield campaigns whose counts differ from their rows."""
+    for found in _iterate_rows(connection, _select_miscounted()):
+        told = f"{found.completed} completed, {found.failed} failed, {found.failures} failures"
+        there = (
+            f"{found.rows_ended - found.rows_failed} completed, {found.rows_failed} failed, "
+            f"{found.rows_failures} failures"
+        )
+        mendable = found.rows_ended <= found.planned
+        yield Defect(
+            f"campaign {found.id}",
+            f"It counts {told}, {found.cancelled} cancelled; its rows are {there}.",
+            f"Count anew: {REPAIR}." if mendable else f"More rows than planned. {RESTORE}",
+        )
+
+
+def _select_open_but_ended() -> Select[Any]:
+    """Select the campaigns that have ended with open episodes."""
+    total = campaigns.c.completed + campaigns.c.failed + campaigns.c.cancelled
+    return select(campaigns).where(
+        campaigns.c.state.in_(FINAL_STATES), total != campaigns.c.planned
+    )
+
+
+def _check_ended(connection: Connection) -> Iterator[Defect]:
+    """Yield campaigns that have ended with open episodes."""
+    for found in _iterate_rows(connection, _select_open_but_ended().order_by(campaigns.c.id)):
+        left = found.planned - found.completed - found.failed - found.cancelled
+        yield Defect(
+            f"campaign {found.id}",
+            f"It is {found.state}, and {left} of its episodes are open.",
+            f"Count them as cancelled: {REPAIR}.",
+        )
+
+
+def _is_left_over(kind: JobKind) -> ColumnElement[bool]:
+    """Return the condition for free jobs of a kind whose subject has ended or does not exist."""
+    subject = SUBJECTS[kind]
+    alive = and_(subject.c.id == jobs.c.subject, subject.c.state.not_in(ENDED_STATES[kind]))
+    return and_(jobs.c.kind == kind, NOT_DEAD, LEASE_OVER, ~exists().where(alive).correlate(jobs))
+
+
+def _check_jobs(connection: Connection) -> Iterator[Defect]:
+    """Yield jobs whose subject has ended or does not exist."""
+    for kind in ENDED_STATES:
+        for found in _iterate_rows(
+            connection, select(jobs).where(_is_left_over(kind)).order_by(jobs.c.id)
+        ):
+            yield Defect(
+                f"job {found.id}",
+                f"It is for {kind} {found.subject}, which has ended or is no more.",
+                f"The next service takes it away; so does {REPAIR}.",
+            )
+
+
+def _select_without(part: Table, wanted: ColumnElement[bool]) -> Select[Any]:
+    """Select the episodes that should have a row in another table and have none."""
+    same = and_(part.c.campaign == episodes.c.campaign, part.c["index"] == episodes.c["index"])
+    missing = ~exists().where(same).correlate(episodes)
+    return select(episodes.c.campaign, episodes.c["index"]).where(wanted, missing)
+
+
+PARTS: Sequence[tuple[Table, str, ColumnElement[bool]]] = (
+    (trajectories, "trajectory", ~exists().where(NOISE_PRUNED).correlate(episodes)),
+    (scenes, "scene", episodes.c.has_scene),
+)
+
+
+def _check_parts(connection: Connection) -> Iterator[Defect]:
+    """Yield episodes without their noise, or without the scene that they should have."""
+    for table, name, wanted in PARTS:
+        for found in _iterate_rows(connection, _select_without(table, wanted)):
+            where = f"episode {found.campaign}/{found.index}"
+            yield Defect(where, f"Its {name} is missing.", RESTORE)
+
+
+def _check_prunings(connection: Connection) -> Iterator[Defect]:
+    """Yield campaigns whose number of episodes without noise differs from the recorded prunings."""
+    of_campaign = episodes.c.campaign == prunings.c.campaign
+    silent = select(func.count()).select_from(episodes).where(of_campaign, ~exists().where(NOISE))
+    sums = select(
+        prunings.c.campaign,
+        func.sum(prunings.c.episodes).label("recorded"),
+        silent.correlate(prunings).scalar_subquery().label("silent"),
+    )
+    for found in _iterate_rows(connection, sums.group_by(prunings.c.campaign)):
+        if found.recorded != found.silent:
+            told = f"{found.silent} episodes are without noise; {found.recorded} were pruned."
+            yield Defect(f"campaign {found.campaign}", told, RESTORE)
+
+
+def _check_checkpoints(connection: Connection) -> Iterator[Defect]:
+    """Yield checkpoints that have changed since they were saved, or cannot be read."""
+    keys = select(checkpoints.c.campaign, checkpoints.c.number).order_by(*checkpoints.primary_key)
+    whole = select(checkpoints.c.state, checkpoints.c.sha256)
+    # All keys are loaded at once, and states one by one: a state may have many megabytes.
+    for campaign, number in connection.execute(keys).all():
+        this = and_(checkpoints.c.campaign == campaign, checkpoints.c.number == number)
+        found = connection.execute(whole.where(this)).one_or_none()
+        if found and (problem := _describe_damage(found.state, found.sha256)):
+            remedy = "An older one is used if it is whole; else start the campaign anew."
+            yield Defect(f"campaign {campaign}, checkpoint {number}", problem, remedy)
+
+
+def _describe_damage(state: bytes, digest: str | None) -> str:
+    """Return what is wrong with a checkpoint; empty if a learner can start from it."""
+    if digest is not None and sha256(state).hexdigest() != digest:
+        return "It is not what was saved: its SHA-256 does not match."
+    try:
+        read_checkpoint(state)
+    except ProtocolError as error:
+        return error.problem
+    return ""
+
+
+CHECKS = (
+    IntegrityCheck("accounts", "Counts of campaigns are those of their rows.", _check_counts),
+    IntegrityCheck("ends", "No campaign that has ended has open episodes.", _check_ended),
+    IntegrityCheck("jobs", "No job is left over for what has ended.", _check_jobs),
+    IntegrityCheck(
+        "parts",
+        "Every episode has its trajectory unless it was pruned, and its scene if it says so.",
+        _check_parts,
+    ),
+    IntegrityCheck(
+        "prunings", "As many episodes are without noise as were pruned.", _check_prunings
+    ),
+    IntegrityCheck("checkpoints", "Every checkpoint can be read.", _check_checkpoints),
+)
+
+
+EVENT = "database.mended"
+
+
+def repair_database(database: Database) -> tuple[str, ...]:
+    """Repair what is safe to repair, all or nothing, and log an event.
+
+    A service may use the database meanwhile: a campaign is locked while it is counted.
+
+    Returns:
+        A sentence for each repair.
+    """
+    with database.writing() as connection:
+        done = (*_recount_campaigns(connection), *_delete_jobs(connection))
+        if done:
+            append_event(connection, EVENT, f"The database was mended. {' '.join(done)}")
+    return done
+
+
+def _recount_campaigns(connection: Connection) -> Iterator[str]:
+    """Count the rows of campaigns with wrong counts again; yield a sentence for each."""
+    suspects = {
+        found.id
+        for query in (_select_miscounted(), _select_open_but_ended())
+        for found in connection.execute(query)
+    }
+    for suspect in sorted(suspects):
+        # The counts may have changed before the lock, so the rows are counted again under it.
+        campaign = lock_campaign(connection, suspect)
+        counts = _count_campaign(connection, campaign)
+        if counts.completed + counts.failed > counts.planned or counts == campaign.counts:
+            continue
+        change = update(campaigns).where(campaigns.c.id == suspect)
+        connection.execute(change.values(**count_columns(counts)))
+        yield (
+            f"Campaign {suspect} was counted anew: {counts.completed} completed, "
+            f"{counts.failed} failed, {counts.failures} failures, {counts.cancelled} cancelled."
+        )
+
+
+def _count_campaign(connection: Connection, campaign: Campaign) -> Counts:
+    """Return the counts of a campaign by its rows; one that has ended has no open episodes."""
+    of_outcome = episodes.c.outcome
+    ended, failed, failures = connection.execute(
+        select(
+            func.count(),
+            func.count().filter(of_outcome == Outcome.FAILED),
+            func.count().filter(of_outcome == Outcome.COLLISION),
+        ).where(episodes.c.campaign == campaign.id)
+    ).one()
+    planned = campaign.counts.planned
+    return Counts(
+        planned=planned,
+        completed=ended - failed,
+        failures=failures,
+        failed=failed,
+        cancelled=planned - ended if campaign.state in FINAL_STATES else 0,
+        duplicates=campaign.counts.duplicates,
+    )
+
+
+def _delete_jobs(connection: Connection) -> Iterator[str]:
+    """Delete free jobs whose subject has ended or does not exist; yield a sentence for each."""
+    for kind in ENDED_STATES:
+        removal = delete(jobs).where(_is_left_over(kind)).returning(jobs.c.id, jobs.c.subject)
+        for job, subject in connection.execute(removal):
+            yield f"Job {job} for {kind} {subject} was taken away."
+
+
+FINE = "ok"
+
+
+def _check_pages(connection: Connection) -> Iterator[Defect]:
+    """Yield damaged pages of the file."""
+    try:
+        for (found,) in connection.exec_driver_sql("PRAGMA quick_check"):
+            if found != FINE:
+                yield Defect("file", f"{found}.", RESTORE)
+    except DatabaseError as error:
+        connection.rollback()  # after such an error SQLite cannot commit even an empty transaction
+        yield Defect("file", f"It cannot be read to its end: {error.orig}.", RESTORE)
+
+
+def _check_references(connection: Connection) -> Iterator[Defect]:
+    """Yield rows that refer to missing rows."""
+    for table, row, parent, _ in connection.exec_driver_sql("PRAGMA foreign_key_check"):
+        yield Defect(f"{table}, row {row}", f"It belongs to no row of {parent}.", RESTORE)
+
+
+PAGES = IntegrityCheck("file", "SQLite finds every page of the file in order.", _check_pages)
+REFERENCES = IntegrityCheck(
+    "references", "Every row has the row that it belongs to.", _check_references
+)
+
+
+DIFFERENT = (
+    "It ran on another type of machine or under other versions, or the database was changed, or "
+    "something is not deterministic: docs/reliability.md."
+)
+
+REPLAY_REMEDY = (
+    "Replay it alone with `eigenfail episode replay`: its planner or simulator ends or hangs."
+)
+
+
+def make_replay_check(database: Database, how_many: int) -> IntegrityCheck:
+    """Return the check that a number of episodes have the same digest when they are run again."""
+    store = Store(database)
+    with database.reading() as connection:
+        left_out = _find_unlisted(connection)
+
+    def ask(connection: Connection) -> Iterator[Defect]:
+        load_engine()  # where episodes cannot be run at all, that is no defect of each
+        chosen = sample(connection, how_many, left_out)
+        for campaign, places in groupby(chosen, itemgetter(0)):
+            yield from _find_differences(store, campaign, [index for _, index in places])
+
+    promise = f"{how_many} episodes, run again, have the same digest."
+    return IntegrityCheck("replays", f"{promise}{_describe_left_out(left_out)}", ask)
+
+
+def _find_unlisted(connection: Connection) -> dict[int, str]:
+    """Return the campaigns on functions that may not be run here, with their modules."""
+    of_functions = spec_field("simulator") == functions.SIMULATOR
+    query = select(campaigns.c.id, spec_field("planner")).where(of_functions)
+    found = connection.execute(query.order_by(campaigns.c.id)).all()
+    return {
+        campaign: place.partition(":")[0]
+        for campaign, place in found
+        if not functions.is_listed(place)
+    }
+
+
+def _describe_left_out(left_out: Mapping[int, str]) -> str:
+    """Return the sentence about campaigns that were left out, and the setting to include them."""
+    if not left_out:
+        return ""
+    modules = ",".join(sorted(set(left_out.values())))
+    numbers = ", ".join(map(str, left_out))
+    needed = f"{functions.ALLOWED_VARIABLE}={modules}"
+    return f" Left out without {needed}, whose functions they run: campaigns {numbers}."
+
+
+def sample(
+    connection: Connection, how_many: int, left_out: Collection[int] = ()
+) -> list[tuple[int, int]]:
+    """Return completed episodes at even distances, the same at each call."""
+    query = select(campaigns.c.id, campaigns.c.completed).where(campaigns.c.completed > 0)
+    found = connection.execute(query.order_by(campaigns.c.id)).all()
+    sizes = [(campaign, size) for campaign, size in found if campaign not in left_out]
+    ends = list(accumulate(size for _, size in sizes))
+    total = ends[-1] if ends else 0
+    places = sorted({total * k // how_many for k in range(how_many)} if total else set())
+    return [
+        (campaign, index)
+        for (campaign, size), end in zip(sizes, ends, strict=True)
+        for place in places
+        if end - size <= place < end
+        for index in _find_nth_episode(connection, campaign, place - (end - size))
+    ]
+
+
+def _find_nth_episode(connection: Connection, campaign: int, place: int) -> Sequence[int]:
+    """Return the index of a campaign's n-th completed episode, if there are as many."""
+    number = episodes.c["index"]
+    of_campaign = (episodes.c.campaign == campaign) & (episodes.c.outcome != Outcome.FAILED)
+    query = select(number).where(of_campaign).order_by(number).limit(1).offset(place)
+    return connection.execute(query).scalars().all()
+
+
+def _read_stored(store: Store, campaign: int, index: int) -> tuple[EpisodeTask, str] | None:
+    """Return the task that runs an episode again, and its stored digest.
+
+    Pruned noise is drawn again from the episode's seed. The answer is None if the noise does not
+    follow from the seed, which the user who pruned it accepted.
+    """
+    try:
+        stored = store.episodes.get(campaign, index)
+    except NoisePruned:
+        (row,) = store.episodes.page(campaign, 1, after=index - 1).items
+        if row.source != DRAWN_AGAIN:
+            return None
+        return make_redraw_task(index, row.seed), row.digest
+    return make_replay_task(stored), stored.digest()
+
+
+def _find_differences(store: Store, campaign: int, indices: Sequence[int]) -> Iterator[Defect]:
+    """Yield a defect for each episode whose second run is not what is stored."""
+    stored = [each for index in indices if (each := _read_stored(store, campaign, index))]
+    waiting = [(f"episode {campaign}/{task.index}", digest) for task, digest in stored]
+    again = replay_in_process(store.campaigns.get(campaign).spec, [task for task, _ in stored])
+    try:
+        for replayed in again:
+            where, digest = waiting.pop(0)
+            if isinstance(replayed, ServiceError):
+                yield Defect(where, f"It cannot be run here: {replayed.problem}", REPLAY_REMEDY)
+            elif replayed.digest != digest:
+                found = f"Its digest is {digest}; run again it is {replayed.digest}."
+                errored = f" The second run is errored: {replayed.problem}"
+                yield Defect(where, found + errored * bool(replayed.problem), DIFFERENT)
+    except InputError as error:
+        for where, _ in waiting:
+            yield Defect(where, f"It cannot be run here: {error.problem}", error.remedy)
+
+
+MAX_SHOWN = 20
+
+FILE_CHECKS: Mapping[str, Sequence[IntegrityCheck]] = {"sqlite": (PAGES,)}
+"""Checks that come first, by kind of database: of a damaged file nothing else is checked."""
+
+ROW_CHECKS: Mapping[str, Sequence[IntegrityCheck]] = {"sqlite": (REFERENCES,)}
+"""Additional checks by kind of database; PostgreSQL enforces references itself."""
 
 
 def verify(address: str, how_many_replays: int = 0, *, repair: bool = False) -> Verification:
-    """Check a database, whether or not a service runs on it; memory does not grow with it.
+    """Check a database, which a service may use meanwhile, in bounded memory.
 
     Args:
         address: of the database; its schema must be this program's.
-        how_many_replays: of stored episodes are run again; planners are looked up here.
-        repair: first mend what is safe to mend, in one transaction.
+        how_many_replays: number of stored episodes to run again with the planners installed here.
+        repair: whether to repair first, in one transaction, what is safe to repair.
 
     Raises:
-        InvalidValue: the address is none.
+        InvalidValue: the address is invalid.
         StoreUnavailable: there is no database, or it does not answer.
-        SchemaMismatch: its schema is another.
-        ServiceError: episodes are to be run, and cannot be here.
+        SchemaMismatch: its schema is not this program's.
+        ServiceError: episodes cannot be run here.
     """
-    backend = find(address)
-    database = open_database(backend, migrate=False)
-    try:
-        checks = answers(database, of_kind(database, FILES))
+    backend, kind = find_backend(address), read_kind(address)
+    backend.require()
+    with closing(Database(backend)) as database:
+        try:
+            checks = _run_checks(database, FILE_CHECKS.get(kind, ()))
+        except StoreDamaged as error:  # not a single page of it can be read
+            return Verification(backend.label, (_describe_unreadable(error),))
         if any(check.defects for check in checks):
             return Verification(backend.label, checks)
-        mended = mend(database) if repair else ()
-        more = (replays(database, how_many_replays),) if how_many_replays else ()
-        checks += answers(database, (*of_kind(database, ROWS), *QUESTIONS, *more))
+        schema.ensure_newest(database, backend, migrate=False)
+        mended = repair_database(database) if repair else ()
+        more = (make_replay_check(database, how_many_replays),) if how_many_replays else ()
+        checks += _run_checks(database, (*ROW_CHECKS.get(kind, ()), *CHECKS, *more))
         return Verification(backend.label, checks, mended)
-    finally:
-        database.close()
 
 
-def of_kind(database: Database, questions: Mapping[str, Sequence[Question]]) -> Sequence[Question]:
-    """Those for this kind of database."""
-    with database.reading() as connection:
-        return questions.get(connection.dialect.name, ())
+def _describe_unreadable(error: StoreDamaged) -> Check:
+    """Return the check of a file that cannot be opened."""
+    return Check(PAGES.name, PAGES.promise, 1, (Defect("file", error.problem, error.remedy),))
 
 
-def answers(database: Database, questions: Sequence[Question]) -> tuple[Check, ...]:
-    """What comes of each question."""
-    return tuple(answered(database, question) for question in questions)
+def _run_checks(database: Database, questions: Sequence[IntegrityCheck]) -> tuple[Check, ...]:
+    """Return the results of checks, in order."""
+    return tuple(_run_check(database, question) for question in questions)
 
 
-def answered(database: Database, question: Question) -> Check:
-    """The first defects, and how many there are in all."""
+def _run_check(database: Database, question: IntegrityCheck) -> Check:
+    """Return a check's first defects and their total number."""
     with database.reading() as connection:
         defects = question.ask(connection)
-        shown = tuple(islice(defects, MOST_SHOWN))
+        shown = tuple(islice(defects, MAX_SHOWN))
         return Check(
             name=question.name,
             promise=question.promise,

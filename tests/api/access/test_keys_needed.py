@@ -5,6 +5,12 @@ from starlette.testclient import TestClient
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values.access import KeyRequest, Scope
+from eigenfail_api.access.authentication import Authenticator
+from eigenfail_api.access.throttling import (
+    MOST_NETWORKS,
+    LoginThrottle,
+    network_of,
+)
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.access.keys import make_key
@@ -19,6 +25,7 @@ def test_nobody_needs_a_key_where_there_is_none(http, show):
     assert http.get("/api/v1/keys").json()["items"] == []
 
 
+@pytest.mark.fault("missing, wrong, expired or insufficient API key")
 def test_the_first_key_locks_the_door_at_once(http, show):
     made = http.post("/api/v1/keys", json=ADMIN)
     assert made.status_code == 201
@@ -28,11 +35,39 @@ def test_the_first_key_locks_the_door_at_once(http, show):
     assert http.get(CAMPAIGNS, headers=show(made.json()["token"])).status_code == 200
 
 
+@pytest.mark.fault("missing, wrong, expired or insufficient API key")
 def test_a_key_that_was_made_elsewhere_locks_the_door_within_a_second(http, store, clock):
     assert http.get(CAMPAIGNS).status_code == 200
     make_key(store, KeyRequest("me", Scope.ADMIN))
     clock.pass_s(1.0)
     assert http.get(CAMPAIGNS).status_code == 401
+
+
+def test_without_keys_the_database_is_asked_once_in_a_second(store, clock, monkeypatch):
+    authenticator, asked = Authenticator(store, ApiSettings(), clock), []
+    exist = store.keys.exist
+    monkeypatch.setattr(store.keys, "exist", lambda: asked.append(clock()) or exist())
+    for _ in range(5):
+        assert not authenticator.requires_keys()
+    assert len(asked) == 1
+    clock.pass_s(1.0)
+    assert not authenticator.requires_keys()
+    assert len(asked) == 2
+
+
+def test_an_answer_from_before_the_first_key_is_not_remembered(store, clock, monkeypatch):
+    authenticator, exist = Authenticator(store, ApiSettings(), clock), store.keys.exist
+
+    def answer_late():
+        found = exist()
+        monkeypatch.setattr(store.keys, "exist", exist)
+        make_key(store, KeyRequest("me", Scope.ADMIN))
+        authenticator.note_new_key()
+        return found
+
+    monkeypatch.setattr(store.keys, "exist", answer_late)
+    assert not authenticator.requires_keys()
+    assert authenticator.requires_keys()
 
 
 def test_the_first_key_has_to_be_an_administrators(http, store, problem):
@@ -54,6 +89,12 @@ def test_a_revoked_last_key_does_not_open_the_door(http, store, keys):
     assert http.get(CAMPAIGNS).status_code == 401
 
 
+@pytest.mark.fault(
+    "missing, wrong, expired or insufficient API key",
+    group="api",
+    outcome="It is refused in the same words whatever is wrong with the key; a missing scope "
+    "is named.",
+)
 def test_every_wrong_key_is_refused_in_the_same_words(*, http, keys, store, clock, show, problem):
     token = keys["viewer"].token
     ending = make_key(store, KeyRequest("ends", Scope.ADMIN, 60))
@@ -80,6 +121,7 @@ def test_every_wrong_key_is_refused_in_the_same_words(*, http, keys, store, cloc
     assert http.get(CAMPAIGNS, headers=show(token)).status_code == 200
 
 
+@pytest.mark.fault("missing, wrong, expired or insufficient API key")
 def test_a_key_ends_to_the_millisecond(http, store, keys, clock, show):
     ending = make_key(store, KeyRequest("ends", Scope.VIEWER, 60))
     left_ms = ending.key.expires_ms - clock.at_ms
@@ -103,6 +145,11 @@ def test_when_a_key_was_used_is_written_once_a_minute(as_holder, store, keys, cl
     assert last_used() == first + 60_000
 
 
+@pytest.mark.fault(
+    "many wrong API keys",
+    group="api",
+    outcome="Further attempts have to wait.",
+)
 def test_too_many_wrong_keys_have_to_wait(http, keys, clock, show, problem):
     right = keys["viewer"].token
     wrong = show(right[:-4] + "AAAA")
@@ -115,6 +162,46 @@ def test_too_many_wrong_keys_have_to_wait(http, keys, clock, show, problem):
     assert http.get(CAMPAIGNS, headers=wrong).status_code == 429
     clock.pass_s(60.0)
     assert http.get(CAMPAIGNS, headers=wrong).status_code == 401
+
+
+@pytest.mark.fault(
+    "wrong keys under ever new ids",
+    group="api",
+    outcome="From the 51st within a minute on they are refused with 429; a valid key still passes.",
+)
+def test_wrong_keys_are_counted_by_address_too(http, keys, clock, show, problem):
+    right = keys["viewer"].token
+    statuses = [
+        http.get(CAMPAIGNS, headers=show(f"ef_{number}_{'w' * 43}")).status_code
+        for number in range(100, 160)
+    ]
+    assert statuses == [401] * 50 + [429] * 10
+    assert http.get(CAMPAIGNS, headers=show(right)).status_code == 200
+    clock.pass_s(60.0)
+    assert http.get(CAMPAIGNS, headers=show(f"ef_1_{'w' * 43}")).status_code == 401
+
+
+@pytest.mark.parametrize(
+    ("address", "network"),
+    [
+        ("10.0.0.7", "10.0.0.7"),
+        ("::ffff:10.0.0.7", "10.0.0.7"),
+        ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
+        ("2001:db8:1:2::1", "2001:db8:1:2::/64"),
+        ("fe80::1%eth0", "fe80::/64"),
+        ("testclient", "testclient"),
+        ("", ""),
+    ],
+)
+def test_failures_of_one_network_are_counted_together(address, network):
+    assert network_of(address) == network
+
+
+def test_failures_of_many_addresses_take_bounded_memory():
+    attempts = LoginThrottle()
+    for number in range(3 * MOST_NETWORKS):
+        attempts.count_failure(f"10.{number // 65536}.{number // 256 % 256}.{number % 256}", "1", 0)
+    assert len(attempts._by_key) == len(attempts._by_network) == MOST_NETWORKS
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.0.7"])

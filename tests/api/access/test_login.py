@@ -6,8 +6,8 @@ import pytest
 from starlette.testclient import TestClient
 
 from eigenfail.values import CampaignSpec
-from eigenfail_api.access.sessions import COOKIE, MOST, Sessions
-from eigenfail_api.dashboard.login_page import own
+from eigenfail_api.access.authentication import MOST_SESSIONS, SESSION_COOKIE, Sessions
+from eigenfail_api.dashboard.keys_page import own
 
 OURS = {"Origin": "http://127.0.0.1:8440", "Accept": "*/*"}
 CAMPAIGNS = "/api/v1/campaigns"
@@ -94,12 +94,12 @@ def test_our_own_pages_come_next(wanted):
 
 def test_whoever_signs_out_is_out(browser, sign_in):
     sign_in("viewer")
-    word = browser.cookies[COOKIE]
+    word = browser.cookies[SESSION_COOKIE]
     assert browser.get("/suites").status_code == 200
     left = browser.post("/logout", headers=OURS)
     assert (left.status_code, left.headers["location"]) == (303, "/login")
     assert "Max-Age=0" in left.headers["set-cookie"]
-    again = browser.get("/suites", headers={"Cookie": f"{COOKIE}={word}"})
+    again = browser.get("/suites", headers={"Cookie": f"{SESSION_COOKIE}={word}"})
     assert again.status_code == 303
 
 
@@ -145,13 +145,13 @@ def test_pieces_of_pages_and_programs_are_not_sent_to_a_form(browser, keys):
 
 
 def test_where_nobody_needs_a_key_the_form_says_so(browser):
-    assert "Nobody needs a key here yet." in browser.get("/login?next=/suites").text
+    assert "Authentication is off." in browser.get("/login?next=/suites").text
     assert "signed in as" not in browser.get("/").text
 
 
 def test_the_oldest_session_makes_room():
     sessions = Sessions()
-    first, *others = (sessions.open(key, 0) for key in range(MOST + 1))
+    first, *others = (sessions.open(key, 0) for key in range(MOST_SESSIONS + 1))
     assert sessions.key_of(first, 0) is None
     assert sessions.key_of(others[0], 0) == 1
 

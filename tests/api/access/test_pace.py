@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
-from eigenfail_api.access.pace import BURST_S, MOST_KNOWN, Pace
+from eigenfail_api.access.throttling import BURST_S, MOST_CALLERS, RateLimiter
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 
@@ -63,7 +63,7 @@ def test_pages_and_programs_do_not_notice_it(store):
 
 @given(st.lists(st.integers(-2_000, 3_000), max_size=200), st.floats(0.1, 50.0))
 def test_never_more_than_the_burst_and_what_time_brings(pauses, per_s):
-    pace, now_ms, granted, passed_ms = Pace(per_s, "it"), 0, 0, 0
+    pace, now_ms, granted, passed_ms = RateLimiter(per_s, "it"), 0, 0, 0
     for pause_ms in pauses:
         now_ms += pause_ms
         passed_ms += abs(pause_ms)
@@ -74,7 +74,7 @@ def test_never_more_than_the_burst_and_what_time_brings(pauses, per_s):
 
 
 def test_what_is_remembered_is_bounded():
-    pace = Pace(1.0, "it")
-    for key in range(MOST_KNOWN + 5):
+    pace = RateLimiter(1.0, "it")
+    for key in range(MOST_CALLERS + 5):
         pace.take(key, 0)
-    assert len(pace._buckets) == MOST_KNOWN
+    assert len(pace._buckets) == MOST_CALLERS

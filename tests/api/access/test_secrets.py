@@ -6,7 +6,7 @@ import sqlite3
 import pytest
 from starlette.testclient import TestClient
 
-from eigenfail.values.access import KeyRequest, NewKey, Scope, redacted
+from eigenfail.values.access import KeyRequest, NewKey, Scope, redact
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.access.keys import make_key
@@ -27,6 +27,12 @@ def store(database):
     opened.close()
 
 
+@pytest.mark.fault(
+    "key in an address, a log or an error",
+    group="api",
+    outcome="No key appears in logs, pages, events or the database; an address with a key is "
+    "refused.",
+)
 def test_a_key_is_nowhere(*, database, store, app, show, caplog, fields, monkeypatch):
     caplog.set_level(logging.DEBUG)
     made = make_key(store, KeyRequest("me", Scope.ADMIN))
@@ -67,6 +73,7 @@ def test_a_key_is_nowhere(*, database, store, app, show, caplog, fields, monkeyp
         assert secret not in kept
 
 
+@pytest.mark.fault("key in an address, a log or an error")
 @pytest.mark.parametrize("place", ["/api/v1/campaigns?key={}", "/{}", "/api/v1/campaigns/{}"])
 def test_a_key_in_an_address_is_refused_also_where_none_is_needed(http, problem, place):
     token = f"ef_1_{'s' * 43}"
@@ -75,6 +82,7 @@ def test_a_key_in_an_address_is_refused_also_where_none_is_needed(http, problem,
     assert token not in str(told)
 
 
+@pytest.mark.fault("key in an address, a log or an error")
 def test_a_fault_with_a_key_in_it_is_logged_without(app, store, keys, show, monkeypatch):
     logged = []
     handler = logging.Handler()
@@ -97,9 +105,10 @@ def test_a_new_key_does_not_show_itself(keys):
     made = keys["admin"]
     assert isinstance(made, NewKey)
     assert made.token not in f"{made!r} {made} {made.__rich_repr__()}"
-    assert redacted(f"a {made.token} b") == "a ef_1_… b"
+    assert redact(f"a {made.token} b") == "a ef_1_… b"
 
 
+@pytest.mark.fault("key in an address, a log or an error")
 def test_what_is_kept_of_a_secret_is_its_digest(store, keys):
     record = store.keys.find(1)
     assert len(bytes.fromhex(record.digest)) == 32

@@ -4,11 +4,12 @@ import re
 from concurrent.futures import Future
 
 import pytest
+from store_checks.examples import deliver, running
 
-from eigenfail.testing.store.examples import collision, deliver, running
-from eigenfail_api.dashboard import pages
+from eigenfail.testing.examples import collision
+from eigenfail_api.dashboard import campaign_page
 from eigenfail_api.dashboard.rendering import STATIC, modules_of
-from eigenfail_services.campaigns import ahead
+from eigenfail_services.campaigns import costs
 
 HTML = {"Accept": "text/html"}
 
@@ -47,7 +48,7 @@ def test_a_later_part_that_is_known_already_is_in_the_page(
 ) -> None:
     campaign = running(store)
     deliver(store, campaign, collision(0))
-    monkeypatch.setattr(pages, "is_done", lambda begun: is_done)
+    monkeypatch.setattr(campaign_page, "is_prefetched", lambda begun: is_done)
     text = http.get(f"/campaigns/{campaign.id}", headers=HTML).text
     assert re.findall(r'id="measures" data-later="(\w+)"', text) == [state]
     assert ('id="measures-basis"' in text) == is_done
@@ -57,6 +58,6 @@ def test_what_failed_beside_the_page_is_not_known() -> None:
     failed, done, open_ = Future(), Future(), Future()
     failed.set_exception(ValueError())
     done.set_result(None)
-    assert ahead.is_done([done])
-    assert not ahead.is_done([done, failed])
-    assert not ahead.is_done([done, open_])
+    assert costs.is_prefetched([done])
+    assert not costs.is_prefetched([done, failed])
+    assert not costs.is_prefetched([done, open_])

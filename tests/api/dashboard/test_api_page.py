@@ -4,8 +4,7 @@ import shlex
 
 import pytest
 
-from eigenfail_api.dashboard.views.kinds import kind_of, sample, words_of
-from eigenfail_api.dashboard.views.reference import reference
+from eigenfail_api.dashboard.reference_page import kind_of, reference, sample, words_of
 
 ADDRESS = "http://127.0.0.1:8440"
 

@@ -41,12 +41,12 @@ def test_it_begins_with_a_list_to_pick_from(look, make):
     assert f"{other}: pears" in text
     assert "0 picked" in text
     assert "pears" not in look("/comparison?q=APP")
-    assert "No campaign has such a name" in look("/comparison?q=plums")
+    assert "No campaigns match this name" in look("/comparison?q=plums")
     assert "1 picked; 2 to 12 can be compared" in look(address([one]))
 
 
 def test_without_a_campaign_it_leads_to_the_form(look):
-    assert "No campaign yet. Launch one" in look("/comparison")
+    assert "No campaigns yet. Launch one" in look("/comparison")
 
 
 def test_what_is_picked_stays_picked_while_searching(http, make):

@@ -4,8 +4,8 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.values import AnalysisSettings, Diversity, Outcome, Overhead
-from eigenfail_api.dashboard.views.bill_charts import bill_charts
-from eigenfail_services.campaigns.spending import spending_of
+from eigenfail_api.dashboard.overlays import bill_charts
+from eigenfail_services.campaigns.costs import find_spending
 
 
 def test_the_page_asks_for_campaigns_and_compares_them(http, fields, deliver, result, look):
@@ -21,8 +21,8 @@ def test_the_page_asks_for_campaigns_and_compares_them(http, fields, deliver, re
     assert "Both saw the same noise in 10 pairs" in text
     assert f"Campaign {a} is running" in text
     assert "differ in more than one thing (scenario, planner)" in text
-    assert "scenario_parameters.distance_m default 60.0" in text
-    assert "Failure rate, 95 % interval 20.0 %, 5.67 – 51.0 % 40.0 %" in text
+    assert "scenario_parameters.distance_m 58.0 60.0" in text
+    assert "Failure rate [95 %] 20.0 % 95 %: [5.67, 51.0] 40.0 %" in text
 
 
 @pytest.fixture
@@ -43,9 +43,9 @@ def test_cost_and_time_stand_side_by_side(store, seeds, look):
     store.campaigns.add_active(b, 1500.0, Overhead(0.0, 150.0, 0.0))
     text = look(f"/comparison?a={a}&b={b},{c}")
     assert "Spent [USD] 1.00 0.500" in text
-    assert "USD per distinct mode – of one campaign at a time" in text
-    assert "Time: simulation 70.0 % (35 min) 90.0 % (22 min 30 s)" in text
-    assert "Time: learning 20.0 % (10 min) 0.0 % (0 s)" in text
+    assert "Cost per distinct mode [USD] – of one campaign at a time" in text
+    assert "Time: simulation 70.0 % 35 min 90.0 % 22 min 30 s" in text
+    assert "Time: learning 20.0 % 10 min 0 % 0 s" in text
     assert f"USD A: {a} monte_carlo B: {b} monte_carlo B: {c} monte_carlo 0.100" in text
 
 
@@ -53,14 +53,14 @@ def test_the_curves_tell_what_each_had_found_by_then(store, seeds):
     long, short, unpaid = seeds
     for campaign, seconds in ((long, 3000.0), (short, 1500.0)):
         store.campaigns.add_active(campaign, seconds)
-    costs = [spending_of(store, store.campaigns.get(each)) for each in (long, short)]
+    costs = [find_spending(store, store.campaigns.get(each)) for each in (long, short)]
     (chart,) = bill_charts(costs[:1], costs[1:])
     assert [line["side"] for line in chart.data["lines"]] == [0, 1]
     assert chart.columns == ("USD", f"A: {long} monte_carlo", f"B: {short} monte_carlo")
     assert chart.rows[4][2] == chart.rows[9][1] == "4"
     assert chart.rows[5][2] == "–"
     nothing = store.campaigns.create(store.campaigns.get(unpaid).spec)
-    assert bill_charts([spending_of(store, nothing)], []) == ()
+    assert bill_charts([find_spending(store, nothing)], []) == ()
 
 
 def test_what_cannot_be_compared_is_a_problem_for_people(look, campaign):

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from eigenfail.glossary import term_of, terms
 from eigenfail.values import Outcome
+from eigenfail_api.dashboard.glossary import find_term, list_terms
 
 HTML = {"Accept": "text/html"}
 BUTTON = re.compile(r'data-term="([\w-]+)"')
@@ -30,7 +30,7 @@ def failing(campaign, deliver, result):
 
 def test_the_glossary_tells_every_term_with_its_unit(look):
     text = look("/glossary")
-    for term in terms():
+    for term in list_terms():
         assert " ".join(term.words.split()) in text
         assert not term.unit or f"{term.name} [{term.unit}]" in text
 
@@ -45,9 +45,9 @@ def test_the_figures_of_a_campaign_are_defined_where_they_stand(terms_on, failin
         *("Cost per failure", "Failures", "log p", "Mean severity", "Episodes/s"),
         *("Near misses", "Unavoidable", "Planner failures", "Lead time of MinTTC"),
         *("MinTTC", "DRAC", "VaR", "CVaR", "Severity against log p", "Robustness"),
-        "Share, 95 % interval",
+        "Share [95 %]",
     )
-    assert {term_of(label).key for label in labels} <= found
+    assert {find_term(label).key for label in labels} <= found
 
 
 def test_those_of_other_pages_are_too(terms_on, http, failing, finished):

@@ -17,10 +17,14 @@ from eigenfail.values import (
     Stability,
     TrainingInterval,
 )
-from eigenfail_api.dashboard.views.findings import finding_tiles, grids
-from eigenfail_api.dashboard.views.lists import asked
-from eigenfail_api.dashboard.views.modes import scores_chart
-from eigenfail_api.dashboard.views.training import MOST_STEPS, training_charts
+from eigenfail_api.dashboard.analysis_page import (
+    MOST_STEPS,
+    finding_tiles,
+    grids,
+    scores_chart,
+    training_charts,
+)
+from eigenfail_api.dashboard.episodes_page import describe_settings
 
 HTML = {"Accept": "text/html"}
 
@@ -60,7 +64,7 @@ def interval(place, failures, steps=4, components=2):
 def test_modes_that_come_back_are_told_with_their_interval(found):
     stability = Stability(resamples=20, rows=40, median=0.91, interval=Interval(0.75, 1.0))
     tile = dict(finding_tiles(replace(found, stability=stability)))["Adjusted Rand index"]
-    assert (tile.value, *tile.notes[:2]) == ("0.910", "0.750 – 1.00", "20 draws of 40 failures")
+    assert (tile.value, *tile.notes[:2]) == ("0.910", "[0.750, 1.00]", "20 draws of 40 failures")
 
 
 def test_why_there_is_no_stability(found):
@@ -80,14 +84,15 @@ def test_outliers_stand_there_only_if_there_are_any(found):
 def test_moments_are_told_in_seconds_or_in_steps(found):
     moments = (Moment("lateral", 3, 0.8, 0.25), Moment("longitudinal", 1, None, 0.125))
     (grid,) = grids(replace(found, moments=moments))
-    assert grid.rows[0] == ("Lateral", "0.8 s before the collision", "0.250")
-    assert grid.rows[1] == ("Longitudinal", "at step 1", "0.125")
+    assert grid.rows[0] == ("Lateral", "0.800 s before the collision", 0.25)
+    assert grid.rows[1] == ("Longitudinal", "at step 1", 0.125)
 
 
 def test_the_share_of_the_last_seconds_stands_beside_that_of_the_time(found):
     share = InfluenceShare(seconds=2.0, time=0.25, longitudinal=0.5, lateral=None, both=0.5)
     (grid,) = grids(replace(found, before_collision=(share,)))
-    assert grid.rows == (("Last 2 s", "25.0 %", "50.0 %", "–", "50.0 %"),)
+    (cells,) = grid.cells
+    assert [cell.line for cell in cells] == ["Last 2 s", "25.0 %", "50.0 %", "–", "50.0 %"]
 
 
 def test_a_snapshot_says_so(found, show):
@@ -125,7 +130,7 @@ def test_a_mode_has_its_words_once_its_probability_and_its_medoid(found, show):
     )
     text = show(replace(found, modes=modes, words=("Mode 1: It pushes.", "Mode 2: It pulls.")))
     assert "Group 1 It pushes. Failures 1 (50.0 %)" in text
-    assert "Probability under p(x) 3.00×10⁻⁶ 1.00×10⁻⁶ – 9.00×10⁻⁶" in text
+    assert "Probability under p(x) 3.00×10⁻⁶ 95 %: [1.00×10⁻⁶, 9.00×10⁻⁶]" in text
     assert "campaign 9, episode 7" in text
     assert "Too few lineages." in text
 
@@ -165,12 +170,14 @@ def test_nothing_is_drawn_of_training_that_was_not_looked_at(found):
 
 
 def test_what_was_asked_for_in_words():
-    words = ", ".join(asked(AnalysisSettings(align="collision", axes="lateral", campaigns=(2, 3))))
+    words = ", ".join(
+        describe_settings(AnalysisSettings(align="collision", axes="lateral", campaigns=(2, 3)))
+    )
     assert words == (
         "aligned at collision, the lateral axis alone, 3 components, K-means, modes: by itself, "
         "bootstrap 20, with campaigns 2, 3"
     )
-    assert "no bootstrap" in tuple(asked(AnalysisSettings(bootstrap=0)))
+    assert "no bootstrap" in tuple(describe_settings(AnalysisSettings(bootstrap=0)))
 
 
 def test_the_form_has_every_setting_and_the_analysis_its_own_in_it(http, campaign, store):

@@ -18,7 +18,7 @@ def key_of(store, http):
 
     def make(name, scope=Scope.ADMIN, expires_s=None):
         made = make_key(store, KeyRequest(name, scope, expires_s))
-        http.app.state.door.look_again()
+        http.app.state.authenticator.note_new_key()
         return HTML | {"Authorization": f"Bearer {made.token}"}
 
     return make
@@ -26,7 +26,7 @@ def key_of(store, http):
 
 def test_before_the_first_key_the_page_says_what_it_changes(look) -> None:
     text = look("/keys")
-    assert "From the first one on everybody does" in text
+    assert "Creating the first key turns it on permanently" in text
     assert "Table of keys" not in text
     assert "$EIGENFAIL_KEY" not in text
 
@@ -36,7 +36,7 @@ def test_keys_are_listed_with_their_states_and_no_secret(http, store, key_of) ->
     key_of("old <b>", Scope.VIEWER, 1)
     key_of("gone", Scope.RUNNER)
     store.keys.revoke(3)
-    http.app.state.door.clock = lambda: now_ms() + 2_000
+    http.app.state.authenticator.clock = lambda: now_ms() + 2_000
     text = http.get("/keys", headers=admin).text
     assert [word in text for word in ("valid", "expired", "revoked", "old &lt;b&gt;")] == [True] * 4
     assert text.count('data-method="DELETE"') == 1

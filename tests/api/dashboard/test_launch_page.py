@@ -11,11 +11,16 @@ from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.values import CampaignSpec, CampaignState
 from eigenfail_api.dashboard import launch_page
-from eigenfail_api.dashboard.views.launch import fields_of, words_of
-from eigenfail_api.dashboard.views.launch_entries import Entry, Texts, body_of
-from eigenfail_api.dashboard.views.launch_fields import group_of
-from eigenfail_api.dashboard.views.launch_layout import layout
-from eigenfail_api.dashboard.views.launch_texts import humane, read_number
+from eigenfail_api.dashboard.launch_fields import (
+    LaunchEntry,
+    Texts,
+    body_of,
+    group_of,
+    humane,
+    read_number,
+)
+from eigenfail_api.dashboard.launch_layout import layout
+from eigenfail_api.dashboard.launch_page import fields_of, words_of
 
 FORM = "/launch/form"
 KEY = re.compile(r'data-key="([^"]*)"')
@@ -92,7 +97,7 @@ def test_fields_tell_bounds_units_defaults_and_what_they_mean():
 
 def test_what_docstrings_say_of_fields_is_their_help():
     fields = {field.name: field for field in fields_of(layout(Texts({}, {})))}
-    assert "what reappears" in fields["planner_settings.tracker.again_speed_sd_mps"].help
+    assert "that reappears" in fields["planner_settings.tracker.again_speed_sd_mps"].help
     assert fields["planner_settings.tracker.again_speed_sd_mps"].unit == "m/s"
     assert "Wilson interval" in fields["stop.half_width"].help
     assert fields["seed"].hint.endswith("Whole, at least 0. Default 0.")
@@ -342,7 +347,7 @@ def test_an_empty_entry_is_nothing():
         Texts({}, {"stop": {"cv": None}}).entry(
             next(field for field in fields_of(layout(Texts({}, {}))) if field.name == "stop.cv")
         )
-        == Entry()
+        == LaunchEntry()
     )
 
 

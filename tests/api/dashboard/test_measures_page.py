@@ -1,8 +1,11 @@
 """Safety and cost of a campaign, as a part of its page and a page by itself."""
 
+from types import SimpleNamespace
+
 import pytest
 from msgspec.structs import replace
 
+from eigenfail.presentation.campaigns import list_severity
 from eigenfail.values import (
     CampaignSpec,
     Figure,
@@ -10,12 +13,11 @@ from eigenfail.values import (
     Measures,
     Outcome,
     Overhead,
-    SeverityRisk,
 )
-from eigenfail.values.safety import FailurePoint, Scatter
-from eigenfail_api.dashboard import pages
-from eigenfail_api.dashboard.views.safety import figure, kind, scatter_chart
-from eigenfail_services.campaigns.safety import safety_of
+from eigenfail.values.safety import FailurePoint, Scatter, SeverityRisk
+from eigenfail_api.dashboard import campaign_page
+from eigenfail_api.dashboard.measures_page import kind, scatter_chart
+from eigenfail_services.campaigns.summary import find_safety
 
 HTML = {"Accept": "text/html"}
 
@@ -23,7 +25,13 @@ HTML = {"Accept": "text/html"}
 @pytest.fixture
 def driven(campaign, deliver, result, store):
     """A campaign of ten episodes, three of them collisions, that cost 1 USD."""
-    crash = Measures(0.0, 25.0, 0.5, 9.0, 1.0, 2.75, 4.0, collided_s=3.0)
+    crash = Measures(
+        *(0.0, 25.0, 0.5, 9.0),
+        ttc_violated_s=1.0,
+        drac_violated_s=2.75,
+        drac_at_warning_mps2=4.0,
+        collided_s=3.0,
+    )
     deliver(
         campaign,
         *(replace(result(index, Outcome.COLLISION), measures=crash) for index in range(3)),
@@ -35,7 +43,7 @@ def driven(campaign, deliver, result, store):
 
 
 def test_a_campaign_page_links_its_parts_and_its_report(http, driven, monkeypatch):
-    monkeypatch.setattr(pages, "is_done", lambda begun: False)
+    monkeypatch.setattr(campaign_page, "is_prefetched", lambda begun: False)
     html = http.get(f"/campaigns/{driven}", headers=HTML).text
     assert f'hx-get="/campaigns/{driven}/measures"' in html
     assert f'<a href="/campaigns/{driven}/measures">' in html
@@ -60,15 +68,15 @@ def test_both_parts_say_as_of_when_they_are(look, store, driven):
 
 def test_the_table_of_the_paper(look, driven):
     text = look(f"/campaigns/{driven}/measures")
-    assert "Collision 3 30.0 % (10.8 – 60.3 %) – –" in text
-    assert "Near miss 1 10.0 % (1.79 – 40.4 %)" in text
-    assert "MinTTC below 1.5 s 4 40.0 % (16.8 – 68.7 %) 0.500 s 0.500 s 4" in text
-    assert "DRAC above 7 m/s² 3 30.0 % (10.8 – 60.3 %) 9.00 m/s² 9.00 m/s² 4" in text
+    assert "Collision 3 30.0 % 95 %: [10.8, 60.3] – –" in text
+    assert "Near miss 1 10.0 % 95 %: [1.79, 40.4]" in text
+    assert "MinTTC below 1.5 s 4 40.0 % 95 %: [16.8, 68.7] 0.500 s 0.500 s 4" in text
+    assert "DRAC above 7 m/s² 3 30.0 % 95 %: [10.8, 60.3] 9.00 m/s² 9.00 m/s² 4" in text
 
 
 def test_severity_and_why_its_tail_is_not_told(look, driven):
     text = look(f"/campaigns/{driven}/measures")
-    assert "Mean severity [m²/s²] 25.0 25.0 – 25.0 n = 3" in text
+    assert "Mean severity [m²/s²] 25.0 95 %: [25.0, 25.0] n = 3" in text
     assert "VaR 95 % [m²/s²] – too few failures" in text
     assert "3 failures leave 0.15 beyond the quantile of 0.95" in text
 
@@ -82,7 +90,7 @@ def test_cost_and_time_sum_to_what_was_billed(look, driven):
     assert "70.0 % 35 min" in text
     assert "20.0 % 10 min" in text
     assert "10.0 % 5 min" in text
-    assert "results that were thrown away 0.0 %" in text
+    assert "results that were thrown away 0 %" in text
 
 
 def test_an_analysis_that_finds_distinct_modes_prices_them(look, store, driven, finished):
@@ -149,10 +157,13 @@ def test_no_page_reads_all_episodes(http, store, driven, monkeypatch, address):
 
 
 def test_a_figure_has_its_interval_or_says_that_it_has_none():
-    told = figure(Figure(2.0, Interval(1.0, 3.0)), "n = 4")
-    assert (told.value, *told.notes) == ("2.00", "1.00 – 3.00", "n = 4")
-    assert figure(Figure(2.0), "n = 4").notes == ("no interval", "n = 4")
-    assert figure(None, "n = 4").notes == ("too few failures", "n = 4")
+    none = Scatter((), 0, Figure(2.0))
+    risk = SeverityRisk(level=0.95, n=4, beyond=0.2, mean=Figure(2.0, Interval(1.0, 3.0)))
+    found = SimpleNamespace(severity=risk, scatter=none)
+    mean, tail, _, correlation = (cell.lines for _, cell in list_severity(found))
+    assert mean == ("2.00", "95 %: [1.00, 3.00]", "n = 4")
+    assert tail == ("–", "too few failures", "0.200 failures beyond")
+    assert correlation == ("2.00", "no interval", "Spearman, n = 0")
 
 
 def test_the_scatter_tells_classes_and_what_it_leaves_out():
@@ -165,6 +176,6 @@ def test_the_scatter_tells_classes_and_what_it_leaves_out():
 
 def test_severity_without_failures_says_nothing(store, campaign, deliver, result):
     deliver(campaign, result(0))
-    risk = safety_of(store, store.campaigns.get(campaign)).severity
+    risk = find_safety(store, store.campaigns.get(campaign)).severity
     assert isinstance(risk, SeverityRisk)
     assert risk.n == 0

@@ -1,9 +1,11 @@
 """Pages as they leave the server, before any script runs."""
 
+import re
+
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.values import Measures, Outcome
+from eigenfail.values import CampaignState, Measures, Outcome
 
 HTML = {"Accept": "text/html"}
 
@@ -17,9 +19,9 @@ def test_a_campaign_is_listed_with_what_it_cost(look, store, campaign, deliver, 
     store.campaigns.add_active(campaign, 3000.0)
     text = look("/")
     assert "first idm in cut_in monte_carlo" in text
-    assert "1 of 10 10.0 % 1.79 – 40.4 %" in text
+    assert "1 of 10 10.0 % [1.79, 40.4]" in text
     # 1.20 USD/h × 50 min for one failure; Wilson's interval of 1 in 10, turned over.
-    assert "1.00 USD n = 1 0.247 – 5.59" in text
+    assert "1.00 USD n = 1 95 %: [0.247, 5.59] USD" in text
 
 
 def test_a_campaign_without_failures_has_a_bound_never_a_blank(
@@ -115,7 +117,7 @@ def test_an_episode_says_when_it_was_in_danger_and_how_it_was_driven(
     assert "first fell below 1.5 s, DRAC was 6.50 m/s²" in text
     assert "1.5 s TTC below 1.5 s 3.8 s collision" in text
     assert "Left the road never Largest jerk 12.5 m/s³ Hard brakings 2" in text
-    assert "Controls clipped 0 steps" in text
+    assert "Clipped steps 0" in text
 
 
 def test_an_episode_of_the_first_release_has_no_class_if_it_collided(
@@ -130,7 +132,13 @@ def test_an_episode_of_the_first_release_has_no_class_if_it_collided(
 
 def test_a_campaign_counts_its_conflicts(look, campaign, deliver, result):
     assert "Planner failures" not in look(f"/campaigns/{campaign}")
-    crash = Measures(0.0, 25.0, 0.1, 9.0, 1.0, 2.75, 4.0, collided_s=3.0)
+    crash = Measures(
+        *(0.0, 25.0, 0.1, 9.0),
+        ttc_violated_s=1.0,
+        drac_violated_s=2.75,
+        drac_at_warning_mps2=4.0,
+        collided_s=3.0,
+    )
     sudden = Measures(0.0, 25.0, collided_s=3.0)
     deliver(
         campaign,
@@ -158,7 +166,7 @@ def test_who_ended_too_early_to_tell_stands_beside_the_failures(
     assert "near miss, unresolved at the horizon" in look(f"/campaigns/{campaign}/episodes")
     text = look(f"/campaigns/{campaign}/episodes/0")
     assert "Class near miss, unresolved at the horizon" in text
-    assert "At the last step it was 22.0 m/s²." in text
+    assert "At the last step DRAC was 22.0 m/s²." in text
     told = http.get(f"/api/v1/campaigns/{campaign}/summary").json()
     assert told["unresolved"] == {"count": 1, "not_known": 0, "horizon_s": 10.0}
     assert (told["failure_rate"]["k"], told["failure_rate"]["n"]) == (0, 2)
@@ -171,10 +179,118 @@ def test_an_episode_without_a_scene_says_why(look, campaign, deliver, result):
     assert "Replay now" in text
 
 
-def test_an_episode_that_could_not_be_run_says_why(look, campaign, deliver, failed):
+@pytest.fixture
+def deliver_one(deliver, result, store):
+    """Commits the result of the campaign's next episode."""
+
+    def commit(campaign):
+        deliver(campaign, result(store.campaigns.get(campaign).counts.completed))
+
+    return commit
+
+
+@pytest.fixture
+def deliver_failed(deliver, failed):
+    """Commits errored episodes of these indices, and other results beside them."""
+
+    def commit(campaign, *indices, beside=()):
+        deliver(campaign, *beside, *map(failed, indices))
+
+    return commit
+
+
+@pytest.mark.fault(
+    "campaign whose every episode errors",
+    group="plug-ins",
+    outcome="The campaign is errored on every page, command and report, never done, and names the "
+    "most frequent reason; the command exits with 3.",
+)
+def test_a_campaign_whose_every_episode_errored_is_errored_and_says_why(
+    look, http, store, campaign, deliver_failed
+):
+    deliver_failed(campaign, *range(10))
+    store.campaigns.move(campaign, CampaignState.DONE)
+    errored = '<span class="badge tone-bad"><span aria-hidden="true">!</span> errored</span>'
+    why = (
+        "All 10 episodes errored, so there is no result. Most frequent reason (planner): It raised."
+    )
+    for address in (f"/campaigns/{campaign}", "/"):
+        page = http.get(address).text
+        assert errored in page
+        assert "tone-good" not in page
+    assert "10 errored" in look("/")
+    assert why in look(f"/campaigns/{campaign}")
+    page = http.get(f"/campaigns/{campaign}").text
+    assert "No failure was found" not in page
+    assert f"/campaigns/{campaign}/episodes?filter=outcome%20%3D%20errored" in page
+    listed = look(f"/campaigns/{campaign}/episodes?filter=outcome%20%3D%20errored")
+    assert "10 episodes" in listed
+    assert listed.count("errored") >= 10
+    assert "! errored" in look(f"/comparison?campaign={campaign}")
+
+
+@pytest.mark.fault("campaign resumed by another release")
+def test_a_campaign_of_two_releases_says_so_on_page_and_in_its_report(
+    look, http, store, campaign, deliver_one
+):
+    for version in ("1.0.0", "1.1.0"):
+        store.campaigns.begin_part(campaign, {"eigenfail": version})
+        deliver_one(campaign)
+    words = "went on with other versions after 1 result: eigenfail 1.0.0 then, 1.1.0 now."
+    assert words in look(f"/campaigns/{campaign}")
+    report = http.get(f"/api/v1/report?campaign={campaign}&format=json").json()
+    assert any(words in warning for warning in report["warnings"])
+    told = http.get(f"/api/v1/campaigns/{campaign}").json()
+    assert [part["results"] for part in told["parts"]] == [0, 1]
+
+
+def test_a_share_of_errored_episodes_stands_beside_the_rate(
+    look, http, campaign, deliver_failed, result
+):
+    deliver_failed(campaign, 2, 3, beside=(result(0, Outcome.COLLISION), result(4)))
+    words = "2 of 4 episodes errored and are not counted in the rate."
+    assert words in look(f"/campaigns/{campaign}")
+    assert "of 2 50.0 %" in (row := look("/"))
+    assert "] 2 errored" in row
+    told = http.get(f"/api/v1/campaigns/{campaign}/summary").json()
+    assert told["errored"] == {
+        "count": 2,
+        "kind": "planner",
+        "reason": "It raised.",
+        "times": 2,
+        "first": 2,
+    }
+    assert told["failure_rate"]["n"] == 2
+
+
+def test_errored_episodes_stand_beside_the_rate_where_others_are_unresolved(
+    look, campaign, deliver_failed, result
+):
+    ended = Measures(1.3, None, 0.2, 30.0, final_drac_mps2=22.0)
+    deliver_failed(campaign, 2, beside=(replace(result(0), measures=ended), result(1)))
+    assert "1 errored, 1 unresolved" in look("/")
+
+
+def test_suites_tell_errored_campaigns_from_those_that_are_done(
+    http, store, fields, deliver_failed, result
+):
+    first, second = (
+        http.post("/api/v1/campaigns", json={**fields, "name": f"pair: {name}"}).json()["id"]
+        for name in ("a", "b")
+    )
+    deliver_failed(first, 0)
+    deliver_failed(second, beside=(result(0),))
+    for campaign in (first, second):
+        store.campaigns.move(campaign, CampaignState.DONE)
+    suites = http.get("/suites").text
+    assert re.findall(r"badge tone-(good|bad)", suites) == ["good", "bad"]
+    assert http.get("/suites/pair").text.count("badge tone-bad") == 1
+
+
+def test_an_episode_that_errored_says_why(look, campaign, deliver, failed):
     deliver(campaign, failed(3))
     text = look(f"/campaigns/{campaign}/episodes/3")
-    assert "could not be run" in text
+    assert "! errored" in text
     assert "planner: It raised." in text
 
 

@@ -12,8 +12,8 @@ from eigenfail.values import (
     Interval,
 )
 from eigenfail.values.records import Totals
-from eigenfail_api.dashboard.views.campaign import tiles
-from eigenfail_api.dashboard.views.summaries import Figure, failures, standing
+from eigenfail_api.dashboard.campaign_page import tiles
+from eigenfail_api.dashboard.tiles import Tile, failures, standing
 from eigenfail_services.campaigns.summary import summarise
 
 TOLD = Estimate(
@@ -23,6 +23,14 @@ TOLD = Estimate(
     cv=0.25,
     interval=Interval(2.2e-6, 5.9e-6),
     note="It knows nothing of the rest.",
+)
+BOUND = Estimate(
+    by="importance sampling",
+    episodes=9_100,
+    probability=3.65e-6,
+    cv=0.04,
+    note="Other failure regions are missed.",
+    bound="lower",
 )
 REFUSED = Estimate(by="importance sampling", episodes=500, effective=4.0, problem="Too few count.")
 
@@ -43,13 +51,20 @@ def shown(campaign):
 def test_a_probability_has_its_interval_beside_it(campaign):
     figure = shown(replace(campaign, estimate=TOLD))["Failure probability"]
     assert figure.value == "3.65×10⁻⁶"
-    assert figure.notes[:3] == ("2.20×10⁻⁶ – 5.90×10⁻⁶", "n = 9,100", "cv 0.250")
-    assert figure.notes[3:] == ("subset simulation", "It knows nothing of the rest.")
+    assert figure.notes[:2] == ("95 %: [2.20×10⁻⁶, 5.90×10⁻⁶]", "n = 9,100")
+    assert figure.notes[2] == "by subset simulation, cv 0.250"
+    assert figure.notes[3:] == ("It knows nothing of the rest.",)
+
+
+def test_a_lower_bound_has_no_interval_and_no_cv_beside_it(campaign):
+    figure = shown(replace(campaign, estimate=BOUND))["Failure probability"]
+    assert figure.value == "≥ 3.65×10⁻⁶"
+    assert figure.notes == ("n = 9,100", "lower bound", "by importance sampling", BOUND.note)
 
 
 def test_a_refusal_says_why(campaign):
     figure = shown(replace(campaign, estimate=REFUSED))["Failure probability"]
-    assert figure == Figure("–", ("importance sampling", "Too few count."))
+    assert figure == Tile("–", ("by importance sampling", "Too few count."))
 
 
 def test_a_method_that_tells_none_has_no_tile(campaign):
@@ -58,4 +73,4 @@ def test_a_method_that_tells_none_has_no_tile(campaign):
 
 def test_no_failure_is_an_upper_bound(campaign):
     figure = failures(summarise(campaign, Totals(0, 0.0, 0, 0.0)))
-    assert figure == Figure("0 of 2,000", ("≤ 0.150 %", "95 % upper bound, near 3/n"))
+    assert figure == Tile("0 of 2,000", ("≤ 0.150 %", "95 % upper bound"))

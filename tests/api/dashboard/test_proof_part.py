@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.values import Outcome, Rate, Reproduction
-from eigenfail_api.dashboard.views.proof import NOT_TRIED, tried
+from eigenfail_api.dashboard.proof import NOT_TRIED, describe_reproduction
 from eigenfail_services.statistics.intervals import rate
 
 HTML = {"Accept": "text/html"}
@@ -44,10 +44,13 @@ def replayed(deliver, result):
 def test_replays_are_counted_with_their_interval():
     found = Reproduction(rate(3, 4), 0.0)
     assert isinstance(found.rate, Rate)
-    figure = tried(found)
-    assert (figure.value, figure.notes[0]) == ("3 of 4", "75.0 %, 30.1 – 95.4 %")
-    assert tried(Reproduction(rate(0, 2), 1.25)).notes[1] == "smallest robustness 1.25\u00a0m"
-    assert tried(Reproduction()) == NOT_TRIED
+    figure = describe_reproduction(found)
+    assert (figure.value, figure.notes[0]) == ("3 of 4", "75.0 % [30.1, 95.4]")
+    assert (
+        describe_reproduction(Reproduction(rate(0, 2), 1.25)).notes[1]
+        == "smallest robustness 1.25\u00a0m"
+    )
+    assert describe_reproduction(Reproduction()) == NOT_TRIED
 
 
 def test_nothing_is_proven_before_somebody_asks(http, look, finished):
@@ -67,9 +70,9 @@ def test_a_proof_is_followed_until_its_last_replay(store, pages, prove, replayed
     replayed(same, crashed=(0, 2))
     told = text()
     assert "4 / 8 replays" in told
-    assert "Eigenfailures, same scenario 1 of 2 50.0 %, 9.45 – 90.5 % smallest robust" in told
+    assert "Eigenfailures, same scenario 1 of 2 50.0 % [9.45, 90.5] smallest robust" in told
     assert "distance_m = 61.0" in told
-    assert "Eigenfailure reproduced 0 of 1 0 %, 0 – 95.0 % smallest robustness 3.50 m" in told
+    assert "Eigenfailure reproduced 0 of 1 ≤ 95.0 % (0 of 1) smallest robustness 3.50 m" in told
     assert "the same 1 eigenfailure ◆ collision 0 −" in told
     replayed(near, crashed=())
     for campaign in (same, near):
@@ -92,5 +95,17 @@ def test_a_replay_that_could_not_be_run_was_not_tried(pages, prove, deliver, fai
     deliver(only, failed(0), failed(1), result(2, Outcome.COLLISION), result(3))
     told = text()
     assert "4 / 4 replays" in told
-    assert "Eigenfailures, same scenario – no replay is in" in told
+    assert "Eigenfailures, same scenario – no replay completed" in told
     assert "Medoids 1 of 2" in told
+
+
+def test_replays_that_all_errored_are_not_shown_as_done(pages, store, prove, deliver, failed):
+    _, page, _ = pages
+    (only,) = prove(pages[0], variations=[{}])
+    deliver(only, *(failed(index) for index in range(4)))
+    store.campaigns.move(only, "done")
+    link = f'<a href="/campaigns/{only}">campaign {only}</a>'
+    cell = page().partition(link)[2].partition("</td>")[0]
+    assert "errored" in cell
+    assert "tone-bad" in cell
+    assert "done" not in cell

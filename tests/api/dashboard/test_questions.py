@@ -6,12 +6,13 @@ import pytest
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
 from starlette.testclient import TestClient
+from store_checks.examples import deliver
 
-from eigenfail.testing.store.examples import collision, deliver, result, spec
+from eigenfail.testing.examples import collision, result, spec
 from eigenfail.values import AnalysisSettings, CampaignState
 from eigenfail.values.sample import MOST_SAMPLES
 from eigenfail_api.app import create_app
-from eigenfail_api.dashboard import pages
+from eigenfail_api.dashboard import campaign_page
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.store import open_store
 
@@ -32,7 +33,7 @@ def database(tmp_path):
 def browse(database, monkeypatch):
     """An application over it, anew each time: nothing is remembered."""
     # Whether a page waits for its later part is a matter of milliseconds, and of more questions.
-    monkeypatch.setattr(pages, "is_done", lambda begun: False)
+    monkeypatch.setattr(campaign_page, "is_prefetched", lambda begun: False)
 
     def client():
         app = create_app(database, ApiSettings())

@@ -13,73 +13,21 @@ from eigenfail.values import (
     CourseBlock,
     Diversity,
     FailureMode,
-    Interval,
     Outcome,
     Page,
     Scene,
     StopRules,
 )
 from eigenfail.values.records import EpisodeRow, Totals
-from eigenfail_api.dashboard import formats, samples
-from eigenfail_api.dashboard.views.analysis import peak
-from eigenfail_api.dashboard.views.campaign import settings, times
-from eigenfail_api.dashboard.views.campaign_costs import cost_chart
-from eigenfail_api.dashboard.views.diversity import diversity_tiles
-from eigenfail_api.dashboard.views.episodes import curve_chart, robustness_chart
-from eigenfail_api.dashboard.views.modes import evenly
-from eigenfail_api.dashboard.views.scene import nearest_actor
-from eigenfail_api.dashboard.views.summaries import standing
+from eigenfail_api.dashboard import samples
+from eigenfail_api.dashboard.analysis_page import diversity_tiles, evenly, peak
+from eigenfail_api.dashboard.campaign_page import settings, times
+from eigenfail_api.dashboard.charts import curve_chart, robustness_chart
+from eigenfail_api.dashboard.cost_charts import cost_chart
+from eigenfail_api.dashboard.scene import nearest_actor
+from eigenfail_api.dashboard.tiles import standing
 from eigenfail_services.campaigns.summary import summarise
 from eigenfail_services.statistics.intervals import rate
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (None, "–"),
-        (float("nan"), "–"),
-        (0.0, "0"),
-        (-2.1449, "−2.14"),
-        (1234.5, "1,234"),
-        (0.0123456, "0.0123"),
-        (8.96e-5, "8.96×10⁻⁵"),
-        (-1.5e7, "−1.50×10⁷"),
-    ],
-)
-def test_figures_have_three_digits(value, text):
-    assert formats.number(value) == text
-
-
-@pytest.mark.parametrize(
-    ("count", "text"), [(0, "0 failures"), (1, "1 failure"), (1234, "1,234 failures")]
-)
-def test_one_thing_is_not_called_several(count, text):
-    assert formats.counted(count, "failure") == text
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [
-        (None, "–"),
-        (0.05, "0.050 s"),
-        (59.6, "1 min"),
-        (244, "4 min 4 s"),
-        (3600, "1 h 0 min"),
-        (90_061, "1 d 1 h"),
-    ],
-)
-def test_durations_need_two_units(seconds, text):
-    assert formats.duration(seconds) == text
-
-
-def test_times_are_in_utc():
-    assert formats.moment(0) == "1970-01-01 00:00:00 UTC"
-    assert formats.interval(Interval(0.5, 2.0)) == "0.500 – 2.00"
-
-
-def test_negative_figures_of_a_sentence_have_a_true_minus():
-    told = "cut-in at -1.4 m/s, (-2.0 sigma), episodes 3-7, seed-2"
-    assert formats.signed(told) == "cut-in at −1.4 m/s, (−2.0 sigma), episodes 3-7, seed-2"
 
 
 def row(index, outcome=Outcome.SAFE, robustness_m=5.0):
@@ -128,7 +76,7 @@ def test_the_curve_draws_the_course():
     assert chart.title == "Learning curve"
     assert (chart.data["middle"], chart.data["rate"]) == ([49.5, 149.5], [0.0, 53.0])
     assert chart.data["low"][1] < 53.0 < chart.data["high"][1]
-    assert chart.rows[0] == ("0 – 99", "0", "100", "0 %", "0 – 2.95 %", "–", "4.50")
+    assert chart.rows[0] == ("0 – 99", "0", "100", "0 %", "[0, 2.95] %", "–", "4.50")
     assert chart.rows[1][-2:] == ("−2.50", "4.50")
     assert len(chart.columns) == len(chart.rows[0])
 

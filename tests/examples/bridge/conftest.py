@@ -15,10 +15,11 @@ from eigenfail.cli.specs import read_spec
 from eigenfail.settings import read_settings
 from eigenfail.values import CampaignSpec, EpisodeResult, LearnerContext, learner_seed
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_workers.bridge.connection import SharedConnection
 from eigenfail_workers.bridge.engine import BridgeEngine
-from eigenfail_workers.bridge.line import Line
 
 BRIDGES = Path(__file__).parents[3] / "examples" / "bridge"
+PROBE = ("g++", "-x", "c++", "-fsyntax-only", "-")
 COMPILER = (
     *("g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-O0"),
     *("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-I", str(BRIDGES / "cpp")),
@@ -37,6 +38,10 @@ def compiled(tmp_path_factory) -> Callable[[Path], Path]:
     """Builds a C++ bridge; a warning is an error, and so is what the sanitizers see later."""
 
     def build(source: Path) -> Path:
+        try:
+            subprocess.run(PROBE, input=b"#include <zmq.h>", check=True, capture_output=True)
+        except (OSError, subprocess.CalledProcessError):
+            pytest.skip("no g++, or no zmq.h for it")
         program = tmp_path_factory.mktemp("compiled") / source.stem
         subprocess.run([*COMPILER, str(source), "-o", str(program), "-lzmq"], check=True)
         return program
@@ -71,10 +76,10 @@ def start_python(start) -> Callable[[str], Started]:
 @pytest.fixture
 def engine() -> Iterator[Callable[[CampaignSpec, str], BridgeEngine]]:
     """Engines on bridges."""
-    lines: list[Line] = []
+    lines: list[SharedConnection] = []
 
     def make(spec: CampaignSpec, address: str) -> BridgeEngine:
-        lines.append(Line(address))
+        lines.append(SharedConnection(address))
         return BridgeEngine(spec.setup(), lines[-1])
 
     yield make

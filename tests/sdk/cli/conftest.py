@@ -9,8 +9,8 @@ from starlette.testclient import TestClient
 from typer.testing import CliRunner
 
 from eigenfail import plugins
+from eigenfail.cli.connection import Environment
 from eigenfail.cli.main import app
-from eigenfail.cli.surroundings import Surroundings
 from eigenfail.client import Client
 from eigenfail.hosting import service as local_service
 from eigenfail.values import EpisodeTask, PriorSource, TrajectorySource, episode_seed
@@ -18,7 +18,7 @@ from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.materials import learner_context
+from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.store import open_store
 
 CONTROLLER = """
@@ -57,7 +57,7 @@ def stand_ins(monkeypatch):
             for name, script in scripts.items()
         }
 
-    monkeypatch.setattr(local_service, "commands", commands)
+    monkeypatch.setattr(local_service, "make_commands", commands)
     return scripts
 
 
@@ -130,7 +130,7 @@ def service(store, monkeypatch):
 @pytest.fixture
 def eigenfail(service):
     """Runs a command against the service; its result has exit_code, stdout and stderr."""
-    surroundings = Surroundings(connect=lambda url: Client(url, service))
+    surroundings = Environment(connect=lambda url: Client(url, service))
 
     def run(*words):
         given = [str(word) for word in words]

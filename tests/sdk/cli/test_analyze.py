@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.cli.finding_words import finding_words, moment, share_words
+from eigenfail.presentation.analyses import (
+    describe_findings,
+    describe_influence,
+    format_moment,
+)
 from eigenfail.values import AnalysisResult, InfluenceShare, Interval, Moment, Stability
 
 NOTHING = np.zeros((0, 2), np.float32)
@@ -63,7 +67,7 @@ def test_wrong_options_are_refused_in_words(eigenfail, done, options, words):
 
 
 def test_an_older_result_has_nothing_more_to_say():
-    assert list(finding_words(BARE)) == []
+    assert list(describe_findings(BARE)) == []
     assert BARE.verdict == "No distinct modes: the failures make a single group."
 
 
@@ -76,26 +80,26 @@ def test_findings_in_words():
         moments=(Moment("lateral", 4, 1.2, 0.5), Moment("lateral", 9, 0.7, 0.4)),
         digest="5eed",
     )
-    assert list(finding_words(found)) == [
+    assert list(describe_findings(found)) == [
         "A snapshot.",
         (
-            "Drawn again 20 times, the modes have an adjusted Rand index of 0.91 [0.40, 1.00]; "
+            "Drawn again 20 times, the modes have an adjusted Rand index of 0.910 [0.400, 1.00]; "
             "1 is the same modes, 0 is chance."
         ),
-        "12 % of the failures were near no mode.",
-        "Lateral noise matters most 1.2 s before the collision, 0.7 s before the collision.",
+        "12.4 % of the failures were near no mode.",
+        "Lateral noise matters most 1.20 s before the collision, 0.700 s before the collision.",
         "Digest of every number (SHA-256): 5eed",
     ]
-    assert moment(Moment("lateral", 4, None, 0.5)) == "at step 4"
+    assert format_moment(Moment("lateral", 4, None, 0.5)) == "at step 4"
 
 
 def test_the_share_of_the_last_seconds_in_words():
     share = InfluenceShare(seconds=2.0, time=0.25, longitudinal=0.5, lateral=None, both=0.5)
-    assert share_words(share) == (
-        "The last 2 s before the collision, 25 % of the time, hold 50 % of the influence "
-        "(longitudinal 50 %)."
+    assert describe_influence(share) == (
+        "The last 2 s before the collision, 25.0 % of the time, hold 50.0 % of the influence "
+        "(longitudinal 50.0 %)."
     )
-    assert "any influence" in share_words(replace(share, both=None))
+    assert "any influence" in describe_influence(replace(share, both=None))
 
 
 def test_a_verdict_says_which_test_failed():

@@ -5,9 +5,10 @@ import time
 from itertools import count
 
 import msgspec
+import numpy as np
 import pytest
 
-from eigenfail.cli import checkups
+from eigenfail.cli import plugin_checks
 from eigenfail.testing import planner as suite
 from eigenfail.testing.planner import PLANNER_CHECKS
 from eigenfail.testing.scenario import SCENARIO_CHECKS
@@ -108,6 +109,12 @@ class Cryptic(Good):
         return {"seen": object()}
 
 
+class Thoughtless(Good):
+    def act(self, perception):
+        np.seterr(all="raise")
+        return super().act(perception)
+
+
 class Clumsy(Good):
     def act(self, perception):
         raise KeyError("lead")
@@ -118,7 +125,7 @@ def examine(eigenfail, monkeypatch):
     """Examines a class of this file; the exit code, and the checks by name."""
 
     def run(planner, *words):
-        monkeypatch.setattr(checkups.plugins, "load_class", lambda place: planner)
+        monkeypatch.setattr(plugin_checks.plugins, "load_class", lambda place: planner)
         told = eigenfail("doctor", "--planner", f"here:{planner.__name__}", "--json", *words)
         return told.exit_code, {check["check"]: check for check in json.loads(told.stdout)}
 
@@ -142,6 +149,7 @@ def test_a_planner_that_keeps_its_contract_passes(examine):
         (Mute, "returns finite controls", "returned None, not a Control"),
         (Infinite, "returns finite controls", "acceleration_mps2=inf"),
         (Undefined, "returns finite controls", "steering_rad=nan"),
+        (Thoughtless, "leaves its process alone", "numpy's error state"),
         (Moody, "is deterministic", "answered the same perceptions differently"),
         (Nostalgic, "forgets at reset", "it kept something"),
         (Meddler, "leaves its input alone", "changed a perception"),
@@ -158,7 +166,8 @@ def test_what_breaks_the_contract_is_said_in_words(examine, planner, check, word
 
 
 @pytest.mark.parametrize(
-    "planner", [Mute, Infinite, Undefined, Nostalgic, Meddler, Rewriter, Confused, Cryptic]
+    "planner",
+    [Mute, Infinite, Undefined, Nostalgic, Meddler, Rewriter, Confused, Cryptic, Thoughtless],
 )
 def test_only_what_is_broken_is_blamed(examine, planner):
     assert len(said(examine(planner)[1])) == 1
@@ -174,10 +183,10 @@ def test_a_slow_planner_is_told_its_budget(examine, monkeypatch):
 
 
 def test_what_never_ends_is_not_waited_for(examine, monkeypatch):
-    monkeypatch.setattr(checkups, "PATIENCE_S", 0.1)
+    monkeypatch.setattr(plugin_checks, "PATIENCE_S", 0.1)
     code, checks = examine(Endless)
     assert code == 1
-    assert said(checks) == {"returns finite controls": "It did not come to an end within 0.1 s."}
+    assert said(checks) == {"leaves its process alone": "It did not come to an end within 0.1 s."}
     assert len(said(checks, "skipped")) == len(PLANNER_CHECKS) - 1
 
 

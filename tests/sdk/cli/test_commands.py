@@ -10,13 +10,15 @@ import httpx2
 import numpy as np
 import pytest
 
-from eigenfail.cli import places as places_module
-from eigenfail.cli.doctor_findings import workers_finding
-from eigenfail.cli.interruption import INTERRUPTED
-from eigenfail.cli.options import DEFAULT_URL
+from eigenfail.cli import connection as places_module
+from eigenfail.cli.doctor import check_workers
+from eigenfail.cli.progress import INTERRUPTED
 from eigenfail.errors import InvalidValue
+from eigenfail.explanations import replays
+from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.service import Plan
-from eigenfail.stories import replays
+from eigenfail.presentation.figures import format_number
+from eigenfail.values import CampaignState
 from eigenfail.values.retention import Retention
 from eigenfail.values.worker import Arrival, Presence, Staffing
 from eigenfail.versions import versions
@@ -60,14 +62,58 @@ def test_the_gate_opens_when_there_was_none(eigenfail, spec_file, store):
     assert run.exit_code == 0
 
 
-def test_a_gate_does_not_open_on_episodes_that_could_not_be_run(eigenfail, spec_file):
+@pytest.mark.fault("campaign whose every episode errors")
+@pytest.mark.parametrize("gate", [(), ("--gate",)])
+def test_a_campaign_whose_every_episode_errored_exits_with_3_and_says_why(
+    eigenfail, spec_file, gate
+):
     spec_file.write_text(spec_file.read_text().replace('"idm"', '"test_raises"'))
-    run = eigenfail("run", spec_file, "--gate")
+    run = eigenfail("run", spec_file, *gate)
     assert run.exit_code == 3
-    assert "completed no episode" in run.stderr
-    assert "eigenfail episode list 1 --outcome failed" in run.stderr
-    listed = eigenfail("episode", "list", 1, "--outcome", "failed", "--json")
+    assert "campaign 1 (monte_carlo) errored: 24/24 episodes, 0 failures, 24 errored" in run.stderr
+    assert "Campaign 1: All 24 episodes errored, so there is no result." in run.stderr
+    assert "Most frequent reason (planner): " in run.stderr
+    assert "a stranger's bug" in run.stderr
+    assert "eigenfail episode show 1/0" in run.stderr
+    assert "eigenfail episode list 1 --outcome errored" in run.stderr
+    assert "24 episodes errored" in run.stdout
+    assert eigenfail("campaign", "watch", 1).exit_code == 3
+    assert " errored " in eigenfail("campaign", "list").stdout
+    shown = eigenfail("campaign", "show", 1).stdout
+    assert "0 completed of 24, 24 errored" in shown
+
+
+@pytest.mark.fault("campaign with a name that the bridge does not know")
+def test_a_campaign_that_the_service_paused_exits_with_3_and_says_why(eigenfail, spec_file, store):
+    eigenfail("campaign", "create", spec_file, "--episodes", 10)
+    eigenfail("campaign", "pause", 1)
+    assert eigenfail("campaign", "watch", 1).exit_code == 0
+    eigenfail("campaign", "resume", 1)
+    store.campaigns.move(1, CampaignState.PAUSED, "Worker w can run no episode.")
+    watched = eigenfail("campaign", "watch", 1)
+    assert watched.exit_code == 3
+    assert "Campaign 1 is paused. Worker w can run no episode." in watched.stderr
+    assert "paused Worker w can run no episode." in eigenfail("campaign", "show", 1).stdout
+
+
+@pytest.mark.fault("campaign resumed by another release")
+def test_a_campaign_of_two_releases_shows_which_versions_changed(eigenfail, done, store):
+    store.campaigns.begin_part(done, {"eigenfail": "9.9.9"})
+    shown = " ".join(eigenfail("campaign", "show", done).stdout.split())
+    # The played services of this test record no versions, as older releases did not.
+    assert "went on with other versions after 24 results: the earlier release recorded" in shown
+    assert "run it again for evidence" in shown
+
+
+@pytest.mark.fault("campaign whose every episode errors")
+@pytest.mark.parametrize("word", ["errored", "failed"])
+def test_errored_episodes_are_found_by_that_word_and_the_old_one(eigenfail, spec_file, word):
+    spec_file.write_text(spec_file.read_text().replace('"idm"', '"test_raises"'))
+    eigenfail("run", spec_file)
+    listed = eigenfail("episode", "list", 1, "--outcome", word, "--json")
     assert "a stranger's bug" in json.loads(listed.stdout)[0]["problem"]
+    filtered = eigenfail("episode", "list", 1, "--filter", f"outcome = {word}")
+    assert filtered.stdout.split().count("errored") == 20
 
 
 def test_a_gate_does_not_open_on_a_campaign_that_was_cut_short(eigenfail, spec_file, store):
@@ -163,7 +209,8 @@ def test_episodes_have_a_class_and_lead_times(eigenfail, done):
     worst = rows[0]
     shown = eigenfail("episode", "show", f"{done}/{worst['index']}")
     words = " ".join(shown.stdout.split())
-    assert f"lead time of TTC [s] {worst['assessed']['ttc_lead_s']:.3f}" in words
+    lead_s = format_number(worst["assessed"]["ttc_lead_s"])
+    assert f"lead time of TTC [s] {lead_s}" in words
     assert "class collision, planner failure" in words
     assert "hard brakings" in words
 
@@ -433,7 +480,7 @@ def test_the_doctor_says_whether_anybody_works(here, states, said, found, wrong)
         campaigns=campaigns,
         staffing=lambda: Staffing(workers=len(here), said=said),
     )
-    finding = workers_finding(client)
+    finding = check_workers(client)
     assert (finding.found, finding.wrong) == (found, wrong)
 
 
@@ -454,7 +501,7 @@ def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
 ):
     found = SimpleNamespace(name=source)
     context = SimpleNamespace(get_parameter_source=lambda _: found)
-    assert list(places_module.nearby(context, Plan(tmp_path, 0))) == places
+    assert list(places_module._list_addresses(context, Plan(tmp_path, 0))) == places
 
 
 def test_a_priority_is_given_shown_and_changed(eigenfail, spec_file, store):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.cli.mode_tables import diversity_words
+from eigenfail.presentation.analyses import describe_diversity
 from eigenfail.values import AnalysisResult, Comparison, Course, Diversity
 from eigenfail.wire.http import decode
 
@@ -80,7 +80,7 @@ def test_a_campaign_is_shown_with_rate_likelihood_severity_and_cost(eigenfail, d
     failures = store.campaigns.get(done).counts.failures
     assert f"failure rate {100 * failures / 24:.1f} % [" in words
     assert "(n = 24)" in words
-    for name in ("log p per step -", "severity ", "cost per failure "):
+    for name in ("log p per step −", "severity ", "cost per failure "):
         assert name in words
     assert f"(n = {failures})" in words
 
@@ -100,7 +100,7 @@ def test_modes_that_are_distinct_are_told_with_when_they_were_seen():
     found = AnalysisResult(
         **fields, episodes=(), labels=(), modes=(), silhouette=None, noise_silhouette=None
     )
-    assert list(diversity_words(found)) == []
+    assert list(describe_diversity(found)) == []
     diversity = Diversity(
         failures=40,
         modes=2,
@@ -111,8 +111,8 @@ def test_modes_that_are_distinct_are_told_with_when_they_were_seen():
         verdict="2 modes.",
         warning="mode collapse: try `ensemble`.",
     )
-    assert list(diversity_words(replace(found, diversity=diversity))) == [
-        "The 40 failures differ by 0.80 sigma; noise of p(x) does by 1.",
+    assert list(describe_diversity(replace(found, diversity=diversity))) == [
+        "The 40 failures differ by 0.800 sigma; noise of p(x) does by 1.",
         "Modes seen after each tenth of the campaign: 1, 1, 1, 1, 1, 1, 1, 1, 1, 2.",
         "Warning: mode collapse: try `ensemble`.",
     ]

@@ -5,7 +5,7 @@ import json
 import msgspec
 import pytest
 
-from eigenfail.filters import outcome_is
+from eigenfail.filters import make_outcome_condition
 from eigenfail.values import CampaignCost, Outcome
 
 
@@ -32,7 +32,7 @@ def test_methods_stand_side_by_side(eigenfail, done, spec_file, costs, store):
     words = " ".join(told.stdout.split())
     assert f"{done} monte_carlo {calm} monte_carlo" in words
     assert f"Campaign {done}: No analysis is done" in words
-    assert "100.0 % 0.0 % 0.0 % 0.0 %" in words
+    assert "100 % 0 % 0 % 0 %" in words
     last = [line.split() for line in told.stdout.splitlines() if "failures" in line][-1]
     assert last[1:3] == [str(store.campaigns.get(done).counts.failures), "failures"]
 
@@ -48,7 +48,7 @@ def test_without_a_failure_there_is_a_bound(eigenfail, spec_file, costs):
 
 def test_it_costs_what_it_found(done, costs, store):
     (found,) = costs(done)
-    crashes = store.episodes.page(done, 100, where=outcome_is(Outcome.COLLISION)).items
+    crashes = store.episodes.page(done, 100, where=make_outcome_condition(Outcome.COLLISION)).items
     assert found.curve[-1].failures == found.failures == len(crashes)
     assert found.curve[-1].usd == pytest.approx(found.cost.total_usd)
 

@@ -5,10 +5,10 @@ import re
 import sqlite3
 from contextlib import closing
 
-import pytest
+from store_checks.examples import deliver, running
 
 from eigenfail.hosting.folder import DataFolder
-from eigenfail.testing.store.examples import deliver, result, running
+from eigenfail.testing.examples import result
 from eigenfail_services.store import open_store
 
 SAYS = {
@@ -18,7 +18,6 @@ SAYS = {
 }
 
 
-@pytest.mark.service
 def test_a_database_is_made_and_found_to_be_this_programs(eigenfail, tmp_path):
     for action, words in SAYS.items():
         told = eigenfail("db", action, "--data", tmp_path)
@@ -28,21 +27,18 @@ def test_a_database_is_made_and_found_to_be_this_programs(eigenfail, tmp_path):
     assert re.fullmatch(r"\d{4}", said["said"])
 
 
-@pytest.mark.service
 def test_one_that_is_not_there_is_trouble_with_a_way_out(eigenfail, tmp_path):
     told = eigenfail("db", "check", "--data", tmp_path)
     assert told.exit_code == 3
     assert f"Make it: eigenfail db upgrade --database sqlite:///{tmp_path}" in told.stderr
 
 
-@pytest.mark.service
 def test_an_address_that_is_none_is_wrong_usage(eigenfail):
     told = eigenfail("db", "check", "--database", "nonsense")
     assert told.exit_code == 2
     assert "Write it as sqlite:///" in told.stderr
 
 
-@pytest.mark.service
 def test_what_is_wrong_is_said_with_the_way_out_and_mended_if_asked(eigenfail, tmp_path):
     folder = DataFolder(tmp_path)
     with closing(open_store(folder.database)) as store:
@@ -70,7 +66,6 @@ def test_what_is_wrong_is_said_with_the_way_out_and_mended_if_asked(eigenfail, t
     assert [check["defects"] for check in found["checks"]] == [0] * len(found["checks"])
 
 
-@pytest.mark.service
 def test_a_backup_is_made_and_restored(eigenfail, tmp_path):
     file = tmp_path / "backup"
     with closing(open_store(DataFolder(tmp_path / "a").database)) as store:
@@ -98,7 +93,6 @@ def filled(url, count=20):
         store.campaigns.move(campaign.id, "done")
 
 
-@pytest.mark.service
 def test_noise_is_pruned_and_its_room_given_back(eigenfail, tmp_path):
     filled(DataFolder(tmp_path).database)
     here = ("--data", tmp_path, "--keep-every", 10)
@@ -121,7 +115,6 @@ def test_noise_is_pruned_and_its_room_given_back(eigenfail, tmp_path):
     assert re.search(r"takes [\d,]+ bytes; [\d,]+ were given back", swept.stdout)
 
 
-@pytest.mark.service
 def test_the_schema_goes_back_once_it_is_said_that_there_is_a_backup(eigenfail, tmp_path):
     filled(DataFolder(tmp_path).database)
     here = ("--data", tmp_path, "--to")

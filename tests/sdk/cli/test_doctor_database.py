@@ -5,10 +5,10 @@ import sqlite3
 from contextlib import closing
 
 import pytest
+from store_checks.examples import running
 
 from eigenfail import plugins
 from eigenfail.hosting.folder import DataFolder
-from eigenfail.testing.store.examples import running
 from eigenfail.values import EpisodeTask, PriorSource, episode_seed
 from eigenfail.values.records import Delivery
 from eigenfail_services.store import open_store
@@ -88,4 +88,4 @@ def test_one_that_is_not_there_is_wrong_with_a_way_out(eigenfail, tmp_path):
     told = eigenfail("doctor", "--json", "--database", f"sqlite:///{tmp_path}/none.db", "--repair")
     (found,) = [each for each in json.loads(told.stdout) if each["what"] == "database"]
     assert told.exit_code == 3
-    assert "eigenfail db upgrade" in found["found"]
+    assert "eigenfail db upgrade" in found["remedy"]

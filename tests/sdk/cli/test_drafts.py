@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from eigenfail.cli.drafts import read_values
+from eigenfail.cli.specs import parse_changes
 from eigenfail.errors import InvalidValue
 
 
@@ -50,7 +50,7 @@ def test_what_cannot_be_is_refused(eigenfail, done):
 
 def test_values_are_read_as_what_they_look_like():
     given = ["settings.alpha=1e2", "settings.hidden=[4, 4]", "planner=idm", "name=a=b", "seed=3"]
-    assert read_values(given) == {
+    assert parse_changes(given) == {
         "settings": {"alpha": 100.0, "hidden": [4, 4]},
         "planner": "idm",
         "name": "a=b",
@@ -61,4 +61,4 @@ def test_values_are_read_as_what_they_look_like():
 @pytest.mark.parametrize("wrong", ["", "=3", "a..b=1", "seed"])
 def test_values_without_a_field_are_refused(wrong):
     with pytest.raises(InvalidValue, match="FIELD=VALUE"):
-        read_values([wrong])
+        parse_changes([wrong])

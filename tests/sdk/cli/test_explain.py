@@ -8,8 +8,8 @@ import pytest
 
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue
-from eigenfail.stories import replays
-from eigenfail.stories.sentences import story
+from eigenfail.explanations import replays
+from eigenfail.explanations.explaining import tell_story
 from eigenfail.values import (
     CampaignSpec,
     EpisodeFault,
@@ -56,7 +56,7 @@ def test_it_begins_with_the_verdict_and_ends_with_the_story(eigenfail, crash, st
     told = eigenfail("episode", "explain", crash)
     assert told.exit_code == 0, told.output
     lines = [line.strip() for line in told.stdout.splitlines() if line.strip()]
-    assert lines[0].startswith("What is told here comes from a run of its own")
+    assert lines[0].startswith("This explanation comes from a replay")
     stored = store.episodes.get(1, 3)
     assert stored.digest() in lines[0]
     assert "true gap" in lines[1]
@@ -133,7 +133,7 @@ def tell(accounts, ended=None, accelerations=None):
         ExplainedStep(float(n), a, 0.0, account, (0.0, 0.0), 50.0 - n, 10.0)
         for n, (account, a) in enumerate(zip(accounts, pressed, strict=True))
     )
-    return story(ExplainedEpisode(ended or safe, steps))
+    return tell_story(ExplainedEpisode(ended or safe, steps))
 
 
 def test_a_plain_drive_is_told_in_one_sentence():

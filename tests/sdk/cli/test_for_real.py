@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from eigenfail.hosting.processes import marked
+from eigenfail.hosting.processes import find_marked
 
 pytestmark = pytest.mark.service
 
@@ -72,9 +72,12 @@ def test_run_starts_what_is_missing_and_leaves_nothing(start, spec_file, data):
     out, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
     assert json.loads(out)["counts"]["completed"] == 24
-    assert marked(owner(data)) == []
+    assert find_marked(owner(data)) == []
+    assert "The service that was started for this campaign has ended." in err
+    assert f"start one in a second terminal: eigenfail up --data {data}" in err
 
 
+@pytest.mark.fault("SIGTERM or Ctrl-C of a service, once or twice")
 def test_run_uses_the_service_of_the_folder_and_ctrl_c_pauses(start, up, spec_file, data):
     service, address = up()
     worker = start("worker", "--connect", address["hub"], "--json")
@@ -96,9 +99,10 @@ def test_run_uses_the_service_of_the_folder_and_ctrl_c_pauses(start, up, spec_fi
     assert worker.wait(timeout=30) == 0
     service.send_signal(signal.SIGTERM)
     assert service.wait(timeout=30) == 0
-    assert marked(owner(data)) == []
+    assert find_marked(owner(data)) == []
 
 
+@pytest.mark.fault("SIGKILL of the services")
 def test_up_notices_that_a_part_was_killed(up, data):
     service, _ = up()
     (services,) = [
@@ -111,4 +115,4 @@ def test_up_notices_that_a_part_was_killed(up, data):
     assert service.returncode == 3
     assert "The services process ended by itself (exit code -9)" in err
     assert "Traceback" not in err
-    assert marked(owner(data)) == []
+    assert find_marked(owner(data)) == []

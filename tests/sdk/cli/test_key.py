@@ -1,15 +1,11 @@
 """`eigenfail key`, of a service and of a database itself."""
 
 import json
-from contextlib import redirect_stdout
-from io import StringIO
 
 import pytest
 
-from eigenfail.errors import EigenfailError, InputError
-from eigenfail.hosting import keys as hosting_keys
 from eigenfail.values.access import TOKEN
-from eigenfail_services import __main__ as services
+from eigenfail_services.access.database_keys import DatabaseKeys
 from eigenfail_services.store import open_store
 
 
@@ -19,22 +15,6 @@ def database(tmp_path):
     url = f"sqlite:///{tmp_path / 'e.db'}"
     open_store(url).close()
     return url
-
-
-@pytest.fixture
-def at_hand(monkeypatch):
-    """The services' program runs in this process."""
-
-    def tool(words, database):
-        arguments = services.parse([*words, "--database", database])
-        with redirect_stdout(StringIO()) as said:
-            try:
-                arguments.command(arguments)
-            except EigenfailError as error:
-                raise InputError("", str(error)) from None
-        return said.getvalue()
-
-    monkeypatch.setattr(hosting_keys, "services_tool", tool)
 
 
 def test_a_service_makes_lists_and_revokes(eigenfail, monkeypatch):
@@ -58,7 +38,7 @@ def test_a_service_makes_lists_and_revokes(eigenfail, monkeypatch):
     assert "POST" not in audit
 
 
-def test_the_first_key_is_made_on_the_database(eigenfail, at_hand, database):
+def test_the_first_key_is_made_on_the_database(eigenfail, database):
     made = eigenfail("key", "create", "me", "--scope", "admin", "--database", database, "--json")
     assert made.exit_code == 0, made.output
     token = json.loads(made.stdout)["token"]
@@ -85,7 +65,7 @@ def test_the_first_key_is_made_on_the_database(eigenfail, at_hand, database):
     assert (revoked["method"], revoked["route"]) == ("DELETE", "/api/v1/keys/{key}")
 
 
-def test_the_first_key_is_an_administrators(eigenfail, at_hand, database):
+def test_the_first_key_is_an_administrators(eigenfail, database):
     refused = eigenfail("key", "create", "ci", "--scope", "runner", "--database", database)
     assert refused.exit_code == 2
     assert "scope admin" in refused.stderr
@@ -98,15 +78,14 @@ def test_a_time_that_is_none_is_refused(eigenfail, life):
     assert "90d" in refused.stderr
 
 
-@pytest.mark.service
-def test_the_real_program_works_on_a_database(database):
-    keys = hosting_keys.DatabaseKeys(database)
+def test_a_name_may_look_like_an_option(database):
+    keys = DatabaseKeys(database)
     made = keys.create("--me", "admin", 3_600)
     assert TOKEN.fullmatch(made.token)
     assert [key.name for key in keys.list()] == ["--me"]
 
 
-def test_quotas_are_set_changed_one_by_one_and_lifted(eigenfail, at_hand, database):
+def test_quotas_are_set_changed_one_by_one_and_lifted(eigenfail, database):
     there = ("--database", database)
     assert eigenfail("key", "create", "me", "--scope", "admin", *there).exit_code == 0
     wanted = ("--max-open", 3, "--max-episodes-per-day", 1_000)

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from eigenfail.cli import lacking as module
-from eigenfail.cli.doctor_findings import stranded_findings
-from eigenfail.cli.lacking import PATIENCE_S, Lookout, lacking
-from eigenfail.cli.options import DEFAULT_URL
+from eigenfail.cli import progress as module
+from eigenfail.cli.doctor import list_unrunnable_campaigns
+from eigenfail.cli.progress import PATIENCE_S, _MissingWorkerNotice, find_missing_workers
 from eigenfail.client import Client
 from eigenfail.errors import NotFound
+from eigenfail.hosting.folder import DEFAULT_URL
 
 BRIDGE = "No connected worker has a bridge: start one."
 
@@ -39,7 +39,7 @@ def test_a_campaigns_page_says_what_it_lacks(eigenfail, idle, store):
 
 
 def test_the_doctor_names_the_campaign_and_finds_it_wrong(eigenfail, client, idle, store):
-    assert list(stranded_findings(client)) == []
+    assert list(list_unrunnable_campaigns(client)) == []
     store.events.append("workers.lacking", BRIDGE, idle)
     told = eigenfail("doctor", "--json")
     (found,) = [each for each in json.loads(told.stdout) if each["what"] == f"campaign {idle}"]
@@ -53,7 +53,7 @@ def test_whoever_follows_a_campaign_that_does_not_get_on_is_told_once(
     now = SimpleNamespace(s=100.0)
     monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now.s))
     store.events.append("workers.lacking", BRIDGE, idle)
-    lookout, seen = Lookout(client), store.campaigns.get(idle)
+    lookout, seen = _MissingWorkerNotice(client), store.campaigns.get(idle)
     lookout(seen)
     assert capsys.readouterr().err == ""
     for _ in range(3):
@@ -88,5 +88,5 @@ def test_a_service_that_does_not_know_of_it_says_nothing(store, idle):
         raise NotFound("No such page.")
 
     client = SimpleNamespace(staffing=unknown)
-    assert lacking(client, store.campaigns.get(idle)) == ()
-    assert list(stranded_findings(client)) == []
+    assert find_missing_workers(client, store.campaigns.get(idle)) == ()
+    assert list(list_unrunnable_campaigns(client)) == []

@@ -13,9 +13,8 @@ import pytest
 from eigenfail.errors import PortTaken, ServiceError, StoreUnavailable
 from eigenfail.hosting import service as local_service
 from eigenfail.hosting.folder import Address, DataFolder
-from eigenfail.hosting.processes import OWNER_MARK, marked
-from eigenfail.hosting.service import Launcher, Plan, free_port, ready_line
-from eigenfail.hosting.signals import interruptible
+from eigenfail.hosting.processes import OWNER_MARK, find_marked, interruptible
+from eigenfail.hosting.service import Launcher, Plan, find_ready_line, free_port
 
 STUBBORN = "while True: time.sleep(600)\n"
 
@@ -53,8 +52,8 @@ def test_it_is_ready_says_where_and_leaves_nothing(stand_ins, plan):
         assert service.address.hub.startswith("tcp://127.0.0.1:")
         assert DataFolder(plan.data).address() == service.address
         service.check()
-        assert len(marked(owner(plan))) == 3
-    assert marked(owner(plan)) == []
+        assert len(find_marked(owner(plan))) == 3
+    assert find_marked(owner(plan)) == []
     assert DataFolder(plan.data).address() is None
 
 
@@ -65,6 +64,12 @@ def test_a_second_one_on_the_same_folder_is_refused_with_the_address(stand_ins, 
         service.check()
 
 
+@pytest.mark.fault(
+    "part of a service that cannot start, or dies",
+    group="processes",
+    outcome="`eigenfail up` ends the other parts, names the part with its last lines, and "
+    "exits with 3.",
+)
 @pytest.mark.parametrize("part", ["controller", "services"])
 def test_a_part_that_refuses_to_start_is_named_with_its_reason(stand_ins, plan, part):
     stand_ins[part] = "print('a log line'); raise SystemExit(print('eigenfail: No.') or 3)"
@@ -74,9 +79,10 @@ def test_a_part_that_refuses_to_start_is_named_with_its_reason(stand_ins, plan, 
         f"The {part} process ended by itself (exit code 3): No. "
         f"The whole log is in {plan.data / part}.log."
     )
-    assert marked(owner(plan)) == []
+    assert find_marked(owner(plan)) == []
 
 
+@pytest.mark.fault("part of a service that cannot start, or dies")
 def test_a_part_that_breaks_is_named_with_its_last_lines(stand_ins, plan):
     stand_ins["services"] = "print('a log line', flush=True); 1 / 0"
     with pytest.raises(ServiceError) as caught:
@@ -94,33 +100,42 @@ def test_only_what_was_said_this_time_is_repeated(stand_ins, plan):
     assert "old trouble" not in str(caught.value)
 
 
+@pytest.mark.fault("part of a service that cannot start, or dies")
 def test_a_part_that_dies_later_is_noticed(stand_ins, plan):
     with local_service.local_service(plan) as service:
         service.parts[1].process.kill()
         service.parts[1].process.wait()
         with pytest.raises(ServiceError, match=r"The services process ended .*exit code -9"):
             service.check()
-    assert marked(owner(plan)) == []
+    assert find_marked(owner(plan)) == []
 
 
+@pytest.mark.fault("part of a service that cannot start, or dies")
 def test_a_part_that_is_never_ready_is_given_up(stand_ins, plan, monkeypatch):
     monkeypatch.setattr(local_service, "READY_WITHIN_S", 0.5)
     stand_ins["services"] = "import time; time.sleep(600)"
     with pytest.raises(ServiceError, match=r"not ready after .*services\.log"):
         start_and_stop(plan)
-    assert marked(owner(plan)) == []
+    assert find_marked(owner(plan)) == []
 
 
+@pytest.mark.fault("part of a service that cannot start, or dies")
 def test_a_part_that_ignores_the_signal_is_killed(stand_ins, plan, monkeypatch):
-    monkeypatch.setattr(local_service.stop, "__defaults__", (0.3,))
+    monkeypatch.setattr(local_service.stop_parts, "__defaults__", (0.3,))
     stand_ins["services"] = (
         "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n" + stand_ins["services"]
     )
     with local_service.local_service(plan):
         pass
-    assert marked(owner(plan)) == []
+    assert find_marked(owner(plan)) == []
 
 
+@pytest.mark.fault(
+    "services killed together with their command line",
+    group="processes",
+    outcome="The next start on the same folder ends what is left of them, and no process of "
+    "anybody else.",
+)
 def test_what_a_killed_command_line_left_is_ended_by_the_next_one(stand_ins, plan):
     left = subprocess.Popen(
         [sys.executable, "-c", "import time; time.sleep(600)"],
@@ -130,6 +145,7 @@ def test_what_a_killed_command_line_left_is_ended_by_the_next_one(stand_ins, pla
         assert left.wait(timeout=5) == -signal.SIGKILL
 
 
+@pytest.mark.fault("services killed together with their command line")
 def test_nobody_elses_processes_are_ended(stand_ins, plan):
     other = subprocess.Popen(
         [sys.executable, "-c", "import time; time.sleep(600)"],
@@ -144,6 +160,7 @@ def test_nobody_elses_processes_are_ended(stand_ins, plan):
         other.wait()
 
 
+@pytest.mark.fault("port already in use")
 def test_a_taken_port_is_refused_before_anything_starts(stand_ins, plan):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -180,14 +197,14 @@ def test_ports_are_free_ones():
 
 def test_the_ready_line_is_found_among_others():
     lines = ["", "starting", "[1]", '{"ready": 1}', '{"event": "x"}', '{"ready": true, "hub": "h"}']
-    found = ready_line(lines)
+    found = find_ready_line(lines)
     assert found is not None
     assert found.hub == "h"
-    assert ready_line(lines[:-1]) is None
+    assert find_ready_line(lines[:-1]) is None
 
 
 def test_the_commands_name_the_modules_and_the_addresses(plan):
-    commands = local_service.commands(
+    commands = local_service.make_commands(
         Plan(plan.data, 0, workers=3, launcher=Launcher.NONE), "sqlite:///x.db", 8440, 8441
     )
     assert commands["controller"][1:] == [
@@ -200,13 +217,20 @@ def test_the_commands_name_the_modules_and_the_addresses(plan):
     ]
 
 
+@pytest.mark.fault(
+    "SIGTERM or Ctrl-C of a service, once or twice",
+    group="processes",
+    outcome="The service stops in order and leaves no process behind; a second signal stops "
+    "it at once.",
+)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_every_signal_to_stop_leaves_nothing(stand_ins, plan, number):
     with pytest.raises(KeyboardInterrupt):
         start_and_wait(plan, lambda: os.kill(os.getpid(), number))
-    assert marked(owner(plan)) == []
+    assert find_marked(owner(plan)) == []
 
 
+@pytest.mark.fault("SIGTERM or Ctrl-C of a service, once or twice")
 def test_a_second_signal_ends_the_patience_and_still_leaves_nothing(stand_ins, plan):
     stand_ins["services"] = (
         "import os, signal\n"
@@ -216,4 +240,4 @@ def test_a_second_signal_ends_the_patience_and_still_leaves_nothing(stand_ins, p
     began = time.monotonic()
     start_and_stop(plan)
     assert time.monotonic() - began < 15.0
-    assert marked(owner(plan)) == []
+    assert find_marked(owner(plan)) == []

@@ -5,9 +5,8 @@ import time
 
 import pytest
 
-from eigenfail.hosting import logs
-from eigenfail.hosting.logs import Log, bounded
-from eigenfail.hosting.processes import Part, stop
+from eigenfail.hosting import processes
+from eigenfail.hosting.processes import Log, ServicePart, rotate_regularly, stop_parts
 
 PATIENCE_S = 60.0
 
@@ -24,7 +23,7 @@ subprocess.run([sys.executable, "-c", "print('a grandchild')"])
 @pytest.fixture
 def small(monkeypatch):
     """Logs of at most 10 kB."""
-    monkeypatch.setattr(logs, "MAX_BYTES", 10_000)
+    monkeypatch.setattr(processes, "MAX_BYTES", 10_000)
 
 
 @pytest.fixture
@@ -34,11 +33,13 @@ def start(tmp_path):
 
     def start(code):
         owner = str(tmp_path)
-        parts.append(Part("part", [sys.executable, "-c", code], tmp_path / "part.log", owner))
+        parts.append(
+            ServicePart("part", [sys.executable, "-c", code], tmp_path / "part.log", owner)
+        )
         return parts[-1]
 
     yield start
-    stop(parts, str(tmp_path), grace_s=0.0)
+    stop_parts(parts, str(tmp_path), grace_s=0.0)
 
 
 def until(done):
@@ -61,16 +62,16 @@ def test_who_writes_goes_on_in_the_same_file_and_the_newest_is_kept(small, tmp_p
             assert log.rotate()
         writer.write(b"8")
     assert log.path.read_bytes() == b"8"
-    older = [log.older(number).read_bytes() for number in range(1, logs.FILES)]
-    assert older == [b"%d" % number * logs.MAX_BYTES for number in (7, 6, 5, 4)]
-    assert files(tmp_path) == ["part.log", *(f"part.log.{n}" for n in range(1, logs.FILES))]
+    older = [log.older(number).read_bytes() for number in range(1, processes.FILES)]
+    assert older == [b"%d" % number * processes.MAX_BYTES for number in (7, 6, 5, 4)]
+    assert files(tmp_path) == ["part.log", *(f"part.log.{n}" for n in range(1, processes.FILES))]
 
 
 def test_the_log_of_a_process_is_cut_while_it_runs(*, small, start, tmp_path, monkeypatch):
-    monkeypatch.setattr(logs, "EVERY_S", 0.01)
+    monkeypatch.setattr(processes, "EVERY_S", 0.01)
     go = tmp_path / "go"
     part = start(WRITER.format(go=str(go)))
-    with bounded([part.rotate]):
+    with rotate_regularly([part.rotate]):
         until(lambda: Log(part.log).older(1).exists() and not part.log.stat().st_size)
         go.touch()
         assert part.process.wait(PATIENCE_S) == 0
@@ -83,7 +84,7 @@ def test_a_log_of_an_earlier_start_is_cut_before_the_next(small, start, tmp_path
     assert part.process.wait(PATIENCE_S) == 0
     assert part.said() == ["new"]
     assert part.log.read_text() == "new\n"
-    assert Log(part.log).older(1).stat().st_size == logs.MAX_BYTES
+    assert Log(part.log).older(1).stat().st_size == processes.MAX_BYTES
 
 
 def test_a_short_log_is_left_alone(small, tmp_path):
@@ -100,7 +101,7 @@ def test_without_room_for_a_copy_nothing_is_lost(small, tmp_path, monkeypatch):
         draft.write_text("half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(logs, "copy_end", full)
+    monkeypatch.setattr(processes, "copy_end", full)
     with pytest.raises(OSError, match="No space left"):
         Log(tmp_path / "part.log").rotate()
     assert files(tmp_path) == ["part.log"]

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from eigenfail import errors
 from eigenfail.cli import main
-from eigenfail.cli.lazy import DeferredCommand
+from eigenfail.cli.main import DeferredCommand
 
 LOADED_BY_HELP = """
 import sys
@@ -35,7 +35,7 @@ def test_help_lists_every_command_and_loads_nothing_heavy():
 
 @pytest.mark.parametrize("name", main.COMMANDS)
 def test_every_command_exists_and_is_described_as_it_is_listed(runner, name):
-    command = DeferredCommand(name, "", f"eigenfail.cli.{name}").load()
+    command = main.defer(name).load()
     assert command.help.splitlines()[0] == main.COMMANDS[name]
     shown = runner.invoke(main.app, [name, "--help"])
     assert shown.exit_code == 0

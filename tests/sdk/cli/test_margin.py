@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from eigenfail.cli.interruption import INTERRUPTED
+from eigenfail.cli.progress import INTERRUPTED
 
 EIGENFAIL = Path(sys.executable).parent / "eigenfail"
 SEARCH = ("--low", 0.05, "--high", 2, "--tolerance", 0.5, "--budget", 12)
@@ -24,7 +24,7 @@ def test_the_steps_are_a_table_with_a_sentence(eigenfail, spec_file):
     assert [line.split()[0] for line in lines[:4]] == [f"{scale:.4g}" for scale in SCALES]
     assert lines[0].split()[2:] == ["12", "0", "22.1", "%"]
     assert lines[3].split()[-1] == "–"
-    assert "Your sensor requirement has no margin to relax" in found.stdout
+    assert "The search shows no margin above the specified noise." in found.stdout
     assert "No failure found in 12 episodes at 0.5375 × is not proof" in found.stdout
 
 
@@ -75,7 +75,7 @@ def test_a_step_that_completes_nothing_says_nothing(eigenfail, spec_file):
     spec_file.write_text(spec_file.read_text().replace('"idm"', '"test_raises"'))
     refused = eigenfail("margin", spec_file, *SEARCH)
     assert refused.exit_code == 3
-    assert "says nothing of its scale" in refused.stderr
+    assert "cannot show whether its scale is safe" in refused.stderr
     assert "eigenfail campaign show 1" in refused.stderr
 
 

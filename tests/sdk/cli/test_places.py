@@ -6,14 +6,13 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from eigenfail.cli import places, run
+from eigenfail.cli import connection, run
+from eigenfail.cli.connection import Environment
 from eigenfail.cli.main import app
-from eigenfail.cli.options import DEFAULT_DATA, DEFAULT_URL
 from eigenfail.cli.specs import read_spec
-from eigenfail.cli.surroundings import Surroundings
 from eigenfail.client import Client
 from eigenfail.errors import ServiceError, ServiceUnreachable, UnknownName
-from eigenfail.hosting.folder import Address, DataFolder
+from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, Address, DataFolder
 from eigenfail.hosting.service import Plan
 
 OWN = Address("http://127.0.0.1:1", "tcp://127.0.0.1:2")
@@ -38,7 +37,7 @@ def own(monkeypatch):
     def started(plan):
         yield stub
 
-    monkeypatch.setattr(places, "local_service", started)
+    monkeypatch.setattr(connection, "local_service", started)
     return stub
 
 
@@ -48,16 +47,16 @@ def somewhere(monkeypatch, spec_file, tmp_path):
     context = typer.Context(typer.main.get_command(run.app))
 
     def enter(url=None, healthy=(), spec=None):
-        monkeypatch.setattr(places, "is_healthy", lambda context, address: address in healthy)
+        monkeypatch.setattr(connection, "_is_healthy", lambda context, address: address in healthy)
         plan = Plan(tmp_path / "data", 0)
-        return places.somewhere(context, spec or read_spec(spec_file), url, plan)
+        return connection.open_place(context, spec or read_spec(spec_file), url, plan)
 
     return enter
 
 
 def test_the_address_asked_for_comes_first(somewhere, own):
     with somewhere("http://there:1", {"http://there:1", DEFAULT_URL}) as place:
-        assert place == places.Place("http://there:1")
+        assert place == connection.Place("http://there:1")
 
 
 def test_nothing_is_started_if_nobody_is_where_it_was_asked_for(somewhere, own):
@@ -116,7 +115,7 @@ def asked_of(service):
             return Client(DEFAULT_URL, service)
 
         words = ["campaign", "list", *words]
-        done = CliRunner().invoke(app, words, obj=Surroundings(connect), prog_name="eigenfail")
+        done = CliRunner().invoke(app, words, obj=Environment(connect), prog_name="eigenfail")
         assert done.exit_code == 0, done.stderr
         return seen[-1]
 

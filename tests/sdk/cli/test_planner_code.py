@@ -5,17 +5,17 @@ import sys
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.cli import planner_code
-from eigenfail.cli.planner_code import files, fingerprint, packages
+from eigenfail.cli import gate
+from eigenfail.cli.gate import fingerprint, list_packages, read_package_files
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.suites import Member, Suite
+from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import CampaignSpec
 
 SPEC = CampaignSpec(name="x", method="monte_carlo", episodes=1, planner="idm")
 
 
 def suite_of(**fields):
-    return Suite("s", (Member("a", replace(SPEC, **fields)),))
+    return Suite("s", (SuiteMember("a", replace(SPEC, **fields)),))
 
 
 @pytest.fixture
@@ -54,18 +54,18 @@ def test_changed_code_has_another(package):
 
 def test_another_release_of_anything_installed_has_another(monkeypatch):
     before = fingerprint(suite_of())
-    monkeypatch.setattr(planner_code, "installed", lambda: ["osqp==99"])
+    monkeypatch.setattr(gate, "_list_installed_packages", lambda: ["osqp==99"])
     assert fingerprint(suite_of()) != before
 
 
 def test_all_files_of_a_package_count_but_compiled_ones(package):
-    assert dict(files("whole_planner")) == {"__init__.py": b"", "weights.bin": b"\x00"}
-    assert dict(files("lone_planner")) == {"": b"x = 1\n"}
+    assert dict(read_package_files("whole_planner")) == {"__init__.py": b"", "weights.bin": b"\x00"}
+    assert dict(read_package_files("lone_planner")) == {"": b"x = 1\n"}
 
 
 def test_planner_scenario_and_simulator_are_looked_at():
-    assert set(packages(SPEC)) == {"eigenfail_workers"}
-    assert "eigenfail_misbehaving" in set(packages(replace(SPEC, planner="test_raises")))
+    assert set(list_packages(SPEC)) == {"eigenfail_workers"}
+    assert "eigenfail_misbehaving" in set(list_packages(replace(SPEC, planner="test_raises")))
 
 
 def test_what_is_not_installed_here_is_refused():
@@ -73,4 +73,4 @@ def test_what_is_not_installed_here_is_refused():
         fingerprint(suite_of(planner="rulebok"))
     assert "no_such_module" not in sys.modules
     with pytest.raises(InvalidValue, match="Give --planner-version"):
-        list(files("no_such_module"))
+        list(read_package_files("no_such_module"))

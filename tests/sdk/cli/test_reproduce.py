@@ -7,9 +7,9 @@ import msgspec
 import pytest
 
 from eigenfail.cli import reproduce
-from eigenfail.reproduction.programme import programme
-from eigenfail.reproduction.results import Reproduction
-from eigenfail.suites import Member, Suite
+from eigenfail.reproduction.programme import build_suite
+from eigenfail.reproduction.tables import PaperReproduction
+from eigenfail.suites import Suite, SuiteMember
 
 QUICK = {
     "method": "monte_carlo",
@@ -25,12 +25,12 @@ def quick(monkeypatch):
     """The members of the programme by their names, each as a campaign of eight episodes."""
 
     def members(scale, seed):
-        suite = programme(scale, seed)
+        suite = build_suite(scale, seed)
         specs = (msgspec.structs.replace(member.spec, **QUICK) for member in suite.members)
         named = zip(suite.members, specs, strict=True)
-        return Suite(suite.name, tuple(Member(member.name, spec) for member, spec in named))
+        return Suite(suite.name, tuple(SuiteMember(member.name, spec) for member, spec in named))
 
-    monkeypatch.setattr(reproduce, "programme", members)
+    monkeypatch.setattr(reproduce, "build_suite", members)
 
 
 def test_tables_and_statements_are_printed(eigenfail):
@@ -51,7 +51,7 @@ def test_run_again_it_does_nothing_twice(eigenfail, store):
     assert first.stdout == again.stdout
     assert len(store.campaigns.page(100).items) == campaigns
     assert len(store.analyses.page(100).items) == analyses == 6
-    found = msgspec.json.decode(first.stdout, type=Reproduction)
+    found = msgspec.json.decode(first.stdout, type=PaperReproduction)
     assert found.scale == "small"
     assert found.tables[-1].rows[0].numbers[0].value is not None, "eigenfailures were replayed"
 

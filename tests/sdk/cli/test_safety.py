@@ -10,8 +10,14 @@ def test_the_table_of_a_campaign(eigenfail, done, store):
     failures = store.campaigns.get(done).counts.failures
     words = " ".join(told.stdout.split())
     assert "(monte_carlo): 24 episodes" in words
-    assert f"collision {failures} {100 * failures / 24:.1f} % [" in words
-    for name in ("near miss ", "MinTTC < 1.5 s ", "DRAC > 7 m/s² ", "mean lead time ", "ρ = "):
+    assert f"Collision {failures} {100 * failures / 24:.1f} % [" in words
+    for name in (
+        "Near miss ",
+        "MinTTC below 1.5 s ",
+        "DRAC above 7 m/s² ",
+        "mean lead time ",
+        ", ρ ",
+    ):
         assert name in words
     assert f"{failures} failures leave" in words
 

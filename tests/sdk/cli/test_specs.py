@@ -4,6 +4,7 @@ import pytest
 
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.suites import Suite
 from eigenfail.values import Correlated, StopRules
 
 
@@ -192,3 +193,21 @@ def test_parameters_may_be_distributions(write):
         check_plugins(read_spec(write(VARIED + "{ uniform = [52, 71] }")))
     with pytest.raises(UnknownName, match=r"'normal' is not known.*Known: choice, uniform"):
         check_plugins(read_spec(write(VARIED + "{ normal = [58, 1] }")))
+
+
+def test_a_suite_is_named_as_one_with_the_command_that_runs_it(write):
+    file = write('[base]\nmethod = "ast"\nepisodes = 7\n[sweep]\nseed = [1, 2]')
+    with pytest.raises(InvalidValue) as caught:
+        read_spec(file)
+    told = (
+        f"wanted.toml: this is a suite, not a campaign. Run it with `eigenfail suite run {file}`."
+    )
+    assert str(caught.value) == told
+
+
+def test_a_campaign_is_named_as_one_where_a_suite_is_wanted(write):
+    file = write('method = "ast"\nepisodes = 7\n[settings]\nalpha = 3.0')
+    with pytest.raises(InvalidValue) as caught:
+        Suite.read(file)
+    told = f"wanted.toml: this is a campaign, not a suite. Run it with `eigenfail run {file}`."
+    assert str(caught.value) == told

@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from eigenfail.cli.interruption import INTERRUPTED
+from eigenfail.cli.progress import INTERRUPTED
 from eigenfail.client import Client
 from eigenfail.suites import Suite
 
@@ -37,6 +37,20 @@ def test_a_suite_is_run_and_shown_as_one_table(eigenfail, suite_file):
     assert "seeds: 3 of 3 campaigns over: 36/36 episodes" in run.stderr
     assert "\x1b" not in run.stdout + run.stderr
     assert eigenfail("suite", "show", suite_file).stdout == run.stdout
+
+
+@pytest.mark.fault("campaign whose every episode errors")
+def test_a_suite_with_an_errored_member_exits_with_3_and_says_why(eigenfail, suite_file):
+    grid = suite_file.read_text().replace('planner = "idm"\n', "").replace("[1, 2, 3]", "[1]")
+    suite_file.write_text(f'{grid}planner = ["idm", "test_raises"]\n')
+    run = eigenfail("suite", "run", suite_file)
+    assert run.exit_code == 3, run.output
+    assert "All 12 episodes errored" in run.stderr
+    assert "run the suite under another name" in run.stderr
+    assert "a stranger's bug" in run.stderr
+    states = [row.split()[2] for row in run.stdout.splitlines()[2:4]]
+    assert states == ["done", "errored"]
+    assert "1 done, 1 errored" in " ".join(eigenfail("suite", "list").stdout.split())
 
 
 def test_run_again_it_does_nothing_twice(eigenfail, suite_file, store):

@@ -2,7 +2,7 @@
 
 from msgspec.structs import replace
 
-from eigenfail.cli.together import line
+from eigenfail.cli.progress import describe_suite
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
 
 
@@ -13,6 +13,6 @@ def campaign(counts):
 
 def test_one_thing_is_not_called_several():
     one = campaign(Counts(1, completed=1, failures=1))
-    assert line("s", [one]) == "s: 1 of 1 campaign over: 1/1 episode, 1 failure"
+    assert describe_suite("s", [one]) == "s: 1 of 1 campaign over: 1/1 episode, 1 failure"
     more = replace(one, counts=Counts(4, completed=3, failures=2))
-    assert line("s", [more, None]) == "s: 1 of 2 campaigns over: 3/4 episodes, 2 failures"
+    assert describe_suite("s", [more, None]) == "s: 1 of 2 campaigns over: 3/4 episodes, 2 failures"

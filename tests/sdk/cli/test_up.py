@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from eigenfail.cli import up
 from eigenfail.cli.main import app
-from eigenfail.hosting.processes import marked
+from eigenfail.hosting.processes import find_marked
 
 pytestmark = pytest.mark.service
 
@@ -45,7 +45,7 @@ def test_it_says_where_it_is_and_ends_well(run_up, tmp_path):
     assert "eigenfail worker --connect tcp://127.0.0.1:" in done.stdout
     assert len(done.stdout.splitlines()) == 2
     assert "goes on at the next start" in done.stderr
-    assert marked(str(tmp_path / "data")) == []
+    assert find_marked(str(tmp_path / "data")) == []
 
 
 def test_programs_get_one_line_of_json(run_up):
@@ -67,7 +67,7 @@ def test_a_part_that_dies_ends_it_with_3_and_the_reason(run_up, stand_ins, tmp_p
     done = run_up(looks=1000)
     assert done.exit_code == 3
     assert "The services process ended by itself (exit code 3): It broke." in done.stderr
-    assert marked(str(tmp_path / "data")) == []
+    assert find_marked(str(tmp_path / "data")) == []
 
 
 def test_an_interruption_while_it_starts_ends_it_well(run_up, stand_ins, tmp_path):
@@ -75,4 +75,4 @@ def test_an_interruption_while_it_starts_ends_it_well(run_up, stand_ins, tmp_pat
     done = run_up()
     assert done.exit_code == 0
     assert done.output == ""
-    assert marked(str(tmp_path / "data")) == []
+    assert find_marked(str(tmp_path / "data")) == []

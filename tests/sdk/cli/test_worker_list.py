@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from eigenfail.cli.worker_lists import WorkerState, standing
+from eigenfail.cli.worker import WorkerState, summarize_activity
 from eigenfail.values.worker import Arrival, Presence, WorkerShare
 
 
@@ -54,7 +54,7 @@ def test_what_a_worker_did_for_several_campaigns_is_added_up(here, is_at_work, s
         WorkerShare(campaign=campaign, episodes=5, last_ms=at_ms, **counts)
         for campaign, at_ms in ((4, 20), (3, 10))
     ]
-    found = standing("w", shares, here, is_at_work=is_at_work)
+    found = summarize_activity("w", shares, here, is_at_work=is_at_work)
     assert (found.campaigns, found.episodes, found.failures, found.failed) == ((3, 4), 10, 2, 4)
     assert (found.state, found.last_ms) == (state, 20)
     assert (found.host, found.since_ms) == (("rack 4", 5) if here else ("", None))

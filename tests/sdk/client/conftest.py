@@ -7,18 +7,18 @@ from starlette.testclient import TestClient
 from eigenfail.client import Client
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.store.memory import MemoryStore
+from eigenfail_services.store import open_store
 
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
     """Ask again at once."""
-    monkeypatch.setattr("eigenfail.client.asking.pause_after", lambda _error, _tried: 0.0)
+    monkeypatch.setattr("eigenfail.client.asking.find_pause", lambda _error, _tried: 0.0)
 
 
 @pytest.fixture
 def store():
-    store = MemoryStore()
+    store = open_store("memory://")
     yield store
     store.close()
 

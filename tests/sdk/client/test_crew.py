@@ -1,9 +1,10 @@
 """Who ran the episodes, and what failures cost by method, through the client."""
 
 import pytest
+from store_checks.examples import deliver, running
 
 from eigenfail.errors import NotFound
-from eigenfail.testing.store.examples import collision, deliver, result, running
+from eigenfail.testing.examples import collision, result
 
 
 def test_workers_of_a_campaign_and_of_late(client, store):

@@ -7,8 +7,8 @@ import httpx2
 import pytest
 
 from eigenfail import errors
-from eigenfail.client import Client
-from eigenfail.client.asking import JITTER_S, LONGEST_PAUSE_S, pause_after, worth_another_try
+from eigenfail.client import AsyncClient, Client
+from eigenfail.client.asking import JITTER_S, LONGEST_PAUSE_S, find_pause, is_worth_retrying
 from eigenfail.errors import (
     Conflict,
     InputError,
@@ -21,7 +21,7 @@ from eigenfail.errors import (
 )
 from eigenfail.values import AnalysisSettings, Campaign, CampaignSpec, CampaignState, Counts
 from eigenfail.wire import http
-from eigenfail.wire.problems import error_of, problem_of, tree
+from eigenfail.wire.http import list_error_types, make_error, make_problem
 
 SPEC = CampaignSpec(name="first", method="monte_carlo", episodes=1)
 CAMPAIGN = Campaign(id=1, spec=SPEC, state=CampaignState.QUEUED, counts=Counts(1), created_ms=0)
@@ -32,7 +32,7 @@ def campaign():
 
 
 def busy(status=503):
-    told = problem_of(StoreUnavailable("The database does not answer.", "Start it."))
+    told = make_problem(StoreUnavailable("The database does not answer.", "Start it."))
     return httpx2.Response(status, content=http.encode(told), headers={"Retry-After": "1"})
 
 
@@ -111,12 +111,12 @@ def refused(status, pause=None):
 
 @pytest.mark.parametrize(("pause", "seconds"), [("7", 7.0), ("0", 0.0), ("99999", LONGEST_PAUSE_S)])
 def test_the_service_says_how_long_to_wait(pause, seconds):
-    assert pause_after(refused(503, pause), 1) == seconds
+    assert find_pause(refused(503, pause), 1) == seconds
 
 
 @pytest.mark.parametrize("pause", ["Fri, 21 Nov 2026 12:00:00 GMT", None])
 def test_a_service_that_does_not_say_is_asked_ever_later(pause):
-    pauses = [pause_after(refused(503, pause), tried) for tried in (1, 2, 3)]
+    pauses = [find_pause(refused(503, pause), tried) for tried in (1, 2, 3)]
     for seconds, least in zip(pauses, (0.1, 0.2, 0.4), strict=True):
         assert least <= seconds <= least + JITTER_S
 
@@ -125,7 +125,7 @@ def test_a_service_that_does_not_say_is_asked_ever_later(pause):
     ("status", "worth"), [(503, True), (429, True), (404, False), (500, False)]
 )
 def test_only_who_is_busy_is_asked_again(status, worth):
-    assert worth_another_try(refused(status, "7")) is worth
+    assert is_worth_retrying(refused(status, "7")) is worth
 
 
 def test_nobody_at_home_is_told_with_what_to_start():
@@ -146,10 +146,12 @@ def example(kind):
     return kind("It is so.", "Do that.")
 
 
-@pytest.mark.parametrize("kind", list(tree(errors.EigenfailError)), ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize(
+    "kind", list(list_error_types(errors.EigenfailError)), ids=lambda kind: kind.__name__
+)
 def test_every_error_comes_back_as_it_was_raised(scripted, kind):
     error = example(kind)
-    content = http.encode(problem_of(error))
+    content = http.encode(make_problem(error))
     client, _ = scripted(lambda request, n: httpx2.Response(kind.http_status, content=content))
     with pytest.raises(kind) as told:
         client.campaigns.pause(1)
@@ -169,8 +171,8 @@ def test_refusals_of_strangers_are_told_by_their_status(scripted, status, kind):
 
 
 def test_problems_of_a_later_version_are_told_by_their_status():
-    told = problem_of(NotFound("No such suite."))
-    later = error_of(type(told)(type="urn:eigenfail:later", title="", status=404, detail="No."))
+    told = make_problem(NotFound("No such suite."))
+    later = make_error(type(told)(type="urn:eigenfail:later", title="", status=404, detail="No."))
     assert type(later) is NotFound
 
 
@@ -181,7 +183,7 @@ def test_an_answer_of_another_kind_is_a_protocol_error(scripted):
 
 
 def test_a_broken_stream_is_resumed_behind_the_last_event(scripted, monkeypatch):
-    monkeypatch.setattr("eigenfail.client.events.RECONNECT_S", 0.0)
+    monkeypatch.setattr("eigenfail.client.client.RECONNECT_S", 0.0)
 
     class Cut(httpx2.SyncByteStream):
         def __init__(self, first):
@@ -205,7 +207,7 @@ def test_a_broken_stream_is_resumed_behind_the_last_event(scripted, monkeypatch)
 
 
 def test_a_stream_of_a_service_that_stays_away_ends(scripted, monkeypatch):
-    monkeypatch.setattr("eigenfail.client.events.RECONNECT_S", 0.0)
+    monkeypatch.setattr("eigenfail.client.client.RECONNECT_S", 0.0)
 
     def away(request, n):
         raise httpx2.ConnectError("refused")
@@ -214,3 +216,22 @@ def test_a_stream_of_a_service_that_stays_away_ends(scripted, monkeypatch):
     with pytest.raises(ServiceUnreachable):
         next(client.events.follow())
     assert len(asked) == 5
+
+
+@pytest.mark.parametrize("kind", [Client, AsyncClient])
+def test_the_address_is_that_of_the_environment_unless_one_is_given(monkeypatch, kind):
+    monkeypatch.delenv("EIGENFAIL_URL", raising=False)
+    assert kind().url == "http://127.0.0.1:8440"
+    monkeypatch.setenv("EIGENFAIL_URL", "")
+    assert kind().url == "http://127.0.0.1:8440"
+    monkeypatch.setenv("EIGENFAIL_URL", "http://lab:9000")
+    assert kind().url == "http://lab:9000"
+    assert kind("http://127.0.0.1:1").url == "http://127.0.0.1:1"
+    with pytest.raises(ServiceUnreachable, match="EIGENFAIL_URL"):
+        Client("http://127.0.0.1:1").campaigns.get(1)
+
+
+def test_a_service_in_this_process_is_not_that_of_the_environment(monkeypatch, scripted):
+    monkeypatch.setenv("EIGENFAIL_URL", "http://lab:9000")
+    client, _ = scripted(lambda request, asked: None)
+    assert client.url == "http://127.0.0.1:8440"

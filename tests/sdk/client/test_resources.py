@@ -33,6 +33,7 @@ from eigenfail.values import (
     Scene,
 )
 from eigenfail.values.records import Delivery
+from eigenfail_api.routes import operations
 
 
 def collision(index):
@@ -257,6 +258,7 @@ def test_plugins_are_listed(client):
 
 
 def test_health(client, store, monkeypatch):
+    monkeypatch.setattr(operations, "MAX_AGE_S", 0.0)
     assert client.health()
     assert client.trouble() is None
 

@@ -4,11 +4,13 @@ import re
 from html.parser import HTMLParser
 
 import pytest
+from msgspec.structs import replace
 
-from eigenfail.notebook import html
+from eigenfail.presentation.notebook import to_html
 from eigenfail.rows import SHOWN, Rows
 
 NASTY = "<script>alert('[b]x[/b]')</script>"
+MOST_REPR = 6_000
 ALLOWED = {"table", "thead", "tbody", "tr", "th", "td", "p"}
 
 
@@ -38,7 +40,7 @@ def campaign(client, fields):
     return client.campaigns.create(**fields | {"name": NASTY})
 
 
-def test_every_page_is_small_well_formed_and_escaped(client, campaign, fields):
+def test_every_page_is_small_well_formed_and_escaped(client, campaign, fields, tmp_path):
     other = client.campaigns.create(**fields)
     client.campaigns.create(**fields | {"name": f"suite: {NASTY}"})
     analysis = client.analyses.create(campaign.id)
@@ -56,6 +58,7 @@ def test_every_page_is_small_well_formed_and_escaped(client, campaign, fields):
         "suites": client.suites.list(),
         "suite": client.suites.table("suite"),
         "analyses": client.analyses.list(campaign.id),
+        "report": client.report([campaign.id, other.id], tmp_path / "report"),
     }
     for name, value in pages.items():
         text = value._repr_html_()
@@ -63,16 +66,26 @@ def test_every_page_is_small_well_formed_and_escaped(client, campaign, fields):
         assert tags(text), name
         assert "<script" not in text
         assert len(text) < 20_000
+        assert len(repr(value)) < MOST_REPR, name
     assert "&lt;script&gt;alert(&#x27;[b]x[/b]&#x27;)" in pages["campaigns"]._repr_html_()
     assert "queued" in pages["analysis"]._repr_html_()
     assert "<td>1 queued</td>" in pages["suites"]._repr_html_()
     assert "<th>member</th>" in pages["suite"]._repr_html_()
     assert "&lt;script&gt;" in pages["suite"]._repr_html_()
     assert pages["episodes"]._repr_html_() == "<p>Nothing.</p>"
+    assert f"{campaign.id}: &lt;script&gt;" in pages["report"]._repr_html_()
+
+
+def test_a_repr_is_short_however_much_a_value_holds(client, campaign):
+    course = client.campaigns.course(campaign.id)
+    long = replace(course, heading="Failures " * 5_000, blocks=("b" * 1_000,) * 5_000)
+    assert "5000 in all" in repr(long)
+    for value in (long, *client.methods(), *client.scenarios(), *client.planners()):
+        assert len(repr(value)) < MOST_REPR
 
 
 def test_a_long_list_shows_its_beginning_and_says_so():
-    text = html(Rows(lambda: iter(range(1000))))
+    text = to_html(Rows(lambda: iter(range(1000))))
     assert len(re.findall("<tr><td>", text)) == SHOWN
     assert f"The first {SHOWN}; there are more." in text
 
@@ -85,4 +98,4 @@ def test_showing_a_list_does_not_use_it_up(client, campaign):
 
 
 def test_a_value_of_another_kind_is_shown_as_it_is():
-    assert html("[/]<b>") == "<p>&#x27;[/]&lt;b&gt;&#x27;</p>"
+    assert to_html("[/]<b>") == "<p>&#x27;[/]&lt;b&gt;&#x27;</p>"

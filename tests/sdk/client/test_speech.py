@@ -24,6 +24,11 @@ def hub() -> Iterator[str]:
         yield f"http://127.0.0.1:{port}"
 
 
+@pytest.mark.fault(
+    "client that connects to the hub's port",
+    group="messages",
+    outcome="One sentence at once names the mistake.",
+)
 @pytest.mark.timeout(30)
 def test_the_port_of_a_hub_is_told_at_once(hub):
     with Client(hub) as client:
@@ -38,6 +43,7 @@ def test_the_port_of_a_hub_is_told_at_once(hub):
         assert isinstance(client.trouble(), ServiceUnreachable)
 
 
+@pytest.mark.fault("client that connects to the hub's port")
 def test_one_sentence_and_an_exit_code_on_the_command_line(hub):
     command = [Path(sys.executable).with_name("eigenfail"), "campaign", "list", "--url", hub]
     told = subprocess.run(command, capture_output=True, text=True, check=False)

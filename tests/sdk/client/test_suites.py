@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.errors import NotFound, ServiceError, UnknownName
-from eigenfail.suites import Member, Suite
+from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import CampaignSpec, CampaignState
 
 
@@ -14,7 +14,7 @@ def suite(fields):
     def make(*seeds):
         shared = {name: value for name, value in fields.items() if name != "name"}
         specs = [CampaignSpec(**shared, name=f"trio: seed={seed}", seed=seed) for seed in seeds]
-        return Suite("trio", tuple(Member(spec.name, spec) for spec in specs))
+        return Suite("trio", tuple(SuiteMember(spec.name, spec) for spec in specs))
 
     return make
 
@@ -39,7 +39,7 @@ def test_what_is_missing_is_created_and_nothing_twice(client, suite):
 def test_a_changed_member_is_another_campaign(client, suite):
     client.suites.create(suite(1))
     (member,) = suite(2).members
-    renamed = Member("x", CampaignSpec(**{**asdict(member.spec), "name": "trio: seed=1"}))
+    renamed = SuiteMember("x", CampaignSpec(**{**asdict(member.spec), "name": "trio: seed=1"}))
     assert client.suites.find(Suite("trio", (renamed,))) == (None,)
 
 
@@ -71,7 +71,7 @@ def chain(fields):
         "first": fields,
     }
     members = [
-        Member(name, CampaignSpec(**{**each, "name": f"chain: {name}"}))
+        SuiteMember(name, CampaignSpec(**{**each, "name": f"chain: {name}"}))
         for name, each in given.items()
     ]
     return Suite("chain", tuple(members))
@@ -128,7 +128,7 @@ def test_another_campaign_below_makes_another_one_above(client, chain, store):
     client.suites.create(chain)
     *others, first = chain.members
     changed = CampaignSpec(**{**asdict(first.spec), "seed": 5})
-    later = Suite("chain", (*others, Member("first", changed)))
+    later = Suite("chain", (*others, SuiteMember("first", changed)))
     assert ids(client.suites.find(later)) == [None, None, None]
     assert ids(client.suites.create(later)) == [None, None, 3]
     end(store, 3)
@@ -191,7 +191,7 @@ def test_what_the_service_refuses_is_raised(client, suite):
     (member,) = suite(1).members
     wrong = CampaignSpec(**{**asdict(member.spec), "planner": "rulebok"})
     with pytest.raises(UnknownName, match="rulebook"):
-        client.suites.create(Suite("trio", (Member("x", wrong),)))
+        client.suites.create(Suite("trio", (SuiteMember("x", wrong),)))
 
 
 def test_only_campaigns_of_the_suite_are_asked_for(client, suite, fields, store, monkeypatch):
@@ -213,7 +213,7 @@ def test_only_campaigns_of_the_suite_are_asked_for(client, suite, fields, store,
 def test_a_suite_whose_name_has_a_colon_is_found(client, suite):
     (member,) = suite(1).members
     spec = CampaignSpec(**{**asdict(member.spec), "name": "mine: trio: seed=1"})
-    colons = Suite("mine: trio", (Member("seed=1", spec),))
+    colons = Suite("mine: trio", (SuiteMember("seed=1", spec),))
     assert ids(client.suites.create(colons)) == ids(client.suites.find(colons)) == [1]
 
 

@@ -6,11 +6,11 @@ import httpx2
 import pytest
 
 from eigenfail.client import waiting
-from eigenfail.client.waiting import AWAY_S, Patience, patience, watching
+from eigenfail.client.waiting import AWAY_S, Waiter, checking, waiter
 from eigenfail.errors import ServiceError, ServiceUnreachable, StoreUnavailable
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
 from eigenfail.wire import http
-from eigenfail.wire.problems import problem_of
+from eigenfail.wire.http import make_problem
 
 SPEC = CampaignSpec(name="first", method="monte_carlo", episodes=1)
 
@@ -25,11 +25,11 @@ def unreachable() -> httpx2.Response:
 
 
 def store_away() -> httpx2.Response:
-    told = problem_of(StoreUnavailable("The database does not answer.", "Start it."))
+    told = make_problem(StoreUnavailable("The database does not answer.", "Start it."))
     return httpx2.Response(503, content=http.encode(told))
 
 
-class Played(Patience):
+class Played(Waiter):
     """Time passes while somebody rests."""
 
     def __init__(self) -> None:
@@ -44,12 +44,13 @@ def time(monkeypatch):
     """The clock of whoever waits; every pause counts, also those between two tries."""
     played = Played()
     monkeypatch.setattr(waiting, "monotonic", lambda: played.now_s)
-    monkeypatch.setattr("eigenfail.client.asking.pause_after", lambda _error, _tried: 0.1)
-    token = patience.set(played)
+    monkeypatch.setattr("eigenfail.client.asking.find_pause", lambda _error, _tried: 0.1)
+    token = waiter.set(played)
     yield played
-    patience.reset(token)
+    waiter.reset(token)
 
 
+@pytest.mark.fault("restart of the controller while a client waits for a campaign")
 @pytest.mark.parametrize("absence", [unreachable, store_away])
 def test_who_is_there_again_is_waited_for(scripted, time, caplog, absence):
     def service(_request, asked):
@@ -65,6 +66,7 @@ def test_who_is_there_again_is_waited_for(scripted, time, caplog, absence):
     assert "waiting" in told[0].getMessage()
 
 
+@pytest.mark.fault("restart of the controller while a client waits for a campaign")
 @pytest.mark.parametrize(("timeout_s", "ends_s"), [(None, AWAY_S), (10.0, 10.0), (1e9, AWAY_S)])
 def test_who_stays_away_is_given_up(scripted, time, timeout_s, ends_s):
     client, _ = scripted(
@@ -94,7 +96,7 @@ def test_who_was_never_there_is_not_waited_for(scripted, time):
 
 def test_who_waits_hears_of_trouble_meanwhile(scripted):
     client, asked = scripted(lambda _request, _asked: campaign(CampaignState.RUNNING))
-    with pytest.raises(ServiceError, match="gone"), watching(gone):
+    with pytest.raises(ServiceError, match="gone"), checking(gone):
         client.campaigns.wait(1)
     assert len(asked) == 1
 

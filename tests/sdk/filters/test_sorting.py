@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.filters import BY_INDEX, COLUMNS, Sort, parse_fields, parse_sort
+from eigenfail.filters import BY_INDEX, COLUMNS, SortOrder, parse_fields, parse_sort
 from eigenfail.values.records import EpisodeRow
 
 
@@ -13,7 +13,7 @@ def test_an_order_is_read_and_written_alike(text):
 
 
 def test_a_minus_is_largest_first():
-    assert parse_sort(" -severity ") == Sort("severity", descending=True)
+    assert parse_sort(" -severity ") == SortOrder("severity", descending=True)
     assert parse_sort("index") == BY_INDEX
 
 

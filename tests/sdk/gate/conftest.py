@@ -2,7 +2,7 @@
 
 import pytest
 
-from eigenfail.suites import Member, Suite
+from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Outcome
 from eigenfail.values.records import EpisodeRow
 
@@ -14,7 +14,7 @@ def spec():
 
 @pytest.fixture
 def suite(spec):
-    return Suite("trio", (Member("a", spec),))
+    return Suite("trio", (SuiteMember("a", spec),))
 
 
 @pytest.fixture

@@ -2,19 +2,24 @@
 
 import pytest
 
-from eigenfail.gate.conclusions import conclusions, false_alarms
-from eigenfail.gate.found import By, Figures, Finding, Rerun
-from eigenfail.gate.report import Gate, MemberReport, report
-from eigenfail.gate.verdicts import Verdict
+from eigenfail.gate.report import (
+    GateRun,
+    MemberReport,
+    _describe_false_alarms,
+    build_report,
+    list_conclusions,
+)
+from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
+from eigenfail.gate.verdicts import GateVerdict
 
 CHANCE, SEARCH = ("monte_carlo", ""), ("ast", "it learns.")
 
 
 def judged_by_rate(kind, failures, **fields):
     method, unpaired_because = kind
-    before = Figures(campaign=1, completed=9, failures=failures, failed=0)
-    base = {"before": before, "now": before, "words": "", "by": By.RATE, "method": method}
-    given = {"verdict": Verdict.NEW, **fields}
+    before = RerunFigures(campaign=1, completed=9, failures=failures, failed=0)
+    base = {"before": before, "now": before, "words": "", "by": JudgedBy.RATE, "method": method}
+    given = {"verdict": GateVerdict.NEW, **fields}
     return Rerun(**base, **given, unpaired_because=unpaired_because)
 
 
@@ -30,23 +35,23 @@ def judged_by_rate(kind, failures, **fields):
     ],
 )
 def test_it_is_told_how_often_nothing_is_called_new(reruns, told):
-    assert told in false_alarms([judged_by_rate(*each) for each in reruns])
+    assert told in _describe_false_alarms([judged_by_rate(*each) for each in reruns])
 
 
 def gate_with(kind, verdict):
     """What a gate says of a campaign with a new mode."""
-    mode = Finding(verdict=Verdict.UNPROVEN, what="new mode 1")
+    mode = GateFinding(verdict=GateVerdict.UNPROVEN, what="new mode 1")
     rerun = judged_by_rate(kind, 3, verdict=verdict, new_modes=(mode,))
-    gate = Gate(suite="s", version="v2", run="s @ v2", baseline="v1")
-    return report(gate, [MemberReport(member="m", rerun=rerun)])
+    gate = GateRun(suite="s", version="v2", run="s @ v2", baseline="v1")
+    return build_report(gate, [MemberReport(member="m", rerun=rerun)])
 
 
 def test_a_new_mode_of_a_search_is_told_and_closes_nothing():
-    found = gate_with(SEARCH, Verdict.STILL_FAILING)
+    found = gate_with(SEARCH, GateVerdict.STILL_FAILING)
     assert found.open
-    said = " ".join(conclusions(found))
+    said = " ".join(list_conclusions(found))
     assert "Told, not judged: failure modes of searches that only v2 has: 1." in said
 
 
 def test_nothing_is_left_unjudged_where_failures_are_independent():
-    assert "not judged" not in " ".join(conclusions(gate_with(CHANCE, Verdict.NEW)))
+    assert "not judged" not in " ".join(list_conclusions(gate_with(CHANCE, GateVerdict.NEW)))

@@ -6,42 +6,44 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.gate.found import By, Figures, Finding, Rerun
-from eigenfail.gate.junit import plain, to_junit
-from eigenfail.gate.report import Gate, MemberReport, report
-from eigenfail.gate.verdicts import Verdict
+from eigenfail.gate.report import GateRun, MemberReport, _remove_illegal, build_report, to_junit
+from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
+from eigenfail.gate.verdicts import GateVerdict
 
 
 def finding(became, what="a failure", **fields):
-    return Finding(verdict=became, what=what, replay="eigenfail episode replay 2/1", **fields)
+    return GateFinding(verdict=became, what=what, replay="eigenfail episode replay 2/1", **fields)
 
 
-def document(strict=False, by=By.EPISODE, method="monte_carlo", new_modes=()):
-    sides = [Figures(campaign=n, completed=9, failures=n, failed=0) for n in (1, 2)]
+def document(strict=False, by=JudgedBy.EPISODE, method="monte_carlo", new_modes=()):
+    sides = [RerunFigures(campaign=n, completed=9, failures=n, failed=0) for n in (1, 2)]
     rerun = Rerun(
         before=sides[0],
         now=sides[1],
         method=method,
-        verdict=Verdict.NEW,
+        verdict=GateVerdict.NEW,
         by=by,
         words="9 pairs",
-        counts={Verdict.NEW: 1, Verdict.STILL_FAILING: 1},
-        findings=(finding(Verdict.NEW, "episode 1"), finding(Verdict.STILL_FAILING, "episode 2")),
+        counts={GateVerdict.NEW: 1, GateVerdict.STILL_FAILING: 1},
+        findings=(
+            finding(GateVerdict.NEW, "episode 1"),
+            finding(GateVerdict.STILL_FAILING, "episode 2"),
+        ),
         modes="There is a new mode.",
         new_modes=new_modes,
         wall_s=2.0,
     )
     known = (
-        finding(Verdict.FIXED, "fixed one", wall_s=0.25),
-        finding(Verdict.STILL_FAILING, "old one"),
-        finding(Verdict.CANNOT_RUN, "broken one", problem="planner: <boom> & \x00\x1b[31m"),
+        finding(GateVerdict.FIXED, "fixed one", wall_s=0.25),
+        finding(GateVerdict.STILL_FAILING, "old one"),
+        finding(GateVerdict.CANNOT_RUN, "broken one", problem="planner: <boom> & \x00\x1b[31m"),
     )
     members = [
         MemberReport(member="a", baseline=sides[0], known=known, rerun=rerun),
         MemberReport(member="b", notes=("It is not in the baseline.",)),
     ]
-    gate = Gate(suite="s", version="v2", run="s @ v2", baseline="v1", strict=strict)
-    return ET.fromstring(to_junit(report(gate, members)))
+    gate = GateRun(suite="s", version="v2", run="s @ v2", baseline="v1", strict=strict)
+    return ET.fromstring(to_junit(build_report(gate, members)))
 
 
 def test_the_document_has_a_suite_for_each_member_with_its_properties():
@@ -93,7 +95,7 @@ def test_a_failure_says_how_to_see_it():
 
 
 def test_judged_as_a_whole_its_episodes_are_no_cases():
-    names = {case.get("name") for case in document(by=By.RATE).iter("testcase")}
+    names = {case.get("name") for case in document(by=JudgedBy.RATE).iter("testcase")}
     assert "campaign 1" in names
     assert "episode 1" not in names
 
@@ -101,13 +103,13 @@ def test_judged_as_a_whole_its_episodes_are_no_cases():
 @pytest.mark.parametrize(
     ("method", "became", "end", "message"),
     [
-        ("monte_carlo", Verdict.NEW, "failure", "new"),
-        ("ast", Verdict.UNPROVEN, "skipped", "not judged"),
+        ("monte_carlo", GateVerdict.NEW, "failure", "new"),
+        ("ast", GateVerdict.UNPROVEN, "skipped", "not judged"),
     ],
 )
 def test_a_new_mode_is_a_case_that_fails_only_where_it_is_judged(method, became, end, message):
     modes = (finding(became, "new mode 2"),)
-    root = document(strict=True, by=By.RATE, method=method, new_modes=modes)
+    root = document(strict=True, by=JudgedBy.RATE, method=method, new_modes=modes)
     (case,) = root.findall(".//testcase[@name='new mode 2']")
     assert ended(case) == end
     assert case.find(end).get("message") == message
@@ -122,7 +124,9 @@ def test_characters_that_xml_cannot_hold_are_left_out():
 @given(text=st.text(st.characters(codec="utf-8")))
 def test_any_text_can_be_read_back(text):
     root = ET.fromstring("<a/>")
-    root.text = plain(text)
+    root.text = _remove_illegal(text)
     again = ET.fromstring(ET.tostring(root, encoding="utf-8"))
-    assert (again.text or "") == plain(text)
-    assert set(text) - set(plain(text)) <= {chr(code) for code in (*range(32), 0xFFFE, 0xFFFF)}
+    assert (again.text or "") == _remove_illegal(text)
+    assert set(text) - set(_remove_illegal(text)) <= {
+        chr(code) for code in (*range(32), 0xFFFE, 0xFFFF)
+    }

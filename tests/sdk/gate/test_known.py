@@ -5,13 +5,13 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.gate.known import (
-    Under,
-    proven,
-    replay_of_minimal,
-    shrinks,
+    RunSettings,
+    drop_unproven,
+    is_minimal_search,
+    make_minimal_replay,
+    make_mode_replays,
 )
-from eigenfail.gate.known_modes import replays_of_modes
-from eigenfail.suites import Member
+from eigenfail.suites import SuiteMember
 from eigenfail.values import (
     Analysis,
     AnalysisResult,
@@ -44,7 +44,9 @@ def analysis():
 
 @pytest.fixture
 def under(spec):
-    return Under("trio @ v2", Member("a", replace(spec, planner="mine", planner_settings={"x": 1})))
+    return RunSettings(
+        "trio @ v2", SuiteMember("a", replace(spec, planner="mine", planner_settings={"x": 1}))
+    )
 
 
 def nothing(index):
@@ -53,7 +55,7 @@ def nothing(index):
 
 def test_in_one_scenario_all_modes_share_a_campaign(under, campaign, analysis, spec):
     spec = replace(spec, stop=StopRules(failures=2), scenario_parameters={"distance_m": 53.0})
-    eigenfailures, medoids = replays_of_modes(under, campaign(1, spec=spec), analysis, nothing)
+    eigenfailures, medoids = make_mode_replays(under, campaign(1, spec=spec), analysis, nothing)
     assert eigenfailures.member.spec == replace(
         spec,
         name="trio @ v2: a: eigenfailures of analysis 5",
@@ -82,7 +84,7 @@ def test_where_parameters_vary_each_failure_is_replayed_as_its_medoid_drew_them(
     before = campaign(1, spec=replace(spec, scenario_parameters=varied))
     drawn = {4: 53.0, 7: 63.0, 9: 53.0}
     found = list(
-        replays_of_modes(under, before, analysis, lambda index: {"distance_m": drawn[index]})
+        make_mode_replays(under, before, analysis, lambda index: {"distance_m": drawn[index]})
     )
     assert [each.member.spec.scenario_parameters["distance_m"] for each in found] == [
         *(53.0, 53.0),
@@ -97,7 +99,7 @@ def test_where_parameters_vary_each_failure_is_replayed_as_its_medoid_drew_them(
 
 def test_the_minimal_failure_is_the_one_that_its_campaign_tells(under, campaign, spec):
     minimal = campaign(8, spec=replace(spec, method="minimal", settings={"campaign": 1}))
-    found = replay_of_minimal(under, minimal, 3, lambda index: {"distance_m": 50.0 + index})
+    found = make_minimal_replay(under, minimal, 3, lambda index: {"distance_m": 50.0 + index})
     assert found.member.spec.scenario_parameters == {"distance_m": 53.0}
     assert found.member.spec.settings == {"campaign": 8, "episodes": [3]}
     assert found.member.spec.planner == "mine"
@@ -109,7 +111,7 @@ def test_what_was_shrunk_of_the_baseline_is_known(campaign, analysis, spec):
 
     def shrunk(**fields):
         given = {"method": "minimal", "settings": {"campaign": 1, "episode": 4}, **fields}
-        return shrinks(campaign(8, spec=replace(spec, **given)), before, analysis)
+        return is_minimal_search(campaign(8, spec=replace(spec, **given)), before, analysis)
 
     assert shrunk()
     assert shrunk(settings={"analysis": 5, "mode": 1})
@@ -119,9 +121,9 @@ def test_what_was_shrunk_of_the_baseline_is_known(campaign, analysis, spec):
 
 
 def test_the_baselines_own_replay_says_what_is_known(under, campaign, analysis):
-    eigenfailures, medoids = replays_of_modes(under, campaign(1), analysis, nothing)
+    eigenfailures, medoids = make_mode_replays(under, campaign(1), analysis, nothing)
     outcomes = {0: Outcome.COLLISION, 1: Outcome.SAFE}
-    told = proven(eigenfailures, outcomes)
+    told = drop_unproven(eigenfailures, outcomes)
     assert [known.before for known in told.known.values()] == ["collision", "safe", None]
-    told = proven(medoids, outcomes)
+    told = drop_unproven(medoids, outcomes)
     assert [known.before for known in told.known.values()] == ["collision", "safe", "collision"]

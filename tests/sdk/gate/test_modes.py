@@ -6,10 +6,9 @@ from math import comb
 import numpy as np
 import pytest
 
-from eigenfail.gate.found import By, Figures, Rerun
-from eigenfail.gate.modes import asks_for_modes, new_modes, no_fewer, with_modes
-from eigenfail.gate.reruns import Side
-from eigenfail.gate.verdicts import Outcomes, Verdict
+from eigenfail.gate.known import add_modes, bound_probability, find_new_modes, needs_modes
+from eigenfail.gate.reruns import JudgedBy, Rerun, RerunFigures, RerunSide
+from eigenfail.gate.verdicts import GateVerdict, RunOutcomes
 from eigenfail.values import (
     Analysis,
     AnalysisResult,
@@ -46,13 +45,15 @@ def together(before, now, silhouette=0.6, scores=None):
 
 
 def found(before, now, **changes):
-    return [each.number for each in new_modes(together(before, now, **changes), BEFORE, NOW)]
+    return [each.number for each in find_new_modes(together(before, now, **changes), BEFORE, NOW)]
 
 
 def test_the_tail_is_that_of_drawing_without_replacement():
     for total, marked, drawn, k in product((5, 8), (0, 2, 5), (1, 4), (0, 1, 3)):
         ways = sum(comb(marked, x) * comb(total - marked, drawn - x) for x in range(k, drawn + 1))
-        assert no_fewer(k, drawn, marked, total) == pytest.approx(ways / comb(total, drawn))
+        assert bound_probability(k, drawn, marked, total) == pytest.approx(
+            ways / comb(total, drawn)
+        )
 
 
 def test_a_mode_in_which_the_baseline_had_no_failure_is_new():
@@ -75,7 +76,7 @@ def test_a_stray_failure_of_the_baseline_does_not_hide_a_new_mode():
 
 def test_the_episode_is_the_new_planners_nearest_to_the_centre():
     scores = [0.0] * 20 + [3.0] * 10 + [-0.5] + [2.0] * 9
-    (mode,) = new_modes(together((20, 0), (0, 20), scores=scores), BEFORE, NOW)
+    (mode,) = find_new_modes(together((20, 0), (0, 20), scores=scores), BEFORE, NOW)
     assert mode.episode == 130
     words = "new mode 2: 20 of 20 failures are in it, before 0 of 20"
     assert mode.words(judged=True).startswith(f"{words} (p = ")
@@ -104,9 +105,11 @@ def test_failures_that_follow_each_other_have_one_far_more_often():
 def judged(campaign, row):
     """A rerun by rate, the new planner's side, and an analysis of both."""
 
-    def make(verdict=Verdict.STILL_FAILING, by=By.RATE, before=20, now=20, method="monte_carlo"):
+    def make(
+        verdict=GateVerdict.STILL_FAILING, by=JudgedBy.RATE, before=20, now=20, method="monte_carlo"
+    ):
         figures = [
-            Figures(campaign=number, completed=50, failures=failures, failed=0)
+            RerunFigures(campaign=number, completed=50, failures=failures, failed=0)
             for number, failures in ((BEFORE, before), (NOW, now))
         ]
         return Rerun(
@@ -124,7 +127,7 @@ def judged(campaign, row):
 @pytest.fixture
 def side(campaign, row):
     rows = {index: row(index, campaign=NOW) for index in range(100, 200)}
-    return Side(campaign(NOW), Outcomes(50, rows, {}))
+    return RerunSide(campaign(NOW), RunOutcomes(50, rows, {}))
 
 
 def analysis(result=None, problem=""):
@@ -133,17 +136,17 @@ def analysis(result=None, problem=""):
 
 
 def test_modes_are_looked_at_only_where_they_would_change_the_verdict(judged):
-    assert asks_for_modes(judged())
-    assert asks_for_modes(judged(Verdict.FIXED))
-    for verdict in (Verdict.NEW, Verdict.CANNOT_RUN, Verdict.SAFE):
-        assert not asks_for_modes(judged(verdict))
-    assert not asks_for_modes(judged(by=By.EPISODE))
-    assert not asks_for_modes(judged(before=0))
-    assert not asks_for_modes(judged(Verdict.FIXED, now=0))
+    assert needs_modes(judged())
+    assert needs_modes(judged(GateVerdict.FIXED))
+    for verdict in (GateVerdict.NEW, GateVerdict.CANNOT_RUN, GateVerdict.SAFE):
+        assert not needs_modes(judged(verdict))
+    assert not needs_modes(judged(by=JudgedBy.EPISODE))
+    assert not needs_modes(judged(before=0))
+    assert not needs_modes(judged(GateVerdict.FIXED, now=0))
 
 
 def test_a_new_mode_closes_with_its_replay(judged, side):
-    told = with_modes(judged(), analysis(together((20, 0), (0, 20))), side, "http://here")
+    told = add_modes(judged(), analysis(together((20, 0), (0, 20))), side, "http://here")
     assert told.verdict == "new"
     assert told.told.startswith("So be it. New mode 2: 20 of 20 failures")
     (mode,) = told.new_modes
@@ -155,7 +158,7 @@ def test_a_new_mode_closes_with_its_replay(judged, side):
 @pytest.mark.parametrize("method", ["ast", "difs", "cem", "replay"])
 def test_where_failures_are_not_independent_a_new_mode_is_told_and_not_judged(judged, side, method):
     parted = analysis(together((20, 0), (0, 20)))
-    told = with_modes(judged(method=method), parted, side, "http://here")
+    told = add_modes(judged(method=method), parted, side, "http://here")
     assert told.verdict == "still failing"
     assert told.told == (
         "So be it. New mode 2: 20 of 20 failures are in it, before 0 of 20. That is told, not"
@@ -171,8 +174,8 @@ def test_without_a_new_mode_or_without_modes_the_verdict_stays(judged, side):
         (together((20, 20), (20, 20)), "None of 2 failure modes is new."),
         (together((20, 0), (0, 20), silhouette=0.1), "cannot be told: No distinct modes"),
     ):
-        told = with_modes(judged(), analysis(result), side, "")
+        told = add_modes(judged(), analysis(result), side, "")
         assert (told.verdict, told.new_modes) == ("still failing", ())
         assert words in told.told
-    broken = with_modes(judged(), analysis(problem="It broke off."), side, "")
+    broken = add_modes(judged(), analysis(problem="It broke off."), side, "")
     assert broken.told.endswith("cannot be told: It broke off.")

@@ -3,44 +3,44 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.gate.found import By, Figures, Finding, Rerun
-from eigenfail.gate.report import Gate, MemberReport, report
-from eigenfail.gate.verdicts import CLOSING, Verdict
+from eigenfail.gate.report import GateRun, MemberReport, build_report
+from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
+from eigenfail.gate.verdicts import CLOSING, GateVerdict
 
 
 def gate_of(*verdicts, strict=False, problem=""):
     known = tuple(finding_of(each, problem) for each in verdicts)
-    gate = Gate(suite="s", version="v2", run="s @ v2", baseline="v1", strict=strict)
-    return report(gate, [MemberReport(member="m", known=known)])
+    gate = GateRun(suite="s", version="v2", run="s @ v2", baseline="v1", strict=strict)
+    return build_report(gate, [MemberReport(member="m", known=known)])
 
 
 def finding_of(became, problem):
-    return Finding(verdict=became, what="a failure", problem=problem)
+    return GateFinding(verdict=became, what="a failure", problem=problem)
 
 
-@given(verdicts=st.lists(st.sampled_from(Verdict), max_size=6))
+@given(verdicts=st.lists(st.sampled_from(GateVerdict), max_size=6))
 def test_a_gate_is_open_unless_something_closes_it(verdicts):
     found = gate_of(*verdicts)
     assert found.open == (not CLOSING & set(verdicts))
     assert sum(found.counts.values()) == len(verdicts)
     strict = gate_of(*verdicts, strict=True)
-    assert strict.open == (set(verdicts) <= {Verdict.FIXED, Verdict.SAFE})
+    assert strict.open == (set(verdicts) <= {GateVerdict.FIXED, GateVerdict.SAFE})
 
 
 def test_lost_episodes_alone_are_trouble_of_the_machinery():
     lost = "infrastructure: the worker was lost"
-    assert gate_of(Verdict.CANNOT_RUN, problem=lost).in_trouble
-    assert not gate_of(Verdict.CANNOT_RUN, problem="planner: ValueError").in_trouble
-    assert not gate_of(Verdict.CANNOT_RUN, Verdict.NEW, problem=lost).in_trouble
-    assert not gate_of(Verdict.FIXED, problem=lost).in_trouble
+    assert gate_of(GateVerdict.CANNOT_RUN, problem=lost).in_trouble
+    assert not gate_of(GateVerdict.CANNOT_RUN, problem="planner: ValueError").in_trouble
+    assert not gate_of(GateVerdict.CANNOT_RUN, GateVerdict.NEW, problem=lost).in_trouble
+    assert not gate_of(GateVerdict.FIXED, problem=lost).in_trouble
     assert not gate_of().in_trouble
 
 
 def test_a_rerun_judged_as_a_whole_counts_once():
-    sides = [Figures(campaign=n, completed=9, failures=5, failed=0) for n in (1, 2)]
-    base = {"before": sides[0], "now": sides[1], "verdict": Verdict.NEW, "words": ""}
+    sides = [RerunFigures(campaign=n, completed=9, failures=5, failed=0) for n in (1, 2)]
+    base = {"before": sides[0], "now": sides[1], "verdict": GateVerdict.NEW, "words": ""}
     base["method"] = "monte_carlo"
-    whole = Rerun(**base, by=By.RATE, counts={Verdict.NEW: 3})
-    each = Rerun(**base, by=By.EPISODE, counts={Verdict.NEW: 3, Verdict.FIXED: 1})
+    whole = Rerun(**base, by=JudgedBy.RATE, counts={GateVerdict.NEW: 3})
+    each = Rerun(**base, by=JudgedBy.EPISODE, counts={GateVerdict.NEW: 3, GateVerdict.FIXED: 1})
     assert list(MemberReport(member="m", rerun=whole).verdicts()) == ["new"]
     assert list(MemberReport(member="m", rerun=each).verdicts()) == ["new"] * 3 + ["fixed"]

@@ -5,9 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from eigenfail.gate.found import By
-from eigenfail.gate.reruns import Side, rerun
-from eigenfail.gate.verdicts import Outcomes, Verdict, paired, verdict
+from eigenfail.gate.reruns import JudgedBy, RerunSide, judge_rerun
+from eigenfail.gate.verdicts import GateVerdict, RunOutcomes, judge_outcome, judge_pairs
 from eigenfail.values import Comparison as Found
 from eigenfail.values import Estimate, Interval, Outcome, PairTotals
 from eigenfail_services.statistics.comparison import difference, mcnemar
@@ -29,13 +28,13 @@ HIT, SAFE, FAILED = Outcome.COLLISION, Outcome.SAFE, Outcome.FAILED
     ],
 )
 def test_every_pair_of_outcomes_has_one_verdict(before, now, became):
-    assert verdict(before, now) == became
+    assert judge_outcome(before, now) == became
 
 
 def outcomes(row, found, campaign=2):
     """Of a list of outcomes in index order."""
     rows = {index: row(index, outcome, campaign) for index, outcome in enumerate(found)}
-    return Outcomes(
+    return RunOutcomes(
         episodes=len(found),
         collisions={index: each for index, each in rows.items() if each.outcome is HIT},
         failed={index: each for index, each in rows.items() if each.outcome is FAILED},
@@ -54,43 +53,43 @@ def any_row():
 
 @given(before=lists, now=lists)
 def test_pairs_are_judged_as_a_table_of_both_would(any_row, before, now):
-    found = paired(outcomes(any_row, before), outcomes(any_row, now))
+    found = judge_pairs(outcomes(any_row, before), outcomes(any_row, now))
     for index in range(max(len(before), len(now))):
         was = before[index] if index < len(before) else None
         was = None if was is FAILED else was
         is_now = now[index] if index < len(now) else None
         left_out = is_now is None or (is_now is FAILED and was is None)
-        expected = Verdict.SAFE if left_out else verdict(was, is_now)
-        assert found.get(index, Verdict.SAFE) == expected
+        expected = GateVerdict.SAFE if left_out else judge_outcome(was, is_now)
+        assert found.get(index, GateVerdict.SAFE) == expected
 
 
 @given(found=lists)
 def test_a_planner_against_itself_has_nothing_new(any_row, found):
     same = outcomes(any_row, found)
-    assert set(paired(same, same).values()) <= {Verdict.STILL_FAILING}
+    assert set(judge_pairs(same, same).values()) <= {GateVerdict.STILL_FAILING}
 
 
 @given(before=lists, now=lists)
 def test_nothing_is_fixed_that_did_not_fail_and_new_that_did(any_row, before, now):
     was = outcomes(any_row, before)
-    for index, became in paired(was, outcomes(any_row, now)).items():
-        assert (became is Verdict.NEW) <= (was.of(index) is SAFE)
-        assert (became in {Verdict.FIXED, Verdict.STILL_FAILING}) <= (was.of(index) is HIT)
+    for index, became in judge_pairs(was, outcomes(any_row, now)).items():
+        assert (became is GateVerdict.NEW) <= (was.of(index) is SAFE)
+        assert (became in {GateVerdict.FIXED, GateVerdict.STILL_FAILING}) <= (was.of(index) is HIT)
 
 
 @pytest.fixture
 def compared(campaign, row):
     """Two campaigns as a service compares them, from the outcomes of both in index order."""
 
-    def make(before, now, is_paired=True, by=By.EPISODE, estimates=(None, None)):
+    def make(before, now, is_paired=True, by=JudgedBy.EPISODE, estimates=(None, None)):
         sides = []
         for number, found in ((1, before), (2, now)):
             hits, broken = found.count(HIT), found.count(FAILED)
             told = campaign(
                 number, len(found) - broken, hits, broken, estimate=estimates[number - 1]
             )
-            sides.append(Side(told, outcomes(row, found, number)))
-        return rerun(*sides, comparison(before, now, is_paired), "http://service", by)
+            sides.append(RerunSide(told, outcomes(row, found, number)))
+        return judge_rerun(*sides, comparison(before, now, is_paired), "http://service", by)
 
     return make
 
@@ -132,18 +131,18 @@ def test_where_noise_is_the_same_each_new_episode_counts(compared):
 def test_by_rate_a_swap_of_failures_is_chance(compared):
     swapped = ([HIT] * 5 + [SAFE] * 15, [SAFE] * 4 + [HIT] * 3 + [SAFE] * 13)
     assert compared(*swapped).verdict == "new"
-    by_rate = compared(*swapped, by=By.RATE)
+    by_rate = compared(*swapped, by=JudgedBy.RATE)
     assert by_rate.verdict == "still failing"
     assert by_rate.counts["new"] == 2
     one = [*[SAFE] * 19, HIT]
-    assert compared(one, [HIT] * 6 + one[6:], by=By.RATE).verdict == "new"
-    assert compared(one, [HIT] * 5 + one[5:], by=By.RATE).verdict == "still failing"
-    assert compared([SAFE] * 20, one, by=By.RATE).verdict == "new"
-    assert compared([HIT] * 6 + [SAFE] * 14, [SAFE] * 20, by=By.RATE).verdict == "fixed"
-    assert compared([SAFE] * 3, [SAFE] * 3, by=By.RATE).verdict == "safe"
-    assert compared(one, [SAFE] * 20, by=By.RATE).verdict == "safe"
-    assert compared([HIT] * 5 + [SAFE] * 15, [SAFE] * 20, by=By.RATE).verdict == "safe"
-    assert compared([SAFE] * 3, [SAFE, SAFE, FAILED], by=By.RATE).verdict == "cannot be run"
+    assert compared(one, [HIT] * 6 + one[6:], by=JudgedBy.RATE).verdict == "new"
+    assert compared(one, [HIT] * 5 + one[5:], by=JudgedBy.RATE).verdict == "still failing"
+    assert compared([SAFE] * 20, one, by=JudgedBy.RATE).verdict == "new"
+    assert compared([HIT] * 6 + [SAFE] * 14, [SAFE] * 20, by=JudgedBy.RATE).verdict == "fixed"
+    assert compared([SAFE] * 3, [SAFE] * 3, by=JudgedBy.RATE).verdict == "safe"
+    assert compared(one, [SAFE] * 20, by=JudgedBy.RATE).verdict == "safe"
+    assert compared([HIT] * 5 + [SAFE] * 15, [SAFE] * 20, by=JudgedBy.RATE).verdict == "safe"
+    assert compared([SAFE] * 3, [SAFE, SAFE, FAILED], by=JudgedBy.RATE).verdict == "cannot be run"
 
 
 def test_a_search_is_new_beyond_chance_alone(compared):
@@ -186,3 +185,21 @@ def test_estimates_are_compared_rather_than_the_rates_of_what_was_searched(compa
     assert judged(estimate(1e-4, 3e-4), estimate(4e-4, 9e-4)) == "new"
     assert judged(estimate(4e-4, 9e-4), estimate(1e-4, 3e-4)) == "fixed"
     assert judged(None, estimate(4e-4, 9e-4)) == "still failing"
+
+
+def test_lower_bounds_of_the_probability_decide_nothing(compared):
+    def bound(probability):
+        return Estimate(
+            by="importance sampling", episodes=9, probability=probability, cv=0.01, bound="lower"
+        )
+
+    searched = ([HIT] * 5 + [SAFE] * 5, [HIT] * 5 + [SAFE] * 5)
+    for before, now in ((1e-6, 1e-3), (1e-3, 1e-6)):
+        told = compared(*searched, is_paired=False, estimates=(bound(before), bound(now)))
+        assert told.verdict == "still failing"
+
+
+@pytest.mark.parametrize("before", [[SAFE] * 19 + [FAILED], [HIT] * 3 + [SAFE] * 16 + [FAILED]])
+def test_a_rerun_whose_every_episode_errored_closes_the_gate(compared, before):
+    found = compared(before, [FAILED] * 20, is_paired=False)
+    assert found.verdict == "cannot be run"

@@ -4,15 +4,15 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.errors import Conflict, InvalidValue
-from eigenfail.gate.versions import (
+from eigenfail.gate.baselines import (
     MAY_DIFFER,
-    at_version,
     check_baseline,
-    counterpart,
-    differences,
-    run_of,
+    find_counterpart,
+    find_run,
+    list_differences,
+    select_version,
 )
-from eigenfail.suites import Member
+from eigenfail.suites import SuiteMember
 from eigenfail.values import CampaignSpec, CampaignState, DisturbanceModel, StopRules
 
 OTHER = {
@@ -36,12 +36,12 @@ OTHER = {
 
 
 def test_versions_are_runs_of_their_own(suite, campaign):
-    old, new = at_version(suite, "v1"), at_version(suite, "v2")
+    old, new = select_version(suite, "v1"), select_version(suite, "v2")
     assert new.name == "trio @ v2"
     assert new.members[0].spec.name == "trio @ v2: a"
     assert new.members[0].name == "a"
-    assert differences(old.members[0].spec, new.members[0].spec) == ()
-    assert run_of(campaign(spec=old.members[0].spec), old.members[0]) == "trio @ v1"
+    assert list_differences(old.members[0].spec, new.members[0].spec) == ()
+    assert find_run(campaign(spec=old.members[0].spec), old.members[0]) == "trio @ v1"
 
 
 @pytest.mark.parametrize("field", CampaignSpec.__struct_fields__)
@@ -65,22 +65,22 @@ def test_a_baseline_must_be_there_and_done(suite, campaign):
 
 
 def test_campaigns_belong_to_members_by_name_or_else_by_question(spec, campaign):
-    member = Member("a", spec)
+    member = SuiteMember("a", spec)
     by_name = campaign(3, spec=replace(spec, name="old: a", seed=5))
     alike = campaign(4, spec=replace(spec, name="anything", planner="rulebook"))
     unlike = campaign(5, spec=replace(spec, name="anything", seed=5))
-    assert counterpart(member, [unlike, alike, by_name]) == by_name
-    assert counterpart(member, [unlike, alike]) == alike
-    assert counterpart(member, [unlike]) is None
+    assert find_counterpart(member, [unlike, alike, by_name]) == by_name
+    assert find_counterpart(member, [unlike, alike]) == alike
+    assert find_counterpart(member, [unlike]) is None
     with pytest.raises(InvalidValue, match="campaigns 4, 6 could all be that of member 'a'"):
-        counterpart(member, [alike, campaign(6, spec=alike.spec)])
+        find_counterpart(member, [alike, campaign(6, spec=alike.spec)])
 
 
 @pytest.mark.parametrize(("number", "is_same"), [(7, True), (8, False)])
 def test_a_member_that_builds_upon_another_asks_the_same_of_that_ones_baseline(
     suite, campaign, spec, number, is_same
 ):
-    upon = Member("b", replace(spec, method="replay", settings={"campaign": "a"}))
+    upon = SuiteMember("b", replace(spec, method="replay", settings={"campaign": "a"}))
     both = replace(suite, members=(*suite.members, upon))
     asked = replace(upon.spec, settings={"campaign": number})
     found = {"a": campaign(7), "b": campaign(9, spec=asked)}

@@ -11,9 +11,8 @@ import eigenfail
 from eigenfail.errors import InvalidValue, PortTaken, ServiceError
 from eigenfail.hosting import session
 from eigenfail.hosting.folder import Address
-from eigenfail.hosting.homemade import register
-from eigenfail.hosting.processes import marked
-from eigenfail.hosting.service import Launcher
+from eigenfail.hosting.processes import find_marked
+from eigenfail.hosting.service import Launcher, register_planners
 
 
 class Stub:
@@ -127,7 +126,7 @@ def test_planners_are_registered_for_this_service_alone(started, monkeypatch, tm
         assert here == Path.cwd() == tmp_path
         (listed,) = plugins.glob("*.dist-info/entry_points.txt")
         assert listed.read_text() == "[eigenfail.planners]\nmine = pathlib:Path\n"
-    assert register(tmp_path / "plugins", {}) == ()
+    assert register_planners(tmp_path / "plugins", {}) == ()
     assert not (tmp_path / "plugins").exists()
 
 
@@ -174,5 +173,5 @@ def test_a_real_one_works_in_any_thread_and_leaves_nothing(tmp_path):
     healthy, planners = seen
     assert healthy
     assert "idm" in planners
-    assert marked(str((tmp_path / "data").resolve())) == []
+    assert find_marked(str((tmp_path / "data").resolve())) == []
     assert (tmp_path / "data" / "eigenfail.db").exists()

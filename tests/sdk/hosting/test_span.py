@@ -50,11 +50,11 @@ def test_what_does_not_go_together_is_refused_by_name(given, problem) -> None:
 @pytest.mark.parametrize("option", ["--min-workers=1", "--max-workers=2", "--idle-s=5"])
 def test_workers_that_nobody_starts_are_not_scaled(option, tmp_path) -> None:
     from eigenfail_services.__main__ import parse
-    from eigenfail_services.campaigns.launching.options import launcher_of
+    from eigenfail_services.campaigns.launching.options import create_launcher
 
     problem = f"{option.partition('=')[0]}: scales workers, and --launcher none starts none."
     with pytest.raises(InvalidValue, match=problem):
-        launcher_of(parse(["--launcher", "none", option]))
+        create_launcher(parse(["--launcher", "none", option]))
     up = ["up", "--data", str(tmp_path / "data"), "--launcher", "none", option]
     done = CliRunner().invoke(app, up)
     assert (done.exit_code, problem in done.stderr) == (2, True)

@@ -9,7 +9,7 @@ import psutil
 import pytest
 
 from eigenfail.hosting.processes import OWNER_MARK
-from eigenfail.hosting.warden import removing, warden
+from eigenfail.hosting.warden import guard_owner, remove_afterwards
 
 WITHIN_S = 20.0
 
@@ -19,10 +19,10 @@ STARTS_AND_WAITS = """
 import os, subprocess, sys
 from pathlib import Path
 from eigenfail.hosting.processes import OWNER_MARK
-from eigenfail.hosting.warden import removing
+from eigenfail.hosting.warden import remove_afterwards
 
 folder = Path(sys.argv[1])
-with removing(folder):
+with remove_afterwards(folder):
     environment = os.environ | {OWNER_MARK: str(folder)}
     left = subprocess.Popen(
         [sys.executable, "-c", "import time; time.sleep(600)"],
@@ -62,6 +62,12 @@ def gone(path):
     return not path.exists()
 
 
+@pytest.mark.fault(
+    "SIGKILL of the program that started a service",
+    group="processes",
+    outcome="A guard process ends all that is left of the service and removes its temporary "
+    "folder.",
+)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_what_a_killed_program_left_is_ended_and_its_folder_removed(program, number):
     process, left, folder = program
@@ -73,7 +79,7 @@ def test_what_a_killed_program_left_is_ended_and_its_folder_removed(program, num
 def test_a_folder_is_gone_after_its_block(tmp_path):
     folder = tmp_path / "data"
     folder.mkdir()
-    with removing(folder):
+    with remove_afterwards(folder):
         assert folder.exists()
     assert not folder.exists()
 
@@ -85,7 +91,7 @@ def test_a_block_that_ends_well_ends_nobody(tmp_path):
         env=os.environ | {OWNER_MARK: owner},
     )
     try:
-        with warden(owner):
+        with guard_owner(owner):
             pass
         assert mine.poll() is None
     finally:

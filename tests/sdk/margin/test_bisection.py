@@ -7,14 +7,14 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
-from eigenfail.margin import Range, Step, conclusions, find_margin
+from eigenfail.margin import MarginStep, ScaleRange, describe_margin, find_margin
 from eigenfail.settings import convert
 
-WIDE = Range(0.5, 3.0, 0.1)
+WIDE = ScaleRange(0.5, 3.0, 0.1)
 
 
 def step(scale, failures):
-    return Step(scale=scale, campaign=1, episodes=200, failures=failures, upper_bound=0.015)
+    return MarginStep(scale=scale, campaign=1, episodes=200, failures=failures, upper_bound=0.015)
 
 
 def planner(fails):
@@ -35,7 +35,7 @@ ends = st.tuples(st.floats(0.01, 9.9), st.floats(0.02, 10.0)).filter(lambda pair
 def test_the_threshold_is_bracketed_within_tolerance_in_as_few_steps_as_halving_takes(
     ends, tolerance, threshold
 ):
-    within = Range(*ends, tolerance)
+    within = ScaleRange(*ends, tolerance)
     measure, asked = planner(lambda scale: scale >= threshold)
     found = find_margin(measure, within)
     assert found.contrary == ()
@@ -55,7 +55,7 @@ def test_the_threshold_is_bracketed_within_tolerance_in_as_few_steps_as_halving_
 @given(failing=st.sets(st.integers(0, 64)), known=st.sets(st.integers(0, 64)))
 def test_whatever_the_planner_does_the_cautious_reading_counts(failing, known):
     measure, _ = planner(lambda scale: round(32 * scale) in failing)
-    within = Range(1 / 32, 2.0, 1 / 32)
+    within = ScaleRange(1 / 32, 2.0, 1 / 32)
     before = [measure(place / 32) for place in known]
     found = find_margin(measure, within, before)
     tried = {each.scale: not each.failures for each in found.steps}
@@ -84,39 +84,47 @@ def test_a_search_that_was_killed_asks_only_for_the_rest(threshold, killed_after
 
 def test_the_steps_of_a_search_by_hand():
     measure, asked = planner(lambda scale: scale > 1.3)
-    find_margin(measure, Range(0.5, 3.0, 0.2))
+    find_margin(measure, ScaleRange(0.5, 3.0, 0.2))
     assert asked == [0.5, 3.0, 1.75, 1.125, 1.4375, 1.28125]
 
 
 @pytest.mark.parametrize(
     ("fails", "words"),
     [
-        (lambda scale: scale > 1.32, "may be relaxed to 1.281 × before this planner fails"),
-        (lambda scale: scale > 0.8, "must be tightened to 0.7344 ×: this planner fails at 0.8125"),
-        (lambda scale: scale > 1.0, "has no margin to relax: no failure was found at 0.9688 ×"),
-        (lambda scale: True, "fails already at 0.5 × the noise, the low end"),
+        (
+            lambda scale: scale > 1.32,
+            "No failure was found in 200 episodes at 1.281 × the specified noise; a failure was f",
+        ),
+        (
+            lambda scale: scale > 1.32,
+            "found at 1.359 ×. The search found no failure at the specified noise.",
+        ),
+        (lambda scale: scale > 0.8, "found at 0.8125 ×. The planner does not meet the specified"),
+        (lambda scale: scale > 1.0, "at 0.9688 × the specified noise; a failure was found at 1.0"),
+        (lambda scale: scale > 1.0, "The search shows no margin above the specified noise."),
+        (lambda scale: True, "failure was found at 0.5 × the noise, the low end"),
         (lambda scale: False, "No failure was found up to 3 × the noise, the high end"),
     ],
 )
 def test_the_verdict_is_a_sentence(fails, words):
     found = find_margin(planner(fails)[0], WIDE)
-    assert words in conclusions(found, "monte_carlo")[0]
+    assert words in describe_margin(found, "monte_carlo")[0]
 
 
 def test_what_no_failure_proves_is_said_with_its_bound():
     found = find_margin(planner(lambda scale: scale > 1.3)[0], WIDE)
-    _, caveat = conclusions(found, "monte_carlo")
+    _, caveat = describe_margin(found, "monte_carlo")
     assert "in 200 episodes at 1.281 × is not proof" in caveat
     assert "at most 1.5 % fail of episodes under this noise." in caveat
-    _, caveat = conclusions(found, "ast")
+    _, caveat = describe_margin(found, "ast")
     assert "as 'ast' proposes them, whose rate is not that of the noise itself" in caveat
 
 
 def test_a_failure_below_a_safe_scale_is_told():
     found = find_margin(planner(lambda scale: scale < 1.0)[0], WIDE)
     assert found.largest_safe is None
-    verdict, contradiction = conclusions(found, "monte_carlo")
-    assert "fails already at 0.5 ×" in verdict
+    verdict, contradiction = describe_margin(found, "monte_carlo")
+    assert "failure was found at 0.5 ×" in verdict
     assert "Not monotone: no failure was found at 3 ×, above the failure at 0.5 ×" in contradiction
 
 
@@ -139,4 +147,4 @@ def test_an_earlier_failure_at_a_smaller_scale_draws_the_search_down():
 )
 def test_an_empty_range_is_refused(low, high, tolerance):
     with pytest.raises(InvalidValue):
-        convert({"low": low, "high": high, "tolerance": tolerance}, Range, "search")
+        convert({"low": low, "high": high, "tolerance": tolerance}, ScaleRange, "search")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from eigenfail.reproduction.programme import programme
+from eigenfail.reproduction.programme import build_suite
 from eigenfail.values import Conflicts, Cost, Counts, Interval, Rate, Safety, Summary
 from eigenfail.values.safety import FailurePoint, Scatter, SeverityRisk, Violations
 
@@ -37,7 +37,7 @@ def summaries():
     """All members, each with 150 failures of 300 but for Monte Carlo of the planner."""
     found = {
         member.name: make_summary(number, member.name, 150)
-        for number, member in enumerate(programme("full").members, start=1)
+        for number, member in enumerate(build_suite("full").members, start=1)
     }
     found["monte_carlo rulebook"] = make_summary(1, "monte_carlo rulebook", 0, 2000, spread=0.001)
     return found

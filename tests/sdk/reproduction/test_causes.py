@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
-from eigenfail.reproduction.causes import of_causes
-from eigenfail.reproduction.diagnosis import component_table, replay_table, safety_table
+from eigenfail.reproduction.statements import judge_causes
+from eigenfail.reproduction.tables import (
+    build_component_table,
+    build_replay_table,
+    build_safety_table,
+)
 from eigenfail.values import (
     AnalysisResult,
     CampaignState,
@@ -99,7 +103,7 @@ def judged(words, *, along=None, across=None, proven=None, measured=None):
         (NAME, "lateral"): across or analysis(0.5, 0.2, 0.1),
     }
     proofs = {NAME: proven or proof(4, 4)}
-    found = of_causes(analyses, proofs, {NAME: measured or safety(-0.5, -0.7, -0.2)})
+    found = judge_causes(analyses, proofs, {NAME: measured or safety(-0.5, -0.7, -0.2)})
     (one,) = [statement for statement in found if words in statement.paper]
     return one.holds
 
@@ -127,7 +131,7 @@ def test_a_statement_holds_fails_or_stays_open(words, given, expected):
 
 
 def test_safety_measures_stand_beside_the_papers():
-    collision, ttc, _ = safety_table({NAME: safety(0.0, -1.0, 1.0)}).rows
+    collision, ttc, _ = build_safety_table({NAME: safety(0.0, -1.0, 1.0)}).rows
     assert (collision.numbers[0].value, collision.numbers[0].paper) == (0.03, 0.03)
     assert collision.numbers[1].value is None
     assert [number.paper for number in ttc.numbers] == [19 / 300, 3.50, 0.015]
@@ -136,17 +140,17 @@ def test_safety_measures_stand_beside_the_papers():
 
 def test_modes_count_only_where_they_are_distinct():
     found = {(NAME, "longitudinal"): analysis(0.2, 0.2), (NAME, "lateral"): analysis(0.3)}
-    table = component_table(found)
+    table = build_component_table(found)
     explained, modes = table.rows[0].numbers[:2]
     assert (explained.value, explained.paper) == (pytest.approx(0.4), 0.40)
     assert (modes.value, modes.paper) == (3.0, 3)
     assert table.rows[1].numbers[0].paper is None
-    blob = component_table({(NAME, "lateral"): analysis(0.3, silhouette=0.1)})
+    blob = build_component_table({(NAME, "lateral"): analysis(0.3, silhouette=0.1)})
     assert blob.rows[0].numbers[1].value == 1.0
 
 
 def test_replays_are_told_by_scenario():
-    rows = replay_table({NAME: proof(4, 3)}).rows
+    rows = build_replay_table({NAME: proof(4, 3)}).rows
     assert [row.name for row in rows] == [
         f"{NAME}: the same scenario",
         f"{NAME}: distance_m 63",

@@ -4,9 +4,15 @@ import re
 
 import pytest
 
-from eigenfail.reproduction.claims import claims
-from eigenfail.reproduction.page import page
-from eigenfail.reproduction.results import Column, Number, PaperTable, Reproduction, Row, Statement
+from eigenfail.reproduction.page import format_page, list_claims
+from eigenfail.reproduction.tables import (
+    PaperColumn,
+    PaperNumber,
+    PaperReproduction,
+    PaperRow,
+    PaperStatement,
+    PaperTable,
+)
 from eigenfail.values import Interval
 
 MARK = re.compile(r"(\S+) %? ?(\[[^]]*\])?<!-- claim (\S+) -->")
@@ -14,20 +20,25 @@ MARK = re.compile(r"(\S+) %? ?(\[[^]]*\])?<!-- claim (\S+) -->")
 
 @pytest.fixture
 def found():
-    columns = (Column("failure_rate", "failure rate", "share"), Column("log_p", "log p", "nat"))
-    row = Row(
+    columns = (
+        PaperColumn("failure_rate", "failure rate", "share"),
+        PaperColumn("log_p", "log p", "nat"),
+    )
+    row = PaperRow(
         "ast evaluation",
-        (Number(0.9471, 300, Interval(0.91, 0.97), paper=0.946), Number(-212.34, 284)),
+        (PaperNumber(0.9471, 300, Interval(0.91, 0.97), paper=0.946), PaperNumber(-212.34, 284)),
         campaign=3,
     )
-    none = Row("monte_carlo rulebook", (Number(0.0, 2000, paper=0.0), Number(None, 0)))
+    none = PaperRow(
+        "monte_carlo rulebook", (PaperNumber(0.0, 2000, paper=0.0), PaperNumber(None, 0))
+    )
     table = PaperTable("evaluation", "Evaluation", columns, (row, none), "By step.")
-    statement = Statement("AST fails more.", None, "nobody knows")
-    return Reproduction("full", 5, (table,), (statement,))
+    statement = PaperStatement("AST fails more.", None, "nobody knows")
+    return PaperReproduction("full", 5, (table,), (statement,))
 
 
 def test_every_number_is_a_claim(found):
-    names = claims(found)
+    names = list_claims(found)
     assert set(names) == {
         "paper.evaluation.ast_evaluation.failure_rate",
         "paper.evaluation.ast_evaluation.log_p",
@@ -38,7 +49,7 @@ def test_every_number_is_a_claim(found):
 
 
 def test_the_page_marks_each_number_and_sets_the_papers_beside_it(found):
-    text = page(found)
+    text = format_page(found)
     assert "--scale full" in text
     assert "seed 5" in text
     assert "| | failure rate [%] | paper | log p [nat] |" in text

@@ -1,14 +1,13 @@
 """The paper's tables with our numbers beside its own."""
 
-from eigenfail.reproduction import published
-from eigenfail.reproduction.results import Column, Number
-from eigenfail.reproduction.tables import campaign_tables
-from eigenfail.reproduction.words import heading, in_words, paper_in_words
+from eigenfail.reproduction import tables as published
+from eigenfail.reproduction.page import format_heading, format_number, format_paper_number
+from eigenfail.reproduction.tables import PaperColumn, PaperNumber, build_campaign_tables
 from eigenfail.values import Interval
 
 
 def tables(summaries):
-    return {table.name: table for table in campaign_tables(summaries)}
+    return {table.name: table for table in build_campaign_tables(summaries)}
 
 
 def cell(table, row, column):
@@ -43,18 +42,18 @@ def test_no_failure_leaves_gaps_not_zeros(summaries):
 
 
 def test_campaigns_that_are_not_there_have_no_row(summaries):
-    del summaries["sweep tau=0.01"]
+    del summaries["sweep alpha=500"]
     names = {row.name for row in tables(summaries)["sweep"].rows}
-    assert "sweep tau=0.01" not in names
+    assert "sweep alpha=500" not in names
 
 
 def test_numbers_are_told_in_their_units():
-    share, nat = Column("a", "rate", "share"), Column("b", "log p", "nat")
-    number = Number(0.1234, 300, Interval(0.1, 0.15), paper=0.031)
-    assert in_words(share, number) == "12.3 [10.0, 15.0]"
-    assert paper_in_words(share, number) == " (paper 3.1)"
-    assert heading(share) == "rate [%]"
+    share, nat = PaperColumn("a", "rate", "share"), PaperColumn("b", "log p", "nat")
+    number = PaperNumber(0.1234, 300, Interval(0.1, 0.15), paper=0.031)
+    assert format_number(share, number) == "12.3 [10.0, 15.0]"
+    assert format_paper_number(share, number) == " (paper 3.1)"
+    assert format_heading(share) == "rate [%]"
     printed = {-1234.5: "-1234", -12.345: "-12.3", 2.345: "2.35", 5.5e-5: "5.5e-05", 0.0: "0.00"}
-    assert {value: in_words(nat, Number(value, 3)) for value in printed} == printed
-    assert in_words(nat, Number(None, 0)) == "–"
-    assert paper_in_words(nat, Number(1.0, 1)) == ""
+    assert {value: format_number(nat, PaperNumber(value, 3)) for value in printed} == printed
+    assert format_number(nat, PaperNumber(None, 0)) == "–"
+    assert format_paper_number(nat, PaperNumber(1.0, 1)) == ""

@@ -7,10 +7,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.suites import MOST_MEMBERS, Suite
-from eigenfail.suites.changes import changed, leaves, text, value_at
-from eigenfail.suites.plans import SuiteFile, variations
-from eigenfail.suites.references import in_order, references, resolved, with_any_numbers
+from eigenfail.suites import (
+    MOST_MEMBERS,
+    Suite,
+    SuiteFile,
+    _apply_changes,
+    _list_variations,
+    format_value,
+    list_leaves,
+    list_references,
+    order_members,
+    read_path,
+    replace_references,
+    resolve_references,
+)
 from eigenfail.values import Correlated, White
 
 ROOT = Path(__file__).parents[3]
@@ -170,11 +180,15 @@ def test_members_may_build_upon_others_and_come_behind_them(read):
     suite = read(CHAIN)
     specs = {member.name: member.spec for member in suite.members}
     assert names(suite) == ["here", "trained", "again"]
-    assert [references(specs[name]) for name in specs] == [("trained",), (), ("trained", "here")]
-    assert in_order(specs, "") == ("trained", "here", "again")
+    assert [list_references(specs[name]) for name in specs] == [
+        ("trained",),
+        (),
+        ("trained", "here"),
+    ]
+    assert order_members(specs, "") == ("trained", "here", "again")
     numbers = {"trained": 3, "here": 4}
-    assert resolved(specs["here"], numbers.get).settings == {"alpha": 10, "campaign": 3}
-    assert resolved(specs["again"], numbers.get).settings["data_from"] == [3, 7, 4]
+    assert resolve_references(specs["here"], numbers.get).settings == {"alpha": 10, "campaign": 3}
+    assert resolve_references(specs["again"], numbers.get).settings["data_from"] == [3, 7, 4]
     assert specs["again"].settings["data_from"] == ["trained", 7, "here"]
 
 
@@ -184,13 +198,13 @@ def test_members_of_an_ensemble_may_build_upon_others_too(read):
         '[[campaigns]]\nmethod = "ensemble"\nsettings.settings.warm_start = "a"\n'
     )
     spec = suite.members[1].spec
-    assert references(spec) == ("a",)
-    assert with_any_numbers(spec).settings == {"settings": {"warm_start": 1}}
+    assert list_references(spec) == ("a",)
+    assert replace_references(spec).settings == {"settings": {"warm_start": 1}}
 
 
 def test_numbers_and_other_settings_name_no_member(read):
     suite = read(f'{BASE}[[campaigns]]\nsettings = {{ campaign = 3, reward = "paper" }}')
-    assert references(suite.members[0].spec) == ()
+    assert list_references(suite.members[0].spec) == ()
 
 
 def test_a_member_that_there_is_not_is_refused_with_the_known_ones(read):
@@ -230,7 +244,10 @@ settings = st.dictionaries(st.sampled_from(["a", "b", "c", "d"]), st.integers(0,
 @given(base=settings, varied=axes.filter(bool))
 def test_a_sweeps_members_differ_from_the_base_at_one_place_at_most(base, varied):
     written = SuiteFile(base={"settings": base}, sweep={"settings": varied})
-    members = [changed(written.base, each.changes)["settings"] for each in variations(written, "")]
+    members = [
+        _apply_changes(written.base, each.changes)["settings"]
+        for each in _list_variations(written, "")
+    ]
     apart = [[name for name in "abcd" if member.get(name) != base.get(name)] for member in members]
     assert [len(names) for names in apart] == [0] + [1] * (len(members) - 1)
     for name, values in varied.items():
@@ -239,7 +256,7 @@ def test_a_sweeps_members_differ_from_the_base_at_one_place_at_most(base, varied
 
 @given(varied=axes.filter(bool))
 def test_a_grids_members_are_all_different_and_as_many_as_the_product(varied):
-    members = variations(SuiteFile(grid={"settings": varied}), "")
+    members = _list_variations(SuiteFile(grid={"settings": varied}), "")
     count = 1
     for values in varied.values():
         count *= len(values)
@@ -248,15 +265,15 @@ def test_a_grids_members_are_all_different_and_as_many_as_the_product(varied):
 
 @given(value=st.floats(allow_nan=False, allow_infinity=False))
 def test_different_numbers_have_different_names(value):
-    assert float(text(value)) == value
+    assert float(format_value(value)) == value
 
 
 def test_paths_are_read_and_written_without_touching_the_table():
     table = {"a": {"b": 1}, "c": {}}
-    assert dict(leaves(table)) == {("a", "b"): 1, ("c",): {}}
-    assert value_at(table, ("a", "b")) == 1
-    assert value_at(table, ("a", "b", "x")) is None
-    assert changed(table, {("a", "x"): 2, ("c", "y", "z"): 3}) == {
+    assert dict(list_leaves(table)) == {("a", "b"): 1, ("c",): {}}
+    assert read_path(table, ("a", "b")) == 1
+    assert read_path(table, ("a", "b", "x")) is None
+    assert _apply_changes(table, {("a", "x"): 2, ("c", "y", "z"): 3}) == {
         "a": {"b": 1, "x": 2},
         "c": {"y": {"z": 3}},
     }

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from eigenfail.testing.store.examples import floats
+from eigenfail.testing.examples import floats
 from eigenfail.values import (
     CampaignSpec,
     EpisodeSetup,
@@ -16,8 +16,15 @@ from eigenfail.values import (
     Source,
     TrajectorySource,
 )
-from eigenfail.wire.claims import FINGERPRINT_BYTES, fingerprint, same_task
-from eigenfail.wire.messages import Lease, Setup, encode, read_hub_message
+from eigenfail.wire.messages import (
+    FINGERPRINT_BYTES,
+    Lease,
+    Setup,
+    encode,
+    fingerprint_task,
+    is_same_task,
+    read_hub_message,
+)
 
 SOURCES: tuple[Source, ...] = (
     PriorSource(),
@@ -44,15 +51,17 @@ def sent(message: Any) -> Any:
 def test_a_worker_finds_what_the_hub_finds_after_a_restart(source: Source) -> None:
     stored = msgspec.json.decode(msgspec.json.encode(setup()), type=EpisodeSetup)
     (there,) = sent(Lease(1, (task(source),))).tasks
-    told = fingerprint(sent(Setup(1, setup())).setup, there)
-    assert told == fingerprint(stored, task(source))
+    told = fingerprint_task(sent(Setup(1, setup())).setup, there)
+    assert told == fingerprint_task(stored, task(source))
     assert len(told) == FINGERPRINT_BYTES
-    assert same_task(there, task(source))
+    assert is_same_task(there, task(source))
 
 
 def test_the_order_of_settings_does_not_count() -> None:
     turned = dict(reversed(setup().planner_settings.items()))
-    assert fingerprint(setup(planner_settings=turned), task()) == fingerprint(setup(), task())
+    assert fingerprint_task(setup(planner_settings=turned), task()) == fingerprint_task(
+        setup(), task()
+    )
 
 
 @pytest.mark.parametrize(
@@ -69,10 +78,10 @@ def test_the_order_of_settings_does_not_count() -> None:
 )
 def test_another_task_is_another(other: EpisodeTask) -> None:
     mine = task(PolicySource(3))
-    assert fingerprint(setup(), other) != fingerprint(setup(), mine)
-    assert not same_task(mine, other)
+    assert fingerprint_task(setup(), other) != fingerprint_task(setup(), mine)
+    assert not is_same_task(mine, other)
 
 
 def test_so_is_the_same_of_another_campaign() -> None:
     for changes in ({"planner": "idm"}, {"planner_settings": {}}, {"scenario": "merge_in"}):
-        assert fingerprint(setup(**changes), task()) != fingerprint(setup(), task())
+        assert fingerprint_task(setup(**changes), task()) != fingerprint_task(setup(), task())

@@ -35,6 +35,11 @@ def test_what_no_store_could_keep_is_refused(told):
         read_worker_message(encode(hello))
 
 
+def test_a_worker_that_names_no_bridge_has_none():
+    assert read_worker_message(encode(Hello(PROTOCOL, "w", 8))).bridge is False
+    assert read_worker_message(encode(Hello(PROTOCOL, "w", 8, bridge=True))).bridge is True
+
+
 def test_the_longest_is_let_through():
     versions = {f"{number}": LONG[1:] for number in range(MOST_VERSIONS)}
     hello = Hello(PROTOCOL, LONG[1:], 8, LONG[1:], LARGEST_PID, versions=versions)

@@ -7,8 +7,7 @@ import pytest
 
 from eigenfail.values import AnalysisSettings
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.alignment import Aligned
-from eigenfail_services.analysis.gathering import Portion, gather
+from eigenfail_services.analysis.alignment import Aligned, FailureBatch, gather_failures
 
 SHORT = np.array([[1, -1], [2, -2]], np.float32)
 LONG = np.array([[3, -3], [4, -4], [5, -5]], np.float32)
@@ -18,7 +17,7 @@ BOTH = Failures((4, 9), (SHORT, LONG))
 def align(failures: Failures, horizon: int, how: Any, axes: Any = "joint") -> Aligned:
     """Gathered, and in the order of the episodes."""
     asked = AnalysisSettings(align=how, axes=axes)
-    found = gather([Portion(1, failures)], horizon, asked)
+    found = gather_failures([FailureBatch(1, failures)], horizon, asked)
     order = found.order
     return found._replace(
         episodes=found.episodes[order], steps=found.steps[order], noise=found.noise[order]

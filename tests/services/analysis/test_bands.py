@@ -6,8 +6,7 @@ from msgspec.structs import replace
 
 from eigenfail.values import AnalysisSettings
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.digest import result_digest
-from eigenfail_services.analysis.job import analyse
+from eigenfail_services.analysis.job import analyse, hash_result
 
 HORIZON = 12
 
@@ -46,4 +45,4 @@ def test_the_digest_is_that_of_releases_without_bands():
     result = analyse(Failures(tuple(range(5)), noise), HORIZON, settings)
     without = tuple(replace(mode, band=None) for mode in result.modes)
     assert result.modes[0].band is not None
-    assert result_digest(replace(result, modes=without)) == result_digest(result)
+    assert hash_result(replace(result, modes=without)) == hash_result(result)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eigenfail.values import Scene, VehicleState
-from eigenfail_services.analysis.clearance import clearances
+from eigenfail_services.analysis.clearance import measure_clearances
 from eigenfail_workers.measures.geometry import separation
 
 SIZES = np.array([[16.0, 2.5], [5.0, 2.0], [4.0, 1.8]], np.float32)
@@ -28,7 +28,7 @@ def scene(vehicles):
     ],
 )
 def test_known_distances(pose, metres):
-    found = clearances(scene([[(0.0, 0.0, 0.0, 20.0), (*pose, 20.0)]]))
+    found = measure_clearances(scene([[(0.0, 0.0, 0.0, 20.0), (*pose, 20.0)]]))
     assert found == pytest.approx(np.array([[metres]]), abs=1e-5)
 
 
@@ -36,7 +36,7 @@ def test_they_are_those_that_episodes_are_measured_by():
     rng = np.random.default_rng(3)
     places = rng.uniform((-15, -6, -3), (15, 6, 3), (300, 3, 3))
     vehicles = np.concatenate([places, np.ones((300, 3, 1))], axis=2).astype(np.float32)
-    found = clearances(scene(vehicles))
+    found = measure_clearances(scene(vehicles))
     states = [
         [VehicleState(*map(float, (*v, *s))) for v, s in zip(row, SIZES, strict=True)]
         for row in vehicles

@@ -8,11 +8,13 @@ from hypothesis.extra import numpy as st_numpy
 
 from eigenfail_services.analysis import clusters
 from eigenfail_services.analysis.clusters import (
-    count_different,
+    _compute_silhouette,
+    _count_different,
     divide,
-    largest_first,
+    draw_rows,
+    draw_without_groups,
     noise_silhouette,
-    silhouette,
+    order_by_size,
 )
 
 
@@ -69,33 +71,33 @@ def test_the_silhouette_by_hand() -> None:
     scores = np.array([[0.0], [1.0], [10.0]])
     labels = np.array([0, 0, 1])
     # (10 - 1) / 10, (9 - 1) / 9, and 0 for the one that is alone.
-    assert silhouette(scores, labels) == pytest.approx((0.9 + 8.0 / 9.0) / 3.0)
+    assert _compute_silhouette(scores, labels) == pytest.approx((0.9 + 8.0 / 9.0) / 3.0)
 
 
 def test_rows_that_are_all_alone_have_no_silhouette() -> None:
-    assert silhouette(np.arange(4.0)[:, None], np.arange(4)) == 0.0
+    assert _compute_silhouette(np.arange(4.0)[:, None], np.arange(4)) == 0.0
 
 
 def test_of_many_rows_some_speak_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
     scores, labels = blobs(4)
-    whole = silhouette(scores, labels)
+    whole = _compute_silhouette(scores, labels)
     monkeypatch.setattr(clusters, "SILHOUETTE_ROWS", 40)
-    sampled = silhouette(scores, labels)
+    sampled = _compute_silhouette(scores, labels)
     assert sampled != whole
     assert sampled == pytest.approx(whole, abs=0.05)
 
 
 def test_rows_within_rounding_count_once() -> None:
     scores = np.array([[1.0, 2.0], [1.0, 2.0 + 1e-12], [1.0, 2.1], [-1.0, 2.0]])
-    assert count_different(scores) == 3
-    assert count_different(np.zeros((5, 2))) == 1
-    assert count_different(np.zeros((5, 0))) == 1
+    assert _count_different(scores) == 3
+    assert _count_different(np.zeros((5, 2))) == 1
+    assert _count_different(np.zeros((5, 0))) == 1
 
 
 def test_groups_are_numbered_by_size_and_then_by_their_earliest_episode() -> None:
     labels = np.array([2, 0, 0, 1, 1, 1, 2])
     episodes = np.array([8, 9, 3, 5, 6, 7, 4])
-    assert largest_first(labels, episodes).tolist() == [2, 1, 1, 0, 0, 0, 2]
+    assert order_by_size(labels, episodes).tolist() == [2, 1, 1, 0, 0, 0, 2]
 
 
 def test_noise_is_drawn_as_wide_as_the_scores() -> None:
@@ -104,6 +106,26 @@ def test_noise_is_drawn_as_wide_as_the_scores() -> None:
     flat = generator.standard_normal((60, 3)) * [10.0, 0.01, 0.01]
     round_ = generator.standard_normal((60, 3))
     assert noise_silhouette(flat, 2) > noise_silhouette(round_, 2) + 0.1
+
+
+@pytest.mark.parametrize("components", [2, 3])
+def test_rows_of_noise_are_as_far_from_the_centre_as_those_of_the_scores(components: int) -> None:
+    """A ring is held against rings: a normal cloud of the same spread would have other radii."""
+    generator = np.random.default_rng(0)
+    directions = generator.standard_normal((50, components))
+    scores = directions / np.linalg.norm(directions, axis=1)[:, None] * 3.0 + 1.0
+    centred, spread = scores - scores.mean(axis=0), scores.std(axis=0)
+    noise = draw_without_groups(scores, generator)
+    radii = np.linalg.norm(noise / spread, axis=1)
+    assert np.sort(radii) == pytest.approx(np.sort(np.linalg.norm(centred / spread, axis=1)))
+    assert not np.allclose(noise, centred)
+
+
+@pytest.mark.parametrize("rows", [40, 100])
+def test_no_row_is_drawn_twice(rows: int) -> None:
+    chosen = draw_rows(rows, 60)
+    assert len(np.unique(chosen)) == len(chosen) == min(rows, 60)
+    assert set(chosen.tolist()) <= set(range(rows))
 
 
 @given(

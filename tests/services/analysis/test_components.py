@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as st_numpy
 
-from eigenfail_services.analysis.components import fit, with_fixed_signs
-from eigenfail_services.analysis.influence import influence
+from eigenfail_services.analysis.components import fit_components, fix_signs, measure_influence
 
 matrices = st_numpy.arrays(
     np.float32,
@@ -20,7 +19,7 @@ matrices = st_numpy.arrays(
 @pytest.mark.parametrize("shape", [(40, 12), (6, 30)])
 def test_they_are_the_singular_vectors(shape: tuple[int, int]) -> None:
     data = np.random.default_rng(3).standard_normal(shape) + 1.5
-    space = fit(data, 4)
+    space = fit_components(data, 4)
     centred = data - data.mean(axis=0)
     _, singular, axes = np.linalg.svd(centred, full_matrices=False)
     turned = np.abs(np.sum(space.components * axes[:4], axis=1))
@@ -30,7 +29,7 @@ def test_they_are_the_singular_vectors(shape: tuple[int, int]) -> None:
 
 
 def test_the_largest_entry_is_positive() -> None:
-    space = fit(np.random.default_rng(5).standard_normal((30, 10)), 6)
+    space = fit_components(np.random.default_rng(5).standard_normal((30, 10)), 6)
     largest = np.argmax(np.abs(space.components), axis=1)
     assert (space.components[np.arange(6), largest] > 0.0).all()
 
@@ -38,13 +37,13 @@ def test_the_largest_entry_is_positive() -> None:
 def test_of_equal_entries_the_first_decides_whatever_their_rounding() -> None:
     tie = np.array([0.5, -0.5, 0.1])
     for rounding in (-1e-15, 1e-15):
-        assert with_fixed_signs(-tie[None] * [1.0, 1.0 + rounding, 1.0])[0, 0] > 0.0
+        assert fix_signs(-tie[None] * [1.0, 1.0 + rounding, 1.0])[0, 0] > 0.0
 
 
 @given(matrices, st.integers(1, 9))
 @settings(max_examples=150, deadline=None)
 def test_shares_fall_and_directions_are_orthonormal(data: np.ndarray, wanted: int) -> None:
-    space = fit(data, wanted)
+    space = fit_components(data, wanted)
     count = len(space.explained)
     assert count <= min(wanted, max(len(data) - 1, 0), data.shape[1])
     assert space.scores.shape == (len(data), count)
@@ -57,13 +56,13 @@ def test_shares_fall_and_directions_are_orthonormal(data: np.ndarray, wanted: in
 @given(matrices)
 @settings(max_examples=100, deadline=None)
 def test_all_components_lead_back_to_the_data(data: np.ndarray) -> None:
-    space = fit(data, 9)
+    space = fit_components(data, 9)
     assert space.invert(space.scores) == pytest.approx(data, abs=1e-5)
 
 
 def test_rows_that_are_all_alike_have_no_direction() -> None:
     data = np.full((7, 6), np.float64(np.float32(0.1)))
-    space = fit(data, 3)
+    space = fit_components(data, 3)
     assert space.components.shape == (0, 6)
     assert space.scores.shape == (7, 0)
     assert space.invert(space.scores[0]) == pytest.approx(data[0])
@@ -71,12 +70,12 @@ def test_rows_that_are_all_alike_have_no_direction() -> None:
 
 def test_influence_weighs_entries_by_what_their_component_explains() -> None:
     components = np.array([[[0.6, 0.0], [0.0, -0.8]], [[0.0, 1.0], [0.0, 0.0]]])
-    found = influence(components, np.array([0.5, 0.25]))
+    found = measure_influence(components, np.array([0.5, 0.25]))
     assert found == pytest.approx(np.array([[0.3, 0.25], [0.0, 0.4]]))
 
 
 def test_without_components_nothing_has_influence() -> None:
-    assert influence(np.zeros((0, 4, 2)), np.zeros(0)).tolist() == np.zeros((4, 2)).tolist()
+    assert measure_influence(np.zeros((0, 4, 2)), np.zeros(0)).tolist() == np.zeros((4, 2)).tolist()
 
 
 @pytest.fixture
@@ -102,12 +101,12 @@ def endless(monkeypatch) -> list[str]:
 def test_where_lapack_finds_no_end_the_directions_are_the_same(endless, twice) -> None:
     data = np.random.default_rng(4).standard_normal((30, 12)) * np.linspace(3.0, 1.0, 12)
     data = np.repeat(data[:8], 4, axis=0) if twice else data
-    again = fit(data, 4)
+    again = fit_components(data, 4)
     assert endless == ["gesdd"]
     with pytest.raises(np.linalg.LinAlgError):
         scipy.linalg.svd(data)
     centred = data - data.mean(axis=0)
     _, singular, vectors = np.linalg.svd(centred, full_matrices=False)
-    assert again.components == pytest.approx(with_fixed_signs(vectors[:4]), abs=1e-9)
+    assert again.components == pytest.approx(fix_signs(vectors[:4]), abs=1e-9)
     assert again.explained == pytest.approx((singular**2 / np.sum(singular**2))[:4], abs=1e-9)
     assert again.scores == pytest.approx(centred @ again.components.T, abs=1e-9)

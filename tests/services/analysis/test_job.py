@@ -15,8 +15,7 @@ from eigenfail.errors import InvalidValue
 from eigenfail.values import AnalysisResult, AnalysisSettings
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis import clusters, job
-from eigenfail_services.analysis.digest import result_digest
-from eigenfail_services.analysis.job import analyse
+from eigenfail_services.analysis.job import analyse, hash_result
 from eigenfail_services.store.codec import pack, to_analysis_result, to_settings
 
 HORIZON = 100
@@ -177,22 +176,22 @@ def test_it_is_the_same_whenever_it_is_repeated(
         one = analyse(structureless(1), HORIZON, asked)
     with threadpool_limits(limits=1):
         other = analyse(structureless(1), HORIZON, asked)
-    assert result_digest(one) == result_digest(other)
-    assert len(result_digest(one)) == 64
+    assert hash_result(one) == hash_result(other)
+    assert len(hash_result(one)) == 64
 
 
 def test_the_digest_sees_every_part(structureless: Callable[[int], Failures]) -> None:
     result = analyse(structureless(1), HORIZON, AnalysisSettings(clusters=1, bootstrap=0))
-    digests = {result_digest(result)}
+    digests = {hash_result(result)}
     for field in ("explained", "components", "scores", "influence"):
         changed = getattr(result, field).copy()
         changed.flat[-1] = np.nextafter(changed.flat[-1], np.float32(9))
-        digests.add(result_digest(replaced(result, field, changed)))
-    digests.add(result_digest(replaced(result, "silhouette", 0.5)))
-    digests.add(result_digest(replaced(result, "labels", (1, *result.labels[1:]))))
+        digests.add(hash_result(replaced(result, field, changed)))
+    digests.add(hash_result(replaced(result, "silhouette", 0.5)))
+    digests.add(hash_result(replaced(result, "labels", (1, *result.labels[1:]))))
     assert len(digests) == 7
-    assert result_digest(replaced(result, "words", ("Mode 1: said by chance.",))) in digests
-    assert result_digest(replaced(result, "digest", "0" * 64)) in digests
+    assert hash_result(replaced(result, "words", ("Mode 1: said by chance.",))) in digests
+    assert hash_result(replaced(result, "digest", "0" * 64)) in digests
 
 
 def replaced(result: AnalysisResult, field: str, value: Any) -> AnalysisResult:
@@ -209,13 +208,18 @@ def test_it_counts_on_one_thread(
         threads.update(pool["num_threads"] for pool in threadpool_info())
         return real(*arguments)
 
-    real = job.fit
-    monkeypatch.setattr(job, "fit", fit)
+    real = job.fit_components
+    monkeypatch.setattr(job, "fit_components", fit)
     with threadpool_limits(limits=2):
         analyse(failures_of([np.ones((2, 2))]), HORIZON, DEFAULT)
     assert threads == {1}
 
 
+@pytest.mark.fault(
+    "few, identical or constant failures, or none",
+    group="plug-ins",
+    outcome="The analysis returns one mode, or refuses with the reason.",
+)
 @pytest.mark.parametrize("align", ["start", "collision"])
 @pytest.mark.parametrize("wanted", [None, 1, 2, 5])
 @pytest.mark.parametrize("count", [1, 2])
@@ -235,6 +239,7 @@ def test_one_or_two_failures_are_one_mode(
     assert not result.distinct
 
 
+@pytest.mark.fault("few, identical or constant failures, or none")
 def test_identical_failures_are_one_mode(failures_of: Callable[..., Failures]) -> None:
     z = np.random.default_rng(0).standard_normal((9, 2)).astype(np.float32)
     result = analyse(failures_of([z] * 40), 12, AnalysisSettings(clusters=3, bootstrap=0))
@@ -246,12 +251,14 @@ def test_identical_failures_are_one_mode(failures_of: Callable[..., Failures]) -
     assert not result.influence.any()
 
 
+@pytest.mark.fault("few, identical or constant failures, or none")
 def test_fewer_failures_than_clusters_are_one_mode(failures_of: Callable[..., Failures]) -> None:
     noise = list(np.random.default_rng(0).standard_normal((4, 9, 2)))
     result = analyse(failures_of(noise), 9, AnalysisSettings(clusters=5, bootstrap=0))
     assert len(result.modes) == 1
 
 
+@pytest.mark.fault("few, identical or constant failures, or none")
 def test_constant_columns_have_no_influence(failures_of: Callable[..., Failures]) -> None:
     noise = np.random.default_rng(0).standard_normal((30, 9, 2))
     noise[:, :, 1] = 0.7
@@ -261,17 +268,20 @@ def test_constant_columns_have_no_influence(failures_of: Callable[..., Failures]
         assert mode.eigenfailure[:, 1] == pytest.approx(0.7)
 
 
+@pytest.mark.fault("few, identical or constant failures, or none")
 def test_failures_without_any_noise(failures_of: Callable[..., Failures]) -> None:
     result = analyse(failures_of([np.zeros((0, 2))] * 3), 5, DEFAULT)
     assert not result.modes[0].eigenfailure.any()
 
 
+@pytest.mark.fault("few, identical or constant failures, or none")
 def test_without_a_failure_there_is_nothing_to_analyse() -> None:
     with pytest.raises(InvalidValue, match=r"none to analyse.* ast, cem, difs") as caught:
         analyse(Failures((), ()), HORIZON, DEFAULT)
     assert caught.value.remedy
 
 
+@pytest.mark.fault("worker that reports NaN")
 @pytest.mark.parametrize(
     "z",
     [
@@ -310,7 +320,7 @@ def test_the_order_of_the_failures_does_not_matter(
     one = analyse(Failures(episodes, tuple(noise)), 4, asked)
     other = analyse(Failures(tuple(order), tuple(noise[i] for i in order)), 4, asked)
     assert other.episodes == episodes
-    assert result_digest(other) == result_digest(one)
+    assert hash_result(other) == hash_result(one)
 
 
 @given(some_failures(), st.integers(1, 5), st.sampled_from(["start", "collision"]))

@@ -9,10 +9,9 @@ import pytest
 from eigenfail.values import AnalysisSettings
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis import components
-from eigenfail_services.analysis.components import ComponentSpace, fit
-from eigenfail_services.analysis.digest import result_digest
-from eigenfail_services.analysis.gathering import Portion, gather
-from eigenfail_services.analysis.job import analyse, analyse_portions
+from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
+from eigenfail_services.analysis.components import ComponentSpace, fit_components
+from eigenfail_services.analysis.job import analyse, analyse_portions, hash_result
 
 HORIZON = 40
 MIB = 2**20
@@ -37,12 +36,12 @@ def test_each_way_gives_the_components_of_the_whole_decomposition(
     monkeypatch: pytest.MonkeyPatch, widest: int
 ) -> None:
     data = coloured(5_000, 60)
-    whole = fit(data, 4)
+    whole = fit_components(data, 4)
     monkeypatch.setattr(components, "SMALL_ENTRIES", 1_000)
     monkeypatch.setattr(components, "WIDEST", widest)
-    found = fit(data, 4)
+    found = fit_components(data, 4)
     same_space(whole, found)
-    again = fit(data, 4)
+    again = fit_components(data, 4)
     assert np.array_equal(again.components, found.components)
 
 
@@ -51,11 +50,11 @@ def test_what_is_smaller_than_rounding_is_no_direction_of_large_data_either(
 ) -> None:
     monkeypatch.setattr(components, "SMALL_ENTRIES", 10)
     line = np.outer(np.arange(50.0), np.ones(6)).astype(np.float32)
-    assert len(fit(line, 4).components) == 1
-    assert len(fit(np.ones((50, 6), np.float32), 4).components) == 0
+    assert len(fit_components(line, 4).components) == 1
+    assert len(fit_components(np.ones((50, 6), np.float32), 4).components) == 0
 
 
-def portions(count: int, size: int) -> Iterator[Portion]:
+def portions(count: int, size: int) -> Iterator[FailureBatch]:
     """So many failures of two modes and differing lengths, some at a time."""
     generator = np.random.default_rng(3)
     noise = generator.standard_normal((count, HORIZON, 2)).astype(np.float32)
@@ -63,13 +62,13 @@ def portions(count: int, size: int) -> Iterator[Portion]:
     lengths = generator.integers(20, HORIZON + 1, count)
     for first in range(0, count, size):
         rows = range(first, min(first + size, count))
-        yield Portion(7, Failures(tuple(rows), tuple(noise[i, : lengths[i]] for i in rows)))
+        yield FailureBatch(7, Failures(tuple(rows), tuple(noise[i, : lengths[i]] for i in rows)))
 
 
 def test_portions_do_not_matter() -> None:
     settings = AnalysisSettings(clusters=2, bootstrap=2)
     digests = {
-        result_digest(analyse_portions(given, HORIZON, settings, 0.1, {7: 300}))
+        hash_result(analyse_portions(given, HORIZON, settings, 0.1, {7: 300}))
         for given in (
             portions(240, 240),
             portions(240, 7),
@@ -83,8 +82,8 @@ def test_gathering_keeps_single_precision_and_few_copies() -> None:
     given = list(portions(6_000, 500))
     size = 6_000 * HORIZON * 2 * 4
     tracemalloc.start()
-    found = gather(given, HORIZON, AnalysisSettings())
-    space = fit(found.data, 3)
+    found = gather_failures(given, HORIZON, AnalysisSettings())
+    space = fit_components(found.data, 3)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert found.noise.dtype == np.float32

@@ -5,14 +5,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail_services.analysis.boxes import bound
-from eigenfail_services.analysis.region import LEVEL, Question, failing_region, halves
+from eigenfail_services.analysis.region import (
+    LEVEL,
+    RegionQuestion,
+    describe_bound,
+    find_failing_region,
+    split_in_halves,
+)
 
 NAMES = ("distance_m", "ego_speed_mps")
 
 
-def question(values, failed, names=NAMES) -> Question:
-    return Question((1,), "cut_in", names, values, np.asarray(failed, np.bool_))
+def question(values, failed, names=NAMES) -> RegionQuestion:
+    return RegionQuestion((1,), "cut_in", names, values, np.asarray(failed, np.bool_))
 
 
 def uniform(seed: int, episodes: int):
@@ -25,7 +30,7 @@ def uniform(seed: int, episodes: int):
 def test_a_planted_corner_is_found_with_its_bounds(seed: int) -> None:
     random, values = uniform(seed, 2000)
     corner = (values[:, 0] <= 56.0) & (values[:, 1] > 24.0)
-    found = failing_region(question(values, random.random(2000) < np.where(corner, 0.8, 0.01)))
+    found = find_failing_region(question(values, random.random(2000) < np.where(corner, 0.8, 0.01)))
     box = found.boxes[0]
     bounds = {each.parameter: each for each in box.bounds}
     assert bounds["distance_m"].low is bounds["ego_speed_mps"].high is None
@@ -40,7 +45,7 @@ def test_a_planted_corner_is_found_with_its_bounds(seed: int) -> None:
 def test_a_region_of_one_cut_by_hand() -> None:
     """Below 60 all fail, above it none: one box, exact in every figure."""
     values = np.repeat([50.0, 70.0], 50)[:, None]
-    found = failing_region(question(values, values[:, 0] < 60.0, ("distance_m",)))
+    found = find_failing_region(question(values, values[:, 0] < 60.0, ("distance_m",)))
     (box,) = found.boxes
     assert box.words == "distance at most 50 m"
     assert (box.bounds[0].low, box.bounds[0].high, box.bounds[0].unit) == (None, 50.0, "m")
@@ -54,7 +59,7 @@ def test_a_region_of_one_cut_by_hand() -> None:
 def test_two_far_corners_are_two_boxes() -> None:
     random, values = uniform(1, 4000)
     failed = (values[:, 0] < 55.0) | (values[:, 0] > 67.0)
-    found = failing_region(question(values, failed & (random.random(4000) < 0.9)))
+    found = find_failing_region(question(values, failed & (random.random(4000) < 0.9)))
     assert len(found.boxes) == 2
     assert sorted(box.words.split(" ")[2] for box in found.boxes) == ["least", "most"]
     assert found.coverage.k == sum(box.coverage.k for box in found.boxes)
@@ -65,13 +70,13 @@ def test_chance_alone_is_seldom_taken_for_a_region() -> None:
     taken = 0
     for seed in range(60):
         random, values = uniform(100 + seed, 400)
-        taken += bool(failing_region(question(values, random.random(400) < 0.2)).boxes)
+        taken += bool(find_failing_region(question(values, random.random(400) < 0.2)).boxes)
     assert taken <= 3  # 0.6 expected; more than 3 in 3 of 1000 tries
 
 
 def test_chance_is_given_as_the_reason() -> None:
     random, values = uniform(0, 400)
-    found = failing_region(question(values, random.random(400) < 0.2))
+    found = find_failing_region(question(values, random.random(400) < 0.2))
     assert found.boxes == ()
     assert found.p_value is found.coverage is None
     assert "No part fails more often" in found.problem
@@ -81,26 +86,26 @@ def test_chance_is_given_as_the_reason() -> None:
 @pytest.mark.parametrize(("failures", "episodes"), [(19, 100), (81, 100), (0, 50), (0, 0)])
 def test_too_few_of_either_kind_are_refused(failures: int, episodes: int) -> None:
     _, values = uniform(0, episodes)
-    found = failing_region(question(values, np.arange(episodes) < failures))
+    found = find_failing_region(question(values, np.arange(episodes) < failures))
     assert found.boxes == ()
     assert f"{failures} of {episodes} episodes failed: it takes 20" in found.problem
 
 
 def test_nothing_that_varies_is_refused() -> None:
-    found = failing_region(question(np.zeros((100, 0)), np.arange(100) < 50, ()))
+    found = find_failing_region(question(np.zeros((100, 0)), np.arange(100) < 50, ()))
     assert "No scenario parameter took more than one value" in found.problem
 
 
 def test_it_is_the_same_whenever_it_is_repeated() -> None:
     random, values = uniform(2, 600)
     asked = question(values, random.random(600) < np.where(values[:, 0] < 57.0, 0.6, 0.1))
-    assert failing_region(asked) == failing_region(asked)
+    assert find_failing_region(asked) == find_failing_region(asked)
 
 
 @given(st.lists(st.booleans(), min_size=2, max_size=200))
 def test_halves_share_the_failures(failed: list[bool]) -> None:
     flags = np.array(failed)
-    grown, held = halves(flags)
+    grown, held = split_in_halves(flags)
     assert sorted([*grown, *held]) == list(range(len(failed)))
     assert 0 <= int(flags[grown].sum()) - int(flags[held].sum()) <= 1
 
@@ -110,7 +115,7 @@ def test_halves_share_the_failures(failed: list[bool]) -> None:
 def test_figures_agree_with_each_other(seed: int, inside: float, outside: float) -> None:
     random, values = uniform(seed, 300)
     failed = random.random(300) < np.where(values[:, 0] < 58.0, inside, outside)
-    found = failing_region(question(values, failed))
+    found = find_failing_region(question(values, failed))
     assert bool(found.problem) == (not found.boxes)
     if found.boxes:
         assert found.p_value <= LEVEL
@@ -133,4 +138,4 @@ def test_figures_agree_with_each_other(seed: int, inside: float, outside: float)
     ],
 )
 def test_bounds_in_words(name: str, low, high, words: str) -> None:
-    assert bound(name, low, high).words == words
+    assert describe_bound(name, low, high).words == words

@@ -16,12 +16,12 @@ from eigenfail.values import (
     Overhead,
     SpendingTotals,
 )
-from eigenfail_services.analysis.spending import (
+from eigenfail_services.analysis.cost import (
     KnownModes,
-    active_until,
-    curve,
-    longest_gap,
-    time_split,
+    _find_longest_gap,
+    _list_active_s,
+    make_cost_curve,
+    split_time,
     was_cut,
 )
 
@@ -45,7 +45,7 @@ def campaign(active_s=100.0, overhead=Overhead(), started_ms=10_000) -> Campaign
 def test_a_hundred_seconds_by_hand() -> None:
     # 30 s learning and 10 s waiting leave 60 s with workers; a tenth of their work was lost.
     ran = campaign(overhead=Overhead(30.0, 10.0, 6.0))
-    split = time_split(ran, SpendingTotals(completed_worker_s=90.0, failed_worker_s=4.0))
+    split = split_time(ran, SpendingTotals(completed_worker_s=90.0, failed_worker_s=4.0))
     assert split.lost_worker_s == 10.0
     assert split.simulation_s == pytest.approx(54.0)
     assert (split.learning_s, split.waiting_s) == (30.0, 10.0)
@@ -54,7 +54,7 @@ def test_a_hundred_seconds_by_hand() -> None:
 
 
 def test_what_nobody_measured_is_not_made_up() -> None:
-    split = time_split(campaign(overhead=None), SpendingTotals(completed_worker_s=90.0))
+    split = split_time(campaign(overhead=None), SpendingTotals(completed_worker_s=90.0))
     assert split.simulation_s is split.learning_s is split.waiting_s is split.lost_s is None
     assert split.lost_worker_s is None
     assert (split.active_s, split.worker_s) == (100.0, 90.0)
@@ -68,7 +68,7 @@ seconds = st.floats(0.0, 1e6)
 def test_the_parts_sum_to_the_whole(
     active_s: float, overhead: Overhead, kept_s: float, failed_s: float
 ) -> None:
-    split = time_split(campaign(active_s, overhead), SpendingTotals(kept_s, failed_s))
+    split = split_time(campaign(active_s, overhead), SpendingTotals(kept_s, failed_s))
     parts = (split.simulation_s, split.learning_s, split.waiting_s, split.lost_s)
     assert all(part >= -1e-9 * (1.0 + active_s) for part in parts)
     assert sum(parts) == pytest.approx(active_s, rel=1e-9, abs=1e-9)
@@ -85,7 +85,9 @@ def landings(*seconds: float) -> tuple[Landing, ...]:
 def test_a_curve_by_hand() -> None:
     # 2 instances at 1.8 USD an hour: 0.001 USD a second.
     known = KnownModes(3, (10_000 + 40_000,), "")
-    found = list(curve(campaign(), SpendingTotals(landings=landings(10.0, 40.0, 90.0)), known))
+    found = list(
+        make_cost_curve(campaign(), SpendingTotals(landings=landings(10.0, 40.0, 90.0)), known)
+    )
     told = [(p.active_s, round(p.usd, 9), p.completed, p.failures, p.modes) for p in found]
     assert told == [
         (0.0, 0.0, 0, 0, 0),
@@ -102,21 +104,21 @@ def test_a_pause_costs_nothing() -> None:
     ran = campaign()
     assert was_cut(ran, at_ms)
     # 10 + 3 c = 100.
-    assert active_until(ran, at_ms) == pytest.approx([30.0, 60.0, 90.0, 100.0])
+    assert _list_active_s(ran, at_ms) == pytest.approx([30.0, 60.0, 90.0, 100.0])
 
 
 def test_the_longest_gap_by_hand() -> None:
-    assert longest_gap([1.0, 2.0, 10.0], 8.0) == 5.0
-    assert longest_gap([1.0, 2.0, 10.0], 2.4) == pytest.approx(0.8)
-    assert longest_gap([1.0, 2.0, 10.0], 13.0) == float("inf")
-    assert longest_gap([], 5.0) == float("inf")
+    assert _find_longest_gap([1.0, 2.0, 10.0], 8.0) == 5.0
+    assert _find_longest_gap([1.0, 2.0, 10.0], 2.4) == pytest.approx(0.8)
+    assert _find_longest_gap([1.0, 2.0, 10.0], 13.0) == float("inf")
+    assert _find_longest_gap([], 5.0) == float("inf")
 
 
 @given(st.lists(st.floats(0.0, 1e4), max_size=40), st.floats(0.0, 1e5))
 def test_curves_only_rise_and_end_at_the_bill(gaps: list[float], active_s: float) -> None:
     at_s = [sum(gaps[: n + 1]) for n in range(len(gaps))]
     ran = replace(campaign(active_s), started_ms=10_000)
-    found = list(curve(ran, SpendingTotals(landings=landings(*at_s)), NO_MODES))
+    found = list(make_cost_curve(ran, SpendingTotals(landings=landings(*at_s)), NO_MODES))
     for before, after in pairwise(found):
         assert before.active_s <= after.active_s + 1e-9
         assert before.usd <= after.usd + 1e-9
@@ -128,5 +130,5 @@ def test_curves_only_rise_and_end_at_the_bill(gaps: list[float], active_s: float
 
 
 def test_before_the_first_episode_a_curve_is_its_start() -> None:
-    (start,) = curve(campaign(0.0), SpendingTotals(), NO_MODES)
+    (start,) = make_cost_curve(campaign(0.0), SpendingTotals(), NO_MODES)
     assert (start.usd, start.completed, start.failures, start.modes) == (0.0, 0, 0, None)

@@ -5,7 +5,7 @@ import pytest
 
 from eigenfail.values import AnalysisResult, AnalysisSettings
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.gathering import Portion
+from eigenfail_services.analysis.alignment import FailureBatch
 from eigenfail_services.analysis.job import analyse_portions
 
 HORIZON = 12
@@ -24,7 +24,7 @@ def drifting(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def analysed(indices: np.ndarray, noise: np.ndarray, episodes: int) -> AnalysisResult:
-    given = Portion(4, Failures(tuple(indices.tolist()), tuple(noise)))
+    given = FailureBatch(4, Failures(tuple(indices.tolist()), tuple(noise)))
     settings = AnalysisSettings(clusters=1, bootstrap=0)
     return analyse_portions([given], HORIZON, settings, 0.1, {4: episodes})
 

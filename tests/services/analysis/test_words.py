@@ -15,7 +15,6 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
 )
-from eigenfail_services.analysis.account_words import describe_account
 from eigenfail_services.analysis.words import (
     FAINT,
     JOINED,
@@ -24,6 +23,7 @@ from eigenfail_services.analysis.words import (
     TELLING,
     Clock,
     describe,
+    describe_account,
     describe_needed,
     pushes,
 )

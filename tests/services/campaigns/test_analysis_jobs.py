@@ -9,10 +9,10 @@ import time
 import msgspec
 import psutil
 import pytest
+from store_checks.examples import deliver, running
 
-from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.testing.store.examples import collision, deliver, failed, result, running
+from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values import (
     AnalysisResult,
     AnalysisSettings,
@@ -22,13 +22,12 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.analysis import clusters
-from eigenfail_services.analysis.digest import result_digest
-from eigenfail_services.bounds import Bounds
+from eigenfail_services.analysis.job import hash_result
+from eigenfail_services.bounds import SettingBounds
 from eigenfail_services.campaigns import analysis_jobs as module
-from eigenfail_services.campaigns.analysed import ground
-from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs, run_analysis
-from eigenfail_services.hub.patience import Patience
-from eigenfail_services.store import MemoryStore, open_store
+from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs, find_basis, run_analysis
+from eigenfail_services.hub.timing import Timeout
+from eigenfail_services.store import Store, open_store
 
 QUICK = AnalysisSettings(bootstrap=2)
 
@@ -49,7 +48,7 @@ class Process:
 def test_our_own_lease_that_ran_out_starts_no_second_process(monkeypatch) -> None:
     monkeypatch.setattr(module.subprocess, "Popen", Process)
     renewed = []
-    store = MemoryStore()
+    store = open_store("memory://")
     monkeypatch.setattr(store.jobs, "renew", lambda job, _lease_s: renewed.append(job.token))
     analyses = AnalysisJobs(store, "memory://")
     job = Job(1, JobKind.ANALYSIS, 5, "old", 1)
@@ -68,7 +67,7 @@ def few_draws(monkeypatch) -> None:
 
 @pytest.fixture
 def store():
-    made = MemoryStore()
+    made = open_store("memory://")
     yield made
     made.close()
 
@@ -118,13 +117,13 @@ def test_which_campaign_is_named_first_does_not_matter(store: Store) -> None:
     there = analysed(store, one, AnalysisSettings(campaigns=(other,), bootstrap=2))
     back = analysed(store, other, AnalysisSettings(campaigns=(one,), bootstrap=2))
     told = {"sources": ()}
-    digests = {result_digest(msgspec.structs.replace(each, **told)) for each in (there, back)}
+    digests = {hash_result(msgspec.structs.replace(each, **told)) for each in (there, back)}
     assert len(digests) == 1
 
 
 def test_a_campaign_that_still_runs_is_a_snapshot_and_it_says_so(store: Store) -> None:
     one = campaign(store, *range(1, 12))
-    deliver(store, store.campaigns.get(one), failed(40))
+    deliver(store, store.campaigns.get(one), make_errored_result(40))
     found = analysed(store, one)
     (source,) = found.sources
     assert (source.episodes, source.failures, source.running) == (13, 11, True)
@@ -151,7 +150,7 @@ def test_what_lands_while_failures_are_read_is_counted(store: Store, monkeypatch
 def test_a_result_has_its_digest_and_it_is_the_same_again(store: Store) -> None:
     one = campaign(store, *range(1, 12))
     first, second = analysed(store, one), analysed(store, one)
-    assert first.digest == second.digest == result_digest(first)
+    assert first.digest == second.digest == hash_result(first)
 
 
 def test_seconds_come_from_the_scenario(store: Store) -> None:
@@ -175,7 +174,7 @@ def test_noise_that_cannot_stand_side_by_side_is_refused(store: Store, changes, 
     settings = AnalysisSettings(campaigns=(other,))
     assert words in problem(store, one, settings)
     with pytest.raises(InvalidValue, match="campaigns: campaign 2 has"):
-        ground(store, one, settings)
+        find_basis(store, one, settings)
 
 
 def test_campaigns_of_different_worlds_are_told(store: Store) -> None:
@@ -188,7 +187,7 @@ def test_campaigns_that_are_not_there_are_refused(store: Store) -> None:
     one = campaign(store, 3)
     assert "99" in problem(store, one, AnalysisSettings(campaigns=(99,)))
     with pytest.raises(NotFound):
-        ground(store, 99, QUICK)
+        find_basis(store, 99, QUICK)
 
 
 def test_without_failures_or_with_settings_of_another_clusterer_it_fails_in_words(
@@ -199,6 +198,12 @@ def test_without_failures_or_with_settings_of_another_clusterer_it_fails_in_word
     assert "hdbscan finds the number" in problem(store, campaign(store, 3), wrong)
 
 
+@pytest.mark.fault(
+    "SIGKILL of an analysis",
+    group="processes",
+    outcome="The analysis starts again, five times at most; nothing of it is stored until it "
+    "is complete.",
+)
 def test_a_job_that_was_killed_is_started_anew_and_nothing_is_half_written(tmp_path) -> None:
     url = f"sqlite:///{tmp_path / 'eigenfail.db'}"
     store = open_store(url)
@@ -227,7 +232,7 @@ def test_what_nobody_foresaw_is_told_with_its_reason_and_the_log(store, monkeypa
     def broken(*_arguments) -> None:
         raise ZeroDivisionError("a bug of ours")
 
-    monkeypatch.setattr(module, "found", broken)
+    monkeypatch.setattr(module, "find_modes", broken)
     analysis = store.analyses.create(campaign(store, 3), QUICK).id
     with pytest.raises(ZeroDivisionError):
         run_analysis(store, analysis)
@@ -260,6 +265,7 @@ def test_a_process_that_ended_badly_leaves_its_own_reason_or_names_the_log(
     assert told.problem == (reason or f"The analysis process ended with status 1. {module.LOOK}")
 
 
+@pytest.mark.fault("no process available for a learner or an analysis")
 def test_one_for_which_there_is_no_process_is_failed_in_words(store, monkeypatch) -> None:
     def refused(*_words, **_named) -> Process:
         raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
@@ -285,7 +291,7 @@ def found(store, analysis):
     threading.Thread(target=time.sleep, args=(600.0,)).start()
     {found}
 
-analysis_jobs.found = program.run_analysis.__globals__["found"] = found
+analysis_jobs.find_modes = program.run_analysis.__globals__["find_modes"] = found
 sys.argv = ["eigenfail_services", "--database", sys.argv[1], "analyse", "1"]
 program.main()
 """
@@ -321,10 +327,16 @@ def hanging(tmp_path, monkeypatch):
     script.chmod(0o700)
     monkeypatch.setattr(module.sys, "executable", str(script))
     now_s = [0.0]
-    monkeypatch.setattr(module, "Patience", lambda limit_s: Patience(limit_s, lambda: now_s[0]))
+    monkeypatch.setattr(module, "Timeout", lambda limit_s: Timeout(limit_s, lambda: now_s[0]))
     return now_s
 
 
+@pytest.mark.fault("learner or analysis that exhausts memory")
+@pytest.mark.fault(
+    "analysis that hangs",
+    group="time",
+    outcome="It is killed after an hour with all that it started, and fails with the reason.",
+)
 @pytest.mark.service
 def test_one_that_hangs_is_killed_with_all_it_started_and_failed_in_words(
     store, tmp_path, hanging
@@ -332,7 +344,7 @@ def test_one_that_hangs_is_killed_with_all_it_started_and_failed_in_words(
     analysis = store.analyses.create(campaign(store, 3), QUICK).id
     store.jobs.claim("campaigns", 30.0, JobKind.CAMPAIGN)
     job = store.jobs.claim("one", 30.0, JobKind.ANALYSIS)
-    analyses = AnalysisJobs(store, "", Bounds(time_s=5.0, memory_mib=300.0))
+    analyses = AnalysisJobs(store, "", SettingBounds(time_s=5.0, memory_mib=300.0))
     analyses.open(job)
     (running,) = analyses._running
     most, _ = resource.prlimit(running.process.pid, resource.RLIMIT_DATA)
@@ -353,6 +365,11 @@ def test_one_that_hangs_is_killed_with_all_it_started_and_failed_in_words(
     assert store.jobs.claim("other", 30.0, JobKind.ANALYSIS) is None
 
 
+@pytest.mark.fault(
+    "processes left behind by a learner or an analysis",
+    group="processes",
+    outcome="They are killed with it, however it ended.",
+)
 @pytest.mark.service
 @pytest.mark.parametrize(("end", "status"), [("exit 0", 0), ("exit 1", 1), ("kill -9 $$", -9)])
 def test_what_one_started_goes_with_it_however_it_ended(

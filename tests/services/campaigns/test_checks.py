@@ -8,8 +8,9 @@ import pytest
 
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
-from eigenfail_services.campaigns.checks import MAX_DEPTH, check_spec, horizon
-from eigenfail_services.campaigns.drafts import completed
+from eigenfail_services.campaigns.drafts import fill_defaults
+from eigenfail_services.campaigns.resolution import resolve_campaign
+from eigenfail_services.campaigns.validation import MAX_DEPTH, check_spec
 
 GOOD = CampaignSpec(
     name="first", method="monte_carlo", episodes=10, planner="idm", simulator="point_mass"
@@ -22,16 +23,16 @@ def but(**changes):
 
 
 def test_a_good_spec_comes_back_as_it_was():
-    assert check_spec(GOOD) is GOOD
+    assert check_spec(GOOD).spec is GOOD
 
 
 def test_the_horizon_is_the_scenarios():
-    assert horizon(GOOD) == 100
+    assert resolve_campaign(GOOD).horizon == 100
 
 
 @pytest.mark.parametrize("method", ["monte_carlo", "ast", "difs", "cem", "replay", "subset"])
 def test_every_method_is_known_with_its_defaults(method):
-    assert check_spec(but(method=method, episodes=300)).method == method
+    assert check_spec(but(method=method, episodes=300)).method.name == method
 
 
 @pytest.mark.parametrize(
@@ -95,13 +96,13 @@ def test_nesting_has_an_end():
 
 def test_a_wrong_spec_has_no_horizon():
     with pytest.raises(InputError):
-        horizon(but(scenario_parameters={"distance_m": 1e6}))
+        resolve_campaign(but(scenario_parameters={"distance_m": 1e6}))
 
 
 def test_checking_loads_nothing_heavy():
     code = (
         "import sys; from eigenfail.values import CampaignSpec\n"
-        "from eigenfail_services.campaigns.checks import check_spec\n"
+        "from eigenfail_services.campaigns.validation import check_spec\n"
         "for method in ('monte_carlo', 'ast', 'difs', 'cem', 'replay', 'subset'):\n"
         "    check_spec(CampaignSpec(name='n', method=method, episodes=300))\n"
         "heavy = {'torch', 'ray', 'stable_baselines3', 'sklearn', 'highway_env', 'sqlalchemy'}\n"
@@ -124,7 +125,7 @@ def test_a_rule_on_an_estimate_needs_settings_under_which_there_is_one():
     with pytest.raises(InvalidValue, match=r"held for 5 steps has no density under p\(z\)"):
         check_spec(but(method="ensemble", settings=members, stop=given))
     spec = but(method="ast", settings={"hold": 1}, stop=given)
-    assert check_spec(spec) is spec
+    assert check_spec(spec).spec is spec
 
 
 @pytest.mark.parametrize(
@@ -155,10 +156,14 @@ VARIED = {"distance_m": {"uniform": [52, 70]}, "actor_speed_mps": {"choice": [12
 
 
 def test_the_horizon_of_a_distribution_is_that_of_its_longest():
-    assert check_spec(but(scenario_parameters=VARIED)).scenario_parameters == VARIED
+    assert check_spec(but(scenario_parameters=VARIED)).spec.scenario_parameters == VARIED
     slowest = {"distance_m": 52.0, "actor_speed_mps": 16.0}
-    longest = horizon(but(scenario_parameters=slowest))
-    assert horizon(but(scenario_parameters=VARIED)) == longest > horizon(GOOD)
+    longest = resolve_campaign(but(scenario_parameters=slowest)).horizon
+    assert (
+        resolve_campaign(but(scenario_parameters=VARIED)).horizon
+        == longest
+        > resolve_campaign(GOOD).horizon
+    )
 
 
 @pytest.mark.parametrize("ends", [[51, 60], [52, 71]])
@@ -180,4 +185,4 @@ def test_a_function_is_listed_to_be_launched_but_not_to_be_read(monkeypatch):
     monkeypatch.delenv("EIGENFAIL_FUNCTIONS")
     with pytest.raises(InvalidValue, match="eigenfail up --functions m"):
         check_spec(spec)
-    assert horizon(spec) == completed(spec).scenario_parameters["steps"] == 7
+    assert resolve_campaign(spec).horizon == fill_defaults(spec).scenario_parameters["steps"] == 7

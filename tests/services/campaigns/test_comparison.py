@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from store_checks.examples import deliver
 
-from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.testing.store.examples import deliver, result
+from eigenfail.testing.examples import make_errored_result, result
 from eigenfail.values import (
     CampaignSpec,
     CampaignState,
@@ -22,9 +22,14 @@ from eigenfail.values import (
     Rate,
 )
 from eigenfail_services.campaigns.comparison import compare
-from eigenfail_services.campaigns.distinctions import THINGS, distinctions, mixed, things
+from eigenfail_services.campaigns.pairing import (
+    THINGS,
+    find_differing_fields,
+    find_distinctions,
+    find_mixed_fields,
+)
 from eigenfail_services.statistics.intervals import rate
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.store import Store, open_store
 
 EPISODES = 50
 CHANGES_NO_RESULT = {"name", "seed", "scene_every", "priority"}
@@ -32,7 +37,7 @@ CHANGES_NO_RESULT = {"name", "seed", "scene_every", "priority"}
 
 @pytest.fixture
 def store() -> Store:
-    return MemoryStore()
+    return open_store("memory://")
 
 
 def spec(**changes: Any) -> CampaignSpec:
@@ -177,12 +182,12 @@ def test_campaigns_without_an_episode_are_compared_as_far_as_possible(store: Sto
 
 
 def test_more_than_one_difference_is_warned_of_and_listed(store: Store) -> None:
-    a = campaign(store, range(5), scenario_parameters={"distance_m": 58.0})
+    a = campaign(store, range(5), scenario_parameters={"distance_m": 53.0})
     b = campaign(store, range(6), planner="idm", episodes=40, seed=3)
     found = compare(store, [a], [b])
     listed = {each.thing: (each.a, each.b) for each in found.distinctions}
     assert listed == {
-        "scenario_parameters.distance_m": ("58.0", "default"),
+        "scenario_parameters.distance_m": ("53.0", "58.0"),
         "planner": ("rulebook", "idm"),
         "episodes": ("50", "40"),
     }
@@ -221,11 +226,11 @@ def test_every_field_of_a_spec_is_a_thing_or_changes_no_result() -> None:
 
 def test_settings_are_told_apart_wherever_they_are() -> None:
     wide = spec(disturbance=DisturbanceModel(scale=2.0), name="x", seed=5, scene_every=3)
-    (found,) = distinctions([spec()], [wide])
+    (found,) = find_distinctions([spec()], [wide])
     assert (found.thing, found.a, found.b) == ("disturbance.scale", "1.0", "2.0")
-    assert things([found]) == ("disturbance model",)
-    assert mixed([spec(), wide]) == ("disturbance model",)
-    assert mixed([spec(), spec(seed=1)]) == ()
+    assert find_differing_fields([found]) == ("disturbance model",)
+    assert find_mixed_fields([spec(), wide]) == ("disturbance model",)
+    assert find_mixed_fields([spec(), spec(seed=1)]) == ()
 
 
 def test_rates_are_wilsons(store: Store) -> None:
@@ -233,3 +238,53 @@ def test_rates_are_wilsons(store: Store) -> None:
     assert isinstance(found.a.failure_rate, Rate)
     assert found.a.failure_rate.interval.high == pytest.approx(1.0 - 0.05 ** (1 / 50))
     assert found.sentences[3].startswith("A failure costs at least 0.41 USD with A, 1.20 USD [")
+
+
+def test_a_default_that_is_written_out_is_no_difference(store: Store) -> None:
+    """As in the examples: one file says the distance, the other leaves it to the scenario."""
+    a = campaign(store, range(5), scenario_parameters={"distance_m": 58})
+    settings = {"exponent": 4.0, "time_headway_s": 1.0}
+    b = campaign(store, range(6), planner="idm", planner_settings=settings)
+    found = compare(store, [a], [b])
+    listed = {each.thing: (each.a, each.b) for each in found.distinctions}
+    assert listed == {
+        "planner": ("rulebook", "idm"),
+        "planner_settings.time_headway_s": ("default", "1.0"),
+    }
+    assert found.warnings == ()
+    c = campaign(store, range(6), settings={"round_size": 100}, seed=1)
+    default = compare(store, [a, c], [b]).warnings
+    assert not [warned for warned in default if "differ" in warned]
+
+
+def test_settings_of_plug_ins_that_are_not_installed_are_compared_as_they_are_given() -> None:
+    given = spec(
+        planner="gone", planner_settings={"x": 1}, scenario_parameters={"distance_m": 58.0}
+    )
+    (found,) = find_distinctions([given], [spec(planner="gone")])
+    assert (found.thing, found.a, found.b) == ("planner_settings.x", "1", "default")
+
+
+def test_errored_episodes_are_told_beside_the_rates(store: Store) -> None:
+    made = store.campaigns.create(spec(planner="idm"))
+    store.campaigns.move(made.id, CampaignState.RUNNING)
+    deliver(
+        store,
+        made,
+        *map(make_errored_result, range(10)),
+        *(episode(0, i, crashed=False) for i in (10, 11)),
+    )
+    store.campaigns.move(made.id, CampaignState.DONE)
+    (warned,) = compare(store, [campaign(store, range(5))], [made.id]).warnings
+    assert warned == "10 of 12 episodes of B errored and are not counted in its rate."
+
+
+def test_a_side_whose_every_episode_errored_has_nothing_to_compare(store: Store) -> None:
+    made = store.campaigns.create(spec(planner="idm"))
+    store.campaigns.move(made.id, CampaignState.RUNNING)
+    deliver(store, made, *map(make_errored_result, range(10)))
+    store.campaigns.move(made.id, CampaignState.DONE)
+    found = compare(store, [campaign(store, range(5))], [made.id])
+    assert "Every episode of B errored (10): there is nothing to compare." in found.warnings
+    assert "B has completed no episode" in found.sentences[0]
+    assert found.difference is None

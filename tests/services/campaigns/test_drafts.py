@@ -4,13 +4,24 @@ from typing import Any
 
 import pytest
 
-from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.values import Campaign, CampaignSpec, CampaignState
-from eigenfail_services.campaigns.clones import changed, clone, continuations, repeats
-from eigenfail_services.campaigns.comparison_groups import MOST, groups, picked, settings
-from eigenfail_services.campaigns.drafts import completed, problems_of, read_draft
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.campaigns.comparison import (
+    MOST,
+    group_by_seed,
+    list_settings,
+    pick_campaigns,
+)
+from eigenfail_services.campaigns.drafts import (
+    change_fields,
+    clone,
+    describe_repetition,
+    fill_defaults,
+    find_problems,
+    list_continuations,
+    read_draft,
+)
+from eigenfail_services.store import Store, open_store
 
 FIELDS: dict[str, Any] = {
     "name": "n",
@@ -23,7 +34,7 @@ FIELDS: dict[str, Any] = {
 
 @pytest.fixture
 def store() -> Store:
-    return MemoryStore()
+    return open_store("memory://")
 
 
 def ended(store: Store, **changes: Any) -> Campaign:
@@ -34,37 +45,37 @@ def ended(store: Store, **changes: Any) -> Campaign:
 
 
 def test_a_draft_in_order_has_no_problems(store: Store) -> None:
-    assert problems_of(FIELDS, store) == ()
-    assert read_draft(FIELDS, store) == CampaignSpec(**FIELDS)
+    assert find_problems(FIELDS, store) == ()
+    assert read_draft(FIELDS, store).spec == CampaignSpec(**FIELDS)
 
 
 def test_looking_for_problems_changes_nothing(store: Store) -> None:
     given = {**FIELDS, "settings": {"round_size": 0}, "stop": {"cv": -1}}
-    problems_of(given, store)
+    find_problems(given, store)
     assert given == {**FIELDS, "settings": {"round_size": 0}, "stop": {"cv": -1}}
 
 
 @pytest.mark.parametrize("count", [1, 150])
 def test_looking_for_problems_comes_to_an_end(store: Store, count: int) -> None:
     given = {**FIELDS, "settings": {f"bogus{place}": 1 for place in range(count)}}
-    assert len(problems_of(given, store)) == min(count, 100)
+    assert len(find_problems(given, store)) == min(count, 100)
 
 
 def test_a_problem_without_a_place_of_its_own_is_told_once(store: Store) -> None:
     deep: Any = 1
     for _ in range(30):
         deep = {"a": deep}
-    assert len(problems_of({**FIELDS, "settings": deep}, store)) >= 1
-    assert len(problems_of({**FIELDS, "settings": 3}, store)) == 1
-    assert len(problems_of({**FIELDS, "disturbance": "x"}, store)) == 1
+    assert len(find_problems({**FIELDS, "settings": deep}, store)) >= 1
+    assert len(find_problems({**FIELDS, "settings": 3}, store)) == 1
+    assert len(find_problems({**FIELDS, "disturbance": "x"}, store)) == 1
 
 
 @pytest.mark.parametrize("method", ["ast", "cem", "difs", "subset", "monte_carlo"])
 def test_what_is_completed_can_be_launched_and_is_complete(store: Store, method: str) -> None:
     spec = CampaignSpec(**{**FIELDS, "method": method, "episodes": 1000})
-    whole = completed(spec)
-    assert read_draft({**FIELDS, "method": method, "episodes": 1000}, store) == spec
-    assert completed(whole) == whole
+    whole = fill_defaults(spec)
+    assert read_draft({**FIELDS, "method": method, "episodes": 1000}, store).spec == spec
+    assert fill_defaults(whole) == whole
     assert set(whole.settings) > set()
 
 
@@ -74,17 +85,17 @@ def test_a_function_under_test_is_completed_too(monkeypatch: pytest.MonkeyPatch)
         **{**FIELDS, "simulator": "function", "scenario": "function", "planner": "m:f"},
         scenario_parameters={"steps": 5},
     )
-    assert completed(spec).scenario_parameters == {"steps": 5, "limit_s": 30.0}
+    assert fill_defaults(spec).scenario_parameters == {"steps": 5, "limit_s": 30.0}
 
 
 def test_changes_go_over_settings_but_not_over_those_of_another_plug_in() -> None:
     fields = {**FIELDS, "settings": {"a": 1, "b": 2}, "stop": {"cv": None, "failures": 3}}
-    assert changed(fields, {"settings": {"b": 3}})["settings"] == {"a": 1, "b": 3}
-    assert changed(fields, {"stop": {"cv": 0.1}})["stop"] == {"cv": 0.1, "failures": 3}
-    assert changed(fields, {"method": "cem"}).get("settings") is None
-    assert changed(fields, {"method": "cem", "settings": {"b": 3}})["settings"] == {"b": 3}
-    assert changed(fields, {"method": "monte_carlo"})["settings"] == {"a": 1, "b": 2}
-    assert changed(fields, {"settings": 3})["settings"] == 3
+    assert change_fields(fields, {"settings": {"b": 3}})["settings"] == {"a": 1, "b": 3}
+    assert change_fields(fields, {"stop": {"cv": 0.1}})["stop"] == {"cv": 0.1, "failures": 3}
+    assert change_fields(fields, {"method": "cem"}).get("settings") is None
+    assert change_fields(fields, {"method": "cem", "settings": {"b": 3}})["settings"] == {"b": 3}
+    assert change_fields(fields, {"method": "monte_carlo"})["settings"] == {"a": 1, "b": 2}
+    assert change_fields(fields, {"settings": 3})["settings"] == 3
 
 
 def test_a_clone_is_checked(store: Store) -> None:
@@ -94,20 +105,24 @@ def test_a_clone_is_checked(store: Store) -> None:
 
 def test_only_what_has_ended_and_learns_can_be_built_upon(store: Store) -> None:
     queued = store.campaigns.create(CampaignSpec(**{**FIELDS, "method": "ast"}))
-    assert not [*continuations(queued)]
-    assert not [*continuations(ended(store))]
-    assert not [*continuations(ended(store, method="gone"))]
+    assert not [*list_continuations(queued)]
+    assert not [*list_continuations(ended(store))]
+    assert not [*list_continuations(ended(store, method="gone"))]
     ast = ended(store, method="ast")
-    found = [each.changes for each in continuations(ast)]
+    found = [each.changes for each in list_continuations(ast)]
     assert {"settings.warm_start": ast.id} in found
     assert {"method": "evaluate", "settings.campaign": ast.id} in found
     difs = ended(store, method="difs")
-    assert {"settings.data_from": difs.id} in [each.changes for each in continuations(difs)]
+    assert {"settings.data_from": difs.id} in [each.changes for each in list_continuations(difs)]
 
 
 def test_words_on_repeating_are_those_of_the_method() -> None:
-    assert "its first 50 episodes are those of the earlier one" in repeats(CampaignSpec(**FIELDS))
-    assert "cem plans by its budget" in repeats(CampaignSpec(**{**FIELDS, "method": "cem"}))
+    assert "its first 50 episodes are those of the earlier one" in describe_repetition(
+        CampaignSpec(**FIELDS)
+    )
+    assert "cem plans by its budget" in describe_repetition(
+        CampaignSpec(**{**FIELDS, "method": "cem"})
+    )
 
 
 def test_campaigns_that_differ_in_their_seeds_alone_are_one_group(store: Store) -> None:
@@ -118,8 +133,8 @@ def test_campaigns_that_differ_in_their_seeds_alone_are_one_group(store: Store) 
         for planner in ("idm", "rulebook")
         for seed in range(2)
     ]
-    assert [[each.id for each in group] for group in groups(made)] == [[1, 2], [3, 4]]
-    assert [[each.id for each in group] for group in groups(made[:2])] == [[1], [2]]
+    assert [[each.id for each in group] for group in group_by_seed(made)] == [[1, 2], [3, 4]]
+    assert [[each.id for each in group] for group in group_by_seed(made[:2])] == [[1], [2]]
 
 
 def test_settings_stand_in_the_order_of_a_spec_with_defaults(store: Store) -> None:
@@ -127,7 +142,7 @@ def test_settings_stand_in_the_order_of_a_spec_with_defaults(store: Store) -> No
         store.campaigns.create(CampaignSpec(**FIELDS)),
         store.campaigns.create(CampaignSpec(**{**FIELDS, "method": "gone", "settings": {"x": 1}})),
     ]
-    found = {each.path: each for each in settings(made)}
+    found = {each.path: each for each in list_settings(made)}
     assert found["settings.round_size"].values == ("100", "–")
     assert found["settings.x"].values == ("–", "1")
     assert found["method"].differs
@@ -137,9 +152,9 @@ def test_settings_stand_in_the_order_of_a_spec_with_defaults(store: Store) -> No
 
 def test_what_is_picked_is_there_and_not_too_much(store: Store) -> None:
     made = [store.campaigns.create(CampaignSpec(**FIELDS)).id for _ in range(MOST + 1)]
-    assert [each.id for each in picked([2, 1, 2], store)] == [2, 1]
-    assert len(picked(made[:MOST], store)) == MOST
+    assert [each.id for each in pick_campaigns([2, 1, 2], store)] == [2, 1]
+    assert len(pick_campaigns(made[:MOST], store)) == MOST
     with pytest.raises(InvalidValue, match="13 campaigns are named"):
-        picked(made, store)
+        pick_campaigns(made, store)
     with pytest.raises(NotFound):
-        picked([1, 99], store)
+        pick_campaigns([1, 99], store)

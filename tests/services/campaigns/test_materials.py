@@ -22,14 +22,23 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import Delivery
 from eigenfail.wire.messages import Start, encode, read_learner_command
-from eigenfail_services.campaigns import experience as experience_module
-from eigenfail_services.campaigns.earlier import search
-from eigenfail_services.campaigns.experience import Lived, chosen, experience
-from eigenfail_services.campaigns.materials import check_references, learner_context
-from eigenfail_services.campaigns.predecessors import without_birth
+from eigenfail_services.campaigns import learner_context as context_module
+from eigenfail_services.campaigns import resolution
+from eigenfail_services.campaigns.learner_context import (
+    CompletedEpisode,
+    choose_episodes,
+    learner_context,
+    read_experience,
+)
+from eigenfail_services.campaigns.resolution import (
+    find_references,
+    leave_out_births,
+    resolve_campaign,
+)
 from eigenfail_services.campaigns.rounds import run_in_process
-from eigenfail_services.hub.learner_process import begin
-from eigenfail_services.store import MemoryStore, open_store
+from eigenfail_services.campaigns.validation import check_references
+from eigenfail_services.hub.learner_process import create_rounds
+from eigenfail_services.store import open_store
 
 WORLD = {"planner": "idm", "simulator": "point_mass"}
 CEM = {"method": "cem", "settings": {"batch": 10}}
@@ -45,7 +54,9 @@ class House:
         spec = CampaignSpec(
             **{"name": "t", "method": "monte_carlo", "episodes": 30} | WORLD | fields
         )
-        return self.store.campaigns.create(check_references(spec, self.store)).id
+        return self.store.campaigns.create(
+            check_references(resolve_campaign(spec), self.store).spec
+        ).id
 
     def context(self, campaign: int):
         return learner_context(self.store.campaigns.get(campaign), self.store)
@@ -58,7 +69,7 @@ class House:
         start = Start(spec.method, spec.settings, context, spec.seed, checkpoint)
         heard = read_learner_command(encode(start))
         assert isinstance(heard, Start)
-        return begin(heard)
+        return create_rounds(heard)
 
     def run(self, **fields) -> int:
         campaign = self.create(**fields)
@@ -85,7 +96,7 @@ def house(request, tmp_path) -> Iterator[House]:
 
 @pytest.fixture
 def memory() -> House:
-    return House(MemoryStore())
+    return House(open_store("memory://"))
 
 
 def test_train_evaluate_and_evaluate_in_another_scenario(house: House) -> None:
@@ -211,7 +222,7 @@ def test_a_warm_start_wants_a_policy(memory: House) -> None:
     ):
         spec = CampaignSpec(name="t", method=method, settings=settings, episodes=30)
         with pytest.raises(InvalidValue, match=r"one of cem and has no policy") as refused:
-            check_references(spec, memory.store)
+            check_references(resolve_campaign(spec), memory.store)
         assert refused.value.field == field
 
 
@@ -230,10 +241,15 @@ def data(numbers, **fields) -> CampaignSpec:
     return CampaignSpec(name="t", method="difs", settings=settings, episodes=9, **WORLD, **fields)
 
 
+def experience_of(spec: CampaignSpec, store):
+    found = find_references(resolve_campaign(spec), store)
+    return read_experience(found.references.data, found.horizon, store)
+
+
 def test_experience_is_all_that_was_completed(house: House, monkeypatch) -> None:
-    monkeypatch.setattr(experience_module, "PAGE", 7)
+    monkeypatch.setattr(context_module, "PAGE", 7)
     first, second = house.run(episodes=20, seed=1), house.run(episodes=15, seed=2)
-    found = experience(data([second, first, second]), house.store)
+    found = experience_of(data([second, first, second]), house.store)
     results = [*house.results(first), *house.results(second)]
     assert found.z.shape == (35, 100, 2)
     np.testing.assert_array_equal(found.steps, [result.steps for result in results])
@@ -244,7 +260,7 @@ def test_experience_is_all_that_was_completed(house: House, monkeypatch) -> None
 
 
 def test_experience_travels_to_the_learner_as_it_is(memory: House) -> None:
-    found = experience(data([memory.run(episodes=12)]), memory.store)
+    found = experience_of(data([memory.run(episodes=12)]), memory.store)
     plain = memory.context(memory.create())
     start = Start("m", {}, msgspec.structs.replace(plain, experience=found), 0, None)
     heard = read_learner_command(encode(start)).context
@@ -256,9 +272,9 @@ def test_experience_travels_to_the_learner_as_it_is(memory: House) -> None:
 def test_of_too_many_episodes_the_least_robust_and_an_even_sample_are_kept(
     memory: House, monkeypatch
 ) -> None:
-    monkeypatch.setattr(experience_module, "MOST_EPISODES", 10)
+    monkeypatch.setattr(context_module, "MOST_EPISODES", 10)
     campaign = memory.run(episodes=30)
-    found = experience(data([campaign]), memory.store)
+    found = experience_of(data([campaign]), memory.store)
     robustness = sorted(r.measures.robustness_m for r in memory.results(campaign))
     kept = np.sort(found.robustness_m)
     assert len(kept) == 10
@@ -267,18 +283,18 @@ def test_of_too_many_episodes_the_least_robust_and_an_even_sample_are_kept(
 
 
 def test_an_even_sample_is_even() -> None:
-    lived = [Lived(float(place), 1, place) for place in range(1000)]
-    kept = [one.index for one in chosen(lived, 20)]
+    lived = [CompletedEpisode(float(place), 1, place) for place in range(1000)]
+    kept = [one.index for one in choose_episodes(lived, 20)]
     assert kept[:10] == list(range(10))
     assert kept[10] == 10
     assert kept[-1] == 999
     assert np.ptp(np.diff(kept[10:])) <= 1
-    assert chosen(lived[:20], 20) == lived[:20]
+    assert choose_episodes(lived[:20], 20) == lived[:20]
 
 
 def test_long_trajectories_are_fewer(memory: House, monkeypatch) -> None:
-    monkeypatch.setattr(experience_module, "MOST_NUMBERS", 8 * 100 * 2 + 1)
-    assert len(experience(data([memory.run(episodes=12)]), memory.store).z) == 8
+    monkeypatch.setattr(context_module, "MOST_NUMBERS", 8 * 100 * 2 + 1)
+    assert len(experience_of(data([memory.run(episodes=12)]), memory.store).z) == 8
 
 
 def faulty(index: int):
@@ -295,32 +311,33 @@ def test_episodes_that_could_not_be_run_teach_nothing(memory: House) -> None:
         memory.store.episodes.commit(campaign, [Delivery(result, "w") for result in results])
         memory.store.campaigns.move(campaign, CampaignState.DONE)
         assert not memory.store.campaigns.get(campaign).counts.open
-    assert len(experience(data([mixed]), memory.store).z) == 1
+    assert len(experience_of(data([mixed]), memory.store).z) == 1
     with pytest.raises(InvalidValue, match=f"campaign {broken} has not completed a single"):
-        check_references(data([mixed, broken]), memory.store)
+        check_references(resolve_campaign(data([mixed, broken])), memory.store)
 
 
 def test_data_of_other_episodes_or_of_too_many_is_refused(memory: House, monkeypatch) -> None:
     campaign = memory.run(episodes=6)
     with pytest.raises(InvalidValue, match="have 100 steps, here they have 200") as refused:
-        check_references(data([campaign], scenario="merge_in"), memory.store)
+        check_references(resolve_campaign(data([campaign], scenario="merge_in")), memory.store)
     assert refused.value.field == "settings.data_from"
-    monkeypatch.setattr(experience_module, "MOST_READ", 5)
+    monkeypatch.setattr(resolution, "MOST_READ", 5)
     with pytest.raises(InvalidValue, match="6 episodes are more than the 5"):
-        check_references(data([campaign]), memory.store)
+        check_references(resolve_campaign(data([campaign])), memory.store)
 
 
 def test_what_matters_at_birth_alone_is_left_out_of_what_is_handed_on() -> None:
     ast = {"warm_start": 3, "tau": 0.1}
-    assert without_birth("ast", ast) == {"tau": 0.1}
+    assert leave_out_births("ast", ast) == {"tau": 0.1}
     ensemble = {"method": "ast", "members": 2, "settings": ast}
-    assert without_birth("ensemble", ensemble) == {**ensemble, "settings": {"tau": 0.1}}
+    assert leave_out_births("ensemble", ensemble) == {**ensemble, "settings": {"tau": 0.1}}
 
 
 def test_what_searches_in_an_ensemble_are_its_members() -> None:
     inner = {"method": "cem", "settings": {"batch": 4}}
-    found = search(CampaignSpec(name="t", method="ensemble", settings=inner, episodes=9))
-    assert (found.method, found.settings) == ("cem", {"batch": 4})
+    spec = CampaignSpec(name="t", method="ensemble", settings=inner, episodes=9)
+    found = resolve_campaign(spec).searching
+    assert (found.name, found.given) == ("cem", {"batch": 4})
     assert found.field == "settings.settings"
 
 

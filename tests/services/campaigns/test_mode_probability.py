@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from store_checks.examples import deliver, running
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
-from eigenfail.testing.store.examples import deliver, failed, running
+from eigenfail.testing.examples import make_errored_result
 from eigenfail.values import (
     AnalysisResult,
     Campaign,
@@ -20,20 +21,20 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
 )
-from eigenfail_services.campaigns.checkpoint import FORMAT, Checkpoint, write_checkpoint
-from eigenfail_services.campaigns.materials import learner_context
+from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.campaigns.mode_probability import (
-    by_known_proposal,
-    by_levels,
-    by_weights,
-    share,
-    with_probabilities,
+    add_probabilities,
+    estimate_by_known_proposal,
+    estimate_by_levels,
+    estimate_by_weights,
+    estimate_share,
 )
-from eigenfail_services.methods.subset.modes import by_mode
-from eigenfail_services.methods.subset.waves import Dialogue, Waves
-from eigenfail_services.statistics.intervals import rate
-from eigenfail_services.statistics.subset_estimate import SubsetSettings
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint
+from eigenfail_services.methods.subset.method import SimulationRun, WaveQueue
+from eigenfail_services.methods.subset.modes import estimate_modes
+from eigenfail_services.statistics.intervals import log_normal, rate
+from eigenfail_services.statistics.subset_simulation import SubsetSettings
+from eigenfail_services.store import Store, open_store
 
 HIGH, LOW = 3.0, 3.4
 
@@ -50,27 +51,27 @@ def robustness(x: np.ndarray) -> np.ndarray:
 
 def simulated(samples: int, seed: int) -> tuple[list[float], dict[int, int]]:
     """Robustness of all episodes of two simulations, and the mode of each failure."""
-    waves, values, sides = Waves(dialogues(samples, seed)), [], []
+    waves, values, sides = WaveQueue(simulations(samples, seed)), [], []
     while len(waves.wave):
         x = waves.wave[:, 0, 0]
         found = robustness(x).tolist()
         values += found
         sides += (x < 0.0).tolist()
-        waves.hear(found)
+        waves.add_robustness(found)
     failures = [index for index, value in enumerate(values) if value <= 0.0]
     return values, {index: int(sides[index]) for index in failures}
 
 
-def dialogues(samples: int, seed: int) -> list[Dialogue]:
+def simulations(samples: int, seed: int) -> list[SimulationRun]:
     settings = SubsetSettings(samples=samples)
-    return [Dialogue(1, settings, (seed, run)) for run in range(2)]
+    return [SimulationRun(1, settings, (seed, run)) for run in range(2)]
 
 
 def test_the_intervals_of_two_modes_hold_their_probabilities() -> None:
     held = 0
     for seed in range(10):
         values, mode_of = simulated(1000, seed)
-        told = by_mode(dialogues(1000, seed), values, mode_of, 2)
+        told = estimate_modes(simulations(1000, seed), values, mode_of, 2)
         assert told is not None
         for found, truth in zip(told, (tail(HIGH), tail(LOW)), strict=True):
             assert found.interval is not None
@@ -80,8 +81,8 @@ def test_the_intervals_of_two_modes_hold_their_probabilities() -> None:
 
 def test_the_modes_add_up_to_the_whole() -> None:
     values, mode_of = simulated(500, 1)
-    apart = by_mode(dialogues(500, 1), values, mode_of, 2)
-    together = by_mode(dialogues(500, 1), values, dict.fromkeys(mode_of, 0), 1)
+    apart = estimate_modes(simulations(500, 1), values, mode_of, 2)
+    together = estimate_modes(simulations(500, 1), values, dict.fromkeys(mode_of, 0), 1)
     assert apart is not None
     assert together is not None
     assert apart[0].probability is not None
@@ -91,7 +92,7 @@ def test_the_modes_add_up_to_the_whole() -> None:
 
 def test_few_lineages_make_no_number() -> None:
     values, mode_of = simulated(40, 0)
-    told = by_mode(dialogues(40, 0), values, mode_of, 2)
+    told = estimate_modes(simulations(40, 0), values, mode_of, 2)
     assert told is not None
     assert told[1].probability is None
     assert "independent first draws" in told[1].problem
@@ -99,18 +100,18 @@ def test_few_lineages_make_no_number() -> None:
 
 def test_before_the_simulations_have_ended_there_is_none() -> None:
     values, mode_of = simulated(500, 1)
-    assert by_mode(dialogues(500, 1), values[:-1], mode_of, 2) is None
-    assert by_mode(dialogues(500, 1), [], {}, 2) is None
+    assert estimate_modes(simulations(500, 1), values[:-1], mode_of, 2) is None
+    assert estimate_modes(simulations(500, 1), [], {}, 2) is None
 
 
 @pytest.fixture
 def store():
-    made = MemoryStore()
+    made = open_store("memory://")
     yield made
     made.close()
 
 
-def ran(store: MemoryStore, method: str, episodes: int, **settings: Any) -> tuple[Campaign, Any]:
+def ran(store: Store, method: str, episodes: int, **settings: Any) -> tuple[Campaign, Any]:
     """A campaign that failed where the mean longitudinal noise was far off; its learner."""
     made = running(store, method=method, episodes=episodes, settings=settings, seed=3)
     kind = plugins.load(plugins.METHODS, method)
@@ -142,31 +143,34 @@ def episode(index: int, z: np.ndarray) -> EpisodeResult:
     )
 
 
-def sides(store: MemoryStore, campaign: Campaign) -> dict[int, int]:
+def sides(store: Store, campaign: Campaign) -> dict[int, int]:
     failures = store.episodes.failures(campaign.id)
     each = zip(failures.indices, failures.noise, strict=True)
     return {index: int(z[:, 0].sum() < 0.0) for index, z in each}
 
 
-def test_the_weights_of_cem_are_shared_among_the_modes(store: MemoryStore) -> None:
+def test_the_weights_of_cem_are_shared_among_the_modes(store: Store) -> None:
     campaign, learner = ran(store, "cem", 1600, batch=200, min_std=1.0, mean_smoothing=0.05)
-    told = by_weights(store, campaign, sides(store, campaign), 2)
+    told = estimate_by_weights(store, campaign, sides(store, campaign), 2)
     for found in told:
         assert found is not None
-        assert found.interval is not None
-        assert found.interval.low <= tail(1.0) <= found.interval.high
+        assert found.probability is not None
+        assert found.cv is not None
+        around = log_normal(found.probability, found.cv)
+        assert around.low <= tail(1.0) <= around.high
+        assert (found.bound, found.interval) == ("lower", None)
     whole = learner.estimate().probability
     assert sum(each.probability for each in told if each) == pytest.approx(whole, rel=1e-6)
 
 
-def test_the_levels_of_a_stored_campaign_are_gone_through_again(store: MemoryStore) -> None:
+def test_the_levels_of_a_stored_campaign_are_gone_through_again(store: Store) -> None:
     campaign, learner = ran(store, "subset", 800, samples=200, runs=2)
-    told = by_levels(store, campaign, sides(store, campaign), 2)
+    told = estimate_by_levels(store, campaign, sides(store, campaign), 2)
     whole = learner.estimate().probability
     assert sum(each.probability for each in told if each) == pytest.approx(whole, rel=1e-9)
 
 
-def evaluated(store: MemoryStore) -> tuple[Campaign, Any]:
+def evaluated(store: Store) -> tuple[Campaign, Any]:
     """An evaluation of what a campaign of `cem` learnt."""
     settings = {"batch": 200, "min_std": 1.0, "mean_smoothing": 0.05}
     before, learner = ran(store, "cem", 800, **settings)
@@ -186,35 +190,38 @@ def evaluated(store: MemoryStore) -> tuple[Campaign, Any]:
     return ran(store, "evaluate", 1600, campaign=before.id)
 
 
-def test_the_weights_of_an_evaluation_are_shared_among_the_modes(store: MemoryStore) -> None:
+def test_the_weights_of_an_evaluation_are_shared_among_the_modes(store: Store) -> None:
     campaign, learner = evaluated(store)
-    told = by_known_proposal(store, campaign, sides(store, campaign), 2)
+    told = estimate_by_known_proposal(store, campaign, sides(store, campaign), 2)
     for found in told:
         assert found is not None
-        assert found.interval is not None
-        assert found.interval.low <= tail(1.0) <= found.interval.high
+        assert found.probability is not None
+        assert found.cv is not None
+        around = log_normal(found.probability, found.cv)
+        assert around.low <= tail(1.0) <= around.high
+        assert (found.bound, found.interval) == ("lower", None)
         assert found.episodes == 1600
     whole = learner.estimate().probability
     assert sum(each.probability for each in told if each) == pytest.approx(whole, rel=1e-6)
 
 
 @pytest.mark.parametrize("estimate", [None, Estimate(by="importance sampling", episodes=9)])
-def test_an_evaluation_without_weights_tells_of_no_mode(store: MemoryStore, estimate) -> None:
+def test_an_evaluation_without_weights_tells_of_no_mode(store: Store, estimate) -> None:
     campaign, _ = evaluated(store)
     store.checkpoints.save(campaign.id, b"state", estimate)
     ended = store.campaigns.move(campaign.id, CampaignState.DONE)
-    told = with_probabilities(store, [ended], result(ended, sides(store, ended), 0.6))
+    told = add_probabilities(store, [ended], result(ended, sides(store, ended), 0.6))
     assert [mode.probability is None for mode in told.modes] == [estimate is None] * 2
 
 
-def test_monte_carlo_counts_the_failures_of_each_mode(store: MemoryStore) -> None:
+def test_monte_carlo_counts_the_failures_of_each_mode(store: Store) -> None:
     campaign = running(store, episodes=40, seed=3)
     rng = np.random.default_rng(3)
     given = [episode(index, rng.standard_normal((4, 2))) for index in range(40)]
-    deliver(store, campaign, *given[:-2], failed(38), failed(39))
+    deliver(store, campaign, *given[:-2], make_errored_result(38), make_errored_result(39))
     ended = over(store, campaign)
     mode_of = sides(store, ended)
-    told = with_probabilities(store, [ended], result(ended, mode_of, 0.6)).modes
+    told = add_probabilities(store, [ended], result(ended, mode_of, 0.6)).modes
     counts = [list(mode_of.values()).count(mode) for mode in (0, 1)]
     assert min(counts) > 0
     for mode, count in zip(told, counts, strict=True):
@@ -231,7 +238,7 @@ def test_intervals_of_counted_modes_hold_their_probabilities() -> None:
         x = rng.standard_normal(500)
         counts = (int((x > 1.0).sum()), int((x < -1.5).sum()))
         for count, p in zip(counts, truth, strict=True):
-            found = share(count, 500).interval
+            found = estimate_share(count, 500).interval
             assert found is not None
             held += found.low <= p <= found.high
     assert 0.93 * 400 <= held <= 0.97 * 400
@@ -260,31 +267,31 @@ def result(campaign: Campaign, mode_of: dict[int, int], silhouette: float) -> An
     ],
 )
 def test_failures_that_landed_after_the_reading_are_not_taken_for_none(
-    store: MemoryStore, method: str, episodes: int, settings: dict[str, Any]
+    store: Store, method: str, episodes: int, settings: dict[str, Any]
 ) -> None:
     begun, _ = ran(store, method, episodes, **settings)
     read = {index: mode for index, mode in sides(store, begun).items() if index < episodes // 2}
-    for mode in with_probabilities(store, [begun], result(begun, read, 0.6)).modes:
+    for mode in add_probabilities(store, [begun], result(begun, read, 0.6)).modes:
         assert mode.probability is not None
         assert mode.probability.probability is None
         assert "had not ended when the failures were read" in mode.probability.problem
     ended = over(store, begun)
-    told = with_probabilities(store, [ended], result(ended, sides(store, ended), 0.6))
+    told = add_probabilities(store, [ended], result(ended, sides(store, ended), 0.6))
     assert all(mode.probability and mode.probability.probability for mode in told.modes)
 
 
-def over(store: MemoryStore, campaign: Campaign) -> Campaign:
+def over(store: Store, campaign: Campaign) -> Campaign:
     store.checkpoints.save(campaign.id, b"state")
     return store.campaigns.move(campaign.id, CampaignState.DONE)
 
 
-def test_only_distinct_modes_of_one_campaign_have_a_probability(store: MemoryStore) -> None:
+def test_only_distinct_modes_of_one_campaign_have_a_probability(store: Store) -> None:
     campaign = over(store, ran(store, "subset", 800, samples=200, runs=2)[0])
     found = result(campaign, sides(store, campaign), 0.6)
-    told = with_probabilities(store, [campaign], found)
+    told = add_probabilities(store, [campaign], found)
     assert all(mode.probability is not None for mode in told.modes)
     doubtful = result(campaign, sides(store, campaign), 0.2)
     other = running(store, method="difs")
     for campaigns, given in (([campaign], doubtful), ([campaign, other], found), ([other], found)):
-        same = with_probabilities(store, campaigns, given)
+        same = add_probabilities(store, campaigns, given)
         assert all(mode.probability is None for mode in same.modes)

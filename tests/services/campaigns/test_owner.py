@@ -6,10 +6,17 @@ import sys
 
 import pytest
 
-from eigenfail_services.campaigns import owner
-from eigenfail_services.campaigns.owner import is_lost, life_of, place, this_process
+from eigenfail_services.campaigns import supervisor
+from eigenfail_services.campaigns.supervisor import (
+    find_place,
+    is_lost,
+    name_this_process,
+    read_process,
+)
 
-NAMED = "from eigenfail_services.campaigns.owner import this_process; print(this_process())"
+NAMED = (
+    "from eigenfail_services.campaigns.supervisor import name_this_process as name; print(name())"
+)
 
 
 @pytest.fixture
@@ -23,7 +30,7 @@ def other():
 
 
 def test_we_are_not_lost():
-    assert not is_lost(this_process())
+    assert not is_lost(name_this_process())
 
 
 def test_a_killed_process_is_lost_before_and_after_its_parent_has_seen_it(other):
@@ -37,7 +44,7 @@ def test_a_killed_process_is_lost_before_and_after_its_parent_has_seen_it(other)
 
 
 def test_another_process_with_its_number_is_not_it():
-    name, _, started = this_process().rpartition(":")
+    name, _, started = name_this_process().rpartition(":")
     assert is_lost(f"{name}:{int(started) + 1}")
 
 
@@ -50,16 +57,16 @@ def test_where_the_kernel_tells_nothing_nobody_is_lost(monkeypatch, tmp_path, ot
     process, name = other
     process.kill()
     process.wait()
-    monkeypatch.setattr(owner, "PROCESSES", tmp_path)
-    assert life_of(os.getpid()) is None
-    assert this_process() == f"{place()}:{os.getpid()}:"
-    assert not is_lost(this_process())
+    monkeypatch.setattr(supervisor, "PROCESSES", tmp_path)
+    assert read_process(os.getpid()) is None
+    assert name_this_process() == f"{find_place()}:{os.getpid()}:"
+    assert not is_lost(name_this_process())
     assert not is_lost(name)
 
 
 def test_who_is_hidden_from_us_may_live(monkeypatch, other):
     process, name = other
-    monkeypatch.setattr(owner, "life_of", lambda pid: None)
+    monkeypatch.setattr(supervisor, "read_process", lambda pid: None)
     assert not is_lost(name)
     process.kill()
     process.wait()
@@ -71,14 +78,14 @@ def test_who_is_somebody_elses_and_hidden_lives(monkeypatch, other):
         raise PermissionError
 
     with monkeypatch.context() as hidden:
-        hidden.setattr(owner, "life_of", lambda pid: None)
+        hidden.setattr(supervisor, "read_process", lambda pid: None)
         hidden.setattr(os, "kill", refuse)
         assert not is_lost(other[1])
 
 
 def test_names_with_brackets_are_read(monkeypatch, tmp_path):
-    monkeypatch.setattr(owner, "PROCESSES", tmp_path)
+    monkeypatch.setattr(supervisor, "PROCESSES", tmp_path)
     (tmp_path / "7").mkdir()
     behind = " ".join(["S", *("0" for _ in range(18)), "4711", "0"])
     (tmp_path / "7" / "stat").write_text(f"7 (a) b (c)) {behind}")
-    assert life_of(7) == ("S", "4711")
+    assert read_process(7) == ("S", "4711")

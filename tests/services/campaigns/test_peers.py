@@ -2,11 +2,12 @@
 
 import msgspec
 import pytest
+from store_checks.examples import running
 
-from eigenfail.testing.store.examples import running, spec
+from eigenfail.testing.examples import spec
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.pool import Peers, Pool
-from eigenfail_services.campaigns.peers import peer_costs
+from eigenfail_services.campaigns.costs import compare_peers
 from eigenfail_services.store import open_store
 
 PEERS = Peers(
@@ -37,26 +38,26 @@ OTHER = {"scenario_parameters": {"distance_m": 63.0}}
 
 
 def test_a_default_that_is_written_down_makes_no_other_peer():
-    (group,) = peer_costs([pool(2, "ast", **WRITTEN), pool(1)])
+    (group,) = compare_peers([pool(2, "ast", **WRITTEN), pool(1)])
     assert [found.method for found in group.methods] == ["monte_carlo", "ast"]
     assert group.peers.scenario_parameters == {}
 
 
 def test_campaigns_of_one_method_are_summed_then():
-    (group,) = peer_costs([pool(2, failures=3, **WRITTEN), pool(1)])
+    (group,) = compare_peers([pool(2, failures=3, **WRITTEN), pool(1)])
     (found,) = group.methods
     assert (found.campaigns, found.newest, found.completed, found.failures) == (2, 2, 20, 4)
     assert found.cost.total_usd == pytest.approx(6.0)
 
 
 def test_another_value_does_and_the_newest_come_first():
-    groups = peer_costs([pool(3), pool(2, **OTHER), pool(1, **WRITTEN)])
+    groups = compare_peers([pool(3), pool(2, **OTHER), pool(1, **WRITTEN)])
     assert [group.peers.scenario_parameters for group in groups] == [{}, {"distance_m": 63.0}]
 
 
 def test_of_a_scenario_that_is_not_installed_everything_stays():
     unknown = {"scenario": "nowhere", **WRITTEN}
-    (group,) = peer_costs([pool(1, **unknown)])
+    (group,) = compare_peers([pool(1, **unknown)])
     assert group.peers.scenario_parameters == {"distance_m": 58.0}
 
 
@@ -70,14 +71,14 @@ def test_of_a_scenario_that_is_not_installed_everything_stays():
     ],
 )
 def test_a_planners_default_that_is_written_down_makes_no_other_peer(planner_settings, same):
-    groups = peer_costs([pool(2, planner_settings=planner_settings), pool(1)])
+    groups = compare_peers([pool(2, planner_settings=planner_settings), pool(1)])
     assert len(groups) == (1 if same else 2)
     assert groups[-1].peers.planner_settings == {}
 
 
 def test_a_number_is_one_however_it_is_written():
     ways = [{"planner_settings": {"time_headway_s": value}} for value in (3, 3.0)]
-    assert len(peer_costs([pool(n, **peers) for n, peers in enumerate(ways)])) == 1
+    assert len(compare_peers([pool(n, **peers) for n, peers in enumerate(ways)])) == 1
 
 
 @pytest.fixture(params=["memory://", "sqlite"])
@@ -98,10 +99,12 @@ def test_a_disturbance_default_that_is_written_down_makes_no_other_peer(store, d
     given = msgspec.convert(disturbance, DisturbanceModel)
     running(store, disturbance=given)
     store.campaigns.create(spec(method="ast"))
-    assert len(peer_costs(store.figures.pools())) == groups
+    assert len(compare_peers(store.figures.pools())) == groups
 
 
 def test_a_distribution_is_a_value_of_its_own():
     drawn = {"distance_m": {"uniform": [50.0, 60.0]}}
-    (group,) = peer_costs([pool(2, scenario_parameters=drawn), pool(1, scenario_parameters=drawn)])
+    (group,) = compare_peers(
+        [pool(2, scenario_parameters=drawn), pool(1, scenario_parameters=drawn)]
+    )
     assert group.peers.scenario_parameters == drawn

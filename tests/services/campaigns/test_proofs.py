@@ -9,6 +9,7 @@ import pytest
 
 from eigenfail import plugins
 from eigenfail.errors import Conflict, InvalidValue, LearnerFailed
+from eigenfail.process_state import ProcessState
 from eigenfail.values import (
     AnalysisSettings,
     CampaignSpec,
@@ -20,21 +21,25 @@ from eigenfail.values import (
     LearnerContext,
     NoiseTrajectory,
 )
-from eigenfail.values.disturbance.shapes import Correlated
+from eigenfail.values.disturbance import Correlated
 from eigenfail.values.records import Delivery
-from eigenfail_services.campaigns import mode_words as words_module
+from eigenfail_services.campaigns import explanations as words_module
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.materials import check_references, learner_context
-from eigenfail_services.campaigns.minimal_failures import knowledge, minimal_failure
-from eigenfail_services.campaigns.nearby import nearby
-from eigenfail_services.campaigns.proofs import proof
-from eigenfail_services.campaigns.proving import prove
+from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.minimal_failures import find_minimal_failure, read_knowledge
+from eigenfail_services.campaigns.proofs import (
+    launch_replays,
+    list_neighbours,
+    read_drawn,
+    summarise_proof,
+)
+from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.campaigns.worlds import drawn_by_medoid
-from eigenfail_services.methods.minimal.blocks import energy
-from eigenfail_services.methods.minimal.method import Minimal, known
+from eigenfail_services.campaigns.validation import check_references
+from eigenfail_services.methods.minimal.method import Minimal, read_state
+from eigenfail_services.methods.minimal.search import compute_energy
 from eigenfail_services.statistics.expected_likelihood import expected_log_probability
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.store import open_store
 
 WORLD = {"planner": "idm", "simulator": "point_mass"}
 
@@ -43,11 +48,11 @@ class House:
     """A store, and campaigns that are run in this process as the service runs them."""
 
     def __init__(self) -> None:
-        self.store = MemoryStore()
+        self.store = open_store("memory://")
 
     def create(self, **fields) -> int:
         given = {"name": "t", "method": "monte_carlo", "episodes": 30} | WORLD | fields
-        spec = check_references(CampaignSpec(**given), self.store)
+        spec = check_references(resolve_campaign(CampaignSpec(**given)), self.store).spec
         return self.store.campaigns.create(spec).id
 
     def finish(self, number: int, episodes: int | None = None) -> int:
@@ -85,7 +90,7 @@ def house() -> Iterator[House]:
     house.campaign = house.run(episodes=40, seed=3)
     house.analysis = house.analysed(house.campaign)
     analysis = house.store.analyses.get(house.analysis)
-    for scenario in prove(house.store, analysis, None).scenarios:
+    for scenario in launch_replays(house.store, analysis, None).scenarios:
         house.finish(scenario.campaign)
     yield house
     house.store.close()
@@ -93,7 +98,7 @@ def house() -> Iterator[House]:
 
 def test_every_medoid_fails_again_where_it_was_found_and_everything_is_told(house) -> None:
     analysis = house.store.analyses.get(house.analysis)
-    told = proof(house.store, analysis)
+    told = summarise_proof(house.store, analysis)
     assert told.done
     assert [each.scenario_parameters for each in told.scenarios] == [
         {},
@@ -125,7 +130,7 @@ QUEUED_BEFORE = (
 
 def test_a_proof_that_an_earlier_release_queued_is_not_queued_again(house) -> None:
     assert house.analysis == 1
-    (same, *_) = proof(house.store, house.store.analyses.get(1)).scenarios
+    (same, *_) = summarise_proof(house.store, house.store.analyses.get(1)).scenarios
     replay = house.store.campaigns.get(same.campaign)
     key = f"replay 0 of analysis 1: {sha256(QUEUED_BEFORE.encode()).hexdigest()}"
     assert house.store.campaigns.create(replay.spec, key).id == replay.id
@@ -158,7 +163,7 @@ def explained_by_rule(monkeypatch) -> None:
 def test_the_account_of_the_planner_stands_there_where_it_gives_one(house, monkeypatch) -> None:
     explained_by_rule(monkeypatch)
     analysis = house.store.analyses.get(house.analysis)
-    told_words = words_module.mode_words(house.store, analysis, analysis.result, 0.1)
+    told_words = words_module.describe_modes(house.store, analysis, analysis.result, 0.1)
     assert all("what decided: keep gap in " in words for words in told_words)
 
 
@@ -168,7 +173,7 @@ def test_without_workers_there_are_words_without_the_planner(house, monkeypatch)
 
     monkeypatch.setattr(words_module.plugins, "load", load)
     analysis = house.store.analyses.get(house.analysis)
-    for words in words_module.mode_words(house.store, analysis, analysis.result, 0.1):
+    for words in words_module.describe_modes(house.store, analysis, analysis.result, 0.1):
         assert words.endswith(f"{house.campaign}/{words.rsplit('/', 1)[1]}")
         assert "what decided" not in words
 
@@ -183,9 +188,26 @@ def test_a_planner_that_never_answers_is_asked_once_and_not_waited_for(house, mo
     monkeypatch.setattr(words_module, "PATIENCE_S", 0.2)
     monkeypatch.setattr(words_module.plugins, "load", lambda *_: ask)
     analysis = house.store.analyses.get(house.analysis)
-    words = words_module.mode_words(house.store, analysis, analysis.result, 0.1)
+    words = words_module.describe_modes(house.store, analysis, analysis.result, 0.1)
     forever.set()
     assert (len(words), asked) == (2, [analysis.result.modes[0].medoid])
+
+
+@pytest.mark.fault(
+    "planner that changes the process of an analysis",
+    group="plug-ins",
+    outcome="What the account of a planner changed is restored before the analysis goes on.",
+)
+def test_what_a_planner_changes_while_it_is_asked_is_restored(house, monkeypatch) -> None:
+    def ask(_setup, _task):
+        np.clip = None
+        raise InvalidValue("episode", "nothing to tell")
+
+    monkeypatch.setattr(words_module.plugins, "load", lambda *_: ask)
+    before = ProcessState()
+    analysis = house.store.analyses.get(house.analysis)
+    assert len(words_module.describe_modes(house.store, analysis, analysis.result, 0.1)) == 2
+    assert before.changes() == []
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
@@ -196,7 +218,7 @@ def test_an_account_that_cannot_be_told_fails_no_analysis(house, monkeypatch) ->
     explained_by_rule(monkeypatch)
     monkeypatch.setattr(words_module, "describe_account", broken)
     analysis = house.store.analyses.get(house.analysis)
-    for words in words_module.mode_words(house.store, analysis, analysis.result, 0.1):
+    for words in words_module.describe_modes(house.store, analysis, analysis.result, 0.1):
         assert "Its medoid is episode" in words
 
 
@@ -204,12 +226,12 @@ def test_a_failure_is_shrunk_to_what_it_needs(house) -> None:
     failure = house.failures(house.campaign)[0]
     settings = {"campaign": house.campaign, "episode": failure.index}
     number = house.run(method="minimal", settings=settings, episodes=3_000)
-    told = minimal_failure(house.store, house.store.campaigns.get(number))
+    told = find_minimal_failure(house.store, house.store.campaigns.get(number))
     assert told.done
     assert told.needed < told.injected == np.count_nonzero(failure.noise.z)
     assert told.energy < told.full_energy
     assert told.full_log_probability == failure.noise.log_probability
-    _, z = knowledge(house.store, house.store.campaigns.get(number))
+    _, z = read_knowledge(house.store, house.store.campaigns.get(number))
     found = house.store.episodes.get(number, told.index).noise.z
     np.testing.assert_array_equal(found, z[: len(found)])
     assert not z[len(found) :].any()
@@ -219,11 +241,13 @@ def test_a_failure_is_shrunk_to_what_it_needs(house) -> None:
 
 def test_an_eigenfailure_is_shrunk_too_and_a_short_budget_is_told(house) -> None:
     modes = house.store.analyses.get(house.analysis).result.modes
-    known = proof(house.store, house.store.analyses.get(house.analysis)).scenarios[0].replays
+    known = (
+        summarise_proof(house.store, house.store.analyses.get(house.analysis)).scenarios[0].replays
+    )
     mode = next(each.mode for each in known[: len(modes)] if each.reproduced)
     settings = {"analysis": house.analysis, "mode": mode + 1}
     number = house.run(method="minimal", settings=settings, episodes=5)
-    told = minimal_failure(house.store, house.store.campaigns.get(number))
+    told = find_minimal_failure(house.store, house.store.campaigns.get(number))
     assert not told.done
     assert told.because.startswith("It was cut short at blocks of ")
 
@@ -237,14 +261,16 @@ def varied() -> Iterator[House]:
     house = House()
     house.campaign = house.run(episodes=40, seed=3, scenario_parameters=VARIED)
     house.analysis = house.store.analyses.get(house.analysed(house.campaign, clusters=6))
-    for scenario in prove(house.store, house.analysis, [{}, {"lane_change_s": 3.1}]).scenarios:
+    for scenario in launch_replays(
+        house.store, house.analysis, [{}, {"lane_change_s": 3.1}]
+    ).scenarios:
         house.finish(scenario.campaign)
     yield house
     house.store.close()
 
 
 def test_where_the_scenario_varies_each_mode_is_replayed_in_what_its_medoid_drew(varied) -> None:
-    told = proof(varied.store, varied.analysis)
+    told = summarise_proof(varied.store, varied.analysis)
     assert told.done
     same = [each for each in told.scenarios if each.is_same]
     assert len(same) == len(told.scenarios) / 2 > 1
@@ -261,16 +287,16 @@ def test_where_the_scenario_varies_each_mode_is_replayed_in_what_its_medoid_drew
     mode = again[0].mode
     assert told.modes[mode].medoid.rate.n == told.modes[mode].eigenfailure.rate.n == 2
     before = len(varied.store.campaigns.page(100).items)
-    assert prove(varied.store, varied.analysis, None) == told
+    assert launch_replays(varied.store, varied.analysis, None) == told
     assert len(varied.store.campaigns.page(100).items) == before
 
 
 def test_each_draw_is_told_by_name(varied) -> None:
-    told = proof(varied.store, varied.analysis)
+    told = summarise_proof(varied.store, varied.analysis)
     for scenario in told.scenarios:
         for replay in scenario.replays:
             mode = varied.analysis.result.modes[replay.mode]
-            assert scenario.drawn == drawn_by_medoid(varied.store, varied.analysis, mode)
+            assert scenario.drawn == read_drawn(varied.store, varied.analysis, mode)
         (distance_m,) = scenario.drawn.values()
         told_as = "the same" if scenario.is_same else "lane_change_s = 3.1"
         assert scenario.words == f"{told_as} (drawn: distance_m = {distance_m:g})"
@@ -278,7 +304,7 @@ def test_each_draw_is_told_by_name(varied) -> None:
 
 
 def test_what_is_put_over_a_draw_is_not_told_as_drawn(varied) -> None:
-    for scenario in prove(varied.store, varied.analysis, [{"distance_m": 60.5}]).scenarios:
+    for scenario in launch_replays(varied.store, varied.analysis, [{"distance_m": 60.5}]).scenarios:
         if scenario.scenario_parameters == {"distance_m": 60.5}:
             assert (scenario.drawn, scenario.words) == ({}, "distance_m = 60.5")
             break
@@ -287,15 +313,15 @@ def test_what_is_put_over_a_draw_is_not_told_as_drawn(varied) -> None:
 
 
 def test_where_nothing_is_drawn_nothing_is_told_of_it(house) -> None:
-    told = proof(house.store, house.store.analyses.get(house.analysis))
+    told = summarise_proof(house.store, house.store.analyses.get(house.analysis))
     words = [scenario.words for scenario in told.scenarios]
     assert words == ["the same", "distance_m = 53.0", "distance_m = 63.0"]
 
 
 def test_a_proof_is_not_worked_out_again_until_more_of_it_is_in(house, monkeypatch) -> None:
     analysis = house.store.analyses.get(house.analysis)
-    late = prove(house.store, analysis, [{"distance_m": 57.25}]).scenarios[-1]
-    before = proof(house.store, analysis)
+    late = launch_replays(house.store, analysis, [{"distance_m": 57.25}]).scenarios[-1]
+    before = summarise_proof(house.store, analysis)
     assert (before.done, before.scenarios[-1].eigenfailures.rate) == (False, None)
     read, finished = [], house.store.episodes.finished
 
@@ -304,11 +330,11 @@ def test_a_proof_is_not_worked_out_again_until_more_of_it_is_in(house, monkeypat
         return finished(campaign, indices)
 
     monkeypatch.setattr(house.store.episodes, "finished", note)
-    assert proof(house.store, analysis) == before
+    assert summarise_proof(house.store, analysis) == before
     assert read == []
     house.finish(late.campaign)
     read.clear()
-    after = proof(house.store, analysis)
+    after = summarise_proof(house.store, analysis)
     assert read == [late.campaign]
     assert (after.done, after.scenarios[-1].eigenfailures.rate.n) == (True, 2)
 
@@ -318,7 +344,7 @@ def test_a_variation_that_draws_is_refused(house, varied, given) -> None:
     for analysis in (house.store.analyses.get(house.analysis), varied.analysis):
         store = varied.store if analysis is varied.analysis else house.store
         with pytest.raises(InvalidValue, match=r"is a distribution.*Give it a value") as refused:
-            prove(store, analysis, [{}, {"distance_m": given}])
+            launch_replays(store, analysis, [{}, {"distance_m": given}])
         assert refused.value.field == "variations[1].distance_m"
 
 
@@ -334,7 +360,7 @@ def test_an_analysis_of_several_worlds_is_not_proven(fields, told) -> None:
     one, other = house.run(seed=3), house.run(seed=4, **fields)
     analysis = house.store.analyses.get(house.analysed(one, campaigns=(other,)))
     with pytest.raises(Conflict, match=f"differ in {told}.*Analyse each campaign by itself"):
-        prove(house.store, analysis, None)
+        launch_replays(house.store, analysis, None)
     house.store.close()
 
 
@@ -342,9 +368,9 @@ def test_campaigns_of_one_world_are_proven_together_whatever_they_spell_out() ->
     house = House()
     other = house.run(seed=4, scenario_parameters={"distance_m": 58.0})
     analysis = house.analysed(house.run(seed=3), campaigns=(other,))
-    (same,) = prove(house.store, house.store.analyses.get(analysis), [{}]).scenarios
+    (same,) = launch_replays(house.store, house.store.analyses.get(analysis), [{}]).scenarios
     house.finish(same.campaign)
-    told = proof(house.store, house.store.analyses.get(analysis))
+    told = summarise_proof(house.store, house.store.analyses.get(analysis))
     assert (told.medoids.rate.k, told.medoids.rate.n) == (2, 2)
     house.store.close()
 
@@ -412,7 +438,7 @@ def test_what_did_not_crash_is_no_failure_to_shrink(house) -> None:
     every = house.store.episodes.finished(house.campaign, range(1000))
     safe = next(result for result in every if not result.is_failure)
     settings = {"campaign": house.campaign, "episode": safe.index}
-    with pytest.raises(InvalidValue, match=r"ended safe, not in a collision.*--outcome collision"):
+    with pytest.raises(InvalidValue, match=r"is safe, not a collision.*--outcome collision"):
         house.create(method="minimal", settings=settings)
 
 
@@ -425,12 +451,12 @@ def test_a_failure_of_another_world_is_refused_and_there_is_no_minimal_one(house
     with pytest.raises(LearnerFailed, match="does not reproduce at full strength"):
         house.finish(number)
     with pytest.raises(Conflict, match="no replay of it has failed"):
-        minimal_failure(house.store, house.store.campaigns.get(number))
+        find_minimal_failure(house.store, house.store.campaigns.get(number))
 
 
 def test_other_methods_shrink_nothing(house) -> None:
     with pytest.raises(Conflict, match=r"one of monte_carlo, which shrinks no failure"):
-        minimal_failure(house.store, house.store.campaigns.get(house.campaign))
+        find_minimal_failure(house.store, house.store.campaigns.get(house.campaign))
 
 
 def spec(**fields) -> CampaignSpec:
@@ -460,11 +486,11 @@ def spec(**fields) -> CampaignSpec:
     ],
 )
 def test_neighbours_of_a_scenario_lie_within_its_bounds(fields, wanted) -> None:
-    assert nearby(spec(**fields)) == wanted
+    assert list_neighbours(spec(**fields)) == wanted
 
 
 def test_a_scenario_that_names_no_neighbours_has_some_all_the_same() -> None:
-    same, below, above = nearby(spec(scenario="merge_in"))
+    same, below, above = list_neighbours(spec(scenario="merge_in"))
     assert same == {}
     assert below.keys() == above.keys()
     ((low,), (high,)) = below.values(), above.values()
@@ -494,10 +520,10 @@ def test_a_crash_of_the_rulebook_comes_down_to_some_of_its_longitudinal_noise() 
     engine = plugins.load(plugins.ENGINES, "default")(setup)
     results = list(run_in_process(Rounds(learner, 0, 40), engine))
     engine.close()
-    facts, _ = known(learner.state())
+    facts, _ = read_state(learner.state())
     found = results[facts.best]
     assert results[0].is_failure
     assert found.is_failure
     assert not found.noise.z[:, 1].any()
-    assert energy(found.noise.z) < 0.5 * energy(results[0].noise.z)
+    assert compute_energy(found.noise.z) < 0.5 * compute_energy(results[0].noise.z)
     assert found.noise.log_probability > results[0].noise.log_probability

@@ -2,14 +2,15 @@
 
 import pytest
 from msgspec.structs import replace
+from store_checks.examples import deliver, running
 
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.testing.store.examples import collision, deliver, result, running
+from eigenfail.testing.examples import collision, result
 from eigenfail.values import episode_seed
 from eigenfail.values.variation import read_variation
-from eigenfail_services.campaigns.region import columns, region_of
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.campaigns.region import find_region, make_columns
+from eigenfail_services.store import open_store
 
 VARIED = {"distance_m": {"uniform": [52.0, 70.0]}, "ego_speed_mps": {"choice": [22.0, 25.0]}}
 EPISODES = 300
@@ -17,7 +18,7 @@ EPISODES = 300
 
 @pytest.fixture
 def store():
-    return MemoryStore()
+    return open_store("memory://")
 
 
 def run(store, fails, **changes) -> int:
@@ -35,7 +36,7 @@ def run(store, fails, **changes) -> int:
 
 def test_parameters_are_those_that_each_episode_drew(store) -> None:
     campaign = run(store, lambda p, _: p.distance_m < 58.0, scenario_parameters=VARIED)
-    found = region_of(store, [campaign])
+    found = find_region(store, [campaign])
     assert found.parameters == ("distance_m", "ego_speed_mps")
     assert (found.scenario, found.episodes) == ("cut_in", EPISODES)
     (box,) = found.boxes
@@ -54,7 +55,7 @@ def test_a_grid_is_taken_together(store) -> None:
         )
         for metres in (52.0, 58.0, 64.0, 70.0)
     ]
-    found = region_of(store, ids)
+    found = find_region(store, ids)
     assert found.campaigns == tuple(ids)
     assert found.parameters == ("distance_m",)
     assert [box.words for box in found.boxes] == ["distance at most 58 m"]
@@ -67,13 +68,13 @@ def test_defaults_and_given_values_make_one_column(store) -> None:
         default,
         run(store, lambda p, _: True, episodes=30, scenario_parameters={"distance_m": 70.0}),
     ]
-    (box,) = region_of(store, ids).boxes
+    (box,) = find_region(store, ids).boxes
     assert box.words == "distance at least 70 m"
 
 
 def test_more_episodes_than_can_be_looked_at_are_sampled(store) -> None:
     campaign = run(store, lambda p, _: p.distance_m < 58.0, scenario_parameters=VARIED)
-    found = region_of(store, [campaign], most=150)
+    found = find_region(store, [campaign], most=150)
     assert found.episodes == 150
     assert "150 of 300 episodes were looked at" in found.warnings[0]
 
@@ -87,19 +88,19 @@ def test_what_else_differs_is_said(store) -> None:
         method="ast",
         scenario_parameters={"distance_m": 60.0},
     )
-    words = " ".join(region_of(store, [one, other]).warnings)
+    words = " ".join(find_region(store, [one, other]).warnings)
     assert "differ in method, planner" in words
     assert "the luck of what each learnt" in words
 
 
 def test_fixed_parameters_have_no_region(store) -> None:
     campaign = run(store, lambda p, index: index % 2 == 0, episodes=60)
-    assert "No scenario parameter" in region_of(store, [campaign]).problem
+    assert "No scenario parameter" in find_region(store, [campaign]).problem
 
 
 def test_before_the_first_episode_there_is_none(store) -> None:
     campaign = running(store, scenario_parameters=VARIED).id
-    found = region_of(store, [campaign])
+    found = find_region(store, [campaign])
     assert (found.episodes, found.failure_rate) == (0, None)
     assert found.problem
 
@@ -112,7 +113,7 @@ def test_a_function_has_the_parameters_of_its_campaign(store) -> None:
         make = collision if crash else result
         deliver(store, campaign, *(replace(make(index), scene=None) for index in range(50)))
         ids.append(campaign.id)
-    (box,) = region_of(store, ids).boxes
+    (box,) = find_region(store, ids).boxes
     assert box.words == "steps at most 3"
 
 
@@ -121,17 +122,17 @@ def test_what_cannot_be_asked_is_refused(store) -> None:
     other = running(store, scenario="lead_brake").id
     for ids, complaint in (([], "one or several"), ([one, one], "one or several")):
         with pytest.raises(InvalidValue, match=complaint):
-            region_of(store, ids)
+            find_region(store, ids)
     with pytest.raises(InvalidValue, match="different scenarios: cut_in, lead_brake"):
-        region_of(store, [one, other])
+        find_region(store, [one, other])
     with pytest.raises(NotFound):
-        region_of(store, [99])
+        find_region(store, [99])
 
 
 def test_what_is_no_number_is_left_out() -> None:
     rows = [{"side": "left", "cars": 1, "wet": True}, {"side": "right", "cars": 2, "wet": False}]
-    names, values, left_out = columns(rows)
+    names, values, left_out = make_columns(rows)
     assert names == ("cars", "wet")
     assert values.tolist() == [[1.0, 1.0], [2.0, 0.0]]
     assert left_out == ["side is left out: its values are not numbers."]
-    assert columns([])[1].shape == (0, 0)
+    assert make_columns([])[1].shape == (0, 0)

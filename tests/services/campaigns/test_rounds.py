@@ -80,7 +80,7 @@ def test_rounds_are_observed_whole_in_order_and_once(sizes, lookahead, budget, r
     assert all(
         len(observed) <= size for observed, size in zip(learner.observed, sizes, strict=False)
     )
-    assert rounds.done
+    assert rounds.because
 
 
 @settings(deadline=None, max_examples=40)
@@ -145,6 +145,11 @@ def test_nothing_can_be_completed_when_nothing_is_open():
         Rounds(Scripted([]), campaign_seed=0, budget=4).complete([])
 
 
+@pytest.mark.fault(
+    "method that proposes too many episodes",
+    group="plug-ins",
+    outcome="The campaign ends as dead, with the reason.",
+)
 def test_a_learner_that_proposes_too_much_is_stopped():
     class Greedy(Scripted):
         def propose(self, n):
@@ -173,4 +178,4 @@ def test_running_in_process_yields_every_result_in_index_order():
     rounds = Rounds(Scripted([2, 1, 3], lookahead=2), campaign_seed=0, budget=5)
     results = list(run_in_process(rounds, ToyEngine(Corridor(steps=5))))
     assert [result.index for result in results] == [0, 1, 2, 3, 4]
-    assert rounds.done
+    assert rounds.because

@@ -2,23 +2,24 @@
 
 import numpy as np
 import pytest
+from store_checks.examples import deliver, running
 
-from eigenfail.testing.store.examples import collision, deliver, failed, result, running
+from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values import (
     AnalysisResult,
     AnalysisSettings,
     FailureMode,
     Overhead,
 )
-from eigenfail_services.campaigns.spending import spending_of
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.campaigns.costs import find_spending
+from eigenfail_services.store import open_store
 
 CRASHES = (1, 4, 6, 8)
 
 
 @pytest.fixture
 def store():
-    return MemoryStore()
+    return open_store("memory://")
 
 
 @pytest.fixture
@@ -28,7 +29,7 @@ def ran(store) -> int:
     for index in range(9):
         make = collision if index in CRASHES else result
         deliver(store, campaign, make(index, wall_s=1.0))
-    deliver(store, campaign, failed(9, wall_s=1.0))
+    deliver(store, campaign, make_errored_result(9, wall_s=1.0))
     store.campaigns.add_active(campaign.id, 3600.0, Overhead(600.0, 0.0, 0.0))
     return campaign.id
 
@@ -53,7 +54,7 @@ def analyse(store, campaign, labels, *, distinct=True, campaigns=()) -> int:
 
 
 def found(store, campaign):
-    return spending_of(store, store.campaigns.get(campaign))
+    return find_spending(store, store.campaigns.get(campaign))
 
 
 def test_without_an_analysis_modes_are_not_known(store, ran) -> None:

@@ -6,8 +6,9 @@ import pytest
 from eigenfail import plugins
 from eigenfail.settings import read_settings
 from eigenfail.values import CampaignSpec, LearnerContext, RoundSizes, StopRules
+from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.campaigns.rounds import Rounds
-from eigenfail_services.campaigns.stop_notes import Pace, pace_of, stop_notes
+from eigenfail_services.campaigns.validation import RoundPace, describe_stop_rules, find_pace
 
 TEN = StopRules(failures=10)
 
@@ -18,7 +19,7 @@ def spec(searching="monte_carlo", /, episodes=1000, stop=TEN, **settings):
 
 
 def note(*given, **more):
-    return " ".join(stop_notes(spec(*given, **more)))
+    return " ".join(describe_stop_rules(resolve_campaign(spec(*given, **more))))
 
 
 def test_a_rule_says_how_many_episodes_may_follow_it():
@@ -57,29 +58,29 @@ def test_rules_on_time_are_not_of_rounds(stop, told):
 @pytest.mark.parametrize(
     ("given", "wanted"),
     [
-        (spec(round_size=7), Pace(7, 7, 1, "settings.round_size")),
-        (spec("ast"), Pace(10, 10, 1, "settings.round_size")),
-        (spec("difs"), Pace(80, 40, 0, "settings.round_size")),
-        (spec("difs", final_share=0.3), Pace(80, 300, 0, "settings.round_size")),
+        (spec(round_size=7), RoundPace(7, 7, 1, "settings.round_size")),
+        (spec("ast"), RoundPace(10, 10, 1, "settings.round_size")),
+        (spec("difs"), RoundPace(80, 40, 0, "settings.round_size")),
+        (spec("difs", final_share=0.3), RoundPace(80, 300, 0, "settings.round_size")),
         (
             spec("ensemble", method="cem", members=2, settings={"batch": 5}),
-            Pace(5, 5, 0, "settings.settings.batch"),
+            RoundPace(5, 5, 0, "settings.settings.batch"),
         ),
         (
             spec("ensemble", method="difs", members=2),
-            Pace(80, 20, 0, "settings.settings.round_size"),
+            RoundPace(80, 20, 0, "settings.settings.round_size"),
         ),
     ],
     ids=lambda given: getattr(given, "method", ""),
 )
 def test_rounds_are_as_large_as_settings_say(given, wanted):
-    assert pace_of(given) == wanted
+    assert find_pace(resolve_campaign(given)) == wanted
 
 
 @pytest.mark.parametrize("method", ["monte_carlo", "cem", "ast"])
 def test_the_learner_keeps_that_pace(method):
     given = spec(method)
-    pace, kind = pace_of(given), plugins.load(plugins.METHODS, method)
+    pace, kind = find_pace(resolve_campaign(given)), plugins.load(plugins.METHODS, method)
     nothing = np.zeros((0, 5, 2), np.float32)
     context = LearnerContext(horizon=5, episodes=1000, seed=0, trajectories=nothing)
     learner = kind(context, read_settings(kind.Settings, given.settings, ""))
@@ -87,12 +88,22 @@ def test_the_learner_keeps_that_pace(method):
     assert [len(each.tasks) for each in opened] == [pace.first, pace.later][: 1 + pace.ahead]
 
 
+def add_method(monkeypatch, strange):
+    """Have every name of a method stand for a class."""
+    load = plugins.load
+    monkeypatch.setattr(
+        plugins,
+        "load",
+        lambda group, name: strange if group == plugins.METHODS else load(group, name),
+    )
+
+
 def test_of_a_method_that_does_not_say_the_words_are_general(monkeypatch):
     class Strange:
         class Settings(StopRules):
             pass
 
-    monkeypatch.setattr(plugins, "load", lambda *_: Strange)
+    add_method(monkeypatch, Strange)
     assert "as large as the method makes them" in note("strange")
 
 
@@ -107,5 +118,5 @@ def test_a_strangers_method_may_say_how_large_its_rounds_are(monkeypatch):
         def round_sizes(_settings, episodes, /):
             return RoundSizes(episodes // 10, 30, "swarm")
 
-    monkeypatch.setattr(plugins, "load", lambda *_: Strange)
-    assert pace_of(spec("strange")) == Pace(100, 30, 0, "settings.swarm")
+    add_method(monkeypatch, Strange)
+    assert find_pace(resolve_campaign(spec("strange"))) == RoundPace(100, 30, 0, "settings.swarm")

@@ -17,8 +17,7 @@ from eigenfail.values import (
     StopRules,
     unrunnable,
 )
-from eigenfail_services.campaigns.rounds import Rounds
-from eigenfail_services.campaigns.stopping import Tally, by_results, by_time
+from eigenfail_services.campaigns.rounds import Rounds, Tally, judge_results, judge_time
 from eigenfail_services.statistics.intervals import wilson
 
 
@@ -59,7 +58,7 @@ def run(rounds, collides):
     while opened := rounds.open():
         indices += [task.index for task in opened[0].tasks]
         rounds.complete([result(task, collides) for task in opened[0].tasks])
-    assert rounds.done
+    assert rounds.because
     return indices
 
 
@@ -128,7 +127,7 @@ def test_an_estimate_that_is_sure_enough_stops():
 
 @pytest.mark.parametrize("estimate", [None, Estimate(by="t", episodes=9, problem="too few")])
 def test_without_an_estimate_nobody_is_sure(estimate):
-    assert by_results(StopRules(cv=0.5), Tally(9, 3), estimate) == ""
+    assert judge_results(StopRules(cv=0.5), Tally(9, 3), estimate) == ""
 
 
 def test_episodes_that_could_not_be_run_count_for_nothing():
@@ -136,7 +135,7 @@ def test_episodes_that_could_not_be_run_count_for_nothing():
     failed = [unrunnable(task, EpisodeFault("simulator", "test")) for task in tasks]
     tally = Tally().after(failed)
     assert tally == Tally(0, 0)
-    assert by_results(StopRules(half_width=0.4, failures=1), tally, None) == ""
+    assert judge_results(StopRules(half_width=0.4, failures=1), tally, None) == ""
 
 
 RULES = st.one_of(
@@ -177,7 +176,7 @@ def test_a_checkpoint_from_before_there_were_rules_is_read():
 
 def test_time_and_cost_are_judged_in_words_too():
     rules = StopRules(wall_s=60.0, cost_usd=0.5)
-    assert by_time(rules, 59.9, 0.49) == ""
-    assert by_time(rules, 61.23, 0.1) == "It ran for 61.23 s (rule: wall_s = 60.0)."
-    assert by_time(rules, 1.0, 0.5) == "It cost 0.5 USD (rule: cost_usd = 0.5)."
-    assert by_time(StopRules(), 1e9, 1e9) == ""
+    assert judge_time(rules, 59.9, 0.49) == ""
+    assert judge_time(rules, 61.23, 0.1) == "It ran for 61.23 s (rule: wall_s = 60.0)."
+    assert judge_time(rules, 1.0, 0.5) == "It cost 0.5 USD (rule: cost_usd = 0.5)."
+    assert judge_time(StopRules(), 1e9, 1e9) == ""

@@ -1,16 +1,17 @@
 """A suite as one table."""
 
 import pytest
+from store_checks.examples import deliver, running
 
 from eigenfail.errors import NotFound
-from eigenfail.testing.store.examples import collision, deliver, result, running, spec
-from eigenfail_services.campaigns.suites import suite_table
-from eigenfail_services.store import MemoryStore
+from eigenfail.testing.examples import collision, result, spec
+from eigenfail_services.campaigns.suites import make_suite_table
+from eigenfail_services.store import open_store
 
 
 @pytest.fixture
 def store():
-    store = MemoryStore()
+    store = open_store("memory://")
     yield store
     store.close()
 
@@ -27,8 +28,8 @@ def test_columns_are_what_differs_and_nothing_else(store):
         "drawn": {"scenario_parameters": drawn, "seed": 4},
     }.items():
         store.campaigns.create(spec(name=f"s: {name}", **changes))
-    table = suite_table(store, "s")
-    assert table.columns == ("seed", "alpha", "same", "lanes", "gap_m")
+    table = make_suite_table(store, "s")
+    assert table.columns == ("seed", "alpha", "same", "gap_m", "lanes")
     assert settings(table) == {
         "base": {"seed": 0},
         "alpha": {"seed": 0, "alpha": 5, "same": 1},
@@ -40,13 +41,13 @@ def test_settings_of_one_last_word_have_their_whole_path(store):
     for number in (1, 2):
         both = {"settings": {"rate": number}, "planner_settings": {"rate": -number}}
         store.campaigns.create(spec(name=f"s: {number}", **both))
-    assert suite_table(store, "s").columns == ("settings.rate", "planner_settings.rate")
+    assert make_suite_table(store, "s").columns == ("settings.rate", "planner_settings.rate")
 
 
 def test_of_a_name_the_newest_campaign_counts_and_earlier_ones_are_told(store):
     for name, seed in (("a", 1), ("b", 1), ("a", 2)):
         store.campaigns.create(spec(name=f"s: {name}", seed=seed))
-    table = suite_table(store, "s")
+    table = make_suite_table(store, "s")
     assert [(row.member, row.campaign) for row in table.members] == [("a", 3), ("b", 2)]
     assert (table.columns, table.earlier) == (("seed",), 1)
 
@@ -54,7 +55,7 @@ def test_of_a_name_the_newest_campaign_counts_and_earlier_ones_are_told(store):
 def test_a_row_sums_up_what_came_of_its_campaign(store):
     campaign = running(store, name="s: one")
     deliver(store, campaign, collision(0), result(1))
-    (row,) = suite_table(store, "s").members
+    (row,) = make_suite_table(store, "s").members
     assert (row.state, row.summary.failure_rate.k, row.summary.failure_rate.n) == ("running", 1, 2)
     assert row.settings == {}
 
@@ -63,12 +64,12 @@ def test_long_suites_are_read_whole_and_cut_at_the_oldest(store, monkeypatch):
     monkeypatch.setattr("eigenfail_services.campaigns.suites.PAGE", 2)
     for name in range(5):
         store.campaigns.create(spec(name=f"s: {name}"))
-    assert len(suite_table(store, "s").members) == 5
-    cut = suite_table(store, "s", most=3)
+    assert len(make_suite_table(store, "s").members) == 5
+    cut = make_suite_table(store, "s", most=3)
     assert ([row.member for row in cut.members], cut.left_out) == (["2", "3", "4"], 2)
 
 
 def test_a_suite_that_nobody_ran_is_not_found(store):
     store.campaigns.create(spec(name="alone"))
     with pytest.raises(NotFound, match="No campaign belongs to a suite 'alone'"):
-        suite_table(store, "alone")
+        make_suite_table(store, "alone")

@@ -106,3 +106,32 @@ def test_what_ended_too_early_to_tell_stands_beside_the_rate() -> None:
         "release, which ran them, did not tell."
     )
     assert summarise(campaign(Counts(300, completed=300)), NOTHING).remark == ""
+
+
+def ended(counts: Counts, **spec: object) -> Campaign:
+    found = campaign(counts)
+    return replace(found, state=CampaignState.DONE, spec=replace(found.spec, **spec))
+
+
+def test_a_method_that_found_nothing_says_where_its_reach_ends() -> None:
+    none = Counts(planned=100, completed=100)
+    assert summarise(ended(none), NOTHING).remark == (
+        "No failure was found. The method explores disturbances of at most 2 sigma, held for 10 "
+        "steps; failures beyond are out of its reach. Raise `amplitude`, or run cem, difs or "
+        "subset."
+    )
+    settings = {"method": "ast", "members": 2, "settings": {"amplitude": 1.5, "hold": 1}}
+    ensemble = summarise(ended(none, method="ensemble", settings=settings), NOTHING)
+    assert "disturbances of at most 1.5 sigma; failures" in ensemble.remark
+
+
+@pytest.mark.parametrize("method", ["cem", "monte_carlo", "a_method_that_was_uninstalled"])
+def test_a_method_without_a_bounded_reach_says_nothing_of_one(method: str) -> None:
+    assert summarise(ended(Counts(100, completed=100), method=method), NOTHING).reach == ""
+
+
+def test_reach_is_told_only_of_campaigns_that_ended_without_a_failure() -> None:
+    assert summarise(campaign(Counts(100, completed=80)), NOTHING).reach == ""
+    assert summarise(ended(Counts(100, failed=100)), NOTHING).reach == ""
+    found = Totals(4, -600.0, 240, 500.0)
+    assert summarise(ended(Counts(100, completed=80, failures=4)), found).reach == ""

@@ -19,25 +19,25 @@ from eigenfail.values import (
 from eigenfail.values.records import Delivery, JobKind
 from eigenfail_services.campaigns import supervisor as module
 from eigenfail_services.campaigns.supervisor import Supervisor
-from eigenfail_services.hub.ended import Ended
-from eigenfail_services.hub.meter import Phase
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.hub.server import FinishedRun
+from eigenfail_services.hub.timing import CampaignPhase
+from eigenfail_services.store import open_store
 
 ROOM = module.ROOM[JobKind.CAMPAIGN]
 
 
 class Hub:
     def __init__(self) -> None:
-        self.ended: SimpleQueue[Ended] = SimpleQueue()
+        self.finished_runs: SimpleQueue[FinishedRun] = SimpleQueue()
         self.launched: list[int] = []
         self.halted: list[int] = []
         self.weights: list[tuple[int, float]] = []
 
     def launch(self, order) -> None:
         self.launched.append(order.campaign)
-        self.weigh(order.campaign, order.weight)
+        self.set_weight(order.campaign, order.weight)
 
-    def weigh(self, campaign: int, weight: float) -> None:
+    def set_weight(self, campaign: int, weight: float) -> None:
         self.weights.append((campaign, weight))
 
     def halt(self, campaign: int) -> None:
@@ -60,7 +60,7 @@ class Analyses:
 
 class House:
     def __init__(self) -> None:
-        self.store = MemoryStore()
+        self.store = open_store("memory://")
         self.hub = Hub()
         self.analyses = Analyses()
         self.supervisor = self.another_supervisor()
@@ -102,7 +102,7 @@ def test_a_queued_campaign_is_launched_once(house: House) -> None:
 def test_what_the_hub_has_ended_is_done_and_its_job_gone(house: House) -> None:
     campaign = house.create()
     house.supervisor.turn()
-    house.hub.ended.put(Ended(campaign, ""))
+    house.hub.finished_runs.put(FinishedRun(campaign, ""))
     house.supervisor.turn()
     assert house.state(campaign) is CampaignState.DONE
     assert house.store.jobs.claim("other", 10.0, JobKind.CAMPAIGN) is None
@@ -111,7 +111,7 @@ def test_what_the_hub_has_ended_is_done_and_its_job_gone(house: House) -> None:
 def test_trouble_in_the_hub_is_the_reason_that_the_campaign_keeps(house: House) -> None:
     campaign = house.create()
     house.supervisor.turn()
-    house.hub.ended.put(Ended(campaign, "The learner diverged."))
+    house.hub.finished_runs.put(FinishedRun(campaign, "The learner diverged."))
     house.supervisor.turn()
     ended = house.store.campaigns.get(campaign)
     assert (ended.state, ended.stopped_because) == (CampaignState.DEAD, "The learner diverged.")
@@ -131,7 +131,7 @@ def test_a_wish_halts_the_hub_once_and_comes_true(house: House, wish, rest) -> N
     house.supervisor.turn()
     house.supervisor.turn()
     assert house.hub.halted == [campaign]
-    house.hub.ended.put(Ended(campaign, ""))
+    house.hub.finished_runs.put(FinishedRun(campaign, ""))
     house.supervisor.turn()
     assert house.state(campaign) is rest
 
@@ -148,7 +148,7 @@ def test_no_more_campaigns_at_a_time_than_there_is_room_for(house: House) -> Non
     campaigns = [house.create() for _ in range(ROOM + 2)]
     house.supervisor.turn()
     assert house.hub.launched == campaigns[:ROOM]
-    house.hub.ended.put(Ended(campaigns[1], ""))
+    house.hub.finished_runs.put(FinishedRun(campaigns[1], ""))
     house.supervisor.turn()
     house.supervisor.turn()
     assert house.hub.launched[-1] == campaigns[ROOM]
@@ -190,7 +190,7 @@ def test_progress_is_told_when_there_is_some(house: House, monkeypatch) -> None:
 def test_an_ending_that_the_store_refuses_is_kept_for_later(house: House, monkeypatch) -> None:
     campaign = house.create()
     house.supervisor.turn()
-    house.hub.ended.put(Ended(campaign, ""))
+    house.hub.finished_runs.put(FinishedRun(campaign, ""))
     move = house.store.campaigns.move
 
     def away(*_):
@@ -215,7 +215,7 @@ def test_our_own_lease_that_ran_out_launches_nothing_twice(house: House, monkeyp
     house.supervisor.turn()
     assert [job.subject for job in claimed] == [campaign, campaign]
     assert house.hub.launched == [campaign]
-    house.hub.ended.put(Ended(campaign, ""))
+    house.hub.finished_runs.put(FinishedRun(campaign, ""))
     house.supervisor.turn()
     assert house.state(campaign) is CampaignState.DONE
 
@@ -263,7 +263,7 @@ def test_a_cancellation_in_the_very_moment_of_a_pause_is_heeded(house: House, mo
     house.supervisor.turn()
     seen = house.store.campaigns.get(campaign)
     house.store.campaigns.move(campaign, CampaignState.CANCELLING)
-    house.hub.ended.put(Ended(campaign, ""))
+    house.hub.finished_runs.put(FinishedRun(campaign, ""))
     with monkeypatch.context() as patch:
         patch.setattr(house.store.campaigns, "get", lambda _: seen)
         house.supervisor.turn()
@@ -295,9 +295,9 @@ def test_what_the_time_went_into_is_billed_with_it(house: House, monkeypatch) ->
     monkeypatch.setattr(house.hub, "launch", orders.append)
     campaign = house.create()
     house.supervisor.turn()
-    meter = orders[0].meter
-    meter.discard(0.5)
-    meter.look(Phase.LEARNING)
+    accounting = orders[0].accounting
+    accounting.add_discarded(0.5)
+    accounting.set_phase(CampaignPhase.LEARNING)
 
     def away(*_):
         raise StoreUnavailable("The disk is full.")
@@ -327,7 +327,7 @@ class Clock:
 def test_why_a_campaign_ended_well_is_kept(house: House) -> None:
     campaign = house.create()
     house.supervisor.turn()
-    house.hub.ended.put(Ended(campaign, "", "The budget of 5 episodes was spent."))
+    house.hub.finished_runs.put(FinishedRun(campaign, "", "The budget of 5 episodes was spent."))
     house.supervisor.turn()
     ended = house.store.campaigns.get(campaign)
     assert ended.stopped_because == "The budget of 5 episodes was spent."
@@ -360,7 +360,7 @@ def test_a_rule_on_time_or_cost_halts_the_campaign_once_and_it_is_done(
     for now_s in (60.0, 61.0):
         clock.turn(house, now_s)
     assert house.hub.halted == [campaign]
-    house.hub.ended.put(Ended(campaign, ""))
+    house.hub.finished_runs.put(FinishedRun(campaign, ""))
     clock.turn(house, 62.0)
     ended = house.store.campaigns.get(campaign)
     assert (ended.state, ended.stopped_because) == (CampaignState.DONE, because)
@@ -374,7 +374,7 @@ def test_pauses_do_not_count_and_a_restart_forgets_nothing(house: House, monkeyp
     clock.turn(house, 40.0)
     house.store.campaigns.move(campaign, CampaignState.PAUSING)
     clock.turn(house, 40.0)
-    house.hub.ended.put(Ended(campaign, ""))
+    house.hub.finished_runs.put(FinishedRun(campaign, ""))
     clock.turn(house, 40.0)
     assert house.state(campaign) is CampaignState.PAUSED
     house.supervisor = house.another_supervisor()
@@ -393,7 +393,7 @@ def test_a_user_who_asks_first_is_heeded_although_time_runs_out(house: House, mo
     house.store.campaigns.move(campaign, CampaignState.CANCELLING)
     clock.turn(house, 30.0)
     clock.turn(house, 90.0)
-    house.hub.ended.put(Ended(campaign, ""))
+    house.hub.finished_runs.put(FinishedRun(campaign, ""))
     clock.turn(house, 90.0)
     assert house.state(campaign) is CampaignState.CANCELLED
 
@@ -404,7 +404,7 @@ def test_as_many_run_at_a_time_as_it_is_told(house: House) -> None:
     for campaign in campaigns:
         supervisor.turn()
         assert house.hub.launched[-1] == campaign
-        house.hub.ended.put(Ended(campaign, ""))
+        house.hub.finished_runs.put(FinishedRun(campaign, ""))
         supervisor.turn()
     assert house.hub.launched == campaigns
 
@@ -425,6 +425,69 @@ def test_a_new_priority_is_a_new_weight_once(house: House) -> None:
     for _ in range(3):
         house.supervisor.turn()
     assert house.hub.weights == [(campaign, 1), (campaign, 9)]
+
+
+@pytest.mark.fault(
+    "campaign resumed by another release",
+    group="processes",
+    outcome="An event, the page, the report, the command and comparisons say after how many "
+    "results which versions changed.",
+)
+def test_a_campaign_that_another_release_goes_on_with_says_so(house: House, monkeypatch) -> None:
+    campaign = house.create()
+    house.supervisor.turn()
+    result = unrunnable(EpisodeTask(0, 0, PriorSource()), EpisodeFault("input", "test"))
+    house.store.episodes.commit(campaign, [Delivery(result, "w")])
+    house.supervisor.release()
+    same = house.another_supervisor()
+    same.turn()
+    assert not house.store.campaigns.get(campaign).is_mixed
+    same.release()
+    then = module.learner_versions()
+    monkeypatch.setattr(module, "learner_versions", lambda: then | {"eigenfail": "9.9.9"})
+    house.another_supervisor().turn()
+    mixed = house.store.campaigns.get(campaign)
+    assert [part.versions["eigenfail"] for part in mixed.parts] == [then["eigenfail"], "9.9.9"]
+    (event,) = (
+        each for each in house.store.events.after(0, 100) if each.kind == "campaign.mixed_releases"
+    )
+    assert f"after 1 result: eigenfail {then['eigenfail']} then, 9.9.9 now." in event.message
+
+
+@pytest.mark.fault("campaign with a name that the bridge does not know")
+@pytest.mark.parametrize(
+    ("wish", "after"),
+    [(None, CampaignState.PAUSED), (CampaignState.CANCELLING, CampaignState.CANCELLED)],
+)
+def test_a_campaign_that_a_worker_declined_is_paused_with_the_reason(
+    house: House, wish, after
+) -> None:
+    campaign = house.create()
+    house.supervisor.turn()
+    if wish:
+        house.store.campaigns.move(campaign, wish)
+    house.hub.finished_runs.put(FinishedRun(campaign, "", declined="Worker w can run no episode."))
+    house.supervisor.turn()
+    rests = house.store.campaigns.get(campaign)
+    assert rests.state is after
+    assert rests.stopped_because.startswith("Worker w can run no episode. Launch a corrected one")
+    assert house.store.jobs.claim("other", 10.0, JobKind.CAMPAIGN) is None
+    if after is CampaignState.PAUSED:
+        house.store.campaigns.move(campaign, CampaignState.QUEUED)
+        assert house.store.campaigns.get(campaign).stopped_because == ""
+        house.supervisor.turn()
+        assert house.hub.launched == [campaign, campaign]
+
+
+def test_a_pause_that_a_user_asked_for_needs_no_reason(house: House) -> None:
+    campaign = house.create()
+    house.supervisor.turn()
+    house.store.campaigns.move(campaign, CampaignState.PAUSING)
+    house.supervisor.turn()
+    house.hub.finished_runs.put(FinishedRun(campaign, ""))
+    house.supervisor.turn()
+    rests = house.store.campaigns.get(campaign)
+    assert (rests.state, rests.stopped_because) == (CampaignState.PAUSED, "")
 
 
 FUNCTION = {"simulator": "function", "scenario": "function", "planner": "unlisted_module:f"}

@@ -6,16 +6,15 @@ from itertools import product
 from types import SimpleNamespace
 
 import pytest
+from store_checks.examples import running
+from store_checks.jobs import claimed
 
-from eigenfail.contracts import Store
 from eigenfail.errors import StoreUnavailable
-from eigenfail.testing.store.examples import running
-from eigenfail.testing.store.jobs import claimed
-from eigenfail_services.campaigns import watch
-from eigenfail_services.campaigns.summary import campaign_cost
-from eigenfail_services.campaigns.watch import Watch
-from eigenfail_services.hub.meter import Meter, Phase
-from eigenfail_services.store import MemoryStore, open_store
+from eigenfail_services.campaigns import supervisor
+from eigenfail_services.campaigns.summary import find_cost
+from eigenfail_services.campaigns.supervisor import SupervisedCampaign
+from eigenfail_services.hub.timing import CampaignPhase, TimeAccounting
+from eigenfail_services.store import Store, open_store
 
 HOUR_S = 3_600.0
 PRICE_USD = 6.0
@@ -39,7 +38,11 @@ FATES = [
 
 @pytest.fixture(params=["memory", "sqlite"])
 def store(request, tmp_path) -> Iterator[Store]:
-    made = MemoryStore() if request.param == "memory" else open_store(f"sqlite:///{tmp_path}/a.db")
+    made = (
+        open_store("memory://")
+        if request.param == "memory"
+        else open_store(f"sqlite:///{tmp_path}/a.db")
+    )
     yield made
     made.close()
 
@@ -48,24 +51,29 @@ def store(request, tmp_path) -> Iterator[Store]:
 def now_s(monkeypatch) -> list[float]:
     now_s = [1_000.0]
     clock = SimpleNamespace(monotonic=lambda: now_s[0])
-    monkeypatch.setattr(watch, "time", clock)
-    monkeypatch.setattr(watch, "Meter", lambda: Meter(clock.monotonic))
+    monkeypatch.setattr(supervisor, "time", clock)
+    monkeypatch.setattr(supervisor, "TimeAccounting", lambda: TimeAccounting(clock.monotonic))
     return now_s
 
 
 @pytest.fixture
-def billed(store: Store, now_s: list[float]) -> Watch:
+def billed(store: Store, now_s: list[float]) -> SupervisedCampaign:
     """A campaign whose learner is at work, and that ran for an hour before."""
     campaign = running(store, price_usd_per_hour=PRICE_USD)
     store.campaigns.add_active(campaign.id, HOUR_S)
-    made = Watch(claimed(store), kept_s=HOUR_S)
-    made.meter.look(Phase.LEARNING)
+    made = SupervisedCampaign(claimed(store), kept_s=HOUR_S)
+    made.accounting.set_phase(CampaignPhase.LEARNING)
     return made
 
 
+@pytest.mark.fault("database connection cut between commit and reply")
 @pytest.mark.parametrize("fates", FATES)
 def test_time_is_billed_once_whatever_became_of_the_bills(
-    store: Store, billed: Watch, now_s: list[float], monkeypatch, fates: tuple[Fate, ...]
+    store: Store,
+    billed: SupervisedCampaign,
+    now_s: list[float],
+    monkeypatch,
+    fates: tuple[Fate, ...],
 ) -> None:
     add = store.campaigns.add_active
 
@@ -89,12 +97,17 @@ def test_time_is_billed_once_whatever_became_of_the_bills(
     kept = store.campaigns.get(billed.job.subject)
     assert kept.active_s == HOUR_S + ran_s
     assert kept.overhead.learning_s == ran_s
-    assert campaign_cost(kept).total_usd == pytest.approx(PRICE_USD * (1.0 + ran_s / HOUR_S))
+    assert find_cost(kept).total_usd == pytest.approx(PRICE_USD * (1.0 + ran_s / HOUR_S))
 
 
+@pytest.mark.fault("database connection cut between commit and reply")
 @pytest.mark.parametrize("case", [*product(Fate, (0.0, 40.0))], ids=str)
 def test_who_claims_again_goes_on_from_what_the_store_has(
-    store: Store, billed: Watch, now_s: list[float], monkeypatch, case: tuple[Fate, float]
+    store: Store,
+    billed: SupervisedCampaign,
+    now_s: list[float],
+    monkeypatch,
+    case: tuple[Fate, float],
 ) -> None:
     """Who had it in between may have billed it; of that, nobody can tell what was ours."""
     (fate, others_s), add, campaign = case, store.campaigns.add_active, billed.job.subject

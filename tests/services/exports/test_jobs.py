@@ -11,10 +11,11 @@ import pytest
 from eigenfail.errors import NotFound, ServiceError
 from eigenfail.values import CampaignSpec
 from eigenfail.values.export import ExportRequest
-from eigenfail_services.exports import jobs, shelf
+from eigenfail_services.exports import folder as shelf
+from eigenfail_services.exports import jobs
+from eigenfail_services.exports.folder import find_export_folder
 from eigenfail_services.exports.jobs import ExportJobs
-from eigenfail_services.exports.shelf import folder_beside
-from eigenfail_services.store.memory import MemoryStore
+from eigenfail_services.store import open_store
 
 WITHIN_S = 20.0
 JOIN_S = 0.2
@@ -29,7 +30,7 @@ def folder(tmp_path):
 @pytest.fixture
 def make(folder):
     """Exports of a campaign without episodes, and how to ask for one."""
-    store = MemoryStore()
+    store = open_store("memory://")
     campaign = store.campaigns.create(CampaignSpec(name="one", method="monte_carlo", episodes=1)).id
     made = ExportJobs(store, folder)
     yield made, lambda: made.create(campaign, ExportRequest()).id
@@ -72,7 +73,7 @@ def test_a_file_that_becomes_whole_while_it_is_asked_for_is_not_made_twice(
     def look_as_it_ends(name):
         seen = look(name)
         gate.set()
-        while not (folder / name / shelf.WHOLE).exists():
+        while not (folder / name / shelf.EPISODES_FILE).exists():
             time.sleep(0.001)
         worker.join(JOIN_S)
         return seen
@@ -99,21 +100,24 @@ def test_two_services_that_make_one_file_both_make_it_whole(make, folder, monkey
     assert other.get(export).state == "running"
     at_rest()
     assert made.get(export).state == other.get(export).state == "done"
-    assert {path.name for path in (folder / export).iterdir()} == {shelf.ASKED, shelf.WHOLE}
+    assert {path.name for path in (folder / export).iterdir()} == {
+        shelf.REQUEST_FILE,
+        shelf.EPISODES_FILE,
+    }
 
 
 def test_what_is_removed_while_it_is_asked_for_is_not_there_any_more(make, folder, monkeypatch):
     made, ask = make
     export = ask()
     at_rest()
-    read = shelf.read
+    read = shelf._read_bytes
 
     def read_as_it_goes(path):
         content = read(path)
         shutil.rmtree(folder / export, ignore_errors=True)
         return content
 
-    monkeypatch.setattr(shelf, "read", read_as_it_goes)
+    monkeypatch.setattr(shelf, "_read_bytes", read_as_it_goes)
     assert made.get(export).state == "running"
     at_rest()
     with pytest.raises(NotFound, match="ask anew"):
@@ -124,7 +128,7 @@ def test_what_is_removed_while_it_is_asked_for_is_not_there_any_more(make, folde
 
 def test_what_is_gone_from_a_list_of_folders_is_the_first_to_make_room(make, folder, monkeypatch):
     made, ask = make
-    monkeypatch.setattr(shelf, "KEPT", 3)
+    monkeypatch.setattr(shelf, "MAX_EXPORTS", 3)
     exports = [ask()]
     (folder / "gone").symlink_to("nowhere")
     for _ in range(2):
@@ -136,13 +140,13 @@ def test_what_is_gone_from_a_list_of_folders_is_the_first_to_make_room(make, fol
 
 def test_what_is_fetched_makes_room_last(make, monkeypatch):
     made, ask = make
-    monkeypatch.setattr(shelf, "KEPT", 2)
+    monkeypatch.setattr(shelf, "MAX_EXPORTS", 2)
     old, new = ask(), ask()
     at_rest()
     for age_s, export in ((20, old), (10, new)):
         long_ago = time.time() - age_s
         os.utime(made._shelf.home(export), (long_ago, long_ago))
-    assert made.file(old).name == shelf.WHOLE
+    assert made.file(old).name == shelf.EPISODES_FILE
     ask()
     assert made.get(old).state == "done"
     with pytest.raises(NotFound):
@@ -186,9 +190,9 @@ def test_a_link_in_the_place_of_the_folder_is_refused(known, folder, tmp_path):
 
 
 def test_databases_keep_their_exports_apart(tmp_path):
-    assert folder_beside(f"sqlite:///{tmp_path}/a.db") == tmp_path / "exports"
+    assert find_export_folder(f"sqlite:///{tmp_path}/a.db") == tmp_path / "exports"
     first, second = (
-        folder_beside(f"postgresql+psycopg://me:secret@here/{name}") for name in ("one", "two")
+        find_export_folder(f"postgresql+psycopg://me:secret@here/{name}") for name in ("one", "two")
     )
     assert first != second
-    assert folder_beside("postgresql+psycopg://me:changed@here/one") == first
+    assert find_export_folder("postgresql+psycopg://me:changed@here/one") == first

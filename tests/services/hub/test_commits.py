@@ -6,7 +6,7 @@ from eigenfail.errors import NotFound, StoreUnavailable
 from eigenfail.values import EpisodeFault, EpisodeTask, PriorSource, unrunnable
 from eigenfail.values.records import Verdict
 from eigenfail_services.hub import commits
-from eigenfail_services.hub.commits import Commits
+from eigenfail_services.hub.commits import CommitQueue
 
 
 class Episodes:
@@ -35,11 +35,11 @@ def episodes() -> Episodes:
 
 
 @pytest.fixture
-def group(episodes: Episodes) -> Commits:
-    return Commits(episodes)  # type: ignore[arg-type]
+def group(episodes: Episodes) -> CommitQueue:
+    return CommitQueue(episodes)  # type: ignore[arg-type]
 
 
-def test_results_wait_for_each_other(group: Commits, episodes: Episodes) -> None:
+def test_results_wait_for_each_other(group: CommitQueue, episodes: Episodes) -> None:
     for index in range(5):
         group.add(b"w", "w", 1, result(index))
         assert group.flush() == []
@@ -47,20 +47,20 @@ def test_results_wait_for_each_other(group: Commits, episodes: Episodes) -> None
     assert episodes.transactions == 1
 
 
-def test_a_full_group_does_not_wait(group: Commits) -> None:
+def test_a_full_group_does_not_wait(group: CommitQueue) -> None:
     for index in range(commits.MAX_RESULTS):
         group.add(b"w", "w", 1, result(index))
     assert len(group.flush()) == commits.MAX_RESULTS
 
 
-def test_a_due_group_is_written(group: Commits, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_due_group_is_written(group: CommitQueue, monkeypatch: pytest.MonkeyPatch) -> None:
     group.add(b"w", "w", 1, result(0))
     now_s = commits.time.monotonic()
     monkeypatch.setattr(commits.time, "monotonic", lambda: now_s + 2 * commits.MAX_WAIT_S)
     assert len(group.flush()) == 1
 
 
-def test_nothing_is_lost_while_the_store_is_away(group: Commits, episodes: Episodes) -> None:
+def test_nothing_is_lost_while_the_store_is_away(group: CommitQueue, episodes: Episodes) -> None:
     episodes.away = {1}
     group.add(b"w", "w", 1, result(0))
     with pytest.raises(StoreUnavailable):

@@ -35,13 +35,15 @@ class Crew:
         self.takes_s = takes_s
         self.worked_s = Counter[int]()
         self.leased: list[int] = []
-        self._queues: dict[bytes, deque[tuple[int, int]]] = {w: deque() for w in self.leases.seats}
+        self._queues: dict[bytes, deque[tuple[int, int]]] = {
+            w: deque() for w in self.leases.sessions
+        }
         self._ends: list[tuple[float, int, bytes]] = []
         self._numbers = count()
         self.now_s = 0.0
 
     def offer(self, campaign: int, episodes: int, weight: float = 1.0) -> None:
-        self.leases.weigh(campaign, weight)
+        self.leases.set_weight(campaign, weight)
         self.leases.offer(campaign, tasks(episodes))
 
     def work(self, until_s: float) -> None:
@@ -50,8 +52,8 @@ class Crew:
             self.now_s, _, worker = heappop(self._ends)
             campaign, index = self._queues[worker].popleft()
             self.worked_s[campaign] += self.takes_s[campaign]
-            self.leases.bring(campaign, index, self.takes_s[campaign])
-            self.leases.land(campaign, index)
+            self.leases.receive(campaign, index, self.takes_s[campaign])
+            self.leases.release(campaign, index)
             self._begin(worker)
             self._hand_out()
 
@@ -165,7 +167,7 @@ def effort(workers: int, act) -> float:
     for campaign in (1, 2):
         leases.settle(campaign, 0, wall_s=1.0)
     leases.assign()
-    held = [(w, *seat.held) for w, seat in list(leases.seats.items())[:20]]
+    held = [(w, *seat.held) for w, seat in list(leases.sessions.items())[:20]]
     with Opcodes() as counted:
         act(leases, held)
     return counted.count / len(held)
@@ -173,10 +175,10 @@ def effort(workers: int, act) -> float:
 
 def bring_one_and_lease_another(leases: Leases, held) -> None:
     for _, (campaign, index), *_ in held:
-        leases.bring(campaign, index, 1.0)
-        leases.land(campaign, index)
+        leases.receive(campaign, index, 1.0)
+        leases.release(campaign, index)
         assert leases.assign()
-        assert leases.busy(campaign)
+        assert leases.has_leases(campaign)
         assert leases.adopt(lambda *_: b"") == set()
 
 
@@ -184,8 +186,8 @@ def lose_and_join(leases: Leases, held) -> None:
     for worker, *_ in held:
         leases.lose(worker)
         leases.join(worker, Hello(PROTOCOL, "w", 256, life=f"new {worker!r}"), 0.0)
-        assert leases.silent(1.0, 10.0) == []
-        leases.heard(worker, 1.0)
+        assert leases.list_silent(1.0, 10.0) == []
+        leases.touch(worker, 1.0)
 
 
 @pytest.mark.parametrize("act", [bring_one_and_lease_another, lose_and_join])

@@ -11,17 +11,16 @@ import pytest
 from sqlalchemy import update
 
 from eigenfail import plugins
-from eigenfail.contracts import Store
 from eigenfail.values import CampaignSpec, CampaignState
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Start, Stop
-from eigenfail_services.campaigns.materials import learner_context
+from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.campaigns.rounds import Rounds
 from eigenfail_services.hub import runs
-from eigenfail_services.hub.learner_process import begin, proposed
+from eigenfail_services.hub.learner_process import create_rounds, make_proposal
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.hub.runs import Order, Run
-from eigenfail_services.store import open_store
+from eigenfail_services.hub.runs import CampaignRun, RunSpec
+from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.schema import checkpoints
 
 WORLD = {"name": "t", "planner": "idm", "simulator": "point_mass", "seed": 5}
@@ -46,18 +45,18 @@ class HereLink:
         self.rounds: Rounds | None = None
         self.heeding = {Start: self.start, Observed: self.observe, Stop: lambda _: None}
 
-    def say(self, message) -> None:
+    def send(self, message) -> None:
         self.heeding[type(message)](message)
 
     def start(self, message: Start) -> None:
-        self.rounds = begin(message)
-        self.words.append(proposed(self.rounds))
+        self.rounds = create_rounds(message)
+        self.words.append(make_proposal(self.rounds))
 
     def observe(self, message: Observed) -> None:
         self.rounds.complete(message.results)
-        self.words.append(proposed(self.rounds))
+        self.words.append(make_proposal(self.rounds))
 
-    def hear(self):
+    def receive(self):
         return self.words.popleft() if self.words else None
 
     def exit_status(self) -> int | None:
@@ -78,10 +77,10 @@ class Stage:
         self.leases = Leases()
         self.leases.join(b"w", Hello(PROTOCOL, "w", 256), 0.0)
         context = learner_context(running, store)
-        order = Order(
+        order = RunSpec(
             self.campaign, spec.setup(), spec.method, spec.settings, spec.seed, context, spec.stop
         )
-        self.run = Run(order, store, self.leases)
+        self.run = CampaignRun(order, store, self.leases)
         self.leased: list[int] = []
 
     def turn(self) -> None:
@@ -94,17 +93,17 @@ class Stage:
     def work(self, tasks) -> None:
         self.leased += [task.index for task in tasks]
         for version in {getattr(task.source, "version", None) for task in tasks} - {None}:
-            self.engine.learn(self.run.policy(version))
+            self.engine.learn(self.run.find_policy(version))
         for result in list(self.engine.run(tasks)):
             (verdict,) = self.store.episodes.commit(self.campaign, [Delivery(result, "w")])
             assert verdict is Verdict.KEPT
             self.leases.settle(self.campaign, result.index, 0.1)
-            self.run.land(result, verdict)
+            self.run.take_verdict(result, verdict)
 
     def turn_until(self, episodes: int) -> None:
         """Until so many episodes are kept, or the campaign is over."""
         for _ in range(TURNS):
-            if self.run.ended is not None or len(self.leased) >= episodes:
+            if self.run.problem is not None or len(self.leased) >= episodes:
                 return
             self.turn()
         raise AssertionError("The campaign does not get on.")
@@ -128,7 +127,7 @@ class Stage:
     def digest(self) -> str:
         """Of all episodes, at the end."""
         self.turn_until(10_000)
-        assert self.run.ended == ""
+        assert self.run.problem == ""
         assert sorted(self.leased) == list(range(len(self.leased)))
         return self.store.campaigns.move(self.campaign, CampaignState.DONE).digest
 
@@ -150,6 +149,13 @@ def stage(tmp_path, monkeypatch) -> Iterator:
         yield lambda spec: Stage(store, spec, links)
 
 
+@pytest.mark.fault(
+    "damaged checkpoint",
+    group="storage",
+    outcome="It is dropped with an event `checkpoint.damaged`, and the campaign continues "
+    "from the previous one with the same episodes. If both are damaged, the campaign "
+    "ends as dead and names the remedy.",
+)
 @pytest.mark.parametrize("spec", [CEM, AST], ids=["cem", "ast"])
 def test_a_campaign_that_falls_back_has_the_same_episodes(stage, spec) -> None:
     undisturbed = stage(spec)
@@ -166,12 +172,13 @@ def test_a_campaign_that_falls_back_has_the_same_episodes(stage, spec) -> None:
     assert disturbed.damages() == len(range(10, spec.episodes, 10))
 
 
+@pytest.mark.fault("damaged checkpoint")
 def test_without_a_checkpoint_that_is_whole_the_campaign_is_over(stage) -> None:
     campaign = stage(CEM)
     campaign.turn_until(30)
     campaign.bend(newest=2)
     campaign.lose_learner()
     campaign.turn()
-    assert "SHA-256 does not match" in campaign.run.ended
-    assert "Start the campaign anew" in campaign.run.ended
+    assert "SHA-256 does not match" in campaign.run.problem
+    assert "Start the campaign anew" in campaign.run.problem
     assert campaign.damages() == 0

@@ -48,9 +48,9 @@ def test_one_that_is_to_wait_begins_in_its_time_and_not_before(leaving_program) 
     now_s = [100.0]
     link = LearnerLink(pause_s=5.0, clock=lambda: now_s[0])
     try:
-        link.say(Stop())
+        link.send(Stop())
         now_s[0] += 4.9
-        assert (link.hear(), link.exit_status()) == (None, None)
+        assert (link.receive(), link.exit_status()) == (None, None)
         assert not leaving_program.exists()
         now_s[0] += 0.2
         until("it does not begin", lambda: link.exit_status() == 4)

@@ -17,6 +17,7 @@ import psutil
 import pytest
 import zmq
 
+from eigenfail import plugins
 from eigenfail.values import (
     Campaign,
     CampaignSpec,
@@ -36,13 +37,13 @@ from eigenfail.wire.messages import (
     encode,
     read_hub_message,
 )
-from eigenfail_services.bounds import Bounds
+from eigenfail_services.bounds import SettingBounds
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.supervisor import Supervisor
-from eigenfail_services.hub import desk, learner_link, runs
-from eigenfail_services.hub.patience import Patience
+from eigenfail_services.hub import learner_link, runs, worker_sessions
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.hub.timing import Timeout
+from eigenfail_services.store import open_store
 
 pytestmark = pytest.mark.service
 
@@ -80,8 +81,8 @@ class House:
 
     def __init__(self, folder: Path, now_s: list[float]) -> None:
         self._folder, self._now_s = folder, now_s
-        self.store = MemoryStore()
-        self.hub = Hub(self.store, "tcp://127.0.0.1:*", learners=Bounds(LIMIT_S, MEMORY_MIB))
+        self.store = open_store("memory://")
+        self.hub = Hub(self.store, "tcp://127.0.0.1:*", learners=SettingBounds(LIMIT_S, MEMORY_MIB))
         self.supervisor = Supervisor(self.store, self.hub, AnalysisJobs(self.store, ""))
         self.worker: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self.worker.connect(self.hub.address)
@@ -165,7 +166,7 @@ def result(task: EpisodeTask) -> EpisodeResult:
 def now_s(monkeypatch) -> list[float]:
     """The learners' time stands still unless a test lets it go on."""
     clock = [0.0]
-    monkeypatch.setattr(runs, "Patience", lambda limit_s: Patience(limit_s, lambda: clock[0]))
+    monkeypatch.setattr(runs, "Timeout", lambda limit_s: Timeout(limit_s, lambda: clock[0]))
     return clock
 
 
@@ -178,12 +179,30 @@ def house(tmp_path, monkeypatch, now_s) -> Iterator[House]:
     (record / "entry_points.txt").write_text(points)
     path = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
     monkeypatch.setenv("PYTHONPATH", path)
-    monkeypatch.setattr(desk, "GREETING_S", 0.0)  # nobody else holds anything
+    monkeypatch.syspath_prepend(tmp_path)
+    plugins.list_entry_points.cache_clear()
+    plugins.load.cache_clear()
+    monkeypatch.setattr(worker_sessions, "ADOPTION_GRACE_S", 0.0)  # nobody else holds anything
     made = House(tmp_path, now_s)
     yield made
     made.close()
+    plugins.list_entry_points.cache_clear()
+    plugins.load.cache_clear()
 
 
+@pytest.mark.fault(
+    "learner or analysis that exhausts memory",
+    group="processes",
+    outcome="The kernel refuses it more memory. A learner starts again from its checkpoint, "
+    "three times at most; an analysis fails with the reason.",
+)
+@pytest.mark.fault("worker that reports NaN")
+@pytest.mark.fault(
+    "NaN or infinity in a learner",
+    group="plug-ins",
+    outcome="It starts again from its checkpoint, with an event; the second time in a row the"
+    " campaign ends as dead and names the remedy. No such policy leaves the hub.",
+)
 @pytest.mark.parametrize("fault", ["diverge", "policy", "noise", "estimate", "die", "eat"])
 def test_a_learner_that_is_lost_once_changes_nothing(house: House, fault: str) -> None:
     undisturbed, disturbed = house.create(), house.astray(fault, times=1)
@@ -197,6 +216,7 @@ def test_a_learner_that_is_lost_once_changes_nothing(house: House, fault: str) -
     assert first == second
 
 
+@pytest.mark.fault("NaN or infinity in a learner")
 @pytest.mark.parametrize(
     ("fault", "problem", "remedy"),
     [
@@ -220,6 +240,12 @@ def test_one_that_diverges_again_from_its_checkpoint_ends_the_campaign(
     assert ended.counts.completed == 8
 
 
+@pytest.mark.fault(
+    "no process available for a learner or an analysis",
+    group="processes",
+    outcome="A learner is tried again after 1 s and after another 5 s, like any lost learner;"
+    " an analysis fails with the reason.",
+)
 def test_one_that_cannot_be_started_is_a_loss_like_any_other(house: House, monkeypatch) -> None:
     popen, refusals = learner_link.subprocess.Popen, [OSError(errno.EAGAIN, "Try again")]
 
@@ -235,6 +261,7 @@ def test_one_that_cannot_be_started_is_a_loss_like_any_other(house: House, monke
     assert told.endswith(f"died with exit status {os.EX_OSERR}.")
 
 
+@pytest.mark.fault("no process available for a learner or an analysis")
 def test_a_machine_that_has_no_process_left_for_seconds_ends_no_campaign(
     house: House, monkeypatch
 ) -> None:
@@ -259,6 +286,13 @@ def test_a_death_has_one_more_try_and_then_ends_the_campaign(house: House) -> No
     assert len(house.losses(campaign)) == 2
 
 
+@pytest.mark.fault(
+    "learner that hangs",
+    group="time",
+    outcome="It is killed after an hour at one step with all that it started, also in C with "
+    "the GIL held, and starts again from its checkpoint. The second time in a row the"
+    " campaign ends as dead and names the remedy.",
+)
 @pytest.mark.parametrize(("fault", "processes"), [("sleep", 2), ("hold", 1)])
 def test_a_learner_that_hangs_is_killed_with_all_it_started_and_goes_on(
     house: House, fault: str, processes: int
@@ -273,6 +307,7 @@ def test_a_learner_that_hangs_is_killed_with_all_it_started_and_goes_on(
     assert first == second
 
 
+@pytest.mark.fault("learner that hangs")
 def test_one_that_hangs_again_ends_the_campaign(house: House) -> None:
     campaign = house.astray("hold", times=1000)
     house.sit_out("hold", 1)

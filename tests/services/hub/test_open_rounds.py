@@ -17,7 +17,7 @@ from eigenfail.values.records import Delivery, Verdict
 from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.open_rounds import MAX_REFUSALS, OpenRounds
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.store import open_store
 
 TASKS = tuple(EpisodeTask(index, index, PriorSource()) for index in range(4))
 ROUNDS = Round(0, TASKS[:2]), Round(1, TASKS[2:])
@@ -28,7 +28,7 @@ class Opened:
 
     def __init__(self) -> None:
         spec = CampaignSpec(name="t", method="monte_carlo", episodes=4)
-        self.store, self.leases = MemoryStore(), Leases()
+        self.store, self.leases = open_store("memory://"), Leases()
         self.campaign = self.store.campaigns.create(spec).id
         self.leases.join(b"w", Hello(PROTOCOL, "w", 256), 0.0)
         shape = spec.setup().disturbance.shape
@@ -44,7 +44,7 @@ class Opened:
     def deliver(self, result: EpisodeResult) -> None:
         (verdict,) = self.commit(result)
         self.leases.settle(self.campaign, result.index, 0.1)
-        self.rounds.land(result, verdict)
+        self.rounds.take_verdict(result, verdict)
 
 
 @pytest.fixture
@@ -60,18 +60,18 @@ def test_what_has_a_result_is_not_asked_for(opened: Opened) -> None:
     opened.commit(result(0), result(3))
     opened.rounds.open(ROUNDS)
     assert opened.leased() == [1, 2]
-    assert opened.rounds.awaited() == 2
+    assert opened.rounds.count_pending() == 2
 
 
 def test_rounds_are_whole_in_their_order(opened: Opened) -> None:
     opened.rounds.open(ROUNDS)
     for index in (3, 1, 2):
         opened.deliver(result(index))
-        assert opened.rounds.whole() is None
+        assert opened.rounds.pop_complete() is None
     opened.deliver(result(0))
-    found = [opened.rounds.whole(), opened.rounds.whole()]
+    found = [opened.rounds.pop_complete(), opened.rounds.pop_complete()]
     assert [[each.index for each in whole or ()] for whole in found] == [[0, 1], [2, 3]]
-    assert opened.rounds.whole() is None
+    assert opened.rounds.pop_complete() is None
 
 
 def test_rounds_open_once_although_the_store_was_away(
@@ -84,7 +84,7 @@ def test_rounds_open_once_although_the_store_was_away(
         patch.setattr(opened.store.episodes, "finished", away)
         with pytest.raises(StoreUnavailable):
             opened.rounds.open(ROUNDS)
-    assert opened.rounds.awaited() == 0
+    assert opened.rounds.count_pending() == 0
     for _ in range(2):
         opened.rounds.open(ROUNDS)
     assert opened.leased() == [0, 1, 2, 3]
@@ -95,9 +95,11 @@ def test_of_two_results_the_one_that_is_kept_counts(opened: Opened) -> None:
     opened.commit(result(0))
     opened.deliver(result(0, "solver"))
     opened.deliver(result(1))
-    assert opened.rounds.whole() is None
-    assert [opened.rounds.count_those_kept() for _ in range(2)] == [1, 0]
-    assert [each.fault and each.fault.kind for each in opened.rounds.whole() or ()] == ["input"] * 2
+    assert opened.rounds.pop_complete() is None
+    assert [opened.rounds.load_kept_results() for _ in range(2)] == [1, 0]
+    assert [each.fault and each.fault.kind for each in opened.rounds.pop_complete() or ()] == [
+        "input"
+    ] * 2
 
 
 def test_what_is_refused_is_asked_for_again_but_not_for_ever(opened: Opened) -> None:

@@ -32,7 +32,7 @@ class Table:
         self.slots[worker] = slots
 
     def held(self, worker: bytes) -> list[tuple[int, int]]:
-        return [*self.leases.seats[worker].held]
+        return [*self.leases.sessions[worker].held]
 
     def lend(self) -> Counter[bytes]:
         """How many each was lent."""
@@ -42,12 +42,12 @@ class Table:
     def beat(self) -> None:
         for worker, slots in self.slots.items():
             held = self.held(worker)
-            self.leases.beat(worker, held[0] if held else None, held, slots)
+            self.leases.record_heartbeat(worker, held[0] if held else None, held, slots)
 
     def end(self, worker: bytes, n: int, took_s: float) -> None:
         for key in self.held(worker)[:n]:
-            self.leases.bring(*key, took_s)
-            self.leases.land(*key)
+            self.leases.receive(*key, took_s)
+            self.leases.release(*key)
 
     def warm_up(self, campaign: int = 1) -> None:
         """It is known how long an episode takes, and how many each runs; nobody holds any."""
@@ -112,8 +112,8 @@ def test_slots_are_those_of_the_campaign_that_runs_in_them(table: Table) -> None
     table.leases.offer(1, tasks(0, MANY))
     assert table.lend()[b"a"] == SLOTS
     table.leases.withdraw(1)
-    table.leases.seats[b"a"].forget(1)  # as it is told to drop a campaign
-    assert table.leases.seats[b"a"].slots(1) == 1
+    table.leases.sessions[b"a"].forget_campaign(1)  # as it is told to drop a campaign
+    assert table.leases.sessions[b"a"].slots(1) == 1
 
 
 def test_two_campaigns_take_turns_by_the_slotful_and_share_alike(table: Table) -> None:
@@ -137,15 +137,15 @@ def test_two_campaigns_take_turns_by_the_slotful_and_share_alike(table: Table) -
 
 
 def test_what_needs_a_bridge_goes_to_who_has_one_and_holds_nobody_up(table: Table) -> None:
-    table.leases.need_bridge(1)
+    table.leases.require_bridge(1)
     table.join(b"without", bridge=False)
     for campaign in (1, 2):
         table.leases.offer(campaign, tasks(0, 100))
     table.lend()
     assert {campaign for campaign, _ in table.held(b"without")} == {2}
-    assert table.leases.stranded() == {1}
+    assert table.leases.list_unrunnable() == {1}
     table.join(b"with")
-    assert not table.leases.stranded()
+    assert not table.leases.list_unrunnable()
     for _ in range(20):
         table.lend()
         for worker in (b"with", b"without"):
@@ -163,7 +163,7 @@ def test_campaigns_on_bridges_share_those_whatever_goes_on_elsewhere(
     table: Table, others: int
 ) -> None:
     for campaign in (1, 2):
-        table.leases.need_bridge(campaign)
+        table.leases.require_bridge(campaign)
     for campaign in (1, 2, 3):
         table.leases.offer(campaign, tasks(0, MANY))
     table.join(b"with")

@@ -1,4 +1,6 @@
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,8 @@ from eigenfail.values import (
     unrunnable,
 )
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+
+sys.path.append(str(Path(__file__).parent))
 
 Campaign = Callable[..., list[EpisodeResult]]
 

@@ -7,7 +7,7 @@ import pytest
 
 from eigenfail.errors import LearnerFailed
 from eigenfail.values import Measures, Outcome
-from eigenfail_services.methods.ast.decisions import DecisionProcess, decisions, usable
+from eigenfail_services.methods.ast.decisions import DecisionProcess, is_usable, make_decisions
 from eigenfail_services.methods.ast.reward import PaperReward
 
 REWARD = PaperReward(alpha=5000.0, c_dist=1000.0)
@@ -31,7 +31,7 @@ def test_any_other_end_is_penalised_by_the_distance_left(episode):
 
 def test_a_held_decision_earns_the_sum_over_its_steps(episode):
     z = np.repeat([(1.5, 0.0), (0.0, -3.0), (3.0, 0.0)], [2, 2, 1], axis=0)
-    found = decisions(episode(z, robustness_m=2.0), REWARD, DecisionProcess(hold=2), 3.0)
+    found = make_decisions(episode(z, robustness_m=2.0), REWARD, DecisionProcess(hold=2), 3.0)
     np.testing.assert_allclose(
         found.rewards, [2 * (AT_ZERO - 1.125), 2 * (AT_ZERO - 4.5), -7000.0], rtol=1e-6
     )
@@ -42,16 +42,16 @@ def test_a_held_decision_earns_the_sum_over_its_steps(episode):
 
 
 def test_the_last_decision_earns_its_earlier_steps_and_the_end(episode):
-    found = decisions(episode(np.zeros((4, 2))), REWARD, DecisionProcess(hold=3), 3.0)
+    found = make_decisions(episode(np.zeros((4, 2))), REWARD, DecisionProcess(hold=3), 3.0)
     np.testing.assert_allclose(found.rewards, [3 * AT_ZERO, 0.0], rtol=1e-6)
-    found = decisions(episode(np.zeros((6, 2))), REWARD, DecisionProcess(hold=3), 3.0)
+    found = make_decisions(episode(np.zeros((6, 2))), REWARD, DecisionProcess(hold=3), 3.0)
     np.testing.assert_allclose(found.rewards, [3 * AT_ZERO, 2 * AT_ZERO], rtol=1e-6)
 
 
 def test_rewards_of_several_decisions_are_summed_until_the_end(episode):
     z = np.array([(0, 0), (1, 0), (0, 2), (3, 0), (0, 0)])
     process = DecisionProcess(hold=1, n_step=3, gamma=0.5)
-    found = decisions(episode(z, robustness_m=2.0), REWARD, process, amplitude=3.0)
+    found = make_decisions(episode(z, robustness_m=2.0), REWARD, process, amplitude=3.0)
     r = AT_ZERO - np.array([0.0, 0.5, 2.0, 4.5])
     expected = [
         r[0] + 0.5 * r[1] + 0.25 * r[2],
@@ -67,16 +67,16 @@ def test_rewards_of_several_decisions_are_summed_until_the_end(episode):
 
 def test_more_steps_than_decisions_give_the_return_of_the_episode(episode):
     process = DecisionProcess(hold=2, n_step=50)
-    found = decisions(episode(np.zeros((5, 2))), REWARD, process, amplitude=3.0)
+    found = make_decisions(episode(np.zeros((5, 2))), REWARD, process, amplitude=3.0)
     np.testing.assert_allclose(found.rewards, [4 * AT_ZERO, 2 * AT_ZERO, 0.0], rtol=1e-6)
     np.testing.assert_array_equal(found.ends, [1, 1, 1])
 
 
 def test_what_was_not_run_to_its_end_is_not_usable(episode):
-    assert usable(episode([(0, 0)]))
-    assert not usable(episode([(0, 0)], outcome=Outcome.FAILED))
-    assert not usable(episode([]))
-    assert not usable(episode([(0, 0)], states=None))
+    assert is_usable(episode([(0, 0)]))
+    assert not is_usable(episode([(0, 0)], outcome=Outcome.FAILED))
+    assert not is_usable(episode([]))
+    assert not is_usable(episode([(0, 0)], states=None))
 
 
 @pytest.mark.parametrize("where", ["robustness", "noise", "state"])
@@ -88,4 +88,4 @@ def test_a_nan_is_refused_with_the_episode_that_holds_it(episode, where):
         "state": lambda: episode([(0, 0)], 1.0, index=17, states=np.full((1, 6), nan)),
     }[where]()
     with pytest.raises(LearnerFailed, match=r"Episode 17 has a NaN"):
-        decisions(result, REWARD, DecisionProcess(hold=5), 3.0)
+        make_decisions(result, REWARD, DecisionProcess(hold=5), 3.0)

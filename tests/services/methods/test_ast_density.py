@@ -7,12 +7,12 @@ import pytest
 
 from eigenfail.testing.toy import Corridor, ToyEngine
 from eigenfail.values import STATE, EpisodeTask, Layer, Policy, PolicySource, episode_seed
-from eigenfail_services.methods.ast.density import (
+from eigenfail_services.methods.ast.probability import (
     EDGE,
-    NARROWEST,
-    gaussian,
+    MIN_STD,
+    _log_tail_probability,
+    compute_gaussian,
     log_density,
-    log_tail,
     log_weights,
 )
 
@@ -83,10 +83,10 @@ def test_a_density_integrates_to_one_with_the_cells_at_both_ends(mean, std):
 
 
 def test_the_tail_goes_over_into_its_asymptote():
-    below, above = log_tail(np.array([30.0 - 1e-9, 30.0 + 1e-9]))
+    below, above = _log_tail_probability(np.array([30.0 - 1e-9, 30.0 + 1e-9]))
     assert below == pytest.approx(above, rel=1e-5)
-    assert log_tail(np.array([0.0, -40.0])) == pytest.approx([log(0.5), 0.0])
-    assert np.isfinite(log_tail(np.array([1e6]))).all()
+    assert _log_tail_probability(np.array([0.0, -40.0])) == pytest.approx([log(0.5), 0.0])
+    assert np.isfinite(_log_tail_probability(np.array([1e6]))).all()
 
 
 def test_noise_at_the_very_edge_has_a_weight(episode):
@@ -100,12 +100,12 @@ def test_noise_at_the_very_edge_has_a_weight(episode):
 
 def test_what_was_all_but_certain_has_no_density(episode):
     result = episode([(1.0, 1.0)], states=states(1))
-    assert np.isnan(log_weights([result], policy(std=0.9 * NARROWEST))).all()
-    assert np.isfinite(log_weights([result], policy(std=1.1 * NARROWEST))).all()
+    assert np.isnan(log_weights([result], policy(std=0.9 * MIN_STD))).all()
+    assert np.isfinite(log_weights([result], policy(std=1.1 * MIN_STD))).all()
 
 
 def test_deviations_are_clamped_as_where_the_policy_acts():
-    _, log_std = gaussian(policy(std=exp(50.0)), states(3).astype(np.float64))
+    _, log_std = compute_gaussian(policy(std=exp(50.0)), states(3).astype(np.float64))
     assert (log_std == 2.0).all()
 
 

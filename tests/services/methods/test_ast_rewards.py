@@ -33,14 +33,14 @@ def test_mahalanobis_is_the_logarithm_of_the_distance_from_the_mean(episode):
 @pytest.mark.parametrize("name", ["paper", "mahalanobis"])
 def test_what_was_found_changes_only_the_reward_that_compares(episode, name):
     before = reward(name)
-    assert before.after([episode(Z)]) is before
+    assert before.update([episode(Z)]) is before
     assert before.arrays() == {}
 
 
 def test_a_failure_earns_its_distance_from_the_nearest_failure_known(episode):
     fresh = reward("dissimilarity", c_dissimilarity=10.0)
     far, near = np.zeros((4, 2)), np.array([(0, 0), (3, 4), (0, -1), (0, 0)])
-    seen = fresh.after([episode(far), episode(near), episode(Z, robustness_m=1.0)])
+    seen = fresh.update([episode(far), episode(near), episode(Z, robustness_m=1.0)])
     assert len(seen.failures) == 2
     paper = reward("paper")(episode(Z))
     found = seen(episode(Z))
@@ -49,23 +49,23 @@ def test_a_failure_earns_its_distance_from_the_nearest_failure_known(episode):
 
 
 def test_behind_an_episodes_end_there_is_no_noise(episode):
-    seen = reward("dissimilarity").after([episode(Z)])
+    seen = reward("dissimilarity").update([episode(Z)])
     assert seen.distance(episode(Z[:3])) == pytest.approx(sqrt(2.0**2 / 8))
 
 
 def test_a_failure_like_one_before_earns_nothing(episode):
-    seen = reward("dissimilarity").after([episode(Z)])
+    seen = reward("dissimilarity").update([episode(Z)])
     assert seen(episode(Z))[-1] == 0.0
 
 
 def test_the_newest_hundred_failures_are_kept_and_come_back(episode):
     fresh = reward("dissimilarity")
-    seen = fresh.after([episode(np.full((4, 2), i)) for i in range(130)])
+    seen = fresh.update([episode(np.full((4, 2), i)) for i in range(130)])
     assert seen.failures[:, 0, 0].tolist() == list(range(30, 130))
-    again = fresh.loaded(seen.arrays())
+    again = fresh.load(seen.arrays())
     np.testing.assert_array_equal(again.failures, seen.failures)
     with pytest.raises(ValueError, match="no failures"):
-        fresh.loaded({})
+        fresh.load({})
 
 
 def test_an_unknown_reward_is_refused():

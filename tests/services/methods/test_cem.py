@@ -20,8 +20,9 @@ from eigenfail.values import (
 )
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.cem.method import CrossEntropyMethod
-from eigenfail_services.methods.cem.proposal import log_weights
+from eigenfail_services.methods.cem.method import CrossEntropyMethod, log_weights
+from eigenfail_services.statistics.importance import NO_ROUND, NOT_YET
+from eigenfail_services.statistics.intervals import log_normal
 
 CORRIDOR = Corridor()
 ESTIMATING = {
@@ -109,11 +110,28 @@ def test_a_proposal_that_is_no_narrower_than_the_noise_tells_the_probability(noi
     list(run_in_process(Rounds(learner, 0, 3000), noise_engine(half_space(p))))
     found = learner.estimate()
     assert isinstance(learner, Estimator)
-    assert found.interval.low <= p <= found.interval.high
-    assert found.interval.high / found.interval.low < 1.7
+    around = log_normal(found.probability, found.cv)
+    assert around.low <= p <= around.high
+    assert around.high / around.low < 1.7
     assert found.cv == pytest.approx((1.0 / found.effective - 1.0 / 1400) ** 0.5)
     assert (found.by, found.episodes, found.problem) == ("importance sampling", 1400, "")
-    assert "knows nothing of failures unlike" in found.note
+    assert (found.bound, found.interval) == ("lower", None)
+
+
+def test_of_two_failure_regions_it_tells_a_lower_bound_without_an_interval(noise_engine):
+    """It follows one of two equal half spaces, and cannot know that it counts half of the truth."""
+    reach = -NormalDist().inv_cdf(5e-4)
+    learner = cem(3000, seed=3001, **ESTIMATING)
+
+    def apart(z):
+        return reach - np.abs(z.reshape(len(z), -1).sum(axis=1)) / np.sqrt(z[0].size)
+
+    list(run_in_process(Rounds(learner, 0, 3000), noise_engine(apart)))
+    found = learner.estimate()
+    assert (found.bound, found.interval) == ("lower", None)
+    assert found.probability <= 1e-3
+    assert found.probability == pytest.approx(5e-4, rel=0.3)
+    assert "the true probability may be larger" in found.note
 
 
 @pytest.mark.parametrize("p", [1e-3, 1e-6])
@@ -137,8 +155,23 @@ def test_before_half_of_the_budget_is_spent_there_is_nothing_to_tell(noise_engin
         rounds.complete(list(engine.run(opened[0].tasks)))
         said.append(learner.estimate())
     assert [one.episodes for one in said] == [0, 0, 0, 20, 40]
-    assert "second half of the budget" in said[0].problem
+    assert {one.problem for one in said[:3]} == {NOT_YET}
     assert "None of the 40 episodes that count was a failure" in said[-1].problem
+
+
+def test_the_round_that_begins_at_exactly_half_of_the_budget_counts(noise_engine):
+    learner = cem(100, batch=25)
+    rounds, engine, counted = Rounds(learner, 0, 100), noise_engine(half_space(0.5)), []
+    while opened := rounds.open():
+        rounds.complete(list(engine.run(opened[0].tasks)))
+        counted.append(learner.estimate().episodes)
+    assert counted == [0, 0, 25, 50]
+
+
+def test_one_round_over_the_whole_budget_leaves_nothing_to_weigh(noise_engine):
+    learner = cem(100, batch=100)
+    list(run_in_process(Rounds(learner, 0, 100), noise_engine(half_space(0.5))))
+    assert learner.estimate().problem == NO_ROUND
 
 
 def test_episodes_that_failed_to_run_do_not_count(noise_engine):

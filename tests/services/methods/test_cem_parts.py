@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.values import Measures, Outcome
-from eigenfail_services.methods.cem.elite import elite
-from eigenfail_services.methods.cem.proposal import (
+from eigenfail_services.methods.cem.method import (
     GaussianProposal,
-    averaged,
-    fit,
+    average_over_steps,
+    fit_gaussian,
     log_weights,
-    prior,
+    make_prior,
+    select_elite,
 )
 
 NORMAL = NormalDist()
@@ -37,8 +37,8 @@ def test_a_weight_is_the_ratio_of_the_densities_up_to_the_episodes_end(steps, se
 
 
 def test_weights_of_the_prior_are_exactly_one():
-    z = prior(7).draw(5, np.random.default_rng(0))
-    assert not log_weights(list(z), prior(7)).any()
+    z = make_prior(7).draw(5, np.random.default_rng(0))
+    assert not log_weights(list(z), make_prior(7)).any()
 
 
 def test_weights_recover_a_probability_from_draws_elsewhere():
@@ -63,14 +63,14 @@ def test_draws_have_the_proposals_moments_and_travel():
 
 def test_the_fit_is_mean_and_standard_deviation_with_bessels_correction():
     z = np.random.default_rng(1).standard_normal((5, 3, 2), np.float32)
-    mean, std = fit(list(z), WIDE)
+    mean, std = fit_gaussian(list(z), WIDE)
     np.testing.assert_allclose(mean, z.mean(axis=0), atol=1e-6)
     np.testing.assert_allclose(std, z.std(axis=0, ddof=1), atol=1e-6)
 
 
 def test_behind_its_end_an_episode_stands_for_the_prior():
     short, long, longer = np.float32([[1, 1]]), np.float32([[3, 1], [2, 2]]), np.ones((2, 2))
-    mean, std = fit([short, long, longer.astype(np.float32), short], WIDE)
+    mean, std = fit_gaussian([short, long, longer.astype(np.float32), short], WIDE)
     # First step: x is 1, 3, 1, 1. Second: of four, two run, with x 2 and 1; the others are N(0, 1).
     np.testing.assert_allclose(mean[:, 0], [1.5, 0.75, 0.0])
     running = 0.5 * (0.5 + 1.5**2)
@@ -78,7 +78,7 @@ def test_behind_its_end_an_episode_stands_for_the_prior():
 
 
 def test_of_a_single_episode_the_spread_is_not_known():
-    mean, std = fit([np.float32([[2, 2], [1, 1]])], WIDE)
+    mean, std = fit_gaussian([np.float32([[2, 2], [1, 1]])], WIDE)
     np.testing.assert_allclose(mean, [[2, 2], [1, 1], [0, 0]])
     np.testing.assert_allclose(std, [*WIDE.std[:2], [1, 1]], atol=1e-7)
 
@@ -94,7 +94,7 @@ def test_of_a_single_episode_the_spread_is_not_known():
 )
 def test_moving_averages_by_hand(window, expected):
     values = np.stack([[0.0, 6.0, 0.0, 3.0], np.zeros(4)], axis=1)
-    np.testing.assert_allclose(averaged(values, window)[:, 0], expected)
+    np.testing.assert_allclose(average_over_steps(values, window)[:, 0], expected)
 
 
 def noise(x):
@@ -102,7 +102,7 @@ def noise(x):
 
 
 def chosen(results, share=0.25, proposal=None):
-    best = elite(results, proposal or prior(2), share)
+    best = select_elite(results, proposal or make_prior(2), share)
     return [float(z[0, 0]) for z in best]
 
 

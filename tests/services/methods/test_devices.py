@@ -18,7 +18,7 @@ from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.store import open_store
 
 EPISODES, HORIZON = 100, 5
 DEADLINE_S = 120.0
@@ -66,7 +66,7 @@ def test_a_gpu_that_is_not_there_is_told_with_the_way_out(monkeypatch) -> None:
 @pytest.mark.service
 def test_a_campaign_that_asks_for_it_ends_with_the_reason(monkeypatch) -> None:
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")  # the learner's machine has no GPU, then
-    store, deadline_s = MemoryStore(), time.monotonic() + DEADLINE_S
+    store, deadline_s = open_store("memory://"), time.monotonic() + DEADLINE_S
     settings = {**QUICK, "device": "cuda"}
     campaign = store.campaigns.create(
         CampaignSpec(name="t", method="difs", episodes=EPISODES, settings=settings)

@@ -128,7 +128,7 @@ def test_the_papers_preset_trains_on_all_below_the_threshold(episode):
     learner = difs(episodes=40, schedule="paper", quantile=0.3)
     learner.propose(40)
     learner.observe([episode(np.full((5, 2), i), float(i)) for i in range(1, 21)])
-    assert learner._examples().z[:, 0, 0].tolist() == [1, 2, 3, 4, 5, 6]
+    assert learner._make_examples().z[:, 0, 0].tolist() == [1, 2, 3, 4, 5, 6]
 
 
 def test_guidance_falls_while_more_fail_than_aimed_at_and_rises_again(episode):

@@ -6,9 +6,13 @@ import pytest
 from eigenfail.settings import read_settings
 from eigenfail.values import LearnerContext
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
-from eigenfail_services.methods.difs.mixture import Mixture, one_normal
 from eigenfail_services.methods.difs.model import DiffusionModel
-from eigenfail_services.methods.difs.modes import elite, fit
+from eigenfail_services.methods.difs.modes import (
+    Mixture,
+    fit_mixture,
+    make_prior_mixture,
+    prepare_elite,
+)
 from eigenfail_services.methods.difs.settings import DifsSettings
 
 SHARES = np.array([0.3, 0.7])
@@ -21,7 +25,7 @@ def seen(z):
 
 
 def fitted(z, shift=0, unseen=None):
-    return fit(elite(z, seen(z) if unseen is None else unseen, shift), most=4)
+    return fit_mixture(prepare_elite(z, seen(z) if unseen is None else unseen, shift), most=4)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +47,7 @@ def test_a_known_mixture_is_sampled_with_its_shares_means_and_covariance(sampler
 @pytest.mark.parametrize("count", [1, 7, 1000])
 def test_components_are_drawn_by_their_shares_to_the_nearest_one(count):
     mixture = Mixture(np.array([0.2, 0.5, 0.3]), np.zeros((3, 4)))
-    drawn = [mixture.drawn(count, np.random.default_rng(seed)) for seed in range(400)]
+    drawn = [mixture.draw_components(count, np.random.default_rng(seed)) for seed in range(400)]
     held = np.array([np.bincount(each, minlength=3) for each in drawn])
     assert np.abs(held - count * mixture.shares).max() < 1.0
     np.testing.assert_allclose(held.mean(axis=0) / count, mixture.shares, atol=0.1)
@@ -117,7 +121,7 @@ def test_few_or_equal_trajectories_are_one_component(count):
 
 
 def test_before_training_there_is_the_prior_alone():
-    prior = one_normal(4)
+    prior = make_prior_mixture(4)
     assert prior.shares.tolist() == [1.0]
     assert not prior.means.any()
 

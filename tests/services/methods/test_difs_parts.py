@@ -8,10 +8,10 @@ import torch
 
 from eigenfail.values import Measures, Outcome
 from eigenfail_services.methods.difs import diffusion
-from eigenfail_services.methods.difs.batches import shifted
+from eigenfail_services.methods.difs.diffusion import shift_in_time
 from eigenfail_services.methods.difs.model import DiffusionModel
-from eigenfail_services.methods.difs.options import DiffusionOptions, Examples
-from eigenfail_services.methods.difs.trials import Trials
+from eigenfail_services.methods.difs.settings import DiffusionOptions, Examples
+from eigenfail_services.methods.difs.trials import TrialMemory
 
 HORIZON = 6
 
@@ -36,7 +36,7 @@ def model(**changes):
 def test_velocity_and_noised_data_are_a_rotation():
     x0, eps = torch.randn(2, 5, 3, generator=torch.Generator().manual_seed(0))
     angle = torch.linspace(0.0, pi / 2, 5)
-    x, v = diffusion.diffuse(x0, eps, angle), diffusion.velocity(x0, eps, angle)
+    x, v = diffusion.diffuse(x0, eps, angle), diffusion.compute_velocity(x0, eps, angle)
     torch.testing.assert_close(torch.cos(angle)[:, None] * x - torch.sin(angle)[:, None] * v, x0)
     torch.testing.assert_close(torch.sin(angle)[:, None] * x + torch.cos(angle)[:, None] * v, eps)
 
@@ -119,7 +119,7 @@ def test_accidents_of_few_trajectories_are_not_trusted():
 def test_a_trajectory_is_shifted_in_time_and_what_moves_in_is_unseen():
     z = torch.arange(1.0, 5.0)[None, :, None].expand(2, 4, 2)
     unseen = torch.tensor([[False, False, False, True]] * 2)
-    moved, hidden = shifted(z, unseen, torch.tensor([[1], [-2]]))
+    moved, hidden = shift_in_time(z, unseen, torch.tensor([[1], [-2]]))
     assert moved[0, 1:, 0].tolist() == [1.0, 2.0, 3.0]
     assert hidden[0].tolist() == [True, False, False, False]
     assert moved[1, :2, 0].tolist() == [3.0, 4.0]
@@ -136,7 +136,7 @@ def test_jitter_averages_the_mean_over_time():
 
 
 def test_the_elite_are_the_least_robust_and_later_the_likelier_failures(episode):
-    trials = Trials(HORIZON, memory=100)
+    trials = TrialMemory(HORIZON, memory=100)
     trials.add([episode(np.ones((6, 2)), r) for r in (3.0, 1.0, 2.0, 4.0)])
     assert alike(trials, 2, 0.5) == [1, 2]
     trials.add([episode(np.full((6, 2), size)) for size in (3.0, 1.0, 2.0, 4.0, 1.5, 2.5)])
@@ -147,34 +147,34 @@ def test_the_elite_are_the_least_robust_and_later_the_likelier_failures(episode)
 
 def alike(trials, count, likely_share):
     """The elite where all are of one kind."""
-    return sorted(trials.elite(count, likely_share, np.zeros(len(trials), np.intp)).tolist())
+    return sorted(trials.select_elite(count, likely_share, np.zeros(len(trials), np.intp)).tolist())
 
 
 def test_every_kind_has_its_elite_until_the_others_have_failed_long_enough(episode):
-    trials = Trials(HORIZON, memory=100)
+    trials = TrialMemory(HORIZON, memory=100)
     robustness = [0.0, 0.0, 0.0, 0.0, 0.0, 5.0, 4.0, 6.0]
     trials.add([episode(np.ones((6, 2)), r) for r in robustness])
     kinds = np.array([0, 0, 0, 0, 0, 1, 1, 1])
-    assert trials.elite(4, 1.0, kinds).tolist() == [3, 4, 6, 5]
-    assert not trials.settled(4, kinds)
+    assert trials.select_elite(4, 1.0, kinds).tolist() == [3, 4, 6, 5]
+    assert not trials.has_elites(4, kinds)
     trials.add([episode(np.ones((6, 2)), 0.0)] * 3)
     given_up = np.append(kinds, [0, 0, 0])
-    assert trials.elite(4, 1.0, given_up).tolist() == [4, 8, 9, 10]
-    assert trials.settled(4, given_up)
+    assert trials.select_elite(4, 1.0, given_up).tolist() == [4, 8, 9, 10]
+    assert trials.has_elites(4, given_up)
     both = np.append(kinds, [1, 1, 0])
-    assert trials.elite(4, 1.0, both).tolist() == [4, 10, 8, 9]
-    assert trials.settled(4, both)
+    assert trials.select_elite(4, 1.0, both).tolist() == [4, 10, 8, 9]
+    assert trials.has_elites(4, both)
 
 
 def test_steps_behind_an_episodes_end_are_unseen(episode):
-    trials = Trials(4, memory=100)
+    trials = TrialMemory(4, memory=100)
     trials.add([episode(np.ones((2, 2))), episode(np.ones((4, 2)), 3.0)])
-    np.testing.assert_array_equal(trials.unseen(), [[0, 0, 1, 1], [0, 0, 0, 0]])
+    np.testing.assert_array_equal(trials.find_unseen(), [[0, 0, 1, 1], [0, 0, 0, 0]])
     np.testing.assert_array_equal(trials.z[:, :, 0], [[1, 1, 0, 0], [1, 1, 1, 1]])
 
 
 def test_failed_episodes_are_not_remembered_and_the_safest_make_room(episode):
-    trials = Trials(HORIZON, memory=3)
+    trials = TrialMemory(HORIZON, memory=3)
     robustness = [5.0, 1.0, 4.0, 2.0, 3.0]
     trials.add([episode([(i, 0)], r) for i, r in enumerate(robustness)])
     trials.add([episode([(9, 0)], 0.5, outcome=Outcome.FAILED), episode([], 0.1, measures=None)])
@@ -184,13 +184,13 @@ def test_failed_episodes_are_not_remembered_and_the_safest_make_room(episode):
 
 
 def test_measures_without_failures_keep_their_robustness(episode):
-    trials = Trials(HORIZON, memory=3)
+    trials = TrialMemory(HORIZON, memory=3)
     trials.add([episode([(0, 0)], measures=Measures(7.5), outcome=Outcome.SAFE)])
     assert trials.robustness.tolist() == [7.5]
 
 
 def test_a_kind_is_as_far_behind_as_its_best(episode):
-    trials = Trials(HORIZON, memory=100)
+    trials = TrialMemory(HORIZON, memory=100)
     trials.add([episode(np.ones((6, 2)), r) for r in (3.0, 1.0, 2.5, 4.0)])
-    assert trials.behind(np.array([0, 0, 2, 2])).tolist() == [0.0, 0.0, 1.5, 1.5]
-    assert trials.behind(np.zeros(4, np.intp)).tolist() == [0.0] * 4
+    assert trials.find_offsets(np.array([0, 0, 2, 2])).tolist() == [0.0, 0.0, 1.5, 1.5]
+    assert trials.find_offsets(np.zeros(4, np.intp)).tolist() == [0.0] * 4

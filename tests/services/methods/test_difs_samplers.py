@@ -5,9 +5,9 @@ from math import erf, sqrt
 import numpy as np
 import pytest
 import torch
+from sample_quality import sample_quality
 
-from eigenfail_services.methods.difs.samplers import SAMPLERS, ancestral
-from eigenfail_services.statistics.sample_quality import sample_quality
+from eigenfail_services.methods.difs.diffusion import SAMPLERS, sample_ancestral
 
 CENTRE, WIDTH = 2.0, 0.5
 """Two modes: x is N(±2, 0.5²), each with a chance of one half."""
@@ -69,7 +69,7 @@ def test_a_moved_normal_is_sampled_exactly_in_any_number_of_ancestral_steps(step
     mean = torch.tensor([2.0, -1.0, 0.0])
     generator = torch.Generator().manual_seed(1)
     start = torch.randn(40_000, 3, generator=generator)
-    samples = ancestral(
+    samples = sample_ancestral(
         lambda x, angle: -torch.sin(angle)[:, None] * mean.expand_as(x), start, steps, generator
     )
     assert torch.allclose(samples.mean(dim=0), mean, atol=0.03)
@@ -80,7 +80,9 @@ def test_more_steps_come_nearer_to_the_full_ones():
     def error(steps):
         generator = torch.Generator().manual_seed(2)
         start = torch.randn(20_000, 1, generator=generator)
-        x = np.sort(ancestral(two_modes, start, steps, generator)[:, 0].numpy().astype(float))
+        x = np.sort(
+            sample_ancestral(two_modes, start, steps, generator)[:, 0].numpy().astype(float)
+        )
         return np.abs(truth(x) - (np.arange(len(x)) + 0.5) / len(x)).max()
 
     assert error(4) > error(16) > error(200)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from sample_quality import sample_quality
 
 from eigenfail.testing.toy import Corridor
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
-from eigenfail_services.statistics.sample_quality import sample_quality
 
 CORRIDOR = Corridor(wall=0.8)
 

@@ -25,8 +25,7 @@ from eigenfail.values import (
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.cem.method import CrossEntropyMethod
 from eigenfail_services.methods.ensemble import Ensemble
-from eigenfail_services.methods.ensemble.members import member_seed
-from eigenfail_services.methods.ensemble.settings import shares
+from eigenfail_services.methods.ensemble.method import divide_episodes, make_member_seed
 
 CORRIDOR = Corridor()
 AST = {"round_size": 4, "warm_up": 4, "buffer_size": 70, "gradient_steps": 2}
@@ -171,16 +170,16 @@ def test_each_member_finds_what_it_would_find_alone():
     ):
         found[number % 2].append([task.source.z for task in round_.tasks])
     for number in (0, 1):
-        own = msgspec.structs.replace(context(30), seed=member_seed(7, number))
+        own = msgspec.structs.replace(context(30), seed=make_member_seed(7, number))
         alone = course(CrossEntropyMethod(own, settings), 30)
         drawn = [[task.source.z for task in round_.tasks] for round_, _ in alone]
         np.testing.assert_array_equal(drawn, found[number])
 
 
 def test_members_draw_from_seeds_of_their_own():
-    seeds = {member_seed(seed, number) for seed in range(20) for number in range(16)}
+    seeds = {make_member_seed(seed, number) for seed in range(20) for number in range(16)}
     assert len(seeds) == 320
-    assert member_seed(3, 5) == member_seed(3, 5)
+    assert make_member_seed(3, 5) == make_member_seed(3, 5)
 
 
 def test_policies_are_numbered_by_round_and_differ_from_member_to_member():
@@ -300,7 +299,7 @@ def test_members_tell_together_how_many_episodes_they_were_trained_with():
 
 def test_too_few_episodes_are_refused_with_a_remedy():
     with pytest.raises(InvalidValue, match=r"4 members cannot share 3 episodes\. Ask for fewer"):
-        shares(3, 4)
+        divide_episodes(3, 4)
 
 
 def test_a_state_of_another_number_of_members_or_of_another_method_is_refused():

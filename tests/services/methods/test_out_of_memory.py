@@ -11,7 +11,7 @@ from eigenfail.errors import LearnerDiverged
 from eigenfail.settings import read_settings
 from eigenfail.values import LearnerContext
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
-from eigenfail_services.methods.tensors import within_memory
+from eigenfail_services.methods.tensors import wrap_memory_errors
 
 TOLD = "CUDA out of memory. Tried to allocate 2.00 GiB.\nGPU 0 has a total capacity of 79.1 GiB."
 QUICK = {"first_steps": 5, "steps": 5, "device": "cpu", "initial_share": 0.2, "round_size": 20}
@@ -38,6 +38,12 @@ def round_of(episode):
     return lambda n: [episode(np.full((HORIZON, 2), 0.1 * i), 2.0 + i) for i in range(n)]
 
 
+@pytest.mark.fault(
+    "GPU without free memory",
+    group="processes",
+    outcome="The learner starts again once from its checkpoint; the second time the campaign "
+    "ends as dead and names the setting to change.",
+)
 def test_no_room_to_train_is_told_and_the_checkpoint_goes_on(round_of, monkeypatch) -> None:
     lost = learner()
     results = round_of(len(lost.propose(EPISODES).sources))
@@ -57,6 +63,7 @@ def test_no_room_to_train_is_told_and_the_checkpoint_goes_on(round_of, monkeypat
     np.testing.assert_array_equal(noise(undisturbed.propose(20)), noise(again.propose(20)))
 
 
+@pytest.mark.fault("GPU without free memory")
 @pytest.mark.parametrize("where", ["randn", "from_numpy"])
 def test_so_is_no_room_to_sample(round_of, monkeypatch, where: str) -> None:
     made = learner()
@@ -66,12 +73,14 @@ def test_so_is_no_room_to_sample(round_of, monkeypatch, where: str) -> None:
         made.propose(20)
 
 
+@pytest.mark.fault("GPU without free memory")
 def test_so_is_no_room_for_the_network(monkeypatch) -> None:
     monkeypatch.setattr(torch.nn.Module, "to", refuse)
     with pytest.raises(LearnerDiverged, match="out of memory on its device"):
         learner()
 
 
+@pytest.mark.fault("GPU without free memory")
 def test_torch_may_say_nothing_at_all() -> None:
-    with pytest.raises(LearnerDiverged, match="ran out of memory"), within_memory():
+    with pytest.raises(LearnerDiverged, match="ran out of memory"), wrap_memory_errors():
         raise torch.OutOfMemoryError

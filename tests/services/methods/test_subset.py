@@ -12,8 +12,7 @@ from eigenfail.settings import read_settings
 from eigenfail.values import LearnerContext, learner_seed
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.subset.method import SubsetMethod
-from eigenfail_services.statistics.subset_estimate import SubsetSettings
-from eigenfail_services.statistics.subset_simulation import subset_simulation
+from eigenfail_services.statistics.subset_simulation import SubsetSettings, subset_simulation
 
 STEPS = 5
 SEED = 3004
@@ -222,9 +221,9 @@ def test_a_long_campaign_has_a_small_state(searched):
 @pytest.mark.parametrize("episodes", [256, 300, 1_000, 12_000, 5_000_000])
 def test_a_level_is_as_large_as_seven_of_them_may_be(episodes):
     given = SubsetMethod.Settings()
-    samples = given.within(episodes).samples
-    assert given._spent(samples) <= episodes
-    assert samples == 100_000 or given._spent(samples + 1) > episodes
+    samples = given.make_settings(episodes).samples
+    assert given._count_episodes(samples) <= episodes
+    assert samples == 100_000 or given._count_episodes(samples + 1) > episodes
 
 
 def test_a_budget_that_allows_too_few_samples_is_refused():

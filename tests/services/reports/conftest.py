@@ -7,15 +7,14 @@ from typing import Any
 import pytest
 
 from eigenfail import plugins
-from eigenfail.contracts import Store
 from eigenfail.settings import read_settings
 from eigenfail.values import AnalysisSettings, CampaignSpec, CampaignState, DisturbanceModel
 from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.materials import learner_context
+from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.reports.report import Made, make
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.store import Store, open_store
 
 EPISODES = 24
 NOW_MS = 1_760_000_000_000
@@ -96,7 +95,7 @@ def run(finish: Callable[..., int]) -> Callable[..., int]:
 @pytest.fixture(scope="session")
 def store(run: Callable[..., int]) -> Store:
     """Campaign 1 fails and is analysed, 2 never fails, 3 still runs, 4 has not begun."""
-    store = MemoryStore()
+    store = open_store("memory://")
     run(store, name="=A $b$ <script>alert(1)</script> & c")
     run(store, name="Safe", disturbance=DisturbanceModel(scale=0.01), seed=2)
     run(store, name="Running", first=10, seed=3)

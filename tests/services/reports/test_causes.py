@@ -5,19 +5,15 @@ from typing import Any
 
 import pytest
 
-from eigenfail.contracts import Store
 from eigenfail.values import AnalysisSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.minimal_failures import minimal_failure
-from eigenfail_services.campaigns.proofs import proof
-from eigenfail_services.campaigns.proving import prove
-from eigenfail_services.campaigns.region import region_of
+from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
+from eigenfail_services.campaigns.proofs import launch_replays, summarise_proof
+from eigenfail_services.campaigns.region import find_region
 from eigenfail_services.reports.material import Material, gather
-from eigenfail_services.reports.parts import Part
-from eigenfail_services.reports.sections import minimal as minimal_section
-from eigenfail_services.reports.sections import proof as proof_section
-from eigenfail_services.reports.sections import region as region_section
-from eigenfail_services.store import MemoryStore
+from eigenfail_services.reports.page import ReportPart
+from eigenfail_services.reports.sections import costs, evidence
+from eigenfail_services.store import Store, open_store
 
 VARIED = {"scenario_parameters": {"distance_m": {"uniform": [52.0, 70.0]}}, "episodes": 80}
 
@@ -25,14 +21,14 @@ VARIED = {"scenario_parameters": {"distance_m": {"uniform": [52.0, 70.0]}}, "epi
 @pytest.fixture(scope="module")
 def store(run: Callable[..., int], finish: Callable[..., int]) -> Store:
     """Campaign 1 varies its scenario and is analysed and proven, 2 shrinks a failure of it."""
-    store = MemoryStore()
+    store = open_store("memory://")
     run(store, name="Varied", **VARIED)
     failure = store.episodes.failures(1).indices[0]
     settings = {"campaign": 1, "episode": failure}
     run(store, name="Minimal", method="minimal", settings=settings, episodes=120)
     analysis = store.analyses.create(1, AnalysisSettings(clusters=2, bootstrap=0))
     run_analysis(store, analysis.id)
-    for scenario in prove(store, store.analyses.get(analysis.id), ({},)).scenarios:
+    for scenario in launch_replays(store, store.analyses.get(analysis.id), ({},)).scenarios:
         finish(store, scenario.campaign)
     return store
 
@@ -42,16 +38,16 @@ def material(store: Store) -> Material:
     return gather(store, (1, 2))
 
 
-def rows(part: Part, name: str) -> list[dict[str, Any]]:
+def rows(part: ReportPart, name: str) -> list[dict[str, Any]]:
     (table,) = [each for each in part.section.tables if each.name == name]
     names = [column.name for column in table.columns]
     return [dict(zip(names, row, strict=True)) for row in table.rows]
 
 
 def test_the_proof_is_that_of_the_analysis(material: Material, store: Store) -> None:
-    part = proof_section.part(material)
+    part = evidence.make_proof(material)
     assert part is not None
-    proven = proof(store, store.analyses.get(1))
+    proven = summarise_proof(store, store.analyses.get(1))
     scenarios = rows(part, "proof")
     assert {row["scenario"] for row in scenarios} == {each.words for each in proven.scenarios}
     assert all(each.words.startswith("the same (drawn: distance_m = ") for each in proven.scenarios)
@@ -68,9 +64,9 @@ def test_the_proof_is_that_of_the_analysis(material: Material, store: Store) -> 
 
 
 def test_the_minimal_failure_is_the_one_that_was_found(material: Material, store: Store) -> None:
-    part = minimal_section.part(material)
+    part = costs.make_minimal(material)
     assert part is not None
-    found = minimal_failure(store, store.campaigns.get(2))
+    found = find_minimal_failure(store, store.campaigns.get(2))
     (row,) = rows(part, "minimal")
     assert (row["campaign"], row["episode"]) == (2, found.index)
     assert (row["needed"], row["injected"]) == (found.needed, found.injected)
@@ -79,9 +75,9 @@ def test_the_minimal_failure_is_the_one_that_was_found(material: Material, store
 
 
 def test_the_region_is_the_one_that_was_found(material: Material, store: Store) -> None:
-    part = region_section.part(material)
+    part = costs.make_region(material)
     assert part is not None
-    found = region_of(store, (1, 2))
+    found = find_region(store, (1, 2))
     assert "distance_m vary" in " ".join(part.section.words)
     assert len({row["box"] for row in rows(part, "region")}) == len(found.boxes)
     if not found.boxes:
@@ -89,8 +85,8 @@ def test_the_region_is_the_one_that_was_found(material: Material, store: Store) 
 
 
 def test_nothing_is_said_where_there_is_nothing(run: Callable[..., int]) -> None:
-    store = MemoryStore()
+    store = open_store("memory://")
     run(store, name="Plain", first=3)
     material = gather(store, (1,))
-    for section in (proof_section, minimal_section, region_section):
-        assert section.part(material) is None
+    for make in (evidence.make_proof, costs.make_minimal, costs.make_region):
+        assert make(material) is None

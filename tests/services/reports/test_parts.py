@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from eigenfail.values import Cost, Estimate, Interval
-from eigenfail_services.reports import formats
-from eigenfail_services.reports.analysed import side_by_side, spread
-from eigenfail_services.reports.page import templates
-from eigenfail_services.reports.parts import Drawing
-from eigenfail_services.reports.pictures import INK, MARKS, MUTED, draw, inline
-from eigenfail_services.reports.samples import evenly, in_groups, sample_note
+from eigenfail.values import Estimate, Interval
+from eigenfail_services.reports.material import evenly, in_groups, sample_note, side_by_side, spread
+from eigenfail_services.reports.page import list_probability, templates
+from eigenfail_services.reports.pictures import INK, MARKS, MUTED, Drawing, draw, inline
 
 
 def luminance(colour):
@@ -96,33 +94,14 @@ def test_samples_are_even_and_say_so():
     assert sample_note(2000, 12345, "failures").startswith("A sample of 2,000 of 12,345 failures")
 
 
-def test_money_is_never_a_power_of_ten():
-    assert formats.usd(0.0000566) == "0.0000566 USD"
-    assert formats.usd(1234.5) == "1,234.50 USD"
-    assert formats.usd(0.0) == "0.00 USD"
-    assert formats.usd(None) == "–"
-
-
-def test_a_cost_has_its_interval_or_its_lower_bound():
-    known = Cost(1.0, 1.0, 0.5, Interval(0.25, 1.0), 0.25)
-    assert formats.cost_per_failure(known) == ("0.500 USD", "95 %: 0.250 – 1.00 USD")
-    bound = Cost(1.0, 1.0, None, None, 0.25)
-    assert formats.cost_per_failure(bound)[0] == "≥ 0.250 USD"
-    assert formats.cost_per_failure(Cost(0.0, 0.0, None, None, None))[0] == "–"
-
-
-def test_a_probability_has_its_interval_and_note_or_its_refusal():
-    refused = Estimate(by="subset simulation", episodes=600, problem="The budget ended.")
-    assert formats.probability(refused)[:2] == ("not told", "The budget ended.")
+def test_a_probability_has_its_interval_or_its_lower_bound_in_columns_of_their_own():
     told = Estimate(
-        by="importance sampling",
+        by="subset simulation",
         episodes=600,
         probability=1.2e-5,
         cv=0.3,
         interval=Interval(5e-6, 3e-5),
-        note="A mode may be missing.",
     )
-    lines = formats.probability(told)
-    assert lines[0] == "1.20×10⁻⁵"
-    assert lines[-1] == "A mode may be missing."
-    assert formats.probability(None)[0] == "–"
+    assert list_probability(told) == (1.2e-5, 5e-6, 3e-5, None)
+    bound = replace(told, by="importance sampling", bound="lower", interval=None)
+    assert list_probability(bound) == (None, None, None, 1.2e-5)

@@ -9,16 +9,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue, NotFound
+from eigenfail.presentation.figures import format_amount, format_utc
 from eigenfail.values.report import Report, ReportTable
 from eigenfail.wire.http import decode
-from eigenfail_services.campaigns.safety import safety_of
-from eigenfail_services.campaigns.summary import summarise
-from eigenfail_services.reports import formats
-from eigenfail_services.reports.page import MOST_ROWS
+from eigenfail_services.campaigns.summary import find_safety, summarise
+from eigenfail_services.reports.page import MOST_ROWS, format_plain, to_csv
 from eigenfail_services.reports.report import Made, make
-from eigenfail_services.reports.tables import to_csv, written
+from eigenfail_services.store import Store
 
 NOW_MS = 1_760_000_000_000
 
@@ -53,7 +51,7 @@ def test_a_campaign_without_failures_has_no_section_on_modes(store: Store, parse
     assert "Campaign 2: no failure, so there is no mode." in text
     cost = summarise(store.campaigns.get(2), store.episodes.totals(2)).cost
     assert row["cost_per_failure_at_least"] == cost.at_least_usd
-    assert f"≥ {formats.usd(cost.at_least_usd)}" in text
+    assert f"≥ {format_amount(cost.at_least_usd)}" in text
 
 
 def test_a_campaign_that_runs_or_waits_is_told_as_such(made: Made, page: Any) -> None:
@@ -76,7 +74,7 @@ def test_the_numbers_are_those_of_the_store(made: Made, store: Store) -> None:
         rate = summary.failure_rate
         assert row["failure_rate"] == (rate.value if rate else None)
         assert row["failure_rate_high"] == (rate.interval.high if rate else None)
-    safety = safety_of(store, store.campaigns.get(1))
+    safety = find_safety(store, store.campaigns.get(1))
     (worst,) = [
         row
         for row in records(table(made.report, "safety"))
@@ -146,7 +144,7 @@ def test_the_same_results_give_the_same_bytes(store: Store, made: Made, html: by
     later = make(store, (1, 2, 3, 4), NOW_MS + 86_400_000)
     assert later.report != made.report
     assert msgspec.structs.replace(later.report, made_ms=NOW_MS) == made.report
-    assert html.decode().count(formats.moment(NOW_MS)) == 1
+    assert html.decode().count(format_utc(NOW_MS)) == 1
 
 
 def test_the_bundle_has_page_data_tables_and_pictures(made: Made, html: bytes) -> None:
@@ -174,15 +172,15 @@ def test_csv_holds_every_number_as_exact_as_json(made: Made) -> None:
         assert lines[0] == [column.name for column in each.columns]
         for row, cells in zip(each.rows, lines[1:], strict=True):
             for cell, text in zip(row, cells, strict=True):
-                assert text == written(cell)
+                assert text == format_plain(cell)
                 if isinstance(cell, float):
                     assert float(text) == cell
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\tx"])
 def test_no_text_is_a_formula(text: str) -> None:
-    assert written(text) == f"'{text}"
-    assert written(-1.5) == "-1.5"
+    assert format_plain(text) == f"'{text}"
+    assert format_plain(-1.5) == "-1.5"
 
 
 def test_set_up_tells_what_was_given_and_what_was_not(made: Made, page: Any) -> None:

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
-from eigenfail_services.statistics.effect_size import effect_size, magnitude
+from eigenfail_services.statistics.comparison import effect_size, name_magnitude
 
 
 @pytest.mark.parametrize(
@@ -30,8 +30,8 @@ def test_by_hand(a, b, a12, name) -> None:
     [(0.559, "negligible"), (0.56, "small"), (0.64, "medium"), (0.71, "large"), (0.29, "large")],
 )
 def test_the_names_begin_where_vargha_and_delaney_have_them(a12, name) -> None:
-    assert magnitude(a12) == name
-    assert magnitude(1.0 - a12) == name
+    assert name_magnitude(a12) == name
+    assert name_magnitude(1.0 - a12) == name
 
 
 values = st.lists(st.integers(0, 5).map(float), min_size=2, max_size=8)

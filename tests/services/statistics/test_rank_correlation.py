@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail_services.statistics.rank_correlation import midranks, rank_correlation
+from eigenfail_services.statistics.comparison import _rank, rank_correlation
 
 TEN = np.arange(10.0)
 
 
 def test_equal_values_share_their_rank() -> None:
-    assert midranks(np.array([3.0, 1.0, 3.0, 0.0])).tolist() == [3.5, 2.0, 3.5, 1.0]
+    assert _rank(np.array([3.0, 1.0, 3.0, 0.0])).tolist() == [3.5, 2.0, 3.5, 1.0]
 
 
 def test_ten_pairs_by_hand() -> None:

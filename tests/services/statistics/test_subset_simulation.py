@@ -8,15 +8,16 @@ import pytest
 from msgspec import structs
 
 from eigenfail.errors import InvalidValue
-from eigenfail_services.statistics.conditional_sampling import ConditionalSampler
 from eigenfail_services.statistics.intervals import Z
-from eigenfail_services.statistics.subset_estimate import End, SubsetSettings
 from eigenfail_services.statistics.subset_simulation import (
-    lineage_variation,
-    next_threshold,
-    product_variation,
+    ConditionalSampler,
+    SubsetEnd,
+    SubsetSettings,
+    _estimate_variation,
+    _find_next_threshold,
+    combine_variations,
+    estimate_lineage_variation,
     subset_simulation,
-    variation,
 )
 
 STEPS = 20
@@ -53,7 +54,7 @@ def played(dialogue, robustness):
 def held(robustness, p, steps=STEPS, settings=SETTINGS, runs=20):
     """In how many of some runs the interval holds p, and the mean estimate ÷ p."""
     found = [subset_simulation(robustness, steps, settings, seed) for seed in range(runs)]
-    assert {one.end for one in found} == {End.REACHED}
+    assert {one.end for one in found} == {SubsetEnd.REACHED}
     inside = [one.interval.low <= p <= one.interval.high for one in found]
     return sum(inside), float(np.mean([one.probability for one in found])) / p
 
@@ -87,7 +88,7 @@ def test_an_estimate_is_the_product_of_its_levels_and_says_what_it_cost():
     assert thresholds[-1] == 0.0
     assert [level.share for level in found.levels[:-1]] == [0.1] * (len(thresholds) - 1)
     assert found.probability == pytest.approx(prod(level.share for level in found.levels))
-    assert product_variation(found.levels) <= found.variation < 1.0
+    assert combine_variations(found.levels) <= found.variation < 1.0
     assert 5 < found.ancestors < 100
     width = log(found.interval.high / found.interval.low)
     assert width == pytest.approx(2.0 * Z * sqrt(log(1.0 + found.variation**2)))
@@ -114,9 +115,9 @@ def test_the_same_seed_gives_the_same_estimate():
 @pytest.mark.parametrize(
     ("robustness", "end"),
     [
-        (lambda z: np.full(len(z), 3.0), End.STALLED),
-        (lambda z: np.maximum(half_space(1e-5)(z), 1.0), End.STALLED),
-        (lambda z: 1.0 + np.exp(half_space(1e-3)(z)), End.SPENT),
+        (lambda z: np.full(len(z), 3.0), SubsetEnd.STALLED),
+        (lambda z: np.maximum(half_space(1e-5)(z), 1.0), SubsetEnd.STALLED),
+        (lambda z: 1.0 + np.exp(half_space(1e-3)(z)), SubsetEnd.SPENT),
     ],
 )
 def test_where_failures_are_out_of_reach_it_ends_and_says_so(robustness, end):
@@ -139,25 +140,25 @@ def test_where_failures_are_out_of_reach_it_ends_and_says_so(robustness, end):
     ],
 )
 def test_levels_fall_or_there_is_none(values, before, threshold):
-    assert next_threshold(np.array(values), before, 0.2) == threshold
+    assert _find_next_threshold(np.array(values), before, 0.2) == threshold
     if threshold == 1.0:
-        assert next_threshold(np.array(values * 2 + [2.0] * 10), 2.0, 0.2) == threshold
+        assert _find_next_threshold(np.array(values * 2 + [2.0] * 10), 2.0, 0.2) == threshold
 
 
 def test_the_variation_of_independent_draws_is_the_binomial_one():
     inside = np.arange(1000)[None] < 100
-    assert variation(inside) == pytest.approx(sqrt(0.9 / 100.0))
+    assert _estimate_variation(inside) == pytest.approx(sqrt(0.9 / 100.0))
 
 
 def test_chains_that_never_move_are_worth_one_sample_each():
     inside = np.tile(np.arange(100) < 10, (10, 1))
-    assert variation(inside) == pytest.approx(sqrt(0.9 / 10.0))
+    assert _estimate_variation(inside) == pytest.approx(sqrt(0.9 / 10.0))
 
 
 def test_an_estimate_is_as_sure_as_the_failures_have_ancestors():
-    assert lineage_variation(np.array([0.0, 7.0, 0.0])) == 1.0
-    assert lineage_variation(np.array([2.0, 2.0, 0.0, 2.0, 2.0])) == 0.5
-    assert lineage_variation(np.array([3.0, 4.0])) == pytest.approx(5.0 / 7.0)
+    assert estimate_lineage_variation(np.array([0.0, 7.0, 0.0])) == 1.0
+    assert estimate_lineage_variation(np.array([2.0, 2.0, 0.0, 2.0, 2.0])) == 0.5
+    assert estimate_lineage_variation(np.array([3.0, 4.0])) == pytest.approx(5.0 / 7.0)
 
 
 def test_the_variation_that_is_said_is_the_one_that_is():

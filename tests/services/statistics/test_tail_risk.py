@@ -6,7 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
-from eigenfail_services.statistics.tail_risk import RESAMPLES, bootstrap, tail, tail_risk
+from eigenfail_services.statistics.tail_risk import (
+    RESAMPLES,
+    bootstrap_intervals,
+    measure_tail,
+    tail_risk,
+)
 
 HUNDRED = np.arange(1.0, 101.0)
 
@@ -23,7 +28,7 @@ def test_a_hundred_numbers_by_hand() -> None:
 
 def test_where_the_quantile_splits_a_value_it_counts_in_part() -> None:
     # The worst 25 % of 1, 2, 3, 4, 5, 6 are 6 and half of the 5: (6 + 0.5 · 5) ÷ 1.5.
-    assert tail(np.arange(1.0, 7.0), 0.75) == (5.0, pytest.approx(8.5 / 1.5))
+    assert measure_tail(np.arange(1.0, 7.0), 0.75) == (5.0, pytest.approx(8.5 / 1.5))
 
 
 def test_the_mean_has_student_s_interval() -> None:
@@ -68,9 +73,9 @@ def test_it_is_the_same_whenever_it_is_repeated() -> None:
 def test_the_short_way_to_resample_is_the_plain_one() -> None:
     ordered = np.sort(np.random.default_rng(2).exponential(size=400))
     random = np.random.default_rng(3)
-    plain = [tail(np.sort(random.choice(ordered, 400)), 0.95) for _ in range(4 * RESAMPLES)]
+    plain = [measure_tail(np.sort(random.choice(ordered, 400)), 0.95) for _ in range(4 * RESAMPLES)]
     wanted = np.quantile(plain, [0.025, 0.975], axis=0).T
-    found = [(each.low, each.high) for each in bootstrap(ordered, 0.95)]
+    found = [(each.low, each.high) for each in bootstrap_intervals(ordered, 0.95)]
     assert found == [pytest.approx(each, rel=0.05) for each in wanted]
 
 
@@ -109,5 +114,5 @@ def test_the_median_var_cvar_and_the_worst_are_in_order(values: list[float], lev
 
 @given(st.floats(0.1, 100.0), st.floats(-1e3, 1e3))
 def test_units_do_not_matter(scale: float, shift: float) -> None:
-    plain, moved = tail(HUNDRED, 0.9), tail(scale * HUNDRED + shift, 0.9)
+    plain, moved = measure_tail(HUNDRED, 0.9), measure_tail(scale * HUNDRED + shift, 0.9)
     assert moved == pytest.approx([scale * each + shift for each in plain], rel=1e-6, abs=1e-6)

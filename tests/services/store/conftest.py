@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from eigenfail.contracts import Store
-from eigenfail_services.store import MemoryStore, open_store
+from eigenfail_services.store import Store, open_store
 
 sys.path.append(str(Path(__file__).parent))
 
@@ -79,7 +78,7 @@ def sql_store(url) -> Iterator[Store]:
 def store(request) -> Iterator[Store]:
     """An empty store of each kind."""
     if request.param == "memory":
-        yield MemoryStore()
+        yield open_store("memory://")
         return
     store = open_store(request.getfixturevalue(request.param))
     yield store

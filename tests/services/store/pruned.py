@@ -3,17 +3,18 @@
 from contextlib import closing
 
 from sqlalchemy import text
+from store_checks.examples import deliver, running
 
-from eigenfail.contracts import Store
-from eigenfail.testing.store.examples import collision, deliver, failed, result, running
+from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values import Campaign, CampaignState
 from eigenfail.values.records import JobKind
 from eigenfail.values.retention import Retention
-from eigenfail_services.store.engine import Database, find
-from eigenfail_services.upkeep.pruning import Which
+from eigenfail_services.store import Store
+from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.upkeep.pruning import PruneSelection
 
 FIFTHS = Retention(keep_every=5)
-EVERYTHING = Which()
+EVERYTHING = PruneSelection()
 COUNT = 40
 LOST = COUNT - COUNT // 5 - 3
 """But for fifths, two failures and one that could not be run."""
@@ -23,7 +24,7 @@ def fill(store: Store, **changes) -> Campaign:
     campaign = running(store, **{"episodes": COUNT} | changes)
     safe = [result(index) for index in range(COUNT) if index not in (11, 12, 13)]
     crashed = [collision(index, source="prior") for index in (11, 12)]
-    deliver(store, campaign, *safe, *crashed, failed(13))
+    deliver(store, campaign, *safe, *crashed, make_errored_result(13))
     return ended(store, campaign)
 
 
@@ -36,5 +37,5 @@ def ended(store: Store, campaign: Campaign) -> Campaign:
 
 
 def change(url: str, statement: str) -> None:
-    with closing(Database(find(url))) as database, database.writing() as connection:
+    with closing(Database(find_backend(url))) as database, database.writing() as connection:
         connection.execute(text(statement))

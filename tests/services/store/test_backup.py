@@ -16,11 +16,12 @@ from pathlib import Path
 import psycopg
 import pytest
 from sqlalchemy import text
+from store_checks.examples import deliver, running
 
 from eigenfail.errors import Conflict, InvalidValue, SchemaMismatch, ServiceError
-from eigenfail.testing.store.examples import collision, deliver, result, running
+from eigenfail.testing.examples import collision, result
 from eigenfail_services.store import migrate, open_store
-from eigenfail_services.store.engine import Database, find
+from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.schema import VERSION
 from eigenfail_services.upkeep.backup import Backup, backup
 from eigenfail_services.upkeep.backup import restore as restore_at_once
@@ -34,7 +35,8 @@ ENOUGH = 640
 
 COMMIT_FOREVER = """
 import json, sys
-from eigenfail.testing.store.examples import deliver, result, running
+from eigenfail.testing.examples import result
+from store_checks.examples import deliver, running
 from eigenfail_services.store import open_store
 store = open_store(sys.argv[1])
 campaign = running(store, episodes=1_000_000)
@@ -47,7 +49,7 @@ KILLED_BEFORE_IT_HAS_ITS_NAME = """
 import os, signal, sys
 from pathlib import Path
 from eigenfail_services.upkeep import backup
-backup.sync = lambda path: os.kill(os.getpid(), signal.SIGKILL)
+backup._sync = lambda path: os.kill(os.getpid(), signal.SIGKILL)
 backup.backup(sys.argv[1], Path(sys.argv[2]), force=True)
 """
 
@@ -118,7 +120,7 @@ def fill(url: str, results: int = 1) -> None:
 
 
 def change(url: str, statement: str) -> None:
-    with closing(Database(find(url))) as database, database.writing() as connection:
+    with closing(Database(find_backend(url))) as database, database.writing() as connection:
         connection.execute(text(statement))
 
 
@@ -146,6 +148,12 @@ def path_of(url: str) -> Path:
     return Path(url.removeprefix("sqlite:///"))
 
 
+@pytest.mark.fault(
+    "backup while results are committed",
+    group="storage",
+    outcome="`eigenfail db backup` writes the database as of one moment. A copy of the SQLite"
+    " file alone lacks its write-ahead log.",
+)
 def test_a_backup_made_while_results_are_committed_is_whole(
     *, url, elsewhere, committing, tmp_path, programs
 ) -> None:
@@ -170,7 +178,7 @@ def test_a_backup_is_nobody_elses_to_read_and_overwrites_nothing_unasked(
 ) -> None:
     file = tmp_path / "backup"
     file.write_text("precious")
-    with pytest.raises(Conflict, match=r"is there already.*--force"):
+    with pytest.raises(Conflict, match=r"exists already.*--force"):
         backup(filled, file)
     assert file.read_text() == "precious"
     assert backup(filled, file, force=True).bytes == file.stat().st_size > len("precious")
@@ -179,6 +187,12 @@ def test_a_backup_is_nobody_elses_to_read_and_overwrites_nothing_unasked(
         backup(filled, tmp_path / "nowhere" / "backup")
 
 
+@pytest.mark.fault(
+    "restore from an unsuitable file, or into a database in use",
+    group="storage",
+    outcome="It is refused with the reason: a newer schema, a damaged file, no backup, a "
+    "database that is in use or not empty.",
+)
 @pytest.mark.parametrize("ending", ["", "-wal", "-shm", "-journal"])
 @pytest.mark.parametrize("way", [".", "side/..", "link"])
 def test_a_database_is_not_replaced_by_its_backup(sqlite_url, tmp_path, way, ending) -> None:
@@ -190,12 +204,19 @@ def test_a_database_is_not_replaced_by_its_backup(sqlite_url, tmp_path, way, end
     assert verify(sqlite_url).defects == 0
 
 
+@pytest.mark.fault("restore from an unsuitable file, or into a database in use")
 def test_nor_is_it_by_another_name_of_its_file(sqlite_url, tmp_path) -> None:
     (tmp_path / "other.db").hardlink_to(path_of(sqlite_url))
     with pytest.raises(Conflict, match="is the database itself"):
         backup(sqlite_url, tmp_path / "other.db", force=True)
 
 
+@pytest.mark.fault(
+    "SIGKILL of a backup",
+    group="storage",
+    outcome="An earlier backup of that name is unchanged; a hidden `*.part` file beside it "
+    "may be removed.",
+)
 def test_a_backup_that_is_killed_leaves_the_earlier_one(filled, tmp_path, programs) -> None:
     file = tmp_path / "backup"
     file.write_text("earlier")
@@ -206,6 +227,7 @@ def test_a_backup_that_is_killed_leaves_the_earlier_one(filled, tmp_path, progra
     assert draft.stat().st_size > 0
 
 
+@pytest.mark.fault("restore from an unsuitable file, or into a database in use")
 def test_what_a_database_holds_is_replaced_only_by_force(
     filled, elsewhere, tmp_path, programs
 ) -> None:
@@ -219,6 +241,7 @@ def test_what_a_database_holds_is_replaced_only_by_force(
     assert verify(elsewhere).defects == 0
 
 
+@pytest.mark.fault("restore from an unsuitable file, or into a database in use")
 def test_a_database_in_use_is_not_replaced(filled, elsewhere, tmp_path, programs) -> None:
     backup(filled, tmp_path / "backup")
     with closing(open_store(elsewhere)) as store:
@@ -229,6 +252,7 @@ def test_a_database_in_use_is_not_replaced(filled, elsewhere, tmp_path, programs
     restore(elsewhere, tmp_path / "backup")
 
 
+@pytest.mark.fault("restore from an unsuitable file, or into a database in use")
 def test_a_backup_of_a_newer_program_is_refused(filled, elsewhere, tmp_path, programs) -> None:
     change(filled, "UPDATE eigenfail_schema SET version_num = '9999'")
     backup(filled, tmp_path / "backup")
@@ -238,6 +262,12 @@ def test_a_backup_of_a_newer_program_is_refused(filled, elsewhere, tmp_path, pro
     assert completed(elsewhere) == 2
 
 
+@pytest.mark.fault(
+    "restore of a backup with an older schema",
+    group="storage",
+    outcome="It replaces all tables, including those that it does not have, and is upgraded "
+    "when it is opened.",
+)
 @pytest.mark.parametrize("revision", ["0012", "0011"])
 def test_an_older_backup_takes_the_place_of_a_newer_database(
     *, filled, elsewhere, tmp_path, programs, revision
@@ -246,12 +276,13 @@ def test_an_older_backup_takes_the_place_of_a_newer_database(
     assert backup(filled, tmp_path / "backup").revision == revision
     fill(elsewhere, 5)
     restore(elsewhere, tmp_path / "backup", force=True)
-    assert migrate.current(elsewhere) == revision
+    assert migrate.read_version(elsewhere) == revision
     assert completed(elsewhere) == 2
-    assert migrate.current(elsewhere) == VERSION
+    assert migrate.read_version(elsewhere) == VERSION
     assert verify(elsewhere).defects == 0
 
 
+@pytest.mark.fault("SIGKILL of a restore, or truncated dump")
 def test_a_restoration_into_postgresql_that_fails_changes_nothing(
     prepared_postgres_url, tmp_path, programs
 ) -> None:
@@ -263,6 +294,7 @@ def test_a_restoration_into_postgresql_that_fails_changes_nothing(
     assert completed(prepared_postgres_url) == 2
 
 
+@pytest.mark.fault("SIGKILL of a restore, or truncated dump")
 def test_a_dump_that_cannot_be_read_to_its_end_changes_nothing(
     *, prepared_postgres_url, tmp_path, programs, monkeypatch
 ) -> None:
@@ -277,6 +309,7 @@ def test_a_dump_that_cannot_be_read_to_its_end_changes_nothing(
     assert completed(prepared_postgres_url) == 2
 
 
+@pytest.mark.fault("restore from an unsuitable file, or into a database in use")
 def test_a_newer_postgresql_database_is_not_replaced(
     prepared_postgres_url, tmp_path, programs
 ) -> None:
@@ -287,6 +320,7 @@ def test_a_newer_postgresql_database_is_not_replaced(
         restore(prepared_postgres_url, tmp_path / "backup", force=True)
 
 
+@pytest.mark.fault("restore from an unsuitable file, or into a database in use")
 def test_what_is_no_backup_is_refused(filled, tmp_path, programs) -> None:
     other, halved = tmp_path / "other.db", tmp_path / "halved"
     with closing(sqlite3.connect(other)) as connection:
@@ -301,6 +335,7 @@ def test_what_is_no_backup_is_refused(filled, tmp_path, programs) -> None:
     assert completed(filled) == 2
 
 
+@pytest.mark.fault("restore from an unsuitable file, or into a database in use")
 def test_tables_of_others_are_never_replaced(sqlite_url, tmp_path) -> None:
     backup(sqlite_url, tmp_path / "backup")
     change(sqlite_url, "CREATE TABLE things (id INTEGER)")
@@ -308,6 +343,7 @@ def test_tables_of_others_are_never_replaced(sqlite_url, tmp_path) -> None:
         restore(sqlite_url, tmp_path / "backup", force=True)
 
 
+@pytest.mark.fault("restore from an unsuitable file, or into a database in use")
 def test_a_damaged_database_is_said_to_be_moved_away(sqlite_url, tmp_path) -> None:
     backup(sqlite_url, tmp_path / "backup")
     path_of(sqlite_url).write_bytes(b"not a database at all" * 1_000)
@@ -315,6 +351,11 @@ def test_a_damaged_database_is_said_to_be_moved_away(sqlite_url, tmp_path) -> No
         restore(sqlite_url, tmp_path / "backup", force=True)
 
 
+@pytest.mark.fault(
+    "SIGKILL of a restore, or truncated dump",
+    group="storage",
+    outcome="The database is as before or completely restored.",
+)
 @pytest.mark.parametrize("moment", [1, 2, 3])
 def test_a_restoration_that_is_killed_leaves_the_old_or_the_new(
     sqlite_url, tmp_path, strace, moment

@@ -5,12 +5,13 @@ from contextlib import closing
 import msgspec
 import numpy as np
 from sqlalchemy import update
+from store_checks.examples import deliver, running
 
-from eigenfail.testing.store.examples import analysis_result, collision, deliver, running
+from eigenfail.testing.examples import analysis_result, collision
 from eigenfail.values import AnalysisSettings, Diversity, NoiseTrajectory
 from eigenfail.values.arrays import encode_array
 from eigenfail_services.store import open_store
-from eigenfail_services.store.engine import Database, find
+from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.schema import analyses
 
 DIVERSITY = Diversity(
@@ -60,7 +61,7 @@ def test_a_result_of_an_older_release_reads_without_it(url) -> None:
     older = msgspec.msgpack.encode(fields, enc_hook=encode_array)
     with closing(open_store(url)) as store:
         analysis = finished(store, analysis_result())
-        with closing(Database(find(url))) as database, database.writing() as connection:
+        with closing(Database(find_backend(url))) as database, database.writing() as connection:
             connection.execute(update(analyses).values(result=older))
         found = store.analyses.get(analysis).result
     assert found.labels == (0, 1, 0, 1)

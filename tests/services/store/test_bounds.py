@@ -1,14 +1,17 @@
 """What grows without end is cut."""
 
-from eigenfail.testing.store.examples import failed, running
+from store_checks.examples import running
+
+from eigenfail.error_text import clean_text
+from eigenfail.testing.examples import make_errored_result
 from eigenfail.values.records import Delivery
 from eigenfail.values.worker import Arrival
-from eigenfail_services.store import events, limits, open_store, roster
+from eigenfail_services.store import events, open_store, roster
 from eigenfail_services.store.schema import LONGEST_PROSE
 
 
 def test_the_event_log_forgets_its_oldest(store, monkeypatch) -> None:
-    monkeypatch.setattr(limits, "KEPT_EVENTS", 7)
+    monkeypatch.setattr(events, "KEPT_EVENTS", 7)
     monkeypatch.setattr(events, "PRUNED_EVERY", 5)
     for number in range(1, 31):
         assert store.events.append("campaign.progress", str(number)).id == number
@@ -18,7 +21,7 @@ def test_the_event_log_forgets_its_oldest(store, monkeypatch) -> None:
 
 
 def test_the_list_of_workers_forgets_its_oldest(store, monkeypatch) -> None:
-    monkeypatch.setattr(limits, "KEPT_ARRIVALS", 7)
+    monkeypatch.setattr(roster, "KEPT_ARRIVALS", 7)
     monkeypatch.setattr(roster, "PRUNED_EVERY", 5)
     for number in range(1, 31):
         told = Arrival(worker=f"{number:02}", host="", pid=number)
@@ -28,10 +31,13 @@ def test_the_list_of_workers_forgets_its_oldest(store, monkeypatch) -> None:
 
 def test_long_texts_are_cut(sql_store) -> None:
     campaign = running(sql_store)
-    sql_store.episodes.commit(campaign.id, [Delivery(failed(0, "x" * 1_000_000), "w" * 1_000_000)])
+    sql_store.episodes.commit(
+        campaign.id, [Delivery(make_errored_result(0, "x" * 1_000_000), "w" * 1_000_000)]
+    )
     row = sql_store.episodes.page(campaign.id, 1).items[0]
     assert len(row.worker) == LONGEST_PROSE
-    assert row.problem == "planner: " + "x" * LONGEST_PROSE
+    assert row.problem == f"planner: {clean_text('x' * 1_000_000)}"
+    assert len(row.problem) <= len("planner: ") + LONGEST_PROSE
 
 
 def test_memory_is_let_go_with_the_store(sqlite_url, tmp_path) -> None:

@@ -4,22 +4,27 @@ from contextlib import closing
 
 import pytest
 from sqlalchemy import event
+from store_checks.examples import deliver, running
 
-from eigenfail.testing.store.examples import collision, deliver, result, running
+from eigenfail.testing.examples import collision, result
 from eigenfail.values import Measures
 from eigenfail_services.store import open_store
-from eigenfail_services.store.engine import Database, find
-from eigenfail_services.store.totals import near_misses, totals, unresolved
+from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.totals import (
+    count_near_misses,
+    count_unresolved,
+    sum_campaigns,
+)
 
 QUESTIONS = {
-    "COVERING INDEX ix_episodes_campaign_outcome_min_ttc_s": near_misses,
-    "INDEX ix_episodes_campaign_max_drac_mps2_index_outcome": unresolved,
+    "COVERING INDEX ix_episodes_campaign_outcome_min_ttc_s": count_near_misses,
+    "INDEX ix_episodes_campaign_max_drac_mps2_index_outcome": count_unresolved,
 }
 
 
 @pytest.mark.parametrize("index", QUESTIONS)
 def test_what_was_near_is_counted_in_an_index(sqlite_url, index) -> None:
-    with closing(Database(find(sqlite_url))) as database, database.reading() as connection:
+    with closing(Database(find_backend(sqlite_url))) as database, database.reading() as connection:
         asked = []
         event.listen(connection, "before_cursor_execute", lambda *told: asked.append(told[2:4]))
         assert QUESTIONS[index](connection, [1]) == {}
@@ -40,8 +45,8 @@ def test_sums_do_not_depend_on_the_order_of_arrival(url) -> None:
     for crash in reversed(crashes):
         deliver(store, backwards, crash)
     store.close()
-    with closing(Database(find(url))) as database, database.reading() as connection:
-        both = totals(connection, [forwards.id, backwards.id])
+    with closing(Database(find_backend(url))) as database, database.reading() as connection:
+        both = sum_campaigns(connection, [forwards.id, backwards.id])
         found = [both[each.id].conflicts for each in (forwards, backwards)]
     assert found[0].ttc_lead_s == found[1].ttc_lead_s == sum(leads)
     assert found[0].ttc_leads == 5

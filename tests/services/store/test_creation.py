@@ -7,16 +7,16 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from eigenfail.testing.store.examples import spec
+from eigenfail.testing.examples import spec
 from eigenfail.values import CampaignSpec, Priority
 from eigenfail_services.store import open_store
+from eigenfail_services.store.campaigns import derive_key, hash_specs
 from eigenfail_services.store.codec import spec_text
-from eigenfail_services.store.creation import hash_of, key_of
-from eigenfail_services.store.naming import episodes_of, numbers
+from eigenfail_services.store.references import find_named_campaigns, find_named_episodes
 
 
 def test_keys_of_places_are_different_and_short() -> None:
-    keys = {key_of(key, place) for key in ("a", "b", "x" * 200) for place in range(20)}
+    keys = {derive_key(key, place) for key in ("a", "b", "x" * 200) for place in range(20)}
     assert len(keys) == 60
     assert max(map(len, keys)) <= 200
 
@@ -24,8 +24,8 @@ def test_keys_of_places_are_different_and_short() -> None:
 def test_a_list_is_recognised_by_what_is_in_it_and_by_its_order() -> None:
     one, other = spec(seed=1), spec(seed=2)
     lists = [(), (one,), (other,), (one, other), (other, one), (one, one)]
-    assert len({hash_of(each) for each in lists}) == len(lists)
-    assert hash_of([spec(seed=1)]) == hash_of((one,))
+    assert len({hash_specs(each) for each in lists}) == len(lists)
+    assert hash_specs([spec(seed=1)]) == hash_specs((one,))
 
 
 TOLD = (
@@ -58,8 +58,8 @@ ANYTHING = st.recursive(
 @example({"campaign": "a", "episode": {"of": 1}, "episodes": 3})
 @example({"campaign": 2**63, "episode": [1, 2], "episodes": [[1]]})
 def test_settings_may_be_called_as_those_of_a_replay_and_be_anything(settings: dict) -> None:
-    campaign, episodes = episodes_of(settings)
-    for found in ({campaign} - {None}, episodes, {*numbers(settings)}):
+    campaign, episodes = find_named_episodes(settings)
+    for found in ({campaign} - {None}, episodes, {*find_named_campaigns(settings)}):
         assert all(type(each) is int and 0 <= each < 2**63 for each in found)
 
 

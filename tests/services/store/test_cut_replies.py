@@ -13,13 +13,13 @@ from types import SimpleNamespace
 
 import pytest
 from sqlalchemy import make_url
+from store_checks.examples import deliver, running
+from store_checks.jobs import claimed
 
-from eigenfail.contracts import Store
 from eigenfail.errors import StoreUnavailable
-from eigenfail.testing.store.examples import deliver, result, running, spec
-from eigenfail.testing.store.jobs import claimed
-from eigenfail_services.campaigns import watch
-from eigenfail_services.store import open_store
+from eigenfail.testing.examples import result, spec
+from eigenfail_services.campaigns import supervisor
+from eigenfail_services.store import Store, open_store
 from eigenfail_services.upkeep.verify import verify
 
 PATIENCE_S = 60.0
@@ -90,6 +90,12 @@ def store(between: Between, prepared_postgres_url: str) -> Iterator[Store]:
         yield store
 
 
+@pytest.mark.fault(
+    "database connection cut between commit and reply",
+    group="storage",
+    outcome="Results become duplicates, a campaign is created once if the request had an "
+    "`Idempotency-Key`, and active time is billed once.",
+)
 def test_results_that_were_kept_without_a_reply_are_duplicates(
     between: Between, store: Store, prepared_postgres_url: str
 ) -> None:
@@ -102,6 +108,7 @@ def test_results_that_were_kept_without_a_reply_are_duplicates(
     assert verify(prepared_postgres_url).defects == 0
 
 
+@pytest.mark.fault("database connection cut between commit and reply")
 def test_a_campaign_that_was_made_without_a_reply_is_made_once(
     between: Between, store: Store
 ) -> None:
@@ -112,13 +119,14 @@ def test_a_campaign_that_was_made_without_a_reply_is_made_once(
     assert [each.id for each in store.campaigns.page(9).items] == [made.id]
 
 
+@pytest.mark.fault("database connection cut between commit and reply")
 def test_time_that_was_billed_without_a_reply_is_billed_once(
     between: Between, store: Store, monkeypatch
 ) -> None:
     now_s = [0.0]
-    monkeypatch.setattr(watch, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    monkeypatch.setattr(supervisor, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
     campaign = running(store).id
-    bills = watch.Watch(claimed(store))
+    bills = supervisor.SupervisedCampaign(claimed(store))
     now_s[0] = 100.0
     between.armed.set()
     with pytest.raises(StoreUnavailable):

@@ -11,13 +11,13 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from store_checks.examples import deliver, running
 
-from eigenfail.contracts import Store
 from eigenfail.errors import StoreUnwritable
-from eigenfail.testing.store.examples import deliver, result, running, spec
+from eigenfail.testing.examples import result, spec
 from eigenfail.values import Campaign
-from eigenfail_services.store import distress, open_store
-from eigenfail_services.store.engine import find
+from eigenfail_services.store import Store, alarms, open_store
+from eigenfail_services.store.engine import find_backend
 from eigenfail_services.upkeep.verify import verify
 
 pytestmark = pytest.mark.service
@@ -29,11 +29,12 @@ CUT = "SELECT pg_terminate_backend(pid, 60000) FROM pg_stat_activity WHERE datna
 
 PREAMBLE = """
 import json, resource, signal, sys
-from eigenfail.contracts import Store
+from eigenfail_services.store import Store
 from eigenfail.errors import StoreUnwritable
-from eigenfail.testing.store.examples import deliver, result, running
-from eigenfail_services.store import distress, open_store
-distress.LASTS_S = 600.0
+from eigenfail.testing.examples import result
+from store_checks.examples import deliver, running
+from eigenfail_services.store import alarms, open_store
+alarms.LASTS_S = 600.0
 def tell(**words): print(json.dumps(words), flush=True)
 def go_on(): sys.stdin.readline()
 store = open_store(sys.argv[1])
@@ -117,7 +118,7 @@ def small_tablespace(postgres) -> Iterator[Path]:
 @pytest.fixture
 def lasting(monkeypatch) -> None:
     """What is said is not over before it is heard, however slow the machine."""
-    monkeypatch.setattr(distress, "LASTS_S", 600.0)
+    monkeypatch.setattr(alarms, "LASTS_S", 600.0)
 
 
 def until_ready(store: Store) -> None:
@@ -130,6 +131,7 @@ def until_ready(store: Store) -> None:
             time.sleep(0.02)
 
 
+@pytest.mark.fault("disk full")
 def test_a_full_disk_is_told_to_other_processes_and_forgotten_with_the_one(
     start, sqlite_url
 ) -> None:
@@ -146,20 +148,22 @@ def test_a_full_disk_is_told_to_other_processes_and_forgotten_with_the_one(
         store.ping()
 
 
+@pytest.mark.fault("disk full")
 def test_distress_ends_by_itself(sqlite_url, monkeypatch) -> None:
-    monkeypatch.setattr(distress, "LASTS_S", 0.2)
-    calling = distress.Distress(find(sqlite_url).signal())
+    monkeypatch.setattr(alarms, "LASTS_S", 0.2)
+    calling = alarms.WriteAlarm(find_backend(sqlite_url).signal())
     with closing(open_store(sqlite_url)) as store:
-        calling.call()
-        calling.call()
+        calling.begin()
+        calling.begin()
         until_ready(store)
 
 
+@pytest.mark.fault("disk full")
 def test_two_in_distress_are_one_and_looking_is_in_nobodys_way(lasting, sqlite_url) -> None:
-    first, second = (distress.Distress(find(sqlite_url).signal()) for _ in range(2))
+    first, second = (alarms.WriteAlarm(find_backend(sqlite_url).signal()) for _ in range(2))
     with closing(open_store(sqlite_url)) as one, closing(open_store(sqlite_url)) as other:
-        first.call()
-        second.call()
+        first.begin()
+        second.begin()
         for store in (one, other):
             with pytest.raises(StoreUnwritable):
                 store.ping()
@@ -169,6 +173,7 @@ def test_two_in_distress_are_one_and_looking_is_in_nobodys_way(lasting, sqlite_u
         other.ping()
 
 
+@pytest.mark.fault("disk of a PostgreSQL server full, or server read-only")
 def test_a_server_that_takes_no_writes_is_told_to_all(
     lasting, postgres, prepared_postgres_url
 ) -> None:
@@ -184,14 +189,15 @@ def test_a_server_that_takes_no_writes_is_told_to_all(
         looker.ping()
 
 
+@pytest.mark.fault("disk of a PostgreSQL server full, or server read-only")
 def test_a_server_that_forgot_it_is_told_again(lasting, postgres, prepared_postgres_url) -> None:
     name = prepared_postgres_url.split("?")[0].rsplit("/", 1)[1]
-    calling = distress.Distress(find(prepared_postgres_url).signal())
+    calling = alarms.WriteAlarm(find_backend(prepared_postgres_url).signal())
     with closing(open_store(prepared_postgres_url)) as looker:
-        calling.call()
+        calling.begin()
         postgres.run(CUT.format(name))
         looker.ping()
-        calling.call()
+        calling.begin()
         with pytest.raises(StoreUnwritable, match="No work is handed out"):
             looker.ping()
         calling.end()
@@ -213,6 +219,12 @@ def commit_all(store: Store, campaign: Campaign, acked: list[int]) -> None:
         acked += portion
 
 
+@pytest.mark.fault(
+    "disk of a PostgreSQL server full, or server read-only",
+    group="storage",
+    outcome="The same as a full disk. A server without space for its write-ahead log shuts "
+    "itself down and is unavailable until there is space and it is started again.",
+)
 def test_a_full_disk_of_a_server_loses_nothing_and_is_told_to_all(
     *, lasting, small_tablespace, postgres, prepared_postgres_url
 ) -> None:
@@ -237,6 +249,12 @@ def test_a_full_disk_of_a_server_loses_nothing_and_is_told_to_all(
     assert verify(prepared_postgres_url).defects == 0
 
 
+@pytest.mark.fault(
+    "fsync that fails",
+    group="storage",
+    outcome="Data that could not be synced are not acknowledged and are written again; "
+    "`/readyz` says so. A PostgreSQL server restarts itself.",
+)
 def test_what_could_not_be_synced_is_not_acknowledged(start, sqlite_url, strace) -> None:
     """An error of the disk at 20 of the calls that bring data to it, then none any more."""
     process = start(UNSYNCED, sqlite_url, *strace("error=EIO:when=60..79"))

@@ -8,33 +8,33 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from sqlalchemy.dialects import sqlite
+from store_checks.episode_filters import WITHOUT_ORDER, in_order, indices
+from store_checks.examples import deliver, running
 
 from eigenfail.filters import (
     BY_INDEX,
     COLUMNS,
+    ColumnKind,
     Condition,
-    Kind,
     Operator,
-    Sort,
-    matches,
+    SortOrder,
     parse_filter,
 )
-from eigenfail.testing.store.episode_filters import WITHOUT_ORDER, in_order, indices
-from eigenfail.testing.store.examples import collision, deliver, failed, result, running, spec
+from eigenfail.testing.examples import collision, make_errored_result, result, spec
 from eigenfail.values import Measures, Outcome
 from eigenfail.values.campaign_filter import CampaignFilter
 from eigenfail_services.store import open_store
-from eigenfail_services.store.engine import Database, find
-from eigenfail_services.store.episode_pages import pages
+from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.episodes import page_queries
 
 ORDERED = sorted(name for name, column in COLUMNS.items() if column.is_ordered)
 FEW = st.sampled_from([-1.0, -0.0, 0.0, 0.5, 1.5, 2.0, 7.0, 7.5, 1e300, 5e-324])
 WORDS = st.sampled_from(["prior", "policy", "'", '"; --', "", "ß", "Prior"])
 VALUES = {
-    Kind.NUMBER: FEW,
-    Kind.WHOLE: st.sampled_from([-1, 0, 1, 2, 3, 5, 101, 2**62 + 1, 2**63 - 1]),
-    Kind.TEXT: WORDS,
-    Kind.FLAG: st.booleans(),
+    ColumnKind.NUMBER: FEW,
+    ColumnKind.WHOLE: st.sampled_from([-1, 0, 1, 2, 3, 5, 101, 2**62 + 1, 2**63 - 1]),
+    ColumnKind.TEXT: WORDS,
+    ColumnKind.FLAG: st.booleans(),
 }
 
 
@@ -55,14 +55,14 @@ def measures():
 
 @st.composite
 def episodes(draw, index):
-    make = draw(st.sampled_from([result, collision, failed]))
+    make = draw(st.sampled_from([result, collision, make_errored_result]))
     made = make(index, source=draw(WORDS))
     ran = made.outcome is not Outcome.FAILED
     return replace(made, measures=draw(st.none() | measures()) if ran else None)
 
 
 some_episodes = st.integers(1, 8).flatmap(lambda n: st.tuples(*(episodes(i) for i in range(n))))
-orders = st.builds(Sort, st.sampled_from(ORDERED), st.booleans())
+orders = st.builds(SortOrder, st.sampled_from(ORDERED), st.booleans())
 
 
 def test_a_database_finds_what_the_conditions_say(sqlite_template, tmp_path):
@@ -78,7 +78,9 @@ def test_a_database_finds_what_the_conditions_say(sqlite_template, tmp_path):
         deliver(store, campaign, *given_)
         rows = list(store.episodes.page(campaign.id, 100).items)
         assert len(rows) == len(given_)
-        wanted = [row.index for row in in_order(rows, sort) if matches(row, where)]
+        wanted = [
+            row.index for row in in_order(rows, sort) if all(each.holds(row) for each in where)
+        ]
         assert indices(store, campaign.id, limit, tuple(where), sort) == wanted
 
     with closing(open_store(f"sqlite:///{tmp_path / 'eigenfail.db'}")) as store:
@@ -91,9 +93,9 @@ INDEXED = (*("index", "severity", "min_ttc_s", "robustness_m", "log_probability"
 @pytest.mark.parametrize("where", ["", "min_ttc_s < 2 and outcome = collision and steps > 3"])
 @pytest.mark.parametrize("name", INDEXED)
 def test_pages_along_an_index_sort_nothing(sqlite_url, name, where):
-    with closing(Database(find(sqlite_url))) as database, database.reading() as connection:
-        for sort in (Sort(name), Sort(name, descending=True)):
-            for query in pages(connection, 1, None, parse_filter(where), sort):
+    with closing(Database(find_backend(sqlite_url))) as database, database.reading() as connection:
+        for sort in (SortOrder(name), SortOrder(name, descending=True)):
+            for query in page_queries(connection, 1, None, parse_filter(where), sort):
                 plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {plain(query)}").all()
                 assert all("TEMP B-TREE" not in step[3] for step in plan), (sort, plan)
 
@@ -105,7 +107,7 @@ def plain(query):
 @pytest.mark.parametrize("word", ["3000000000", "9223372036854775807"])
 def test_a_whole_number_larger_than_its_column_is_compared(store, word):
     campaign = running(store)
-    deliver(store, campaign, collision(0), failed(1))
+    deliver(store, campaign, collision(0), make_errored_result(1))
     for column, found in (("steps", [0, 1]), ("hard_brakings", [0])):
         assert indices(store, campaign.id, 9, parse_filter(f"{column} < {word}"), BY_INDEX) == found
         assert indices(store, campaign.id, 9, parse_filter(f"{column} > {word}"), BY_INDEX) == []

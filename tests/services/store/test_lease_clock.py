@@ -5,12 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 from sqlalchemy import update
+from store_checks.examples import running
+from store_checks.jobs import LONG_S, claimed
 
-from eigenfail.contracts import Store
-from eigenfail.testing.store.examples import running
-from eigenfail.testing.store.jobs import LONG_S, claimed
 from eigenfail.values.records import JobKind
-from eigenfail_services.store import MemoryStore, clock, open_store
+from eigenfail_services.store import Store, clock, open_store
 from eigenfail_services.store.schema import jobs
 
 HOUR_S = 3_600
@@ -47,13 +46,24 @@ def file_store(sqlite_url) -> Iterator[Store]:
 @pytest.fixture(params=["memory", "sqlite"])
 def local_store(request) -> Store:
     """A store whose leases are dated by the machine."""
-    return MemoryStore() if request.param == "memory" else request.getfixturevalue("file_store")
+    return (
+        open_store("memory://")
+        if request.param == "memory"
+        else request.getfixturevalue("file_store")
+    )
 
 
 def free(store: Store) -> bool:
     return store.jobs.waiting(JobKind.CAMPAIGN) == 1
 
 
+@pytest.mark.fault(
+    "wall clock that jumps",
+    group="time",
+    outcome="The hub, the workers and the leases of jobs are not affected. Keys and sessions "
+    "expire by the clock as it is set; lists keep their order, and a repeated request"
+    " has no second effect.",
+)
 @pytest.mark.parametrize("jump_s", [-HOUR_S, HOUR_S])
 def test_a_wall_clock_that_jumps_frees_no_living_job(store: Store, clocks: Clocks, jump_s) -> None:
     running(store)
@@ -64,6 +74,7 @@ def test_a_wall_clock_that_jumps_frees_no_living_job(store: Store, clocks: Clock
     assert store.jobs.renew(job, LONG_S)
 
 
+@pytest.mark.fault("wall clock that jumps")
 @pytest.mark.parametrize("jump_s", [-HOUR_S, HOUR_S])
 def test_nor_does_it_block_a_lost_one(local_store: Store, clocks: Clocks, jump_s) -> None:
     running(local_store)
@@ -76,6 +87,7 @@ def test_nor_does_it_block_a_lost_one(local_store: Store, clocks: Clocks, jump_s
     assert claimed(local_store).id == job.id
 
 
+@pytest.mark.fault("wall clock that jumps")
 @pytest.mark.parametrize("up_s", [1.0, 49_000.0])
 def test_a_lease_of_before_the_machine_was_started_anew_is_over(
     file_store: Store, clocks: Clocks, up_s
@@ -88,6 +100,7 @@ def test_a_lease_of_before_the_machine_was_started_anew_is_over(
     assert not free(file_store)
 
 
+@pytest.mark.fault("wall clock that jumps")
 def test_a_servers_clock_that_is_set_back_blocks_nothing(sql_store: Store) -> None:
     running(sql_store)
     job = claimed(sql_store, LEASE_S)

@@ -15,13 +15,14 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 from lives import lives
+from store_checks.examples import deliver
 
 from eigenfail.errors import IllegalTransition
-from eigenfail.testing.store.examples import collision, deliver, failed, result, spec
+from eigenfail.testing.examples import collision, make_errored_result, result, spec
 from eigenfail.values import FINAL_STATES, CampaignState, Counts, Outcome
 from eigenfail.values.records import Verdict
-from eigenfail_services.campaigns.lifecycle import MOVES, REPEATABLE
-from eigenfail_services.store import MemoryStore, open_store
+from eigenfail_services.store import open_store
+from eigenfail_services.store.lifecycle import MOVES, REPEATABLE
 
 PLANNED = 5
 LONG_S = 60.0
@@ -38,7 +39,7 @@ MAKERS = {
     "safe": result,
     "other": lambda index: result(index, salt=1),
     "crash": collision,
-    "failed": failed,
+    "failed": make_errored_result,
 }
 deliveries = st.lists(st.tuples(st.integers(-1, PLANNED), st.sampled_from(sorted(MAKERS))))
 
@@ -185,7 +186,7 @@ def run(opened, examples: int) -> None:
 
 
 def test_lives_in_memory() -> None:
-    run(MemoryStore, 60)
+    run(lambda: open_store("memory://"), 30)
 
 
 def test_lives_in_sqlite(sqlite_template) -> None:

@@ -9,14 +9,13 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import pytest
+from store_checks.crowds import at_once
+from store_checks.jobs import waited_for
 
-from eigenfail.contracts import Store
-from eigenfail.testing.store.crowds import at_once
-from eigenfail.testing.store.examples import spec
-from eigenfail.testing.store.jobs import waited_for
+from eigenfail.testing.examples import spec
 from eigenfail.values import Campaign, CampaignState, Counts
 from eigenfail.values.records import JobKind
-from eigenfail_services.store import open_store
+from eigenfail_services.store import Store, open_store
 
 pytestmark = pytest.mark.service
 
@@ -29,7 +28,8 @@ MOST_TURNS = 2_000
 PREAMBLE = """
 import json, sys, time
 from eigenfail.errors import StoreUnavailable
-from eigenfail.testing.store.examples import deliver, result, running, spec
+from eigenfail.testing.examples import result, spec
+from store_checks.examples import deliver, running
 from eigenfail.values import CampaignState
 from eigenfail.values.records import Delivery
 from eigenfail_services.store import open_store
@@ -134,6 +134,7 @@ def settled(ask: Callable[[], Answer]) -> Answer:
     return found
 
 
+@pytest.mark.fault("many processes that write to one database")
 def test_a_new_database_may_be_opened_by_many_at_once(start, tmp_path, postgres_url) -> None:
     for url in (f"sqlite:///{tmp_path / 'a.db'}", postgres_url):
         processes = [start(OPEN, url) for _ in range(2)]
@@ -144,6 +145,11 @@ def test_a_new_database_may_be_opened_by_many_at_once(start, tmp_path, postgres_
         store.close()
 
 
+@pytest.mark.fault(
+    "many processes that write to one database",
+    group="storage",
+    outcome="They wait for each other; the counts stay right.",
+)
 def test_two_writing_processes_wait_for_each_other(start, url) -> None:
     process = start(COMMIT_FOREVER, url)
     busy = json.loads(process.stdout.readline())["campaign"]
@@ -166,6 +172,12 @@ def counts_of(store: Store, campaign: int) -> Counts:
     return store.campaigns.get(campaign).counts
 
 
+@pytest.mark.fault(
+    "SIGKILL of a process that writes to the database",
+    group="storage",
+    outcome="Everything that was acknowledged is there, and a group of campaigns is stored "
+    "whole or not at all.",
+)
 def test_what_was_acknowledged_survives_a_kill_at_any_moment(start, url) -> None:
     for delay_s in (0.05, 0.13, 0.29):
         process = start(COMMIT_FOREVER, url)
@@ -182,6 +194,7 @@ def test_what_was_acknowledged_survives_a_kill_at_any_moment(start, url) -> None
         store.close()
 
 
+@pytest.mark.fault("SIGKILL of a process that writes to the database")
 def test_a_kill_in_the_middle_of_many_campaigns_leaves_all_of_them_or_none(start, url) -> None:
     store, there = open_store(url), 0
     for delay_s in (0.02, 0.06, 0.1):
@@ -199,6 +212,7 @@ def test_a_kill_in_the_middle_of_many_campaigns_leaves_all_of_them_or_none(start
     store.close()
 
 
+@pytest.mark.fault("SIGSTOP of the services")
 def test_who_was_stopped_beyond_its_lease_writes_nothing_when_it_goes_on(start, url) -> None:
     process = start(STAND_STILL, url)
     campaign = json.loads(process.stdout.readline())["campaign"]
@@ -222,6 +236,7 @@ def everything(store: Store) -> tuple[Campaign, ...]:
     return store.campaigns.page(100_000).items
 
 
+@pytest.mark.fault("disk full")
 def test_a_full_disk_loses_nothing_and_work_goes_on_after_it(start, sqlite_url) -> None:
     process = start(RUN_OUT_OF_ROOM, sqlite_url)
     told = json.loads(process.communicate(timeout=PATIENCE_S)[0])

@@ -4,13 +4,13 @@ from threading import Barrier, Thread
 
 import pytest
 
-from eigenfail_services.store.memo import Memo
+from eigenfail_services.store.query_cache import AnswerCache
 
 CROWD, PATIENCE_S = 8, 300.0
 
 
 def test_who_asks_at_the_same_time_shares_one_answer() -> None:
-    memo, made, found, start = Memo(), [], [], Barrier(CROWD)
+    memo, made, found, start = AnswerCache(), [], [], Barrier(CROWD)
 
     def make() -> int:
         made.append(1)
@@ -29,7 +29,7 @@ def test_who_asks_at_the_same_time_shares_one_answer() -> None:
 
 
 def test_a_further_result_makes_it_anew() -> None:
-    memo = Memo()
+    memo = AnswerCache()
     assert memo.get("course", 0, lambda: "nothing") == "nothing"
     assert memo.get("course", 1, lambda: "one") == "one"
     assert memo.get("course", 0, lambda: "older") == "one"
@@ -38,14 +38,14 @@ def test_a_further_result_makes_it_anew() -> None:
 
 
 def test_an_answer_that_failed_is_asked_for_again() -> None:
-    memo = Memo()
+    memo = AnswerCache()
     with pytest.raises(ZeroDivisionError):
         memo.get("course", 1, lambda: 1 // 0)
     assert memo.get("course", 1, lambda: 5) == 5
 
 
 def test_the_oldest_questions_are_forgotten() -> None:
-    memo = Memo(most=2)
+    memo = AnswerCache(most=2)
     for key in "abc":
         memo.put(key, 1, key)
     assert [memo.known(key, 1) for key in "bc"] == ["b", "c"]

@@ -10,14 +10,18 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sqlalchemy import URL
+from store_checks.examples import deliver, running
 
 from eigenfail.errors import InvalidValue, StoreUnavailable
-from eigenfail.testing.store.examples import deliver, result, running, spec
+from eigenfail.testing.examples import result, spec
 from eigenfail.values import AnalysisSettings, CampaignState
 from eigenfail_services.store import events, open_store
-from eigenfail_services.store.campaign_rows import locked
-from eigenfail_services.store.engine import Database, find
-from eigenfail_services.store.postgres import limiting
+from eigenfail_services.store.campaigns import lock_campaign
+from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.postgres import limit_statement
 
 CUT = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{}'"
 
@@ -25,7 +29,7 @@ CUT = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{
 def append_then(database: Database, fault: Callable[[], object]) -> None:
     """Log an event in a transaction in which something goes wrong."""
     with database.writing() as connection:
-        events.append(connection, "campaign.progress", "never seen")
+        events.append_event(connection, "campaign.progress", "never seen")
         fault()
 
 
@@ -35,7 +39,7 @@ def fail() -> None:
 
 @pytest.fixture
 def database(prepared_postgres_url):
-    with closing(Database(find(prepared_postgres_url))) as database:
+    with closing(Database(find_backend(prepared_postgres_url))) as database:
         yield database
 
 
@@ -58,7 +62,7 @@ def cut(postgres, prepared_postgres_url):
     [
         ("synchronous_commit", "on"),
         ("transaction_isolation", "read committed"),
-        ("lock_timeout", "30s"),
+        ("lock_timeout", "10s"),
         ("idle_in_transaction_session_timeout", "10s"),
         ("transaction_timeout", "30s"),
     ],
@@ -70,7 +74,7 @@ def test_every_connection_is_durable_and_bounded(database, setting, wanted) -> N
 
 def test_a_database_that_knows_no_text_is_refused_with_what_to_do(postgres) -> None:
     with postgres.database("template0 ENCODING 'SQL_ASCII' LOCALE 'C'") as url:
-        command = [sys.executable, "-m", "eigenfail_services", "--database", url, "db", "upgrade"]
+        command = [sys.executable, "-m", "eigenfail", "db", "upgrade", "--database", url]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         with pytest.raises(InvalidValue, match="SQL_ASCII"):
             open_store(url)
@@ -80,14 +84,20 @@ def test_a_database_that_knows_no_text_is_refused_with_what_to_do(postgres) -> N
 
 
 def test_a_server_is_asked_for_what_it_knows_alone() -> None:
-    assert "transaction_timeout" not in limiting((16, 9))
-    assert "idle_in_transaction_session_timeout" in limiting((16, 9))
-    assert "transaction_timeout" in limiting((17, 0))
+    assert "transaction_timeout" not in limit_statement((16, 9))
+    assert "idle_in_transaction_session_timeout" in limit_statement((16, 9))
+    assert "transaction_timeout" in limit_statement((17, 0))
 
 
+@pytest.mark.fault(
+    "host of a service that disappears during a transaction",
+    group="time",
+    outcome="The PostgreSQL server notices within about 10 s and releases its locks. That the"
+    " limits are requested is tested, not the disappearance.",
+)
 def test_a_server_that_is_far_away_notices_that_this_host_is_gone(prepared_postgres_url) -> None:
     """On a socket of the same machine it knows no such limits: what is asked for is looked at."""
-    options = find(prepared_postgres_url).engine().url.query["options"]
+    options = find_backend(prepared_postgres_url).engine().url.query["options"]
     for limit in ("keepalives_idle=5", "keepalives_interval=2", "keepalives_count=3"):
         assert f"-c tcp_{limit}" in options
     assert "-c tcp_user_timeout=10000" in options
@@ -97,9 +107,9 @@ HANDS_OVER = """
 import os, signal, sys
 from eigenfail_services.store import postgres
 postgres.LIMITS.update({"idle_in_transaction_session_timeout": "1s", "transaction_timeout": "3s"})
-from eigenfail_services.store.campaign_rows import locked
-from eigenfail_services.store.engine import Database, find
-from eigenfail_services.store.postgres import limiting
+from eigenfail_services.store.campaigns import lock_campaign
+from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.postgres import limit_statement
 
 def rows():
     for row in range(20_000):
@@ -107,13 +117,14 @@ def rows():
             os.kill(os.getpid(), signal.SIGSTOP)
         yield (row,)
 
-with Database(find(sys.argv[1])).writing() as connection:
-    locked(connection, int(sys.argv[2]))
+with Database(find_backend(sys.argv[1])).writing() as connection:
+    lock_campaign(connection, int(sys.argv[2]))
     cursor = connection.connection.driver_connection.cursor()
     cursor.executemany("SELECT %s::int", rows())
 """
 
 
+@pytest.mark.fault("SIGSTOP of the services")
 @pytest.mark.timeout(120)
 def test_who_stands_still_as_it_hands_over_rows_holds_nobody_up(prepared_postgres_url, store):
     """It is not between two statements: only the whole change has a limit there."""
@@ -133,7 +144,7 @@ def test_an_earlier_event_never_appears_after_a_later_one(database, store) -> No
     """The transaction that took an id first is slow to end; the next one must not overtake it."""
     with ThreadPoolExecutor(1) as pool:
         with database.writing() as connection:
-            slow = events.append(connection, "campaign.progress", "slow")
+            slow = events.append_event(connection, "campaign.progress", "slow")
             quick = pool.submit(store.events.append, "campaign.progress", "quick")
             time.sleep(0.3)
             assert not quick.done()
@@ -152,7 +163,7 @@ def test_a_mover_waits_for_a_commit_and_loses_none_of_it(database, store) -> Non
     campaign = running(store)
     with ThreadPoolExecutor(1) as pool:
         with database.writing() as connection:
-            locked(connection, campaign.id)
+            lock_campaign(connection, campaign.id)
             move = pool.submit(store.campaigns.move, campaign.id, CampaignState.DONE)
             time.sleep(0.3)
             assert not move.done()
@@ -163,7 +174,7 @@ def test_no_analysis_begins_while_its_campaign_loses_noise(database, store) -> N
     campaign = running(store)
     with ThreadPoolExecutor(1) as pool:
         with database.writing() as connection:
-            locked(connection, campaign.id)  # as long as a slice takes
+            lock_campaign(connection, campaign.id)  # as long as a slice takes
             analysis = pool.submit(store.analyses.create, campaign.id, AnalysisSettings())
             time.sleep(0.3)
             assert not analysis.done()
@@ -177,12 +188,22 @@ def test_a_claimed_row_holds_up_nobody_else(database, store) -> None:
         assert store.jobs.claim("somebody", 60.0).subject == second
 
 
+@pytest.mark.fault(
+    "idle database connection cut",
+    group="storage",
+    outcome="The next request uses another connection.",
+)
 def test_a_connection_that_was_cut_while_idle_is_not_noticed(store, cut) -> None:
     campaign = running(store)
     cut()
     assert deliver(store, campaign, result(0)) == ["kept"]
 
 
+@pytest.mark.fault(
+    "database connection cut within a transaction",
+    group="storage",
+    outcome="The transaction is rolled back and tried again.",
+)
 def test_a_connection_that_is_cut_within_a_transaction_undoes_it(database, store, cut) -> None:
     with pytest.raises(StoreUnavailable):
         append_then(database, cut)
@@ -191,6 +212,56 @@ def test_a_connection_that_is_cut_within_a_transaction_undoes_it(database, store
 
 def test_a_reader_of_another_programs_options_keeps_ours(prepared_postgres_url) -> None:
     url = f"{prepared_postgres_url}&options=-c%20work_mem%3D7MB"
-    with closing(Database(find(url))) as database, database.reading() as connection:
+    with closing(Database(find_backend(url))) as database, database.reading() as connection:
         assert connection.exec_driver_sql("SHOW work_mem").scalar() == "7MB"
-        assert connection.exec_driver_sql("SHOW lock_timeout").scalar() == "30s"
+        assert connection.exec_driver_sql("SHOW lock_timeout").scalar() == "10s"
+
+
+@pytest.mark.fault("database lock held by another program")
+def test_a_probe_behind_a_held_lock_is_bounded(postgres, prepared_postgres_url, store) -> None:
+    import psycopg
+
+    with psycopg.connect(prepared_postgres_url) as other:
+        other.execute("LOCK TABLE event_counter IN ACCESS EXCLUSIVE MODE")
+        began_s = time.monotonic()
+        with pytest.raises(StoreUnavailable, match="pg_stat_activity"):
+            store.ping()
+        assert time.monotonic() - began_s < 5.0
+        other.rollback()
+    store.ping()
+
+
+def test_a_writer_behind_a_held_lock_waits_as_long_as_it_was_told(prepared_postgres_url) -> None:
+    import psycopg
+
+    with (
+        closing(open_store(prepared_postgres_url, wait_s=0.5)) as store,
+        psycopg.connect(prepared_postgres_url) as other,
+    ):
+        other.execute("LOCK TABLE campaigns IN ACCESS EXCLUSIVE MODE")
+        began_s = time.monotonic()
+        with pytest.raises(StoreUnavailable, match="pg_stat_activity"):
+            store.campaigns.create(spec())
+        assert time.monotonic() - began_s < 5.0
+        other.rollback()
+
+
+@given(
+    name=st.text("ab @:/?#%&=+'ü", min_size=1, max_size=8),
+    password=st.text("ab @:/?#%&=+'ü", min_size=1, max_size=8),
+    options=st.text("ab =+-%&", min_size=1, max_size=8).map(str.strip).filter(bool),
+)
+def test_other_programs_read_an_address_as_we_do(name, password, options) -> None:
+    from psycopg.conninfo import conninfo_to_dict
+
+    url = URL.create("postgresql", "me", password, "host", 5433, name, {"options": options})
+    backend = find_backend(url.render_as_string(hide_password=False))
+    assert backend.secrets == (password,)
+    told = conninfo_to_dict(backend.address)
+    assert told == {
+        "user": "me",
+        "host": "host",
+        "port": "5433",
+        "dbname": name,
+        "options": options,
+    }

@@ -5,18 +5,11 @@ from contextlib import closing
 import pyarrow.parquet as pq
 import pytest
 from pruned import COUNT, EVERYTHING, FIFTHS, LOST, change, ended, fill
+from store_checks.examples import WORKER, deliver, running
 
 from eigenfail import plugins
-from eigenfail.contracts import Store
 from eigenfail.errors import InvalidValue, NoisePruned
-from eigenfail.testing.store.examples import (
-    WORKER,
-    collision,
-    deliver,
-    result,
-    running,
-    spec,
-)
+from eigenfail.testing.examples import collision, result, spec
 from eigenfail.values import (
     AnalysisSettings,
     EpisodeTask,
@@ -27,12 +20,13 @@ from eigenfail.values.export import ExportRequest
 from eigenfail.values.records import Delivery
 from eigenfail.values.retention import Retention
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.materials import check_references
-from eigenfail_services.campaigns.pairing import pair
-from eigenfail_services.exports.parquet import write_parquet
-from eigenfail_services.exports.selection import Source, selection_of
-from eigenfail_services.store import open_store
-from eigenfail_services.upkeep.pruning import Which, prune
+from eigenfail_services.campaigns.pairing import pair_episodes
+from eigenfail_services.campaigns.resolution import resolve_campaign
+from eigenfail_services.campaigns.validation import check_references
+from eigenfail_services.exports.formats import write_parquet
+from eigenfail_services.exports.selection import ExportSource, parse_selection
+from eigenfail_services.store import Store, open_store
+from eigenfail_services.upkeep.pruning import PruneSelection, prune
 from eigenfail_services.upkeep.verify import verify
 
 
@@ -60,7 +54,7 @@ def test_an_export_with_noise_leaves_it_out_where_it_is_gone(sqlite_url, tmp_pat
         fill(store)
         prune(sqlite_url, FIFTHS, EVERYTHING)
         request = ExportRequest(fields=("index",), noise=True)
-        source = Source(store, 1, selection_of(request))
+        source = ExportSource(store, 1, parse_selection(request))
         write_parquet(tmp_path / "a.parquet", source, lambda _: None, noise=True)
     found = pq.read_table(tmp_path / "a.parquet").to_pydict()
     noise = dict(zip(found["index"], found["longitudinal_z"], strict=True))
@@ -71,21 +65,24 @@ def test_an_export_with_noise_leaves_it_out_where_it_is_gone(sqlite_url, tmp_pat
 def test_pairs_are_compared_by_the_noise_that_is_there(sqlite_url) -> None:
     with closing(open_store(sqlite_url)) as store:
         one, other = (fill(store) for _ in range(2))
-        assert pair(store, [one], [other]).totals == pair(store, [other], [one]).totals
-        before = pair(store, [one], [other])
-        prune(sqlite_url, FIFTHS, Which((one.id,)))
-        prune(sqlite_url, Retention(keep_every=4), Which((other.id,)))
-        assert pair(store, [one], [other]) == before
+        assert (
+            pair_episodes(store, [one], [other]).totals
+            == pair_episodes(store, [other], [one]).totals
+        )
+        before = pair_episodes(store, [one], [other])
+        prune(sqlite_url, FIFTHS, PruneSelection((one.id,)))
+        prune(sqlite_url, Retention(keep_every=4), PruneSelection((other.id,)))
+        assert pair_episodes(store, [one], [other]) == before
 
 
 def test_a_campaign_cannot_learn_from_what_is_gone(sqlite_url) -> None:
     with closing(open_store(sqlite_url)) as store:
         fill(store)
         wanted = spec(method="difs", settings={"data_from": [1]})
-        check_references(wanted, store)
+        check_references(resolve_campaign(wanted), store)
         prune(sqlite_url, FIFTHS, EVERYTHING)
         with pytest.raises(InvalidValue, match=f"noise of {LOST} episodes of campaign 1"):
-            check_references(wanted, store)
+            check_references(resolve_campaign(wanted), store)
 
 
 def really_run(store: Store) -> None:

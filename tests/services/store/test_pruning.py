@@ -12,27 +12,21 @@ from typing import Any
 import pytest
 from pruned import COUNT, EVERYTHING, FIFTHS, LOST, change, ended, fill
 from sqlalchemy import Engine, event
+from store_checks.examples import deliver, running
 
-from eigenfail.contracts import Store
 from eigenfail.errors import Conflict, InvalidValue
-from eigenfail.testing.store.examples import (
-    deliver,
-    result,
-    running,
-    spec,
-)
+from eigenfail.testing.examples import result, spec
 from eigenfail.values import (
     CampaignState,
 )
 from eigenfail.values.retention import Retention
-from eigenfail_services.campaigns.safety import safety_of
-from eigenfail_services.campaigns.summary import summarise
-from eigenfail_services.store import migrate, open_store, retention
-from eigenfail_services.store.creation import create
-from eigenfail_services.store.engine import Database, find
+from eigenfail_services.campaigns.summary import find_safety, summarise
+from eigenfail_services.store import Store, migrate, open_store, retention
+from eigenfail_services.store.campaigns import create_campaign
+from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.retention import SLICE
 from eigenfail_services.upkeep import pruning
-from eigenfail_services.upkeep.pruning import Which, prune, rehearse
+from eigenfail_services.upkeep.pruning import PruneSelection, prune, rehearse
 from eigenfail_services.upkeep.verify import verify
 
 PRUNE_AND_TELL = """
@@ -41,13 +35,13 @@ from eigenfail.values.retention import Retention
 from eigenfail_services.store import retention
 from eigenfail_services.upkeep import pruning
 retention.SLICE = 50
-recorded = retention.recorded
+recorded = retention._record_slice
 def slow(*arguments):
     record = recorded(*arguments)
     print(record.through, flush=True)
     return record
-retention.recorded = slow
-pruning.prune(sys.argv[1], Retention(keep_every=5), pruning.Which())
+retention._record_slice = slow
+pruning.prune(sys.argv[1], Retention(keep_every=5), pruning.PruneSelection())
 """
 
 
@@ -66,7 +60,7 @@ def figures(store: Store, campaign: int) -> list[object]:
     return [
         seen,
         summarise(seen, episodes.totals(campaign)),
-        safety_of(store, seen, 0.95),
+        find_safety(store, seen, 0.95),
         episodes.course(campaign, 5),
         episodes.spending(campaign),
         episodes.digest(campaign),
@@ -100,13 +94,13 @@ def test_noise_that_nobody_pruned_is_still_missed(filled) -> None:
 
 def test_only_what_is_meant_is_pruned(filled) -> None:
     with pytest.raises(Conflict, match="Campaign 2 is running"):
-        prune(filled, FIFTHS, Which((2,)))
-    assert prune(filled, FIFTHS, Which(older_than_days=1.0)).campaigns == ()
+        prune(filled, FIFTHS, PruneSelection((2,)))
+    assert prune(filled, FIFTHS, PruneSelection(older_than_days=1.0)).campaigns == ()
     assert prune(filled, Retention(5, "trajectory"), EVERYTHING).campaigns == ()
     with closing(open_store(filled)) as store:
         fill(store, method="replay", settings={"campaign": 1})
     with pytest.raises(InvalidValue, match="is a proof"):
-        prune(filled, FIFTHS, Which((3,)))
+        prune(filled, FIFTHS, PruneSelection((3,)))
     assert [each.campaign for each in prune(filled, FIFTHS, EVERYTHING).campaigns] == [1]
 
 
@@ -153,12 +147,12 @@ def test_noise_waits_for_a_replay_that_is_just_being_queued(prepared_postgres_ur
     """Whoever writes a SQLite database is alone there; a PostgreSQL one has many writers."""
     url = prepared_postgres_url
     waits = "SELECT count(*) FROM pg_locks WHERE NOT granted"
-    with closing(open_store(url)) as store, closing(Database(find(url))) as database:
+    with closing(open_store(url)) as store, closing(Database(find_backend(url))) as database:
         fill(store)
         with ThreadPoolExecutor() as threads:
             with database.writing() as connection:
                 replay = spec(method="replay", settings={"campaign": 1, "episodes": [1]})
-                create(connection, replay, None, None)
+                create_campaign(connection, replay, None, None)
                 done = threads.submit(prune, url, FIFTHS, EVERYTHING)
                 with database.reading() as watching:
                     while not watching.exec_driver_sql(waits).scalar():
@@ -220,7 +214,7 @@ def test_no_other_campaign_is_looked_through(sqlite_url, ask) -> None:
         finally:
             event.remove(Engine, "before_cursor_execute", note)
     assert asked
-    with closing(Database(find(sqlite_url))) as database, database.reading() as connection:
+    with closing(Database(find_backend(sqlite_url))) as database, database.reading() as connection:
         for statement, given in asked:
             if not statement.lstrip().startswith(("BEGIN", "PRAGMA")):
                 plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {statement}", given).all()

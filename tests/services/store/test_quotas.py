@@ -4,23 +4,27 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
 import pytest
+from store_checks.examples import equal
+from store_checks.quotas import key_with
 
 from eigenfail.errors import QuotaExceeded
-from eigenfail.testing.store.examples import equal, spec
-from eigenfail.testing.store.quotas import key_with
+from eigenfail.testing.examples import spec
 from eigenfail.values import Priority
 from eigenfail.values.quotas import Quotas, Usage
 from eigenfail_services.access.quotas import DAY_MS
-from eigenfail_services.store import campaign_rows, jobs, open_store, quotas
-from eigenfail_services.store.memory import campaigns as memory_campaigns
-from eigenfail_services.store.memory import quotas as memory_quotas
-from eigenfail_services.store.memory import tables as memory_tables
+from eigenfail_services.store import access, campaigns, jobs, open_store
 
 AT_ONCE = 8
 LONG_S = 600.0
 HOUR_MS = 3_600_000
 
 
+@pytest.mark.fault(
+    "quota exceeded, also by concurrent requests",
+    group="api",
+    outcome="A 403 that names the [quota](security.md#quotas); exactly as many requests pass "
+    "as are allowed.",
+)
 @pytest.mark.parametrize(
     ("allowed", "fit"),
     [(Quotas(max_open=5), 5), (Quotas(max_episodes_per_day=35), 3)],
@@ -64,8 +68,7 @@ class Calendar:
 @pytest.fixture
 def calendar(monkeypatch) -> Calendar:
     found = Calendar()
-    readers = (campaign_rows, jobs, quotas, memory_campaigns, memory_quotas, memory_tables)
-    for reader in readers:
+    for reader in (campaigns, jobs, access):
         monkeypatch.setattr(reader, "now_ms", found)
     return found
 

@@ -6,17 +6,18 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from store_checks.examples import deliver, running
 
-from eigenfail.testing.store.examples import deliver, result, running
+from eigenfail.testing.examples import result
 from eigenfail_services.store import open_store
-from eigenfail_services.store.engine import Database, find
+from eigenfail_services.store.engine import Database, find_backend
 
-DURABLE = {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1, "busy_timeout": 30_000}
+DURABLE = {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1, "busy_timeout": 10_000}
 
 
 @pytest.mark.parametrize(("pragma", "wanted"), DURABLE.items())
 def test_every_connection_is_durable_and_patient(sqlite_url, pragma, wanted) -> None:
-    with closing(Database(find(sqlite_url))) as database:
+    with closing(Database(find_backend(sqlite_url))) as database:
         for block in (database.reading, database.writing):
             with block() as connection:
                 assert connection.exec_driver_sql(f"PRAGMA {pragma}").scalar() == wanted
@@ -25,7 +26,7 @@ def test_every_connection_is_durable_and_patient(sqlite_url, pragma, wanted) -> 
 def test_a_reader_sees_one_moment_and_holds_up_no_writer(sqlite_url) -> None:
     store = open_store(sqlite_url)
     campaign = running(store)
-    with closing(Database(find(sqlite_url))) as database, database.reading() as connection:
+    with closing(Database(find_backend(sqlite_url))) as database, database.reading() as connection:
         count = "SELECT count(*) FROM episodes"
         assert connection.exec_driver_sql(count).scalar() == 0
         deliver(store, campaign, result(0))
@@ -40,7 +41,7 @@ def test_an_error_undoes_the_whole_transaction(sqlite_url) -> None:
             connection.exec_driver_sql("UPDATE event_counter SET last = 99")
             raise LookupError
 
-    with closing(Database(find(sqlite_url))) as database, pytest.raises(LookupError):
+    with closing(Database(find_backend(sqlite_url))) as database, pytest.raises(LookupError):
         half(database)
     store = open_store(sqlite_url)
     assert store.events.last() == 0
@@ -79,7 +80,8 @@ def test_what_is_stored_is_for_its_owner_alone(tmp_path, lenient) -> None:
 
 def test_whoever_was_let_in_stays(tmp_path, lenient) -> None:
     path = tmp_path / "a.db"
-    path.touch(0o640)
+    open_store(f"sqlite:///{path}").close()
+    path.chmod(0o640)
     with closing(open_store(f"sqlite:///{path}")) as store:
         running(store)
         assert modes(tmp_path)["a.db-wal"] == modes(tmp_path)["a.db"] == "640"

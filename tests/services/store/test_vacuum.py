@@ -5,16 +5,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from store_checks.examples import deliver, running
 
 from eigenfail.errors import Conflict, SchemaMismatch, ServiceError, StoreUnavailable, UnknownName
-from eigenfail.testing.store.examples import deliver, result, running
+from eigenfail.testing.examples import result
 from eigenfail.values import CampaignState
 from eigenfail.values.retention import Retention
-from eigenfail_services.store import migrate, open_store, schema, steps
-from eigenfail_services.upkeep import vacuum as module
-from eigenfail_services.upkeep.pruning import Which, prune
-from eigenfail_services.upkeep.revisions import downgrade
-from eigenfail_services.upkeep.vacuum import vacuum
+from eigenfail_services.store import migrate, open_store, schema
+from eigenfail_services.upkeep import maintenance as module
+from eigenfail_services.upkeep.maintenance import downgrade, vacuum
+from eigenfail_services.upkeep.pruning import PruneSelection, prune
 from eigenfail_services.upkeep.verify import verify
 
 COUNT = 1_000
@@ -34,7 +34,7 @@ def fill(url: str) -> None:
         store.campaigns.move(campaign.id, CampaignState.DONE)
         assert (job := store.jobs.claim("test", 60.0))
         assert store.jobs.finish(job)
-    prune(url, Retention(keep_every=1_000), Which())
+    prune(url, Retention(keep_every=1_000), PruneSelection())
 
 
 def test_what_was_pruned_is_given_back(url) -> None:
@@ -80,17 +80,17 @@ def test_no_room_is_said_before_anything_is_begun(sqlite_url, monkeypatch, tmp_p
 def test_the_copy_is_written_where_sqlite_writes_it(monkeypatch, tmp_path) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setenv("SQLITE_TMPDIR", str(tmp_path / "none"))
-    assert module.temporary_folder() == tmp_path
+    assert module._find_temporary_folder() == tmp_path
     (tmp_path / "none").mkdir()
-    assert module.temporary_folder() == tmp_path / "none"
+    assert module._find_temporary_folder() == tmp_path / "none"
 
 
 def test_two_disks_need_room_each(tmp_path) -> None:
     shm = Path("/dev/shm")
     if not shm.exists() or shm.stat().st_dev == tmp_path.stat().st_dev:
         pytest.skip("there is one disk")
-    assert module.needs(shm, 3, tmp_path, 4) == {shm: 3, tmp_path: 4}
-    assert module.needs(tmp_path, 3, tmp_path, 4) == {tmp_path: 7}
+    assert module._list_needs(shm, 3, tmp_path, 4) == {shm: 3, tmp_path: 4}
+    assert module._list_needs(tmp_path, 3, tmp_path, 4) == {tmp_path: 7}
 
 
 def test_what_is_not_there_or_of_another_schema_is_refused(sqlite_url, tmp_path) -> None:
@@ -107,8 +107,8 @@ def test_the_way_back_and_forward_again(url) -> None:
         before = store.episodes.digest(1)
     with pytest.raises(Conflict, match=rf"From {schema.VERSION} back to {BEFORE}.*db backup FILE"):
         downgrade(url, BEFORE, force=False)
-    assert migrate.current(url) == schema.VERSION
-    assert downgrade(url, BEFORE, force=True) == BEFORE == migrate.current(url)
+    assert migrate.read_version(url) == schema.VERSION
+    assert downgrade(url, BEFORE, force=True) == BEFORE == migrate.read_version(url)
     migrate.upgrade(url)
     assert verify(url).defects == 0
     with closing(open_store(url)) as store:
@@ -119,8 +119,8 @@ def test_the_way_back_and_forward_again(url) -> None:
 def test_a_revision_that_is_none_is_refused_with_those_there_are(url, revision) -> None:
     with pytest.raises(UnknownName) as refused:
         downgrade(url, revision, force=True)
-    assert refused.value.known == steps.revisions()
-    assert migrate.current(url) == schema.VERSION
+    assert refused.value.known == migrate.list_revisions()
+    assert migrate.read_version(url) == schema.VERSION
 
 
 def test_forward_is_another_command(sqlite_url) -> None:
@@ -136,5 +136,5 @@ def test_nobody_may_use_it_meanwhile(url) -> None:
         store.ping()
         with pytest.raises(ServiceError, match="Stop"):
             downgrade(url, BEFORE, force=True)
-        assert migrate.current(url) == schema.VERSION
+        assert migrate.read_version(url) == schema.VERSION
         running(store)

@@ -7,18 +7,19 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import text
+from store_checks.examples import deliver, running
 
 from eigenfail import plugins
-from eigenfail.contracts import Store
 from eigenfail.errors import SchemaMismatch, StoreUnavailable
-from eigenfail.testing.store.examples import collision, deliver, failed, result, running
+from eigenfail.process_state import ProcessState
+from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values import AnalysisSettings, CampaignState, EpisodeTask, PriorSource, episode_seed
 from eigenfail.values.records import Delivery, JobKind
 from eigenfail.values.upkeep import Check, Verification
-from eigenfail_services.campaigns.checkpoint import FORMAT, Checkpoint, write_checkpoint
-from eigenfail_services.store import open_store
-from eigenfail_services.store.engine import Database, find
-from eigenfail_services.upkeep.verify import MOST_SHOWN, verify
+from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint
+from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.upkeep.verify import MAX_SHOWN, verify
 
 STATE = write_checkpoint(Checkpoint(FORMAT, 1, 10, 1, 0, False, None, (), b""))
 FINE = {"references", "accounts", "ends", "jobs", "parts", "prunings", "checkpoints"}
@@ -39,7 +40,7 @@ def filled(url: str) -> str:
 def fill(store: Store) -> None:
     done, runs = (running(store, episodes=4) for _ in range(2))
     for campaign in (done, runs):
-        deliver(store, campaign, result(0), collision(1), failed(2))
+        deliver(store, campaign, result(0), collision(1), make_errored_result(2))
         store.checkpoints.save(campaign.id, STATE)
     assert (job := store.jobs.claim("test", 60.0, JobKind.CAMPAIGN))
     store.campaigns.move(done.id, CampaignState.DONE)
@@ -49,7 +50,7 @@ def fill(store: Store) -> None:
 
 def change(url: str, *statements: str) -> None:
     """Do what no program of ours would do."""
-    with closing(Database(find(url))) as database, database.writing() as connection:
+    with closing(Database(find_backend(url))) as database, database.writing() as connection:
         if url.startswith("sqlite"):
             connection.exec_driver_sql("PRAGMA defer_foreign_keys = ON")
         for statement in statements:
@@ -75,6 +76,12 @@ def test_a_service_may_use_the_database_meanwhile(filled) -> None:
         assert store.campaigns.get(1).state is CampaignState.DONE
 
 
+@pytest.mark.fault(
+    "damaged database file, row or count",
+    group="storage",
+    outcome="`eigenfail db verify` finds it and says what to do. Counts and left-over jobs "
+    "are repaired with `--repair`; the rest needs a backup.",
+)
 @pytest.mark.parametrize(
     ("damage", "check", "where", "told"),
     [
@@ -120,6 +127,7 @@ def test_what_the_rows_tell_is_found_and_mended(filled, damage, check, where, to
         assert after.mended[0] in event.message
 
 
+@pytest.mark.fault("damaged database file, row or count")
 @pytest.mark.parametrize(
     ("damage", "check", "where"),
     [
@@ -139,6 +147,7 @@ def test_what_only_a_backup_can_tell_is_left_alone(filled, damage, check, where)
         assert where in wrong(found)[check].shown[0].where
 
 
+@pytest.mark.fault("damaged database file, row or count")
 def test_a_checkpoint_that_is_none_is_found_whatever_its_hash_says(filled) -> None:
     digest = sha256(b"no checkpoint").hexdigest()
     state = "'no checkpoint'" if filled.startswith("postgres") else "CAST('no checkpoint' AS BLOB)"
@@ -148,15 +157,17 @@ def test_a_checkpoint_that_is_none_is_found_whatever_its_hash_says(filled) -> No
     assert "cannot be read" in check.shown[0].found
 
 
+@pytest.mark.fault("damaged database file, row or count")
 def test_many_defects_are_counted_and_the_first_are_shown(url) -> None:
     with closing(open_store(url)) as store:
-        for _ in range(MOST_SHOWN + 5):
+        for _ in range(MAX_SHOWN + 5):
             deliver(store, running(store), result(0))
     change(url, "DELETE FROM trajectories")
     check = wrong(verify(url))["parts"]
-    assert (check.defects, len(check.shown)) == (MOST_SHOWN + 5, MOST_SHOWN)
+    assert (check.defects, len(check.shown)) == (MAX_SHOWN + 5, MAX_SHOWN)
 
 
+@pytest.mark.fault("damaged database file, row or count")
 def test_rows_without_what_they_belong_to_are_found(sqlite_url) -> None:
     with closing(open_store(sqlite_url)) as store:
         deliver(store, running(store), result(0))
@@ -169,6 +180,7 @@ def test_rows_without_what_they_belong_to_are_found(sqlite_url) -> None:
     assert "references" in wrong(verify(sqlite_url))
 
 
+@pytest.mark.fault("damaged database file, row or count")
 def test_a_damaged_file_is_looked_at_no_further_and_not_written_to(sqlite_url) -> None:
     with closing(open_store(sqlite_url)) as store:
         deliver(store, running(store, episodes=500), *map(result, range(500)))
@@ -192,6 +204,7 @@ def test_another_schema_is_refused(sqlite_url, tmp_path) -> None:
         verify(sqlite_url)
 
 
+@pytest.mark.fault("damaged database file, row or count")
 def test_stored_episodes_are_run_again_and_one_that_differs_is_found(sqlite_url) -> None:
     with closing(open_store(sqlite_url)) as store:
         campaign = running(store, planner="idm", episodes=4)
@@ -223,3 +236,73 @@ def test_functions_that_are_not_listed_here_are_left_out_by_name(sqlite_url, mon
     monkeypatch.setenv("EIGENFAIL_FUNCTIONS", "mine")
     (check,) = wrong(verify(sqlite_url, 1)).values()
     assert check.name == "replays"
+
+
+def stored_campaign(store, episodes: int = 3, **spec):
+    """A campaign with episodes as workers run them: after each change in a process of its own."""
+    campaign = running(store, simulator="point_mass", episodes=episodes, **spec)
+    tasks = [
+        EpisodeTask(n, episode_seed(campaign.spec.seed, n), PriorSource()) for n in range(episodes)
+    ]
+    engine = plugins.load(plugins.ENGINES, "default")
+    results = [next(iter(engine(campaign.spec.setup()).run([task]))) for task in tasks]
+    store.episodes.commit(campaign.id, [Delivery(each, "test") for each in results])
+    return campaign
+
+
+@pytest.mark.fault(
+    "planner that changes the process of a verification",
+    group="plug-ins",
+    outcome="`db verify --replay` blames its episodes alone, and names it; sound campaigns, and "
+    "the process that verifies, are not touched.",
+)
+@pytest.mark.parametrize("what", ["rounding", "numpy", "numpy errors", "directory"])
+def test_replays_of_a_planner_that_changes_its_process_blame_no_sound_episode(
+    sqlite_url, what
+) -> None:
+    before = ProcessState()
+    with closing(open_store(sqlite_url)) as store:
+        # At first the planner does nothing, so that there are results of it; then it does.
+        quiet = {"planner": "test_changes_state", "planner_settings": {"what": "nothing"}}
+        unsound = stored_campaign(store, **quiet)
+        stored_campaign(store, planner="idm")
+        stored_campaign(store, **quiet)
+    assert verify(sqlite_url, 9).defects == 0
+    changed = f"spec = replace(spec, '\"nothing\"', '\"{what}\"')"
+    change(sqlite_url, f"UPDATE campaigns SET {changed} WHERE id = {unsound.id}")
+    check = wrong(verify(sqlite_url, 9))["replays"]
+    assert [defect.where for defect in check.shown] == [
+        f"episode {unsound.id}/{n}" for n in (0, 1, 2)
+    ]
+    for defect in check.shown:
+        assert (
+            "planner: The planner 'test_changes_state' changed process-wide state" in defect.found
+        )
+    assert before.changes() == []
+
+
+@pytest.mark.fault(
+    "planner that ends the process of a verification",
+    group="plug-ins",
+    outcome="`db verify --replay` reports the episodes that cannot be run, and runs the others.",
+)
+def test_replays_of_a_planner_that_dies_are_reported_and_the_others_are_run(sqlite_url) -> None:
+    with closing(open_store(sqlite_url)) as store:
+        dying = stored_campaign(store, episodes=2, planner="idm")
+        stored_campaign(store, episodes=2, planner="idm")
+    named = "spec = replace(spec, '\"idm\"', '\"test_dies\"')"
+    change(sqlite_url, f"UPDATE campaigns SET {named} WHERE id = {dying.id}")
+    check = wrong(verify(sqlite_url, 4))["replays"]
+    assert [defect.where for defect in check.shown] == [f"episode {dying.id}/{n}" for n in (0, 1)]
+    assert "ended with code 7" in check.shown[0].found
+    assert "eigenfail episode replay" in check.shown[0].remedy
+
+
+def test_a_campaign_whose_planner_is_not_here_is_reported_for_each_episode(sqlite_url) -> None:
+    with closing(open_store(sqlite_url)) as store:
+        lost = stored_campaign(store, episodes=2, planner="idm")
+    named = "spec = replace(spec, '\"idm\"', '\"gone\"')"
+    change(sqlite_url, f"UPDATE campaigns SET {named} WHERE id = {lost.id}")
+    check = wrong(verify(sqlite_url, 2))["replays"]
+    assert [defect.where for defect in check.shown] == [f"episode {lost.id}/{n}" for n in (0, 1)]
+    assert "'gone' is not known" in check.shown[0].found

@@ -16,9 +16,8 @@ from msgspec.structs import replace
 
 from eigenfail.contracts import Simulation
 from eigenfail.values import DisturbanceModel, EpisodeSetup
+from eigenfail_workers.bridge.connection import SharedConnection, make_timeouts
 from eigenfail_workers.bridge.engine import BridgeEngine
-from eigenfail_workers.bridge.line import Line
-from eigenfail_workers.bridge.patience import patience_of
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "bridge"
 POLL_MS = 20
@@ -66,7 +65,7 @@ def serving(minimal) -> Callable[..., Any]:
 @pytest.fixture
 def on_bridge() -> Iterator[Callable[..., BridgeEngine]]:
     """Engines on the bridge at an address."""
-    lines: list[Line] = []
+    lines: list[SharedConnection] = []
 
     def make(
         address: str,
@@ -76,9 +75,9 @@ def on_bridge() -> Iterator[Callable[..., BridgeEngine]]:
         episode_s: float = 2.0 * PATIENCE_S,
         **changes: Any,
     ) -> BridgeEngine:
-        usual = patience_of(2.0 * PATIENCE_S)
+        usual = make_timeouts(2.0 * PATIENCE_S)
         given = {"answer_s": answer_s, "hello_s": hello_s, "episode_s": episode_s}
-        lines.append(Line(address, replace(usual, **given)))
+        lines.append(SharedConnection(address, replace(usual, **given)))
         given = {
             "simulator": "bridge",
             "scenario": "cut_in",

@@ -76,6 +76,13 @@ def filled(engines: list[BridgeEngine], episodes: int) -> None:
         engines[number % len(engines)].begin(task)
 
 
+@pytest.mark.fault(
+    "SIGKILL of a bridge",
+    group="processes",
+    outcome="Its episodes start again when it is back; none is errored, and the campaign "
+    "keeps its digest. If it stays away for the time limit of an episode, they are "
+    "errored, kind `infrastructure`.",
+)
 @pytest.mark.parametrize("sessions", [8, 1])
 def test_a_bridge_that_is_killed_costs_no_episode(
     sessions: int, free_address: str, run_program, on_bridge, undisturbed
@@ -104,6 +111,12 @@ def poisoned(free_address: str) -> Iterator["subprocess.Popen[str]"]:
     program.communicate()
 
 
+@pytest.mark.fault(
+    "episode that kills its bridge",
+    group="processes",
+    outcome="After the second time it runs alone, after the third it is errored, kind "
+    "`infrastructure`. The episodes that ran beside it are not affected.",
+)
 def test_an_episode_that_kills_the_bridge_is_found_out_and_alone_pays(
     poisoned, free_address, on_bridge, undisturbed
 ) -> None:
@@ -116,6 +129,7 @@ def test_an_episode_that_kills_the_bridge_is_found_out_and_alone_pays(
     assert poisoned.stdout.read() == ""
 
 
+@pytest.mark.fault("SIGKILL of a bridge")
 def test_a_bridge_that_does_not_come_back_is_not_waited_for_longer_than_an_episode(
     free_address: str, run_program, on_bridge
 ) -> None:
@@ -124,7 +138,9 @@ def test_a_bridge_that_does_not_come_back_is_not_waited_for_longer_than_an_episo
     filled([engine], 3)
     program.kill()
     program.wait()
-    engine._line.patience = replace(engine._line.patience, episode_s=SOON_S, hello_s=SOON_S)
+    engine._connection.timeouts = replace(
+        engine._connection.timeouts, episode_s=SOON_S, hello_s=SOON_S
+    )
     results = finished([engine], 3)
     assert sorted(each.index for each in results) == [0, 1, 2]
     assert {each.fault.kind for each in results} == {"infrastructure"}

@@ -16,44 +16,44 @@ from msgspec.msgpack import encode as pack
 from eigenfail.errors import PlannerError, SimulatorError
 from eigenfail.values import Control, Observation, VehicleState
 from eigenfail_workers.bridge import messages as said
+from eigenfail_workers.bridge.episode import disturb_position, read_start, read_step
 from eigenfail_workers.bridge.messages import encode, read_answer
-from eigenfail_workers.bridge.observing import after_step, asked_for, at_start
 
 GOLDEN = Path(__file__).parent / "golden"
 SESSION = "0123456789abcdef0123456789abcdef"
 OF_TRUCK = {"distance_m": 55.0, "wet": True, "kind": "truck", "lanes": 2}
 STARTS = (
-    said.Start(0, 7, "cut_in", OF_TRUCK, "rulebook", {"beside_m": 6.0}, 100),
-    said.Start(1, 2**63 - 1, "cut_in", {}, "idm", {}, 100),
+    said.SlotStart(0, 7, "cut_in", OF_TRUCK, "rulebook", {"beside_m": 6.0}, 100),
+    said.SlotStart(1, 2**63 - 1, "cut_in", {}, "idm", {}, 100),
 )
-PUSHES = (said.Push(0, (0.5, -0.25)), said.Push(1, (-1.0, 0.125)))
+PUSHES = (said.SlotStep(0, (0.5, -0.25)), said.SlotStep(1, (-1.0, 0.125)))
 REQUESTS = {
-    "hello": said.Hello(1, SESSION),
-    "hello_of_protocol_2": said.Hello(2, SESSION),
-    "reset": said.Reset(SESSION, 1, STARTS),
-    "step": said.Step(SESSION, 2, PUSHES),
-    "step_of_another_session": said.Step("f" * 32, 3, PUSHES),
-    "close": said.Close(SESSION, 4),
+    "hello": said.BridgeHello(1, SESSION),
+    "hello_of_protocol_2": said.BridgeHello(2, SESSION),
+    "reset": said.ResetRequest(SESSION, 1, STARTS),
+    "step": said.StepRequest(SESSION, 2, PUSHES),
+    "step_of_another_session": said.StepRequest("f" * 32, 3, PUSHES),
+    "close": said.CloseRequest(SESSION, 4),
 }
 ego, other, moved = (0.0, 0.0, 0.0, 24.0, 16.5, 2.5), (100.0, 4.0, 0.0, 12.5, 4.5, 1.8), 2.375
 ANSWERS = {
-    "welcome": said.Welcome(
+    "welcome": said.BridgeWelcome(
         1,
         "stub",
         "1.0",
         2,
-        (said.Scenario("cut_in", 0.1, 100, OF_TRUCK),),
-        (said.Planner("rulebook", {"beside_m": 6.0}), said.Planner("idm", {})),
+        (said.BridgeScenario("cut_in", 0.1, 100, OF_TRUCK),),
+        (said.BridgePlanner("rulebook", {"beside_m": 6.0}), said.BridgePlanner("idm", {})),
     ),
-    "refusal": said.Refusal("I speak protocol 1."),
+    "refusal": said.BridgeRefusal("I speak protocol 1."),
     "observations_at_start": said.Observations(
         1,
-        (said.Seen(0, ego, (other,), False, False, off_road=False),) * 2,
+        (said.SlotObservation(0, ego, (other,), False, False, off_road=False),) * 2,
     ),
     "observations_after_step": said.Observations(
         2,
         (
-            said.Seen(
+            said.SlotObservation(
                 step=1,
                 ego=(moved, *ego[1:]),
                 others=(other, other),
@@ -64,10 +64,10 @@ ANSWERS = {
                 applied=(-7.0, 0.01),
                 off_road=True,
             ),
-            said.Seen(fault="planner", message="It looked away."),
+            said.SlotObservation(fault="planner", message="It looked away."),
         ),
     ),
-    "error": said.Error(3, "simulator", "I do not know this session.", lost=True),
+    "error": said.BridgeError(3, "simulator", "I do not know this session.", lost=True),
     "closed": said.Closed(4),
 }
 DIALOGUE = (
@@ -133,7 +133,9 @@ def test_the_reference_bridge_answers_by_the_byte(minimal) -> None:
 def test_an_answer_may_leave_out_what_is_optional_and_hold_what_nobody_knows() -> None:
     seen = {"step": 1, "ego": [0, 0, 0, 24, 16, 2], "others": [[9, 0, 0, 12, 4, 2]], "new": [1]}
     data = pack({"later": 1, "slots": [seen], "id": 5, "type": "observations"})
-    whole = said.Seen(1, (0.0, 0.0, 0.0, 24.0, 16.0, 2.0), ((9.0, 0.0, 0.0, 12.0, 4.0, 2.0),))
+    whole = said.SlotObservation(
+        1, (0.0, 0.0, 0.0, 24.0, 16.0, 2.0), ((9.0, 0.0, 0.0, 12.0, 4.0, 2.0),)
+    )
     assert read_answer(data) == said.Observations(5, (whole,))
 
 
@@ -147,14 +149,19 @@ def told_on_its_page() -> list[tuple[str, dict[str, Any]]]:
 def test_the_session_on_the_page_is_one() -> None:
     sides, words = zip(*told_on_its_page(), strict=True)
     assert "".join(sides) == "→←" * 4
-    kinds = {"hello": said.Hello, "reset": said.Reset, "step": said.Step, "close": said.Close}
+    kinds = {
+        "hello": said.BridgeHello,
+        "reset": said.ResetRequest,
+        "step": said.StepRequest,
+        "close": said.CloseRequest,
+    }
     for request in words[::2]:
         assert encode(convert(request, kinds[request["type"]])) == pack(request)
     answers = [read_answer(pack(answer)) for answer in words[1::2]]
     began, went = (answer.slots[0] for answer in answers[1:3])
-    start = at_start(began)
-    after_step(went, start, tuple(words[4]["slots"][0]["disturbance"]), 0.1)
-    assert went.perceived == asked_for(start, (0.5, -0.25))
+    start = read_start(began)
+    read_step(went, start, tuple(words[4]["slots"][0]["disturbance"]), 0.1)
+    assert went.perceived == disturb_position(start, (0.5, -0.25))
     assert [answer.id for answer in answers[1:]] == [request["id"] for request in words[2::2]]
 
 

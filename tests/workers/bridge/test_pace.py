@@ -2,23 +2,26 @@
 
 import pytest
 
-from eigenfail.cli.checkups import Verdict
-from eigenfail_workers.bridge.connection import Connection
-from eigenfail_workers.bridge.messages import Start
-from eigenfail_workers.bridge.pace import Pace, pace_of
-from eigenfail_workers.bridge.patience import patience_of
+from eigenfail.cli.plugin_checks import CheckVerdict
+from eigenfail_workers.bridge.checks import BridgePace, measure_pace
+from eigenfail_workers.bridge.connection import Connection, make_timeouts
+from eigenfail_workers.bridge.messages import SlotStart
 
 
 @pytest.mark.parametrize(
     ("alone_s", "verdict", "said"),
     [
-        (0.004, Verdict.PASSED, "4 ms a step, 25 × real time; 20 ms for 8 side by side."),
-        (0.4, Verdict.SLOW, "0.25 × real time"),
-        (0.6, Verdict.BROKEN, "An episode takes 60 s, and is given up after 50 s. Make it faster"),
+        (0.004, CheckVerdict.PASSED, "4 ms a step, 25 × real time; 20 ms for 8 side by side."),
+        (0.4, CheckVerdict.SLOW, "0.25 × real time"),
+        (
+            0.6,
+            CheckVerdict.BROKEN,
+            "An episode takes 60 s, and is given up after 50 s. Make it faster",
+        ),
     ],
 )
 def test_it_is_held_against_the_time_of_its_world_and_that_of_an_episode(alone_s, verdict, said):
-    found = Pace(0.1, alone_s, 0.02, 8).verdict(100, patience_of(60.0))
+    found = BridgePace(0.1, alone_s, 0.02, 8).judge(100, make_timeouts(60.0))
     assert found[0] is verdict
     assert said in found[1]
 
@@ -26,7 +29,7 @@ def test_it_is_held_against_the_time_of_its_world_and_that_of_an_episode(alone_s
 def test_it_is_measured_alone_and_side_by_side(serving) -> None:
     with serving(slots=3) as address:
         connection = Connection(address)
-        pace = pace_of(connection, Start(0, 0, "cut_in", {}, "idm", {}, 100))
+        pace = measure_pace(connection, SlotStart(0, 0, "cut_in", {}, "idm", {}, 100))
         connection.close()
     assert (pace.dt_s, pace.beside) == (0.1, 3)
     assert pace.alone_s > 0.0
@@ -35,7 +38,7 @@ def test_it_is_measured_alone_and_side_by_side(serving) -> None:
 
 @pytest.mark.parametrize("limit_s", [1.0, 6.0, 60.0, 3600.0])
 def test_what_a_worker_waits_for_ends_before_its_own_patience_does(limit_s: float) -> None:
-    patience = patience_of(limit_s)
+    patience = make_timeouts(limit_s)
     assert 0.0 < patience.answer_s < patience.episode_s < limit_s
     assert limit_s - patience.episode_s <= 10.0
     assert patience.hello_s == pytest.approx(limit_s - patience.episode_s)

@@ -8,12 +8,12 @@ from eigenfail import plugins
 from eigenfail.errors import PlannerError, SimulatorError
 from eigenfail.testing.simulation import SIMULATION_CHECKS, Cruise
 from eigenfail.values import Control, Observation, VehicleState
+from eigenfail_workers.bridge.checks import BridgeSimulation
 from eigenfail_workers.bridge.connection import Connection
-from eigenfail_workers.bridge.messages import Seen, Start
-from eigenfail_workers.bridge.observing import after_step, at_start
-from eigenfail_workers.bridge.simulation import BridgeSimulation
+from eigenfail_workers.bridge.episode import read_start, read_step
+from eigenfail_workers.bridge.messages import SlotObservation, SlotStart
 
-START = Start(0, 0, "cut_in", {}, "idm", {}, 100)
+START = SlotStart(0, 0, "cut_in", {}, "idm", {}, 100)
 
 
 @pytest.mark.parametrize("simulator", plugins.names(plugins.SIMULATORS))
@@ -60,9 +60,9 @@ EGO, OTHER = (0.0, 0.0, 0.0, 20.0, 16.0, 2.5), (30.0, 1.0, 0.0, 12.0, 4.5, 1.8)
 
 
 def test_what_a_bridge_does_not_tell_is_seen_from_outside() -> None:
-    before = at_start(Seen(0, EGO, (OTHER, (90.0, *OTHER[1:]))))
-    slower = Seen(1, (2.0, 0.0, 0.0, 19.5, 16.0, 2.5), (OTHER, OTHER))
-    assert after_step(slower, before, (0.5, -0.25), 0.1) == Observation(
+    before = read_start(SlotObservation(0, EGO, (OTHER, (90.0, *OTHER[1:]))))
+    slower = SlotObservation(1, (2.0, 0.0, 0.0, 19.5, 16.0, 2.5), (OTHER, OTHER))
+    assert read_step(slower, before, (0.5, -0.25), 0.1) == Observation(
         step=1,
         ego=VehicleState(2.0, 0.0, 0.0, 19.5, 16.0, 2.5),
         others=(VehicleState(*OTHER),) * 2,
@@ -74,16 +74,16 @@ def test_what_a_bridge_does_not_tell_is_seen_from_outside() -> None:
 @pytest.mark.parametrize(
     ("seen", "said"),
     [
-        (Seen(1, None, (OTHER,)), "has no ego"),
-        (Seen(1, EGO, ()), "has no other vehicles"),
-        (Seen(2, EGO, (OTHER,)), "step 2 where step 1 is due"),
-        (Seen(None, EGO, (OTHER,)), "step None where step 1 is due"),
-        (Seen(1, EGO, (OTHER, OTHER)), "There were 1 other vehicles, and now 2"),
-        (Seen(fault="simulator", message="lost\x00 it"), "lost  it"),
-        (Seen(fault="simulator"), "blames the simulator without a word"),
+        (SlotObservation(1, None, (OTHER,)), "has no ego"),
+        (SlotObservation(1, EGO, ()), "has no other vehicles"),
+        (SlotObservation(2, EGO, (OTHER,)), "step 2 where step 1 is due"),
+        (SlotObservation(None, EGO, (OTHER,)), "step None where step 1 is due"),
+        (SlotObservation(1, EGO, (OTHER, OTHER)), "There were 1 other vehicles, and now 2"),
+        (SlotObservation(fault="simulator", message="lost\x00 it"), "lost  it"),
+        (SlotObservation(fault="simulator"), "blames the simulator without a word"),
     ],
 )
-def test_what_is_no_observation_is_the_simulators_fault(seen: Seen, said: str) -> None:
-    before = at_start(Seen(0, EGO, (OTHER,)))
+def test_what_is_no_observation_is_the_simulators_fault(seen: SlotObservation, said: str) -> None:
+    before = read_start(SlotObservation(0, EGO, (OTHER,)))
     with pytest.raises(SimulatorError, match=said):
-        after_step(seen, before, (0.0, 0.0), 0.1)
+        read_step(seen, before, (0.0, 0.0), 0.1)

@@ -91,7 +91,7 @@ def test_a_bridge_may_be_restarted_while_nothing_runs(
         assert result.fault is None
         program.kill()
         program.wait()
-        assert engine._line.connection(PATIENCE_S)._news.poll(PATIENCE_S * 1000)
+        assert engine._connection.get(PATIENCE_S)._monitor.poll(PATIENCE_S * 1000)
 
 
 def test_where_no_bridge_is_each_episode_waits_once_and_fails(free_address, on_bridge) -> None:
@@ -112,11 +112,11 @@ def test_an_episode_that_takes_too_long_is_given_up(whose: str, serving, on_brid
     with serving() as address:
         engine = on_bridge(address)
         engine.begin(task(0))
-        none_left = replace(engine._line.patience, episode_s=0.0)
+        none_left = replace(engine._connection.timeouts, episode_s=0.0)
         if whose == "of the episode":
-            engine._line.connection(PATIENCE_S).patience = none_left
+            engine._connection.get(PATIENCE_S).timeouts = none_left
         else:
-            engine._line.patience = none_left
+            engine._connection.timeouts = none_left
         (result,) = engine.turn()
     assert result.fault.kind == "simulator"
     assert f"The bridge at {address} took longer than" in result.fault.message

@@ -16,7 +16,7 @@ from eigenfail.values import DisturbanceModel, EpisodeSetup, EpisodeTask, PriorS
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.engines import make_engine
 from eigenfail_workers.explain import explain
-from eigenfail_workers.functions.finding import find
+from eigenfail_workers.functions import find_function
 
 GOOD = """
 from eigenfail.functions import of_trajectory
@@ -80,22 +80,22 @@ def test_a_module_that_does_not_give_it_is_refused_in_words(name, module):
     text, words = BROKEN[name]
     module("sut_broken", f"# as eigenfail.functions wants it\n{text}")
     with pytest.raises(InvalidValue, match=words) as refused:
-        find("sut_broken:robustness")
+        find_function("sut_broken:robustness")
     assert refused.value.field == "planner"
 
 
 def test_a_module_that_is_not_there_is_refused_with_where_it_was_looked_for(module, tmp_path):
     with pytest.raises(InvalidValue, match="PYTHONPATH") as refused:
-        find("sut_nowhere:robustness")
+        find_function("sut_nowhere:robustness")
     assert str(tmp_path) in refused.value.remedy
     module("sut_nowhere")  # written now, it is found
-    assert find("sut_nowhere:robustness")([]) == 1.5
+    assert find_function("sut_nowhere:robustness")([]) == 1.5
 
 
 def test_nothing_is_called_that_was_not_declared(module):
     module("sut_open")
     with pytest.raises(InvalidValue, match="not declared"):
-        find("sut_open:helper")
+        find_function("sut_open:helper")
 
 
 @pytest.mark.parametrize("place", ["os:system", "this:x", "sut_stranger:robustness"])
@@ -103,18 +103,18 @@ def test_a_module_that_is_none_of_functions_is_not_even_imported(place, module):
     module("sut_stranger", "raise SystemExit(4)")
     known = sys.modules.get(place.split(":")[0])
     with pytest.raises(InvalidValue, match="in no module of functions"):
-        find(place)
+        find_function(place)
     assert sys.modules.get(place.split(":")[0]) is known
 
 
 def test_a_file_that_was_changed_is_not_run_as_it_was_before(module):
     file = module("sut_changed")
-    find("sut_changed:robustness")
-    find("sut_changed:robustness")
+    find_function("sut_changed:robustness")
+    find_function("sut_changed:robustness")
     later_s = file.stat().st_mtime + 10.0
     os.utime(file, (later_s, later_s))
     with pytest.raises(InvalidValue, match=r"changed after .* Start the service again"):
-        find("sut_changed:robustness")
+        find_function("sut_changed:robustness")
 
 
 @pytest.mark.parametrize("parameters", [{}, {"steps": 0}, {"steps": 5, "limit_s": 51.0}])
@@ -135,7 +135,7 @@ def test_there_is_nothing_to_explain():
 def test_what_is_listed_may_be_run(module, monkeypatch, listed):
     module("sut_listed")
     monkeypatch.setenv(ALLOWED_VARIABLE, listed)
-    assert find("sut_listed:robustness")(np.zeros((5, 2))) == 1.5
+    assert find_function("sut_listed:robustness")(np.zeros((5, 2))) == 1.5
 
 
 @pytest.mark.parametrize("listed", ["", " ", "sut", "sut_unlisted_2", "other"])
@@ -143,7 +143,7 @@ def test_what_is_not_listed_is_not_even_imported(module, monkeypatch, listed):
     module("sut_unlisted", GOOD + "raise SystemExit\n")
     monkeypatch.setenv(ALLOWED_VARIABLE, listed)
     with pytest.raises(InvalidValue, match=ALLOWED_VARIABLE):
-        find("sut_unlisted:robustness")
+        find_function("sut_unlisted:robustness")
     assert "sut_unlisted" not in sys.modules
 
 
@@ -151,7 +151,7 @@ def test_where_nothing_is_listed_nothing_may_be_run(module, monkeypatch):
     module("sut_default", GOOD + "raise SystemExit\n")
     monkeypatch.delenv(ALLOWED_VARIABLE)
     with pytest.raises(InvalidValue, match="may be run here") as refused:
-        find("sut_default:robustness")
+        find_function("sut_default:robustness")
     assert "eigenfail up --functions sut_default" in refused.value.remedy
     assert "sut_default" not in sys.modules
 

@@ -27,8 +27,8 @@ from eigenfail.values import (
     White,
     episode_seed,
 )
-from eigenfail_workers.functions.engine import FunctionEngine
-from eigenfail_workers.noise.policy import KEPT_POLICIES
+from eigenfail_workers.functions import FunctionEngine
+from eigenfail_workers.noise.policy import MAX_POLICIES
 
 STEPS = 12
 SHAPES = (White(), Correlated(), HeavyTailed())
@@ -228,6 +228,11 @@ def hangs(_z):
             continue
 
 
+@pytest.mark.fault(
+    "function under test that hangs",
+    group="time",
+    outcome="It is interrupted, its episode is errored, and the next episode runs.",
+)
 def test_a_hang_is_broken_off_and_the_next_episode_is_run():
     began = time.monotonic()
     failed, after = run(of_trajectory(in_turn(hangs, half_space)), tasks(2), limit_s=0.1)
@@ -268,10 +273,10 @@ def test_a_policy_that_is_not_known_fails_its_episode():
 
 def test_the_oldest_policies_make_room():
     engine = FunctionEngine(half_space, STEPS)
-    for version in range(KEPT_POLICIES + 1):
+    for version in range(MAX_POLICIES + 1):
         engine.learn(policy(version))
     first, last = engine.run(
-        [EpisodeTask(0, 0, PolicySource(0)), EpisodeTask(1, 0, PolicySource(KEPT_POLICIES))]
+        [EpisodeTask(0, 0, PolicySource(0)), EpisodeTask(1, 0, PolicySource(MAX_POLICIES))]
     )
     assert first.fault is not None
     assert last.fault is None
@@ -280,3 +285,24 @@ def test_the_oldest_policies_make_room():
 def test_a_declared_function_is_still_the_function():
     assert half_space.__name__ == "half_space"
     assert half_spaces(np.zeros((3, STEPS, 2))).tolist() == [1.0] * 3
+
+
+@of_trajectory
+def patches_numpy(z):
+    np.tanh = len
+    return 1.0
+
+
+@pytest.mark.fault(
+    "function under test that changes process-wide state",
+    group="plug-ins",
+    outcome="The episode is errored, and its fault names the function and what it changed.",
+)
+def test_a_function_that_changes_the_process_is_named(monkeypatch):
+    monkeypatch.setattr(np, "tanh", np.tanh)
+    (result,) = run(patches_numpy, tasks(1))
+    assert (result.outcome, result.fault.kind) == (Outcome.FAILED, "simulator")
+    assert result.measures is None
+    assert result.fault.message.startswith(
+        "The function 'patches_numpy' changed process-wide state during the episode: numpy.tanh."
+    )

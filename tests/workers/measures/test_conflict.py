@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from eigenfail.values import VehicleState
-from eigenfail_workers.measures.conflict import Conflict, conflict, shares_path
+from eigenfail_workers.measures.conflict import TrafficConflict, find_conflict, shares_path
 from eigenfail_workers.measures.geometry import separation
 
 TRUCK = VehicleState(0.0, 0.0, 0.0, 24.0, 16.0, 2.5)
@@ -20,8 +20,8 @@ def square(x: float, y: float, heading: float, speed: float) -> VehicleState:
     return VehicleState(x, y, heading, speed, 2.0, 2.0)
 
 
-def of(ego: VehicleState, other: VehicleState) -> Conflict | None:
-    return conflict(ego, other, separation(ego, other))
+def of(ego: VehicleState, other: VehicleState) -> TrafficConflict | None:
+    return find_conflict(ego, other, separation(ego, other))
 
 
 def test_behind_a_slower_vehicle_in_the_lane() -> None:
@@ -104,7 +104,7 @@ vehicles = st.builds(
 many = settings(deadline=None, derandomize=True, max_examples=200)
 
 
-def close(found: Conflict | None, wanted: Conflict | None) -> bool:
+def close(found: TrafficConflict | None, wanted: TrafficConflict | None) -> bool:
     """The same, but for rounding; which may also hide a conflict that hardly closes."""
     if found is None or wanted is None:
         other = found or wanted
@@ -154,7 +154,7 @@ def test_nearer_or_faster_is_never_safer(
     near_m, far_m = sorted((one_m, other_m))
     slow_mps, fast_mps = sorted((one_mps, other_mps))
 
-    def behind(gap_m: float, closing_mps: float) -> Conflict:
+    def behind(gap_m: float, closing_mps: float) -> TrafficConflict:
         found = of(TRUCK, square(9.0 + gap_m, 0.0, 0.0, 24.0 - closing_mps))
         assert found is not None
         return found

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from eigenfail.values import VehicleState
 from eigenfail_workers.measures.geometry import (
-    at_least,
+    distance_lower_bound,
+    find_nearest,
     half_width_across_road,
-    nearest,
     separation,
     velocity,
 )
@@ -111,14 +111,14 @@ def test_moving_away_along_the_line_adds_the_way(
 @relaxed
 @given(vehicles, vehicles)
 def test_circles_bound_from_below(a: VehicleState, b: VehicleState) -> None:
-    assert at_least(a, b) <= separation(a, b).distance_m + 1e-9
+    assert distance_lower_bound(a, b) <= separation(a, b).distance_m + 1e-9
 
 
 def test_nearest_is_by_centres_and_takes_the_first_of_equals() -> None:
     ego = box(0.0, 0.0)
     long_but_far = box(12.0, 0.0, length=18.0)
-    assert nearest(ego, (box(50.0, 0.0),)) == 0
-    assert nearest(ego, (long_but_far, box(0.0, -11.0), box(0.0, 11.0))) == 1
+    assert find_nearest(ego, (box(50.0, 0.0),)) == 0
+    assert find_nearest(ego, (long_but_far, box(0.0, -11.0), box(0.0, 11.0))) == 1
 
 
 def test_extent_across_the_road_turns_with_the_vehicle() -> None:

@@ -16,7 +16,7 @@ from eigenfail.values import (
     VehicleState,
     assess,
 )
-from eigenfail_workers.measures.recorder import Recorder, severity
+from eigenfail_workers.measures.recorder import Recorder, compute_severity
 
 DT_S = 0.1
 
@@ -35,8 +35,8 @@ def seen(step: int, ego_x: float, collided: bool = False) -> Observation:
 def recorded(*observations: Observation) -> Recorder:
     recorder = Recorder()
     for observation in observations:
-        recorder.sees(observation)
-        recorder.injects((0.5, -0.25), (2.0, 0.25))
+        recorder.observe(observation)
+        recorder.add_disturbance((0.5, -0.25), (2.0, 0.25))
     return recorder
 
 
@@ -70,12 +70,14 @@ def test_without_closing_in_there_is_neither_ttc_nor_drac() -> None:
 def test_severity_is_of_the_touched_vehicle_and_of_the_vector_difference() -> None:
     touched = car(3.0, 1.0, 5.0, np.pi / 2)
     observation = Observation(3, car(0.0, 0.0, 10.0), (car(0.0, 9.0, 30.0), touched), True, True)
-    assert severity(observation) == pytest.approx(10.0**2 + 5.0**2)
+    assert compute_severity(observation) == pytest.approx(10.0**2 + 5.0**2)
 
 
 def test_severity_of_two_touched_vehicles_is_of_the_deeper_one() -> None:
     others = (car(3.9, 0.0, 9.0), car(2.0, 0.0, 4.0))
-    assert severity(Observation(1, car(0.0, 0.0, 10.0), others, True, True)) == pytest.approx(36.0)
+    assert compute_severity(
+        Observation(1, car(0.0, 0.0, 10.0), others, True, True)
+    ) == pytest.approx(36.0)
 
 
 def test_noise_is_float32_also_when_there_is_none() -> None:
@@ -99,7 +101,7 @@ def test_the_scene_has_one_row_more_than_steps() -> None:
 @pytest.mark.parametrize("nowhere", [nan, inf])
 def test_a_vehicle_that_is_nowhere_is_refused(nowhere: float) -> None:
     with pytest.raises(SimulatorError, match="finite"):
-        Recorder().sees(seen(0, nowhere))
+        Recorder().observe(seen(0, nowhere))
 
 
 def course(*ways: tuple[float, float], collided: bool) -> Recorder:
@@ -112,7 +114,7 @@ def course(*ways: tuple[float, float], collided: bool) -> Recorder:
         in_lane = car(4.0 + ahead, 0.0, 0.0)
         entering = car(4.0 + aside, 0.0 if aside < 99.0 else 8.0, 0.0)
         ended = collided and step == len(ways) - 1
-        recorder.sees(Observation(step, car(0.0, 0.0, 10.0), (in_lane, entering), ended, ended))
+        recorder.observe(Observation(step, car(0.0, 0.0, 10.0), (in_lane, entering), ended, ended))
     return recorder
 
 
@@ -160,16 +162,16 @@ def test_without_a_collision_the_earliest_violation_of_any_counts() -> None:
 def test_the_first_moment_off_the_road_is_kept() -> None:
     recorder = Recorder()
     for step, off_road in enumerate((False, False, True, False, True)):
-        recorder.sees(msgspec.structs.replace(seen(step, 0.0), off_road=off_road))
+        recorder.observe(msgspec.structs.replace(seen(step, 0.0), off_road=off_road))
     assert recorder.measures(DT_S).left_road_s == pytest.approx(0.2)
     assert recorded(seen(0, 0.0)).measures(DT_S).left_road_s is None
 
 
 def test_the_ride_is_measured_with_the_rest() -> None:
     recorder = Recorder()
-    recorder.sees(seen(0, 0.0))
+    recorder.observe(seen(0, 0.0))
     for step in (1, 2):
-        recorder.sees(msgspec.structs.replace(seen(step, 0.0), applied=Control(-4.0, 0.1)))
+        recorder.observe(msgspec.structs.replace(seen(step, 0.0), applied=Control(-4.0, 0.1)))
     measures = recorder.measures(DT_S)
     assert measures.max_jerk_mps3 == pytest.approx(40.0)
     assert (measures.hard_brakings, measures.clipped_steps) == (1, 2)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eigenfail.values import Control, Observation, VehicleState
-from eigenfail_workers.measures.ride import Ride
+from eigenfail_workers.measures.recorder import RideMonitor
 
 CAR = (VehicleState(90.0, 0.0, 0.0, 10.0, 4.0, 2.0),)
 many = settings(deadline=None, derandomize=True, max_examples=200)
@@ -18,15 +18,15 @@ def ego(speed_mps: float) -> VehicleState:
     return VehicleState(0.0, 0.0, 0.0, speed_mps, 16.0, 2.5)
 
 
-def ridden(applied: Sequence[float], speeds: Sequence[float] | None = None) -> Ride:
+def ridden(applied: Sequence[float], speeds: Sequence[float] | None = None) -> RideMonitor:
     """A ride by these accelerations, each asked for as it was applied, at these speeds before."""
-    ride = Ride()
+    ride = RideMonitor()
     fast = list(speeds or [20.0] * len(applied))
-    ride.sees(Observation(0, ego(fast[0]), CAR))
+    ride.observe(Observation(0, ego(fast[0]), CAR))
     for step, acceleration in enumerate(applied):
         done = Control(acceleration, 0.0)
         after = ego(fast[min(step + 1, len(fast) - 1)])
-        ride.sees(Observation(step + 1, after, CAR, control=done, applied=done))
+        ride.observe(Observation(step + 1, after, CAR, control=done, applied=done))
     return ride
 
 
@@ -54,19 +54,19 @@ def test_a_truck_at_rest_brakes_no_more() -> None:
 
 
 def test_clipped_steps_are_those_with_another_control_than_asked_for() -> None:
-    ride = Ride()
-    ride.sees(Observation(0, ego(20.0), CAR))
+    ride = RideMonitor()
+    ride.observe(Observation(0, ego(20.0), CAR))
     asked = [Control(-9.0, 0.0), Control(-7.0, 0.0), Control(-7.0, 2.0), Control(0.0, 0.0)]
     applied = [Control(-7.0, 0.0), Control(-7.0, 0.0), Control(-7.0, 0.7), Control(0.0, 0.0)]
     for step, (wish, done) in enumerate(zip(asked, applied, strict=True)):
-        ride.sees(Observation(step + 1, ego(20.0), CAR, control=wish, applied=done))
+        ride.observe(Observation(step + 1, ego(20.0), CAR, control=wish, applied=done))
     assert ride.clipped_steps == 2
 
 
 def test_a_simulator_that_does_not_tell_gives_no_figures() -> None:
-    ride = Ride()
-    ride.sees(Observation(0, ego(20.0), CAR))
-    ride.sees(Observation(1, ego(20.0), CAR, control=Control(-9.0, 0.0)))
+    ride = RideMonitor()
+    ride.observe(Observation(0, ego(20.0), CAR))
+    ride.observe(Observation(1, ego(20.0), CAR, control=Control(-9.0, 0.0)))
     assert ride.max_jerk_mps3(0.1) is ride.hard_brakings is ride.clipped_steps is None
 
 

@@ -5,8 +5,8 @@ from typing import NamedTuple
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail_workers.measures.conflict import Conflict
-from eigenfail_workers.measures.violations import NO_VIOLATIONS, FirstViolations, Violations
+from eigenfail_workers.measures.conflict import TrafficConflict
+from eigenfail_workers.measures.recorder import NO_VIOLATIONS, FirstViolations, ViolationTracker
 
 many = settings(deadline=None, derandomize=True, max_examples=200)
 
@@ -16,18 +16,18 @@ class Heard(NamedTuple):
 
     step: int
     vehicle: int
-    danger: Conflict
+    danger: TrafficConflict
 
 
-def heeded(*course: Heard) -> Violations:
-    found = Violations()
+def heeded(*course: Heard) -> ViolationTracker:
+    found = ViolationTracker()
     for heard in course:
-        found.heed(*heard)
+        found.add(*heard)
     return found
 
 
-def dangers() -> st.SearchStrategy[Conflict]:
-    return st.builds(Conflict, st.floats(0.01, 10.0), st.floats(0.01, 60.0))
+def dangers() -> st.SearchStrategy[TrafficConflict]:
+    return st.builds(TrafficConflict, st.floats(0.01, 10.0), st.floats(0.01, 60.0))
 
 
 courses = st.lists(st.tuples(st.integers(0, 2), dangers()), max_size=30).map(
@@ -37,47 +37,49 @@ courses = st.lists(st.tuples(st.integers(0, 2), dangers()), max_size=30).map(
 
 def test_the_first_steps_beyond_the_thresholds() -> None:
     found = heeded(
-        Heard(3, 0, Conflict(1.5, 7.0)),
-        Heard(4, 0, Conflict(1.4, 4.5)),
-        Heard(5, 0, Conflict(0.9, 6.9)),
-        Heard(6, 0, Conflict(0.5, 7.1)),
-        Heard(7, 0, Conflict(0.2, 40.0)),
+        Heard(3, 0, TrafficConflict(1.5, 7.0)),
+        Heard(4, 0, TrafficConflict(1.4, 4.5)),
+        Heard(5, 0, TrafficConflict(0.9, 6.9)),
+        Heard(6, 0, TrafficConflict(0.5, 7.1)),
+        Heard(7, 0, TrafficConflict(0.2, 40.0)),
     )
-    assert found.by(0) == FirstViolations(4, 6, 4.5)
-    assert found.by_anybody() == found.by(0)
+    assert found.of_vehicle(0) == FirstViolations(4, 6, 4.5)
+    assert found.of_any_vehicle() == found.of_vehicle(0)
     assert (found.min_ttc_s, found.max_drac_mps2) == (0.2, 40.0)
 
 
 def test_fast_closing_violates_drac_before_ttc() -> None:
     # closing at 24 m/s: DRAC = 24 / (2 · TTC) is above 7 m/s² below 1.71 s
-    course = (Heard(n, 0, Conflict(ttc, 12.0 / ttc)) for n, ttc in enumerate((1.8, 1.7, 1.6, 1.5)))
-    found = heeded(*course, Heard(4, 0, Conflict(1.4, 12.0 / 1.4)))
-    assert found.by(0) == FirstViolations(4, 1, 12.0 / 1.4)
+    course = (
+        Heard(n, 0, TrafficConflict(ttc, 12.0 / ttc)) for n, ttc in enumerate((1.8, 1.7, 1.6, 1.5))
+    )
+    found = heeded(*course, Heard(4, 0, TrafficConflict(1.4, 12.0 / 1.4)))
+    assert found.of_vehicle(0) == FirstViolations(4, 1, 12.0 / 1.4)
 
 
 def test_each_vehicle_has_its_own_and_the_earliest_stand_for_all() -> None:
     found = heeded(
-        Heard(2, 1, Conflict(1.2, 0.5)),
-        Heard(5, 0, Conflict(0.8, 7.5)),
-        Heard(9, 1, Conflict(0.4, 12.0)),
+        Heard(2, 1, TrafficConflict(1.2, 0.5)),
+        Heard(5, 0, TrafficConflict(0.8, 7.5)),
+        Heard(9, 1, TrafficConflict(0.4, 12.0)),
     )
-    assert found.by(1) == FirstViolations(2, 9, 0.5)
-    assert found.by(0) == FirstViolations(5, 5, 7.5)
-    assert found.by_anybody() == FirstViolations(2, 5, 0.5)
-    assert found.by(2) == NO_VIOLATIONS
+    assert found.of_vehicle(1) == FirstViolations(2, 9, 0.5)
+    assert found.of_vehicle(0) == FirstViolations(5, 5, 7.5)
+    assert found.of_any_vehicle() == FirstViolations(2, 5, 0.5)
+    assert found.of_vehicle(2) == NO_VIOLATIONS
 
 
 def test_nothing_is_not_zero() -> None:
-    found = Violations()
+    found = ViolationTracker()
     assert (found.min_ttc_s, found.max_drac_mps2) == (None, None)
-    assert found.by_anybody() == found.by(0) == NO_VIOLATIONS
+    assert found.of_any_vehicle() == found.of_vehicle(0) == NO_VIOLATIONS
 
 
 @many
 @given(courses)
 def test_there_is_a_first_violation_just_if_the_extreme_is_one(course: list[Heard]) -> None:
     found = heeded(*course)
-    first = found.by_anybody()
+    first = found.of_any_vehicle()
     assert (first.ttc_step is not None) == (found.min_ttc_s is not None and found.min_ttc_s < 1.5)
     drac = found.max_drac_mps2
     assert (first.drac_step is not None) == (drac is not None and drac > 7.0)
@@ -89,7 +91,7 @@ def test_there_is_a_first_violation_just_if_the_extreme_is_one(course: list[Hear
 def test_what_comes_later_changes_no_first_violation(course: list[Heard], cut: int) -> None:
     early, whole = heeded(*course[:cut]), heeded(*course)
     for vehicle in range(3):
-        before, after = early.by(vehicle), whole.by(vehicle)
+        before, after = early.of_vehicle(vehicle), whole.of_vehicle(vehicle)
         assert before.ttc_step in {None, after.ttc_step}
         assert before.drac_step in {None, after.drac_step}
         assert before.drac_at_warning_mps2 in {None, after.drac_at_warning_mps2}
@@ -104,5 +106,7 @@ def test_it_does_not_matter_how_the_vehicles_are_counted(
 ) -> None:
     found = heeded(*course)
     renamed = heeded(*(heard._replace(vehicle=names[heard.vehicle]) for heard in course))
-    assert renamed.by_anybody() == found.by_anybody()
-    assert [renamed.by(names[vehicle]) for vehicle in range(3)] == [found.by(n) for n in range(3)]
+    assert renamed.of_any_vehicle() == found.of_any_vehicle()
+    assert [renamed.of_vehicle(names[vehicle]) for vehicle in range(3)] == [
+        found.of_vehicle(n) for n in range(3)
+    ]

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eigenfail.values import DisturbanceModel, VehicleState
-from eigenfail_workers.noise.models import deviations
-from eigenfail_workers.noise.rounding import to_float32
+from eigenfail_workers.noise.models import compute_deviations, to_float32
 
 
 def at(x: float, y: float) -> VehicleState:
@@ -16,25 +15,27 @@ def at(x: float, y: float) -> VehicleState:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_paper_equation_3(sign: float) -> None:
-    sigma = deviations(DisturbanceModel(), at(10.0, 1.0), at(10.0 + sign * 50.0, 1.0 + sign * 3.2))
+    sigma = compute_deviations(
+        DisturbanceModel(), at(10.0, 1.0), at(10.0 + sign * 50.0, 1.0 + sign * 3.2)
+    )
     assert sigma == pytest.approx((0.02 * 50.0 + 1.0, 0.00625 * 3.2 + 0.2), rel=1e-6)
 
 
 def test_coefficients_are_the_campaigns() -> None:
     model = DisturbanceModel(0.5, 3.0, 0.25, 2.0)
-    assert deviations(model, at(0.0, 0.0), at(4.0, 8.0)) == (5.0, 4.0)
+    assert compute_deviations(model, at(0.0, 0.0), at(4.0, 8.0)) == (5.0, 4.0)
 
 
 @settings(deadline=None, derandomize=True, max_examples=100)
 @given(st.floats(-500.0, 500.0), st.floats(-10.0, 10.0))
 def test_what_is_stored_is_what_was_used(x: float, y: float) -> None:
-    for sigma in deviations(DisturbanceModel(), at(0.0, 0.0), at(x, y)):
+    for sigma in compute_deviations(DisturbanceModel(), at(0.0, 0.0), at(x, y)):
         assert float(np.float32(sigma)) == sigma
 
 
 def test_the_scale_multiplies_both_sigmas() -> None:
     model = DisturbanceModel(0.5, 3.0, 0.25, 2.0, scale=1.5)
-    assert deviations(model, at(0.0, 0.0), at(4.0, 8.0)) == (7.5, 6.0)
+    assert compute_deviations(model, at(0.0, 0.0), at(4.0, 8.0)) == (7.5, 6.0)
 
 
 @settings(deadline=None, derandomize=True, max_examples=100)

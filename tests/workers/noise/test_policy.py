@@ -8,7 +8,13 @@ import pytest
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import STATE, Layer, Observation, Policy, VehicleState
-from eigenfail_workers.noise.policy import PolicyNoise, act, check, settled, state_vector
+from eigenfail_workers.noise.policy import (
+    PolicyNoise,
+    act,
+    copy_policy,
+    state_vector,
+    validate_policy,
+)
 
 WIDTH = len(STATE)
 EGO = VehicleState(100.0, 1.0, 0.1, 24.0, 16.0, 2.5)
@@ -120,9 +126,9 @@ def test_memory_layout_and_later_changes_do_not_matter() -> None:
         policy,
         hidden=tuple(Layer(np.asfortranarray(one.weight), one.bias) for one in policy.hidden),
     )
-    kept = settled(turned)
+    kept = copy_policy(turned)
     assert all(one.weight.flags.c_contiguous for one in kept.hidden)
-    first = noise(settled(policy)).draw(seen(), ACTOR)
+    first = noise(copy_policy(policy)).draw(seen(), ACTOR)
     turned.hidden[0].weight[:] = 9.0
     assert noise(kept).draw(seen(), ACTOR) == first
 
@@ -144,7 +150,7 @@ def broken() -> dict[str, Policy]:
 
 @pytest.mark.parametrize("name", sorted(broken()))
 def test_a_policy_that_cannot_act_is_refused(name: str) -> None:
-    check(make())
+    validate_policy(make())
     with pytest.raises(InvalidValue, match="policy"):
         noise(broken()[name])
 

@@ -12,14 +12,14 @@ from eigenfail.values import (
     TrajectorySource,
     VehicleState,
 )
-from eigenfail_workers.noise.sources import Circumstances, begin
+from eigenfail_workers.noise.sources import NoiseContext, begin
 
 CAR = VehicleState(0.0, 0.0, 0.0, 0.0, 5.0, 2.0)
 SEEN = Observation(0, CAR, (CAR,))
 
 
 def drawn(source: Source, seed: int = 5, horizon: int = 50, steps: int = 50) -> np.ndarray:
-    noise = begin(source, Circumstances(seed, horizon, {}))
+    noise = begin(source, NoiseContext(seed, horizon, {}))
     return np.array([noise.draw(SEEN, CAR) for _ in range(steps)])
 
 

@@ -19,9 +19,13 @@ from eigenfail_workers.engine import Engine
 Drive = Callable[..., EpisodeResult]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture
 def drive() -> Drive:
-    """Run noise z, shape (steps, 2), in a cut-in; engines are kept from call to call."""
+    """Run noise z, shape (steps, 2), in a cut-in; engines are kept from call to call.
+
+    No longer than a test: pytest-timeout sets a handler of SIGALRM for each test, and an engine
+    compares the process-wide state with that at its creation.
+    """
     engines: dict[tuple, Engine] = {}
 
     def run(z=(), planner="rulebook", **parameters) -> EpisodeResult:

@@ -4,9 +4,13 @@ import pytest
 from msgspec import structs
 
 from eigenfail.values import Perception
-from eigenfail_workers.planners.rulebook.brake_lights import BrakeLightSettings, WatchfulTracker
-from eigenfail_workers.planners.rulebook.surroundings import Neighbour, needed_deceleration
-from eigenfail_workers.planners.rulebook.tracker import Tracker, TrackerSettings
+from eigenfail_workers.planners.rulebook.tracker import (
+    BrakeLightSettings,
+    BrakeLightTracker,
+    Tracker,
+    TrackerSettings,
+)
+from eigenfail_workers.planners.rulebook.traffic import Neighbour, needed_deceleration
 
 
 def braking_car(car, deceleration_mps2, steps):
@@ -26,7 +30,7 @@ def followed(tracker, truck, cars):
 
 def test_with_its_lights_on_a_track_follows_where_without_it_lags_behind(truck, car):
     cars = list(braking_car(car, 4.0, 45))
-    watchful = WatchfulTracker(TrackerSettings(), BrakeLightSettings(), 0.1)
+    watchful = BrakeLightTracker(TrackerSettings(), BrakeLightSettings(), 0.1)
     *_, (track, seen) = followed(watchful, truck, cars)
     assert watchful.lost == 0
     assert track.along.position_m == pytest.approx(seen.x_m, abs=2.5)
@@ -37,14 +41,14 @@ def test_with_its_lights_on_a_track_follows_where_without_it_lags_behind(truck, 
 
 def test_the_lights_are_on_from_a_deceleration_on_and_while_it_lasts(truck, car):
     for deceleration_mps2, lit in ((0.9, set()), (1.1, {*range(21, 40)})):
-        tracker = WatchfulTracker(TrackerSettings(), BrakeLightSettings(), 0.1)
+        tracker = BrakeLightTracker(TrackerSettings(), BrakeLightSettings(), 0.1)
         cars = braking_car(car, deceleration_mps2, 40)
         on = {k for k, _ in enumerate(followed(tracker, truck, cars)) if tracker.braking}
         assert on == lit
 
 
 def test_without_lights_it_is_the_tracker_bit_for_bit(truck, car):
-    watchful = WatchfulTracker(TrackerSettings(), BrakeLightSettings(), 0.1)
+    watchful = BrakeLightTracker(TrackerSettings(), BrakeLightSettings(), 0.1)
     plain = Tracker(TrackerSettings(), 0.1)
     for (one, _), (other, _) in zip(
         followed(watchful, truck, braking_car(car, 0.5, 60)),

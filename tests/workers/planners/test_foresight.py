@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from eigenfail.values import VehicleState
-from eigenfail_workers.planners.foresight import gap_m, least_gap_behind
+from eigenfail_workers.planners.idm import gap_m, least_gap_behind
 
 EGO = VehicleState(0.0, 0.0, 0.0, 20.0, 16.0, 2.5)
 CAR = VehicleState(0.0, 3.5, 0.0, 20.0, 5.0, 2.0)

@@ -6,17 +6,17 @@ import pytest
 from msgspec import structs
 
 from eigenfail.values import Perception
-from eigenfail_workers.planners.gap_acceptance import (
-    Course,
+from eigenfail_workers.planners.idm import (
     GapAcceptance,
     GapAcceptanceSettings,
+    IntelligentDriver,
+    LaneEndPlan,
 )
-from eigenfail_workers.planners.idm import IntelligentDriver
 
 SETTINGS = GapAcceptanceSettings(
     safe_deceleration_mps2=0.25, gap_behind_m=1.0, foresight_s=10.0, turning_room_m=40.0
 )
-OVER = Course(3.5, inf)
+OVER = LaneEndPlan(3.5, inf)
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def accept(ramp, truck, car):
     return run
 
 
-STAY = Course(0.0, 300.0 - 40.0 - 8.0)
+STAY = LaneEndPlan(0.0, 300.0 - 40.0 - 8.0)
 
 
 def test_a_free_lane_is_taken(accept):

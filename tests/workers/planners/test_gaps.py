@@ -5,9 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.values import VehicleState
-from eigenfail_workers.planners.rulebook.gaps import GapFinder, GapSettings
-from eigenfail_workers.planners.rulebook.kalman import AxisFilter
-from eigenfail_workers.planners.rulebook.tracker import Track, TrackState
+from eigenfail_workers.planners.rulebook.tracker import AxisFilter, Track, TrackState
+from eigenfail_workers.planners.rulebook.traffic import GapFinder, GapSettings
 
 TRUCK = VehicleState(100.0, 0.0, 0.0, 20.0, 16.0, 2.5)
 FINDER = GapFinder(GapSettings(), centre_m=3.5, lane_width_m=3.5, dt_s=0.1)
@@ -23,7 +22,7 @@ def track(x_m, y_m=3.5, age=50, state=TrackState.CONFIRMED):
 
 def gaps(*tracks):
     """Name → the distances ahead and behind, None where nobody bounds the gap."""
-    options = FINDER.options(tracks, TRUCK)
+    options = FINDER.find_gaps(tracks, TRUCK)
     return {
         name: (gap.ahead and gap.ahead.gap_m, gap.behind and gap.behind.gap_m)
         for name, gap in options.items()
@@ -64,10 +63,10 @@ def test_a_gap_with_a_bound_not_known_well_enough_is_not_offered_and_not_taken_f
 
 @given(st.lists(st.floats(0.0, 200.0), max_size=5))
 def test_a_gap_is_bounded_by_neighbours_in_order(positions):
-    for name, gap in FINDER.options([track(x_m) for x_m in positions], TRUCK).items():
+    for name, gap in FINDER.find_gaps([track(x_m) for x_m in positions], TRUCK).items():
         if gap.ahead is not None and gap.behind is not None:
             between = gap.ahead.gap_m + gap.behind.gap_m + TRUCK.length_m
             assert between >= -5.0 - 1e-9, name  # two cars may overlap in a made-up lane
-    beside = FINDER.beside([track(x_m) for x_m in positions], TRUCK)
+    beside = FINDER.find_beside([track(x_m) for x_m in positions], TRUCK)
     assert beside.ahead is None or beside.ahead.gap_m > -10.5
     assert beside.behind is None or beside.behind.gap_m >= -10.5

@@ -2,9 +2,12 @@
 
 import pytest
 
-from eigenfail_workers.planners.rulebook.intent import IntentSettings, judge
-from eigenfail_workers.planners.rulebook.kalman import AxisFilter
-from eigenfail_workers.planners.rulebook.tracker import Track
+from eigenfail_workers.planners.rulebook.tracker import (
+    AxisFilter,
+    IntentSettings,
+    Track,
+    update_intent,
+)
 
 SETTINGS = IntentSettings()
 
@@ -16,7 +19,7 @@ def judged(truck, car):
     def run(track, y_m, times, vy_mps=0.0, age=100):
         track.across.position_m, track.across.velocity_mps, track.age = y_m, vy_mps, age
         for _ in range(times):
-            judge(track, truck, 0.1, SETTINGS)
+            update_intent(track, truck, 0.1, SETTINGS)
         return track.leads
 
     return run

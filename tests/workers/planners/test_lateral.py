@@ -7,12 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
-from eigenfail_workers.minimum_jerk import minimum_jerk
-from eigenfail_workers.planners.rulebook.lateral import (
+from eigenfail_workers.motion import minimum_jerk
+from eigenfail_workers.planners.rulebook.changes import (
     LateralPath,
     LateralSettings,
     change_way_m,
-    straight_on,
+    make_straight_path,
 )
 from eigenfail_workers.planners.steering import look_ahead_m, pursue
 
@@ -38,7 +38,7 @@ def test_a_path_by_hand():
     assert [path.at(x_m) for x_m in (0.0, 100.0, 140.0, 180.0, 999.0)] == [0.0, 0.0, 1.75, 3.5, 3.5]
     assert path.left_m(150.0) == 30.0
     assert path.left_m(190.0) == -10.0
-    assert straight_on(1.5).at(-7.0) == straight_on(1.5).at(70.0) == 1.5
+    assert make_straight_path(1.5).at(-7.0) == make_straight_path(1.5).at(70.0) == 1.5
 
 
 def test_the_way_of_a_change_takes_its_time_at_speed_and_room_at_none():

@@ -4,16 +4,18 @@ import pytest
 from msgspec import structs
 
 from eigenfail.values import VehicleState
-from eigenfail_workers.planners.rulebook.candidates import CandidateSettings, Start
+from eigenfail_workers.planners.rulebook.candidates import CandidateSettings, PlanStart, TruckLimits
 from eigenfail_workers.planners.rulebook.driving_modes import Task
-from eigenfail_workers.planners.rulebook.kalman import AxisFilter
-from eigenfail_workers.planners.rulebook.lanes import Phase
-from eigenfail_workers.planners.rulebook.merging import ABORT, COMMITMENT, lane_planner
-from eigenfail_workers.planners.rulebook.ramp import MergeSettings
-from eigenfail_workers.planners.rulebook.rules import Question, RuleSettings, Verdict, choose
-from eigenfail_workers.planners.rulebook.surroundings import Surroundings
-from eigenfail_workers.planners.rulebook.tracker import Track, TrackState
-from eigenfail_workers.planners.rulebook.truck import TruckLimits
+from eigenfail_workers.planners.rulebook.lanes import (
+    ABORT,
+    COMMITMENT,
+    LanePhase,
+    MergeSettings,
+    make_lane_planner,
+)
+from eigenfail_workers.planners.rulebook.rules import RuleChoice, RuleContext, RuleSettings, choose
+from eigenfail_workers.planners.rulebook.tracker import AxisFilter, Track, TrackState
+from eigenfail_workers.planners.rulebook.traffic import Traffic
 
 SETTINGS = MergeSettings()
 TASK = Task(22.0, 0.5)
@@ -36,45 +38,45 @@ def ramp(mission):
 
 @pytest.fixture
 def approaching(ramp):
-    return lane_planner(SETTINGS, ramp, CandidateSettings(), TruckLimits())
+    return make_lane_planner(SETTINGS, ramp, CandidateSettings(), TruckLimits())
 
 
 def decide(lane, *tracks, ego=EGO):
-    """One step: the verdict, and the phase from then on."""
-    around = lane.look(tracks, ego, Surroundings())
-    offered = lane.propose(Start(ego.speed_mps, 0.0, TASK), around)
-    question = Question(around, ego.speed_mps, 25.0, RuleSettings())
-    return lane.settle(choose(offered, question), offered, ego)
+    """One step: the choice, and the phase from then on."""
+    traffic = lane.observe(tracks, ego, Traffic())
+    offered = lane.propose(PlanStart(ego.speed_mps, 0.0, TASK), traffic)
+    context = RuleContext(traffic, ego.speed_mps, 25.0, RuleSettings())
+    return lane.decide(choose(offered, context), offered, ego)
 
 
 def begun(lane, *tracks, ego=EGO):
     """A change that has just begun."""
     for _ in range(SETTINGS.commit):
         _, lane = decide(lane, *tracks, ego=ego)
-    assert lane.phase is Phase.CHANGING
+    assert lane.phase is LanePhase.CHANGING
     return lane
 
 
 def test_where_the_lane_goes_on_the_truck_is_held_to_it(mission):
-    lane = lane_planner(SETTINGS, mission, CandidateSettings(), TruckLimits())
-    verdict, after = decide(lane, track(100.0), track(-100.0))
-    assert (after, lane.phase) == (lane, Phase.IN_LANE)
-    assert verdict.profile.change is None
+    lane = make_lane_planner(SETTINGS, mission, CandidateSettings(), TruckLimits())
+    choice, after = decide(lane, track(100.0), track(-100.0))
+    assert (after, lane.phase) == (lane, LanePhase.IN_LANE)
+    assert choice.profile.change is None
 
 
 def test_on_the_next_lane_the_end_of_lane_0_is_nobody_s_concern(approaching):
-    verdict, lane = decide(approaching, ego=structs.replace(EGO, y_m=3.5))
-    assert lane.phase is Phase.IN_LANE
-    assert verdict.profile.change is None
+    choice, lane = decide(approaching, ego=structs.replace(EGO, y_m=3.5))
+    assert lane.phase is LanePhase.IN_LANE
+    assert choice.profile.change is None
 
 
 def test_a_free_lane_is_entered_after_some_steps_in_a_row(approaching):
     lane = approaching
     for _ in range(SETTINGS.commit - 1):
-        verdict, lane = decide(lane)
-        assert (verdict.profile.name, lane.phase) == ("change_lane", Phase.APPROACHING)
-    verdict, lane = decide(lane)
-    assert lane.phase is Phase.CHANGING
+        choice, lane = decide(lane)
+        assert (choice.profile.name, lane.phase) == ("change_lane", LanePhase.APPROACHING)
+    choice, lane = decide(lane)
+    assert lane.phase is LanePhase.CHANGING
 
 
 def test_a_step_in_which_the_gap_does_not_fit_starts_the_count_anew(approaching):
@@ -83,7 +85,7 @@ def test_a_step_in_which_the_gap_does_not_fit_starts_the_count_anew(approaching)
         for _ in range(SETTINGS.commit - 1):
             _, lane = decide(lane, track(-13.0))
         _, lane = decide(lane, track(-11.0))
-    assert lane.phase is Phase.APPROACHING
+    assert lane.phase is LanePhase.APPROACHING
 
 
 @pytest.mark.parametrize(
@@ -96,24 +98,24 @@ def test_a_step_in_which_the_gap_does_not_fit_starts_the_count_anew(approaching)
     ],
 )
 def test_the_gap_that_can_be_entered_first_is_made_for(approaching, tracks, candidate):
-    verdict, _ = decide(approaching, *(track(gap_m) for gap_m in tracks))
-    assert (verdict.profile.name, verdict.rule) == (candidate, "progress")
+    choice, _ = decide(approaching, *(track(gap_m) for gap_m in tracks))
+    assert (choice.profile.name, choice.rule) == (candidate, "progress")
 
 
 def test_somebody_fast_from_behind_is_let_past(approaching):
-    verdict, _ = decide(approaching, track(-25.0, speed_mps=25.0), track(60.0))
-    assert verdict.profile.name == "merge_late"
+    choice, _ = decide(approaching, track(-25.0, speed_mps=25.0), track(60.0))
+    assert choice.profile.name == "merge_late"
 
 
 def test_a_choice_is_kept_until_another_is_ahead_for_some_steps(approaching):
     lane = approaching
-    verdict, lane = decide(lane, track(-6.0, 19.0))
-    assert verdict.profile.name == "merge_early"
+    choice, lane = decide(lane, track(-6.0, 19.0))
+    assert choice.profile.name == "merge_early"
     for _ in range(SETTINGS.commit - 1):
-        verdict, lane = decide(lane, track(-6.0, 25.0))
-        assert (verdict.profile.name, verdict.rule) == ("merge_early", COMMITMENT)
-    verdict, lane = decide(lane, track(-6.0, 25.0))
-    assert verdict.profile.name == "merge_late"
+        choice, lane = decide(lane, track(-6.0, 25.0))
+        assert (choice.profile.name, choice.rule) == ("merge_early", COMMITMENT)
+    choice, lane = decide(lane, track(-6.0, 25.0))
+    assert choice.profile.name == "merge_late"
 
 
 def test_before_the_lane_ends_it_stops_and_that_is_never_put_off(approaching):
@@ -121,72 +123,72 @@ def test_before_the_lane_ends_it_stops_and_that_is_never_put_off(approaching):
     ego = structs.replace(EGO, x_m=400.0 - 8.0 - 60.0 - 85.0)
     beside = track(2.0, ego=ego), track(-10.0, ego=ego)
     far = structs.replace(EGO, x_m=100.0)
-    verdict, _ = decide(approaching, track(2.0, ego=far), track(-10.0, ego=far), ego=far)
-    assert verdict.profile.name != "stop"
-    verdict, _ = decide(approaching, *beside, ego=ego)
-    assert (verdict.profile.name, verdict.rule) == ("stop", "lane_end")
-    assert verdict.profile.target_mps2 == pytest.approx(-400.0 / (2 * 85.0))
+    choice, _ = decide(approaching, track(2.0, ego=far), track(-10.0, ego=far), ego=far)
+    assert choice.profile.name != "stop"
+    choice, _ = decide(approaching, *beside, ego=ego)
+    assert (choice.profile.name, choice.rule) == ("stop", "lane_end")
+    assert choice.profile.target_mps2 == pytest.approx(-400.0 / (2 * 85.0))
 
 
 def test_a_change_that_would_be_over_too_late_is_not_begun(approaching):
     """100 m at 20 m/s; 95 m are left."""
     ego = structs.replace(EGO, x_m=400.0 - 8.0 - 95.0)
-    verdict, _ = decide(approaching, ego=ego)
-    assert verdict.rule == "lane_end"
-    assert verdict.profile.name == "stop"
+    choice, _ = decide(approaching, ego=ego)
+    assert choice.rule == "lane_end"
+    assert choice.profile.name == "stop"
 
 
 def test_a_follower_who_comes_too_near_makes_it_turn_back_before_the_line(approaching):
     lane = begun(approaching, track(-13.0))
     inside = structs.replace(EGO, x_m=10.0, y_m=0.3)
-    verdict, _ = decide(lane, track(-8.0, ego=inside), ego=inside)
-    assert verdict.profile.name == "merge_early"
-    verdict, back = decide(lane, track(-4.0, ego=inside), ego=inside)
-    assert (verdict.profile.name, verdict.rule) == (ABORT, "right_of_way")
-    assert back.phase is Phase.APPROACHING
+    choice, _ = decide(lane, track(-8.0, ego=inside), ego=inside)
+    assert choice.profile.name == "merge_early"
+    choice, back = decide(lane, track(-4.0, ego=inside), ego=inside)
+    assert (choice.profile.name, choice.rule) == (ABORT, "right_of_way")
+    assert back.phase is LanePhase.APPROACHING
     assert back.steer(inside) < 0.0 or back.steer(structs.replace(inside, x_m=60.0)) < 0.0
 
 
 def test_a_collision_in_sight_outranks_all_else(approaching):
     lane = begun(approaching, track(-13.0))
-    verdict, _ = decide(lane, track(-13.0, speed_mps=24.0))
-    assert (verdict.profile.name, verdict.rule) == (ABORT, "no_collision")
+    choice, _ = decide(lane, track(-13.0, speed_mps=24.0))
+    assert (choice.profile.name, choice.rule) == (ABORT, "no_collision")
 
 
 def test_across_the_line_there_is_no_way_back(approaching):
     lane = begun(approaching, track(-13.0))
     across = structs.replace(EGO, x_m=30.0, y_m=0.6)
-    verdict, after = decide(lane, track(-4.0, ego=across), ego=across)
-    assert (verdict.profile.name, verdict.rule) == ("merge_early", "unopposed")
-    assert after.phase is Phase.CHANGING
+    choice, after = decide(lane, track(-4.0, ego=across), ego=across)
+    assert (choice.profile.name, choice.rule) == ("merge_early", "unopposed")
+    assert after.phase is LanePhase.CHANGING
 
 
 def test_nor_is_there_one_too_near_to_the_end_of_the_lane(approaching):
     late = structs.replace(EGO, x_m=400.0 - 8.0 - 102.0)
     lane = begun(approaching, track(-13.0, ego=late), ego=late)
-    verdict, after = decide(lane, track(-4.0, ego=late), ego=late)
-    assert after.phase is Phase.CHANGING
-    assert verdict.profile.name == "merge_early"
+    choice, after = decide(lane, track(-4.0, ego=late), ego=late)
+    assert after.phase is LanePhase.CHANGING
+    assert choice.profile.name == "merge_early"
 
 
 def test_who_is_ahead_in_the_gap_is_the_lead_while_the_truck_comes_over(approaching):
     lane = begun(approaching, track(40.0))
-    assert lane.look([track(40.0)], EGO, Surroundings()).lead.gap_m == 40.0
+    assert lane.observe([track(40.0)], EGO, Traffic()).lead.gap_m == 40.0
 
 
 def test_at_the_end_of_its_path_it_is_held_to_the_new_lane(approaching):
     lane = begun(approaching)
     there = structs.replace(EGO, x_m=101.0, y_m=3.4)
     _, lane = decide(lane, ego=there)
-    assert lane.phase is Phase.IN_LANE
+    assert lane.phase is LanePhase.IN_LANE
     assert lane.steer(there) > 0.0
     assert lane.steer(structs.replace(there, y_m=3.6)) < 0.0
 
 
 def test_the_verdict_of_a_rule_above_progress_is_taken_at_once(approaching):
     decide(approaching, track(-6.0, 19.0))
-    around = approaching.look([track(-6.0, 19.0)], EGO, Surroundings())
-    offered = approaching.propose(Start(20.0, 0.0, TASK), around)
+    traffic = approaching.observe([track(-6.0, 19.0)], EGO, Traffic())
+    offered = approaching.propose(PlanStart(20.0, 0.0, TASK), traffic)
     stop = next(profile for profile in offered if profile.name == "stop")
-    verdict, _ = approaching.settle(Verdict(stop, "lane_end"), offered, EGO)
-    assert verdict.profile.name == "stop"
+    choice, _ = approaching.decide(RuleChoice(stop, "lane_end"), offered, EGO)
+    assert choice.profile.name == "stop"

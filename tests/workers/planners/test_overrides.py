@@ -1,11 +1,11 @@
 """The emergency brake: when it comes, and when it goes."""
 
-from eigenfail_workers.planners.rulebook.overrides import (
+from eigenfail_workers.planners.rulebook.planner import (
     EmergencyBrake,
     OverrideSettings,
     fall_back,
 )
-from eigenfail_workers.planners.rulebook.surroundings import Neighbour
+from eigenfail_workers.planners.rulebook.traffic import Neighbour
 
 
 def lead(gap_m, speed_mps=12.0):

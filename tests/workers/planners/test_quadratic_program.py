@@ -8,7 +8,7 @@ import pytest
 from scipy import sparse
 
 from eigenfail.errors import SolverError
-from eigenfail_workers.planners.rulebook.osqp_solver import SolverSettings, solver_options
+from eigenfail_workers.planners.rulebook.osqp_solver import SolverSettings, make_solver_options
 from eigenfail_workers.planners.rulebook.quadratic_program import QpStatus, QuadraticProgram
 
 TIGHT = SolverSettings(tolerance=1e-8, max_iterations=20_000)
@@ -64,6 +64,7 @@ def test_a_warm_start_needs_fewer_iterations_and_a_reset_none_of_it():
     assert after.x.tobytes() == first.x.tobytes()
 
 
+@pytest.mark.fault("quadratic program that is infeasible or contains NaN")
 @pytest.mark.parametrize("place", [0, 1, 2])
 def test_nan_is_refused_and_does_not_poison_what_follows(place):
     program, vectors = box(), [np.zeros(3), -np.ones(3), np.ones(3)]
@@ -73,6 +74,7 @@ def test_nan_is_refused_and_does_not_poison_what_follows(place):
     assert program.solve(*vectors).status is QpStatus.SOLVED
 
 
+@pytest.mark.fault("quadratic program that is infeasible or contains NaN")
 def test_a_run_into_nan_is_told_and_not_remembered():
     """A cost that is finite and whose square is not: OSQP's own iterate becomes NaN."""
     program, q, bound = box(), np.array([0.3, -5.0, 2.0]), np.ones(3)
@@ -82,6 +84,7 @@ def test_a_run_into_nan_is_told_and_not_remembered():
     assert program.solve(q, -bound, bound).x.tobytes() == first.x.tobytes()
 
 
+@pytest.mark.fault("quadratic program that is infeasible or contains NaN")
 def test_an_answer_of_nan_is_not_taken_for_solved(monkeypatch):
     program, bound = box(), np.ones(3)
     lying = SimpleNamespace(
@@ -120,7 +123,7 @@ def test_the_inner_solver_gives_the_bits_of_the_public_one():
     public = osqp.OSQP(algebra="builtin")
     matrices = sparse.csc_matrix(cost), np.zeros(4), sparse.csc_matrix(rows)
     far = np.full(4, 1e30)
-    public.setup(*matrices, -far, far, **solver_options(settings))
+    public.setup(*matrices, -far, far, **make_solver_options(settings))
     assert isinstance(public._solver, public.ext.OSQPSolver)
     for q, low, high in random_programs(30):
         public.update(q=q, l=low, u=high)
@@ -146,17 +149,24 @@ def test_infinite_limits_are_no_limits():
     assert free.x == pytest.approx([-3.0, 4.0, 0.0], abs=1e-6)
 
 
+@pytest.mark.fault("quadratic program that is infeasible or contains NaN")
 @pytest.mark.parametrize("wall", [np.inf, -np.inf])
 def test_limits_that_leave_no_number_are_infeasible(wall):
     limits = np.full(3, wall)
     assert box().solve(np.zeros(3), limits, limits).status is QpStatus.INFEASIBLE
 
 
+@pytest.mark.fault("quadratic program that is infeasible or contains NaN")
 def test_an_infinite_cost_is_not_finite():
     q = np.array([0.0, np.inf, 0.0])
     assert box().solve(q, -np.ones(3), np.ones(3)).status is QpStatus.NOT_FINITE
 
 
+@pytest.mark.fault(
+    "quadratic program that is infeasible or contains NaN",
+    group="plug-ins",
+    outcome="The solver reports which of them it is, and the planner uses its fallback.",
+)
 def test_infeasible_limits_are_told():
     crossed = box().solve(np.zeros(3), np.ones(3), -np.ones(3))
     assert crossed.status is QpStatus.INFEASIBLE
@@ -166,6 +176,11 @@ def test_infeasible_limits_are_told():
     assert apart.solve(np.zeros(1), *bounds).status is QpStatus.INFEASIBLE
 
 
+@pytest.mark.fault(
+    "quadratic program that does not converge",
+    group="time",
+    outcome="The solver stops at its iteration limit, and the planner uses its fallback.",
+)
 def test_the_iteration_limit_is_told():
     hasty = SolverSettings(tolerance=1e-9, max_iterations=1, check_every=1)
     answer = box(hasty).solve(np.array([0.3, -5.0, 2.0]), -np.ones(3), np.ones(3))
@@ -183,6 +198,7 @@ def test_wrong_shape_type_or_layout_never_reaches_the_solver(wrong, place):
         box().solve(*vectors)
 
 
+@pytest.mark.fault("quadratic program that is infeasible or contains NaN")
 def test_a_cost_that_falls_forever_is_refused():
     with pytest.raises(SolverError, match="positive semidefinite"):
         QuadraticProgram(-np.eye(3), np.eye(3), TIGHT)

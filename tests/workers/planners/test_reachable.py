@@ -16,7 +16,7 @@ def slow_wave(sigma, half_period):
     return np.where(high, sigma, -sigma)[:, None] * (1.0, 0.0)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def crashing_wave(drive):
     """The weakest of a few slow waves within ±3 sigma that makes the planner collide."""
     waves = [slow_wave(sigma, half) for sigma in (2.0, 2.5, 3.0) for half in (16, 18, 20, 22)]

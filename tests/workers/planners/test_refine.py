@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eigenfail_workers.planners.rulebook.candidates import KNOTS, Start, roll_out
+from eigenfail_workers.planners.rulebook.candidates import KNOTS, PlanStart, TruckLimits, roll_out
 from eigenfail_workers.planners.rulebook.driving_modes import Task
 from eigenfail_workers.planners.rulebook.osqp_solver import SolverSettings
 from eigenfail_workers.planners.rulebook.quadratic_program import QpStatus
@@ -13,15 +13,14 @@ from eigenfail_workers.planners.rulebook.refine import (
     candidate_shares,
     first_shares,
 )
-from eigenfail_workers.planners.rulebook.surroundings import Neighbour
-from eigenfail_workers.planners.rulebook.truck import TruckLimits
+from eigenfail_workers.planners.rulebook.traffic import Neighbour
 
 LIMITS = TruckLimits()
 TASK = Task(24.0, 0.5)
 
 
 def refine(target, lead=None, acceleration=0.0, refiner=None):
-    start = Start(20.0, acceleration, TASK)
+    start = PlanStart(20.0, acceleration, TASK)
     profile = roll_out("any", start, target, LIMITS)
     return (refiner or Refiner(RefineSettings(), LIMITS))(profile, start, lead)
 
@@ -71,7 +70,7 @@ def plan(target, lead=None, acceleration=0.0, **settings):
 def test_without_limits_the_plan_has_a_closed_form(knots):
     """h (a - r) + w/h Dᵀ(D a - d) = 0: the gradient of the two sums of squares."""
     h, weight, before = 5.0 / knots, 0.075, -0.8
-    reference = roll_out("any", Start(20.0, before, TASK), -1.0, LIMITS).accelerations
+    reference = roll_out("any", PlanStart(20.0, before, TASK), -1.0, LIMITS).accelerations
     change, first = np.eye(knots) - np.eye(knots, k=-1), np.eye(knots)[0]
     r = candidate_shares(RefineSettings(knots=knots)) @ reference
     system = h * np.eye(knots) + weight / h * change.T @ change

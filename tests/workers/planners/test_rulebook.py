@@ -5,8 +5,7 @@ import pytest
 from msgspec import structs
 
 from eigenfail.values import Perception
-from eigenfail_workers.planners.rulebook.overrides import Override
-from eigenfail_workers.planners.rulebook.planner import Rulebook
+from eigenfail_workers.planners.rulebook.planner import Override, Rulebook
 from eigenfail_workers.planners.rulebook.quadratic_program import QpStatus, SolverSettings
 from eigenfail_workers.planners.rulebook.refine import RefineSettings
 from eigenfail_workers.scenarios.cut_in import CutIn
@@ -52,7 +51,7 @@ def test_undisturbed_nothing_overrides_and_every_step_is_explained(watched):
     decisions = watched(Rulebook(Rulebook.Settings()))
     assert {d.override for d in decisions} == {Override.NONE}
     assert {d.qp_status for d in decisions} == {QpStatus.SOLVED}
-    assert [d.candidate for d in decisions if d.around.lead] != []
+    assert [d.candidate for d in decisions if d.traffic.lead] != []
     order = list(dict.fromkeys(d.candidate for d in decisions))
     assert order.index("keep") < order.index("slow") < order.index("follow")
     assert decisions[-1].lost_tracks == 0

@@ -5,8 +5,12 @@ import pytest
 from msgspec import structs
 
 from eigenfail.values import Perception
-from eigenfail_workers.planners.rulebook.kalman import AxisFilter
-from eigenfail_workers.planners.rulebook.tracker import Tracker, TrackerSettings, TrackState
+from eigenfail_workers.planners.rulebook.tracker import (
+    AxisFilter,
+    Tracker,
+    TrackerSettings,
+    TrackState,
+)
 
 SETTINGS = TrackerSettings()
 OFF = 1000.0
@@ -37,7 +41,9 @@ def test_the_filter_is_the_matrix_recursion():
         axis.predict(0.1, 0.3)
         x, p = f @ x, f @ p @ f.T + 0.09 * np.outer(g, g)
         total = (h @ p @ h.T).item() + 4.0
-        assert axis.surprise(measured, 4.0) == pytest.approx((measured - x[0]) ** 2 / total)
+        assert axis.squared_innovation(measured, 4.0) == pytest.approx(
+            (measured - x[0]) ** 2 / total
+        )
         axis.correct(measured, 4.0)
         gain = (p @ h.T).ravel() / total
         x, p = x + gain * (measured - x[0]), p - np.outer(gain, h @ p)

@@ -124,3 +124,14 @@ def test_scenarios_do_not_need_highway_env() -> None:
         " sys.exit('highway_env' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_simulator_loads_no_environments_and_leaves_highway_env_whole() -> None:
+    code = (
+        "import sys, eigenfail_workers.simulators.highway;"
+        " assert not {'highway_env', 'gymnasium', 'pandas', 'matplotlib'} & sys.modules.keys();"
+        " import gymnasium, highway_env, highway_env.road.road as road;"
+        " assert highway_env.road.road.Road is road.Road;"
+        " assert gymnasium.spec('highway-v0').id"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

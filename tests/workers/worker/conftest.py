@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import zmq
 
-from eigenfail.wire.messages import encode, read_worker_message
+from eigenfail.wire.messages import Assembler, Piece, encode, read_worker_message
 
 WITHIN_S = 120.0
 LOADED = "from eigenfail_workers import __main__; __main__.main()"
@@ -24,6 +24,7 @@ class PlayedHub:
         port = self.socket.bind_to_random_port("tcp://127.0.0.1")
         self.address = f"tcp://127.0.0.1:{port}"
         self.worker = b""
+        self.assembler = Assembler()
 
     def hear(self, kind: type, within_s: float = WITHIN_S):
         """The next message of that kind; others are passed over."""
@@ -32,6 +33,8 @@ class PlayedHub:
             if self.socket.poll(int(left * 1000)):
                 self.worker, data = self.socket.recv_multipart()
                 message = read_worker_message(data)
+                if isinstance(message, Piece) and (whole := self.assembler.add(message)):
+                    message = read_worker_message(whole)
                 if isinstance(message, kind):
                     return message
         raise AssertionError(f"no {kind.__name__} within {within_s} s")

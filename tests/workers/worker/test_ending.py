@@ -23,7 +23,7 @@ from eigenfail.wire.messages import (
     Setup,
     Welcome,
 )
-from eigenfail_workers.worker import ending
+from eigenfail_workers.worker import parent
 from eigenfail_workers.worker.parent import Parent
 
 pytestmark = pytest.mark.service
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.service
 SETUP = Setup(1, CampaignSpec(name="t", method="monte_carlo", episodes=9, planner="idm").setup())
 SELDOM_S = 2.0
 STANDARD_FILES = 3
-FOR_EVER = "from eigenfail_workers.worker import ending; ending.PATIENCE_S = 1e9"
+FOR_EVER = "from eigenfail_workers.worker import parent; parent.HAND_OVER_S = 1e9"
 LOG_TO_STDERR = """
 import structlog, sys
 structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
@@ -60,6 +60,12 @@ def stop(worker, signal_to_stop: int, eventually) -> None:
     eventually(lambda: not psutil.Process(worker.pid).children())
 
 
+@pytest.mark.fault(
+    "SIGTERM or Ctrl-C of a worker, once or twice",
+    group="processes",
+    outcome="The worker hands over its finished episodes for 10 s at most and exits with 0; a"
+    " second signal ends it at once.",
+)
 @pytest.mark.parametrize("signal_to_stop", [signal.SIGTERM, signal.SIGINT])
 def test_a_worker_that_is_told_to_stop_waits_for_what_it_handed_in(
     hub, start_worker, eventually, signal_to_stop
@@ -77,6 +83,7 @@ def test_a_worker_that_is_told_to_stop_waits_for_what_it_handed_in(
     assert worker.wait(timeout=60) == 0
 
 
+@pytest.mark.fault("SIGTERM or Ctrl-C of a worker, once or twice")
 def test_a_second_signal_ends_its_patience(hub, start_worker, eventually) -> None:
     worker = start_worker(first=FOR_EVER)
     let_work(hub)
@@ -111,22 +118,22 @@ def serving(hub) -> Iterator[tuple[Parent, Thread]]:
         let_work(hub)
         yield worker, thread
     finally:
-        worker.leave()
-        worker.leave()
+        worker.shut_down()
+        worker.shut_down()
         thread.join(timeout=60)
 
 
 def test_the_patience_has_an_end(hub, serving, monkeypatch) -> None:
-    monkeypatch.setattr(ending, "PATIENCE_S", 0.3)
+    monkeypatch.setattr(parent, "HAND_OVER_S", 0.3)
     worker, thread = serving
-    worker.leave()
+    worker.shut_down()
     hub.hear(Goodbye)
     thread.join(timeout=60)
     assert not thread.is_alive()
 
 
 def test_a_hub_that_says_goodbye_still_may_say_what_it_has(hub, serving, monkeypatch) -> None:
-    monkeypatch.setattr(ending, "PATIENCE_S", 1e9)
+    monkeypatch.setattr(parent, "HAND_OVER_S", 1e9)
     _, thread = serving
     hub.say(Goodbye())
     assert isinstance(hub.hear(Goodbye | Heartbeat), Heartbeat)
@@ -136,7 +143,7 @@ def test_a_hub_that_says_goodbye_still_may_say_what_it_has(hub, serving, monkeyp
 
 
 def test_who_says_goodbye_twice_is_not_waited_for(hub, serving, monkeypatch) -> None:
-    monkeypatch.setattr(ending, "PATIENCE_S", 1e9)
+    monkeypatch.setattr(parent, "HAND_OVER_S", 1e9)
     _, thread = serving
     hub.say(Goodbye())
     hub.say(Goodbye())
@@ -144,6 +151,7 @@ def test_who_says_goodbye_twice_is_not_waited_for(hub, serving, monkeypatch) -> 
     assert not thread.is_alive()
 
 
+@pytest.mark.fault("inner process that cannot be started")
 def test_a_worker_on_which_no_inner_process_starts_leaves_its_episodes_to_others(
     hub, start_worker, tmp_path
 ) -> None:
@@ -158,6 +166,12 @@ def test_a_worker_on_which_no_inner_process_starts_leaves_its_episodes_to_others
     assert "(the last with exit status 1)" in said
 
 
+@pytest.mark.fault(
+    "inner process that cannot be started",
+    group="processes",
+    outcome="The worker tries ten times, one second apart, then exits with 3; its episodes go"
+    " to others.",
+)
 def test_what_the_system_does_not_start_is_tried_again(hub, start_worker, tmp_path, eventually):
     """Here it has no file left for a pipe; what a worker needs it has open by then."""
     worker = start_worker(first=LOG_TO_STDERR)
@@ -180,6 +194,7 @@ actor.WorkerActor().run({address!r}, "w")
 """
 
 
+@pytest.mark.fault("SIGKILL of a Ray worker")
 def test_the_process_of_an_actor_ends_so_that_ray_starts_another(hub, tmp_path) -> None:
     (tmp_path / "sitecustomize.py").write_text(NO_CHILD)
     path = f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}"

@@ -10,16 +10,17 @@ import pytest
 
 from eigenfail.bridges import EPISODE_VARIABLE
 from eigenfail.errors import InvalidValue
-from eigenfail_workers.bridge.patience import patience_of, patience_of_this_worker
-from eigenfail_workers.episode_limit import read_episode_limit
-from eigenfail_workers.worker.limits import (
+from eigenfail_workers.bridge.connection import make_timeouts, read_timeouts
+from eigenfail_workers.limits import (
     CPU_VARIABLE,
     MEMORY_VARIABLE,
+    OUTPUT_VARIABLE,
     Limits,
-    files_used_up,
+    is_out_of_files,
+    read_episode_limit,
     read_limits,
 )
-from eigenfail_workers.worker.watch import Watch, family
+from eigenfail_workers.worker.resources import ResourceMonitor, list_process_tree
 
 TOLD = "\nimport sys; print(flush=True); sys.stdin.read()"
 FORKS = "\nimport os\nfor _ in range(2): os.fork() or (os.read(0, 1), os._exit(0))"
@@ -89,10 +90,21 @@ def test_the_wall_time_of_an_episode_is_that_of_the_option_or_of_the_environment
 
 def test_who_asks_a_bridge_reads_it_likewise(monkeypatch) -> None:
     monkeypatch.setenv(EPISODE_VARIABLE, "")
-    assert patience_of_this_worker() == patience_of(60.0)
+    assert read_timeouts() == make_timeouts(60.0)
     monkeypatch.setenv(EPISODE_VARIABLE, "abc")
     with pytest.raises(InvalidValue, match="'abc' is no number of seconds"):
-        patience_of_this_worker()
+        read_timeouts()
+
+
+def test_the_limit_of_output_is_read(monkeypatch) -> None:
+    monkeypatch.delenv(OUTPUT_VARIABLE, raising=False)
+    assert read_limits().output_kib == 64.0
+    assert read_limits(output_limit="1").output_kib == 1.0
+    monkeypatch.setenv(OUTPUT_VARIABLE, "1024")
+    assert read_limits().output_kib == 1024.0
+    for wrong in ("0", "much", "inf"):
+        with pytest.raises(InvalidValue, match=r"--output-limit: .* KiB, 1 or more.*OUTPUT_LIMIT"):
+            read_limits(output_limit=wrong)
 
 
 @pytest.mark.parametrize("written", ["many", "nan", "inf", "-1", "0", "255", "4 GiB"])
@@ -109,14 +121,19 @@ def test_a_wrong_limit_is_one_sentence() -> None:
     assert b"--memory-limit: '9.0' is no number of MiB, 256 or more." in told.stderr
 
 
+@pytest.mark.fault("planner that leaks memory, threads or processes")
 def test_memory_is_counted_with_that_of_descendants_but_not_twice(program) -> None:
     pid = program(SHARED)
-    assert len(family(pid)) == 3
-    assert sum(process.memory_info().rss for process in family(pid)) > 600e6
-    assert Watch(pid, Limits(memory_mib=400.0)).excess() == ""
-    assert "of memory, where 150 MiB is the limit" in Watch(pid, Limits(memory_mib=150.0)).excess()
+    assert len(list_process_tree(pid)) == 3
+    assert sum(process.memory_info().rss for process in list_process_tree(pid)) > 600e6
+    assert ResourceMonitor(pid, Limits(memory_mib=400.0)).find_excess() == ""
+    assert (
+        "of memory, where 150 MiB is the limit"
+        in ResourceMonitor(pid, Limits(memory_mib=150.0)).find_excess()
+    )
 
 
+@pytest.mark.fault("planner that leaks memory, threads or processes")
 def test_pages_of_files_are_not_counted(program, tmp_path) -> None:
     found = subprocess.run(
         ["stat", "--file-system", "--format=%T", tmp_path], capture_output=True, check=True
@@ -125,27 +142,33 @@ def test_pages_of_files_are_not_counted(program, tmp_path) -> None:
         pytest.skip("files are in memory here")
     pid = program(OF_A_FILE.format(file=str(tmp_path / "map")))
     assert psutil.Process(pid).memory_info().rss > 200e6
-    assert Watch(pid, Limits(memory_mib=150.0)).excess() == ""
+    assert ResourceMonitor(pid, Limits(memory_mib=150.0)).find_excess() == ""
 
 
+@pytest.mark.fault("planner that leaks memory, threads or processes")
 def test_threads_are_counted_with_processes(program) -> None:
     wait = "import threading; threading.Thread(target=threading.Event().wait, daemon=True).start()"
     pid = program(FORKS + "\n" + wait)
-    assert Watch(pid, Limits(threads=4)).excess() == ""
-    assert Watch(pid, Limits(threads=3)).excess().startswith("ran 4 threads and processes")
+    assert ResourceMonitor(pid, Limits(threads=4)).find_excess() == ""
+    assert (
+        ResourceMonitor(pid, Limits(threads=3))
+        .find_excess()
+        .startswith("ran 4 threads and processes")
+    )
 
 
 def test_nobody_is_watched_any_more() -> None:
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
-    assert Watch(ended.pid, Limits(threads=0)).excess() == ""
+    assert ResourceMonitor(ended.pid, Limits(threads=0)).find_excess() == ""
 
 
+@pytest.mark.fault("planner that leaks open files, or allocates more memory than there is")
 def test_files_are_used_up_before_the_last_is_open() -> None:
-    assert not files_used_up()
+    assert not is_out_of_files()
     kept = "import resource, os\nresource.setrlimit(resource.RLIMIT_NOFILE, (100, 100))\n"
-    kept += "from eigenfail_workers.worker.limits import files_used_up\n"
-    tried = "told = [files_used_up() or os.dup(0) for _ in range(99)]; print(told.index(True))"
+    kept += "from eigenfail_workers.limits import is_out_of_files\n"
+    tried = "told = [is_out_of_files() or os.dup(0) for _ in range(99)]; print(told.index(True))"
     told = subprocess.run(
         [sys.executable, "-c", kept + tried], capture_output=True, check=True, stdin=subprocess.PIPE
     )

@@ -24,8 +24,8 @@ from eigenfail.wire.messages import (
     Setup,
     Welcome,
 )
+from eigenfail_workers.limits import Limits
 from eigenfail_workers.worker import child_process
-from eigenfail_workers.worker.limits import Limits
 from eigenfail_workers.worker.parent import Parent
 
 pytestmark = pytest.mark.service
@@ -53,8 +53,8 @@ def serving(hub, episode_limit_s: float) -> Iterator[Parent]:
     assert (hello.protocol, hello.worker) == (PROTOCOL, "w")
     hub.say(Welcome(heartbeat_s=0.2))
     yield worker
-    worker.leave()
-    worker.leave()
+    worker.shut_down()
+    worker.shut_down()
     thread.join(timeout=60)
     assert not thread.is_alive()
     assert not [p for p in psutil.Process().children() if "worker.child" in " ".join(p.cmdline())]
@@ -93,6 +93,12 @@ def test_what_is_not_acknowledged_is_said_again_to_the_next_hub(hub, parent) -> 
     assert (again.index, again.digest()) == (1, first[1].digest())
 
 
+@pytest.mark.fault(
+    "SIGKILL of a worker's inner process",
+    group="processes",
+    outcome="The worker starts another inner process. The episode runs again, three times at "
+    "most; no other episode is affected.",
+)
 def test_a_killed_child_costs_no_episode(hub, parent) -> None:
     hub.say(setup("idm"), lease(*range(40)))
     hub.hear(Results)
@@ -101,6 +107,12 @@ def test_a_killed_child_costs_no_episode(hub, parent) -> None:
     assert sorted(indices) == list(range(1, 40))
 
 
+@pytest.mark.fault(
+    "planner or simulator that hangs",
+    group="time",
+    outcome="The inner process is killed at the time limit of an episode, also in compiled "
+    "code that holds the GIL; the episode is errored, kind `infrastructure`.",
+)
 def test_an_episode_that_never_ends_is_given_up(hub, impatient) -> None:
     hub.say(setup("test_hangs"), lease(0))
     result = hub.hear(Results).results[0]
@@ -108,6 +120,7 @@ def test_an_episode_that_never_ends_is_given_up(hub, impatient) -> None:
     assert "longer than 3 s" in result.fault.message
 
 
+@pytest.mark.fault("planner that ends its own process")
 def test_an_episode_that_kills_its_process_is_given_up_after_three_tries(hub, parent) -> None:
     hub.say(setup("test_dies"), lease(0))
     result = hub.hear(Results).results[0]
@@ -115,6 +128,11 @@ def test_an_episode_that_kills_its_process_is_given_up_after_three_tries(hub, pa
     assert "exit status" in result.fault.message
 
 
+@pytest.mark.fault(
+    "planner that writes into the pipe of results",
+    group="plug-ins",
+    outcome="The inner process is ended and replaced; the episode is errored after three attempts.",
+)
 def test_an_episode_that_writes_into_the_pipe_of_results_is_given_up(hub, parent) -> None:
     hub.say(setup("test_scribbles"), lease(0))
     result = hub.hear(Results).results[0]
@@ -187,23 +205,24 @@ def test_a_result_that_is_asked_for_again_is_sent_again(hub, parent) -> None:
 def test_only_the_first_of_many_welcomes_brings_the_outbox(hub, parent) -> None:
     hub.say(setup("idm"), lease(0))
     hub.hear(Results)
-    hub.say(*[Welcome(heartbeat_s=0.2)] * 3, lease(1))
+    hub.say(*[Welcome(heartbeat_s=5.0)] * 3, lease(1))
     assert [r.index for r in hub.hear(Results).results] == [1]
 
 
+@pytest.mark.fault("SIGSTOP of a worker")
 def test_a_standstill_of_the_whole_worker_is_not_the_episodes_time(monkeypatch) -> None:
     now_s = [1000.0]
     monkeypatch.setattr(child_process, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
     process = child_process.ChildProcess(Limits())
     try:
         (task,) = lease(0).tasks
-        process.run(child_process.Held(1, task))
+        process.run(child_process.HeldEpisode(1, task))
         process.begun = 1
         now_s[0] += 3600.0
-        assert not process.overdue(limit_s=5.0)
+        assert not process.is_overdue(limit_s=5.0)
         for _ in range(6):
             now_s[0] += 1.0
-            overdue = process.overdue(limit_s=5.0)
+            overdue = process.is_overdue(limit_s=5.0)
         assert overdue
     finally:
         process.end()

@@ -1,16 +1,26 @@
 """The inner process of a worker with engines that run several episodes at a time."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
+from unittest.mock import Mock
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.testing.store.examples import result
-from eigenfail.values import CampaignSpec, EpisodeTask, Outcome, PriorSource, episode_seed
+from eigenfail.testing.examples import result
+from eigenfail.values import (
+    CampaignSpec,
+    EpisodeFault,
+    EpisodeTask,
+    Outcome,
+    PriorSource,
+    episode_seed,
+)
 from eigenfail.wire.messages import (
     Drop,
     Heartbeat,
@@ -21,11 +31,10 @@ from eigenfail.wire.messages import (
     Welcome,
     read_worker_message,
 )
-from eigenfail_workers.bridge.connection import Connection
-from eigenfail_workers.bridge.patience import patience_of
-from eigenfail_workers.worker.child import Child
-from eigenfail_workers.worker.one_by_one import side_by_side
-from eigenfail_workers.worker.pipe import FrameBuffer
+from eigenfail_workers.bridge.connection import Connection, make_timeouts
+from eigenfail_workers.limits import RENEWAL
+from eigenfail_workers.worker.child import Child, as_lockstep, serve
+from eigenfail_workers.worker.pipe import FrameBuffer, write_message
 
 BRIDGE = Path(__file__).parents[3] / "examples" / "bridge" / "minimal.py"
 SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=99, planner="idm")
@@ -122,6 +131,116 @@ def test_what_was_leased_is_run_before_its_campaign_is_forgotten(played) -> None
     assert not child.is_busy
 
 
+@pytest.mark.fault("campaign with a name that the bridge does not know")
+def test_a_campaign_that_the_engine_declines_is_run_no_further(played) -> None:
+    child, _ = played
+    child.handle(Setup(1, SPEC.setup()))
+    child.handle(Setup(2, SPEC.setup()))
+    engine = child._engines[1]
+    engine.turn = lambda: setattr(engine, "declined", "'gap' is not known.") or [result(0)]
+    engine.close = lambda: None
+    child.handle(lease(1, 0, 1, 2, 3))
+    child.handle(lease(2, 7))
+    child.turn()
+    child.handle(lease(1, 4))  # it was on its way
+    while child.is_busy:
+        child.turn()
+    frames = FrameBuffer()
+    frames._bytes += child._out.getvalue()
+    heard = [read_worker_message(frame) for frame in frames.frames()]
+    assert [each.declined for each in heard if isinstance(each, Heartbeat) and each.declined] == [
+        ((1, "'gap' is not known."),)
+    ]
+    brought = [
+        (each.campaign, each.results[0].index) for each in heard if isinstance(each, Results)
+    ]
+    assert brought == [(2, 7)]
+    child.handle(Drop(1))
+    child.handle(Setup(1, SPEC.setup()))
+    child.handle(lease(1, 4))
+    assert child.is_busy
+
+
+class Changing(Three):
+    """Runs one episode at a time, which changes the process."""
+
+    @property
+    def room(self) -> int:
+        return 1 - len(self.running)
+
+    def turn(self):
+        np.seterr(over="raise")
+        return [replace(each, fault=EpisodeFault("planner", "changes")) for each in super().turn()]
+
+
+def test_no_episode_begins_in_a_process_that_one_before_a_drop_has_changed(played) -> None:
+    """A drop waits for all that was leased before it, but not in a process that was changed."""
+    child, said = played
+    child.handle(Setup(1, SPEC.setup()))
+    child._engines[1] = Changing()
+    reader, writer = os.pipe()
+    with np.errstate(), os.fdopen(writer, "wb") as pipe:
+        for message in (lease(1, 0, 1), Drop(2)):
+            write_message(pipe, message)
+        assert serve(child, reader) == RENEWAL
+    os.close(reader)
+    assert said() == [("begins", 0), ("ends", 0)]
+
+
+@pytest.mark.fault("simulator that raises, never ends or returns NaN")
+def test_an_engine_that_cannot_be_made_costs_no_process(played) -> None:
+    child, _ = played
+    child._make_engine = Mock(side_effect=RuntimeError("no licence"))
+    child.handle(Setup(1, SPEC.setup()))
+    child.handle(lease(1, 0))
+    child.turn()
+    frames = FrameBuffer()
+    frames._bytes += child._out.getvalue()
+    ((brought,),) = [read_worker_message(frame).results for frame in frames.frames()]
+    assert brought.fault.kind == "simulator"
+    assert "raised RuntimeError: no licence." in brought.fault.message
+    assert not child.is_busy
+
+
+MISSPELT = {"steps": 100, "gap_m": 50.0}
+
+
+@pytest.mark.fault("campaign with a name that the bridge does not know")
+def test_a_misspelt_parameter_is_declined_with_every_heartbeat_until_it_is_dropped(
+    hub, start_worker, bridge
+) -> None:
+    start_worker("--bridge", bridge)
+    hub.hear(Hello)
+    wrong = replace(ON_BRIDGE, scenario_parameters=MISSPELT).setup()
+    hub.say(Welcome(1.0), Setup(1, wrong), lease(1, *range(9)))
+    beats = []
+    while len(beats) < 2:
+        if (beat := hub.hear(Heartbeat)).declined:
+            beats.append(beat)
+    for beat in beats:
+        ((campaign, reason),) = beat.declined
+        assert campaign == 1
+        assert "'gap_m' is not known" in reason
+        assert "distance_m" in reason
+        assert beat.held == ()
+    hub.say(Drop(1), Setup(1, ON_BRIDGE.setup()), lease(1, 0))
+    assert hub.hear(Results).results[0].outcome is not Outcome.FAILED
+
+
+@pytest.mark.fault("campaign with a name that the bridge does not know")
+def test_a_declined_campaign_is_tried_again_where_the_drop_did_not_arrive(
+    hub, start_worker, bridge
+) -> None:
+    start_worker("--bridge", bridge)
+    hub.hear(Hello)
+    wrong = replace(ON_BRIDGE, scenario_parameters=MISSPELT).setup()
+    hub.say(Welcome(1.0), Setup(1, wrong), lease(1, 0))
+    while not hub.hear(Heartbeat).declined:
+        pass
+    hub.say(Setup(1, ON_BRIDGE.setup()), lease(1, 0))
+    assert hub.hear(Results).results[0].outcome is not Outcome.FAILED
+
+
 def test_an_engine_of_one_at_a_time_has_room_for_one() -> None:
     class Plain:
         def run(self, tasks):
@@ -131,7 +250,7 @@ def test_an_engine_of_one_at_a_time_has_room_for_one() -> None:
 
         def close(self) -> None: ...
 
-    engine = side_by_side(Plain())
+    engine = as_lockstep(Plain())
     assert engine.room == 1
     assert engine.turn() == []
     engine.begin(*lease(1, 4).tasks)
@@ -171,11 +290,17 @@ def test_a_worker_runs_what_it_is_leased_on_its_bridge(hub, start_worker, bridge
 HANGS = BRIDGE.parents[2] / "tests" / "workers" / "bridge" / "misbehaving.py"
 
 
+@pytest.mark.fault(
+    "bridge that hangs",
+    group="time",
+    outcome="Its episodes are errored before the worker's own limit is reached; the message "
+    "names the limit.",
+)
 @pytest.mark.service
 def test_the_limit_of_an_episode_governs_the_bridge_too(hub, start_worker, tmp_path) -> None:
     address = f"ipc://{tmp_path}/b"
     with subprocess.Popen([sys.executable, HANGS, address]) as bridge:
-        Connection(address, patience_of(600.0)).close()  # it is there
+        Connection(address, make_timeouts(600.0)).close()  # it is there
         start_worker("--bridge", address, "--episode-limit", "6")
         hub.hear(Hello)
         hangs = replace(ON_BRIDGE, scenario="hangs")

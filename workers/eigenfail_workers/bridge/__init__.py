@@ -1,1 +1,1 @@
-"""Episodes in a process that holds simulator and planner, over ZeroMQ; docs/bridge.md."""
+"""Episodes in an external process that holds simulator and planner, over ZeroMQ; docs/bridge.md."""

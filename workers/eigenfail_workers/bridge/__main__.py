@@ -1,13 +1,13 @@
-"""A process of its own that checks the bridge at an address: `python -m eigenfail_workers.bridge`.
+"""Check the bridge at an address in a process of its own: `python -m eigenfail_workers.bridge`.
 
-The address comes on its standard input, and the list of what was checked goes to its standard
-output, as `eigenfail.side_process` has it.
+The address is read from standard input, and the results of the checks are written to standard
+output, as `eigenfail.side_process` defines.
 """
 
 import msgspec
 
 from eigenfail import side_process
-from eigenfail_workers.bridge.check_up import check_up
+from eigenfail_workers.bridge.checks import check_bridge
 
 if __name__ == "__main__":
-    side_process.answer(lambda address: msgspec.json.encode(check_up(address.decode())))
+    side_process.answer(lambda address: msgspec.json.encode(check_bridge(address.decode())))

@@ -1,10 +1,16 @@
-"""What a bridge has to do, question by question, over the wire."""
+"""The checks of a bridge behind `eigenfail doctor --bridge`: protocol, contract and speed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from itertools import pairwise
+from time import perf_counter
 
-from eigenfail.errors import EigenfailError
+import msgspec
+from msgspec.structs import replace
+
+from eigenfail.bridges import Plain, check_address
+from eigenfail.cli.plugin_checks import SKIPPED, CheckResult, CheckVerdict
+from eigenfail.errors import EigenfailError, EpisodeError, SimulatorError
 from eigenfail.testing.expectations import expect
 from eigenfail.testing.simulation import (
     SEED,
@@ -18,106 +24,168 @@ from eigenfail.testing.simulation import (
     wave,
 )
 from eigenfail.values import Observation
-from eigenfail_workers.bridge.connection import Connection
-from eigenfail_workers.bridge.messages import Push, Reset, Seen, Start, Step
-from eigenfail_workers.bridge.observing import after_step, asked_for, at_start
-from eigenfail_workers.bridge.simulation import BridgeSimulation, answers
+from eigenfail_workers.bridge.connection import BridgeTimeouts, Connection
+from eigenfail_workers.bridge.episode import (
+    disturb_position,
+    find_scenario,
+    read_start,
+    read_step,
+)
+from eigenfail_workers.bridge.messages import (
+    BridgePlanner,
+    BridgeScenario,
+    BridgeWelcome,
+    Pair,
+    ResetRequest,
+    SlotObservation,
+    SlotStart,
+    SlotStep,
+    StepRequest,
+    match_answer,
+)
 
-MOST_BESIDE = 7
+HELLO = "says hello"
+PACE = "keeps pace"
+MAX_BESIDE = 7
+"""Most episodes that the checks run side by side: more slots would only take longer."""
 
-Check = Callable[[Connection, Start], None]
+Check = Callable[[Connection, SlotStart], None]
 
 
-def of_simulations(check: Callable[..., None]) -> Check:
-    """A check of the conformance suite, that does not ask for a planner of its own."""
+class BridgeSimulation:
+    """One slot of a bridge, stepped by itself. Implements `Simulation` for the checks.
 
-    def run(connection: Connection, start: Start) -> None:
+    Args:
+        connection: used by nothing else at the same time; it stays open.
+        start: what to begin; the seed is that of each reset.
+    """
+
+    def __init__(self, connection: Connection, start: SlotStart) -> None:
+        self._connection = connection
+        self._start = start
+        self.dt_s = find_scenario(connection.welcome, start.scenario).dt_s
+        self.steps = start.steps
+        self._now: Observation | None = None
+        self._closed = False
+
+    def reset(self, seed: int) -> Observation:
+        """Begin an episode; see `Simulation.reset`."""
+        if self._closed:
+            raise SimulatorError("The simulation is closed.", "Open another one.")
+        self._now = None
+        (seen,) = _reset(self._connection, replace(self._start, seed=seed))
+        self._now = read_start(seen)
+        return self._now
+
+    def step(self, disturbance: Pair) -> Observation:
+        """Disturb and step; see `Simulation.step`."""
+        now = self._now
+        if now is None or now.ended or self._closed:
+            raise SimulatorError("There is no episode to go on with.", "Reset the simulation.")
+        self._now = None
+        (seen,) = _step(self._connection, SlotStep(self._start.slot, disturbance))
+        self._now = read_step(seen, now, disturbance, self.dt_s)
+        return self._now
+
+    def close(self) -> None:
+        """Refuse further requests."""
+        self._closed = True
+        self._now = None
+
+
+def _reset(connection: Connection, *starts: SlotStart) -> tuple[SlotObservation, ...]:
+    return _request(connection, ResetRequest(connection.session, connection.next_id(), starts))
+
+
+def _step(connection: Connection, *steps: SlotStep) -> tuple[SlotObservation, ...]:
+    return _request(connection, StepRequest(connection.session, connection.next_id(), steps))
+
+
+def _request(
+    connection: Connection, request: ResetRequest | StepRequest
+) -> tuple[SlotObservation, ...]:
+    """Send a request while none is pending, and return the observations of its answer."""
+    connection.send(request)
+    answer = connection.receive(connection.timeouts.answer_s)
+    return match_answer(answer, request.id, len(request.slots))
+
+
+def _adapt(check: Callable[..., None]) -> Check:
+    """Return a check of bridges from a check of simulations that needs no planner of its own."""
+
+    def run(connection: Connection, start: SlotStart) -> None:
         check(lambda _planner: BridgeSimulation(connection, start))
 
     run.__name__, run.__doc__ = check.__name__, check.__doc__
     return run
 
 
-def disturbs_the_nearest(connection: Connection, start: Start) -> None:
-    """A disturbance moves the nearest vehicle where the planner sees it, and so what it does."""
+def disturbs_the_nearest(connection: Connection, start: SlotStart) -> None:
+    """A disturbance moves the nearest vehicle as the planner perceives it."""
     with closing(BridgeSimulation(connection, start)) as simulation:
         disturbed, undisturbed = course(simulation, wave), course(simulation, calm)
     for before, after in pairwise(disturbed):
-        due = asked_for(before, wave(after.step))
+        due = disturb_position(before, wave(after.step))
         said = f"Step {after.step} tells {after.perceived} as the perceived position, not {due}."
         expect(after.perceived == due, said)
     moved = [each.ego for each in disturbed] != [each.ego for each in undisturbed]
     expect(moved, "Disturbances of metres change nothing: the planner is not shown them.")
 
 
-def keeps_slots_apart(connection: Connection, start: Start) -> None:
-    """Episodes side by side in one request are what each is by itself, bit for bit."""
-    beside = min(connection.welcome.slots, MOST_BESIDE)
+def keeps_slots_apart(connection: Connection, start: SlotStart) -> None:
+    """Episodes side by side in one request equal the same episodes alone, bit for bit."""
+    beside = min(connection.welcome.slots, MAX_BESIDE)
     seeds = [SEED + slot for slot in range(beside)]
     with closing(BridgeSimulation(connection, start)) as simulation:
         alone = [course(simulation, seed=seed) for seed in seeds]
-    together = courses(connection, start, seeds)
+    together = _run_side_by_side(connection, start, seeds)
     expect(together == alone, f"Of {beside} episodes side by side, some are others than alone.")
 
 
-def courses(connection: Connection, start: Start, seeds: list[int]) -> list[list[Observation]]:
-    """Whole episodes, a slot for each seed, all of one step in one request."""
-    starts = tuple(start_at(start, slot, seed) for slot, seed in enumerate(seeds))
-    request: Reset | Step = Reset(connection.session, connection.next_id(), starts)
-    found = [[at_start(seen)] for seen in asked(connection, request)]
-    dt_s = BridgeSimulation(connection, start).dt_s
-    while going := [slot for slot, seen in enumerate(found) if not seen[-1].ended]:
-        pushes = tuple(Push(slot, wave(len(found[slot]))) for slot in going)
-        request = Step(connection.session, connection.next_id(), pushes)
-        for push, seen in zip(pushes, asked(connection, request), strict=True):
-            course_so_far = found[push.slot]
-            now = after_step(seen, course_so_far[-1], push.disturbance, dt_s)
-            course_so_far.append(now)
-    return found
+def _run_side_by_side(
+    connection: Connection, start: SlotStart, seeds: list[int]
+) -> list[list[Observation]]:
+    """Run an episode for each seed in a slot of its own, with all steps in one request."""
+    starts = (replace(start, slot=slot, seed=seed) for slot, seed in enumerate(seeds))
+    courses = [[read_start(seen)] for seen in _reset(connection, *starts)]
+    dt_s = find_scenario(connection.welcome, start.scenario).dt_s
+    while running := [slot for slot, course in enumerate(courses) if not course[-1].ended]:
+        steps = tuple(SlotStep(slot, wave(len(courses[slot]))) for slot in running)
+        for step, seen in zip(steps, _step(connection, *steps), strict=True):
+            so_far = courses[step.slot]
+            so_far.append(read_step(seen, so_far[-1], step.disturbance, dt_s))
+    return courses
 
 
-def refuses_what_is_over(connection: Connection, start: Start) -> None:
-    """No step before a reset, or after the end: it answers with a fault."""
-    push = (Push(start.slot, (0.0, 0.0)),)
-    (seen,) = asked(connection, Step(connection.session, connection.next_id(), push))
+def refuses_what_is_over(connection: Connection, start: SlotStart) -> None:
+    """A step before a reset or after the end is answered with a fault."""
+    step = SlotStep(start.slot, (0.0, 0.0))
+    (seen,) = _step(connection, step)
     expect(seen.fault is not None, "A step before any reset must be answered with a fault.")
     with closing(BridgeSimulation(connection, start)) as simulation:
         course(simulation)
-    (seen,) = asked(connection, Step(connection.session, connection.next_id(), push))
+    (seen,) = _step(connection, step)
     expect(seen.fault is not None, "A step after the end must be answered with a fault.")
 
 
-def refuses_unknown_names(connection: Connection, start: Start) -> None:
-    """What it does not know is the fault of the input, and the next episode begins as usual."""
-    unknown = Start(start.slot, SEED, "no such scenario", {}, start.planner, {}, start.steps)
-    (seen,) = asked(connection, Reset(connection.session, connection.next_id(), (unknown,)))
+def refuses_unknown_names(connection: Connection, start: SlotStart) -> None:
+    """An unknown scenario is a fault of the input, and the next episode begins as usual."""
+    unknown = replace(start, seed=SEED, scenario="no such scenario", parameters={}, settings={})
+    (seen,) = _reset(connection, unknown)
     said = "A scenario that it does not have must be answered with the fault 'input'."
     expect(seen.fault == "input", said)
     with closing(BridgeSimulation(connection, start)) as simulation:
         simulation.reset(SEED)
 
 
-def asked(connection: Connection, request: Reset | Step) -> tuple[Seen, ...]:
-    """What comes of a request, for each of its slots."""
-    connection.send(request)
-    return answers(connection, request)
-
-
-def start_at(start: Start, slot: int, seed: int) -> Start:
-    """The same in another slot, with another seed."""
-    return Start(
-        slot, seed, start.scenario, start.parameters, start.planner, start.settings, start.steps
-    )
-
-
-counts_each_step = of_simulations(counts_steps)
+counts_each_step = _adapt(counts_steps)
 
 CHECKS: tuple[Check, ...] = (
-    of_simulations(starts_at_step_zero),
+    _adapt(starts_at_step_zero),
     counts_each_step,
-    of_simulations(ends_at_a_collision),
-    of_simulations(shows_finite_numbers),
-    of_simulations(repeats_itself),
+    _adapt(ends_at_a_collision),
+    _adapt(shows_finite_numbers),
+    _adapt(repeats_itself),
     disturbs_the_nearest,
     keeps_slots_apart,
     refuses_what_is_over,
@@ -125,11 +193,159 @@ CHECKS: tuple[Check, ...] = (
 )
 
 
-def what_breaks(address: str, start: Start, check: Check) -> str:
-    """What a check found, in words; nothing if the bridge does as it should."""
+class BridgePace(msgspec.Struct, frozen=True):
+    """Wall time of a step. [s]
+
+    Attributes:
+        dt_s: duration of a step in the simulated world.
+        alone_s: wall time for one episode, with its reset divided among the steps.
+        together_s: wall time for all of several episodes side by side.
+        beside: number of those episodes.
+    """
+
+    dt_s: float
+    alone_s: float
+    together_s: float
+    beside: int
+
+    def __str__(self) -> str:
+        """Return the measurement as a sentence."""
+        return (
+            f"{1e3 * self.alone_s:.3g} ms a step, {self.dt_s / self.alone_s:.3g} × real time; "
+            f"{1e3 * self.together_s:.3g} ms for {self.beside} side by side."
+        )
+
+    def judge(self, steps: int, timeouts: BridgeTimeouts) -> tuple[CheckVerdict, str]:
+        """Return whether the bridge is fast enough for campaigns, and why."""
+        episode_s = steps * self.alone_s
+        if episode_s > timeouts.episode_s:
+            said = f"An episode takes {episode_s:.3g} s, and is given up after"
+            return CheckVerdict.BROKEN, f"{self} {said} {timeouts.episode_s:g} s. {timeouts.remedy}"
+        if self.alone_s > self.dt_s:
+            return (
+                CheckVerdict.SLOW,
+                f"{self} Slower than real time: campaigns will take their time.",
+            )
+        return CheckVerdict.PASSED, str(self)
+
+
+def measure_pace(connection: Connection, start: SlotStart) -> BridgePace:
+    """Measure the wall time of a step, after a first episode in which the bridge loads its parts.
+
+    Raises:
+        EpisodeError: the bridge fails.
+        InvalidValue: the bridge cannot run what it offers.
+    """
+    beside = min(connection.welcome.slots, MAX_BESIDE)
+    dt_s = find_scenario(connection.welcome, start.scenario).dt_s
+    _measure_step_s(connection, start, 1)
+    alone_s, together_s = (_measure_step_s(connection, start, many) for many in (1, beside))
+    return BridgePace(dt_s, alone_s, together_s, beside)
+
+
+def _measure_step_s(connection: Connection, start: SlotStart, beside: int) -> float:
+    began_s = perf_counter()
+    courses = _run_side_by_side(connection, start, [SEED] * beside)
+    return (perf_counter() - began_s) / max(1, *(len(course) - 1 for course in courses))
+
+
+def check_bridge(address: str) -> list[CheckResult]:
+    """Run all checks with the first scenario and planner that the bridge offers.
+
+    Every other scenario and planner must run one episode to its end.
+
+    Raises:
+        InvalidValue: the address is not valid, or nothing may connect to it.
+    """
+    try:
+        with closing(Connection(check_address(address))) as connection:
+            welcome = connection.welcome
+    except EpisodeError as error:
+        rest = (
+            CheckResult(address, _name(check), CheckVerdict.SKIPPED, SKIPPED) for check in CHECKS
+        )
+        return [CheckResult(address, HELLO, CheckVerdict.BROKEN, str(error)), *rest]
+    return [*_describe(address, welcome), *_run_checks(address, welcome)]
+
+
+def _describe(address: str, welcome: BridgeWelcome) -> Iterator[CheckResult]:
+    """Yield what a bridge offers, with the defaults of parameters and settings."""
+    said = f"{welcome.name} {welcome.version}: up to {welcome.slots} episodes side by side."
+    yield CheckResult(address, HELLO, CheckVerdict.PASSED, said)
+    for each in welcome.scenarios:
+        known = {"steps": each.steps, "dt_s": each.dt_s, **(each.parameters or {})}
+        yield CheckResult(each.name, "scenario", CheckVerdict.PASSED, _format_defaults(known))
+    for planner in welcome.planners:
+        defaults = _format_defaults(planner.settings or {})
+        yield CheckResult(planner.name, "planner", CheckVerdict.PASSED, defaults)
+
+
+def _format_defaults(defaults: Mapping[str, Plain]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in defaults.items())
+
+
+def _run_checks(address: str, welcome: BridgeWelcome) -> Iterator[CheckResult]:
+    """Yield the pace and each check; once the bridge has stopped answering, skip the rest."""
+    rest = iter(_plan_checks(welcome))
+    pace = _check_pace(address, _make_start(welcome.scenarios[0], welcome.planners[0]))
+    yield pace
+    if pace.verdict is not CheckVerdict.BROKEN or _is_reachable(address):
+        for start, check in rest:
+            checked = _run_check(address, start, check)
+            yield checked
+            if checked.verdict is CheckVerdict.BROKEN and not _is_reachable(address):
+                break
+    yield from _skip(rest)
+
+
+def _plan_checks(welcome: BridgeWelcome) -> Iterator[tuple[SlotStart, Check]]:
+    scenario, *scenarios = welcome.scenarios
+    planner, *planners = welcome.planners
+    for check in CHECKS:
+        yield _make_start(scenario, planner), check
+    for each in scenarios:
+        yield _make_start(each, planner), counts_each_step
+    for other in planners:
+        yield _make_start(scenario, other), counts_each_step
+
+
+def _make_start(scenario: BridgeScenario, planner: BridgePlanner) -> SlotStart:
+    return SlotStart(0, SEED, scenario.name, {}, planner.name, {}, scenario.steps)
+
+
+def _check_pace(address: str, start: SlotStart) -> CheckResult:
+    try:
+        with closing(Connection(address)) as connection:
+            pace = measure_pace(connection, start)
+            verdict, said = pace.judge(start.steps, connection.timeouts)
+    except EigenfailError as error:
+        verdict, said = CheckVerdict.BROKEN, str(error)
+    return CheckResult(f"{start.scenario}, {start.planner}", PACE, verdict, said)
+
+
+def _run_check(address: str, start: SlotStart, check: Check) -> CheckResult:
+    verdict, said = CheckVerdict.PASSED, (check.__doc__ or "").partition("\n")[0]
     try:
         with closing(Connection(address)) as connection:
             check(connection, start)
     except (AssertionError, EigenfailError) as error:
-        return str(error)
-    return ""
+        verdict, said = CheckVerdict.BROKEN, str(error)
+    return CheckResult(f"{start.scenario}, {start.planner}", _name(check), verdict, said)
+
+
+def _is_reachable(address: str) -> bool:
+    try:
+        Connection(address).close()
+    except EpisodeError:
+        return False
+    return True
+
+
+def _skip(rest: Iterable[tuple[SlotStart, Check]]) -> Iterator[CheckResult]:
+    for start, check in rest:
+        what = f"{start.scenario}, {start.planner}"
+        yield CheckResult(what, _name(check), CheckVerdict.SKIPPED, SKIPPED)
+
+
+def _name(check: Check) -> str:
+    return check.__name__.replace("_", " ")

@@ -1,192 +1,342 @@
-"""A connection to a bridge: questions out, answers in, each within a time limit."""
+"""The connection of a worker to a bridge: requests and answers, each within a time limit."""
 
+import atexit
+import os
 import time
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
 from uuid import uuid4
 
+import msgspec
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
-from eigenfail.errors import BridgeLost, EpisodeError, SimulatorError
-from eigenfail_workers.bridge.faults import error_of
+from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE, EPISODE_OPTION, check_address
+from eigenfail.errors import BridgeLost, EpisodeError, InvalidValue, SimulatorError
 from eigenfail_workers.bridge.messages import (
     MAX_MESSAGE_BYTES,
     PROTOCOL,
     Answer,
-    Close,
+    BridgeError,
+    BridgeHello,
+    BridgeMessage,
+    BridgeRefusal,
+    BridgeWelcome,
     Closed,
-    Error,
-    Hello,
-    Message,
+    CloseRequest,
     Observations,
-    Refusal,
-    Welcome,
     encode,
-    in_words,
+    make_error,
     read_answer,
+    sanitize,
 )
-from eigenfail_workers.bridge.patience import Patience, patience_of_this_worker, pauses
+from eigenfail_workers.limits import read_episode_limit
 
+HELLO_S = 10.0
+MARGIN_S = 10.0
+MIN_PAUSE_S = 0.1
+MAX_PAUSE_S = 2.0
 LOOK = "Look at its own log; `eigenfail doctor --bridge` tries it."
 LINGER_MS = 200
 DELIMITER = b""
-"""The empty frame that a REQ puts before its question, and a REP gives back."""
+"""The empty frame that a REQ socket puts before its request, and a REP socket returns."""
+
+
+class BridgeTimeouts(msgspec.Struct, frozen=True):
+    """Time limits for a bridge, all of which follow from the wall time of an episode. [s]
+
+    Attributes:
+        limit_s: wall time of an episode after which the worker kills the process that waits.
+        episode_s: wall time after which an episode is given up; n side by side may take n times it.
+        answer_s: for an answer.
+        hello_s: for the answer to a hello, which is the time that a bridge has to start up.
+    """
+
+    limit_s: float
+    episode_s: float
+    answer_s: float
+    hello_s: float
+
+    @property
+    def remedy(self) -> str:
+        """Advice for a bridge that takes too long."""
+        return (
+            "Make it faster, or its episodes shorter, or give the worker a longer "
+            f"{EPISODE_OPTION} than {self.limit_s:g} s."
+        )
+
+
+def make_timeouts(limit_s: float) -> BridgeTimeouts:
+    """Return the time limits that follow from the wall time of an episode. [s]"""
+    margin_s = min(MARGIN_S, limit_s / 6.0)
+    return BridgeTimeouts(limit_s, limit_s - margin_s, limit_s / 2.0, min(HELLO_S, limit_s / 6.0))
+
+
+def read_timeouts() -> BridgeTimeouts:
+    """Return the time limits that follow from the environment of this process.
+
+    Raises:
+        InvalidValue: the variable does not hold a number of seconds.
+    """
+    return make_timeouts(read_episode_limit())
+
+
+def _iterate_pauses() -> Iterator[float]:
+    """Yield the pause before each further attempt, doubled each time. [s]"""
+    pause_s = MIN_PAUSE_S
+    while True:
+        yield pause_s
+        pause_s = min(2.0 * pause_s, MAX_PAUSE_S)
 
 
 class Connection:
-    """One session with a bridge. It is over after the first error; open another one then.
+    """One session with a bridge. An error ends the session; open another connection then.
 
     Args:
-        address: that was checked.
-        patience: with it; that of this worker, unless it is given.
-        left_s: how long all of it may take until there is a welcome. [s]
+        address: of the bridge, already checked.
+        timeouts: for the bridge; default: those of this worker.
+        left_s: time limit for opening the session. [s]
 
     Attributes:
-        welcome: what the bridge is, and knows.
+        welcome: what the bridge offers.
 
     Raises:
-        BridgeLost: nobody answers there, or it has no room for so long.
-        SimulatorError: it answers otherwise than by the protocol, or refuses.
+        BridgeLost: no bridge answers, or it has no free session.
+        SimulatorError: the bridge violates the protocol, or refuses the session.
     """
 
     def __init__(
-        self, address: str, patience: Patience | None = None, left_s: float | None = None
+        self, address: str, timeouts: BridgeTimeouts | None = None, left_s: float | None = None
     ) -> None:
         self.address = address
         self.session = uuid4().hex
-        self.patience = patience or patience_of_this_worker()
-        self._ids = 0
+        self.timeouts = timeouts or read_timeouts()
+        self._last_id = 0
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, LINGER_MS)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_MESSAGE_BYTES)
         self._socket.setsockopt(zmq.IPV6, int("[" in address))
-        self._news: zmq.Socket[bytes] = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._monitor: zmq.Socket[bytes] = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._poller = zmq.Poller()
         self._poller.register(self._socket, zmq.POLLIN)
-        self._poller.register(self._news, zmq.POLLIN)
+        self._poller.register(self._monitor, zmq.POLLIN)
         try:
-            self.welcome = self._introduced(self.patience.episode_s if left_s is None else left_s)
+            self.welcome = self._open_session(self.timeouts.episode_s if left_s is None else left_s)
         except EpisodeError:
             self._disconnect()
             raise
 
-    def _introduced(self, left_s: float) -> Welcome:
+    def _open_session(self, left_s: float) -> BridgeWelcome:
         try:
             self._socket.connect(self.address)
         except zmq.ZMQError as error:
-            raise self._trouble(f"cannot be connected to: {error}") from None
+            raise self._make_error(f"cannot be connected to: {error}") from None
         until_s = time.monotonic() + left_s
-        for pause_s in pauses():
-            self.send(Hello(PROTOCOL, self.session))
-            answer = self._greeting(until_s - time.monotonic())
-            if not (isinstance(answer, Refusal) and answer.full):
+        for pause_s in _iterate_pauses():
+            answer = self._say_hello(until_s - time.monotonic())
+            if not (isinstance(answer, BridgeRefusal) and answer.full):
                 break
             if time.monotonic() + pause_s > until_s:
-                raise self._lost(f"has no room: {in_words(answer.reason)}")
+                raise self._make_loss(f"has no room: {sanitize(answer.reason)}")
             time.sleep(pause_s)
-        return self._let_in(answer)
-
-    def _greeting(self, left_s: float) -> Answer:
-        within_s = max(0.0, min(self.patience.hello_s, left_s))
-        answer = self._receive(within_s)
-        if answer is None:
-            raise self._lost(f"did not answer within {within_s:.3g} s")
+        if isinstance(answer, BridgeRefusal):
+            raise self._make_error(f"refuses: {sanitize(answer.reason)}")
+        if not isinstance(answer, BridgeWelcome):
+            raise self._make_error(f"answered a hello with {answer.__struct_config__.tag}")
+        if answer.protocol != PROTOCOL:
+            raise self._make_error(f"speaks protocol {answer.protocol}, and not {PROTOCOL}")
         return answer
 
-    def _let_in(self, answer: Answer) -> Welcome:
-        if isinstance(answer, Refusal):
-            raise self._trouble(f"refuses: {in_words(answer.reason)}")
-        if not isinstance(answer, Welcome):
-            raise self._trouble(f"answered a hello with {type(answer).__name__.lower()}")
-        if answer.protocol != PROTOCOL:
-            raise self._trouble(f"speaks protocol {answer.protocol}, and not {PROTOCOL}")
+    def _say_hello(self, left_s: float) -> Answer:
+        within_s = max(0.0, min(self.timeouts.hello_s, left_s))
+        self.send(BridgeHello(PROTOCOL, self.session))
+        answer = self._receive(within_s)
+        if answer is None:
+            raise self._make_loss(f"did not answer within {within_s:.3g} s")
         return answer
 
     @property
     def is_alive(self) -> bool:
-        """Whether the bridge has not gone away, as far as is known."""
-        return not self._news.poll(0)
+        """Whether no disconnection of the bridge has been noticed."""
+        return not self._monitor.poll(0)
 
     def next_id(self) -> int:
-        """A number that no request of this session had before."""
-        self._ids += 1
-        return self._ids
+        """Return a request number that is new in this session."""
+        self._last_id += 1
+        return self._last_id
 
-    def send(self, request: Message) -> None:
-        """Ask; several questions may be under way.
+    def send(self, request: BridgeMessage) -> None:
+        """Send a request; several may be pending.
 
         Raises:
-            BridgeLost: it cannot be sent.
+            BridgeLost: the request cannot be sent.
         """
         try:
             self._socket.send_multipart((DELIMITER, encode(request)), zmq.NOBLOCK)
         except zmq.ZMQError as error:
-            raise self._lost(f"takes no message: {error}") from None
+            raise self._make_loss(f"takes no message: {error}") from None
 
     def receive(self, within_s: float) -> Observations | Closed:
-        """The next answer.
+        """Return the next answer.
 
         Args:
-            within_s: the time that is left to the episodes; an answer may take less. [s]
+            within_s: time that is left to the episodes; an answer may be allowed less. [s]
 
         Raises:
-            BridgeLost: the bridge went away, or knows nothing of this session.
-            EpisodeError: there is none in time, it does not follow the protocol, or is an error.
-            InvalidValue: it is an error, for which the campaign is to blame.
+            BridgeLost: the bridge has disconnected, or does not know this session.
+            EpisodeError: no answer comes in time, it violates the protocol, or it is an error.
+            InvalidValue: the answer is an error that the campaign has caused.
         """
-        answer_s = self.patience.answer_s
+        answer_s = self.timeouts.answer_s
         answer = self._receive(min(within_s, answer_s))
         if answer is None and within_s < answer_s:
-            raise self.too_slow()
+            raise self.make_timeout()
         if answer is None:
             problem = f"The bridge at {self.address} did not answer within {answer_s:g} s."
-            raise SimulatorError(problem, self.patience.remedy)
-        if isinstance(answer, Error):
+            raise SimulatorError(problem, self.timeouts.remedy)
+        if isinstance(answer, BridgeError):
             if answer.lost:
-                raise self._lost(f"knows nothing of this session: {in_words(answer.message)}")
-            raise error_of(answer.fault, answer.message)
+                raise self._make_loss(f"knows nothing of this session: {sanitize(answer.message)}")
+            raise make_error(answer.fault, answer.message)
         if not isinstance(answer, (Observations, Closed)):
-            raise self._trouble(f"said {type(answer).__name__.lower()} in the middle of episodes")
+            tag = answer.__struct_config__.tag
+            raise self._make_error(f"said {tag} in the middle of episodes")
         return answer
 
     def _receive(self, within_s: float) -> Answer | None:
-        """The next answer; none if there is none in time."""
+        """Return the next answer, or None if none comes in time."""
         until_s = time.monotonic() + within_s
         while (left_s := until_s - time.monotonic()) > 0.0:
             ready = dict(self._poller.poll(int(left_s * 1000.0) + 1))
             if self._socket in ready:
                 *_, data = self._socket.recv_multipart()
                 return read_answer(data)
-            if self._news in ready:
-                recv_monitor_message(self._news)
-                raise self._lost("went away")
+            if self._monitor in ready:
+                recv_monitor_message(self._monitor)
+                raise self._make_loss("went away")
         return None
 
-    def too_slow(self) -> SimulatorError:
-        """What is said of an episode that is given up."""
-        episode_s = self.patience.episode_s
+    def make_timeout(self) -> SimulatorError:
+        """Return the error of an episode that has taken too long."""
+        episode_s = self.timeouts.episode_s
         problem = f"The bridge at {self.address} took longer than {episode_s:g} s over an episode."
-        return SimulatorError(problem, self.patience.remedy)
+        return SimulatorError(problem, self.timeouts.remedy)
 
-    def _trouble(self, what: str) -> SimulatorError:
-        return SimulatorError(f"The bridge at {self.address} {what}.", LOOK)
+    def _make_error(self, predicate: str) -> SimulatorError:
+        return SimulatorError(f"The bridge at {self.address} {predicate}.", LOOK)
 
-    def _lost(self, what: str) -> BridgeLost:
-        return BridgeLost(f"The bridge at {self.address} {what}.", LOOK)
+    def _make_loss(self, predicate: str) -> BridgeLost:
+        return BridgeLost(f"The bridge at {self.address} {predicate}.", LOOK)
 
     def close(self) -> None:
-        """Say goodbye, without waiting for an answer, and disconnect; once is enough."""
+        """End the session without waiting for an answer, and disconnect."""
         if not self._socket.closed:
             try:
-                self.send(Close(self.session, self.next_id()))
+                self.send(CloseRequest(self.session, self.next_id()))
             finally:
                 self._disconnect()
 
     def drop(self) -> None:
-        """Disconnect from a bridge that is in trouble."""
+        """Disconnect without ending the session, which has failed."""
         if not self._socket.closed:
             self._disconnect()
 
     def _disconnect(self) -> None:
         self._socket.disable_monitor()
-        self._news.close(linger=0)
+        self._monitor.close(linger=0)
         self._socket.close()
+
+
+class SharedConnection:
+    """The connection that all engines of a process share, and that is reopened after an error.
+
+    One process has one connection, because a bridge may hold a single session.
+
+    Args:
+        address: of the bridge.
+        timeouts: for the bridge; default: those of this worker.
+    """
+
+    def __init__(self, address: str, timeouts: BridgeTimeouts | None = None) -> None:
+        self.address = check_address(address)
+        self.timeouts = timeouts or read_timeouts()
+        self._connection: Connection | None = None
+        self._was_reachable = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a connection without a known error."""
+        return self._connection is not None
+
+    def get(self, left_s: float) -> Connection:
+        """Return the connection, opened if necessary.
+
+        A bridge that was reachable before is awaited for all the time that is left, any other one
+        only for the time that a bridge has to start up.
+
+        Args:
+            left_s: time limit. [s]
+
+        Raises:
+            BridgeLost: no bridge answers by then, or it has no free session.
+            SimulatorError: the bridge violates the protocol, or refuses the session.
+        """
+        if self._connection is None:
+            self._connection = self._open(time.monotonic() + left_s)
+        return self._connection
+
+    def _open(self, until_s: float) -> Connection:
+        give_up_s = until_s
+        if not self._was_reachable:
+            give_up_s = min(until_s, time.monotonic() + self.timeouts.hello_s)
+        for pause_s in _iterate_pauses():
+            try:
+                found = Connection(self.address, self.timeouts, until_s - time.monotonic())
+            except BridgeLost:
+                if time.monotonic() + pause_s > give_up_s:
+                    self._was_reachable = False
+                    raise
+                time.sleep(pause_s)
+            else:
+                break
+        self._was_reachable = True
+        return found
+
+    def drop_if_dead(self) -> None:
+        """Drop a connection whose bridge has disconnected while no episode was running."""
+        if self._connection is not None and not self._connection.is_alive:
+            self.drop()
+
+    def drop(self) -> None:
+        """Drop a connection with an error; the next episode opens another one."""
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            connection.drop()
+
+    def close(self) -> None:
+        """End the session and disconnect."""
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            with suppress(BridgeLost):  # the bridge may have disconnected already
+                connection.close()
+
+
+def connect_from_environment() -> SharedConnection:
+    """Return the connection to the bridge that the environment of this process names.
+
+    Raises:
+        InvalidValue: the environment names no bridge, or one that the worker must not connect to.
+    """
+    address = os.environ.get(ADDRESS_VARIABLE)
+    if not address:
+        remedy = f"Start it with {ADDRESS_OPTION} ADDRESS, or with {ADDRESS_VARIABLE}."
+        raise InvalidValue("simulator", "this worker has no bridge.", remedy)
+    return _get_shared(address)
+
+
+@cache
+def _get_shared(address: str) -> SharedConnection:
+    connection = SharedConnection(address)
+    atexit.register(connection.close)
+    return connection

@@ -1,123 +1,289 @@
-"""Runs the episodes of a campaign on a bridge, side by side."""
+"""Engine that runs the episodes of a campaign on a bridge, several side by side."""
 
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from time import monotonic
+from typing import NamedTuple
 
 from eigenfail import bridges
-from eigenfail.errors import BridgeLost, EpisodeError, InputError
+from eigenfail.errors import BridgeLost, EpisodeError, InputError, UnknownName
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy, unrunnable
-from eigenfail_workers.bridge.again import Again
-from eigenfail_workers.bridge.drive import Drive
-from eigenfail_workers.bridge.line import Line, line_of_this_worker
-from eigenfail_workers.bridge.slots import Slots
-from eigenfail_workers.bridge.staging import check
-from eigenfail_workers.faults import fault
-from eigenfail_workers.noise.policy import keep
+from eigenfail_workers.bridge.connection import (
+    Connection,
+    SharedConnection,
+    connect_from_environment,
+)
+from eigenfail_workers.bridge.episode import BridgeEpisode, check_start
+from eigenfail_workers.bridge.messages import (
+    Closed,
+    Observations,
+    ResetRequest,
+    StepRequest,
+    match_answer,
+)
+from eigenfail_workers.faults import make_fault
+from eigenfail_workers.noise.policy import store_policy
+
+MAX_LOSSES = 3
+
+SlotGroup = dict[int, BridgeEpisode]
+"""Episodes by slot."""
+
+
+class RetryQueue:
+    """Episodes to run again because the bridge was lost while they ran.
+
+    An episode that one more loss would fail runs alone, so that the loss can be attributed to it.
+    """
+
+    def __init__(self) -> None:
+        self._losses: dict[int, int] = {}
+        self._waiting: deque[EpisodeTask] = deque()
+
+    def __len__(self) -> int:
+        """Number of episodes that wait to be run again."""
+        return len(self._waiting)
+
+    def add(self, episodes: list[BridgeEpisode], error: BridgeLost) -> list[EpisodeResult]:
+        """Count a loss for each episode, and return the results of those out of attempts."""
+        results = []
+        for episode in episodes:
+            index = episode.task.index
+            self._losses[index] = self._losses.get(index, 0) + 1
+            if self._losses[index] < MAX_LOSSES:
+                self._waiting.append(episode.task)
+            else:
+                said = f"It was loss no. {MAX_LOSSES} while this episode ran, the last time alone."
+                last = BridgeLost(f"{error.problem} {said}", error.remedy)
+                results.append(episode.fail(last, len(episodes)))
+        self._waiting = deque(sorted(self._waiting, key=self.is_suspect))
+        return results
+
+    def is_suspect(self, task: EpisodeTask) -> bool:
+        """Whether one more loss would fail the episode."""
+        return self._losses.get(task.index, 0) == MAX_LOSSES - 1
+
+    def pop(self, beside: int) -> EpisodeTask | None:
+        """Return the next episode, or None if it must wait for the episodes that run."""
+        if not self._waiting or (beside and self.is_suspect(self._waiting[0])):
+            return None
+        return self._waiting.popleft()
+
+    def clear(self) -> list[EpisodeTask]:
+        """Remove and return all episodes that wait."""
+        removed = list(self._waiting)
+        self._waiting.clear()
+        return removed
+
+    def forget(self, results: Iterable[EpisodeResult]) -> None:
+        """Forget the losses of finished episodes."""
+        for result in results:
+            self._losses.pop(result.index, None)
+
+
+class PendingRequest(NamedTuple):
+    """A request that the bridge has not answered: its group, and its slots."""
+
+    group: SlotGroup
+    slots: tuple[int, ...]
+
+
+class SlotTable:
+    """The episodes in the slots of a bridge, in two groups that take turns.
+
+    While the bridge steps one group, this process measures the other. A request covers a whole
+    group, and the next one follows when it has been answered. The result of an episode does not
+    depend on how many run beside it.
+    """
+
+    def __init__(self) -> None:
+        self._groups: tuple[SlotGroup, SlotGroup] = {}, {}
+        self._pending: dict[int, PendingRequest] = {}
+
+    def __len__(self) -> int:
+        """Number of episodes that run."""
+        return sum(map(len, self._groups))
+
+    def find_free(self) -> int:
+        """Return the lowest slot without an episode."""
+        taken = self._groups[0].keys() | self._groups[1].keys()
+        return next(slot for slot in range(len(taken) + 1) if slot not in taken)
+
+    def add(self, slot: int, episode: BridgeEpisode) -> None:
+        """Add an episode, which begins with the next request of its group."""
+        min(self._groups, key=len)[slot] = episode
+
+    def send_requests(self, connection: Connection) -> None:
+        """Send the next request of each group without a pending one.
+
+        Raises:
+            BridgeLost: a request cannot be sent.
+        """
+        waiting = [id(request.group) for request in self._pending.values()]
+        for group in self._groups:
+            if id(group) not in waiting:
+                self._send(connection, group)
+
+    def _send(self, connection: Connection, group: SlotGroup) -> None:
+        new = tuple(slot for slot, episode in group.items() if not episode.has_begun)
+        begun = tuple(slot for slot, episode in group.items() if episode.has_begun)
+        if new:
+            starts = tuple([group[slot].make_start(slot) for slot in new])
+            reset = ResetRequest(connection.session, connection.next_id(), starts)
+            connection.send(reset)
+            self._pending[reset.id] = PendingRequest(group, new)
+        if begun:
+            steps = tuple([group[slot].make_step(slot) for slot in begun])
+            step = StepRequest(connection.session, connection.next_id(), steps)
+            connection.send(step)
+            self._pending[step.id] = PendingRequest(group, begun)
+
+    def process(self, answer: Observations | Closed, connection: Connection) -> list[EpisodeResult]:
+        """Advance the episodes of an answer, and return the results of those that have ended.
+
+        Raises:
+            SimulatorError: the answer matches no request, or has another number of slots.
+        """
+        request = self._pending.pop(answer.id, None)
+        group, slots = request or ({}, ())
+        observations = match_answer(answer, answer.id if request else None, len(slots))
+        beside, results = len(self), list[EpisodeResult]()
+        for slot, seen in zip(slots, observations, strict=True):
+            result = group[slot].advance(seen, beside, connection)
+            if result is not None:
+                del group[slot]
+                results.append(result)
+        return results
+
+    def fail(self, error: EpisodeError | InputError) -> list[EpisodeResult]:
+        """Remove all episodes, and return their results."""
+        beside = len(self)
+        return [episode.fail(error, beside) for episode in self.clear()]
+
+    def clear(self) -> list[BridgeEpisode]:
+        """Remove and return all episodes."""
+        episodes = self.list_episodes()
+        self._pending.clear()
+        for group in self._groups:
+            group.clear()
+        return episodes
+
+    def list_episodes(self) -> list[BridgeEpisode]:
+        """Return the episodes that run."""
+        return [episode for group in self._groups for episode in group.values()]
 
 
 class BridgeEngine:
-    """Implements `LockstepEngine`.
+    """Runs episodes in the slots of a bridge. Implements `LockstepEngine`.
 
     Args:
-        setup: what all episodes share; `scenario` and `planner` are the bridge's own names.
-        line: to the bridge; opened with the first episode.
+        setup: of the campaign; `scenario` and `planner` are names that the bridge offers.
+        connection: to the bridge; opened with the first episode.
+
+    Attributes:
+        declined: why no episode of the campaign can run on this bridge, which does not offer one of
+            the names that all of them share; empty as long as no such name is known.
 
     Raises:
-        InvalidValue: no horizon, or a parameter or setting that no bridge can be told.
+        InvalidValue: the horizon is missing, or a parameter or setting cannot be sent to a bridge.
     """
 
-    def __init__(self, setup: EpisodeSetup, line: Line) -> None:
+    def __init__(self, setup: EpisodeSetup, connection: SharedConnection) -> None:
         self._setup = setup
-        self._line = line
+        self._connection = connection
         self._variation = bridges.variation(setup.scenario_parameters)
         self._settings = bridges.read_plain(setup.planner_settings, "planner_settings")
         self._policies: dict[int, Policy] = {}
-        self._slots = Slots()
-        self._again = Again()
+        self._slots = SlotTable()
+        self._retries = RetryQueue()
         self._done: list[EpisodeResult] = []
-        self._heard_s = monotonic()
+        self._progress_s = monotonic()
+        self.declined = ""
 
     def learn(self, policy: Policy) -> None:
-        """Keep a policy version, as it is now; the oldest make room."""
-        keep(self._policies, policy)
+        """Store a copy of a policy version; the oldest versions are dropped."""
+        store_policy(self._policies, policy)
 
     @property
     def room(self) -> int:
-        """How many more may begin: none before `turn` was asked for what did not; one at first."""
-        if self._done or self._again or self._suspect_runs:
+        """Number of episodes that may begin; 0 until `turn` has handled failures, 1 at first."""
+        if self._done or self._retries or self._suspect_runs:
             return 0
         return self._free_slots
 
     @property
     def _suspect_runs(self) -> bool:
-        return any(self._again.is_suspect(drive.task) for drive in self._slots.drives())
+        return any(self._retries.is_suspect(each.task) for each in self._slots.list_episodes())
 
     @property
     def _free_slots(self) -> int:
-        if not self._line.is_open:
+        if not self._connection.is_open:
             return 1
-        return self._line.connection(self._left_s).welcome.slots - len(self._slots)
+        return self._connection.get(self._left_s).welcome.slots - len(self._slots)
 
     @property
     def _left_s(self) -> float:
-        """Until the worker would take this process for one that hangs, and somewhat less. [s]"""
-        held = max(1, len(self._slots) + len(self._again))
-        return held * self._line.patience.episode_s - (monotonic() - self._heard_s)
+        """Time until shortly before the worker would kill this process for taking too long. [s]"""
+        held = max(1, len(self._slots) + len(self._retries))
+        return held * self._connection.timeouts.episode_s - (monotonic() - self._progress_s)
 
     def begin(self, task: EpisodeTask) -> None:
-        """Put an episode into a free slot; what keeps it from there becomes its result."""
-        self._heard_s = monotonic()
+        """Put an episode into a free slot; an error that prevents this becomes its result."""
+        self._progress_s = monotonic()
         try:
-            self._put(task)
+            self._start(task)
         except (EpisodeError, InputError) as error:
-            self._done.append(unrunnable(task, fault(error)))
+            self._done.append(unrunnable(task, make_fault(error)))
 
-    def _put(self, task: EpisodeTask) -> None:
+    def _start(self, task: EpisodeTask) -> None:
         parameters = self._variation.draw(task.seed)
-        drive = Drive(self._setup, task, parameters, self._settings, self._policies)
+        episode = BridgeEpisode(self._setup, task, parameters, self._settings, self._policies)
         if not self._slots:
-            self._line.renew()
-        slot = self._slots.free()
-        check(self._line.connection(self._left_s).welcome, drive.start(slot), drive.dt_s)
-        self._slots.put(slot, drive)
+            self._connection.drop_if_dead()
+        slot = self._slots.find_free()
+        try:
+            welcome = self._connection.get(self._left_s).welcome
+            check_start(welcome, episode.make_start(slot), episode.dt_s)
+        except UnknownName as error:
+            self.declined = str(error)
+            raise
+        self._slots.add(slot, episode)
 
     def turn(self) -> list[EpisodeResult]:
-        """Ask those that are not asked yet, and hear one answer; what is finished by then."""
-        self._begin_anew()
+        """Send the requests that are due, process one answer, and return finished episodes."""
+        self._start_retries()
         if self._slots:
             try:
-                self._done += self._heard()
+                connection = self._connection.get(self._left_s)
+                self._slots.send_requests(connection)
+                answer = connection.receive(self._left_s)
+                self._done += self._slots.process(answer, connection)
             except BridgeLost as error:
-                self._line.drop()
-                self._done += self._again.lost(self._slots.clear(), error)
+                self._connection.drop()
+                self._done += self._retries.add(self._slots.clear(), error)
             except (EpisodeError, InputError) as error:
-                self._line.drop()
+                self._connection.drop()
                 self._done += self._slots.fail(error)
         done, self._done = self._done, []
         if done:
-            self._heard_s = monotonic()
-            self._again.forget(done)
+            self._progress_s = monotonic()
+            self._retries.forget(done)
         return done
 
-    def _heard(self) -> list[EpisodeResult]:
-        connection = self._line.connection(self._left_s)
-        self._slots.ask(connection)
-        return self._slots.hear(connection.receive(self._left_s), connection)
-
-    def _begin_anew(self) -> None:
-        """Put back what was in a bridge that was lost; all of it is given up if none comes back."""
-        while self._again and self._free_slots and not self._suspect_runs:
-            task = self._again.next(len(self._slots))
+    def _start_retries(self) -> None:
+        """Run lost episodes again; if that fails, all of them fail, as no bridge answers."""
+        while self._retries and self._free_slots and not self._suspect_runs:
+            task = self._retries.pop(len(self._slots))
             if task is None:
                 return
             try:
-                self._put(task)
+                self._start(task)
             except (EpisodeError, InputError) as error:
-                left = (task, *self._again.give_up())
-                self._done += [unrunnable(each, fault(error)) for each in left]
+                failed = (task, *self._retries.clear())
+                self._done += [unrunnable(each, make_fault(error)) for each in failed]
 
     def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:
-        """The results, in the order of the tasks."""
+        """Yield the results in the order of the tasks."""
         waiting, results = list(reversed(tasks)), dict[int, EpisodeResult]()
         for task in tasks:
             while task.index not in results:
@@ -127,15 +293,15 @@ class BridgeEngine:
             yield results.pop(task.index)
 
     def close(self) -> None:
-        """Let go of what is under way; the connection stays, for other campaigns."""
+        """Abandon the episodes that run; the connection stays open for other campaigns."""
         if self._slots:
-            self._line.drop()
+            self._connection.drop()
 
 
-def from_setup(setup: EpisodeSetup) -> BridgeEngine:
-    """The engine of a campaign on the bridge of this worker.
+def make_bridge_engine(setup: EpisodeSetup) -> BridgeEngine:
+    """Return the engine of a campaign on the bridge of this worker.
 
     Raises:
-        InvalidValue: this worker has none, or the campaign asks for what no bridge can be told.
+        InvalidValue: this worker has no bridge, or the campaign cannot be sent to one.
     """
-    return BridgeEngine(setup, line_of_this_worker())
+    return BridgeEngine(setup, connect_from_environment())

@@ -1,1 +1,1 @@
-"""What is measured on the way: distances, surrogate safety measures, the record of an episode."""
+"""Measures of an episode: distances, surrogate safety measures, and the record of its steps."""

@@ -14,7 +14,7 @@ LOOK_AHEAD_S = 1.0
 """A vehicle enters the path if its footprint will overlap the ego's laterally within this time."""
 
 
-class Conflict(NamedTuple):
+class TrafficConflict(NamedTuple):
     """Two vehicles on the way to a collision.
 
     Attributes:
@@ -26,12 +26,14 @@ class Conflict(NamedTuple):
     drac_mps2: float
 
 
-def conflict(ego: VehicleState, other: VehicleState, between: Separation) -> Conflict | None:
-    """The conflict of the ego with another vehicle, if there is one.
+def find_conflict(
+    ego: VehicleState, other: VehicleState, between: Separation
+) -> TrafficConflict | None:
+    """Return the conflict of the ego with another vehicle, or None.
 
-    There is one while the gap is positive and shrinks, and the other vehicle is in the ego's path
-    or entering it. At contact there is none: DRAC tends to infinity there, so its largest value is
-    that of the last step before the contact.
+    A conflict exists while the gap is positive and shrinks, and the other vehicle is in the ego's
+    path or entering it. At contact there is no conflict: DRAC tends to infinity there, so that its
+    largest value is that of the last step before the contact.
     """
     if between.distance_m == 0.0 or not shares_path(ego, other):
         return None
@@ -41,13 +43,13 @@ def conflict(ego: VehicleState, other: VehicleState, between: Separation) -> Con
     closing = (vx - other_vx) * nx + (vy - other_vy) * ny
     if closing <= 0.0:
         return None
-    return Conflict(between.distance_m / closing, closing**2 / (2.0 * between.distance_m))
+    return TrafficConflict(between.distance_m / closing, closing**2 / (2.0 * between.distance_m))
 
 
 def shares_path(ego: VehicleState, other: VehicleState) -> bool:
     """Whether the footprints overlap laterally, now or within LOOK_AHEAD_S.
 
-    Lateral is across the road; the lateral velocities are taken to stay what they are.
+    Lateral is across the road; the lateral velocities are assumed constant.
     """
     offset = other.y_m - ego.y_m
     gap = abs(offset) - half_width_across_road(ego) - half_width_across_road(other)

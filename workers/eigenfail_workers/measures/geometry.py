@@ -8,7 +8,7 @@ from eigenfail.values import VehicleState
 
 
 class Separation(NamedTuple):
-    """How two footprints lie to each other.
+    """Distance and direction between two footprints.
 
     Attributes:
         distance_m: smallest distance between them; 0 if they touch or overlap.
@@ -23,10 +23,10 @@ class Separation(NamedTuple):
 CONTACT = Separation(0.0, (0.0, 0.0))
 
 
-def nearest(ego: VehicleState, others: Sequence[VehicleState]) -> int:
-    """The index of the actor: the vehicle whose centre is nearest to the ego's centre.
+def find_nearest(ego: VehicleState, others: Sequence[VehicleState]) -> int:
+    """Return the index of the actor: the vehicle whose centre is nearest to the ego's centre.
 
-    Centres, since the disturbance model's distances are between centres too. Of equals the first.
+    The disturbance model's distances are between centres, too. Of equals the first is returned.
     """
     if len(others) == 1:
         return 0
@@ -34,14 +34,14 @@ def nearest(ego: VehicleState, others: Sequence[VehicleState]) -> int:
     return distances.index(min(distances))
 
 
-def at_least(a: VehicleState, b: VehicleState) -> float:
-    """A quick lower bound of the distance between two footprints: that of their circles. [m]"""
+def distance_lower_bound(a: VehicleState, b: VehicleState) -> float:
+    """Lower bound of the distance between two footprints, from their circumcircles. [m]"""
     centres = hypot(b.x_m - a.x_m, b.y_m - a.y_m)
     return centres - 0.5 * (hypot(a.length_m, a.width_m) + hypot(b.length_m, b.width_m))
 
 
 def separation(a: VehicleState, b: VehicleState) -> Separation:
-    """The distance between two footprints and the line on which it is found.
+    """Return the distance between two footprints and its direction.
 
     Two convex polygons that do not overlap are nearest at a corner of one of them.
     """
@@ -55,7 +55,7 @@ def separation(a: VehicleState, b: VehicleState) -> Separation:
 
 
 def _nearest_corner(a: VehicleState, b: VehicleState) -> tuple[bool, float, tuple[float, float]]:
-    """What the frame of `a` shows.
+    """Find the corner of `b` that is nearest to `a`, in the frame of `a`.
 
     Returns:
         whether a side of `a` separates the two, the smallest distance from `a` to a corner of `b`,
@@ -84,7 +84,7 @@ def _nearest_corner(a: VehicleState, b: VehicleState) -> tuple[bool, float, tupl
 def _corners_in_frame(
     a: VehicleState, b: VehicleState, cos_a: float, sin_a: float
 ) -> Iterator[tuple[float, float]]:
-    """The corners of `b` in the frame of `a`: its centre is the origin, its heading the x axis."""
+    """Yield the corners of `b` in the frame of `a`: origin at its centre, x axis along it."""
     dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
     centre_x, centre_y = cos_a * dx + sin_a * dy, cos_a * dy - sin_a * dx
     turn = b.heading_rad - a.heading_rad
@@ -104,7 +104,7 @@ def half_width_across_road(vehicle: VehicleState) -> float:
 
 
 def velocity(vehicle: VehicleState) -> tuple[float, float]:
-    """The velocity of a vehicle in the road's plane. [m/s]"""
+    """Velocity of a vehicle in the road's plane. [m/s]"""
     return (
         vehicle.speed_mps * cos(vehicle.heading_rad),
         vehicle.speed_mps * sin(vehicle.heading_rad),

@@ -1,6 +1,8 @@
-"""The record of one episode: what was injected, what was seen, what it measures."""
+"""The record of one episode: disturbances, observations and measures."""
 
+from collections.abc import Iterable
 from math import inf, isfinite
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,58 +17,178 @@ from eigenfail.values import (
     VehicleState,
     White,
 )
-from eigenfail_workers.measures.conflict import conflict
-from eigenfail_workers.measures.geometry import at_least, separation, velocity
-from eigenfail_workers.measures.ride import Ride
-from eigenfail_workers.measures.violations import Violations
+from eigenfail.values.assessment import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
+from eigenfail_workers.measures.conflict import TrafficConflict, find_conflict
+from eigenfail_workers.measures.geometry import distance_lower_bound, separation, velocity
+
+HARD_BRAKING_MPS2 = 3.0
+"""Braking beyond this is hard: about the 10 ft/s² that ITE's formula for yellow lights takes for a
+comfortable deceleration, and above the 2.5 m/s² from which `rulebook` calls braking uncomfortable.
+"""
+
+
+class RideMonitor:
+    """Measures how roughly the truck is driven: jerk, hard braking, clipped controls.
+
+    Jerk is |a_t - a_{t-1}| / dt of the applied acceleration. Before the first step it is 0:
+    situations begin in steady driving. A truck at rest does not brake, whatever its control is.
+    """
+
+    def __init__(self) -> None:
+        self._applied_mps2 = 0.0
+        self._largest_change_mps2 = 0.0
+        self._speed_mps = 0.0
+        self._braking_hard = False
+        self._is_known = False
+        self._hard_brakings = 0
+        self._clipped_steps = 0
+
+    def observe(self, observation: Observation) -> None:
+        """Take in the start, or the state after a step."""
+        applied = observation.applied
+        if applied is not None:
+            self._is_known = True
+            self._follow(applied.acceleration_mps2)
+            self._clipped_steps += applied != observation.control
+        self._speed_mps = observation.ego.speed_mps
+
+    def _follow(self, requested_mps2: float) -> None:
+        applied_mps2 = requested_mps2 if self._speed_mps > 0.0 else max(requested_mps2, 0.0)
+        change = abs(applied_mps2 - self._applied_mps2)
+        self._largest_change_mps2 = max(self._largest_change_mps2, change)
+        self._applied_mps2 = applied_mps2
+        hard = applied_mps2 < -HARD_BRAKING_MPS2
+        self._hard_brakings += hard and not self._braking_hard
+        self._braking_hard = hard
+
+    def max_jerk_mps3(self, dt_s: float) -> float | None:
+        """Return the largest jerk; None if the simulator does not report the applied control."""
+        return self._largest_change_mps2 / dt_s if self._is_known else None
+
+    @property
+    def hard_brakings(self) -> int | None:
+        """Number of times that hard braking began; None if the applied control is not reported."""
+        return self._hard_brakings if self._is_known else None
+
+    @property
+    def clipped_steps(self) -> int | None:
+        """Number of steps with another control than the requested one; None if not reported."""
+        return self._clipped_steps if self._is_known else None
+
+
+class FirstViolations(NamedTuple):
+    """Steps of the first violations by one vehicle; None without a violation.
+
+    Attributes:
+        ttc_step: TTC < 1.5 s.
+        drac_step: DRAC > 7.0 m/s².
+        drac_at_warning_mps2: DRAC at `ttc_step`.
+    """
+
+    ttc_step: int | None = None
+    drac_step: int | None = None
+    drac_at_warning_mps2: float | None = None
+
+
+NO_VIOLATIONS = FirstViolations()
+
+
+class ViolationTracker:
+    """Smallest TTC and largest DRAC of an episode, and the first violations by each vehicle."""
+
+    def __init__(self) -> None:
+        self._min_ttc_s = inf
+        self._max_drac_mps2 = 0.0
+        self._first: dict[int, FirstViolations] = {}
+
+    def add(self, step: int, vehicle: int, conflict: TrafficConflict) -> None:
+        """Add a conflict with a vehicle after a step; call it in the order of the steps."""
+        self._min_ttc_s = min(self._min_ttc_s, conflict.ttc_s)
+        self._max_drac_mps2 = max(self._max_drac_mps2, conflict.drac_mps2)
+        first = self._first.get(vehicle, NO_VIOLATIONS)
+        if first.ttc_step is None and conflict.ttc_s < NEAR_MISS_TTC_S:
+            first = first._replace(ttc_step=step, drac_at_warning_mps2=conflict.drac_mps2)
+        if first.drac_step is None and conflict.drac_mps2 > PEAK_BRAKING_MPS2:
+            first = first._replace(drac_step=step)
+        self._first[vehicle] = first
+
+    @property
+    def min_ttc_s(self) -> float | None:
+        """Smallest time to collision with any vehicle; None without a conflict. [s]"""
+        return self._min_ttc_s if self._min_ttc_s < inf else None
+
+    @property
+    def max_drac_mps2(self) -> float | None:
+        """Largest DRAC towards any vehicle; None without a conflict. [m/s²]"""
+        return self._max_drac_mps2 if self._max_drac_mps2 > 0.0 else None
+
+    def of_vehicle(self, vehicle: int) -> FirstViolations:
+        """Return the first violations by one vehicle."""
+        return self._first.get(vehicle, NO_VIOLATIONS)
+
+    def of_any_vehicle(self) -> FirstViolations:
+        """Return the earliest violations by any vehicle; DRAC is that of the earliest warning."""
+        warned = [first for first in self._first.values() if first.ttc_step is not None]
+        warning = min(warned, key=_ttc_step, default=NO_VIOLATIONS)
+        drac_step = _earliest(first.drac_step for first in self._first.values())
+        return warning._replace(drac_step=drac_step)
+
+
+def _ttc_step(first: FirstViolations) -> float:
+    return inf if first.ttc_step is None else first.ttc_step
+
+
+def _earliest(steps: Iterable[int | None]) -> int | None:
+    return min((step for step in steps if step is not None), default=None)
+
 
 Pair = tuple[float, float]
 
-AS_IN_THE_PAPER = White()
+WHITE_NOISE = White()
 
 
 class Recorder:
-    """Accumulates an episode; the measures grow with it, the arrays are made at its end.
+    """Accumulates an episode: its measures step by step, its arrays at the end.
 
     Args:
-        shape: of the noise whose z it is told.
+        shape: of the noise whose z is added.
     """
 
-    def __init__(self, shape: Shape = AS_IN_THE_PAPER) -> None:
+    def __init__(self, shape: Shape = WHITE_NOISE) -> None:
         self._shape = shape
         self._z: list[Pair] = []
         self._sigma: list[Pair] = []
         self._course: list[Observation] = []
         self._robustness_m = inf
-        self._violations = Violations()
-        self._ride = Ride()
+        self._violations = ViolationTracker()
+        self._ride = RideMonitor()
         self._left_road_step: int | None = None
         self._last_drac_mps2 = 0.0
 
     @property
     def steps(self) -> int:
-        """How many disturbances were injected."""
+        """Number of disturbances."""
         return len(self._z)
 
     @property
     def collided(self) -> bool:
-        """Whether the last thing seen was a collision."""
+        """Whether the last observation was a collision."""
         return bool(self._course) and self._course[-1].collided
 
-    def injects(self, z: Pair, sigma: Pair) -> None:
-        """A disturbance is about to be injected; both pairs hold values of float32."""
+    def add_disturbance(self, z: Pair, sigma: Pair) -> None:
+        """Add the disturbance of the next step; both pairs hold values of float32."""
         self._z.append(z)
         self._sigma.append(sigma)
 
-    def sees(self, observation: Observation) -> None:
-        """The start, or the truth after a step.
+    def observe(self, observation: Observation) -> None:
+        """Take in the start, or the state after a step.
 
         Raises:
-            SimulatorError: a vehicle is nowhere.
+            SimulatorError: a position, heading or speed is not a finite number.
         """
         _check(observation)
         self._course.append(observation)
-        self._ride.sees(observation)
+        self._ride.observe(observation)
         if observation.off_road and self._left_road_step is None:
             self._left_road_step = observation.step
         self._last_drac_mps2 = 0.0
@@ -77,23 +199,23 @@ class Recorder:
         ego, other = observation.ego, observation.others[vehicle]
         between = separation(ego, other)
         self._robustness_m = min(self._robustness_m, between.distance_m)
-        danger = conflict(ego, other, between)
-        if danger is not None:
-            self._violations.heed(observation.step, vehicle, danger)
-            self._last_drac_mps2 = max(self._last_drac_mps2, danger.drac_mps2)
+        conflict = find_conflict(ego, other, between)
+        if conflict is not None:
+            self._violations.add(observation.step, vehicle, conflict)
+            self._last_drac_mps2 = max(self._last_drac_mps2, conflict.drac_mps2)
 
     def noise(self) -> NoiseTrajectory:
-        """The disturbances injected so far."""
+        """Return the disturbances so far."""
         return NoiseTrajectory(_pairs(self._z), _pairs(self._sigma), self._shape)
 
     def measures(self, dt_s: float) -> Measures:
-        """What the episode measured; on a collision, robustness is exactly 0."""
+        """Return the measures of the episode; on a collision, robustness is exactly 0."""
         last, found, ride = self._course[-1], self._violations, self._ride
         collided = self.collided
-        first = found.by(struck(last)) if collided else found.by_anybody()
+        first = found.of_vehicle(find_struck_vehicle(last)) if collided else found.of_any_vehicle()
         return Measures(
             robustness_m=0.0 if collided else self._robustness_m,
-            severity=severity(last) if collided else None,
+            severity=compute_severity(last) if collided else None,
             min_ttc_s=found.min_ttc_s,
             max_drac_mps2=found.max_drac_mps2,
             ttc_violated_s=_time_s(first.ttc_step, dt_s),
@@ -108,7 +230,7 @@ class Recorder:
         )
 
     def scene(self, dt_s: float) -> Scene:
-        """The course of the episode."""
+        """Return the course of the episode."""
         start, *rest = self._course
         vehicles = [[_pose(v) for v in (seen.ego, *seen.others)] for seen in self._course]
         sizes = [(v.length_m, v.width_m) for v in (start.ego, *start.others)]
@@ -131,22 +253,22 @@ def _check(observation: Observation) -> None:
             )
 
 
-def struck(observation: Observation) -> int:
-    """Which of the others the ego touches: the one at the smallest distance."""
+def find_struck_vehicle(observation: Observation) -> int:
+    """Return the index of the vehicle that the ego touches: the one at the smallest distance."""
     ego, others = observation.ego, observation.others
     return min(range(len(others)), key=lambda vehicle: _closeness(ego, others[vehicle]))
 
 
-def severity(observation: Observation) -> float:
-    """||v_ego - v_actor||² with the vehicle that was struck. [m²/s²]"""
+def compute_severity(observation: Observation) -> float:
+    """Return ||v_ego - v_actor||² for the vehicle that was struck. [m²/s²]"""
     vx, vy = velocity(observation.ego)
-    other_vx, other_vy = velocity(observation.others[struck(observation)])
+    other_vx, other_vy = velocity(observation.others[find_struck_vehicle(observation)])
     return (vx - other_vx) ** 2 + (vy - other_vy) ** 2
 
 
 def _closeness(ego: VehicleState, other: VehicleState) -> tuple[float, float]:
-    """Orders by distance between footprints; of several that overlap, by their circles."""
-    return separation(ego, other).distance_m, at_least(ego, other)
+    """Return a sort key: distance of footprints; for overlapping ones, of their circles."""
+    return separation(ego, other).distance_m, distance_lower_bound(ego, other)
 
 
 def _time_s(step: int | None, dt_s: float) -> float | None:

@@ -1,1 +1,1 @@
-"""Disturbances: their model, and where they come from."""
+"""Disturbances: their standard deviations and their sources."""

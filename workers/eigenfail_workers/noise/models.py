@@ -1,15 +1,28 @@
-"""How large the noise is (paper, eq. 2 and 3)."""
+"""Standard deviations of the noise (paper, eq. 2 and 3), and rounding to float32."""
+
+from struct import Struct
 
 from eigenfail.values import DisturbanceModel, VehicleState
-from eigenfail_workers.noise.rounding import to_float32
 
 Pair = tuple[float, float]
 
+_SINGLE = Struct("<f")
 
-def deviations(model: DisturbanceModel, ego: VehicleState, actor: VehicleState) -> Pair:
-    """sigma_x and sigma_y at the true distances of the two centres, rounded to float32. [m]
 
-    Rounded because float32 is what is stored: a replay must inject the very same metres.
+def to_float32(value: float) -> float:
+    """Return the float32 nearest to a value, as a Python float.
+
+    Raises:
+        OverflowError: the value is beyond the range of float32.
+    """
+    (rounded,) = _SINGLE.unpack(_SINGLE.pack(value))
+    return float(rounded)
+
+
+def compute_deviations(model: DisturbanceModel, ego: VehicleState, actor: VehicleState) -> Pair:
+    """Return sigma_x and sigma_y at the true distances of the two centres, as float32. [m]
+
+    Rounded because float32 is stored: a replay must inject exactly the same metres.
     """
     dx, dy = abs(actor.x_m - ego.x_m), abs(actor.y_m - ego.y_m)
     return (

@@ -1,4 +1,4 @@
-"""The adversary's policy in numpy: a squashed Gaussian on what the adversary sees.
+"""The adversary's policy in numpy: a squashed Gaussian of the observed state.
 
 One product for each state, never a batch of them: the last bits of a BLAS product depend on the
 size of the batch, and an episode must not depend on its neighbours.
@@ -15,15 +15,15 @@ from eigenfail.values import STATE, Floats, Layer, Observation, Policy, VehicleS
 
 Pair = tuple[float, float]
 
-KEPT_POLICIES = 16
-"""Far more versions than a learner keeps in flight, far fewer than it makes."""
+MAX_POLICIES = 16
+"""More versions than a learner has in use at a time, and far fewer than it makes."""
 
 ACTIONS = 2
 LOG_STD_MIN, LOG_STD_MAX = np.float32(-20.0), np.float32(2.0)
 
 
 def state_vector(observation: Observation, actor: VehicleState, last: Pair, horizon: int) -> Floats:
-    """What the adversary sees, shape (len(STATE),), in the order and the units of STATE.
+    """Return what the adversary observes, shape (len(STATE),), in order and units of STATE.
 
     Args:
         observation: the truth at this step.
@@ -48,7 +48,7 @@ def state_vector(observation: Observation, actor: VehicleState, last: Pair, hori
 
 
 def act(policy: Policy, state: Floats, eps: Floats) -> Floats:
-    """z = amplitude · tanh(mean + exp(log_std) · eps), all in float32, shape (2,). [sigma]"""
+    """Return z = amplitude · tanh(mean + exp(log_std) · eps), in float32, shape (2,). [sigma]"""
     hidden = state
     for layer in policy.hidden:
         hidden = np.maximum(_affine(layer, hidden), np.float32(0.0))
@@ -62,26 +62,26 @@ def _affine(layer: Layer, x: Floats) -> Floats:
     return layer.weight @ x + layer.bias
 
 
-def settled(policy: Policy) -> Policy:
-    """A copy in one fixed memory layout, on which the last bits of a product depend too."""
+def copy_policy(policy: Policy) -> Policy:
+    """Return a copy in one memory layout, as the last bits of a product depend on the layout."""
     return msgspec.structs.replace(
         policy,
-        hidden=tuple(map(_settled_layer, policy.hidden)),
-        mean=_settled_layer(policy.mean),
-        log_std=_settled_layer(policy.log_std),
+        hidden=tuple(map(_copy_layer, policy.hidden)),
+        mean=_copy_layer(policy.mean),
+        log_std=_copy_layer(policy.log_std),
     )
 
 
-def _settled_layer(layer: Layer) -> Layer:
+def _copy_layer(layer: Layer) -> Layer:
     return Layer(*(np.array(part, np.float32, order="C") for part in (layer.weight, layer.bias)))
 
 
-def check(policy: Policy) -> None:
-    """Make sure that a policy can act.
+def validate_policy(policy: Policy) -> None:
+    """Check that a policy can act.
 
     Raises:
-        InvalidValue: its layers do not fit each other, hold what is not a number, or it cannot
-            hold an action.
+        InvalidValue: its layers do not fit each other, hold NaN or infinity, or the number of
+            steps for which it holds an action is not positive.
     """
     width = len(STATE)
     for layer in policy.hidden:
@@ -112,37 +112,37 @@ def _pair(z: Floats) -> Pair:
 
 
 class PolicyNoise:
-    """Lets a policy choose z from what it sees; each choice is held for `policy.hold` steps."""
+    """Noise that a policy chooses; each choice is held for `policy.hold` steps."""
 
     def __init__(self, policy: Policy, generator: np.random.Generator, horizon: int) -> None:
-        check(policy)
+        validate_policy(policy)
         self._policy = policy
         self._generator = generator
         self._horizon = horizon
         self._held: Pair = (0.0, 0.0)
-        self._seen: list[Floats] = []
+        self._states: list[Floats] = []
 
     def draw(self, observation: Observation, actor: VehicleState, /) -> Pair:
-        """The choice for this step.
+        """Return z of this step. [sigma]
 
         Raises:
-            InvalidValue: float32 cannot hold what the policy asks for.
+            InvalidValue: the policy asks for a number beyond the range of float32.
         """
         state = state_vector(observation, actor, self._held, self._horizon)
-        if len(self._seen) % self._policy.hold == 0:
+        if len(self._states) % self._policy.hold == 0:
             eps = self._generator.standard_normal(ACTIONS, dtype=np.float32)
             self._held = _pair(act(self._policy, state, eps))
-        self._seen.append(state)
+        self._states.append(state)
         return self._held
 
     def states(self) -> Floats:
-        """What was seen at each step, shape (steps, len(STATE))."""
-        return np.array(self._seen, np.float32).reshape(-1, len(STATE))
+        """Return the observed state of each step, shape (steps, len(STATE))."""
+        return np.array(self._states, np.float32).reshape(-1, len(STATE))
 
 
-def keep(policies: MutableMapping[int, Policy], policy: Policy) -> None:
-    """Add a policy version, as it is now; the oldest make room."""
+def store_policy(policies: MutableMapping[int, Policy], policy: Policy) -> None:
+    """Add a copy of a policy version, and drop the oldest versions."""
     policies.pop(policy.version, None)
-    policies[policy.version] = settled(policy)
-    while len(policies) > KEPT_POLICIES:
+    policies[policy.version] = copy_policy(policy)
+    while len(policies) > MAX_POLICIES:
         del policies[next(iter(policies))]

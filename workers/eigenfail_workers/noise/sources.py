@@ -1,4 +1,4 @@
-"""Where standardised noise z comes from: one small class for each kind of source."""
+"""Sources of standardised noise z: one small class for each kind of source."""
 
 from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol
@@ -21,21 +21,21 @@ from eigenfail_workers.noise.policy import PolicyNoise
 Pair = tuple[float, float]
 
 NOISE_STREAM = 1
-"""Sets the draws of the noise apart from what a scenario draws from the same seed."""
+"""Separates the draws of the noise from those of a scenario with the same seed."""
 
 
 class NoiseSource(Protocol):
-    """Gives the noise of one episode, step by step."""
+    """Noise of one episode, step by step."""
 
     def draw(self, observation: Observation, actor: VehicleState, /) -> Pair:
-        """z of the next step, longitudinal and lateral; both are values of float32. [sigma]"""
+        """Return z of the next step, longitudinal and lateral, as values of float32. [sigma]"""
 
     def states(self) -> Floats | None:
-        """What an adversary saw at each step, if there is one."""
+        """Return the states that an adversary has observed; None without an adversary."""
 
 
-class Circumstances(NamedTuple):
-    """What a source may need to know to begin an episode."""
+class NoiseContext(NamedTuple):
+    """Facts of an episode that a source may need to begin it."""
 
     seed: int
     horizon: int
@@ -43,34 +43,34 @@ class Circumstances(NamedTuple):
 
 
 class TrajectoryNoise:
-    """Gives z as it stands, and zero after its end."""
+    """Noise of a given trajectory, and zero after its end."""
 
     def __init__(self, z: Floats) -> None:
         self._rows = iter(z.tolist())
 
     def draw(self, _observation: Observation, _actor: VehicleState, /) -> Pair:
-        """The next row."""
+        """Return the next row."""
         longitudinal, lateral = next(self._rows, (0.0, 0.0))
         return longitudinal, lateral
 
     def states(self) -> None:
-        """None: nobody looked."""
+        """Return None: there is no adversary."""
         return
 
 
 def generator(seed: int) -> np.random.Generator:
-    """The generator of an episode's noise."""
+    """Return the random generator of an episode's noise."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(NOISE_STREAM,)))
 
 
-def from_prior(_source: PriorSource, given: Circumstances) -> NoiseSource:
-    """All of z at once, from the standard normal."""
-    draws = generator(given.seed).standard_normal((given.horizon, 2), dtype=np.float32)
+def from_prior(_source: PriorSource, context: NoiseContext) -> NoiseSource:
+    """Return noise that is drawn at once from the standard normal distribution."""
+    draws = generator(context.seed).standard_normal((context.horizon, 2), dtype=np.float32)
     return TrajectoryNoise(draws)
 
 
-def from_trajectory(source: TrajectorySource, _given: Circumstances) -> NoiseSource:
-    """The trajectory that the source carries."""
+def from_trajectory(source: TrajectorySource, _context: NoiseContext) -> NoiseSource:
+    """Return the noise of the trajectory in the source."""
     z = source.z
     if z.ndim != 2 or z.shape[1] != 2 or not np.isfinite(z).all():
         raise InvalidValue(
@@ -81,17 +81,17 @@ def from_trajectory(source: TrajectorySource, _given: Circumstances) -> NoiseSou
     return TrajectoryNoise(z.astype(np.float32))
 
 
-def from_policy(source: PolicySource, given: Circumstances) -> NoiseSource:
-    """The policy of the version that the source names."""
-    policy = given.policies.get(source.version)
+def from_policy(source: PolicySource, context: NoiseContext) -> NoiseSource:
+    """Return the noise of the policy version that the source names."""
+    policy = context.policies.get(source.version)
     if policy is None:
-        known = ", ".join(map(str, given.policies)) or "none"
+        known = ", ".join(map(str, context.policies)) or "none"
         raise InvalidValue(
             "source.version",
             f"policy version {source.version} is not known here; known: {known}.",
             "Send the policy before the episodes that need it.",
         )
-    return PolicyNoise(policy, generator(given.seed), given.horizon)
+    return PolicyNoise(policy, generator(context.seed), context.horizon)
 
 
 KINDS: dict[type, Callable[..., NoiseSource]] = {
@@ -101,10 +101,10 @@ KINDS: dict[type, Callable[..., NoiseSource]] = {
 }
 
 
-def begin(source: Source, given: Circumstances) -> NoiseSource:
-    """The noise of one episode.
+def begin(source: Source, context: NoiseContext) -> NoiseSource:
+    """Return the noise of one episode.
 
     Raises:
-        InvalidValue: the source cannot give any.
+        InvalidValue: the source cannot provide noise.
     """
-    return KINDS[type(source)](source, given)
+    return KINDS[type(source)](source, context)

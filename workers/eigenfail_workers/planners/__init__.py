@@ -1,1 +1,1 @@
-"""Planners: systems under test. They see their perception and nothing else."""
+"""Planners: the systems under test. They receive their perception and nothing else."""

@@ -1,4 +1,4 @@
-"""Steering: pure pursuit of a point ahead, by default on the centre of the lane of the start."""
+"""Steering by pure pursuit of a point ahead, by default on the centre of the initial lane."""
 
 from math import atan, atan2, sin
 
@@ -18,13 +18,13 @@ class LaneKeeping:
         self._centre_m: float | None = None
 
     def __call__(self, ego: VehicleState) -> float:
-        """The steering angle for an ego there [rad]."""
+        """Return the steering angle for an ego. [rad]"""
         if self._centre_m is None:
             self._centre_m = self._nearest_centre_m(ego.y_m)
         return pursue(ego, self._centre_m)
 
     def centre_m(self, ego: VehicleState) -> float:
-        """The lateral position that an ego there is kept at [m]."""
+        """Return the lateral position at which an ego is kept. [m]"""
         return self._nearest_centre_m(ego.y_m) if self._centre_m is None else self._centre_m
 
     def _nearest_centre_m(self, y_m: float) -> float:
@@ -33,12 +33,12 @@ class LaneKeeping:
 
 
 def look_ahead_m(ego: VehicleState) -> float:
-    """How far ahead along the road the point is that is pursued [m]."""
+    """Distance along the road to the pursued point. [m]"""
     return max(ego.speed_mps * LOOK_AHEAD_S, SHORTEST_LOOK_AHEAD_M)
 
 
 def pursue(ego: VehicleState, aim_y_m: float) -> float:
-    """The steering angle towards a lateral position one look-ahead away [rad].
+    """Return the steering angle towards a lateral position one look-ahead away. [rad]
 
     Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, CMU-RI-TR-92-01.
     """

@@ -1,1 +1,1 @@
-"""Scenarios: a road, the actors' scripted behaviour, the ego's start and goal; one a file."""
+"""Scenarios, one a module: road, scripted actors, start and goal of the ego."""

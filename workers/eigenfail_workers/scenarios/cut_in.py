@@ -1,6 +1,6 @@
-"""Cut-in: a slow car comes into the truck's lane ahead of it (paper, fig. 1).
+"""Cut-in: a slow car moves half-way into the truck's lane ahead of it (paper, fig. 1).
 
-It does so by half: it stays astride the marking, and just in the truck's way.
+The car stays astride the marking, just in the truck's way.
 """
 
 from math import atan2, ceil, hypot
@@ -10,33 +10,33 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.values import Mission, VehicleState
-from eigenfail_workers.minimum_jerk import minimum_jerk
+from eigenfail_workers.motion import minimum_jerk
 from eigenfail_workers.scenarios.staging import (
     CAR_LENGTH_M,
     DT_S,
     TRUCK_LENGTH_M,
-    car,
-    mission,
-    truck,
+    make_car,
+    make_mission,
+    make_truck,
 )
 
 LEAST_STEPS = 100
 AFTERWARDS_S = 3.0
-"""An episode goes on for so long after the car has come over, if that is later than its least."""
+"""Time for which an episode goes on after the manoeuvre, if it is longer than LEAST_STEPS."""
 
 GOAL_M = 1000.0
 
 
 class CutInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What can be varied.
+    """Parameters of the scenario.
 
     Gaps are between the truck's front and the car's rear bumper.
 
     Attributes:
-        distance_m: gap at which the car begins to come over, for an ego that kept its speed until
-            then: the car follows its script, so that noise cannot move the moment.
-        final_offset_m: where the car stays, astride the marking: distance between its centre line
-            and the truck's. Below 2.25 m their footprints overlap laterally.
+        distance_m: gap at which the car begins to cut in, for an ego at constant speed: the car
+            follows its script, so that noise cannot change the time.
+        final_offset_m: final distance between the centre lines of car and truck. Below 2.25 m their
+            footprints overlap laterally.
     """
 
     distance_m: Annotated[
@@ -69,9 +69,9 @@ class CutInSituation(msgspec.Struct, frozen=True):
     """A cut-in with its parameters filled in (contract `Situation`).
 
     Attributes:
-        change_begins_s: when the car leaves the middle of its lane.
-        change_lasts_s: how long until it is where it stays.
-        final_offset_m: how far from the truck's line that is.
+        change_begins_s: time at which the car leaves the centre of its lane.
+        change_lasts_s: duration of the manoeuvre.
+        final_offset_m: final distance from the truck's line.
     """
 
     mission: Mission
@@ -83,7 +83,7 @@ class CutInSituation(msgspec.Struct, frozen=True):
     final_offset_m: float
 
     def move_actor(self, actor: int, step: int, ego: VehicleState) -> VehicleState:  # noqa: ARG002 - the contract's; this script does not react to the ego
-        """Where the car is after `step` steps: constant speed along the road, then over."""
+        """Return the state of the car after `step` steps, at constant speed along the road."""
         start = self.actors[actor]
         time_s = step * self.mission.dt_s
         share = (time_s - self.change_begins_s) / self.change_lasts_s
@@ -105,16 +105,16 @@ class CutIn:
     Parameters = CutInParameters
 
     def __call__(self, parameters: CutInParameters, seed: int) -> CutInSituation:  # noqa: ARG002 - the contract's; nothing is random here
-        """The situation for these parameters; nothing in it is random."""
+        """Return the situation for some parameters; nothing in it is random."""
         closing_mps = parameters.ego_speed_mps - parameters.actor_speed_mps
         begins_s = (parameters.initial_gap_m - parameters.distance_m) / closing_mps
         over_s = begins_s + parameters.lane_change_s
         actor_x_m = parameters.initial_gap_m + (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
         return CutInSituation(
-            mission=mission(parameters.ego_speed_mps, GOAL_M),
+            mission=make_mission(parameters.ego_speed_mps, GOAL_M),
             steps=max(LEAST_STEPS, ceil((over_s + AFTERWARDS_S) / DT_S)),
-            ego=truck(parameters.ego_speed_mps),
-            actors=(car(actor_x_m, 1, parameters.actor_speed_mps),),
+            ego=make_truck(parameters.ego_speed_mps),
+            actors=(make_car(actor_x_m, 1, parameters.actor_speed_mps),),
             change_begins_s=begins_s,
             change_lasts_s=parameters.lane_change_s,
             final_offset_m=parameters.final_offset_m,

@@ -9,9 +9,9 @@ from eigenfail.values import Mission, VehicleState
 from eigenfail_workers.scenarios.staging import (
     CAR_LENGTH_M,
     TRUCK_LENGTH_M,
-    car,
-    mission,
-    truck,
+    make_car,
+    make_mission,
+    make_truck,
 )
 
 STEPS = 150
@@ -19,7 +19,7 @@ GOAL_M = 1000.0
 
 
 class LeadBrakeParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What can be varied. The gap is between the truck's front and the car's rear bumper."""
+    """Parameters. The gap is between the truck's front and the car's rear bumper."""
 
     gap_m: Annotated[
         float, Meta(ge=50.0, le=80.0, description="Gap at the start [m].", extra={"nearby": 5.0})
@@ -42,9 +42,9 @@ class LeadBrakeSituation(msgspec.Struct, frozen=True):
     """A braking lead with its parameters filled in (contract `Situation`).
 
     Attributes:
-        brakes_at_s: when the car begins to brake.
-        braking_lasts_s: how long until it drives at its final speed, or stands.
-        deceleration_mps2: constant in between.
+        brakes_at_s: time at which the car begins to brake.
+        braking_lasts_s: time that it takes to reach its final speed.
+        deceleration_mps2: constant while it brakes.
     """
 
     mission: Mission
@@ -56,7 +56,7 @@ class LeadBrakeSituation(msgspec.Struct, frozen=True):
     deceleration_mps2: float
 
     def move_actor(self, actor: int, step: int, ego: VehicleState) -> VehicleState:  # noqa: ARG002 - the contract's; this script does not react to the ego
-        """Where the car is after `step` steps."""
+        """Return the state of the car after `step` steps."""
         start = self.actors[actor]
         time_s = step * self.mission.dt_s
         braking_s = min(max(time_s - self.brakes_at_s, 0.0), self.braking_lasts_s)
@@ -76,14 +76,14 @@ class LeadBrake:
     Parameters = LeadBrakeParameters
 
     def __call__(self, parameters: LeadBrakeParameters, seed: int) -> LeadBrakeSituation:  # noqa: ARG002 - the contract's; nothing is random here
-        """The situation for these parameters; nothing in it is random."""
+        """Return the situation for some parameters; nothing in it is random."""
         lead_x_m = parameters.gap_m + (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
         lost_mps = parameters.speed_mps - parameters.final_speed_mps
         return LeadBrakeSituation(
-            mission=mission(parameters.speed_mps, GOAL_M),
+            mission=make_mission(parameters.speed_mps, GOAL_M),
             steps=STEPS,
-            ego=truck(parameters.speed_mps),
-            actors=(car(lead_x_m, 0, parameters.speed_mps),),
+            ego=make_truck(parameters.speed_mps),
+            actors=(make_car(lead_x_m, 0, parameters.speed_mps),),
             brakes_at_s=parameters.brakes_at_s,
             braking_lasts_s=lost_mps / parameters.deceleration_mps2,
             deceleration_mps2=parameters.deceleration_mps2,

@@ -9,9 +9,9 @@ from eigenfail.values import Mission, VehicleState
 from eigenfail_workers.scenarios.staging import (
     CAR_LENGTH_M,
     TRUCK_LENGTH_M,
-    car,
-    mission,
-    truck,
+    make_car,
+    make_mission,
+    make_truck,
 )
 
 STEPS = 200
@@ -21,13 +21,13 @@ MAIN_LANE = 1
 
 
 class MergeInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What can be varied.
+    """Parameters of the scenario.
 
     Attributes:
         gap_s: from the rear bumper of the first car to the front bumper of the second, in time at
             their speed.
-        behind_m: from the truck's rear bumper back to the front bumper of the second car; where it
-            is negative, that car is beside the truck.
+        behind_m: from the truck's rear bumper back to the front bumper of the second car; negative
+            for a car beside the truck.
         ramp_m: from the truck's front bumper to the end of its lane.
     """
 
@@ -57,7 +57,7 @@ class MergeInSituation(msgspec.Struct, frozen=True):
     actors: tuple[VehicleState, ...]
 
     def move_actor(self, actor: int, step: int, ego: VehicleState) -> VehicleState:  # noqa: ARG002 - the contract's; these cars do not react to the ego
-        """Where a car is after `step` steps: constant speed in its lane."""
+        """Return the state of a car after `step` steps, at constant speed in its lane."""
         start = self.actors[actor]
         return msgspec.structs.replace(
             start, x_m=start.x_m + start.speed_mps * step * self.mission.dt_s
@@ -70,16 +70,18 @@ class MergeIn:
     Parameters = MergeInParameters
 
     def __call__(self, parameters: MergeInParameters, seed: int) -> MergeInSituation:  # noqa: ARG002 - the contract's; nothing is random here
-        """The situation for these parameters; nothing in it is random."""
+        """Return the situation for some parameters; nothing in it is random."""
         speed_mps = parameters.traffic_speed_mps
         second_x_m = -parameters.behind_m - (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
         first_x_m = second_x_m + parameters.gap_s * speed_mps + CAR_LENGTH_M
         return MergeInSituation(
-            mission=mission(DESIRED_SPEED_MPS, GOAL_M, 0.5 * TRUCK_LENGTH_M + parameters.ramp_m),
+            mission=make_mission(
+                DESIRED_SPEED_MPS, GOAL_M, 0.5 * TRUCK_LENGTH_M + parameters.ramp_m
+            ),
             steps=STEPS,
-            ego=truck(parameters.ego_speed_mps),
+            ego=make_truck(parameters.ego_speed_mps),
             actors=(
-                car(first_x_m, MAIN_LANE, speed_mps),
-                car(second_x_m, MAIN_LANE, speed_mps),
+                make_car(first_x_m, MAIN_LANE, speed_mps),
+                make_car(second_x_m, MAIN_LANE, speed_mps),
             ),
         )

@@ -1,4 +1,4 @@
-"""What all scenarios are staged with: time, road, truck and cars."""
+"""Parts that all scenarios share: time step, road, truck and cars."""
 
 from eigenfail.values import Mission, VehicleState
 
@@ -10,10 +10,10 @@ TRUCK_LENGTH_M, TRUCK_WIDTH_M = 16.0, 2.5
 CAR_LENGTH_M, CAR_WIDTH_M = 5.0, 2.0
 
 
-def mission(
+def make_mission(
     desired_speed_mps: float, goal_x_m: float, lane_0_ends_x_m: float | None = None
 ) -> Mission:
-    """The road that all scenarios share, and the task on it."""
+    """Return the mission on the road that all scenarios share."""
     return Mission(
         dt_s=DT_S,
         lanes=LANES,
@@ -25,11 +25,11 @@ def mission(
     )
 
 
-def truck(speed_mps: float) -> VehicleState:
-    """The ego: its centre at the origin, in the middle of lane 0, along the road."""
+def make_truck(speed_mps: float) -> VehicleState:
+    """Return the ego with its centre at the origin, in the centre of lane 0, along the road."""
     return VehicleState(0.0, 0.0, 0.0, speed_mps, TRUCK_LENGTH_M, TRUCK_WIDTH_M)
 
 
-def car(x_m: float, lane: int, speed_mps: float) -> VehicleState:
-    """A car in the middle of a lane, along the road."""
+def make_car(x_m: float, lane: int, speed_mps: float) -> VehicleState:
+    """Return a car in the centre of a lane, along the road."""
     return VehicleState(x_m, lane * LANE_WIDTH_M, 0.0, speed_mps, CAR_LENGTH_M, CAR_WIDTH_M)

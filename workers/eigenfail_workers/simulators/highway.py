@@ -1,24 +1,52 @@
-"""highway-env's road, vehicles and collision test, without its gym environments."""
+"""Simulator on highway-env's road, vehicles and collision test, without its gym environments."""
 
+import sys
 from collections.abc import Iterator
+from importlib import import_module
+from importlib.util import find_spec, module_from_spec
 from typing import Any
 
 import numpy as np
-from highway_env.road.lane import StraightLane
-from highway_env.road.road import Road, RoadNetwork
-from highway_env.vehicle.kinematics import Vehicle
 from numpy.typing import NDArray
 
 from eigenfail.contracts import Planner, Scenario, Simulation, Situation
 from eigenfail.values import Control, Mission, VehicleState
-from eigenfail_workers.closed_loop import DrivenSimulation, Truth
+from eigenfail_workers.closed_loop import DrivenSimulation, GroundTruth
+
+PACKAGE = "highway_env"
+
+
+def _import_parts(*names: str) -> list[Any]:
+    """Modules of highway-env, imported without the package's own `__init__`.
+
+    That registers environments, and loads pandas and matplotlib for them: it would take longer than
+    all the rest of a worker's start. Whoever imports highway-env later gets the whole of it.
+    """
+    spec = find_spec(PACKAGE)
+    if PACKAGE in sys.modules or spec is None:
+        return [import_module(name) for name in names]
+    sys.modules[PACKAGE] = module_from_spec(spec)
+    try:
+        return [import_module(name) for name in names]
+    finally:
+        for name in [name for name in sys.modules if name.partition(".")[0] == PACKAGE]:
+            del sys.modules[name]
+
+
+_lane, _road, _kinematics = _import_parts(
+    "highway_env.road.lane", "highway_env.road.road", "highway_env.vehicle.kinematics"
+)
+StraightLane: Any = _lane.StraightLane
+Road: Any = _road.Road
+RoadNetwork: Any = _road.RoadNetwork
+Vehicle: Any = _kinematics.Vehicle
 
 ROAD_BEHIND_M = 1_000.0
 ROAD_AHEAD_M = 10_000.0
 
 
 class Mover(Vehicle):  # type: ignore[misc]  # highway-env has no types
-    """A vehicle of highway-env with the footprint of a vehicle of ours."""
+    """A vehicle of highway-env with the footprint of a `VehicleState`."""
 
     position: NDArray[np.float64]
     heading: float
@@ -29,10 +57,10 @@ class Mover(Vehicle):  # type: ignore[misc]  # highway-env has no types
         super().__init__(road, (state.x_m, state.y_m), state.heading_rad, state.speed_mps)
 
     def on_state_update(self) -> None:
-        """Look for no lane: nobody here follows highway-env's lanes, and the search costs most."""
+        """Skip the search for the lane, which takes most time and is not used here."""
 
     def state(self) -> VehicleState:
-        """Where it is now."""
+        """Return the present state."""
         x, y = self.position.tolist()
         return VehicleState(x, y, float(self.heading), float(self.speed), self.LENGTH, self.WIDTH)
 
@@ -48,16 +76,16 @@ class Truck(Mover):
 
 
 class Puppet(Mover):
-    """An actor: goes where its script says."""
+    """An actor, placed by its script."""
 
     def place(self, state: VehicleState) -> None:
-        """Be there, so fast."""
+        """Set position, heading and speed."""
         self.position = np.array((state.x_m, state.y_m))
         self.heading, self.speed = state.heading_rad, state.speed_mps
 
 
 class HighwayWorld:
-    """A straight road of highway-env with the ego and the actors on it. Implements `World`.
+    """A straight road of highway-env with the ego and the actors on it. Implements `TrafficWorld`.
 
     A collision is highway-env's: two rectangles that overlap at the end of a step. Its look ahead
     (dt > 0) is not used: it moves vehicles that are about to touch by an impact, and calls them
@@ -69,8 +97,8 @@ class HighwayWorld:
     _actors: tuple[Puppet, ...]
     _step: int
 
-    def reset(self, situation: Situation) -> Truth:
-        """Stage the situation on a fresh road."""
+    def reset(self, situation: Situation) -> GroundTruth:
+        """Place the vehicles of the situation on a new road."""
         road = Road(straight_lanes(situation.mission))
         self._situation = situation
         self._step = 0
@@ -79,7 +107,7 @@ class HighwayWorld:
         road.vehicles.extend((self._ego, *self._actors))
         return self._truth(self._ego.state(), situation.actors)
 
-    def advance(self, control: Control) -> Truth:
+    def advance(self, control: Control) -> GroundTruth:
         """Drive the ego, then place the actors, then test for collisions."""
         self._step += 1
         self._ego.drive(control, self._situation.mission.dt_s)
@@ -90,14 +118,14 @@ class HighwayWorld:
             actor.place(state)
         return self._truth(ego, states)
 
-    def _truth(self, ego: VehicleState, others: tuple[VehicleState, ...]) -> Truth:
+    def _truth(self, ego: VehicleState, others: tuple[VehicleState, ...]) -> GroundTruth:
         for actor in self._actors:
             self._ego.handle_collisions(actor, dt=0)
-        return Truth(ego, others, self._ego.crashed)
+        return GroundTruth(ego, others, self._ego.crashed)
 
 
 def straight_lanes(mission: Mission) -> RoadNetwork:
-    """The mission's lanes; lane 0 has its centre at y = 0, and ends where the mission says."""
+    """Return the mission's lanes; lane 0 has its centre at y = 0, and may end."""
     network = RoadNetwork()
     for begin, end, lanes in _sections(mission):
         for number in lanes:
@@ -116,7 +144,7 @@ def straight_lanes(mission: Mission) -> RoadNetwork:
 
 
 def _sections(mission: Mission) -> Iterator[tuple[float, float, range]]:
-    """Where each section of the road begins and ends [m], and which lanes it has."""
+    """Yield begin [m], end [m] and lanes of each section of the road."""
     ends_x_m = mission.lane_0_ends_x_m
     if ends_x_m is None:
         yield -ROAD_BEHIND_M, ROAD_AHEAD_M, range(mission.lanes)
@@ -129,5 +157,5 @@ class HighwaySimulator:
     """Opens simulations on highway-env."""
 
     def open(self, scenario: Scenario, parameters: Any, planner: Planner) -> Simulation:
-        """A simulation of the planner in the scenario."""
+        """Return a simulation of the planner in the scenario."""
         return DrivenSimulation(HighwayWorld(), scenario, parameters, planner)

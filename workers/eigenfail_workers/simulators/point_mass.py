@@ -1,29 +1,29 @@
-"""The dependency-free twin: the same situations on a kinematic bicycle in plain Python."""
+"""Simulator without dependencies: a kinematic bicycle in plain Python."""
 
 from math import atan, cos, sin, tan
 from typing import Any
 
 from eigenfail.contracts import Planner, Scenario, Simulation, Situation
 from eigenfail.values import Control, VehicleState
-from eigenfail_workers.closed_loop import DrivenSimulation, Truth
-from eigenfail_workers.measures.geometry import at_least, separation
+from eigenfail_workers.closed_loop import DrivenSimulation, GroundTruth
+from eigenfail_workers.measures.geometry import distance_lower_bound, separation
 
 
 class PointMassWorld:
-    """Moves the ego's centre; a collision is an overlap of footprints. Implements `World`."""
+    """Vehicles as moving footprints; an overlap is a collision. Implements `TrafficWorld`."""
 
     _situation: Situation
     _ego: VehicleState
     _step: int
 
-    def reset(self, situation: Situation) -> Truth:
-        """Stage the situation."""
+    def reset(self, situation: Situation) -> GroundTruth:
+        """Place the vehicles of the situation."""
         self._situation = situation
         self._ego = situation.ego
         self._step = 0
         return _truth(situation.ego, situation.actors)
 
-    def advance(self, control: Control) -> Truth:
+    def advance(self, control: Control) -> GroundTruth:
         """Drive the ego, then place the actors, then test for collisions."""
         self._step += 1
         self._ego = drive(self._ego, control, self._situation.mission.dt_s)
@@ -33,7 +33,10 @@ class PointMassWorld:
 
 
 def drive(vehicle: VehicleState, control: Control, dt_s: float) -> VehicleState:
-    """A kinematic bicycle with its centre half-way between axles at its ends; never backwards."""
+    """Return the vehicle one step later: a kinematic bicycle that never drives backwards.
+
+    Its axles are at its ends, and its centre is half-way between them.
+    """
     slip = atan(0.5 * tan(control.steering_rad))
     course = vehicle.heading_rad + slip
     travelled = vehicle.speed_mps * dt_s
@@ -47,17 +50,17 @@ def drive(vehicle: VehicleState, control: Control, dt_s: float) -> VehicleState:
     )
 
 
-def _truth(ego: VehicleState, others: tuple[VehicleState, ...]) -> Truth:
-    return Truth(ego, others, any(_touch(ego, other) for other in others))
+def _truth(ego: VehicleState, others: tuple[VehicleState, ...]) -> GroundTruth:
+    return GroundTruth(ego, others, any(_touch(ego, other) for other in others))
 
 
 def _touch(ego: VehicleState, other: VehicleState) -> bool:
-    return at_least(ego, other) <= 0.0 and separation(ego, other).distance_m == 0.0
+    return distance_lower_bound(ego, other) <= 0.0 and separation(ego, other).distance_m == 0.0
 
 
 class PointMassSimulator:
     """Opens simulations that need nothing but this package."""
 
     def open(self, scenario: Scenario, parameters: Any, planner: Planner) -> Simulation:
-        """A simulation of the planner in the scenario."""
+        """Return a simulation of the planner in the scenario."""
         return DrivenSimulation(PointMassWorld(), scenario, parameters, planner)

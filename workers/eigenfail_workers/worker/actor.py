@@ -1,4 +1,4 @@
-"""The worker as Ray sees it. Ray places it and starts it again; it is never asked what happened."""
+"""The worker as a Ray actor. Ray places it and restarts it; nothing asks it for results."""
 
 import platform
 import time
@@ -9,11 +9,11 @@ import structlog
 from eigenfail import logs
 from eigenfail.errors import InputError, Unauthorized
 from eigenfail.processes import end_now
-from eigenfail.wire.curve import WorkerKey
+from eigenfail.wire.keys import WorkerKey
 from eigenfail_workers.worker.parent import Parent
 
 PAUSE_S = 5.0
-"""Before another try: what fails at once keeps no machine busy, and last words are sent."""
+"""Pause before another attempt, so that repeated failures use little time and logs are flushed."""
 
 MAX_REFUSALS = 5
 
@@ -21,20 +21,26 @@ log = structlog.get_logger()
 
 
 class WorkerActor:
-    """Made into a Ray actor by whoever launches it."""
+    """Runs a worker; the launcher turns it into a Ray actor."""
 
     def place(self) -> str:
-        """The machine that Ray has placed it on."""
+        """Return the name of the machine on which Ray has placed the actor."""
         return platform.node()
 
     def run(self, address: str, name: str, key: WorkerKey | None = None) -> None:
-        """Serve the hub at the address until it says goodbye; show it the key, if there is one.
+        """Serve the hub at an address until it says goodbye.
 
-        When its process ends, Ray starts another one and calls this anew; not so when this raises.
-        Therefore it raises only what another process would not change.
+        When the process of the actor ends, Ray starts another one and calls this method again; not
+        so when the method raises. Therefore it raises only errors that another process would meet,
+        too.
+
+        Args:
+            address: of the hub.
+            name: of the worker.
+            key: for a hub that requires keys.
 
         Raises:
-            InputError: the address or a limit is none.
+            InputError: the address or a limit is not valid.
             Unauthorized: the hub refused this worker five times.
         """
         logs.configure("worker")
@@ -48,7 +54,7 @@ class WorkerActor:
             end_now(3)
 
     def _serve(self, address: str, name: str, key: WorkerKey | None) -> None:
-        """A connection that was cut within its handshake is taken for a refusal, too."""
+        # A connection that is cut during its handshake looks like a refusal: hence more attempts.
         for refusals in count(1):
             try:
                 Parent(address, name, key=key).serve()

@@ -1,9 +1,9 @@
-"""The inner process of a worker: simulator and planner live, and may die, here.
+"""The child process of a worker: simulator and planner run, and may crash, here.
 
-Reads setups, policies and leases from what was its standard input; writes to what was its standard
-output: a `Heartbeat` when it can take episodes, and for each one a `Heartbeat` when it begins, with
-the number of slots, and its `Results`. Whatever plug-ins print goes to standard error instead; to
-them, nothing is typed in.
+The child reads setups, policies and leases from its original standard input, and writes to its
+original standard output: a `Heartbeat` when it can take episodes, and for each episode a
+`Heartbeat` when it begins, with the number of slots, and its `Results`. What plug-ins print goes to
+standard error instead, and what they read is empty.
 """
 
 import os
@@ -15,12 +15,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
+import structlog
+
 from eigenfail import logs, plugins
 from eigenfail.contracts import EpisodeEngine, LockstepEngine
+from eigenfail.error_text import describe_error, read_text
 from eigenfail.errors import EigenfailError
+from eigenfail.process_state import ProcessState
 from eigenfail.processes import end_now
 from eigenfail.values import EpisodeFault, EpisodeResult, EpisodeSetup, EpisodeTask, unrunnable
 from eigenfail.wire.messages import (
+    LONGEST_REASON,
     Drop,
     Heartbeat,
     Lease,
@@ -30,60 +35,126 @@ from eigenfail.wire.messages import (
     Setup,
     read_hub_message,
 )
-from eigenfail_workers.worker.guard import leave_guard
-from eigenfail_workers.worker.limits import confine, files_used_up
-from eigenfail_workers.worker.one_by_one import side_by_side
+from eigenfail_workers.limits import RENEWAL, apply_kernel_limits, is_out_of_files
+from eigenfail_workers.worker.guard import fork_under_guard
 from eigenfail_workers.worker.pipe import FrameBuffer, write_message
+
+log = structlog.get_logger()
+
+
+class SequentialEngine:
+    """Adapts an engine that runs one episode after the other. Implements `LockstepEngine`."""
+
+    def __init__(self, engine: EpisodeEngine) -> None:
+        self._engine = engine
+        self._begun: list[EpisodeTask] = []
+        self.learn = engine.learn
+        self.run = engine.run
+        self.close = engine.close
+
+    @property
+    def room(self) -> int:
+        """Number of episodes that may begin: 1, or 0 after `begin`."""
+        return 1 - len(self._begun)
+
+    def begin(self, task: EpisodeTask) -> None:
+        """Keep the episode for the next turn."""
+        self._begun.append(task)
+
+    def turn(self) -> list[EpisodeResult]:
+        """Run the episode."""
+        begun, self._begun = self._begun, []
+        return list(self._engine.run(begun))
+
+
+def as_lockstep(engine: EpisodeEngine) -> LockstepEngine:
+    """Return the engine itself if it runs episodes side by side, else an adapter."""
+    return engine if isinstance(engine, LockstepEngine) else SequentialEngine(engine)
 
 
 class Child:
-    """Keeps one engine for each campaign, and runs what is leased, side by side where it can."""
+    """Keeps one engine for each campaign, and runs the episodes of leases, if possible in parallel.
+
+    Args:
+        out: where messages are written.
+        make_engine: makes the engine of a campaign.
+
+    Attributes:
+        is_altered: whether an episode has changed process-wide state, so that no further episode
+            may run in this process.
+    """
 
     def __init__(self, out: BinaryIO, make_engine: Callable[[EpisodeSetup], EpisodeEngine]) -> None:
         self._out = out
         self._make_engine = make_engine
         self._engines: dict[int, LockstepEngine] = {}
         self._refused: dict[int, EpisodeFault] = {}
+        self._declined: set[int] = set()
         self._waiting: deque[tuple[int, EpisodeTask]] = deque()
         self._running = 0
         self._campaign = 0
+        self._process_state = ProcessState()
+        self.is_altered = False
         self._handlers: dict[type[Message], Callable[..., None]] = {
             Setup: self._set_up,
             PolicyUpdate: self._learn,
             Lease: self._lease,
-            Drop: self._forget,
+            Drop: self._drop,
         }
 
     def handle(self, message: Message) -> None:
-        """Do what a message asks."""
+        """Process one message of the parent."""
         self._handlers[type(message)](message)
 
     def _set_up(self, message: Setup) -> None:
+        before = ProcessState()
         try:
-            self._engines[message.campaign] = side_by_side(self._make_engine(message.setup))
+            self._engines[message.campaign] = as_lockstep(self._make_engine(message.setup))
         except EigenfailError as error:
-            self._refused[message.campaign] = EpisodeFault("input", str(error))
+            self._refused[message.campaign] = EpisodeFault("input", read_text(error))
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a plug-in may raise anything
+            problem = f"Making simulator and scenario raised {describe_error(error)}."
+            remedy = "Look into what they do when they are made."
+            self._refused[message.campaign] = EpisodeFault("simulator", f"{problem} {remedy}")
+        if changes := before.changes():
+            log.warning("process state changed by imports", campaign=message.campaign, what=changes)
+        self._process_state = ProcessState()
 
     def _learn(self, message: PolicyUpdate) -> None:
         if engine := self._engines.get(message.campaign):
             engine.learn(message.policy)
 
     def _lease(self, message: Lease) -> None:
-        self._waiting.extend((message.campaign, task) for task in message.tasks)
+        # A lease may cross the message that declines its campaign: the hub leases it elsewhere.
+        if message.campaign not in self._declined:
+            self._waiting.extend((message.campaign, task) for task in message.tasks)
 
     @property
     def is_busy(self) -> bool:
-        """Whether there are episodes that run, or wait for room."""
+        """Whether episodes run or wait."""
         return bool(self._waiting or self._running)
 
     def turn(self) -> None:
-        """Begin what there is room for, go on with what runs, and report what is over."""
+        """Begin the episodes that have room, advance those that run, and report results."""
         self._begin()
         if self._running:
-            self._report(self._campaign, *self._engines[self._campaign].turn())
+            engine = self._engines[self._campaign]
+            results = engine.turn()
+            if reason := getattr(engine, "declined", ""):
+                self._decline(self._campaign, reason)
+            else:
+                self._report(self._campaign, *results)
+
+    def _decline(self, campaign: int, reason: str) -> None:
+        """Run no more episodes of a campaign: each would fail for the same reason."""
+        self._engines.pop(campaign).close()
+        self._declined.add(campaign)
+        self._running = 0
+        self._waiting = deque(each for each in self._waiting if each[0] != campaign)
+        write_message(self._out, Heartbeat(declined=((campaign, reason[:LONGEST_REASON]),)))
 
     def _begin(self) -> None:
-        """Begin in the order of the leases; only one campaign's run side by side."""
+        """Begin episodes in the order of the leases; those that run belong to one campaign."""
         while self._waiting:
             campaign, task = self._waiting[0]
             engine = self._engines.get(campaign)
@@ -99,10 +170,11 @@ class Child:
             write_message(self._out, Heartbeat(campaign, task.index, slots=slots))
             engine.begin(task)
 
-    def _forget(self, message: Drop) -> None:
-        while self.is_busy:
+    def _drop(self, message: Drop) -> None:
+        while self.is_busy and not self.is_altered:
             self.turn()
         self._refused.pop(message.campaign, None)
+        self._declined.discard(message.campaign)
         if engine := self._engines.pop(message.campaign, None):
             engine.close()
 
@@ -110,42 +182,57 @@ class Child:
         self._running -= len(results)
         if results:
             write_message(self._out, Results(campaign, results))
+        # Engines report changed process-wide state as a fault, so that only faults need a check.
+        if any(result.fault for result in results):
+            self.is_altered = bool(self._process_state.changes())
 
 
 def main() -> None:
-    """Serve until the parent closes the pipe, or hardly a file can be opened any more.
+    """Serve until the parent closes the pipe, or until a fresh process is needed.
 
-    Files that a planner forgot to close would be paid for by the next episodes: they get a new
-    process instead, at once, whatever threads it left as well.
+    A fresh process is needed when files that a planner has not closed use up the limit of open
+    files, or when an episode has changed process-wide state. The exit status tells the parent,
+    which starts a new process at once, even if threads still run in this one.
     """
-    leave_guard()
+    fork_under_guard()
     logs.configure("worker")
-    confine(*map(int, sys.argv[1:2]))
+    apply_kernel_limits(*map(int, sys.argv[1:2]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    messages, out = _take_pipes()
+    messages, out = _redirect_standard_streams()
+    plugins.keep_import_effects()
     child = Child(out, plugins.load(plugins.ENGINES, "default"))
     write_message(out, Heartbeat())
-    serve(child, messages.fileno())
-    end_now(0)
+    end_now(serve(child, messages.fileno()))
 
 
-def serve(child: Child, messages: int) -> None:
-    """Handle what comes in, and run episodes in between; see `main` for the end."""
+def serve(child: Child, messages: int) -> int:
+    """Handle messages, and run episodes between them, until the end described in `main`.
+
+    Args:
+        child: handles the messages.
+        messages: file descriptor of the pipe from the parent.
+
+    Returns:
+        exit status: `RENEWAL` if a fresh process must run the remaining episodes.
+    """
     buffer, poll = FrameBuffer(), select.poll()
     poll.register(messages, select.POLLIN)
-    while not files_used_up():
+    while not (child.is_altered or is_out_of_files()):
         if not child.is_busy or poll.poll(0):
             if not buffer.read(messages):
-                return
+                return 0
             for frame in buffer.frames():
                 child.handle(read_hub_message(frame))
-        child.turn()
+        # Dropping a campaign runs its episodes first, which may have changed the process.
+        if not child.is_altered:
+            child.turn()
+    return RENEWAL
 
 
-def _take_pipes() -> tuple[BinaryIO, BinaryIO]:
-    """From and to the parent; what plug-ins read and print, and what they start, goes elsewhere."""
+def _redirect_standard_streams() -> tuple[BinaryIO, BinaryIO]:
+    """Return the pipes from and to the parent, and redirect the streams that plug-ins use."""
     messages = os.fdopen(os.dup(0), "rb")
-    # Open until the process has its exit status: the parent takes the end of the pipe for its end.
+    # Never closed before the process exits, as the parent takes the end of the pipe for the exit.
     out = os.fdopen(os.dup(1), "wb", closefd=False)
     with Path(os.devnull).open("rb") as nothing:
         os.dup2(nothing.fileno(), 0)

@@ -1,4 +1,4 @@
-"""The parent's handle on its child: start, feed, listen, watch, and kill with all it started."""
+"""The parent's handle on its child process: start it, send it episodes, watch it, and kill it."""
 
 import contextlib
 import os
@@ -29,180 +29,178 @@ from eigenfail.wire.messages import (
     Setup,
     read_worker_message,
 )
-from eigenfail_workers.worker.limits import Limits
+from eigenfail_workers.limits import Limits
 from eigenfail_workers.worker.pipe import FrameBuffer, write_message
-from eigenfail_workers.worker.watch import Watch
+from eigenfail_workers.worker.resources import (
+    OutputLimiter,
+    ResourceMonitor,
+    list_process_tree,
+    resident_mib,
+)
 
 START_LIMIT_S = 120.0
 """Wall time for loading the simulator and the planner, before the first episode begins."""
 
 STANDSTILL_S = 2.0
-"""No parent is away from its loop for so long, unless it was stopped or its machine was."""
+"""A parent that does not return to its loop for longer was stopped, or its machine was."""
 
 GUARD_S = 5.0
-"""More than its guard takes to end it and all that it started; else it is killed without."""
+"""Time for the guard to kill the child and its descendants; after it they are killed directly."""
 
-LAST_WORDS_S = 1.0
-"""What left the child's group may hold its pipe open; the parent does not wait for that."""
+JOIN_S = 1.0
+"""Time for the threads to end. A process that left the group of the child may keep its pipe open;
+the parent does not wait for that."""
 
-DEPTH = 2
-"""Episodes in the child for each that runs: as many wait as run, so that the child never does."""
+EPISODES_PER_SLOT = 2
+"""Episodes in the child for each one that runs: one waits, so that no slot is ever idle."""
+
+RETRY_S = 1.0
+NO_DESCRIPTOR = -1
+"""A descriptor that `poll` ignores."""
 
 
-class Held(msgspec.Struct, frozen=True, eq=False):
-    """An episode of a campaign, held by this worker; unwanted once its campaign was dropped."""
+class HeldEpisode(msgspec.Struct, frozen=True, eq=False):
+    """An episode that this worker holds; unwanted once its campaign has been dropped."""
 
     campaign: int
     task: EpisodeTask
     wanted: bool = True
 
-    def without(self, campaign: int) -> "Held":
-        """Itself, unwanted if it is that campaign's."""
+    def without(self, campaign: int) -> "HeldEpisode":
+        """Return the same episode, unwanted if it belongs to the campaign."""
         return replace(self, wanted=self.wanted and self.campaign != campaign)
 
 
-def write_all(pipe: BinaryIO, messages: "SimpleQueue[Message | None]") -> None:
-    """Write messages until there is a None or nobody reads any more."""
-    with contextlib.suppress(BrokenPipeError):
-        while message := messages.get():
-            write_message(pipe, message)
-    with contextlib.suppress(BrokenPipeError):
-        pipe.close()
-
-
-def start(limits: Limits) -> "subprocess.Popen[bytes]":
-    """The guard of the inner process, which it starts, and as which it ends.
-
-    Raises:
-        ServiceError: the system starts no process.
-    """
-    try:
-        return subprocess.Popen(
-            [sys.executable, "-m", "eigenfail_workers.worker.child", str(limits.files)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env=os.environ | ONE_THREAD | as_parent() | {EPISODE_VARIABLE: str(limits.episode_s)},
-            start_new_session=True,
-        )
-    except OSError as error:
-        raise not_started(error) from error
-
-
-def not_started(error: Exception) -> ServiceError:
-    """What is said of a process or thread that the system does not start."""
-    return ServiceError(
-        f"No inner process can be started here: {error}.",
-        "End other programs, or run fewer workers on this machine.",
-    )
-
-
 class ChildProcess:
-    """One life of the inner process.
+    """One child process, from its start to its end.
 
     Args:
-        limits: what it may take, with all that it starts.
+        limits: for the child and its descendants together.
 
     Attributes:
-        running: the episodes it holds; those that were begun are the first.
-        ready: whether it said that it can take episodes.
-        begun: on how many of them it said that it began.
+        running: the episodes in the child; those that it has begun come first.
+        ready: whether the child has reported that it can take episodes.
+        begun: number of episodes that the child has begun.
+        has_campaigns: whether the child has been sent a campaign.
+        declined: reasons of the campaigns of which the child can run no episode, by campaign.
 
     Raises:
-        ServiceError: the system starts no process.
+        ServiceError: the operating system cannot start a process.
     """
 
+    has_campaigns = False
+
     def __init__(self, limits: Limits) -> None:
-        self._process = start(limits)
-        if self._process.stdin is None or self._process.stdout is None:
+        self._process = _start_child(limits)
+        pipes = self._process.stdin, self._process.stdout, self._process.stderr
+        if pipes[0] is None or pipes[1] is None or pipes[2] is None:
             raise RuntimeError("pipes were asked for")
-        self._stdout = self._process.stdout
+        self._stdout = pipes[1]
+        self._output = OutputLimiter(pipes[2], limits.output_kib)
         os.set_blocking(self._stdout.fileno(), False)
-        self._watch = Watch(self._process.pid, limits)
+        self._monitor = ResourceMonitor(self._process.pid, limits)
         # A thread writes: parent and child never wait for each other over two full pipes.
         self._messages: SimpleQueue[Message | None] = SimpleQueue()
-        pipe_and_messages = (self._process.stdin, self._messages)
-        self._writer = Thread(target=write_all, args=pipe_and_messages, daemon=True)
+        pipe_and_messages = (pipes[0], self._messages)
+        self._writer = Thread(target=_write_messages, args=pipe_and_messages, daemon=True)
         try:
             self._writer.start()
-        except RuntimeError as error:  # the process was the last that the system had to give
+            self._output.start()
+        except RuntimeError as error:  # the process was the last one that the system could start
+            self._messages.put(None)  # the writer may have been started before the other thread
             with self._process:
                 kill_group(self._process)
-            raise not_started(error) from error
+            raise _make_start_error(error) from error
         self._buffer = FrameBuffer()
-        self.running: deque[Held] = deque()
+        self._start_records()
+
+    def _start_records(self) -> None:
+        """Set the records of a child that has just begun; `NullChild` has them, too."""
+        self.running: deque[HeldEpisode] = deque()
         self.ready = False
         self.begun = 0
-        self._since_s = self._looked_s = time.monotonic()
+        self.declined: dict[int, str] = {}
+        self._progress_s = self._checked_s = time.monotonic()
         self._slots: dict[int, int] = {}
         self._set_up: set[int] = set()
         self._learnt: set[tuple[int, int]] = set()
 
     @property
     def descriptor(self) -> int:
-        """What to poll for results."""
+        """File descriptor to poll for results."""
         return self._stdout.fileno()
 
     @property
     def has_room(self) -> bool:
-        """Whether it may be given another episode."""
-        return len(self.running) < DEPTH * max(1, self.begun)
+        """Whether the child may be given another episode."""
+        return len(self.running) < EPISODES_PER_SLOT * max(1, self.begun)
 
     def slots(self, campaign: int) -> int:
-        """How many episodes of a campaign it runs side by side, as far as it has told."""
+        """Number of episodes of a campaign that the child runs side by side; 1 until it reports."""
         return self._slots.get(campaign, 1)
 
     def set_up(self, campaign: int, setup: EpisodeSetup) -> None:
-        """Tell it, once, what the episodes of a campaign share."""
+        """Send the setup of a campaign, unless the child has it."""
         if campaign not in self._set_up:
             self._set_up.add(campaign)
+            self.has_campaigns = True
             self._messages.put(Setup(campaign, setup))
 
     def learn(self, campaign: int, policy: Policy) -> None:
-        """Tell it, once, a policy version of a campaign."""
+        """Send a policy version of a campaign, unless the child has it."""
         if (campaign, policy.version) not in self._learnt:
             self._learnt.add((campaign, policy.version))
             self._messages.put(PolicyUpdate(campaign, policy))
 
     def drop(self, campaign: int) -> None:
-        """Let it forget a campaign, once it has run what it holds."""
+        """Let the child forget a campaign, after it has run the episodes that it holds."""
         self._set_up.discard(campaign)
+        self.declined.pop(campaign, None)
         self._slots.pop(campaign, None)
         self._learnt = {key for key in self._learnt if key[0] != campaign}
         self.running = deque(held.without(campaign) for held in self.running)
         self._messages.put(Drop(campaign))
 
-    def run(self, held: Held) -> None:
-        """Give it an episode; that the child has died is found out when it is listened to."""
+    def run(self, held: HeldEpisode) -> None:
+        """Send an episode. Whether the child is alive is found out by `listen`."""
         if not self.running:
-            self._since_s = time.monotonic()
+            self._progress_s = self._checked_s = time.monotonic()
         self.running.append(held)
         self._messages.put(Lease(held.campaign, (held.task,)))
 
     def listen(self) -> tuple[bool, list[tuple[int, EpisodeResult]]]:
-        """Whether it lives and makes sense; the results that have come, with their campaigns."""
+        """Return whether the child is sound, and the new results with their campaigns."""
         alive = self._buffer.read(self.descriptor)
         found: list[tuple[int, EpisodeResult]] = []
         try:
-            # What came before the nonsense stays.
             found.extend(self._results())
-        except ProtocolError:
+        except ProtocolError:  # results that came before the invalid message stay
             return False, found
         return alive, found
 
     def _results(self) -> Iterator[tuple[int, EpisodeResult]]:
         for frame in self._buffer.frames():
             message = read_worker_message(frame)
-            self._since_s = time.monotonic()
+            self._progress_s = time.monotonic()
             self.ready = True
             if isinstance(message, Heartbeat) and message.campaign is not None:
                 self.begun += 1
+                self._output.start_episode()
                 self._slots[message.campaign] = message.slots
+            if isinstance(message, Heartbeat) and message.declined:
+                self._decline(dict(message.declined))
             if isinstance(message, Results):
                 for result in message.results:
-                    self._take_off(message.campaign, result.index)
+                    self._remove(message.campaign, result.index)
                     yield message.campaign, result
 
-    def _take_off(self, campaign: int, index: int) -> None:
+    def _decline(self, campaigns: dict[int, str]) -> None:
+        """Remove all episodes of declined campaigns; only those had begun."""
+        self.declined |= campaigns
+        self.running = deque(held for held in self.running if held.campaign not in campaigns)
+        self.begun = 0
+
+    def _remove(self, campaign: int, index: int) -> None:
         for place, held in enumerate(self.running):
             if (held.campaign, held.task.index) == (campaign, index):
                 del self.running[place]
@@ -210,35 +208,127 @@ class ChildProcess:
                 return
         raise ProtocolError("A result came from the child that nobody asked for.")
 
-    def overdue(self, limit_s: float) -> bool:
-        """Whether the running episode, or loading what it needs, has taken longer than it may.
+    def is_overdue(self, limit_s: float) -> bool:
+        """Whether the episode that runs, or loading its parts, has taken too long.
 
-        To be asked all the time: while nobody asked, the whole worker may have stood still.
+        Must be called continually: the time in which it was not called for STANDSTILL_S does not
+        count, as the whole worker may have been stopped.
         """
-        now_s, before_s = time.monotonic(), self._looked_s
-        self._looked_s = now_s
+        now_s, before_s = time.monotonic(), self._checked_s
+        self._checked_s = now_s
         if now_s - before_s > STANDSTILL_S:
-            self._since_s += now_s - before_s
+            self._progress_s += now_s - before_s
         limit_s = limit_s * self.begun if self.begun else START_LIMIT_S
-        return bool(self.running) and now_s - self._since_s > limit_s
+        return bool(self.running) and now_s - self._progress_s > limit_s
 
-    def excess(self) -> str:
-        """What it takes more of than it may, as the predicate of a sentence; empty if nothing."""
+    def find_excess(self) -> str:
+        """Return the limit that the child exceeds, as the predicate of a sentence, or ""."""
         first = self.running[0] if self.running else None
-        named = (first.campaign, first.task.index) if first else None
-        return self._watch.excess(named, max(1, self.begun))
+        episode = (first.campaign, first.task.index) if first else None
+        return self._monitor.find_excess(episode, max(1, self.begun))
+
+    def memory_mib(self) -> float:
+        """Resident memory of the child and its descendants. [MiB]"""
+        return sum(map(resident_mib, list_process_tree(self._process.pid)))
+
+    def finish(self) -> None:
+        """Let the child end by itself after all messages; send nothing more after this."""
+        self._messages.put(None)
 
     def has_ended(self) -> bool:
-        """Whether it runs no more, though what it started may still hold its pipe open."""
+        """Whether the process has exited, even if a descendant keeps its pipe open."""
         return exit_status(self._process) is not None
 
     def end(self) -> int:
-        """Have its guard kill what lives of it and of its own; its exit status, or -signal."""
+        """Kill the child and its descendants; return its exit status, or -signal."""
         if self._process.returncode is None:
             os.kill(self._process.pid, signal.SIGTERM)
             status_within(self._process, GUARD_S)
             kill_group(self._process)
         self._messages.put(None)
-        self._writer.join(LAST_WORDS_S)
+        self._writer.join(JOIN_S)
+        self._output.join(JOIN_S)
         self._stdout.close()
         return self._process.wait()
+
+
+class NullChild(ChildProcess):
+    """Stands in for a child that could not be started, and ends after a second for another try.
+
+    It never becomes ready, and takes no episode.
+    """
+
+    def __init__(self) -> None:
+        self._start_records()
+        self._until_s = time.monotonic() + RETRY_S
+
+    @property
+    def descriptor(self) -> int:
+        """A descriptor that `poll` ignores."""
+        return NO_DESCRIPTOR
+
+    @property
+    def has_room(self) -> bool:
+        """Always False."""
+        return False
+
+    def drop(self, campaign: int) -> None:
+        """Do nothing: there is no process that holds a campaign."""
+
+    def memory_mib(self) -> float:
+        """Always 0. [MiB]"""
+        return 0.0
+
+    def finish(self) -> None:
+        """Do nothing: there is no process that could end."""
+
+    def listen(self) -> tuple[bool, list[tuple[int, EpisodeResult]]]:
+        """Return that the child is not sound, and no results."""
+        return False, []
+
+    def is_overdue(self, _limit_s: float) -> bool:
+        """Always False: no episode runs."""
+        return False
+
+    def find_excess(self) -> str:
+        """Return "": there is no process that could exceed a limit."""
+        return ""
+
+    def has_ended(self) -> bool:
+        """Whether it is time to try to start another child."""
+        return time.monotonic() >= self._until_s
+
+    def end(self) -> int:
+        """Return the exit status of a failure of the operating system."""
+        return os.EX_OSERR
+
+
+def _write_messages(pipe: BinaryIO, messages: "SimpleQueue[Message | None]") -> None:
+    """Write messages until None comes, or until the child has closed the pipe."""
+    with contextlib.suppress(BrokenPipeError):
+        while message := messages.get():
+            write_message(pipe, message)
+    with contextlib.suppress(BrokenPipeError):
+        pipe.close()
+
+
+def _start_child(limits: Limits) -> "subprocess.Popen[bytes]":
+    """Start the child behind its guard, which takes over the exit status of the child."""
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-m", "eigenfail_workers.worker.child", str(limits.files)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=os.environ | ONE_THREAD | as_parent() | {EPISODE_VARIABLE: str(limits.episode_s)},
+            start_new_session=True,
+        )
+    except OSError as error:
+        raise _make_start_error(error) from error
+
+
+def _make_start_error(error: Exception) -> ServiceError:
+    return ServiceError(
+        f"No inner process can be started here: {error}.",
+        "End other programs, or run fewer workers on this machine.",
+    )

@@ -1,4 +1,4 @@
-"""What an inner process started does not outlive it, whatever group or session it went into."""
+"""A guard process that kills all descendants of its child, in any group or session."""
 
 import contextlib
 import os
@@ -12,42 +12,43 @@ from typing import NoReturn
 
 from eigenfail.processes import adopt_orphans, as_parent, die_with_parent
 
-ASKED_TO_END = signal.SIGTERM
-HEARD = {ASKED_TO_END, signal.SIGCHLD}
+END_SIGNAL = signal.SIGTERM
+AWAITED = {END_SIGNAL, signal.SIGCHLD}
 
-END_S = 3.0
-"""Who starts processes faster than they can be killed is not followed for longer."""
+KILL_S = 3.0
+"""Time limit for killing, in case that processes are started faster than they can be killed."""
 
-LOOK_EVERY_S = 0.05
+CHECK_EVERY_S = 0.05
 
 
-def leave_guard() -> None:
-    """Go on in a process of its own, which leads a session; this one stays behind as its guard.
+def fork_under_guard() -> None:
+    """Continue in a new process that leads a session; the present process remains as its guard.
 
-    Whoever loses its parent below the guard is adopted by it. When the process has ended, or the
-    guard's own parent has, or somebody sends the guard a SIGTERM, it kills all that is left, and
-    ends as the process did. To be called before there are threads. Linux alone has what it takes.
+    Descendants that lose their parent are adopted by the guard. When the new process has ended, the
+    guard's own parent has ended, or the guard receives SIGTERM, the guard kills all that is left,
+    and ends with the exit status of the new process. Call it before any thread is started. Only
+    Linux has the necessary system calls; elsewhere the process only ends with its parent.
     """
     if sys.platform != "linux":
         die_with_parent()
         return
-    signal.pthread_sigmask(signal.SIG_BLOCK, HEARD)
-    die_with_parent(ASKED_TO_END)
+    signal.pthread_sigmask(signal.SIG_BLOCK, AWAITED)
+    die_with_parent(END_SIGNAL)
     adopt_orphans()
     os.environ.update(as_parent())
     guarded = os.fork()
     if guarded:
         _guard(guarded)
     os.setsid()
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, HEARD)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, AWAITED)
     die_with_parent()
 
 
 def _guard(guarded: int) -> NoReturn:
     try:
         os.closerange(0, os.sysconf("SC_OPEN_MAX"))
-        while signal.sigwait(HEARD) != ASKED_TO_END and not _has_ended(guarded):
-            _bury(_others(guarded))
+        while signal.sigwait(AWAITED) != END_SIGNAL and not _has_ended(guarded):
+            _reap(_list_adopted(guarded))
         _kill(guarded)
         _end_like(guarded)
     finally:
@@ -55,41 +56,42 @@ def _guard(guarded: int) -> NoReturn:
 
 
 def _has_ended(pid: int) -> bool:
-    """Not waited for: until then its group is nobody else's."""
+    # Not reaped: until then the kernel gives the number of its group to no other process.
     return os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
 def _kill(guarded: int) -> None:
-    """Kill it and its group at once, then who left that group."""
+    """Kill the process and its group at once, then the descendants that have left that group."""
     for kill in (os.killpg, os.kill):  # it may not lead a group yet
         with contextlib.suppress(ProcessLookupError):
             kill(guarded, signal.SIGKILL)
-    os.waitid(os.P_PID, guarded, os.WEXITED | os.WNOWAIT)  # by then its own are the guard's
-    until_s = time.monotonic() + END_S
-    while (left := _others(guarded)) and time.monotonic() < until_s:
+    # When it has ended, the guard has adopted its children.
+    os.waitid(os.P_PID, guarded, os.WEXITED | os.WNOWAIT)
+    until_s = time.monotonic() + KILL_S
+    while (left := _list_adopted(guarded)) and time.monotonic() < until_s:
         for pid in left:
-            with contextlib.suppress(PermissionError):  # it became another user's
+            with contextlib.suppress(PermissionError):  # it runs as another user now
                 os.kill(pid, signal.SIGKILL)
-        signal.sigtimedwait(HEARD, LOOK_EVERY_S)
-        _bury(left)
+        signal.sigtimedwait(AWAITED, CHECK_EVERY_S)
+        _reap(left)
 
 
-def _others(guarded: int) -> list[int]:
-    """Whom this process has adopted, also those that only wait to be buried."""
+def _list_adopted(guarded: int) -> list[int]:
+    """Return the adopted processes, also those that have ended and are not reaped."""
     try:
         listed = Path(f"/proc/self/task/{os.getpid()}/children").read_text()
-    except OSError:  # a kernel that was built without
+    except OSError:  # the kernel was built without CONFIG_PROC_CHILDREN
         return []
     return [pid for pid in map(int, listed.split()) if pid != guarded]
 
 
-def _bury(pids: Iterable[int]) -> None:
+def _reap(pids: Iterable[int]) -> None:
     for pid in pids:
         os.waitpid(pid, os.WNOHANG)
 
 
 def _end_like(guarded: int) -> NoReturn:
-    """End with the same exit status, or by the same signal, without a core file of its own."""
+    """End with the same exit status, or by the same signal, without another core file."""
     code = os.waitstatus_to_exitcode(os.waitpid(guarded, 0)[1])
     if code < 0:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -1,68 +1,110 @@
-"""The outer process of a worker: it speaks with the hub, and survives whatever its child does."""
+"""The parent process of a worker: it talks to the hub, and survives the end of its child."""
 
 import os
 import platform
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from itertools import chain, islice
 from uuid import uuid4
 
 import structlog
 import zmq
+from msgspec import UNSET
 from msgspec.structs import replace
 
 from eigenfail.bridges import ADDRESS_VARIABLE
-from eigenfail.errors import ServiceError
-from eigenfail.values import EpisodeFault, EpisodeResult, unrunnable
+from eigenfail.errors import ProtocolError, ServiceError
+from eigenfail.values import EpisodeFault, EpisodeResult, EpisodeTask, PriorSource, unrunnable
 from eigenfail.versions import versions
-from eigenfail.wire.claims import MAX_CLAIMS, Claim, fingerprint
-from eigenfail.wire.curve import WorkerKey
+from eigenfail.wire.keys import WorkerKey
 from eigenfail.wire.messages import (
+    MAX_CLAIMS,
     PROTOCOL,
     Ack,
+    Claim,
     Drop,
     Goodbye,
     Heartbeat,
     Hello,
     Lease,
+    Piece,
     PolicyUpdate,
     Refusal,
     Results,
     Setup,
     Welcome,
+    fingerprint_task,
 )
-from eigenfail_workers.episode_limit import read_episode_limit
-from eigenfail_workers.worker.child_process import ChildProcess, Held
-from eigenfail_workers.worker.deaths import MAX_CHILD_DEATHS, Deaths
-from eigenfail_workers.worker.ending import Ending
-from eigenfail_workers.worker.limits import Limits, read_limits
-from eigenfail_workers.worker.link import Link
-from eigenfail_workers.worker.supplies import Supplies
-from eigenfail_workers.worker.unborn import Unborn
+from eigenfail_workers.limits import RENEWAL, Limits, read_episode_limit, read_limits
+from eigenfail_workers.worker.child_process import ChildProcess, HeldEpisode, NullChild
+from eigenfail_workers.worker.hub_connection import HubConnection
+from eigenfail_workers.worker.inner_processes import (
+    MAX_CHILD_DEATHS,
+    CampaignSetups,
+    InnerProcesses,
+    ProcessFailures,
+)
+
+HAND_OVER_S = 10.0
+"""Time for the hub to acknowledge finished results while the worker shuts down."""
 
 CREDIT = 256
 TICK_MS = 100
 HELLO_EVERY_S = 1.0
 MAX_UNANSWERED = 20
-"""Heartbeats or hellos in a row, after which the line to the hub is made anew."""
+"""Heartbeats or hellos without an answer in a row, after which the worker reconnects."""
 
 log = structlog.get_logger()
 
 
+class Shutdown:
+    """State of a shutdown, not requested at first.
+
+    Attributes:
+        requested: whether no further episode may run.
+        problem: error that has caused the shutdown; None if it was requested from outside.
+    """
+
+    def __init__(self) -> None:
+        self.requested = False
+        self.problem: ServiceError | None = None
+        self._until_s = 0.0
+
+    def request(self, problem: ServiceError | None = None) -> None:
+        """Request a shutdown; a second request from outside skips the wait for the hub.
+
+        Safe to call from a signal handler.
+
+        Args:
+            problem: error because of which the worker cannot go on.
+        """
+        self.problem = problem or self.problem
+        if not self.requested:
+            self._until_s = time.monotonic() + HAND_OVER_S
+        elif problem is None:
+            self._until_s = 0.0
+        self.requested = True
+
+    @property
+    def has_time(self) -> bool:
+        """Whether the worker may go on waiting for the hub."""
+        return time.monotonic() < self._until_s
+
+
 class Parent:
-    """Holds leased episodes, feeds them to a child, and keeps results until the hub has them.
+    """Holds leased episodes, sends them to a child, and keeps results until the hub has them.
 
     Args:
         address: of the hub, as `tcp://host:port`.
-        name: how the worker is called in lists and logs.
-        episode_limit_s: wall time after which a running episode is given up and its child killed;
-            None takes that of the environment.
-        key: what it shows to a hub that asks for one.
-        limits: what its child may take; None takes those of the environment.
+        name: of the worker in lists and logs.
+        episode_limit_s: wall time after which an episode is given up and its child killed; default:
+            that of the environment.
+        key: for a hub that requires keys.
+        limits: for a child process; default: those of the environment.
 
     Raises:
-        InvalidValue: the address is none, or the environment's limits are none.
+        InvalidValue: the address or a limit in the environment is not valid.
     """
 
     def __init__(
@@ -76,7 +118,7 @@ class Parent:
         self._episode_limit_s = episode_limit_s or read_episode_limit()
         confined = limits or read_limits(episode_limit_s=self._episode_limit_s)
         self._limits = replace(confined, episode_s=self._episode_limit_s)
-        self._link = Link(address, key)
+        self._hub = HubConnection(address, key)
         self._hello = Hello(
             PROTOCOL,
             name,
@@ -87,235 +129,286 @@ class Parent:
             versions=versions(),
             bridge=bool(os.environ.get(ADDRESS_VARIABLE)),
         )
-        self._waiting: deque[Held] = deque()
+        self._waiting: deque[HeldEpisode] = deque()
         self._outbox: dict[tuple[int, int], EpisodeResult] = {}
-        self._supplies = Supplies()
-        self._deaths = Deaths()
-        self._child = self._start_child()
+        self._declined: dict[int, str] = {}
+        self._setups = CampaignSetups()
+        self._failures = ProcessFailures()
+        self._processes = InnerProcesses(self._start_child, self._limits)
         self._poller = zmq.Poller()
-        self._heard: ChildProcess | None = None
+        self._polled_child: ChildProcess | None = None
         self._heartbeat_s = 0.0
         self._refusal = ""
         self._next_beat_s = 0.0
         self._unanswered = 0
-        self._ending = Ending()
+        self._shutdown = Shutdown()
         self._handlers: dict[type, Callable[..., None]] = {
-            Welcome: self._welcome,
-            Refusal: self._refused,
-            Setup: self._supplies.set_up,
-            PolicyUpdate: self._supplies.learn,
-            Lease: self._lease,
-            Ack: self._forget,
-            Drop: self._drop,
-            Goodbye: self._leave,
+            Welcome: self._handle_welcome,
+            Refusal: self._handle_refusal,
+            Setup: self._handle_setup,
+            PolicyUpdate: self._setups.learn,
+            Lease: self._handle_lease,
+            Ack: self._handle_ack,
+            Drop: self._handle_drop,
+            Goodbye: self._handle_goodbye,
+            # An incomplete message has answered the heartbeats, and needs nothing else.
+            Piece: _ignore,
         }
 
+    @property
+    def _child(self) -> ChildProcess:
+        """The child process that takes episodes."""
+        return self._processes.active
+
     def serve(self) -> None:
-        """Work until the hub says goodbye or `leave` is called.
+        """Work until the hub says goodbye or `shut_down` is called.
 
         Raises:
-            Unauthorized: the hub does not let this worker in.
-            ServiceUnreachable: whoever listens at its address is not the hub.
-            ServiceError: no inner process can start here.
+            Unauthorized: the hub does not accept this worker.
+            ServiceUnreachable: what listens at the address is not the hub.
+            ServiceError: no child process can start here.
         """
         try:
-            while not self._ending.wanted:
+            while not self._shutdown.requested:
                 self.turn(child_spoke=self._wait())
             self._hand_over()
         finally:
-            self._link.send(Goodbye("stopped"))
-            self._child.end()
-            self._link.close()
-        self._ending.raise_problem()
+            self._hub.send(Goodbye("stopped"))
+            self._processes.end()
+            self._hub.close()
+        if self._shutdown.problem is not None:
+            raise self._shutdown.problem
 
     def turn(self, child_spoke: bool) -> None:
-        """Do what is to be done now; never waits."""
-        self._hear_hub()
-        self._hear_child(child_spoke)
+        """Process new messages, and send due ones, without waiting."""
+        self._listen_to_hub()
+        self._supervise_child(child_spoke)
+        self._processes.clean_up()
         self._feed_child()
-        self._beat()
+        self._send_heartbeat()
 
-    def leave(self) -> None:
+    def shut_down(self) -> None:
         """Stop after the current turn of the loop; safe to call from a signal handler.
 
-        What runs is abandoned; what is finished is handed over, for which the hub has ten seconds.
-        A second call ends that patience.
+        Episodes that run are abandoned; the hub has ten seconds to acknowledge finished results. A
+        second call skips that time.
         """
-        self._ending.ask()
+        self._shutdown.request()
 
     def _hand_over(self) -> None:
-        """Run nothing more, and wait for the acknowledgement of what was handed in."""
-        if self._ending.problem is None:
-            self._listen()
-        self._child.end()
+        """Run nothing more, and wait until the hub has acknowledged the results."""
+        if self._shutdown.problem is None:
+            self._listen_to_child()
+        self._processes.end()
         self._child.running.clear()
         self._waiting.clear()
-        self._handlers[Lease] = self._decline
-        while self._outbox and self._ending.is_patient:
-            self._link.socket.poll(TICK_MS)
-            self._hear_hub()
-            self._beat()
+        self._handlers[Lease] = _ignore  # the hub leases it elsewhere after the goodbye
+        while self._outbox and self._shutdown.has_time:
+            self._hub.socket.poll(TICK_MS)
+            self._listen_to_hub()
+            self._send_heartbeat()
         if self._outbox:
             log.warning("not acknowledged", worker=self._hello.worker, results=len(self._outbox))
 
     def _wait(self) -> bool:
-        """For a word of the hub or of the child, but not for long; whether the child spoke."""
-        if self._heard is not self._child:
-            self._heard, self._poller = self._child, zmq.Poller()
-            self._poller.register(self._link.socket, zmq.POLLIN)
+        """Wait shortly for a message of the hub or the child; return whether the child has sent."""
+        if self._polled_child is not self._child:
+            self._polled_child, self._poller = self._child, zmq.Poller()
+            self._poller.register(self._hub.socket, zmq.POLLIN)
             self._poller.register(self._child.descriptor, zmq.POLLIN)
         return self._child.descriptor in dict(self._poller.poll(TICK_MS))
 
-    def _hear_hub(self) -> None:
-        for message in self._link.receive():
+    def _listen_to_hub(self) -> None:
+        for message in self._hub.receive():
             self._unanswered = 0
             self._handlers[type(message)](message)
 
-    def _welcome(self, message: Welcome) -> None:
+    def _handle_welcome(self, message: Welcome) -> None:
         if self._heartbeat_s:
-            return  # one for each hello that waited for the hub to come up
-        log.info("welcomed", worker=self._hello.worker, hub=self._link.address)
+            return  # one for each hello that was queued while the hub started
+        log.info("welcomed", worker=self._hello.worker, hub=self._hub.address)
         self._heartbeat_s, self._refusal = message.heartbeat_s, ""
         self._hello = replace(self._hello, asked=self._hello.asked + 1)
         for (campaign, _), result in self._outbox.items():
-            self._link.send(Results(campaign, (result,)))
+            self._hub.send(Results(campaign, (result,)))
 
-    def _refused(self, message: Refusal) -> None:
-        """The hub does not know us (it was restarted, or we were given up): introduce again."""
+    def _handle_refusal(self, message: Refusal) -> None:
+        """Say hello again: the hub was restarted, or has dropped this worker."""
         if message.reason != self._refusal:
-            said = log.info if self._heartbeat_s else log.warning  # a hello was refused, else
-            said("refused, trying again", worker=self._hello.worker, reason=message.reason)
+            write = log.info if self._heartbeat_s else log.warning  # a refused hello is unexpected
+            write("refused, trying again", worker=self._hello.worker, reason=message.reason)
         if self._heartbeat_s:
-            self._next_beat_s = 0.0  # before the hub has given up who had this worker's last line
+            # At once, before the hub gives up the session of this worker's last connection.
+            self._next_beat_s = 0.0
         self._refusal, self._heartbeat_s = message.reason, 0.0
 
-    def _lease(self, message: Lease) -> None:
-        mine = {(each.campaign, each.task.index) for each in self._held()}
+    def _handle_setup(self, message: Setup) -> None:
+        if message.campaign in self._declined:
+            # A hub sends a setup again only after a drop, and the drop did not arrive: the campaign
+            # was resumed, and the reason for which it was declined may be gone.
+            self._handle_drop(Drop(message.campaign))
+        self._setups.set_up(message)
+
+    def _handle_lease(self, message: Lease) -> None:
+        if message.campaign in self._declined:
+            return  # the lease was sent before the hub knew
+        mine = {(each.campaign, each.task.index) for each in self._list_held()}
         for task in message.tasks:
             key = (message.campaign, task.index)
             if key in self._outbox:
-                self._link.send(Results(message.campaign, (self._outbox[key],)))
-            elif key not in mine and min(key) >= 0:  # else no hello could name it
-                self._waiting.append(Held(message.campaign, task))
+                self._hub.send(Results(message.campaign, (self._outbox[key],)))
+            elif key not in mine and min(key) >= 0:  # a hello cannot name a negative number
+                self._waiting.append(HeldEpisode(message.campaign, task))
 
-    def _decline(self, _message: Lease) -> None:
-        """It goes to others, when the hub has heard the goodbye."""
-
-    def _forget(self, message: Ack) -> None:
+    def _handle_ack(self, message: Ack) -> None:
         for index in message.indices:
             self._outbox.pop((message.campaign, index), None)
 
-    def _drop(self, message: Drop) -> None:
+    def _handle_drop(self, message: Drop) -> None:
         self._waiting = deque(held for held in self._waiting if held.campaign != message.campaign)
-        self._supplies.drop(message.campaign)
-        self._child.drop(message.campaign)
+        self._declined.pop(message.campaign, None)
+        self._setups.drop(message.campaign)
+        self._processes.drop(message.campaign)
 
-    def _leave(self, message: Goodbye) -> None:
+    def _handle_goodbye(self, message: Goodbye) -> None:
         log.info("sent home", worker=self._hello.worker, reason=message.reason)
-        self._ending.ask()
+        self._shutdown.request()
 
-    def _hear_child(self, spoke: bool) -> None:
-        ended = self._child.has_ended()  # first: what it wrote before is all there then
-        alive = self._listen() if spoke or ended else True
+    def _supervise_child(self, spoke: bool) -> None:
+        # Asked before listening: after the end of the process all that it wrote can be read.
+        ended = self._child.has_ended()
+        alive = self._listen_to_child() if spoke or ended else True
         if ended or not alive:
             self._replace_child("killed its process", 1 if self._child.begun else 0)
-        elif self._child.overdue(self._episode_limit_s):
+        elif self._child.is_overdue(self._episode_limit_s):
             weight = MAX_CHILD_DEATHS if self._child.ready else 0
             self._replace_child(f"took longer than {self._episode_limit_s:g} s", weight)
-        elif excess := self._child.excess():
+        elif excess := self._child.find_excess():
             self._replace_child(excess, 1)
 
-    def _listen(self) -> bool:
-        """Report what the child has finished; whether it lives."""
+    def _listen_to_child(self) -> bool:
+        """Report the results of the child; return whether the child is sound."""
         alive, results = self._child.listen()
         for campaign, result in results:
-            self._deaths.brought(campaign, result.index)
+            self._failures.record_result(campaign, result.index)
             self._report(campaign, result)
+        if self._child.declined.keys() - self._declined.keys():
+            self._decline_campaigns(self._child.declined)
         return alive
 
+    def _decline_campaigns(self, campaigns: Mapping[int, str]) -> None:
+        """Tell the hub at once, and with every heartbeat until it drops these campaigns."""
+        for campaign in campaigns.keys() - self._declined.keys():
+            log.warning("campaign declined", campaign=campaign, reason=campaigns[campaign])
+        self._declined |= campaigns
+        self._waiting = deque(held for held in self._waiting if held.campaign not in campaigns)
+        self._next_beat_s = 0.0
+
     def _report(self, campaign: int, result: EpisodeResult) -> None:
+        try:
+            self._hub.send(Results(campaign, (result,)))
+        except ProtocolError as error:
+            remedy = "Let the simulator end its episodes earlier, or show fewer vehicles."
+            fault = EpisodeFault("simulator", f"The result is too long. {error} {remedy}")
+            task = EpisodeTask(result.index, result.seed, PriorSource())
+            result = replace(unrunnable(task, fault), source=result.source, wall_s=result.wall_s)
+            self._hub.send(Results(campaign, (result,)))
         self._outbox[campaign, result.index] = result
-        self._link.send(Results(campaign, (result,)))
 
     def _start_child(self) -> ChildProcess:
         try:
             return ChildProcess(self._limits)
         except ServiceError as error:
             log.warning("no child, trying again", worker=self._hello.worker, why=str(error))
-            return Unborn()
+            return NullChild()
 
     def _replace_child(self, what: str, weight: int) -> None:
-        """Start a new child; the episode that was running is tried again, but not for ever."""
+        """Start a new child, and run its episodes again; the first one counts a death.
+
+        Args:
+            what: the first episode did, as the predicate of a sentence.
+            weight: number of deaths to count against it; 0 if it had not begun.
+        """
         status, held = self._child.end(), list(self._child.running)
+        if status == RENEWAL and not self._child.begun:
+            what = "was to run in a fresh process"
         try:
-            self._deaths.lost(ready=self._child.ready, status=status)
+            self._failures.record_end(ready=self._child.ready, status=status)
         except ServiceError as error:
-            self._ending.ask_because(error)
+            self._shutdown.request(error)
             return
-        self._child = self._start_child()
-        self._waiting.extendleft(filter(self._supplies.suffice, reversed(held[1:])))
+        self._processes.replace()
+        self._waiting.extendleft(filter(self._setups.can_run, reversed(held[1:])))
         facts = {"campaign": held[0].campaign, "episode": held[0].task.index} if held else {}
         log.warning("child replaced", worker=self._hello.worker, status=status, why=what, **facts)
-        if held and self._supplies.suffice(held[0]):
-            self._blame(held[0], f"The episode {what} (exit status {status}).", weight)
-
-    def _blame(self, held: Held, message: str, weight: int) -> None:
-        """Count a death against an episode; one that had not begun when it happened weighs 0."""
-        if not self._deaths.spent(held, weight):
-            self._waiting.appendleft(held)
+        if not held or not self._setups.can_run(held[0]):
             return
+        if not self._failures.blame(held[0], weight):
+            self._waiting.appendleft(held[0])
+            return
+        message = f"The episode {what} (exit status {status})."
         remedy = "Replay it alone with `eigenfail episode replay` to see where it stays or dies."
         fault = EpisodeFault("infrastructure", f"{message} {remedy}")
-        self._report(held.campaign, unrunnable(held.task, fault))
+        self._report(held[0].campaign, unrunnable(held[0].task, fault))
 
     def _feed_child(self) -> None:
         while self._waiting and self._child.has_room:
-            held = self._waiting.popleft()
-            if not self._supplies.suffice(held):  # it went astray: the hub begins with us anew
+            held = self._waiting[0]
+            if not self._setups.can_run(held):
+                # A setup or a policy was lost: a new hello makes the hub send all of it again.
                 self._heartbeat_s = 0.0
+                self._waiting.popleft()
                 continue
-            self._supplies.prepare(self._child, held)
-            self._child.run(held)
+            selected = self._processes.select(self._setups.find_group(held.campaign))
+            if not (selected and self._child.has_room):
+                return
+            self._waiting.popleft()
+            self._setups.run_in(self._child, held)
 
-    def _beat(self) -> None:
+    def _send_heartbeat(self) -> None:
+        """Send a heartbeat, or a hello until the hub has welcomed this worker, when it is due."""
         now = time.monotonic()
         if now < self._next_beat_s:
             return
         self._unanswered += 1
         if self._unanswered > MAX_UNANSWERED:
-            self._connect_again()
+            log.warning("no answer", worker=self._hello.worker, hub=self._hub.address)
+            self._hub.reconnect()
+            self._unanswered, self._heartbeat_s = 0, 0.0
         if not self._heartbeat_s:
-            self._link.send(replace(self._hello, claims=self._claims()))
+            self._hub.send(replace(self._hello, claims=self._make_claims()))
             self._next_beat_s = now + HELLO_EVERY_S
             return
-        self._link.send(self._heartbeat())
+        self._hub.send(self._make_heartbeat())
         self._next_beat_s = now + self._heartbeat_s
 
-    def _heartbeat(self) -> Heartbeat:
-        named = ((each.campaign, each.task.index) for each in self._held())
+    def _make_heartbeat(self) -> Heartbeat:
+        named = ((each.campaign, each.task.index) for each in self._list_held())
         held = tuple(islice(named, MAX_CLAIMS))
+        declined = tuple(islice(self._declined.items(), MAX_CLAIMS)) or UNSET
         if not self._child.running:
-            return Heartbeat(held=held)
+            return Heartbeat(held=held, declined=declined)
         running = self._child.running[0]
         slots = self._child.slots(running.campaign)
-        return Heartbeat(running.campaign, running.task.index, held, slots)
+        return Heartbeat(running.campaign, running.task.index, held, slots, declined)
 
-    def _connect_again(self) -> None:
-        log.warning("no answer", worker=self._hello.worker, hub=self._link.address)
-        self._link.connect_again()
-        self._unanswered, self._heartbeat_s = 0, 0.0
-
-    def _held(self) -> Iterator[Held]:
-        """All that it will run, or runs; what was dropped is nobody's any more."""
+    def _list_held(self) -> Iterator[HeldEpisode]:
+        """Yield the episodes that run or wait, without those of dropped campaigns."""
         return (each for each in (*self._child.running, *self._waiting) if each.wanted)
 
-    def _claims(self) -> tuple[Claim, ...]:
-        """What a hub that does not know us is to leave here."""
-        setups = self._supplies.setups
+    def _make_claims(self) -> tuple[Claim, ...]:
+        """Return the episodes that a hub which does not know this worker must leave to it."""
+        setups = self._setups.setups
         unfinished = (
-            Claim(each.campaign, each.task.index, fingerprint(setups[each.campaign], each.task))
-            for each in self._held()
+            Claim(
+                each.campaign, each.task.index, fingerprint_task(setups[each.campaign], each.task)
+            )
+            for each in self._list_held()
             if each.campaign in setups
         )
         finished = (Claim(*key) for key in self._outbox)
         return tuple(islice(chain(unfinished, finished), MAX_CLAIMS))
+
+
+def _ignore(_message: object) -> None:
+    """Handle a message that needs no action."""

@@ -1,4 +1,4 @@
-"""Whole messages over a byte pipe: four bytes of length, then the message."""
+"""Messages over a byte pipe: four bytes of length, then the message."""
 
 import os
 import struct
@@ -16,7 +16,7 @@ def write_message(pipe: BinaryIO, message: Message) -> None:
     """Write one message and flush it.
 
     Raises:
-        BrokenPipeError: nobody reads any more.
+        BrokenPipeError: the other end is closed.
     """
     data = encode(message)
     pipe.write(LENGTH.pack(len(data)) + data)
@@ -24,13 +24,13 @@ def write_message(pipe: BinaryIO, message: Message) -> None:
 
 
 class FrameBuffer:
-    """Collects what a pipe gives whenever it gives something, and hands out whole frames."""
+    """Collects the bytes of a pipe as they arrive, and yields complete frames."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
 
     def read(self, descriptor: int) -> bool:
-        """Take what is there, if anything is; False at the end of the pipe."""
+        """Read the bytes that have arrived; return False at the end of the pipe."""
         try:
             data = os.read(descriptor, CHUNK_BYTES)
         except BlockingIOError:
@@ -39,7 +39,7 @@ class FrameBuffer:
         return bool(data)
 
     def frames(self) -> Iterator[bytes]:
-        """The whole frames collected so far.
+        """Yield and remove the complete frames.
 
         Raises:
             ProtocolError: a frame claims to be larger than any message.

@@ -1,1 +1,1 @@
-"""Who starts workers, how many, and what becomes of them: Ray, or nobody here."""
+"""Starting of workers: how many, where, and what happens to them."""

@@ -1,15 +1,15 @@
-"""What the services' command line says of workers."""
+"""Options of the services' command line about workers."""
 
 import argparse
 from collections.abc import Callable
 
 from eigenfail.hosting.span import refuse_scaling, span_of
-from eigenfail_services.campaigns.launching.launcher import Launcher, NoLauncher
+from eigenfail_services.campaigns.launching.launcher import NoLauncher, WorkerLauncher
 from eigenfail_services.campaigns.launching.ray_launcher import RayLauncher
 
 
-def ray_launcher(arguments: argparse.Namespace) -> Launcher:
-    """Ray, for as many workers as there are to be.
+def ray_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return a launcher that has Ray start the workers.
 
     Raises:
         InvalidValue: the numbers of workers do not go together.
@@ -19,8 +19,8 @@ def ray_launcher(arguments: argparse.Namespace) -> Launcher:
     return RayLauncher(span, arguments.ray_address)
 
 
-def no_launcher(arguments: argparse.Namespace) -> Launcher:
-    """Nobody.
+def no_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return a launcher that starts no workers.
 
     Raises:
         InvalidValue: numbers of workers are given that somebody would have to see to.
@@ -29,24 +29,26 @@ def no_launcher(arguments: argparse.Namespace) -> Launcher:
     return NoLauncher()
 
 
-LAUNCHERS: dict[str, Callable[[argparse.Namespace], Launcher]] = {
+LAUNCHERS: dict[str, Callable[[argparse.Namespace], WorkerLauncher]] = {
     "ray": ray_launcher,
     "none": no_launcher,
 }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """How many workers there are to be, and who starts them."""
-    parser.add_argument("--workers", type=int, help="just so many; without it, one per core")
-    parser.add_argument("--min-workers", type=int, help="so many with nothing to do; 0")
-    parser.add_argument("--max-workers", type=int, help="scale with the work, up to so many")
-    parser.add_argument("--idle-s", type=float, help="workers not needed for so long go [s]; 60")
+    """Add the options for the number of workers and their launcher."""
+    parser.add_argument("--workers", type=int, help="number of workers; default: one per core")
+    parser.add_argument("--min-workers", type=int, help="number of idle workers to keep running; 0")
+    parser.add_argument("--max-workers", type=int, help="scale with the work, up to this number")
+    parser.add_argument(
+        "--idle-s", type=float, help="time after which idle workers are stopped [s]; 60"
+    )
     parser.add_argument("--launcher", choices=LAUNCHERS, default="ray")
     parser.add_argument("--ray-address", default=None, help="of a running cluster")
 
 
-def launcher_of(arguments: argparse.Namespace) -> Launcher:
-    """Whoever starts the workers.
+def create_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return the launcher that the options name.
 
     Raises:
         InvalidValue: the numbers of workers do not go together.

@@ -1,4 +1,4 @@
-"""Has Ray place as many workers as the work needs, and brings a Ray back that has died."""
+"""Workers on Ray: as many as the work needs, on a Ray that is started again when it is lost."""
 
 import time
 from collections import deque
@@ -10,12 +10,78 @@ import structlog
 
 from eigenfail.errors import ClusterUnavailable
 from eigenfail.hosting.span import Span
-from eigenfail.wire.curve import WorkerKey
-from eigenfail_services.campaigns.launching.launcher import Notice, Table, never
-from eigenfail_services.campaigns.launching.placement import ASKED, Placement
-from eigenfail_services.campaigns.launching.ray_link import RayLink
-from eigenfail_services.campaigns.launching.ray_words import Begin, Lost, Standing
-from eigenfail_services.campaigns.launching.roll import Roll
+from eigenfail.wire.keys import WorkerKey
+from eigenfail_services.campaigns.launching.launcher import Notice, WorkerPool, never
+from eigenfail_services.campaigns.launching.ray_link import (
+    ClusterLost,
+    ClusterStatus,
+    RayLink,
+    StartRay,
+)
+from eigenfail_services.campaigns.launching.scaling import WorkerNames
+
+UNPLACED_AFTER_S = 5.0
+"""Where there is room for a worker it has its place sooner."""
+
+ASKED, REFUSED, MACHINES = "workers.asked", "workers.refused", "ray.machines"
+
+
+class PlacementNotices:
+    """Turns changes of the cluster's status into notices."""
+
+    def __init__(self) -> None:
+        self._unplaced_since_s: float | None = None
+        self._said = ""
+        self._before = ClusterStatus()
+
+    def note(self, now_s: float, standing: ClusterStatus) -> list[Notice]:
+        """Return the notices of a new status.
+
+        Args:
+            now_s: of a clock that only ever grows. [s]
+            standing: what the Ray process says.
+        """
+        before, self._before = self._before, standing
+        return [
+            *self._places(now_s, standing),
+            *_list_refusals(standing, before),
+            *_list_losses(standing, before),
+        ]
+
+    def _places(self, now_s: float, standing: ClusterStatus) -> list[Notice]:
+        """Report only what lasts, and its end: every worker is without a place for a moment."""
+        if not standing.unplaced:
+            self._unplaced_since_s = None
+        elif self._unplaced_since_s is None:
+            self._unplaced_since_s = now_s
+        since_s = self._unplaced_since_s
+        lasts = since_s is not None and now_s - since_s >= UNPLACED_AFTER_S
+        message = _describe_asked(standing)
+        if message == self._said or not (lasts or self._said):
+            return []
+        self._said = message if lasts else ""
+        return [Notice(ASKED, message)]
+
+
+def _describe_asked(standing: ClusterStatus) -> str:
+    placed, n = len(standing.placed), len(standing.placed) + len(standing.unplaced)
+    workers = f"{n} worker{'' if n == 1 else 's'} asked of Ray"
+    if placed == n:
+        return f"{workers}, all placed."
+    return f"{workers}, {f'{placed} placed so far' if placed else 'none placed yet'}."
+
+
+def _list_refusals(standing: ClusterStatus, before: ClusterStatus) -> list[Notice]:
+    new = {name: why for name, why in standing.refused.items() if name not in before.refused}
+    return [Notice(REFUSED, f"Worker {name} gave up: {why}") for name, why in new.items()]
+
+
+def _list_losses(standing: ClusterStatus, before: ClusterStatus) -> list[Notice]:
+    if standing.machines >= before.machines:
+        return []
+    left = f"{before.machines} machines before, {standing.machines} now"
+    return [Notice(MACHINES, f"Ray's cluster has become smaller: {left}.")]
+
 
 LOST, BACK = "ray.lost", "ray.back"
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
@@ -42,9 +108,9 @@ class RayLauncher:
         self._span = span
         self._cluster = cluster
         self._clock = clock
-        self._roll = Roll(span)
-        self._placement = Placement()
-        self._standing: Standing | None = None
+        self._roll = WorkerNames(span)
+        self._placement = PlacementNotices()
+        self._standing: ClusterStatus | None = None
         self._link: RayLink | None = None
         self._notices: deque[Notice] = deque()
         self._again_s, self._since_s, self._pause_s = 0.0, 0.0, FIRST_PAUSE_S
@@ -58,7 +124,7 @@ class RayLauncher:
         Raises:
             ClusterUnavailable: Ray is not installed, or does not start.
         """
-        self._begin = Begin(hub, key.text() if key else None, self._cluster, self._span.most)
+        self._begin = StartRay(hub, key.text() if key else None, self._cluster, self._span.most)
         self._link = link = first_link(self._begin)
         link.want((*self._roll.names,))
         while self._standing is None:
@@ -70,7 +136,7 @@ class RayLauncher:
                 raise ClusterUnavailable(lost.problem, lost.remedy)
             time.sleep(LOOK_EVERY_S)
 
-    def tend(self, table: Table) -> Sequence[Notice]:
+    def tend(self, table: WorkerPool) -> Sequence[Notice]:
         """Hear how Ray stands, bring it back if it is lost, and ask it for whom is needed."""
         if (link := self._link) is None:
             self._try_again()
@@ -87,17 +153,19 @@ class RayLauncher:
             self._link.stop()
             self._link = None
 
-    def _heard(self, link: RayLink) -> Lost | None:
-        """How things stand is noted; that Ray is lost is told."""
+    def _heard(self, link: RayLink) -> ClusterLost | None:
+        """Process the reports of the Ray process; return whether Ray is lost."""
         with suppress(msgspec.DecodeError):
             for word in link.hear():
-                if isinstance(word, Lost):
+                if isinstance(word, ClusterLost):
                     return word
                 self._stands(word)
         problem = link.trouble()
-        return Lost(problem, "The log of the services has its last words.") if problem else None
+        return (
+            ClusterLost(problem, "The log of the services has its last words.") if problem else None
+        )
 
-    def _stands(self, standing: Standing) -> None:
+    def _stands(self, standing: ClusterStatus) -> None:
         if self._standing is None:
             self._since_s = self._clock()
         self._standing = standing
@@ -106,11 +174,11 @@ class RayLauncher:
             self._was_lost = False
             self._say(BACK, f"Ray is back (machines: {standing.machines}).")
 
-    def _lose(self, link: RayLink, lost: Lost) -> None:
+    def _lose(self, link: RayLink, lost: ClusterLost) -> None:
         link.kill()
         if self._standing and self._clock() - self._since_s >= LONGEST_PAUSE_S:
             self._pause_s = FIRST_PAUSE_S
-        self._link, self._standing, self._placement = None, None, Placement()
+        self._link, self._standing, self._placement = None, None, PlacementNotices()
         if not self._was_lost:
             what = "It is connected to anew." if self._cluster else "Another one is started."
             self._say(LOST, f"Ray is lost. {lost.problem} {what} What its workers ran runs again.")
@@ -128,15 +196,15 @@ class RayLauncher:
             log.warning("ray process not started", problem=str(error))
             self._again_s = self._clock() + self._pause_s
 
-    def _staff(self, table: Table) -> None:
-        muster = table.muster()
-        self._roll.look(self._clock(), muster)
-        if self._span.most == 0 and muster.work.episodes and not self._said_none:
+    def _staff(self, table: WorkerPool) -> None:
+        demand = table.measure_demand()
+        self._roll.look(self._clock(), demand)
+        if self._span.most == 0 and demand.work.episodes and not self._said_none:
             self._said_none = True
-            self._say(ASKED, NO_ROOM.format(muster.work.episodes))
+            self._say(ASKED, NO_ROOM.format(demand.work.episodes))
         if self._standing is not None:
             placed = {*self._standing.placed, *self._standing.unplaced}
-            table.part_with(placed.difference(self._roll.names))
+            table.drain_workers(placed.difference(self._roll.names))
         if self._link is not None:
             self._link.want((*self._roll.names,))
 
@@ -144,7 +212,7 @@ class RayLauncher:
         self._notices.append(Notice(kind, message))
 
 
-def first_link(begin: Begin) -> RayLink:
+def first_link(begin: StartRay) -> RayLink:
     """The Ray process with which a service starts.
 
     Raises:

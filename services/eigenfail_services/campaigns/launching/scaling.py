@@ -1,25 +1,28 @@
-"""How many workers to have: a state machine of time and work, without a socket and without Ray."""
+"""The number and the names of workers, from the work that waits; without a socket or Ray."""
 
-from collections.abc import Callable, Collection, Sequence
+import os
+import platform
+from collections.abc import Callable, Collection, Iterator, Sequence
+from itertools import count
 from math import ceil
 
 from eigenfail.hosting.span import Span
-from eigenfail_services.hub.muster import Work
+from eigenfail_services.hub.metrics import Work, WorkerDemand
 
 WORK_EACH_S = 2.0
-"""More workers than have so much work each would not end it noticeably sooner."""
+"""Work for each worker: with more workers it would not end noticeably sooner. [s]"""
 
 RISE_AFTER_S = 2.0
-"""What is needed for a shorter time is worked off before a further worker has started."""
+"""A shorter need is over before a further worker has started. [s]"""
 
 
-def needed(work: Work) -> int:
-    """How many workers that is work for: one at least for what is quick, one at most an episode."""
+def count_needed(work: Work) -> int:
+    """Return the number of workers that work needs: at least 1, at most 1 for each episode."""
     return min(work.episodes, max(1, ceil(work.worker_s / WORK_EACH_S)))
 
 
-class Spell:
-    """For how long something else than what there is has been needed, and the least of a change.
+class _LastingChange:
+    """How long another number of workers has been needed, and the smallest change meanwhile.
 
     Args:
         lasts_s: how long until it counts. [s]
@@ -33,18 +36,18 @@ class Spell:
         self._change = 0
 
     def over(self) -> None:
-        """What there is does."""
+        """End the spell: the present number is enough."""
         self._began_s = None
 
     def go_on(self, now_s: float, need: int) -> int | None:
-        """It does not; what would, once that has lasted long enough."""
+        """Return the number to change to, once another one has been needed for long enough."""
         if self._began_s is None:
             self._began_s, self._change = now_s, need
         self._change = self._nearest(self._change, need)
         return self._change if now_s - self._began_s >= self._lasts_s else None
 
 
-class Scale:
+class WorkerScale:
     """Rises to what was needed for two seconds, and falls to what was enough for `idle_s`.
 
     Whatever the work does, between a rise and the next fall there are at least `idle_s`, and
@@ -57,15 +60,15 @@ class Scale:
     def __init__(self, span: Span) -> None:
         self._span = span
         self.wanted = span.least
-        self._more = Spell(RISE_AFTER_S, min)
-        self._fewer = Spell(span.idle_s, max)
+        self._more = _LastingChange(RISE_AFTER_S, min)
+        self._fewer = _LastingChange(span.idle_s, max)
 
     def look(self, now_s: float, need: int) -> int:
-        """How many to have, as so many are needed now.
+        """Return the number of workers to have, from the number that is needed now.
 
         Args:
             now_s: of a clock that only ever grows. [s]
-            need: as `needed` tells it, less those whom nobody here starts or ends.
+            need: as `count_needed` tells it, less those whom nobody here starts or ends.
         """
         within = min(max(need, self._span.least), self._span.most)
         for spell, applies in (
@@ -82,13 +85,44 @@ class Scale:
         return self.wanted
 
 
-def to_let_go(
+def choose_surplus(
     names: Sequence[str], present: Collection[str], idle: Collection[str], n: int
 ) -> list[str]:
-    """Up to n workers, those that came last first: who is not there yet, then who holds nothing.
+    """Return up to n workers to end, newest first: absent ones, then ones without an episode.
 
     Whoever holds an episode is never among them.
     """
     newest = names[::-1]
     absent = [name for name in newest if name not in present]
     return [*absent, *(name for name in newest if name in idle)][:n]
+
+
+def _list_new_names() -> Iterator[str]:
+    """Return names that no other service gives, on this machine or another one."""
+    return (f"{platform.node()}-{os.getpid()}.{number}" for number in count())
+
+
+class WorkerNames:
+    """The names of the workers that Ray is to have: added and dropped with the need.
+
+    Attributes:
+        names: in the order in which they were taken on.
+    """
+
+    def __init__(self, span: Span) -> None:
+        self._scale = WorkerScale(span)
+        self._new = _list_new_names()
+        self.names: list[str] = []
+        self._fill(span.least)
+
+    def look(self, now_s: float, demand: WorkerDemand) -> None:
+        """Adjust the names to the number that the work needs; working workers are never dropped."""
+        others = len(demand.present.difference(self.names))
+        wanted = self._scale.look(now_s, count_needed(demand.work) - others)
+        surplus = max(0, len(self.names) - wanted)
+        gone = choose_surplus(self.names, demand.present, demand.idle, surplus)
+        self.names = [name for name in self.names if name not in gone]
+        self._fill(wanted)
+
+    def _fill(self, n: int) -> None:
+        self.names += (next(self._new) for _ in range(n - len(self.names)))

@@ -8,15 +8,44 @@ from eigenfail.errors import LearnerFailed
 from eigenfail.values import EpisodeResult, Floats, Outcome
 from eigenfail_services.methods.ast.reward import Reward
 
+FINAL_AMPLITUDE_SHARE = 0.5
+"""Share of a campaign's episodes after which the amplitude has its last value."""
+
+
+class AmplitudeSchedule(msgspec.Struct, frozen=True):
+    """Largest |z| of the policy, which changes linearly from its first value to its last.
+
+    Attributes:
+        first: amplitude at the start of the campaign. [sigma]
+        last: amplitude in the second half, and for a policy that is only used. [sigma]
+        episodes: budget of the campaign.
+    """
+
+    first: float
+    last: float
+    episodes: int
+
+    def get_amplitude(self, episode: int) -> float:
+        """Return the amplitude of the round that begins with an episode, counted from 0. [sigma]"""
+        if self.is_final(episode):
+            return self.last
+        return self.first + (self.last - self.first) * episode / (
+            FINAL_AMPLITUDE_SHARE * self.episodes
+        )
+
+    def is_final(self, episode: int) -> bool:
+        """Whether the amplitude is constant from an episode on."""
+        return self.first == self.last or episode >= FINAL_AMPLITUDE_SHARE * self.episodes
+
 
 class Decisions(msgspec.Struct, frozen=True, eq=False):
     """Transitions at decision times.
 
     Attributes:
-        states: what the adversary saw when it decided, shape (n, len(STATE)).
+        states: observed at the decision, shape (n, len(STATE)).
         actions: z / amplitude, in [-1, 1], shape (n, 2).
-        rewards: summed over the steps of `n_step` decisions, this one and the next, shape (n,).
-        next_states: what it saw `n_step` decisions later, or at the last one, like `states`.
+        rewards: sum over the steps of `n_step` decisions from this one on, shape (n,).
+        next_states: observed `n_step` decisions later, or at the last one, like `states`.
         ends: 1 where the episode ended within these decisions, shape (n,).
     """
 
@@ -28,12 +57,12 @@ class Decisions(msgspec.Struct, frozen=True, eq=False):
 
 
 class DecisionProcess(msgspec.Struct, frozen=True):
-    """How steps make decisions, and decisions make transitions.
+    """Grouping of steps into decisions, and of decisions into transitions.
 
     Attributes:
         hold: number of steps for which one action stays.
-        n_step: decisions whose rewards are summed (Sutton and Barto 2018, chapter 7). The entropy
-            of those in between is left out, and so is that other policies chose them.
+        n_step: number of decisions whose rewards are summed (Sutton and Barto 2018, chapter 7). The
+            entropy of those in between is neglected, and so is that other policies made them.
         gamma: discount from decision to decision.
     """
 
@@ -42,8 +71,8 @@ class DecisionProcess(msgspec.Struct, frozen=True):
     gamma: float = 1.0
 
 
-def usable(result: EpisodeResult) -> bool:
-    """Whether an episode can be learnt from: it was run to its end by a policy."""
+def is_usable(result: EpisodeResult) -> bool:
+    """Whether an episode can be learnt from: a policy has disturbed it to its end."""
     return (
         result.outcome is not Outcome.FAILED
         and result.steps > 0
@@ -52,28 +81,28 @@ def usable(result: EpisodeResult) -> bool:
     )
 
 
-def decisions(
-    result: EpisodeResult, reward: Reward, given: DecisionProcess, amplitude: float
+def make_decisions(
+    result: EpisodeResult, reward: Reward, process: DecisionProcess, amplitude: float
 ) -> Decisions:
-    """The transitions of a usable episode.
+    """Return the transitions of a usable episode.
 
     Args:
-        result: of an episode whose disturbances a policy chose.
+        result: of an episode that a policy has disturbed.
         reward: of every step.
-        given: how steps make decisions, and decisions make transitions.
+        process: grouping of steps and decisions.
         amplitude: the policy's largest |z|. [sigma]
 
     Raises:
         LearnerFailed: a number in the episode is NaN or infinite.
     """
-    first = np.arange(0, result.steps, given.hold)
+    first = np.arange(0, result.steps, process.hold)
     states = np.asarray(result.states, np.float32)[first]
-    behind = np.arange(len(first)) + given.n_step
+    behind = np.arange(len(first)) + process.n_step
     rewards = np.add.reduceat(reward(result), first)
     found = Decisions(
         states=states,
         actions=result.noise.z[first] / np.float32(amplitude),
-        rewards=discounted_sums(rewards, given.n_step, given.gamma).astype(np.float32),
+        rewards=sum_discounted_rewards(rewards, process.n_step, process.gamma).astype(np.float32),
         next_states=states[np.minimum(behind, len(first) - 1)],
         ends=(behind >= len(first)).astype(np.float32),
     )
@@ -85,10 +114,12 @@ def decisions(
     return found
 
 
-def discounted_sums(rewards: NDArray[np.float64], n_step: int, gamma: float) -> NDArray[np.float64]:
-    """sum over k < n_step of gamma^k · r_{t+k}, for every t; nothing is earned after the end.
+def sum_discounted_rewards(
+    rewards: NDArray[np.float64], n_step: int, gamma: float
+) -> NDArray[np.float64]:
+    """Return the sum over k < n_step of gamma^k · r_{t+k}, for every t.
 
-    The rewards are of shape (decisions,), and so are the sums.
+    Rewards after the end are 0. Rewards and sums are of shape (decisions,).
     """
     sums = np.zeros_like(rewards)
     for k in range(min(n_step, len(rewards))):

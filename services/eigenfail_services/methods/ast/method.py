@@ -1,40 +1,135 @@
 """AST as a learner: soft actor-critic on the paper's decision process (Lee et al. 2020)."""
 
 from collections.abc import Sequence
+from typing import Annotated
 
+import msgspec
 from msgspec import structs
 
-from eigenfail.values import EpisodeResult, Estimate, LearnerContext, Policy, PolicySource, Proposal
+from eigenfail.contracts import MethodTraits, Reference
+from eigenfail.errors import InvalidValue
+from eigenfail.values import (
+    EpisodeResult,
+    Estimate,
+    LearnerContext,
+    Policy,
+    PolicySource,
+    Predecessor,
+    Proposal,
+)
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.ast.amplitudes import Amplitudes
-from eigenfail_services.methods.ast.decisions import decisions, usable
-from eigenfail_services.methods.ast.facts import WINDOW, Facts
-from eigenfail_services.methods.ast.probability import PolicyProbability, read_open
+from eigenfail_services.methods.ast.decisions import AmplitudeSchedule, is_usable, make_decisions
+from eigenfail_services.methods.ast.probability import PolicyProbability, read_open_policies
 from eigenfail_services.methods.ast.rewards import make_reward
 from eigenfail_services.methods.ast.settings import AstSettings
-from eigenfail_services.methods.ast.trainer import make_trainer
-from eigenfail_services.methods.ast.warm_start import begin_from
+from eigenfail_services.methods.ast.trainer import Trainer, make_trainer
 from eigenfail_services.statistics.importance import WeightedFailures
+
+Count = Annotated[int, msgspec.Meta(ge=0)]
+
+WINDOW = 100
+"""Number of the last episodes from which convergence is determined."""
+
+
+class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """State of a learner besides its arrays.
+
+    Attributes:
+        version: of the policy; it increases with each training, and each change of amplitude.
+        trainings: number of times that gradient steps were taken.
+        amplitude: of that version. [sigma]
+        proposed: number of proposed episodes.
+        observed: number of observed episodes, including those that could not be run.
+        kept: number of episodes that were added to the replay buffer.
+        trained: number of those episodes that were followed by gradient steps.
+        fresh: number of decisions without gradient steps yet.
+        recent: whether the last episodes in the buffer failed.
+        converged: whether training has ended.
+        sums: of the importance weights of failures.
+        under: encoded policies of the open rounds that will be weighted.
+    """
+
+    amplitude: float
+    version: Count = 0
+    trainings: Count = 0
+    proposed: Count = 0
+    observed: Count = 0
+    kept: Count = 0
+    trained: Count = 0
+    fresh: Count = 0
+    recent: tuple[bool, ...] = ()
+    converged: bool = False
+    sums: WeightedFailures = WeightedFailures()
+    under: bytes = b""
+
+    def with_amplitude(self, amplitude: float) -> "AstFacts":
+        """Return the state with an amplitude, in a new version: workers never update a version."""
+        if amplitude == self.amplitude:
+            return self
+        return msgspec.structs.replace(self, version=self.version + 1, amplitude=amplitude)
+
+    def with_episodes(self, failed: Sequence[bool]) -> "AstFacts":
+        """Return the state after episodes were added to the buffer."""
+        recent = (*self.recent, *failed)[-WINDOW:]
+        return msgspec.structs.replace(self, kept=self.kept + len(failed), recent=recent)
+
+    def has_failure_share(self, share: float) -> bool:
+        """Whether at least a share of the last 100 episodes failed."""
+        return len(self.recent) == WINDOW and sum(self.recent) >= share * WINDOW
+
+
+FIELD = "settings.warm_start"
+
+
+def _adopt_networks(trainer: Trainer, context: LearnerContext, campaign: int) -> None:
+    """Give a new trainer the final networks of an earlier campaign.
+
+    Raises:
+        InvalidValue: that campaign is not available, or its networks have other shapes.
+        ProtocolError: its state is not a state of `ast`.
+    """
+    _, arrays = archive.read("ast", _find_predecessor(context, campaign).state, AstFacts)
+    try:
+        trainer.adopt(arrays)
+    except ValueError as error:
+        raise InvalidValue(
+            FIELD,
+            f"the networks of campaign {campaign} do not fit: {error}.",
+            "Use that campaign's `hidden` and `trainer`.",
+        ) from error
+
+
+def _find_predecessor(context: LearnerContext, campaign: int) -> Predecessor:
+    """Return an earlier campaign of `ast` from the context."""
+    before = context.predecessor(campaign)
+    if before is not None and before.method == "ast":
+        return before
+    raise InvalidValue(
+        FIELD,
+        f"the learner of campaign {campaign} is not at hand, or is none of ast.",
+        "Name a campaign of ast that has ended.",
+    )
 
 
 class AdaptiveStressTesting:
-    """Learns a policy that disturbs what the planner perceives until it crashes.
+    """Learns a policy that disturbs the planner's perception until the ego crashes.
 
-    Warm-up episodes come from the untrained policy: near-uniform within the amplitude and held for
-    `hold` steps. Draws from the prior would teach nothing: any tracker filters white noise away.
+    Warm-up episodes come from the untrained policy: nearly uniform within the amplitude and held
+    for `hold` steps. Draws from the prior would teach nothing, as any tracker filters white noise.
 
-    Once `converged_share` of the last 100 episodes failed, training ends: the campaign goes on
-    under the policy as it stands.
+    When `converged_share` of the last 100 episodes failed, training ends, and the campaign goes on
+    with the present policy.
 
     Raises:
-        InvalidValue: the campaign to start from is not at hand or does not fit.
+        InvalidValue: the campaign of `warm_start` is not available or does not fit.
 
     Attributes:
-        lookahead: the next policy is trained while the previous round still runs.
+        lookahead: 1, as the next policy is trained while the previous round still runs.
     """
 
     Settings = AstSettings
 
+    traits = MethodTraits(chart_mark=1, references={"warm_start": Reference.OWN_LEARNER})
     lookahead = 1
 
     def __init__(self, context: LearnerContext, settings: AstSettings) -> None:
@@ -43,45 +138,45 @@ class AdaptiveStressTesting:
         self._trainer = make_trainer(settings.trainer, settings.options(context.seed))
         self._warm_up = min(settings.warm_up, context.episodes // 4)
         first = settings.first_amplitude or settings.amplitude
-        self._amplitudes = Amplitudes(first, settings.amplitude, context.episodes)
-        self._facts = Facts(amplitude=first)
+        self._amplitudes = AmplitudeSchedule(first, settings.amplitude, context.episodes)
+        self._facts = AstFacts(amplitude=first)
         self._horizon = context.horizon
         self._probability = PolicyProbability(settings.hold, settings.amplitude, context.episodes)
         if settings.warm_start is not None:
-            begin_from(self._trainer, context, settings.warm_start)
+            _adopt_networks(self._trainer, context, settings.warm_start)
 
     @property
     def trained_episodes(self) -> int:
-        """How many episodes the policy was trained with; it stands still after convergence."""
+        """Number of episodes that the policy was trained with; constant after convergence."""
         return self._facts.trained
 
     def propose(self, n: int) -> Proposal:
-        """A round under the newest policy."""
+        """Return a round with the newest policy."""
         count, facts = min(n, self._settings.round_size), self._facts
-        facts = facts.reaching(self._amplitudes.at(facts.proposed))
+        facts = facts.with_amplitude(self._amplitudes.get_amplitude(facts.proposed))
         self._facts = structs.replace(facts, proposed=facts.proposed + count)
-        policy = self._policy(facts)
+        policy = self._make_policy(facts)
         self._probability.begin(facts.proposed, policy)
-        return under(policy, count)
+        return _propose_policy(policy, count)
 
     def exploit(self, n: int) -> Proposal:
-        """Exactly n episodes under the newest policy, at its last amplitude; nothing is learnt."""
-        return under(self._exploiting(), n)
+        """Return n episodes with the newest policy at its last amplitude, without learning."""
+        return _propose_policy(self._make_final_policy(), n)
 
     def weigh(self, sums: WeightedFailures, results: Sequence[EpisodeResult]) -> WeightedFailures:
-        """With episodes that `exploit` proposed; the sums as they are where hold > 1."""
-        return self._probability.weigh(sums, results, self._exploiting())
+        """Return the sums with episodes of `exploit`; unchanged where hold > 1."""
+        return self._probability.weigh(sums, results, self._make_final_policy())
 
     def tell(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
-        """A lower bound of the failure probability by importance sampling; None over no episode."""
+        """Return a lower bound of the failure probability; None without episodes."""
         return self._probability.tell(sums, horizon)
 
     def estimate(self) -> Estimate | None:
-        """The same over the second half of the budget; None where hold > 1."""
+        """Return the estimate over the second half of the budget; None where hold > 1."""
         return self._probability.estimate(self._facts.observed, self._horizon)
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Learn from the episodes that were run to their end, until training has converged.
+        """Learn from completed episodes, until training has converged.
 
         Raises:
             LearnerDiverged: training diverged.
@@ -91,59 +186,59 @@ class AdaptiveStressTesting:
         self._facts = structs.replace(self._facts, observed=first + len(results))
         self._probability.end(first, results)
         if not self._facts.converged:
-            self._keep([result for result in results if usable(result)], first)
+            self._add_to_buffer([result for result in results if is_usable(result)], first)
             self._facts = structs.replace(self._facts, converged=self._has_converged())
             self._train()
 
     def state(self) -> bytes:
-        """Networks, targets, optimizers, replay buffer, what the reward knows, counters, sums."""
+        """Return networks, optimizers, replay buffer, failures of the reward, counters and sums."""
         arrays = {**self._trainer.arrays(), **self._reward.arrays()}
         weighed = self._probability
-        facts = structs.replace(self._facts, sums=weighed.sums, under=weighed.open())
+        facts = structs.replace(self._facts, sums=weighed.sums, under=weighed.encode_open())
         return archive.write("ast", facts, arrays)
 
     def restore(self, state: bytes) -> None:
-        """Go on from there, bit for bit.
+        """Restore a state, from which learning goes on bit for bit.
 
         Raises:
             ProtocolError: the bytes are not a state of this method with these settings.
         """
-        facts, arrays = archive.read("ast", state, Facts)
-        with archive.refusing("ast"):
-            policies = read_open(facts.under)
-            reward = self._reward.loaded(arrays)
+        facts, arrays = archive.read("ast", state, AstFacts)
+        with archive.wrap_errors("ast"):
+            policies = read_open_policies(facts.under)
+            reward = self._reward.load(arrays)
             self._trainer.load(arrays)
         self._probability.load(facts.sums, policies)
         self._reward, self._facts = reward, facts
 
-    def _exploiting(self) -> Policy:
-        return self._policy(self._facts.reaching(self._amplitudes.last))
+    def _make_final_policy(self) -> Policy:
+        return self._make_policy(self._facts.with_amplitude(self._amplitudes.last))
 
-    def _policy(self, facts: Facts) -> Policy:
-        """The actor as it stands, with the version and reach of these facts."""
+    def _make_policy(self, facts: AstFacts) -> Policy:
+        """Return the present actor, with version and amplitude of a state."""
         actor = self._trainer.policy(facts.version)
         return structs.replace(actor, amplitude=facts.amplitude)
 
-    def _keep(self, results: Sequence[EpisodeResult], first: int) -> None:
-        """Put a round into the replay buffer; `first` is its first episode's number."""
+    def _add_to_buffer(self, results: Sequence[EpisodeResult], first: int) -> None:
+        """Add a round to the replay buffer; `first` is the number of its first episode."""
         facts, fresh = self._facts, self._facts.fresh
-        process, amplitude = self._settings.process(), self._amplitudes.at(first)
+        process, amplitude = self._settings.process(), self._amplitudes.get_amplitude(first)
         for result in results:
-            found = decisions(result, self._reward, process, amplitude)
+            found = make_decisions(result, self._reward, process, amplitude)
             self._trainer.add(found)
             fresh += len(found.rewards)
-        self._reward = self._reward.after(results)
-        told = [result.is_failure for result in results]
-        self._facts = structs.replace(facts.after(told), fresh=fresh)
+        self._reward = self._reward.update(results)
+        failed = [result.is_failure for result in results]
+        self._facts = structs.replace(facts.with_episodes(failed), fresh=fresh)
 
     def _has_converged(self) -> bool:
-        """Whether enough of the last episodes failed, all under the last amplitude."""
+        """Whether enough of the last episodes failed, all of them at the last amplitude."""
         share, facts = self._settings.converged_share, self._facts
-        settled = self._amplitudes.settled(facts.observed - WINDOW)
-        return share is not None and settled and facts.fails_in(share)
+        is_final = self._amplitudes.is_final(facts.observed - WINDOW)
+        return share is not None and is_final and facts.has_failure_share(share)
 
     def _train(self) -> None:
-        """Take the gradient steps that are due."""
+        """Take the gradient steps for the fresh decisions."""
         facts = self._facts
         if facts.fresh and not facts.converged and facts.kept >= self._warm_up:
             trainings = facts.trainings + 1
@@ -157,6 +252,6 @@ class AdaptiveStressTesting:
             )
 
 
-def under(policy: Policy, count: int) -> Proposal:
-    """Episodes of a policy."""
+def _propose_policy(policy: Policy, count: int) -> Proposal:
+    """Return a proposal of episodes with one policy."""
     return Proposal((PolicySource(policy.version),) * count, policy)

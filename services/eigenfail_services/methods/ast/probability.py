@@ -1,40 +1,139 @@
-"""The failure probability from episodes of policies, each weighed by the one that ran it."""
+"""Estimate of the failure probability by importance sampling from policies."""
 
 from collections.abc import Sequence
+from math import erfc, log, pi, sqrt, tanh
 from statistics import NormalDist
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
-from eigenfail.values import EpisodeResult, Estimate, Policy
+from eigenfail.values import EpisodeResult, Estimate, Floats, Layer, Policy
 from eigenfail.values.arrays import decode_array, encode_array
-from eigenfail_services.methods.ast.amplitudes import SHARE
-from eigenfail_services.methods.ast.decisions import usable
-from eigenfail_services.methods.ast.density import log_weights
-from eigenfail_services.statistics.importance import BLIND, WeightedFailures, nothing_counted
+from eigenfail_services.methods.ast.decisions import FINAL_AMPLITUDE_SHARE, is_usable
+from eigenfail_services.statistics.importance import WeightedFailures, explain_nothing_counted
+
+Array = NDArray[np.float64]
+
+LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
+HALF_LOG_TWO_PI = 0.5 * log(2.0 * pi)
+
+EDGE = 5.0
+"""Largest value before the squashing that has a density of its own.
+
+Beyond it, float32 has few numbers so near ±1: all of them count as one cell of 1e-4 of the
+amplitude, whose density is its mass under q divided by its width."""
+
+MIN_STD = 0.01
+"""Least standard deviation before the squashing: below it, the rounding of float32, up to 2e-4
+within the edge, would falsify the density."""
+
+
+def log_weights(results: Sequence[EpisodeResult], policy: Policy) -> Array:
+    """Return log p(z) − log q(z) of episodes of one policy with hold = 1, shape (n,).
+
+    q(z) is the product over steps of the policy's density given its state, up to the episode's own
+    end (Siegmund 1976, Annals of Statistics 4, 673–684). NaN where a choice was almost certain.
+
+    Args:
+        results: of this policy, with their states.
+        policy: with hold = 1.
+    """
+    return np.array([log_weight(result, policy) for result in results], np.float64)
+
+
+def log_weight(result: EpisodeResult, policy: Policy) -> float:
+    """Return log p(z) − log q(z) of one episode."""
+    mean, log_std = compute_gaussian(policy, np.asarray(result.states, np.float64))
+    if log_std.min() < log(MIN_STD):
+        return float("nan")
+    z = result.noise.z.astype(np.float64)
+    own = log_density(z, mean, np.exp(log_std), float(np.float32(policy.amplitude)))
+    return float(np.sum(-0.5 * z**2 - HALF_LOG_TWO_PI - own))
+
+
+def compute_gaussian(policy: Policy, states: Array) -> tuple[Array, Array]:
+    """Return mean and log standard deviation before the squashing, each of shape (steps, 2).
+
+    Args:
+        policy: that has chosen.
+        states: observed by it, shape (steps, len(STATE)).
+    """
+    hidden = states
+    for layer in policy.hidden:
+        hidden = np.maximum(_affine(layer, hidden), 0.0)
+    log_std = np.clip(_affine(policy.log_std, hidden), LOG_STD_MIN, LOG_STD_MAX)
+    return _affine(policy.mean, hidden), log_std
+
+
+def log_density(z: Array, mean: Array, std: Array, amplitude: float) -> Array:
+    """Return the log density of z = amplitude · tanh(u), u ~ N(mean, std²), of the shape of z.
+
+    log N(u; mean, std²) − log(amplitude · (1 − tanh(u)²)) (Haarnoja et al. 2018, appendix C).
+
+    Args:
+        z: chosen noise. [sigma]
+        mean: of u, of the shape of z.
+        std: of u, of the shape of z.
+        amplitude: above 0. [sigma]
+    """
+    squashed = z / amplitude
+    outside = np.abs(squashed) > tanh(EDGE)
+    inner = np.where(outside, 0.0, squashed)
+    inside = -0.5 * ((np.arctanh(inner) - mean) / std) ** 2 - np.log(std) - HALF_LOG_TWO_PI
+    inside -= np.log(amplitude * (1.0 - inner**2))
+    if outside.any():
+        beyond = ((EDGE - np.sign(z) * mean) / std)[outside]
+        inside[outside] = _log_tail_probability(beyond) - log(amplitude * (1.0 - tanh(EDGE)))
+    found: Array = inside
+    return found
+
+
+def _log_tail_probability(x: Array) -> Array:
+    """Return log P(X > x) for a standard normal X, shape (n,); its asymptote where x > 30."""
+    return np.array(
+        [
+            log(0.5 * erfc(one / sqrt(2.0)))
+            if one < 30.0
+            else -0.5 * one**2 - log(one) - HALF_LOG_TWO_PI
+            for one in x.tolist()
+        ]
+    )
+
+
+def _affine(layer: Layer, x: Array) -> Array:
+    weight: Floats = layer.weight
+    product: Array = x @ weight.T.astype(np.float64) + layer.bias
+    return product
+
 
 ADVICE = (
     "Take method subset, or give it more episodes and a policy that stays more random: "
     "target_entropy = 0.5."
+)
+ONE_POLICY = (
+    "Importance sampling from one policy sees the failure regions that the policy leads to; others "
+    "are missed, so the true probability may be larger."
 )
 _encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _policies = msgspec.msgpack.Decoder(dict[int, Policy], dec_hook=decode_array)
 
 
 class PolicyProbability:
-    """Running sums over the rounds of the second half of the budget.
+    """Sums of importance weights over the rounds of the second half of the budget.
 
-    By then the amplitude rests, and early policies, whose few heavy weights would outweigh all
-    others, are over. A policy never depends on the round that it runs, so that the sums stay
-    unbiased while it is trained. With hold > 1 there is nothing to weigh: noise that is held lies
-    in a set that has probability 0 under p(z).
+    By then the amplitude is constant, and the early policies, whose few heavy weights would
+    dominate the sum, have ended. A policy never depends on the round that it runs, so that the sums
+    are unbiased while it is trained. With hold > 1 there are no weights: noise that is held lies in
+    a set that has probability 0 under p(z).
 
     Args:
-        hold: steps for which an action stays.
-        amplitude: the largest |z| in the second half. [sigma]
+        hold: number of steps for which an action stays.
+        amplitude: largest |z| in the second half. [sigma]
         budget: of the campaign, in episodes.
 
     Attributes:
-        sums: over the episodes that count.
+        sums: over the weighted episodes.
     """
 
     def __init__(self, hold: int, amplitude: float, budget: int) -> None:
@@ -45,56 +144,56 @@ class PolicyProbability:
         self.sums = WeightedFailures()
 
     def begin(self, first: int, policy: Policy) -> None:
-        """A round from episode `first` on is to be run under that policy."""
-        if self._has_density and first >= SHARE * self._budget:
+        """Note the policy of the round that begins with episode `first`."""
+        if self._has_density and first >= FINAL_AMPLITUDE_SHARE * self._budget:
             self._open[first] = policy
 
     def end(self, first: int, results: Sequence[EpisodeResult]) -> None:
-        """The round from episode `first` on was run."""
+        """Add the results of the round that began with episode `first`."""
         if (policy := self._open.pop(first, None)) is not None:
             self.sums = self.weigh(self.sums, results, policy)
 
     def weigh(
         self, sums: WeightedFailures, results: Sequence[EpisodeResult], policy: Policy
     ) -> WeightedFailures:
-        """The sums with episodes of a policy; as they are where its noise is held."""
+        """Return the sums with episodes of a policy; unchanged where its noise is held."""
         if not self._has_density:
             return sums
-        ran = [result for result in results if usable(result)]
+        ran = [result for result in results if is_usable(result)]
         failures = [result for result in ran if result.is_failure]
         return sums.after(log_weights(failures, policy), len(ran))
 
     def tell(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
-        """The probability that such sums tell; None over no episode."""
-        note = f"{reach(self._amplitude, horizon)} {BLIND}"
+        """Return the estimate from some sums; None without episodes."""
+        note = f"{describe_reach(self._amplitude, horizon)} {ONE_POLICY}"
         return sums.estimate(ADVICE, note) if sums.episodes else None
 
-    def estimate(self, seen: int, horizon: int) -> Estimate | None:
-        """The same of the campaign's own sums, after so many episodes; None where noise is held."""
+    def estimate(self, observed: int, horizon: int) -> Estimate | None:
+        """Return the estimate from the campaign's own sums; None where noise is held."""
         if not self._has_density:
             return None
-        return self.tell(self.sums, horizon) or nothing_counted(seen, self._budget)
+        return self.tell(self.sums, horizon) or explain_nothing_counted(observed, self._budget)
 
-    def open(self) -> bytes:
-        """The policies of the rounds that are being run."""
+    def encode_open(self) -> bytes:
+        """Return the policies of the rounds that run."""
         return _encoder.encode(self._open)
 
     def load(self, sums: WeightedFailures, policies: dict[int, Policy]) -> None:
-        """Go on from there."""
+        """Restore the state."""
         self.sums, self._open = sums, policies
 
 
-def read_open(data: bytes) -> dict[int, Policy]:
-    """What `open` gave; none of states that were written before there were estimates.
+def read_open_policies(data: bytes) -> dict[int, Policy]:
+    """Return the policies that `encode_open` encoded; states of early versions have none.
 
     Raises:
-        ValueError: these are no policies.
+        ValueError: the bytes do not hold policies.
     """
     return _policies.decode(data) if data else {}
 
 
-def reach(amplitude: float, horizon: int) -> str:
-    """What noise the policy cannot choose, and how much the rest is of all, in words."""
+def describe_reach(amplitude: float, horizon: int) -> str:
+    """Describe the noise that the policy can choose, and its share in all noise."""
     share = (2.0 * NormalDist().cdf(amplitude) - 1.0) ** (2 * horizon)
     return (
         f"A lower bound: it counts failures whose noise stays within ±{amplitude:g} sigma at every "

@@ -1,4 +1,4 @@
-"""What the adversary is rewarded for: named objects, so that they can stand side by side."""
+"""Rewards of the adversary, as objects that can be compared with each other."""
 
 from collections.abc import Sequence
 from typing import Protocol, Self
@@ -7,49 +7,49 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import EpisodeResult
+from eigenfail.values import EpisodeResult, Floats
 from eigenfail_services.methods.archive import Arrays
 
 Rewards = NDArray[np.float64]
 
 
 class Reward(Protocol):
-    """Rewards of an episode that was run to its end."""
+    """Rewards of the steps of an episode that was run to its end."""
 
     def __call__(self, result: EpisodeResult) -> Rewards:
-        """The reward of every step, shape (steps,)."""
+        """Return the reward of every step, shape (steps,)."""
 
-    def after(self, results: Sequence[EpisodeResult]) -> "Reward":
-        """The reward of later episodes, once these are known."""
+    def update(self, results: Sequence[EpisodeResult]) -> "Reward":
+        """Return the reward of later episodes, which takes these into account."""
 
     def arrays(self) -> Arrays:
-        """What it has learnt of earlier episodes."""
+        """Return what the reward has kept of earlier episodes."""
 
-    def loaded(self, arrays: Arrays) -> "Reward":
-        """The same reward as it was when it gave these arrays.
+    def load(self, arrays: Arrays) -> "Reward":
+        """Return the reward as it was when it returned these arrays.
 
         Raises:
             ValueError: an array is missing or has another shape.
         """
 
 
-class Constant(msgspec.Struct, frozen=True):
-    """A reward that does not change with what was found."""
+class ConstantReward(msgspec.Struct, frozen=True):
+    """A reward that does not depend on earlier episodes."""
 
-    def after(self, _results: Sequence[EpisodeResult]) -> Self:
-        """The same."""
+    def update(self, _results: Sequence[EpisodeResult]) -> Self:
+        """Return the same reward."""
         return self
 
     def arrays(self) -> Arrays:
-        """Nothing."""
+        """Return no arrays."""
         return {}
 
-    def loaded(self, _arrays: Arrays) -> Self:
-        """The same."""
+    def load(self, _arrays: Arrays) -> Self:
+        """Return the same reward."""
         return self
 
 
-class PaperReward(Constant, frozen=True):
+class PaperReward(ConstantReward, frozen=True):
     """The paper's reward (eq. 4; Lee et al. 2020, Adaptive Stress Testing, JAIR 69).
 
     0 at a terminal failure, -alpha - c_dist · d_min at any other end, log p(a_t) at all other
@@ -60,13 +60,13 @@ class PaperReward(Constant, frozen=True):
     c_dist: float
 
     def __call__(self, result: EpisodeResult) -> Rewards:
-        """The reward of every step, shape (steps,)."""
+        """Return the reward of every step, shape (steps,)."""
         rewards = result.noise.log_probability_per_step.copy()
-        rewards[-1] = at_end(result, self.alpha, self.c_dist)
+        rewards[-1] = _reward_at_end(result, self.alpha, self.c_dist)
         return rewards
 
 
-class MahalanobisReward(Constant, frozen=True):
+class MahalanobisReward(ConstantReward, frozen=True):
     """Koren et al. 2018 (Adaptive Stress Testing for Autonomous Vehicles, IEEE IV).
 
     -log(1 + M(a_t)) in place of log p(a_t), M the Mahalanobis distance from the mean: ||z_t||.
@@ -78,16 +78,80 @@ class MahalanobisReward(Constant, frozen=True):
     c_dist: float
 
     def __call__(self, result: EpisodeResult) -> Rewards:
-        """The reward of every step, shape (steps,)."""
+        """Return the reward of every step, shape (steps,)."""
         distances = np.linalg.norm(result.noise.z.astype(np.float64), axis=1)
         rewards: Rewards = -np.log1p(distances)
-        rewards[-1] = at_end(result, self.alpha, self.c_dist)
+        rewards[-1] = _reward_at_end(result, self.alpha, self.c_dist)
         return rewards
 
 
-def at_end(result: EpisodeResult, alpha: float, c_dist: float) -> float:
-    """0 for a failure, otherwise -alpha - c_dist · robustness [m]."""
+def _reward_at_end(result: EpisodeResult, alpha: float, c_dist: float) -> float:
+    """Return 0 for a failure, otherwise -alpha - c_dist · robustness [m]."""
     if result.is_failure:
         return 0.0
     d_min = result.measures.robustness_m if result.measures else float("nan")
     return -alpha - c_dist * d_min
+
+
+MAX_FAILURES = 100
+"""Number of the newest failures that are compared: older ones stem from outdated policies."""
+
+
+class DissimilarityReward(msgspec.Struct, frozen=True, eq=False):
+    """Corso et al. 2019 (AST with Reward Augmentation, IEEE ITSC): trajectory dissimilarity.
+
+    Against mode collapse, a terminal failure earns c_dissimilarity · d instead of 0. d is the
+    distance from the nearest known failure: the root mean square over steps and axes of the
+    difference in z, which is zero behind an episode's end [sigma]. For the first failure, d = 0.
+    Corso et al. compare trajectories of states; noise can be compared without a simulator.
+
+    Attributes:
+        paper: reward of all other steps.
+        c_dissimilarity: bonus per sigma.
+        failures: known failures, shape (n, horizon, 2). [sigma]
+    """
+
+    paper: PaperReward
+    c_dissimilarity: float
+    failures: Floats
+
+    def __call__(self, result: EpisodeResult) -> Rewards:
+        """Return the reward of every step, shape (steps,)."""
+        rewards = self.paper(result)
+        if result.is_failure:
+            rewards[-1] += self.c_dissimilarity * self.distance(result)
+        return rewards
+
+    def distance(self, result: EpisodeResult) -> float:
+        """Distance from the nearest known failure. [sigma]"""
+        if not len(self.failures):
+            return 0.0
+        differences = self.failures - self._pad(result)
+        return float(np.sqrt(np.square(differences).mean(axis=(1, 2)).min()))
+
+    def update(self, results: Sequence[EpisodeResult]) -> "DissimilarityReward":
+        """Return the reward with the failures among these episodes, without the oldest ones."""
+        found = [self._pad(result)[None] for result in results if result.is_failure]
+        failures = np.concatenate([self.failures, *found])[-MAX_FAILURES:]
+        return msgspec.structs.replace(self, failures=failures)
+
+    def arrays(self) -> Arrays:
+        """Return the known failures."""
+        return {"failures": self.failures}
+
+    def load(self, arrays: Arrays) -> "DissimilarityReward":
+        """Return the reward with the failures of these arrays.
+
+        Raises:
+            ValueError: they are missing or of another length.
+        """
+        failures = arrays.get("failures")
+        if failures is None or failures.shape[1:] != self.failures.shape[1:]:
+            raise ValueError("there are no failures of this horizon")
+        return msgspec.structs.replace(self, failures=failures)
+
+    def _pad(self, result: EpisodeResult) -> Floats:
+        """Return z up to the horizon, shape (horizon, 2)."""
+        z = np.zeros(self.failures.shape[1:], np.float32)
+        z[: result.steps] = result.noise.z
+        return z

@@ -4,8 +4,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eigenfail_services.methods.ast.dissimilarity import DissimilarityReward
-from eigenfail_services.methods.ast.reward import MahalanobisReward, PaperReward, Reward
+from eigenfail_services.methods.ast.reward import (
+    DissimilarityReward,
+    MahalanobisReward,
+    PaperReward,
+    Reward,
+)
 from eigenfail_services.methods.ast.settings import AstSettings
 
 

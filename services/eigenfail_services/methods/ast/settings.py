@@ -43,7 +43,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
     reward: Annotated[
         Literal["paper", "mahalanobis", "dissimilarity"],
-        msgspec.Meta(description="what the adversary is rewarded for"),
+        msgspec.Meta(description="reward of the adversary"),
     ] = "paper"
     alpha: Annotated[
         float, msgspec.Meta(ge=0.0, le=1e7, description="penalty for an episode without a failure")
@@ -60,33 +60,35 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         ),
     ] = 100.0
     tau: Annotated[
-        float, msgspec.Meta(gt=0.0, le=1.0, description="share by which the target critics follow")
+        float,
+        msgspec.Meta(gt=0.0, le=1.0, description="share by which target critics approach critics"),
     ] = 0.01
     learning_rate: Annotated[
-        float, msgspec.Meta(gt=0.0, le=1.0, description="of actor, critics and entropy coefficient")
+        float,
+        msgspec.Meta(gt=0.0, le=1.0, description="learning rate of all networks and the entropy"),
     ] = 1e-3
     batch_size: Annotated[
         int, msgspec.Meta(ge=1, le=100_000, description="decisions in a gradient step")
     ] = 64
     buffer_size: Annotated[
-        int, msgspec.Meta(ge=1, le=10_000_000, description="decisions that are remembered")
+        int, msgspec.Meta(ge=1, le=10_000_000, description="decisions in the replay buffer")
     ] = 10_000
     gamma: Annotated[
         float, msgspec.Meta(ge=0.0, le=1.0, description="discount from decision to decision")
     ] = 1.0
     n_step: Annotated[
         int,
-        msgspec.Meta(ge=1, le=10_000, description="decisions summed before the critics are asked"),
+        msgspec.Meta(ge=1, le=10_000, description="decisions whose rewards are summed"),
     ] = 10
     hidden: Annotated[
         tuple[Width, ...],
         msgspec.Meta(min_length=1, max_length=8, description="widths of the hidden layers"),
     ] = (64, 64)
     entropy: Annotated[
-        float, msgspec.Meta(gt=0.0, le=1e6, description="first value of the entropy coefficient")
+        float, msgspec.Meta(gt=0.0, le=1e6, description="initial entropy coefficient")
     ] = 40.0
     target_entropy: Annotated[
-        float, msgspec.Meta(ge=-50.0, le=1.3, description="of an action, held by the coefficient")
+        float, msgspec.Meta(ge=-50.0, le=1.3, description="target entropy of an action [nat]")
     ] = -4.0
     hold: Annotated[
         int, msgspec.Meta(ge=1, le=10_000, description="steps for which one action stays")
@@ -97,7 +99,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     first_amplitude: Annotated[
         Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] | None,
         msgspec.Meta(
-            description="largest |z| at the start; it is at `amplitude` after half of the episodes"
+            description="largest |z| at the start; `amplitude` after half of the episodes"
         ),
     ] = None
     round_size: Annotated[
@@ -110,25 +112,25 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         ),
     ] = 60
     gradient_steps: Annotated[
-        int, msgspec.Meta(ge=1, le=1000, description="for each decision observed")
+        int, msgspec.Meta(ge=1, le=1000, description="gradient steps for each observed decision")
     ] = 4
     converged_share: Annotated[
         Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] | None,
         msgspec.Meta(
-            description="training ends once so many of the last 100 episodes failed; None: never"
+            description="share of failures in 100 episodes that ends training; None: no end"
         ),
     ] = 1.0
     warm_start: Annotated[
         Annotated[int, msgspec.Meta(ge=1)] | None,
-        msgspec.Meta(description="campaign of `ast` whose networks are started from"),
+        msgspec.Meta(description="campaign of `ast` whose networks are the initial ones"),
     ] = None
     trainer: Annotated[
         Literal["fast", "sb3"],
-        msgspec.Meta(description="the same soft actor-critic, in numpy or stable-baselines3's"),
+        msgspec.Meta(description="soft actor-critic in numpy (fast) or stable-baselines3"),
     ] = "fast"
 
     def no_estimate(self) -> str:
-        """Why no failure probability will be told, and what to do; empty where one will be."""
+        """Return why there is no failure probability, and what to do; empty if there is one."""
         if self.hold == 1:
             return ""
         return (
@@ -136,12 +138,21 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
             "is drawn anew. Set hold = 1, or take method subset."
         )
 
+    def reach(self) -> str:
+        """Return the largest noise that a policy can choose, and how to go beyond it."""
+        largest = max(self.amplitude, self.first_amplitude or 0.0)
+        held = f", held for {self.hold} steps" if self.hold > 1 else ""
+        return (
+            f"The method explores disturbances of at most {largest:g} sigma{held}; failures beyond "
+            "are out of its reach. Raise `amplitude`, or run cem, difs or subset."
+        )
+
     def process(self) -> DecisionProcess:
-        """How steps make decisions, and decisions make transitions."""
+        """Return the grouping of steps and decisions."""
         return DecisionProcess(hold=self.hold, n_step=self.n_step, gamma=self.gamma)
 
     def options(self, seed: int) -> SacOptions:
-        """What concerns the trainer alone; to it, `n_step` decisions are one."""
+        """Return the options of the trainer, for which `n_step` decisions are one."""
         return SacOptions(
             learning_rate=self.learning_rate,
             batch_size=self.batch_size,

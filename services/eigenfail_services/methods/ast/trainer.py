@@ -1,4 +1,4 @@
-"""What trains the adversary's policy; named, so that implementations can stand side by side."""
+"""Trainers of the adversary's policy, by name, and their common options."""
 
 from typing import Protocol
 
@@ -12,27 +12,27 @@ from eigenfail_services.methods.ast.decisions import Decisions
 ACTIONS = 2
 
 REWARD_SCALE = 1e-3
-"""Natural rewards (thousands) are out of reach for small fresh networks: learning stalls.
+"""Scale of rewards: natural rewards (thousands) make the learning of small new networks stall.
 
-With the entropy coefficient started at the same scale, every target, loss and gradient is the
-natural one times a constant, which Adam does not see: the same algorithm as with natural rewards,
-and critics whose outputs are multiplied by 1000.
+With the initial entropy coefficient at the same scale, every target, loss and gradient is the
+natural one times a constant, to which Adam is invariant: the algorithm is the same as with natural
+rewards and critics whose outputs are multiplied by 1000.
 """
 
 TRAINERS = {
-    "fast": "eigenfail_services.methods.ast.fast:FastTrainer",
-    "sb3": "eigenfail_services.methods.ast.sb3:SacTrainer",
+    "fast": "eigenfail_services.methods.ast.trainer_numpy:FastTrainer",
+    "sb3": "eigenfail_services.methods.ast.trainer_sb3:SacTrainer",
 }
-"""Paths, not classes: only the one that is used is imported, and torch with it."""
+"""Paths instead of classes, so that torch is imported only with the trainer that needs it."""
 
 
 class SacOptions(msgspec.Struct, frozen=True):
-    """Soft actor-critic's own settings, by the paper's names.
+    """Settings of soft actor-critic, by the paper's names.
 
     Attributes:
-        entropy: first value of the learnt entropy coefficient, at the natural scale of rewards.
-        target_entropy: towards which the coefficient is learnt, of an action in [-1, 1]². [nat]
-        hold: number of steps for which one action stays; the trainer only writes it into policies.
+        entropy: initial entropy coefficient, at the natural scale of rewards.
+        target_entropy: entropy to which the coefficient adapts, of an action in [-1, 1]². [nat]
+        hold: number of steps for which one action stays; only written into policies.
         amplitude: largest |z| of the policy. [sigma]
         hidden: widths of the hidden layers of actor and critics.
     """
@@ -52,10 +52,10 @@ class SacOptions(msgspec.Struct, frozen=True):
 
 
 class Trainer(Protocol):
-    """Trains on foreign rollouts; deterministic, given its seed and what it was fed."""
+    """Trains on rollouts of workers; deterministic, given its seed and its transitions."""
 
     def add(self, decisions: Decisions) -> None:
-        """Keep transitions; the oldest ones make room."""
+        """Add transitions to the replay buffer, which drops the oldest ones."""
 
     def train(self, steps: int, draw: int) -> None:
         """Take gradient steps, with the randomness of draw number `draw`.
@@ -65,22 +65,22 @@ class Trainer(Protocol):
         """
 
     def policy(self, version: int) -> Policy:
-        """The actor as it stands."""
+        """Return the present actor as a policy."""
 
     def adopt(self, arrays: Arrays) -> None:
-        """Begin with the networks and the entropy coefficient of another trainer of this kind.
+        """Take over the networks and the entropy coefficient of another trainer of this kind.
 
-        Optimizers and replay buffer stay as they are.
+        Optimizers and replay buffer do not change.
 
         Raises:
             ValueError: an array is missing or has another shape.
         """
 
     def arrays(self) -> Arrays:
-        """Everything needed to go on bit for bit."""
+        """Return the whole state, from which training goes on bit for bit."""
 
     def load(self, arrays: Arrays) -> None:
-        """Go on from there.
+        """Restore the state.
 
         Raises:
             ValueError: an array is missing or has another shape.
@@ -88,6 +88,6 @@ class Trainer(Protocol):
 
 
 def make_trainer(name: str, options: SacOptions) -> Trainer:
-    """The trainer of that name."""
+    """Return a new trainer by its name."""
     trainer: Trainer = load_class(TRAINERS[name])(options)
     return trainer

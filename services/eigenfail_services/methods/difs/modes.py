@@ -1,4 +1,4 @@
-"""How many modes an elite has, and where: the mixture by expectation and maximisation."""
+"""Modes of an elite: number and means, by expectation maximisation of a mixture of normals."""
 
 from typing import NamedTuple
 
@@ -6,34 +6,91 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.values import Floats
-from eigenfail_services.methods.difs.mixture import Array, Mixture
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+
+class Mixture(NamedTuple):
+    """Normals of unit variance, one for each mode: p(z) = sum_k shares_k · N(z; means_k, I).
+
+    Attributes:
+        shares: shape (components,), with sum 1.
+        means: shape (components, size).
+    """
+
+    shares: Array
+    means: Array
+
+    def restrict(self, components: Rows) -> "Mixture":
+        """Return the mixture of some components by their numbers; of all for no number."""
+        if not len(components):
+            return self
+        shares = self.shares[components]
+        return Mixture(shares / shares.sum(), self.means[components])
+
+    def draw_components(self, count: int, random: np.random.Generator) -> Rows:
+        """Draw a component for each of `count` samples, shape (count,).
+
+        The counts differ from the shares by less than one (systematic resampling, Kitagawa 1996):
+        in small rounds, independent draws would miss components.
+        """
+        at = (np.arange(count) + random.random()) / max(count, 1)
+        return np.searchsorted(np.cumsum(self.shares)[:-1], at, side="right")
+
+    def assign(self, z: Floats, unseen: NDArray[np.bool_]) -> Rows:
+        """Return the likeliest component of each trajectory, shape (n,)."""
+        if len(self.shares) == 1:
+            return np.zeros(len(z), np.intp)
+        most: Rows = self.responsibilities(z, unseen).argmax(axis=1)
+        return most
+
+    def responsibilities(self, z: Floats, unseen: NDArray[np.bool_]) -> Array:
+        """Return P(component | z in the observed steps), shape (n, components).
+
+        Args:
+            z: shape (n, horizon, 2). [sigma]
+            unseen: steps without own noise of the trajectory, shape (n, horizon).
+        """
+        seen = np.repeat(~unseen, 2, axis=1).astype(np.float64)
+        across = (z.reshape(seen.shape) * seen) @ self.means.T
+        exponents = np.log(self.shares) + across - 0.5 * seen @ (self.means**2).T
+        density = np.exp(exponents - exponents.max(axis=1, keepdims=True))
+        each: Array = density / density.sum(axis=1, keepdims=True)
+        return each
+
+
+def make_prior_mixture(size: int) -> Mixture:
+    """Return the prior as a mixture of one component."""
+    return Mixture(np.ones(1), np.zeros((1, size)))
+
 
 FOLDS = 5
 
 ITERATIONS = 10
 
 SURE = 0.5
-"""Standard errors by which one component more must foretell better."""
+"""Standard errors by which another component must improve the held-out likelihood."""
 
 APART = 2.0
-"""Nearer means make no two modes: their normals of unit variance have one common peak."""
+"""Least distance of two means: below it, two normals of unit variance have one common peak."""
 
 GAP = 0.25
-"""Most that `scatter` may be; of one normal that is cut in two it is 1 - 2 / pi = 0.36."""
+"""Most that `_compute_scatter` may be; of one normal that is cut in two it is 1 - 2 / pi = 0.36."""
 
 NARROWEST, WIDEST = 1e-2, 1.0
-"""Bounds of the variance: what is wider than the prior needs more components."""
+"""Bounds of the variance: a wider elite than the prior needs more components."""
 
 TINY = 1e-12
 
 
 class Elite(NamedTuple):
-    """What is fitted, each of shape (n, size).
+    """Trajectories of an elite, each array of shape (n, size).
 
     Attributes:
-        z: zero where nothing was seen.
-        seen: which of z are noise of the trajectory's own.
-        smoothed: z averaged over small shifts in time; means are averages of this.
+        z: zero where no noise was injected.
+        seen: whether z was injected.
+        smoothed: z averaged over small shifts in time, from which means are computed.
     """
 
     z: Array
@@ -41,10 +98,10 @@ class Elite(NamedTuple):
     smoothed: Array
 
 
-def elite(z: Floats, unseen: NDArray[np.bool_], shift: int) -> Elite:
-    """Trajectories z, shape (n, horizon, 2), averaged over shifts by so many steps at most.
+def prepare_elite(z: Floats, unseen: NDArray[np.bool_], shift: int) -> Elite:
+    """Return an elite from z of shape (n, horizon, 2), with shifts by at most `shift` steps.
 
-    Where a trajectory has no noise of its own, shape (n, horizon), the mean is the prior's: zero.
+    Where no noise was injected, `unseen` of shape (n, horizon), z is the prior's mean: zero.
     """
     filled = np.where(unseen[..., None], 0.0, z).astype(np.float64)
     padded = np.pad(filled, ((0, 0), (shift, shift), (0, 0)))
@@ -54,13 +111,13 @@ def elite(z: Floats, unseen: NDArray[np.bool_], shift: int) -> Elite:
     return Elite(filled.reshape(rows), np.repeat(~unseen, 2, axis=1), smoothed.reshape(rows))
 
 
-class Fits(NamedTuple):
-    """Mixtures fitted side by side, each to other trajectories.
+class MixtureFits(NamedTuple):
+    """Mixtures that are fitted in parallel, each to other trajectories.
 
     Attributes:
         shares: shape (fits, components).
         means: shape (fits, components, size).
-        variance: of all components of a fit, shape (fits,).
+        variance: common to all components of a fit, shape (fits,).
     """
 
     shares: Array
@@ -68,95 +125,97 @@ class Fits(NamedTuple):
     variance: Array
 
 
-def fit(given: Elite, most: int) -> Mixture:
-    """The mixture of as many components, `most` at most, as foretell held-out trajectories best.
+def fit_mixture(elite: Elite, most: int) -> Mixture:
+    """Return the mixture of at most `most` components with the best held-out likelihood.
 
-    One component more must do so by half a standard error, and leave a gap. For this comparison
-    components share a variance that is fitted: in the directions that matter an elite is narrower
-    than the prior, and normals of unit variance would see its modes too late to keep them all.
+    Another component must improve it by half a standard error, and leave a gap. For this comparison
+    the components share a fitted variance: in the directions that matter, an elite is narrower than
+    the prior, and normals of unit variance would separate its modes too late to keep them all.
     """
-    count = len(given.z)
+    count = len(elite.z)
     fold = np.arange(count) % FOLDS
     trained = np.ones((FOLDS + 1, count, 1))
     trained[fold, np.arange(count)] = 0.0
-    belongs, fits = trained, maximised(trained, given)
-    scores = foretold(given, fits, fold)
+    belongs, fits = trained, _maximise(trained, elite)
+    scores = _score_held_out(elite, fits, fold)
     for _ in range(1, most if count >= 2 * FOLDS else 1):
-        belongs, more = learnt(split(belongs, fits, given), trained, given)
-        gain = foretold(given, more, fold) - scores
+        belongs, more = _run_em(_split_component(belongs, fits, elite), trained, elite)
+        gain = _score_held_out(elite, more, fold) - scores
         sure = gain.mean() > SURE * gain.std() / np.sqrt(count)
-        if not (sure and distinct(given, more, fold)):
+        if not (sure and _are_distinct(elite, more, fold)):
             break
         fits, scores = more, scores + gain
     return Mixture(fits.shares[-1], fits.means[-1])
 
 
-def foretold(given: Elite, fits: Fits, fold: NDArray[np.intp]) -> Array:
-    """log-likelihood of each trajectory under the fit that it is no part of, shape (n,)."""
-    logs = log_densities(given, fits)[fold, np.arange(len(fold))]
+def _score_held_out(elite: Elite, fits: MixtureFits, fold: NDArray[np.intp]) -> Array:
+    """Return the log-likelihood of each trajectory under the fit without it, shape (n,)."""
+    logs = _log_densities(elite, fits)[fold, np.arange(len(fold))]
     top = logs.max(axis=1)
     score: Array = top + np.log(np.exp(logs - top[:, None]).sum(axis=1))
     return score
 
 
-def distinct(given: Elite, fits: Fits, fold: NDArray[np.intp]) -> bool:
-    """Whether the means lie apart, and few held-out trajectories in the middle of two."""
-    return nearest(fits.means[-1]) > APART and scatter(given, fits, fold) <= GAP
+def _are_distinct(elite: Elite, fits: MixtureFits, fold: NDArray[np.intp]) -> bool:
+    """Whether the means are distant, and few held-out trajectories lie between two of them."""
+    return (
+        _find_least_distance(fits.means[-1]) > APART and _compute_scatter(elite, fits, fold) <= GAP
+    )
 
 
-def scatter(given: Elite, fits: Fits, fold: NDArray[np.intp]) -> float:
-    """Var |y| / E[y²] of held-out trajectories, near 0 where there is a gap.
+def _compute_scatter(elite: Elite, fits: MixtureFits, fold: NDArray[np.intp]) -> float:
+    """Return Var |y| / E[y²] of held-out trajectories, near 0 where there is a gap.
 
-    y is the distance from the middle of the two means that fit best, along their line.
+    y is the distance from the centre of the two best fitting means, along their line.
     """
     each = np.arange(len(fold))
-    order = log_densities(given, fits)[fold, each].argsort(axis=1)
+    order = _log_densities(elite, fits)[fold, each].argsort(axis=1)
     one, other = (fits.means[fold, order[:, -k]] for k in (1, 2))
-    middle = np.where(given.seen, 0.5 * (one + other), 0.0)
-    away = np.where(given.seen, one - other, 0.0)
+    middle = np.where(elite.seen, 0.5 * (one + other), 0.0)
+    away = np.where(elite.seen, one - other, 0.0)
     length = np.maximum(np.linalg.norm(away, axis=1), TINY)
-    y = np.abs(((given.z - middle) * away).sum(axis=1) / length)
+    y = np.abs(((elite.z - middle) * away).sum(axis=1) / length)
     return float(y.var() / max(float((y**2).mean()), TINY))
 
 
-def learnt(belongs: Array, trained: Array, given: Elite) -> tuple[Array, Fits]:
-    """What belongs to which component in the end, and the fits (Dempster et al. 1977).
+def _run_em(belongs: Array, trained: Array, elite: Elite) -> tuple[Array, MixtureFits]:
+    """Run expectation maximisation (Dempster et al. 1977); return memberships and fits.
 
     Args:
-        belongs: what belongs to which in the beginning, shape (fits, n, components).
-        trained: 1 where a trajectory is part of a fit, shape (fits, n, 1), else 0.
-        given: the trajectories.
+        belongs: initial memberships, shape (fits, n, components).
+        trained: 1 where a trajectory is part of a fit, else 0, shape (fits, n, 1).
+        elite: trajectories.
     """
-    fits = maximised(belongs, given)
+    fits = _maximise(belongs, elite)
     for _ in range(ITERATIONS):
-        logs = log_densities(given, fits)
+        logs = _log_densities(elite, fits)
         density = np.exp(logs - logs.max(axis=2, keepdims=True))
         belongs = trained * density / density.sum(axis=2, keepdims=True)
-        fits = maximised(belongs, given)
+        fits = _maximise(belongs, elite)
     return belongs, fits
 
 
-def maximised(belongs: Array, given: Elite) -> Fits:
-    """Shares, means and variance, given what belongs where, shape (fits, n, components)."""
+def _maximise(belongs: Array, elite: Elite) -> MixtureFits:
+    """Return the fits for memberships of shape (fits, n, components)."""
     sizes = belongs.sum(axis=1)
     weights = belongs / np.maximum(sizes, TINY)[:, None]
-    means = weights.transpose(0, 2, 1) @ given.smoothed
-    numbers = belongs.sum(axis=2) @ given.seen.sum(axis=1)
-    squares = (belongs * squared_distances(given, means)).sum(axis=(1, 2))
+    means = weights.transpose(0, 2, 1) @ elite.smoothed
+    numbers = belongs.sum(axis=2) @ elite.seen.sum(axis=1)
+    squares = (belongs * _squared_distances(elite, means)).sum(axis=(1, 2))
     variance = np.clip(squares / np.maximum(numbers, 1.0), NARROWEST, WIDEST)
-    return Fits(sizes / np.maximum(sizes.sum(axis=1, keepdims=True), TINY), means, variance)
+    return MixtureFits(sizes / np.maximum(sizes.sum(axis=1, keepdims=True), TINY), means, variance)
 
 
-def split(belongs: Array, fits: Fits, given: Elite) -> Array:
-    """The component that scatters most in two, along the direction in which it does.
+def _split_component(belongs: Array, fits: MixtureFits, elite: Elite) -> Array:
+    """Split the component with the largest scatter, along its principal direction.
 
     Returns:
-        What belongs where, shape (fits, n, components + 1).
+        memberships, shape (fits, n, components + 1).
     """
     each = np.arange(len(belongs))
-    most = (belongs * squared_distances(given, fits.means)).sum(axis=1).argmax(axis=1)
+    most = (belongs * _squared_distances(elite, fits.means)).sum(axis=1).argmax(axis=1)
     whole = belongs[each, :, most]
-    away = whole[..., None] * (given.smoothed - fits.means[each, most][:, None])
+    away = whole[..., None] * (elite.smoothed - fits.means[each, most][:, None])
     direction = np.linalg.svd(away, full_matrices=False)[2][:, 0]
     moved = whole * ((away @ direction[..., None])[..., 0] > 0.0)
     left = belongs.copy()
@@ -164,25 +223,25 @@ def split(belongs: Array, fits: Fits, given: Elite) -> Array:
     return np.concatenate([left, moved[..., None]], axis=2)
 
 
-def log_densities(given: Elite, fits: Fits) -> Array:
-    """log(share · density) but for a constant of each trajectory, (fits, n, components)."""
+def _log_densities(elite: Elite, fits: MixtureFits) -> Array:
+    """Return log(share · density) up to a constant of each trajectory, (fits, n, components)."""
     variance = fits.variance[:, None, None]
-    widths = given.seen.sum(axis=1)[:, None] * np.log(variance)
-    exponents = squared_distances(given, fits.means) / variance
+    widths = elite.seen.sum(axis=1)[:, None] * np.log(variance)
+    exponents = _squared_distances(elite, fits.means) / variance
     logs: Array = np.log(np.maximum(fits.shares, TINY))[:, None] - 0.5 * (exponents + widths)
     return logs
 
 
-def squared_distances(given: Elite, means: Array) -> Array:
-    """Of what was seen from the means, shape (fits, n, components)."""
-    squares = (given.z**2).sum(axis=1)[:, None]
-    across = given.z @ means.transpose(0, 2, 1)
-    seen = given.seen.astype(np.float64)
+def _squared_distances(elite: Elite, means: Array) -> Array:
+    """Return distances of the injected noise from the means, shape (fits, n, components)."""
+    squares = (elite.z**2).sum(axis=1)[:, None]
+    across = elite.z @ means.transpose(0, 2, 1)
+    seen = elite.seen.astype(np.float64)
     distances: Array = squares - 2.0 * across + seen @ (means**2).transpose(0, 2, 1)
     return distances
 
 
-def nearest(means: Array) -> float:
-    """The smallest distance of two means, shape (components, size)."""
+def _find_least_distance(means: Array) -> float:
+    """Return the smallest distance between two means of shape (components, size)."""
     distances = np.linalg.norm(means[:, None] - means, axis=2)
     return float(distances[np.triu_indices(len(means), 1)].min())

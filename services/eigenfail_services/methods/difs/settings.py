@@ -3,14 +3,51 @@
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
-from eigenfail_services.methods.difs.options import DiffusionOptions
+from eigenfail.values import Floats
+
+
+class DiffusionOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """Settings of the diffusion model; see `DifsSettings`."""
+
+    horizon: int
+    width: int
+    learning_rate: float
+    weight_decay: float
+    batch_size: int
+    ema: float
+    jitter: int
+    sampler: str
+    sampling_steps: int
+    device: str
+    seed: int
+
+
+class Examples(msgspec.Struct, frozen=True, eq=False):
+    """Training data.
+
+    Attributes:
+        z: trajectories, shape (n, horizon, 2). [sigma]
+        unseen: whether no noise was injected in a step, shape (n, horizon).
+        condition: robustness ÷ scale, shape (n,).
+        held_out: whether a trajectory only validates the network, shape (n,).
+        modes: largest number of components of the mixture.
+    """
+
+    z: Floats
+    unseen: NDArray[np.bool_]
+    condition: Floats
+    held_out: NDArray[np.bool_]
+    modes: int
+
 
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 Id = Annotated[int, msgspec.Meta(ge=1)]
 
 STEPS_PER_JITTER = 30
-"""In short episodes a shift by a few steps would be no longer a small one."""
+"""Least number of steps of an episode for each step of shift, so that shifts are small."""
 
 
 class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -38,7 +75,7 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     final_share: Annotated[
         Share | None,
         msgspec.Meta(
-            description="share sampled at robustness 0 at the end, untrained on; "
+            description="share sampled at robustness 0 at the end, without training; "
             "none: the schedule's"
         ),
     ] = None
@@ -52,18 +89,18 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = 20
     likely_share: Annotated[
         float,
-        msgspec.Meta(gt=0.0, le=1.0, description="share of the newest failures that the elite are"),
+        msgspec.Meta(gt=0.0, le=1.0, description="share of the elite in the newest failures"),
     ] = 0.5
     target_rate: Annotated[
         float,
-        msgspec.Meta(gt=0.0, lt=1.0, description="failure rate that guidance of rounds aims at"),
+        msgspec.Meta(gt=0.0, lt=1.0, description="target failure rate of the guidance"),
     ] = 0.2
     guidance: Annotated[
-        float, msgspec.Meta(ge=-0.9, le=10.0, description="first weight of the condition")
+        float, msgspec.Meta(ge=-0.9, le=10.0, description="initial weight of the condition")
     ] = 0.15
     final_guidance: Annotated[
         Annotated[float, msgspec.Meta(ge=-0.9, le=10.0)] | None,
-        msgspec.Meta(description="weight at robustness 0; none: what the rounds arrived at"),
+        msgspec.Meta(description="weight at robustness 0; none: that of the last round"),
     ] = None
     first_steps: Annotated[
         int, msgspec.Meta(ge=1, le=1_000_000, description="gradient steps of the first training")
@@ -73,13 +110,19 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = 100
     jitter: Annotated[
         int,
-        msgspec.Meta(ge=0, le=10_000, description="steps that training shifts by; 1 in 30 at most"),
+        msgspec.Meta(
+            ge=0, le=10_000, description="largest shift in training [steps]; at most 1 in 30"
+        ),
     ] = 3
     width: Annotated[
-        int, msgspec.Meta(ge=1, le=4096, description="of the denoiser's hidden layers")
+        int, msgspec.Meta(ge=1, le=4096, description="width of the denoiser's hidden layers")
     ] = 64
-    learning_rate: Annotated[float, msgspec.Meta(gt=0.0, le=1.0, description="of AdamW")] = 3e-4
-    weight_decay: Annotated[float, msgspec.Meta(ge=0.0, le=1.0, description="of AdamW")] = 1e-5
+    learning_rate: Annotated[
+        float, msgspec.Meta(gt=0.0, le=1.0, description="learning rate of AdamW")
+    ] = 3e-4
+    weight_decay: Annotated[
+        float, msgspec.Meta(ge=0.0, le=1.0, description="weight decay of AdamW")
+    ] = 1e-5
     batch_size: Annotated[
         int, msgspec.Meta(ge=1, le=100_000, description="trajectories in a gradient step")
     ] = 64
@@ -88,24 +131,25 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = 0.995
     sampler: Annotated[
         Literal["ancestral", "dpm_solver", "ddpm"],
-        msgspec.Meta(description="how noise becomes a trajectory; ddpm takes 1000 steps"),
+        msgspec.Meta(description="sampler of trajectories; ddpm takes 1000 steps"),
     ] = "ancestral"
     sampling_steps: Annotated[
         int, msgspec.Meta(ge=1, le=10_000, description="steps of the other samplers")
     ] = 20
     memory: Annotated[
-        int, msgspec.Meta(ge=10, le=1_000_000, description="trajectories that are remembered")
+        int, msgspec.Meta(ge=10, le=1_000_000, description="trajectories in memory")
     ] = 10_000
     device: Annotated[
-        Literal["auto", "cpu", "cuda"], msgspec.Meta(description="auto: cuda where there is one")
+        Literal["auto", "cpu", "cuda"],
+        msgspec.Meta(description="device of the model; auto: cuda if available"),
     ] = "auto"
     data_from: Annotated[
         tuple[Id, ...],
-        msgspec.Meta(description="earlier campaigns whose episodes are learnt from at the start"),
+        msgspec.Meta(description="earlier campaigns whose episodes are initial training data"),
     ] = ()
 
     def options(self, horizon: int, seed: int) -> DiffusionOptions:
-        """What concerns the model alone."""
+        """Return the options of the model."""
         return DiffusionOptions(
             horizon=horizon,
             width=self.width,

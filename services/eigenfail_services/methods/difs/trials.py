@@ -1,24 +1,27 @@
-"""What DiFS has seen: noise trajectories and their robustness."""
+"""Memory of DiFS, and its schedules: division of episodes, and choice of training data."""
 
 from collections.abc import Sequence
 from math import ceil
+from typing import Protocol
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.values import EpisodeResult, Experience, Floats, Outcome
-from eigenfail_services.methods.difs.mixture import Rows
+from eigenfail_services.methods.difs.modes import Rows
+from eigenfail_services.methods.difs.settings import DifsSettings
 
 PATIENCE = 2
-"""Elites of failures found elsewhere, after which a kind without one is given up."""
+"""A mode without failures is dropped after this number of elites of failures elsewhere."""
 
 
-class Trials:
-    """Noise trajectories with their robustness; the safest make room when memory is full.
+class TrialMemory:
+    """Noise trajectories with their robustness; a full memory drops the safest ones.
 
     Args:
-        horizon: steps of a full episode.
-        memory: how many trajectories are kept.
+        horizon: number of steps of a full episode.
+        memory: number of trajectories.
     """
 
     def __init__(self, horizon: int, memory: int) -> None:
@@ -31,7 +34,7 @@ class Trials:
         return len(self.robustness)
 
     def add(self, results: Sequence[EpisodeResult]) -> None:
-        """Keep the episodes that were run to their end."""
+        """Add completed episodes."""
         for result in results:
             if result.outcome is not Outcome.FAILED and result.measures is not None:
                 self._append(
@@ -41,57 +44,57 @@ class Trials:
                 )
         self._forget()
 
-    def recall(self, experience: Experience) -> None:
-        """Keep what earlier campaigns saw."""
+    def add_experience(self, experience: Experience) -> None:
+        """Add episodes of earlier campaigns."""
         self._append(experience.z, experience.steps, experience.robustness_m)
         self._forget()
 
     def quantile(self, share: float) -> float:
-        """The robustness below which that share of the trajectories lies; inf without any. [m]"""
+        """Return a quantile of the robustness; inf without trajectories. [m]"""
         return float(np.quantile(self.robustness, share)) if len(self) else float("inf")
 
-    def elite(self, count: int, likely_share: float, kinds: Rows) -> Rows:
-        """The best of each kind, of all kinds that are kept alike many.
+    def select_elite(self, count: int, likely_share: float, kinds: Rows) -> Rows:
+        """Return the best trajectories, equally many of each kind.
 
-        Which kind holds more of p(z | failure) a few dozen failures do not tell, and what had found
-        more by chance would soon hold all.
+        A few dozen failures do not tell which kind has more of p(z | failure), and a kind that has
+        more by chance would soon displace the others.
 
         Args:
-            count: how many there shall be.
-            likely_share: what share of a kind's newest failures they are.
-            kinds: of each trajectory, shape (n,).
+            count: number of trajectories.
+            likely_share: share of a kind's newest failures that are selected by likelihood.
+            kinds: component of each trajectory, shape (n,).
         """
-        kept = self._kept(count, kinds)
+        kept = self._list_kinds(count, kinds)
         each = ceil(count / len(kept))
         return np.concatenate([self._best(rows, each, likely_share) for rows in kept])
 
-    def behind(self, kinds: Rows) -> Floats:
-        """How far the best of each trajectory's kind is from the best of all, shape (n,). [m]
+    def find_offsets(self, kinds: Rows) -> Floats:
+        """Return the distance from the best of all to the best of each's kind, shape (n,). [m]
 
-        Less this, what is best in a kind is what is asked for at the lowest robustness of all.
-        Otherwise the model would be asked for more than a kind has shown, and leave it.
+        With this subtracted, the lowest robustness of all denotes the best of each kind. Otherwise
+        samples would be requested that a kind has never reached, and the model would leave it.
         """
         best = np.full(kinds.max(initial=0) + 1, np.inf, np.float32)
         np.minimum.at(best, kinds, self.robustness)
         late: Floats = best[kinds] - self.robustness.min()
         return late
 
-    def settled(self, count: int, kinds: Rows) -> bool:
-        """Whether failures suffice for an elite of that many, in each kind that is kept."""
-        kept = self._kept(count, kinds)
+    def has_elites(self, count: int, kinds: Rows) -> bool:
+        """Whether each kind has enough failures for its part of an elite of `count`."""
+        kept = self._list_kinds(count, kinds)
         return all(len(self._failures(rows)) >= count / len(kept) for rows in kept)
 
-    def unseen(self) -> NDArray[np.bool_]:
-        """Which steps lie behind an episode's end, shape (n, horizon).
+    def find_unseen(self) -> NDArray[np.bool_]:
+        """Return which steps lie behind an episode's end, shape (n, horizon).
 
-        No noise was injected there, and none would have mattered: given a failure they are
-        distributed as the prior, and training fills them with fresh draws from it. Zeros would
-        teach the model to be too narrow there.
+        No noise was injected there, and none would have mattered: given a failure, it has the
+        prior's distribution, and training fills it with new draws. Zeros would make the model too
+        narrow there.
         """
         return np.arange(self.z.shape[1]) >= self.steps[:, None]
 
-    def _kept(self, count: int, kinds: Rows) -> list[Rows]:
-        """The trajectories of each kind; in the end of those that have failed at all."""
+    def _list_kinds(self, count: int, kinds: Rows) -> list[Rows]:
+        """Return the trajectories of each kind; with enough failures, only of kinds that failed."""
         each = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
         if np.count_nonzero(self.robustness <= 0.0) < PATIENCE * count:
             return each
@@ -101,12 +104,11 @@ class Trials:
         return rows[self.robustness[rows] <= 0.0]
 
     def _best(self, rows: Rows, count: int, likely_share: float) -> Rows:
-        """The least robust; once failures are more than `count`, the likelier of the newest.
+        """Return the least robust ones; of more than `count` failures, the likelier of the newest.
 
-        Which of two failures is likelier is read along their common mean m, by -z·m: that is
-        log p - log q for a proposal q = N(m, 1), up to a constant. By log p alone the noise in
-        directions that do not matter would decide. The newest come from proposals that have
-        lost more of what does not matter.
+        Likelihood is measured along their common mean m, by -z·m: that is log p - log q for a
+        proposal q = N(m, 1), up to a constant. By log p alone, noise in directions that do not
+        matter would decide. The newest come from proposals with less of such noise.
         """
         failures = self._failures(rows)
         if len(failures) <= count:
@@ -132,3 +134,85 @@ def _padded(z: Floats, horizon: int) -> Floats:
     padded = np.zeros((horizon, 2), np.float32)
     padded[: len(z)] = z
     return padded
+
+
+PAPER_SIZE = 500
+"""Episodes from the prior, and again below the threshold."""
+
+FIRST_SHARE = 0.08
+
+DRAWS_PER_ELITE = 4
+"""Least number of draws from the prior for each trajectory that is trained on."""
+
+ROUND_SHARE, SMALLEST_ROUND = 0.04, 10
+
+
+class DifsPlan(msgspec.Struct, frozen=True):
+    """Division of the episodes of a campaign.
+
+    Attributes:
+        initial: number of episodes from the prior.
+        round_size: number of episodes between two trainings after that.
+        final: number of the first episode of the last part, at robustness 0.
+    """
+
+    initial: int
+    round_size: int
+    final: int
+
+
+class Schedule(Protocol):
+    """A named division of episodes, and choice of training data."""
+
+    def plan(self, episodes: int, settings: DifsSettings) -> DifsPlan:
+        """Return the division of a budget, where the settings do not define it."""
+
+    def select(
+        self, trials: TrialMemory, kinds: Rows, threshold_m: float, settings: DifsSettings
+    ) -> Rows:
+        """Return the trajectories of the next training; `kinds` are their components."""
+
+
+class ManyRounds:
+    """Few draws from the prior, many small rounds, and training to the end."""
+
+    def plan(self, episodes: int, settings: DifsSettings) -> DifsPlan:
+        """Return 8 % from the prior, at least four for each of the elite; rounds of 4 %."""
+        fewest = min(DRAWS_PER_ELITE * settings.elite, episodes // 2)
+        round_size = max(SMALLEST_ROUND, round(ROUND_SHARE * episodes))
+        return DifsPlan(max(round(FIRST_SHARE * episodes), fewest), round_size, episodes)
+
+    def select(
+        self, trials: TrialMemory, kinds: Rows, _threshold_m: float, settings: DifsSettings
+    ) -> Rows:
+        """Return the elite of each kind."""
+        return trials.select_elite(settings.elite, settings.likely_share, kinds)
+
+
+class PaperSchedule:
+    """500 from the prior, 500 below the threshold, and the rest at robustness 0."""
+
+    def plan(self, episodes: int, _settings: DifsSettings) -> DifsPlan:
+        """Return the division of the paper; two halves for a budget below 1000."""
+        half = min(PAPER_SIZE, (episodes + 1) // 2)
+        return DifsPlan(half, PAPER_SIZE, min(2 * PAPER_SIZE, episodes))
+
+    def select(
+        self, trials: TrialMemory, _kinds: Rows, threshold_m: float, _settings: DifsSettings
+    ) -> Rows:
+        """Return all trajectories at or below the threshold."""
+        return np.flatnonzero(trials.robustness <= np.float32(threshold_m))
+
+
+SCHEDULES: dict[str, Schedule] = {"many_rounds": ManyRounds(), "paper": PaperSchedule()}
+
+
+def make_plan(episodes: int, settings: DifsSettings) -> DifsPlan:
+    """Return the plan of the schedule, with the settings that override it."""
+    plan = SCHEDULES[settings.schedule].plan(episodes, settings)
+    initial, final = plan.initial, plan.final
+    if settings.initial_share is not None:
+        initial = max(1, round(settings.initial_share * episodes))
+    if settings.final_share is not None:
+        final = episodes - round(settings.final_share * episodes)
+    return DifsPlan(initial, settings.round_size or plan.round_size, final)

@@ -1,6 +1,6 @@
 """An ensemble: several learners of one method, from several seeds, in one campaign.
 
-Where one learner keeps to the first mode of failure that it finds, another seed finds another.
+One learner tends to stay in the first failure mode that it finds; other seeds find other modes.
 """
 
 from eigenfail_services.methods.ensemble.method import Ensemble

@@ -1,12 +1,16 @@
-"""Members take turns in one campaign."""
+"""Ensemble: several learners of one method that take turns in one campaign."""
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
+import numpy as np
 
-from eigenfail.contracts import Estimator, Exploiter, Trained
+from eigenfail import plugins
+from eigenfail.contracts import Estimator, Exploiter, Learner, MethodTraits, Trained
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.settings import read_settings
 from eigenfail.values import (
     EpisodeResult,
     Estimate,
@@ -16,43 +20,110 @@ from eigenfail.values import (
     Proposal,
 )
 from eigenfail.values.arrays import decode_array, encode_array
+from eigenfail.values.randomness import MAX_SEED
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.ensemble.members import member
-from eigenfail_services.methods.ensemble.settings import EnsembleSettings, shares
-from eigenfail_services.statistics.pooled_estimate import pooled
+from eigenfail_services.methods.fitness import check_budget
+from eigenfail_services.statistics.pooled_estimate import pool_estimates
+
+
+class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of `ensemble`: each member has the same method and settings, and its own seed."""
+
+    method: Annotated[str, msgspec.Meta(description="of every member")] = "ast"
+    members: Annotated[
+        int, msgspec.Meta(ge=2, le=16, description="learners that share the episodes evenly")
+    ] = 4
+    settings: Annotated[dict[str, Any], msgspec.Meta(description="of the members' method")] = {}
+
+    def __post_init__(self) -> None:
+        """Check the settings of the members.
+
+        Raises:
+            UnknownName: no such method, or it has no such setting.
+            InvalidValue: a setting outside its bounds.
+        """
+        if self.method not in plugins.names(plugins.METHODS):
+            raise UnknownName("settings.method", self.method, plugins.names(plugins.METHODS))
+        if self.method == "ensemble":
+            problem = "an ensemble has no ensembles as members."
+            raise InvalidValue("settings.method", problem, "Give it more members.")
+        self.read_member_settings()
+
+    def check_budget(self, episodes: int) -> None:
+        """Raise InvalidValue if a member's share is too small for its method."""
+        smallest = divide_episodes(episodes, self.members)[-1]
+        check_budget(self.read_member_settings(), smallest)
+
+    def read_member_settings(self) -> Any:
+        """Return the settings of the members' method."""
+        kind = plugins.load(plugins.METHODS, self.method).Settings
+        return read_settings(kind, self.settings, "settings.settings")
+
+
+def divide_episodes(episodes: int, members: int) -> list[int]:
+    """Divide episodes evenly; the first members get the remainder.
+
+    Raises:
+        InvalidValue: there are fewer episodes than members.
+    """
+    if episodes < members:
+        raise InvalidValue(
+            "settings.members",
+            f"{members} members cannot share {episodes} episodes.",
+            "Ask for fewer members, or for more episodes.",
+        )
+    return [episodes // members + (number < episodes % members) for number in range(members)]
+
+
+def make_member(
+    context: LearnerContext, settings: EnsembleSettings, number: int, share: int
+) -> Learner:
+    """Return a new learner with its own seed and its share of the episodes."""
+    method = plugins.load(plugins.METHODS, settings.method)
+    seed = make_member_seed(context.seed, number)
+    own = msgspec.structs.replace(context, seed=seed, episodes=share)
+    learner: Learner = method(own, settings.read_member_settings())
+    return learner
+
+
+def make_member_seed(seed: int, number: int) -> int:
+    """Return the seed of a member, from the seed of the ensemble and the number of the member."""
+    sequence = np.random.SeedSequence([seed], spawn_key=(1, number))
+    return int(sequence.generate_state(1, np.uint64)[0]) & MAX_SEED
+
 
 _encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _policies = msgspec.msgpack.Decoder(tuple[Policy | None, ...], dec_hook=decode_array)
 
 
 class Ensemble:
-    """Members take turns: one round from each that has episodes left, which that one observes.
+    """Members take turns with rounds; each round is observed by the member that proposed it.
 
-    Each has an even share of the campaign's episodes as its budget; one that proposes nothing more
-    is passed over from then on. Members share trajectories, predecessors and experience.
+    Each member has an even share of the campaign's episodes as its budget; a member that proposes
+    nothing is skipped from then on. Members share trajectories, predecessors and experience.
 
-    Policies are numbered by round, so that a version is unique over members and the newest has
-    the highest number, which is what workers keep.
+    Policies are numbered by round, so that a version is unique among members, and workers keep the
+    newest ones, which have the highest numbers.
 
     Attributes:
-        lookahead: that of the members, over all of them together: then none ever has more rounds
-            open than it bears, whoever is passed over, and each proposes from fresher knowledge
-            than it would alone.
-        exploit: rounds from one member after the other; only where members can.
+        lookahead: least one of the members, for all of them together: so no member has more open
+            rounds than it allows, even if others are skipped.
+        exploit: rounds from one member after the other; only if all members can exploit.
 
     Raises:
         InvalidValue: fewer episodes than members.
     """
 
     Settings = EnsembleSettings
+    traits = MethodTraits(has_members=True, chart_mark=7, references={})
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """Whose turn it is, the number of the next round, and for each member what is its own.
+        """State: member in turn, number of the next round, and the states of the members.
 
         Attributes:
-            waiting: members whose rounds are open, the oldest round's first.
-            left: episodes that each may still propose.
-            policies: the newest of each.
+            waiting: members with open rounds, in the order of the rounds.
+            left: number of episodes that each member may still propose.
+            policies: newest policy of each member.
         """
 
         turn: Annotated[int, msgspec.Meta(ge=0)]
@@ -64,8 +135,8 @@ class Ensemble:
 
     def __init__(self, context: LearnerContext, settings: EnsembleSettings) -> None:
         count = settings.members
-        self._left = shares(context.episodes, count)
-        self._members = [member(context, settings, i, self._left[i]) for i in range(count)]
+        self._left = divide_episodes(context.episodes, count)
+        self._members = [make_member(context, settings, i, self._left[i]) for i in range(count)]
         self._policies: tuple[Policy | None, ...] = (None,) * count
         self._waiting: deque[int] = deque()
         self._turn = 0
@@ -73,36 +144,36 @@ class Ensemble:
         self.lookahead = min(one.lookahead for one in self._members)
         self._exploiters = [one for one in self._members if isinstance(one, Exploiter)]
         if len(self._exploiters) == count:
-            self.exploit = self._exploited
+            self.exploit = self._exploit_next
 
     def propose(self, n: int) -> Proposal:
-        """A round of the next member in turn that has one."""
+        """Return a round of the next member that has one."""
         for _ in self._members:
             one = self._next_turn()
-            proposal = self._asked(one, min(n, self._left[one]))
+            proposal = self._propose_from(one, min(n, self._left[one]))
             if proposal.sources:
                 return proposal
         return Proposal(())
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """The member that proposed the round learns from it."""
+        """Let the member that proposed the round learn from it."""
         self._members[self._waiting.popleft()].observe(results)
 
     def estimate(self) -> Estimate | None:
-        """The members' estimates pooled; None before each has one, or where none ever has."""
+        """Return the pooled estimate of the members; None unless each has one."""
         found = [one.estimate() for one in self._members if isinstance(one, Estimator)]
         told = [estimate for estimate in found if estimate is not None]
-        return pooled(told) if len(told) == len(self._members) else None
+        return pool_estimates(told) if len(told) == len(self._members) else None
 
     @property
     def trained_episodes(self) -> int | None:
-        """How many all members together were trained with; None where they do not say."""
+        """Number of episodes that all members were trained with; None if one does not report it."""
         told = [one.trained_episodes for one in self._members if isinstance(one, Trained)]
         known = [count for count in told if count is not None]
         return sum(known) if len(known) == len(self._members) else None
 
     def state(self) -> bytes:
-        """All members, and where the turns stand."""
+        """Return the states of all members, and the state of the turns."""
         facts = self._Facts(
             turn=self._turn,
             number=self._number,
@@ -114,14 +185,14 @@ class Ensemble:
         return archive.write("ensemble", facts, {})
 
     def restore(self, state: bytes) -> None:
-        """Go on from there, bit for bit.
+        """Restore a state, from which learning goes on bit for bit.
 
         Raises:
             ProtocolError: the bytes are not a state of this method with these settings.
         """
         facts, _ = archive.read("ensemble", state, self._Facts)
         count = len(self._members)
-        with archive.refusing("ensemble"):
+        with archive.wrap_errors("ensemble"):
             policies = _policies.decode(facts.policies)
             if {len(policies), len(facts.left), len(facts.learners)} != {count}:
                 raise ValueError(f"they are of {len(facts.learners)} members, not {count}")
@@ -131,28 +202,28 @@ class Ensemble:
         self._waiting = deque(facts.waiting)
         self._left, self._policies = list(facts.left), policies
 
-    def _asked(self, one: int, most: int) -> Proposal:
-        """What a member proposes; if nothing, it is not asked again."""
+    def _propose_from(self, one: int, most: int) -> Proposal:
+        """Return the proposal of a member, which is skipped from then on if it is empty."""
         proposal = self._members[one].propose(most) if most else Proposal(())
         if not proposal.sources:
             self._left[one] = 0
             return proposal
         self._left[one] -= len(proposal.sources)
         self._waiting.append(one)
-        return self._numbered(one, proposal)
+        return self._number_policy(one, proposal)
 
-    def _exploited(self, n: int) -> Proposal:
-        """Exactly n episodes of one member, the next in turn."""
+    def _exploit_next(self, n: int) -> Proposal:
+        """Return n episodes of the next member."""
         one = self._next_turn()
-        return self._numbered(one, self._exploiters[one].exploit(n))
+        return self._number_policy(one, self._exploiters[one].exploit(n))
 
     def _next_turn(self) -> int:
         one = self._turn
         self._turn = (one + 1) % len(self._members)
         return one
 
-    def _numbered(self, one: int, proposal: Proposal) -> Proposal:
-        """A member's proposal with its policy, numbered by round."""
+    def _number_policy(self, one: int, proposal: Proposal) -> Proposal:
+        """Return a member's proposal with its policy numbered by round."""
         policy = proposal.policy or self._policies[one]
         self._policies = (*self._policies[:one], policy, *self._policies[one + 1 :])
         number = self._number

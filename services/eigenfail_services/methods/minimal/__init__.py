@@ -1,1 +1,1 @@
-"""Minimal failures: as little noise as still makes the ego collide."""
+"""Minimal failures: the least noise that makes the ego collide."""

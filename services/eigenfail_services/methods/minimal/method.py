@@ -1,4 +1,4 @@
-"""Minimal: which steps of which axis, and how strong, a failure needs."""
+"""Minimal: the steps, axes and strength of noise that a failure needs."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -6,6 +6,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue, LearnerFailed
 from eigenfail.values import (
     EpisodeResult,
@@ -19,11 +20,11 @@ from eigenfail_services.methods import archive
 from eigenfail_services.methods.minimal.search import (
     NOT_RUN,
     SAFE,
-    Phase,
     Search,
-    after,
-    candidates,
-    start,
+    SearchPhase,
+    advance,
+    list_candidates,
+    start_search,
 )
 
 Id = Annotated[int, msgspec.Meta(ge=1)]
@@ -48,17 +49,17 @@ class MinimalSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     ] = 500
 
 
-class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is known, beside the noise itself.
+class MinimalFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """State of a search besides its noise.
 
     Attributes:
         ends: of the candidates of this phase that were tried.
-        tried: replays before this phase.
-        best: the replay that showed the noise to fail; None before there is one. With a campaign of
-            its own, that is the index of its episode.
+        tried: number of replays before this phase.
+        best: number of the replay in which the noise failed, which is the index of its episode in
+            the campaign; None before the first one.
     """
 
-    phase: Phase
+    phase: SearchPhase
     width: Annotated[int, msgspec.Meta(ge=1)]
     removable: tuple[int, ...]
     low: float
@@ -71,23 +72,31 @@ class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class Minimal:
-    """Shrinks one failure, see `search`; ends when nothing more can be left out.
+    """Shrinks one failure as `search` describes, until no more noise can be removed.
 
-    Everything is decided by what was found: no random draws.
+    The search is deterministic, without random draws.
 
     Args:
-        context: its one trajectory is the failure.
-        settings: say where it came from.
+        context: its only trajectory is the failure.
+        settings: name the source of the failure.
 
     Raises:
         InvalidValue: there is not exactly one trajectory.
 
     Attributes:
-        lookahead: none: what is tried next depends on all that was tried.
+        lookahead: 0, as each phase depends on the results of the phase before.
     """
 
     Settings = MinimalSettings
 
+    traits = MethodTraits(
+        learns=False,
+        finds_new=False,
+        is_evidence=True,
+        injects=Injection.ONE_FAILURE,
+        chart_mark=6,
+        references={"analysis": Reference.NOISE, "campaign": Reference.NOISE},
+    )
     lookahead = 0
 
     def __init__(self, context: LearnerContext, settings: MinimalSettings) -> None:
@@ -98,32 +107,32 @@ class Minimal:
                 "Name a campaign and an episode of it, or an analysis and a mode of it.",
             )
         self._round_size = settings.round_size
-        self._search = start(np.ascontiguousarray(context.trajectories[0], np.float32))
+        self._search = start_search(np.ascontiguousarray(context.trajectories[0], np.float32))
         self._ends: tuple[int, ...] = ()
 
     def propose(self, n: int) -> Proposal:
-        """The next candidates of this phase; none once the search is over."""
+        """Return the next candidates of this phase; none after the end of the search."""
         first = len(self._ends)
-        tried = candidates(self._search)[first : first + min(n, self._round_size)]
+        tried = list_candidates(self._search)[first : first + min(n, self._round_size)]
         return Proposal(tuple(TrajectorySource(z) for z in tried))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Keep how each ended; after the last candidate of a phase, decide.
+        """Add the ends of candidates; after the last one of a phase, go on to the next.
 
         Raises:
             LearnerFailed: the failure does not reproduce at full strength.
         """
-        if self._search.phase is Phase.FULL:
+        if self._search.phase is SearchPhase.FULL:
             for result in results:
-                refuse_harmless(result)
-        self._ends += tuple(map(end_of, results))
-        if len(self._ends) == len(candidates(self._search)):
-            self._search, self._ends = after(self._search, self._ends), ()
+                _refuse_safe_replay(result)
+        self._ends += tuple(map(_find_end, results))
+        if len(self._ends) == len(list_candidates(self._search)):
+            self._search, self._ends = advance(self._search, self._ends), ()
 
     def state(self) -> bytes:
-        """Where the search stands."""
+        """Return the state of the search."""
         search = self._search
-        facts = Facts(
+        facts = MinimalFacts(
             phase=search.phase,
             width=search.width,
             removable=search.removable,
@@ -138,13 +147,13 @@ class Minimal:
         return archive.write("minimal", facts, {"z": search.z})
 
     def restore(self, state: bytes) -> None:
-        """Go on from there, bit for bit.
+        """Restore a state, from which learning goes on bit for bit.
 
         Raises:
             ProtocolError: the bytes are not a state of this method.
         """
-        facts, arrays = archive.read("minimal", state, Facts)
-        with archive.refusing("minimal"):
+        facts, arrays = archive.read("minimal", state, MinimalFacts)
+        with archive.wrap_errors("minimal"):
             z = archive.take(arrays, "z", self._search.z.shape)
         self._search = Search(
             facts.phase,
@@ -161,13 +170,13 @@ class Minimal:
         self._ends = facts.ends
 
 
-def end_of(result: EpisodeResult) -> int:
-    """The step after which it failed, `SAFE`, or `NOT_RUN`."""
+def _find_end(result: EpisodeResult) -> int:
+    """Return the step after which an episode failed, `SAFE`, or `NOT_RUN`."""
     return {Outcome.COLLISION: result.steps, Outcome.FAILED: NOT_RUN}.get(result.outcome, SAFE)
 
 
-def refuse_harmless(result: EpisodeResult) -> None:
-    """Make sure that the failure is one.
+def _refuse_safe_replay(result: EpisodeResult) -> None:
+    """Refuse a failure that does not reproduce.
 
     Raises:
         LearnerFailed: its replay ended without a collision.
@@ -182,12 +191,12 @@ def refuse_harmless(result: EpisodeResult) -> None:
     )
 
 
-def known(state: bytes) -> tuple[Facts, Floats]:
-    """What a learner of this method knew, and the noise it came down to, shape (steps, 2).
+def read_state(state: bytes) -> tuple[MinimalFacts, Floats]:
+    """Return the facts in a state of this method, and its noise of shape (steps, 2).
 
     Raises:
         ProtocolError: the bytes are not a state of this method.
     """
-    facts, arrays = archive.read("minimal", state, Facts)
-    with archive.refusing("minimal"):
+    facts, arrays = archive.read("minimal", state, MinimalFacts)
+    with archive.wrap_errors("minimal"):
         return facts, arrays["z"]

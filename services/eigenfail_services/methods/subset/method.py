@@ -1,11 +1,16 @@
 """Subset simulation as a learner (Au and Beck 2001); see `statistics.subset_simulation`."""
 
+from bisect import bisect_right
 from collections.abc import Sequence
+from math import ceil
 from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
+from eigenfail.contracts import MethodTraits, ModeProbability
+from eigenfail.errors import InvalidValue
 from eigenfail.values import (
     EpisodeResult,
     Estimate,
@@ -14,25 +19,168 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.robustness import robustness_m
-from eigenfail_services.methods.subset.settings import SubsetMethodSettings
-from eigenfail_services.methods.subset.waves import Dialogue, Waves
-from eigenfail_services.statistics.independent_runs import pooled, underway
+from eigenfail_services.methods.fitness import robustness_m
+from eigenfail_services.statistics.pooled_estimate import estimate_unfinished, pool_simulations
+from eigenfail_services.statistics.subset_simulation import (
+    Array,
+    SubsetEstimate,
+    SubsetSettings,
+    SubsetSimulation,
+)
 
-LARGEST_ROUND = 5_000_000
-"""Numbers of noise in a round at most: it travels as one message."""
+PLANNED_LEVELS = 7
+MIN_SAMPLES = 20
+MAX_SAMPLES = 100_000
+
+
+class SubsetMethodSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of `subset`.
+
+    Without `samples`, a level has as many as the budget allows over seven levels in each run, which
+    suffices for a probability of 1e-6 at a share of 0.1.
+    """
+
+    samples: Annotated[
+        Annotated[int, Meta(ge=MIN_SAMPLES, le=MAX_SAMPLES)] | None,
+        Meta(description="samples on each level of a run; none given: what the budget allows"),
+    ] = None
+    level_share: Annotated[
+        float, Meta(ge=0.05, le=0.5, description="share of them that is to reach the next level")
+    ] = 0.1
+    acceptance: Annotated[
+        float, Meta(ge=0.1, le=0.9, description="share of the moves that is to be accepted")
+    ] = 0.4
+    most_levels: Annotated[int, Meta(ge=1, le=100, description="levels at most")] = 20
+    runs: Annotated[
+        int, Meta(ge=1, le=10, description="independent runs, to be compared with each other")
+    ] = 2
+    round_size: Annotated[
+        int, Meta(ge=1, le=100_000, description="episodes in a round at most")
+    ] = 10_000
+
+    def check_budget(self, episodes: int) -> None:
+        """Raise InvalidValue if the budget allows too few samples."""
+        self.make_settings(episodes)
+
+    def make_settings(self, episodes: int) -> SubsetSettings:
+        """Return the settings of one run for the budget of all runs.
+
+        Raises:
+            InvalidValue: the budget allows too few samples.
+        """
+        samples = self.samples or self._find_samples(episodes)
+        if samples < MIN_SAMPLES:
+            raise InvalidValue(
+                "episodes",
+                f"{episodes} are fewer than {MIN_SAMPLES} samples on each of {PLANNED_LEVELS} "
+                f"levels in {self.runs} runs, which take {self._count_episodes(MIN_SAMPLES)}.",
+                "Give more episodes: with tens of thousands the estimate is good.",
+            )
+        return SubsetSettings(
+            samples=samples,
+            share=self.level_share,
+            acceptance=self.acceptance,
+            most_levels=self.most_levels,
+        )
+
+    def _find_samples(self, episodes: int) -> int:
+        """Return the largest number of samples with which the planned levels fit the budget."""
+        counts = range(MAX_SAMPLES + 1)
+        return bisect_right(counts, episodes, lo=MIN_SAMPLES, key=self._count_episodes) - 1
+
+    def _count_episodes(self, samples: int) -> int:
+        """Return the episodes of all runs; on later levels, the seeds are not run again."""
+        seeds = round(self.level_share * samples)
+        moves = (ceil(samples / seeds) - 1) * seeds
+        return self.runs * (samples + (PLANNED_LEVELS - 1) * moves)
+
+
+class SimulationRun:
+    """One subset simulation, which is run from wave to wave.
+
+    Attributes:
+        simulation: its present state.
+        requested: noise z to be run, shape (n, steps, 2); empty after the end.
+        result: its estimate, after the end.
+    """
+
+    def __init__(self, steps: int, settings: SubsetSettings, seed: Sequence[int]) -> None:
+        self.simulation = SubsetSimulation(steps, settings, seed)
+        self._running = self.simulation.run()
+        self.requested: Array = next(self._running)
+        self.result: SubsetEstimate | None = None
+
+    def add_robustness(self, robustness: Array) -> None:
+        """Continue with the robustness of the requested noise, NaN for failed runs, shape (n,)."""
+        if self.result is not None:
+            return
+        try:
+            self.requested = self._running.send(robustness)
+        except StopIteration as end:
+            self.result, self.requested = end.value, self.requested[:0]
+
+
+class WaveQueue:
+    """Waves of the noise of several simulations, which may be run in pieces.
+
+    Attributes:
+        runs: one for each simulation.
+        robustness: of all noise so far, in order, NaN for failed runs. [m]
+        wave: noise that all of them request, shape (n, steps, 2); empty after the end of all.
+        proposed: number of trajectories of the wave that were taken.
+    """
+
+    def __init__(self, runs: Sequence[SimulationRun]) -> None:
+        self.runs = tuple(runs)
+        self.robustness: list[float] = []
+        self._open()
+
+    def take(self, n: int) -> Array:
+        """Return at most n of the remaining trajectories, shape (up to n, steps, 2)."""
+        chosen = self.wave[self.proposed : self.proposed + n]
+        self.proposed += len(chosen)
+        return chosen
+
+    def add_robustness(self, robustness: Sequence[float]) -> None:
+        """Add the robustness of the next trajectories, which may fill several waves.
+
+        Raises:
+            ValueError: all simulations have ended.
+        """
+        for value in robustness:
+            if not len(self.wave):
+                raise ValueError("there are more episodes than the simulations requested")
+            self.robustness.append(value)
+            self._received.append(value)
+            if len(self._received) == len(self.wave):
+                self._finish_wave(np.array(self._received))
+
+    def _open(self) -> None:
+        self.wave: Array = np.concatenate([one.requested for one in self.runs])
+        self.proposed = 0
+        self._received: list[float] = []
+
+    def _finish_wave(self, robustness: Array) -> None:
+        ends = np.cumsum([len(one.requested) for one in self.runs])[:-1]
+        for one, values in zip(self.runs, np.split(robustness, ends), strict=True):
+            one.add_robustness(values)
+        self._open()
+
+
+MAX_ROUND_NUMBERS = 5_000_000
+"""Most numbers of noise in a round, which is sent as one message."""
 
 
 class SubsetMethod:
-    """Goes down the levels of robustness until failures are reached, in several runs side by side.
+    """Descends the levels of robustness to failures, in several independent runs.
 
-    All runs ask for a wave of episodes at a time: draws from the prior on the first level, a move
-    of every chain after that. It ends when all runs have. Its first run is `subset_simulation`
-    with the learner's seed. It remembers the robustness of every episode and nothing else: the
-    noise follows from that and the seed.
+    All runs request a wave of episodes at a time: draws from the prior on the first level, then a
+    move of every chain. It ends when all runs have ended. Its first run is `subset_simulation` with
+    the learner's seed. Its state is the robustness of every episode and nothing else: the noise
+    follows from that and the seed.
 
     Attributes:
-        lookahead: none: each wave depends on the one before.
+        lookahead: 0, as each wave depends on the one before.
 
     Raises:
         InvalidValue: the budget allows too few samples.
@@ -41,58 +189,63 @@ class SubsetMethod:
     Settings = SubsetMethodSettings
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """What the state holds besides robustness: how many of a wave's episodes were proposed."""
+        """State besides robustness: number of episodes of the wave that were proposed."""
 
         proposed: Annotated[int, msgspec.Meta(ge=0)]
 
+    traits = MethodTraits(
+        learns=False, mode_probability=ModeProbability.LEVELS, chart_mark=4, references={}
+    )
     lookahead = 0
 
     def __init__(self, context: LearnerContext, settings: SubsetMethodSettings) -> None:
         self._context = context
         self._runs = settings.runs
-        self._round_size = min(settings.round_size, 1 + LARGEST_ROUND // (2 * context.horizon))
-        self._each = settings.within(context.episodes)
-        self._waves = self._begun()
+        self._round_size = min(settings.round_size, 1 + MAX_ROUND_NUMBERS // (2 * context.horizon))
+        self._run_settings = settings.make_settings(context.episodes)
+        self._waves = self._start_runs()
 
     def propose(self, n: int) -> Proposal:
-        """What is left of the wave, at most a round; nothing once all runs have ended."""
-        chosen = self._waves.next(min(n, self._round_size)).astype(np.float32)
+        """Return the rest of the wave, at most a round; nothing after the end of all runs."""
+        chosen = self._waves.take(min(n, self._round_size)).astype(np.float32)
         return Proposal(tuple(map(TrajectorySource, chosen)))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Once the wave is whole, go on to the next."""
-        self._waves.hear([robustness_m(result) for result in results])
+        """Add the robustness of episodes; a complete wave leads to the next one."""
+        self._waves.add_robustness([robustness_m(result) for result in results])
 
     def estimate(self) -> Estimate | None:
-        """The failure probability once all runs have ended, what is known of it before that."""
-        dialogues = self._waves.dialogues
-        found = [one.found for one in dialogues if one.found is not None]
+        """Return the failure probability; before the end of all runs, a preliminary statement."""
+        runs = self._waves.runs
+        found = [one.result for one in runs if one.result is not None]
         if len(found) == self._runs:
-            return pooled(found, self._each.samples)
-        simulations = [one.simulation for one in dialogues]
+            return pool_simulations(found, self._run_settings.samples)
+        simulations = [one.simulation for one in runs]
         ran = sum(one.evaluations for one in simulations)
         spent = len(self._waves.robustness) >= self._context.episodes
-        return underway([one.levels for one in simulations], ran, spent)
+        return estimate_unfinished([one.levels for one in simulations], ran, spent)
 
     def state(self) -> bytes:
-        """The robustness of all episodes so far."""
+        """Return the robustness of all episodes so far."""
         values: archive.Array = np.array(self._waves.robustness, np.float64)
         facts = self._Facts(self._waves.proposed)
         return archive.write("subset", facts, {"robustness_m": values})
 
     def restore(self, state: bytes) -> None:
-        """Go through it again, up to there, bit for bit.
+        """Restore a state by running the simulations again with the known robustness.
 
         Raises:
             ProtocolError: the bytes are not a state of this method.
         """
         facts, arrays = archive.read("subset", state, self._Facts)
-        waves = self._begun()
-        with archive.refusing("subset"):
-            waves.hear(arrays["robustness_m"].astype(np.float64).tolist())
+        waves = self._start_runs()
+        with archive.wrap_errors("subset"):
+            waves.add_robustness(arrays["robustness_m"].astype(np.float64).tolist())
         waves.proposed = facts.proposed
         self._waves = waves
 
-    def _begun(self) -> Waves:
+    def _start_runs(self) -> WaveQueue:
         steps, seed = self._context.horizon, self._context.seed
-        return Waves([Dialogue(steps, self._each, (seed, run)) for run in range(self._runs)])
+        return WaveQueue(
+            [SimulationRun(steps, self._run_settings, (seed, run)) for run in range(self._runs)]
+        )

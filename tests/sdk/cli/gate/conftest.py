@@ -1,17 +1,19 @@
 """A baseline that is made once, and a gate that judges planners by it."""
 
 import json
-from copy import deepcopy
+from contextlib import closing
 
 import pytest
 from msgspec.structs import replace
 from typer.testing import CliRunner
 
+from eigenfail.cli.connection import Environment
 from eigenfail.cli.main import app
-from eigenfail.cli.surroundings import Surroundings
 from eigenfail.client import Client
 from eigenfail_services.campaigns import analysis_jobs
-from eigenfail_services.store import open_store
+from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.engine import WAIT_S, Database
+from eigenfail_services.store.sqlite import SqliteMemory
 
 SUITE = """
 name = "trio"
@@ -52,26 +54,26 @@ def suite(tmp_path):
 
 @pytest.fixture(scope="package")
 def made(tmp_path_factory, working_service):
-    """A store with a baseline of version v1, and what was said of it."""
+    """The image of a store with a baseline of version v1, and what was said of it."""
     file = tmp_path_factory.mktemp("made") / "trio.toml"
     file.write_text(content("usual"))
     store = open_store("memory://")
-    surroundings = Surroundings(connect=lambda url: Client(url, working_service(store)))
+    surroundings = Environment(connect=lambda url: Client(url, working_service(store)))
     words = ["gate", str(file), "--planner-version", "v1", "--json"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("eigenfail.client.waiting.sleep", lambda seconds: None)
         run = CliRunner().invoke(app, words, obj=surroundings)
     assert run.exit_code == 0, run.output
-    yield store, json.loads(run.stdout)
+    image = store._database._backend.image()
     store.close()
+    return image, json.loads(run.stdout)
 
 
 @pytest.fixture
 def store(made):
     """A copy of that store, in place of an empty one: making a baseline takes seconds."""
-    tables = made[0].campaigns._tables
-    shared = {id(each): each for each in (tables.lock, tables.job_ids)}
-    return deepcopy(made[0], shared)
+    with closing(Store(Database(SqliteMemory(WAIT_S, made[0])))) as store:
+        yield store
 
 
 @pytest.fixture
@@ -96,7 +98,7 @@ def gate(eigenfail, suite):
 @pytest.fixture
 def parted(monkeypatch):
     """Failures of two campaigns together are as if each had failed in a mode of its own."""
-    found = analysis_jobs.found
+    found = analysis_jobs.find_modes
 
     def apart(store, analysis):
         result = found(store, analysis)
@@ -107,5 +109,5 @@ def parted(monkeypatch):
         told = {"silhouette": 0.9, "noise_silhouette": 0.1, "stability": None}
         return replace(result, labels=labels, modes=modes, **told)
 
-    monkeypatch.setattr(analysis_jobs, "found", apart)
-    monkeypatch.setattr("eigenfail.gate.modes.NEW_MODE", 1.0)  # so few failures are chance
+    monkeypatch.setattr(analysis_jobs, "find_modes", apart)
+    monkeypatch.setattr("eigenfail.gate.known.NEW_MODE", 1.0)  # so few failures are chance

@@ -89,3 +89,15 @@ def test_a_service_elsewhere_needs_the_version_of_its_planner(eigenfail, suite):
     refused = eigenfail("gate", suite(), "--url", "http://127.0.0.1:8440")
     assert refused.exit_code == 2
     assert "planner-version" in refused.stderr
+
+
+def test_a_baseline_may_write_a_default_out_that_the_suite_leaves_out(eigenfail, suite, gate):
+    """Only the service knows the defaults of plug-ins: both sides are compared with them."""
+    gate("better")
+    distance = "[base.scenario_parameters]\ndistance_m = {distance}\n"
+    words = ("--planner-version", "v2", "--baseline", "v1")
+    same = eigenfail("gate", suite("better", more=distance.format(distance="58")), *words)
+    assert same.exit_code == 0, same.output
+    other = eigenfail("gate", suite("better", more=distance.format(distance="60.0")), *words)
+    assert other.exit_code == 2, other.output
+    assert "scenario_parameters of campaign 1" in " ".join(other.stderr.split())

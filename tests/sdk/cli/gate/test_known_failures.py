@@ -7,8 +7,8 @@ from msgspec.structs import replace
 from eigenfail import plugins
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.values.records import Delivery
-from eigenfail_services.campaigns.materials import learner_context
-from eigenfail_services.campaigns.minimal_failures import minimal_failure
+from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.minimal.method import Minimal
 
@@ -37,7 +37,7 @@ def medoid_of(baseline):
 
 def test_a_minimal_failure_is_replayed_too(gate, baseline, store):
     number = shrunk(store, medoid_of(baseline))
-    index = minimal_failure(store, store.campaigns.get(number)).index
+    index = find_minimal_failure(store, store.campaigns.get(number)).index
     report = json.loads(gate("better", "--json").stdout)
     known = {each["what"]: each["verdict"] for each in report["members"][0]["known"]}
     assert known[f"minimal failure {number}/{index}"] == "fixed"

@@ -1,22 +1,22 @@
 """What is said of workers that were asked for: what lasts, once, and its end."""
 
-from eigenfail_services.campaigns.launching.placement import (
+from eigenfail_services.campaigns.launching.ray_launcher import (
     ASKED,
     MACHINES,
     REFUSED,
     UNPLACED_AFTER_S,
-    Placement,
+    PlacementNotices,
 )
-from eigenfail_services.campaigns.launching.ray_words import Standing
+from eigenfail_services.campaigns.launching.ray_link import ClusterStatus
 
 
-def said(placement: Placement, now_s: float, **standing) -> list[tuple[str, str]]:
-    notices = placement.note(now_s, Standing(**{"machines": 1} | standing))
+def said(placement: PlacementNotices, now_s: float, **standing) -> list[tuple[str, str]]:
+    notices = placement.note(now_s, ClusterStatus(**{"machines": 1} | standing))
     return [(notice.kind, notice.message) for notice in notices]
 
 
 def test_a_moment_without_a_place_is_not_worth_a_word() -> None:
-    placement = Placement()
+    placement = PlacementNotices()
     assert said(placement, 0.0, unplaced=("a", "b")) == []
     assert said(placement, UNPLACED_AFTER_S - 0.1, unplaced=("b",), placed=("a",)) == []
     assert said(placement, UNPLACED_AFTER_S, placed=("a", "b")) == []
@@ -24,7 +24,7 @@ def test_a_moment_without_a_place_is_not_worth_a_word() -> None:
 
 
 def test_what_lasts_is_said_once_and_so_is_its_change_and_its_end() -> None:
-    placement = Placement()
+    placement = PlacementNotices()
     said(placement, 0.0, unplaced=("a", "b"))
     assert said(placement, 5.0, unplaced=("a", "b")) == [
         (ASKED, "2 workers asked of Ray, none placed yet.")
@@ -40,7 +40,7 @@ def test_what_lasts_is_said_once_and_so_is_its_change_and_its_end() -> None:
 
 
 def test_who_gives_up_is_named_with_the_reason_once() -> None:
-    placement = Placement()
+    placement = PlacementNotices()
     refused = {"w.1": "The hub does not let in this worker's key."}
     words = "Worker w.1 gave up: The hub does not let in this worker's key."
     assert said(placement, 0.0, refused=refused) == [(REFUSED, words)]
@@ -48,7 +48,7 @@ def test_who_gives_up_is_named_with_the_reason_once() -> None:
 
 
 def test_a_machine_less_is_said_and_one_more_is_not() -> None:
-    placement = Placement()
+    placement = PlacementNotices()
     assert said(placement, 0.0, machines=3) == []
     words = "Ray's cluster has become smaller: 3 machines before, 2 now."
     assert said(placement, 1.0, machines=2) == [(MACHINES, words)]

@@ -10,10 +10,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from eigenfail.hosting.service import Plan, commands
+from eigenfail.hosting.service import Plan, make_commands
 from eigenfail_services import __main__ as services
 from eigenfail_services.campaigns.launching import options
-from eigenfail_services.campaigns.launching.ray_cluster import ALONE, ENVIRONMENT, Cluster
+from eigenfail_services.campaigns.launching.ray_process import ALONE, ENVIRONMENT, RayCluster
 
 WANTED = ("RAY_AUTH_MODE", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER")
 
@@ -36,7 +36,7 @@ def begun(monkeypatch):
 
 
 def test_it_asks_for_a_token_shows_no_dashboard_and_stays_on_loopback(begun):
-    Cluster(None, 3)
+    RayCluster(None, 3)
     (given,) = begun
     assert given["RAY_AUTH_MODE"] == "token"
     assert given["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] == "0"
@@ -46,15 +46,25 @@ def test_it_asks_for_a_token_shows_no_dashboard_and_stays_on_loopback(begun):
     assert "dashboard_host" not in given
 
 
+def test_a_ray_of_one_machine_has_logs_of_bounded_size_in_the_folder_that_it_is_given(begun):
+    RayCluster(None, 3, "/tmp/ray-of-mine")
+    (given,) = begun
+    assert given["_temp_dir"] == "/tmp/ray-of-mine"
+    assert int(os.environ["RAY_ROTATION_MAX_BYTES"]) == 5_000_000
+    assert int(os.environ["RAY_ROTATION_BACKUP_COUNT"]) == 1
+
+
 def test_one_that_runs_elsewhere_is_spoken_with_by_token_too(begun, monkeypatch):
-    monkeypatch.setattr("eigenfail_services.campaigns.launching.ray_cluster.knock", lambda _: None)
-    Cluster("head:6379", 3)
+    monkeypatch.setattr(
+        "eigenfail_services.campaigns.launching.ray_process.check_reachable", lambda _: None
+    )
+    RayCluster("head:6379", 3)
     (given,) = begun
     assert (given["RAY_AUTH_MODE"], given["address"]) == ("token", "head:6379")
 
 
 def test_up_has_ray_started_so_and_nobody_else():
-    words = commands(Plan(Path("data"), 0, 2), "sqlite://", 8440, 8441)["services"]
+    words = make_commands(Plan(Path("data"), 0, 2), "sqlite://", 8440, 8441)["services"]
     arguments = services.parse(words[words.index("eigenfail_services") + 1 :])
     assert (arguments.launcher, arguments.ray_address) == ("ray", None)
-    assert options.launcher_of(arguments)
+    assert options.create_launcher(arguments)

@@ -9,8 +9,8 @@ from eigenfail.errors import ClusterUnavailable
 from eigenfail.hosting.span import Span
 from eigenfail_services.campaigns.launching import ray_launcher as module
 from eigenfail_services.campaigns.launching.ray_launcher import LONGEST_PAUSE_S, RayLauncher
-from eigenfail_services.campaigns.launching.ray_words import Begin, Lost, Standing
-from eigenfail_services.hub.muster import Muster, Work
+from eigenfail_services.campaigns.launching.ray_link import ClusterLost, ClusterStatus, StartRay
+from eigenfail_services.hub.metrics import Work, WorkerDemand
 
 STATUS = "The process of Ray's driver ended with status 1."
 
@@ -20,9 +20,9 @@ class PlayedLink:
 
     lives: list["PlayedLink"]
 
-    def __init__(self, begin: Begin) -> None:
+    def __init__(self, begin: StartRay) -> None:
         self.begin, self.names = begin, ()
-        self.words: deque[object] = deque([Standing(machines=1)])
+        self.words: deque[object] = deque([ClusterStatus(machines=1)])
         self.problem = ""
         self.killed = False
         self.lives.append(self)
@@ -47,12 +47,12 @@ class Table:
     """A hub with work, or without."""
 
     def __init__(self) -> None:
-        self.found, self.leaving = Muster(), frozenset()
+        self.found, self.leaving = WorkerDemand(), frozenset()
 
-    def muster(self) -> Muster:
+    def measure_demand(self) -> WorkerDemand:
         return self.found
 
-    def part_with(self, names) -> None:
+    def drain_workers(self, names) -> None:
         self.leaving = frozenset(names)
 
 
@@ -107,7 +107,7 @@ def test_a_cluster_that_stays_away_is_said_once(lives, now_s) -> None:
     said = []
     for _ in range(400):
         if len(lives) < 5:
-            lives[-1].words = deque([Lost("Ray cannot be used: nobody listens.")])
+            lives[-1].words = deque([ClusterLost("Ray cannot be used: nobody listens.")])
         now_s[0] += 0.25
         said += launcher.tend(table)
     assert [notice.kind for notice in said] == ["ray.lost", "ray.back"]
@@ -119,7 +119,9 @@ def test_a_cluster_that_stays_away_is_said_once(lives, now_s) -> None:
 
 
 def test_a_cluster_that_is_not_there_at_the_start_is_refused(monkeypatch, lives, now_s) -> None:
-    monkeypatch.setattr(module.RayLink, "hear", lambda _: iter([Lost("Nobody.", "Start it.")]))
+    monkeypatch.setattr(
+        module.RayLink, "hear", lambda _: iter([ClusterLost("Nobody.", "Start it.")])
+    )
     with pytest.raises(ClusterUnavailable, match=r"Nobody\. Start it\."):
         started(now_s, Span(1, 1))
 
@@ -134,7 +136,7 @@ def test_whoever_gives_up_waiting_for_ray_leaves_nothing_behind(monkeypatch, liv
 
 
 def test_no_room_for_the_process_of_ray_is_said_with_what_to_do(monkeypatch, now_s) -> None:
-    def full(_begin: Begin) -> None:
+    def full(_begin: StartRay) -> None:
         raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
 
     monkeypatch.setattr(module, "RayLink", full)
@@ -151,16 +153,16 @@ def test_who_is_struck_out_is_to_leave_the_hub_until_ray_has_it_no_more(lives, n
             now_s[0] += 0.25
             launcher.tend(table)
 
-    table.found = Muster(Work(100, 100.0))
+    table.found = WorkerDemand(Work(100, 100.0))
     pass_by(3.0)
     names = lives[0].names
     assert len(names) == 2
-    lives[0].words.append(Standing(machines=1, placed=names))
+    lives[0].words.append(ClusterStatus(machines=1, placed=names))
     here = frozenset(names)
-    table.found = Muster(Work(), present=here, idle=here)
+    table.found = WorkerDemand(Work(), present=here, idle=here)
     pass_by(11.0)
     assert (lives[0].names, table.leaving) == ((), here)
-    lives[0].words.append(Standing(machines=1, placed=names[:1]))
+    lives[0].words.append(ClusterStatus(machines=1, placed=names[:1]))
     pass_by(0.5)
     assert table.leaving == {names[0]}
 
@@ -168,7 +170,7 @@ def test_who_is_struck_out_is_to_leave_the_hub_until_ray_has_it_no_more(lives, n
 def test_work_that_no_worker_may_be_asked_for_is_said_once(lives, now_s) -> None:
     launcher, table = started(now_s, Span(0, 0)), Table()
     assert launcher.tend(table) == ()
-    table.found = Muster(Work(7, 1.0))
+    table.found = WorkerDemand(Work(7, 1.0))
     (notice,) = launcher.tend(table)
     assert notice.message.startswith("7 episodes wait, and Ray may be asked for no worker")
     assert launcher.tend(table) == ()

@@ -6,8 +6,7 @@ from contextlib import ExitStack
 import pytest
 
 from eigenfail_services.campaigns.launching import ray_link
-from eigenfail_services.campaigns.launching.ray_link import RayLink
-from eigenfail_services.campaigns.launching.ray_words import Begin
+from eigenfail_services.campaigns.launching.ray_link import RayLink, StartRay
 
 pytestmark = pytest.mark.service
 
@@ -19,7 +18,7 @@ def test_lists_that_no_pipe_holds_come_whole_in_both_directions(monkeypatch) -> 
     monkeypatch.setattr(ray_link, "MODULE", "eigenfail_roomy_ray")
     many = tuple(f"machine-of-a-cluster-12345.{number}" for number in range(8_000))
     assert sum(map(len, many)) > 3 * PIPE
-    link = RayLink(Begin("tcp://127.0.0.1:1", None, None, 1))
+    link = RayLink(StartRay("tcp://127.0.0.1:1", None, None, 1))
     with ExitStack() as ending:
         ending.callback(link.stop)
         for names in (many, many[:1], many[1:]):

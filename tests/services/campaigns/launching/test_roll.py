@@ -1,21 +1,21 @@
 """Whom Ray is to have: taken on with the work, struck out when nothing of them is needed."""
 
 from eigenfail.hosting.span import Span
-from eigenfail_services.campaigns.launching.roll import Roll
-from eigenfail_services.hub.muster import Muster, Work
+from eigenfail_services.campaigns.launching.scaling import WorkerNames
+from eigenfail_services.hub.metrics import Work, WorkerDemand
 
 IDLE_S = 20.0
 NOTHING = Work()
 MUCH = Work(episodes=100, worker_s=100.0)
 
 
-def turns(roll: Roll, begin_s, seconds, work=NOTHING, *, present=(), idle=()) -> None:
+def turns(roll: WorkerNames, begin_s, seconds, work=NOTHING, *, present=(), idle=()) -> None:
     for turn in range(int(4 * seconds) + 1):
-        roll.look(begin_s + turn / 4, Muster(work, frozenset(present), frozenset(idle)))
+        roll.look(begin_s + turn / 4, WorkerDemand(work, frozenset(present), frozenset(idle)))
 
 
 def test_names_are_new_ones_however_often_somebody_goes() -> None:
-    roll = Roll(Span(0, 3, IDLE_S))
+    roll = WorkerNames(Span(0, 3, IDLE_S))
     turns(roll, 0.0, 3.0, MUCH)
     first = roll.names
     assert len(set(first)) == 3
@@ -27,7 +27,7 @@ def test_names_are_new_ones_however_often_somebody_goes() -> None:
 
 
 def test_who_holds_something_stays_until_it_does_not() -> None:
-    roll = Roll(Span(0, 3, IDLE_S))
+    roll = WorkerNames(Span(0, 3, IDLE_S))
     turns(roll, 0.0, 3.0, MUCH)
     busy = roll.names[2]
     turns(roll, 4.0, 2 * IDLE_S, present=roll.names, idle=set(roll.names) - {busy})
@@ -37,13 +37,13 @@ def test_who_holds_something_stays_until_it_does_not() -> None:
 
 
 def test_workers_that_were_started_by_hand_count_and_are_left_alone() -> None:
-    roll = Roll(Span(0, 8, IDLE_S))
+    roll = WorkerNames(Span(0, 8, IDLE_S))
     turns(roll, 0.0, 3.0, Work(100, 10.0), present=["by-hand", "another"])
     assert len(roll.names) == 3
 
 
 def test_a_fixed_number_is_asked_for_at_once_and_stays() -> None:
-    roll = Roll(Span(2, 2))
+    roll = WorkerNames(Span(2, 2))
     before = roll.names
     turns(roll, 0.0, 100.0, present=before, idle=before)
     turns(roll, 101.0, 100.0, MUCH)

@@ -10,11 +10,11 @@ from eigenfail.hosting.span import Span
 from eigenfail_services.campaigns.launching.scaling import (
     RISE_AFTER_S,
     WORK_EACH_S,
-    Scale,
-    needed,
-    to_let_go,
+    WorkerScale,
+    choose_surplus,
+    count_needed,
 )
-from eigenfail_services.hub.muster import Work
+from eigenfail_services.hub.metrics import Work
 
 TURN_S = 0.25
 ROUNDING_S = 1e-9
@@ -44,19 +44,19 @@ spans = st.builds(
     ],
 )
 def test_each_worker_has_two_seconds_of_work_and_an_episode(episodes, worker_s, workers) -> None:
-    assert needed(Work(episodes, worker_s)) == workers
+    assert count_needed(Work(episodes, worker_s)) == workers
 
 
 @given(st.integers(0, 10**6), st.floats(0.0, 1e6))
 def test_no_more_workers_than_episodes_and_no_fewer_than_the_work_takes(episodes, pace_s) -> None:
-    workers = needed(Work(episodes, episodes * pace_s))
+    workers = count_needed(Work(episodes, episodes * pace_s))
     assert min(1, episodes) <= workers <= episodes
     assert workers == episodes or workers * WORK_EACH_S >= episodes * pace_s
 
 
 def history(span: Span, taken: list[tuple[float, int]]) -> list[tuple[float, int]]:
     """When which number was wanted."""
-    scale, now_s, found = Scale(span), 0.0, [(0.0, span.least)]
+    scale, now_s, found = WorkerScale(span), 0.0, [(0.0, span.least)]
     for passed_s, need in taken:
         now_s += passed_s
         found.append((now_s, scale.look(now_s, need)))
@@ -96,7 +96,7 @@ def test_between_a_rise_and_a_fall_nobody_is_needed_for_long(span, taken) -> Non
 
 @given(spans, turns, st.integers(0, 30))
 def test_a_need_that_lasts_is_met_within_ten_seconds(span, taken, need) -> None:
-    scale, now_s = Scale(span), 0.0
+    scale, now_s = WorkerScale(span), 0.0
     for passed_s, before in taken:
         now_s += passed_s
         scale.look(now_s, before)
@@ -107,7 +107,7 @@ def test_a_need_that_lasts_is_met_within_ten_seconds(span, taken, need) -> None:
     assert scale.wanted >= min(max(need, span.least), span.most)
 
 
-def after(scale: Scale, begin_s: float, end_s: float, need: int) -> int:
+def after(scale: WorkerScale, begin_s: float, end_s: float, need: int) -> int:
     """What is wanted at the end of a time in which so many were needed."""
     for turn in range(int((end_s - begin_s) / TURN_S) + 1):
         scale.look(begin_s + turn * TURN_S, need)
@@ -115,7 +115,7 @@ def after(scale: Scale, begin_s: float, end_s: float, need: int) -> int:
 
 
 def test_a_moment_of_need_starts_nobody() -> None:
-    scale = Scale(SPAN)
+    scale = WorkerScale(SPAN)
     assert after(scale, 0.0, 1.5, need=8) == 1
     assert after(scale, 1.75, 2.0, need=1) == 1
     assert after(scale, 2.25, 3.75, need=8) == 1
@@ -124,7 +124,7 @@ def test_a_moment_of_need_starts_nobody() -> None:
 
 def test_a_learner_that_trains_between_rounds_costs_no_worker() -> None:
     """Nothing waits while it does, for less than the time that idle workers are kept."""
-    scale = Scale(SPAN)
+    scale = WorkerScale(SPAN)
     wanted = []
     for begin_s in range(0, 400, 40):
         wanted += [after(scale, begin_s, begin_s + 15.0, need=6)]
@@ -134,7 +134,7 @@ def test_a_learner_that_trains_between_rounds_costs_no_worker() -> None:
 
 
 def test_the_same_number_twice_is_that_number() -> None:
-    scale = Scale(Span(3, 3))
+    scale = WorkerScale(Span(3, 3))
     assert {after(scale, at, at + 50.0, need) for at, need in ((0.0, 0), (51.0, 9))} == {3}
 
 
@@ -145,11 +145,11 @@ names = st.lists(st.text("abcdef", min_size=1, max_size=2), unique=True)
 def test_nobody_who_holds_anything_is_let_go(names, data, n) -> None:
     present = data.draw(st.sets(st.sampled_from(names) if names else st.nothing()))
     idle = data.draw(st.sets(st.sampled_from(sorted(present)) if present else st.nothing()))
-    gone = to_let_go(names, present, idle, n)
+    gone = choose_surplus(names, present, idle, n)
     assert len(gone) == len(set(gone)) <= n
     assert set(gone) <= set(names) - (present - idle)
     assert len(gone) == min(n, len(set(names) - (present - idle)))
 
 
 def test_who_came_last_goes_first_and_before_all_who_is_not_there_yet() -> None:
-    assert to_let_go(["a", "b", "c", "d"], {"a", "b", "c"}, {"a", "c"}, 2) == ["d", "c"]
+    assert choose_surplus(["a", "b", "c", "d"], {"a", "b", "c"}, {"a", "c"}, 2) == ["d", "c"]

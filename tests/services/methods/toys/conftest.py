@@ -10,7 +10,7 @@ from eigenfail import plugins
 from eigenfail.settings import read_settings
 from eigenfail.values import LearnerContext, learner_seed
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_workers.functions.engine import FunctionEngine
+from eigenfail_workers.functions import FunctionEngine
 
 sys.path.append(str(Path(__file__).parent))
 

@@ -1,4 +1,4 @@
-"""Long-horizon candidates: what the truck could do, each rolled out as a longitudinal profile."""
+"""Candidates of the truck's behaviour over a long horizon, rolled out as longitudinal profiles."""
 
 from collections.abc import Callable
 from math import inf
@@ -8,12 +8,33 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail_workers.planners.rulebook.driving_modes import Task
-from eigenfail_workers.planners.rulebook.surroundings import (
+from eigenfail_workers.planners.rulebook.traffic import (
     Neighbour,
-    Surroundings,
+    Traffic,
     needed_deceleration,
 )
-from eigenfail_workers.planners.rulebook.truck import TruckLimits, towards
+
+
+class TruckLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Limits of the truck's acceleration and jerk.
+
+    Attributes:
+        peak_braking_mps2: deceleration of an emergency stop.
+        comfort_braking_mps2: largest planned deceleration.
+        comfort_jerk_mps3: largest planned jerk.
+        emergency_jerk_mps3: largest jerk in an emergency.
+    """
+
+    peak_braking_mps2: Annotated[float, Meta(gt=0.0, le=10.0)] = 7.0
+    comfort_braking_mps2: Annotated[float, Meta(gt=0.0, le=7.0)] = 4.0
+    comfort_jerk_mps3: Annotated[float, Meta(gt=0.0, le=20.0)] = 4.0
+    emergency_jerk_mps3: Annotated[float, Meta(gt=0.0, le=50.0)] = 15.0
+
+
+def limit_change(wanted: float, now: float, largest_change: float) -> float:
+    """Return `wanted`, limited to the largest change from `now`."""
+    return min(max(wanted, now - largest_change), now + largest_change)
+
 
 KNOTS = 10
 KNOT_S = 0.5
@@ -24,13 +45,13 @@ class CandidateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     """How candidates are shaped.
 
     Attributes:
-        lead_margin_m: a lead is approached no nearer than this.
-        lead_headway_s: and followed at this headway.
-        headway_gain_per_s2: how eagerly a missing headway is restored.
-        neighbour_margin_m: the same margin for a slower neighbour that may yet come over.
-        neighbour_braking_mps2: hardest braking for a neighbour.
-        speed_gain_per_s: how eagerly the target speed is sought.
-        turning_room_m: the truck stops this long before its lane ends, to be able to leave it yet.
+        lead_margin_m: least gap to a lead.
+        lead_headway_s: time headway at which a lead is followed.
+        headway_gain_per_s2: gain at which a missing headway is restored.
+        neighbour_margin_m: least gap to a slower neighbour, which may change into the lane.
+        neighbour_braking_mps2: largest deceleration behind a neighbour.
+        speed_gain_per_s: gain at which the target speed is approached.
+        turning_room_m: distance to the end of the lane at which the truck stops.
     """
 
     lead_margin_m: Annotated[float, Meta(ge=0.0, le=30.0)] = 5.0
@@ -42,23 +63,24 @@ class CandidateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     turning_room_m: Annotated[float, Meta(ge=0.0, le=200.0)] = 60.0
 
 
-class Start(msgspec.Struct, frozen=True, gc=False):
-    """Where the truck is when it decides: speed, the acceleration it has, and its task."""
+class PlanStart(msgspec.Struct, frozen=True, gc=False):
+    """State of the truck when it decides: speed, present acceleration, and task."""
 
     speed_mps: float
     acceleration_mps2: float
     task: Task
 
 
-class Change(msgspec.Struct, frozen=True):
-    """The lateral part of a candidate: a change into a gap of the next lane.
+class LaneChange(msgspec.Struct, frozen=True):
+    """Lateral part of a candidate: a change into a gap of the next lane.
 
     Attributes:
-        begins: knot at which it begins, 0 for now; None if none is in sight at which the gap fits.
-        short_ahead_m: by how much the gap is too short ahead of the truck, at worst from then on;
-            if it does not begin, at last. short_behind_m: the same behind the truck.
-        over_m: way until it is over.
-        hit_mps: speed at which who is behind would run into the truck.
+        begins: knot at which the change begins, 0 for now; None if the gap fits at no knot.
+        short_ahead_m: length that the gap lacks ahead of the truck: the largest one after the
+            begin; without a begin, that at the last knot.
+        short_behind_m: length that the gap lacks behind the truck, likewise.
+        over_m: way to the end of the change.
+        hit_mps: speed at which the vehicle behind would run into the truck.
     """
 
     begins: int | None = None
@@ -69,15 +91,15 @@ class Change(msgspec.Struct, frozen=True):
 
 
 class Profile(msgspec.Struct, frozen=True):
-    """A candidate and where it leads.
+    """A candidate, rolled out over the horizon.
 
     Attributes:
         name: of the candidate.
-        target_mps2: acceleration that it settles at.
+        target_mps2: acceleration that it approaches.
         accelerations: over each of the knots [m/s²].
-        ways: covered at the end of each knot [m].
-        speeds: at the end of each knot [m/s].
-        change: its lateral part; None if it stays in its lane.
+        ways: distance covered at the end of each knot [m].
+        speeds: speed at the end of each knot [m/s].
+        change: lateral part; None for a candidate that stays in its lane.
     """
 
     name: str
@@ -85,34 +107,34 @@ class Profile(msgspec.Struct, frozen=True):
     accelerations: list[float]
     ways: list[float]
     speeds: list[float]
-    change: Change | None = None
+    change: LaneChange | None = None
 
 
-Target = Callable[[Start, Surroundings, CandidateSettings], float | None]
+Target = Callable[[PlanStart, Traffic, CandidateSettings], float | None]
 
 
-def keep(start: Start, _around: Surroundings, settings: CandidateSettings) -> float:
-    """Seek the target speed."""
+def keep(start: PlanStart, _traffic: Traffic, settings: CandidateSettings) -> float:
+    """Return the acceleration that approaches the target speed."""
     wanted = settings.speed_gain_per_s * (start.task.target_mps - start.speed_mps)
     return float(min(wanted, start.task.max_acceleration_mps2))
 
 
-def hold(start: Start, _around: Surroundings, settings: CandidateSettings) -> float:
-    """Do not accelerate."""
-    return min(keep(start, _around, settings), 0.0)
+def hold(start: PlanStart, _traffic: Traffic, settings: CandidateSettings) -> float:
+    """Return the deceleration that approaches the target speed, without accelerating."""
+    return min(keep(start, _traffic, settings), 0.0)
 
 
-def slow(start: Start, around: Surroundings, settings: CandidateSettings) -> float | None:
-    """Drop back behind a slower neighbour, before it asks for it."""
-    if around.neighbour is None:
+def slow(start: PlanStart, traffic: Traffic, settings: CandidateSettings) -> float | None:
+    """Return the deceleration that drops back behind a slower neighbour, before it merges."""
+    if traffic.neighbour is None:
         return None
-    need = _need(start, around.neighbour, settings.neighbour_margin_m)
+    need = _need(start, traffic.neighbour, settings.neighbour_margin_m)
     return -min(need, settings.neighbour_braking_mps2)
 
 
-def follow(start: Start, around: Surroundings, settings: CandidateSettings) -> float | None:
-    """Yield to the lead: end the closing at its margin, and restore the headway."""
-    lead = around.lead
+def follow(start: PlanStart, traffic: Traffic, settings: CandidateSettings) -> float | None:
+    """Return the deceleration that keeps the margin to the lead and restores the headway."""
+    lead = traffic.lead
     if lead is None:
         return None
     need = _need(start, lead, settings.lead_margin_m)
@@ -120,14 +142,14 @@ def follow(start: Start, around: Surroundings, settings: CandidateSettings) -> f
     return min(settings.headway_gain_per_s2 * (lead.gap_m - headway_m), 0.0) - need
 
 
-def stop(start: Start, around: Surroundings, settings: CandidateSettings) -> float | None:
-    """Come to rest before the lane ends."""
-    if around.lane_end is None:
+def stop(start: PlanStart, traffic: Traffic, settings: CandidateSettings) -> float | None:
+    """Return the deceleration that stops before the end of the lane."""
+    if traffic.lane_end is None:
         return None
-    return -_need(start, around.lane_end, settings.turning_room_m)
+    return -_need(start, traffic.lane_end, settings.turning_room_m)
 
 
-def _need(start: Start, other: Neighbour, margin_m: float) -> float:
+def _need(start: PlanStart, other: Neighbour, margin_m: float) -> float:
     return needed_deceleration(other, other.gap_m, start.speed_mps, margin_m)
 
 
@@ -138,29 +160,32 @@ CANDIDATES: dict[str, Target] = {
     "follow": follow,
     "stop": stop,
 }
-"""Those that stay in their lane, in the order of preference among equals."""
+"""Candidates that stay in their lane, in the order of preference among equals."""
 
 
-def profiles(
-    start: Start, around: Surroundings, settings: CandidateSettings, limits: TruckLimits
+def roll_out_all(
+    start: PlanStart, traffic: Traffic, settings: CandidateSettings, limits: TruckLimits
 ) -> list[Profile]:
-    """All candidates that stay in their lane and that this situation offers."""
+    """Return the profiles of all candidates that stay in their lane, as far as they apply."""
     found = []
     for name, target in CANDIDATES.items():
-        wanted = target(start, around, settings)
+        wanted = target(start, traffic, settings)
         if wanted is not None:
             found.append(roll_out(name, start, max(wanted, -limits.comfort_braking_mps2), limits))
     return found
 
 
-def roll_out(name: str, start: Start, target_mps2: float, limits: TruckLimits) -> Profile:
-    """Go to the target acceleration at comfortable jerk; neither over the task's speed nor back."""
+def roll_out(name: str, start: PlanStart, target_mps2: float, limits: TruckLimits) -> Profile:
+    """Return the profile that approaches an acceleration at comfortable jerk.
+
+    It neither exceeds the target speed of the task nor drives backwards.
+    """
     accelerations, ways, speeds = [], [], []
     change = limits.comfort_jerk_mps3 * KNOT_S
     speed, acceleration, way = start.speed_mps, start.acceleration_mps2, 0.0
     fastest = max(speed, start.task.target_mps)
     for _ in range(KNOTS):
-        acceleration = towards(target_mps2, acceleration, change)
+        acceleration = limit_change(target_mps2, acceleration, change)
         reached = min(max(speed + acceleration * KNOT_S, 0.0), fastest)
         way += 0.5 * (speed + reached) * KNOT_S
         accelerations.append((reached - speed) / KNOT_S)

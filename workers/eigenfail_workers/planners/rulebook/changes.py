@@ -1,11 +1,11 @@
-"""Changes of lane as candidates: a longitudinal profile into a gap, and a lateral one once it fits.
+"""Lane changes as candidates: a longitudinal profile to a gap, and a lateral path into it.
 
-A gap fits while it is as long as what is owed in it, both ahead and behind:
+A gap fits while the distances to the vehicles ahead and behind are at least the required ones:
 
-    owed = margin + headway · v_rear + max(v_rear − v_front, 0)² / (2 b)
+    required = margin + headway · v_rear + max(v_rear − v_front, 0)² / (2 b)
 
-with v_rear, v_front the speeds of the rear and the front one of the two, and b the braking that
-the rear one may be made to do.
+with v_rear, v_front the speeds of the rear and the front one of the two, and b the deceleration
+that the rear one may be forced to.
 """
 
 from collections.abc import Sequence
@@ -14,21 +14,72 @@ from typing import Annotated, NamedTuple
 import msgspec
 from msgspec import Meta
 
+from eigenfail_workers.motion import minimum_jerk
 from eigenfail_workers.planners.rulebook.candidates import (
     KNOT_S,
     KNOTS,
     CandidateSettings,
-    Change,
+    LaneChange,
+    PlanStart,
     Profile,
-    Start,
+    TruckLimits,
+    limit_change,
 )
 from eigenfail_workers.planners.rulebook.driving_modes import Task
-from eigenfail_workers.planners.rulebook.lateral import LateralSettings, change_way_m
-from eigenfail_workers.planners.rulebook.surroundings import Gap, Neighbour
-from eigenfail_workers.planners.rulebook.truck import TruckLimits, towards
+from eigenfail_workers.planners.rulebook.traffic import Gap, Neighbour
+
+
+class LateralSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How the truck changes lanes.
+
+    Attributes:
+        change_s: duration of a change at its initial speed.
+        shortest_m: least length of a change, however slow the truck is.
+    """
+
+    change_s: Annotated[float, Meta(gt=0.0, le=20.0)] = 5.0
+    shortest_m: Annotated[float, Meta(ge=35.0, le=200.0)] = 50.0
+
+
+class LateralPath(msgspec.Struct, frozen=True, gc=False):
+    """A path across the road; the lateral position is constant before and after it.
+
+    It is a function of distance, not of time: a truck that brakes on it must not slide sideways.
+
+    Attributes:
+        from_m: lateral position before the path.
+        to_m: lateral position after it.
+        begins_x_m: position along the road at which it begins.
+        length_m: along the road.
+    """
+
+    from_m: float
+    to_m: float
+    begins_x_m: float
+    length_m: float
+
+    def at(self, x_m: float) -> float:
+        """Return the lateral position at a position along the road. [m]"""
+        share = min(max((x_m - self.begins_x_m) / self.length_m, 0.0), 1.0)
+        return self.from_m + (self.to_m - self.from_m) * minimum_jerk(share)[0]
+
+    def left_m(self, x_m: float) -> float:
+        """Return the distance to the end of the path, negative beyond it. [m]"""
+        return self.begins_x_m + self.length_m - x_m
+
+
+def make_straight_path(y_m: float) -> LateralPath:
+    """Return a path at a constant lateral position."""
+    return LateralPath(y_m, y_m, 0.0, 1.0)
+
+
+def change_way_m(speed_mps: float, settings: LateralSettings) -> float:
+    """Length of a lane change that begins at a speed. [m]"""
+    return max(speed_mps * settings.change_s, settings.shortest_m)
+
 
 LOOK_KNOTS = 32
-"""How far ahead a gap is looked for that does not fit yet: sixteen seconds."""
+"""Horizon over which a gap may begin to fit: sixteen seconds."""
 
 Pair = tuple[float, float]
 Metres = Annotated[float, Meta(ge=0.0, le=100.0)]
@@ -36,21 +87,21 @@ Seconds = Annotated[float, Meta(ge=0.0, le=5.0)]
 Braking = Annotated[float, Meta(gt=0.0, le=7.0)]
 
 
-class Owed(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is owed between two vehicles, one behind the other."""
+class RequiredGap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Required gap between two vehicles, one behind the other."""
 
     margin_m: Metres
     headway_s: Seconds
     braking_mps2: Braking
 
     def gap_m(self, rear_mps: float, front_mps: float) -> float:
-        """The gap that is owed at these speeds [m]."""
+        """Required gap at two speeds. [m]"""
         closing = max(rear_mps - front_mps, 0.0)
         return self.margin_m + self.headway_s * rear_mps + closing**2 / (2.0 * self.braking_mps2)
 
 
-class Moment(NamedTuple):
-    """The truck at the end of a knot: way from now, speed, acceleration, and the one wanted."""
+class ApproachPoint(NamedTuple):
+    """The truck at the end of a knot: distance, speed, acceleration, and wanted acceleration."""
 
     way_m: float
     speed_mps: float
@@ -59,20 +110,20 @@ class Moment(NamedTuple):
 
 
 class ChangeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """When a gap fits, and how the truck gets beside it.
+    """When a gap fits, and how the truck approaches it.
 
     Attributes:
-        ahead: owed by the truck to who is ahead in the gap.
-        behind: left to who is behind; little braking, as nobody need make room for a truck.
-        begun_share: share of it that is still asked for once the change has begun.
-        spare_m: the truck makes for a gap with this much more than what is owed.
-        gap_gain_per_s2: how eagerly a missing distance is made up for.
-        speed_gain_per_s: how eagerly the speed of who is ahead is taken on.
-        braking_mps2: hardest braking to get beside a gap.
+        ahead: required gap to the vehicle ahead.
+        behind: required gap to the vehicle behind, with little braking: it need not make room.
+        begun_share: share of the required gaps that must remain after the change has begun.
+        spare_m: distance that the approach adds to the required gap.
+        gap_gain_per_s2: gain at which a missing distance is made up.
+        speed_gain_per_s: gain at which the speed of the vehicle ahead is approached.
+        braking_mps2: largest deceleration of the approach.
     """
 
-    ahead: Owed = Owed(margin_m=5.0, headway_s=0.6, braking_mps2=1.5)
-    behind: Owed = Owed(margin_m=4.0, headway_s=0.4, braking_mps2=0.5)
+    ahead: RequiredGap = RequiredGap(margin_m=5.0, headway_s=0.6, braking_mps2=1.5)
+    behind: RequiredGap = RequiredGap(margin_m=4.0, headway_s=0.4, braking_mps2=0.5)
     begun_share: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.5
     spare_m: Metres = 3.0
     gap_gain_per_s2: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.09
@@ -82,7 +133,7 @@ class ChangeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ChangePlanner:
-    """Rolls out changes of lane."""
+    """Rolls out lane changes."""
 
     def __init__(
         self, settings: ChangeSettings, candidates: CandidateSettings, limits: TruckLimits
@@ -91,26 +142,26 @@ class ChangePlanner:
         self._candidates = candidates
         self._limits = limits
 
-    def planned(self, name: str, gap: Gap, start: Start) -> Profile:
-        """A change that begins at the first knot from which on the gap fits."""
+    def plan_change(self, name: str, gap: Gap, start: PlanStart) -> Profile:
+        """Return a change that begins at the first knot from which on the gap fits."""
         course = self._approach(gap.ahead, start, LOOK_KNOTS)
-        short = self._short(gap, course, 1.0)
+        short = self._find_missing(gap, course, 1.0)
         begins = len(course)
         while begins > 0 and max(short[begins - 1]) <= 0.0:
             begins -= 1
         if begins == len(course):
-            change = Change(short_ahead_m=short[-1][0], short_behind_m=short[-1][1])
+            change = LaneChange(short_ahead_m=short[-1][0], short_behind_m=short[-1][1])
         else:
             there = course[begins]
             over_m = there.way_m + change_way_m(there.speed_mps, self._settings.lateral)
-            change = Change(begins=begins, over_m=over_m)
+            change = LaneChange(begins=begins, over_m=over_m)
         return _profile(name, course, change)
 
-    def begun(self, name: str, gap: Gap, start: Start, left_m: float) -> Profile:
-        """The change that is under way, and over in so many metres."""
+    def continue_change(self, name: str, gap: Gap, start: PlanStart, left_m: float) -> Profile:
+        """Return the rest of a change that has begun, and ends after `left_m`."""
         course = self._approach(gap.ahead, start, KNOTS)
-        short = self._short(gap, course, self._settings.begun_share)
-        change = Change(
+        short = self._find_missing(gap, course, self._settings.begun_share)
+        change = LaneChange(
             begins=0,
             short_ahead_m=max(ahead for ahead, _ in short),
             short_behind_m=max(behind for _, behind in short),
@@ -119,21 +170,25 @@ class ChangePlanner:
         )
         return _profile(name, course, change)
 
-    def _approach(self, ahead: Neighbour | None, start: Start, knots: int) -> list[Moment]:
-        """Seek speed and distance of who is ahead in the gap; of nobody, the task's speed."""
+    def _approach(
+        self, ahead: Neighbour | None, start: PlanStart, knots: int
+    ) -> list[ApproachPoint]:
+        """Approach the distance and speed of the vehicle ahead; without one, the task's speed."""
         largest = self._limits.comfort_jerk_mps3 * KNOT_S
-        now = Moment(0.0, start.speed_mps, start.acceleration_mps2, 0.0)
+        now = ApproachPoint(0.0, start.speed_mps, start.acceleration_mps2, 0.0)
         course = [now]
         for knot in range(knots):
             wanted = self._wanted(ahead, start.task, now, knot * KNOT_S)
-            acceleration = towards(wanted, now.acceleration_mps2, largest)
+            acceleration = limit_change(wanted, now.acceleration_mps2, largest)
             speed = max(now.speed_mps + acceleration * KNOT_S, 0.0)
             way = now.way_m + 0.5 * (now.speed_mps + speed) * KNOT_S
-            now = Moment(way, speed, acceleration, wanted)
+            now = ApproachPoint(way, speed, acceleration, wanted)
             course.append(now)
         return course
 
-    def _wanted(self, ahead: Neighbour | None, task: Task, now: Moment, time_s: float) -> float:
+    def _wanted(
+        self, ahead: Neighbour | None, task: Task, now: ApproachPoint, time_s: float
+    ) -> float:
         settings = self._settings
         free = self._candidates.speed_gain_per_s * (task.target_mps - now.speed_mps)
         free = min(free, task.max_acceleration_mps2)
@@ -145,23 +200,23 @@ class ChangePlanner:
         matched += settings.speed_gain_per_s * (ahead.speed_mps - now.speed_mps)
         return min(free, max(matched, -settings.braking_mps2))
 
-    def _short(self, gap: Gap, course: Sequence[Moment], share: float) -> list[Pair]:
-        """What is missing at each knot of a share of what is owed, ahead and behind [m]."""
-        owed, missing = self._settings, []
+    def _find_missing(self, gap: Gap, course: Sequence[ApproachPoint], share: float) -> list[Pair]:
+        """Return what a share of the required gaps lacks ahead and behind, at each knot. [m]"""
+        required, missing = self._settings, []
         for knot, now in enumerate(course):
             ahead_m = behind_m = 0.0
             if (car := gap.ahead) is not None:
                 there_m = car.gap_m + car.speed_mps * KNOT_S * knot - now.way_m
-                ahead_m = share * owed.ahead.gap_m(now.speed_mps, car.speed_mps) - there_m
+                ahead_m = share * required.ahead.gap_m(now.speed_mps, car.speed_mps) - there_m
             if (car := gap.behind) is not None:
                 there_m = car.gap_m - car.speed_mps * KNOT_S * knot + now.way_m
-                behind_m = share * owed.behind.gap_m(car.speed_mps, now.speed_mps) - there_m
+                behind_m = share * required.behind.gap_m(car.speed_mps, now.speed_mps) - there_m
             missing.append((max(ahead_m, 0.0), max(behind_m, 0.0)))
         return missing
 
 
-def _hit_mps(behind: Neighbour | None, course: Sequence[Moment]) -> float:
-    """The speed at which who is behind would run into the truck; 0 if it would not."""
+def _hit_mps(behind: Neighbour | None, course: Sequence[ApproachPoint]) -> float:
+    """Speed at which the vehicle behind would run into the truck; 0 if it would not. [m/s]"""
     if behind is None:
         return 0.0
     for knot, now in enumerate(course):
@@ -170,8 +225,8 @@ def _hit_mps(behind: Neighbour | None, course: Sequence[Moment]) -> float:
     return 0.0
 
 
-def _profile(name: str, course: Sequence[Moment], change: Change) -> Profile:
-    """A candidate has the horizon of all candidates, however far its approach was looked at."""
+def _profile(name: str, course: Sequence[ApproachPoint], change: LaneChange) -> Profile:
+    """Return the profile over the horizon of all candidates, which is shorter than the approach."""
     horizon = course[1 : KNOTS + 1]
     return Profile(
         name=name,

@@ -1,4 +1,4 @@
-"""Driving modes: departure, highway, arrival; each with its own target speed and vigour."""
+"""Driving modes: departure, highway and arrival, each with a target speed and acceleration."""
 
 from collections.abc import Callable
 from enum import StrEnum
@@ -15,15 +15,15 @@ Acceleration = Annotated[float, Meta(gt=0.0, le=5.0)]
 
 
 class ModeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How the modes drive.
+    """Speeds and accelerations of the modes.
 
     Attributes:
-        departed_mps: speed at which a departure has become driving on the highway.
-        departure_acceleration_mps2: a loaded truck pulls away gently.
-        highway_acceleration_mps2: what is left of its power at speed.
-        arrival_deceleration_mps2: with which it comes to rest at its goal.
-        arrival_margin_m: how long before that it begins.
-        arrival_lead_s: the speed follows its target with this lag, which an arrival allows for.
+        departed_mps: speed at which the departure ends.
+        departure_acceleration_mps2: acceleration of a loaded truck from rest.
+        highway_acceleration_mps2: acceleration that its power leaves at high speed.
+        arrival_deceleration_mps2: deceleration to rest at the goal.
+        arrival_margin_m: distance by which braking begins earlier.
+        arrival_lead_s: lag of the speed behind its target, which the arrival compensates.
     """
 
     departed_mps: Speed = 15.0
@@ -35,7 +35,7 @@ class ModeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class DrivingMode(StrEnum):
-    """What the truck is about."""
+    """Mode of driving."""
 
     DEPARTURE = "departure"
     HIGHWAY = "highway"
@@ -43,14 +43,14 @@ class DrivingMode(StrEnum):
 
 
 class Task(msgspec.Struct, frozen=True, gc=False):
-    """What the mode asks for: a speed to reach, and the acceleration allowed for it."""
+    """Target speed of a mode, and the largest acceleration towards it."""
 
     target_mps: float
     max_acceleration_mps2: float
 
 
 class ModeMachine:
-    """Which mode the truck is in; arrival is final, and departure is not entered again."""
+    """State machine of the modes: departure, then highway, then arrival."""
 
     def __init__(self, settings: ModeSettings, mission: Mission) -> None:
         self._settings = settings
@@ -58,7 +58,7 @@ class ModeMachine:
         self._mode = DrivingMode.DEPARTURE
 
     def update(self, ego: VehicleState) -> tuple[DrivingMode, Task]:
-        """The mode for an ego there, and its task."""
+        """Return the mode of an ego, and its task."""
         if self._mode is DrivingMode.DEPARTURE and ego.speed_mps >= self._departed_mps:
             self._mode = DrivingMode.HIGHWAY
         if self._remaining_m(ego) <= self._arrival_m(ego.speed_mps):
@@ -77,20 +77,20 @@ class ModeMachine:
         return self._mission.goal_x_m - ego.x_m
 
     def _arrival_m(self, speed_mps: float) -> float:
-        """The way to rest from a speed, and the margin."""
+        """Braking distance from a speed, and the margin. [m]"""
         braking_m = speed_mps**2 / (2.0 * self._settings.arrival_deceleration_mps2)
         return braking_m + self._settings.arrival_margin_m
 
     def depart(self, _ego: VehicleState) -> Task:
-        """Pull away."""
+        """Return the task of a departure."""
         return Task(self._cruise_mps, self._settings.departure_acceleration_mps2)
 
     def cruise(self, _ego: VehicleState) -> Task:
-        """Keep the desired speed, within the limit."""
+        """Return the task on the highway: the desired speed, within the limit."""
         return Task(self._cruise_mps, self._settings.highway_acceleration_mps2)
 
     def arrive(self, ego: VehicleState) -> Task:
-        """Come to rest at the goal: the speed from which that is still possible."""
+        """Return the task of an arrival: the speed from which the truck can stop at the goal."""
         way_m = max(self._remaining_m(ego), 0.0)
         settings = self._settings
         braking = settings.arrival_deceleration_mps2

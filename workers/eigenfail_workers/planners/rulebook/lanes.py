@@ -1,25 +1,45 @@
-"""What decides about lanes. A truck is held to its lane as long as that goes on."""
+"""The lateral task: stay in the lane, or leave a lane that ends through a gap of the next one."""
 
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Protocol
+from typing import Annotated, Protocol
+
+import msgspec
+from msgspec import Meta
 
 from eigenfail.values import Mission, VehicleState
 from eigenfail_workers.planners.rulebook.candidates import (
     CandidateSettings,
+    PlanStart,
     Profile,
-    Start,
-    profiles,
+    TruckLimits,
+    hold,
+    roll_out,
+    roll_out_all,
+    stop,
 )
-from eigenfail_workers.planners.rulebook.rules import Verdict
-from eigenfail_workers.planners.rulebook.surroundings import Surroundings
+from eigenfail_workers.planners.rulebook.changes import (
+    ChangePlanner,
+    ChangeSettings,
+    LateralPath,
+    change_way_m,
+    make_straight_path,
+)
+from eigenfail_workers.planners.rulebook.rules import RuleChoice, progress
 from eigenfail_workers.planners.rulebook.tracker import Track
-from eigenfail_workers.planners.rulebook.truck import TruckLimits
-from eigenfail_workers.planners.steering import LaneKeeping
+from eigenfail_workers.planners.rulebook.traffic import (
+    GapFinder,
+    GapSettings,
+    Neighbour,
+    Traffic,
+    find_nearer,
+    required_deceleration,
+)
+from eigenfail_workers.planners.steering import LaneKeeping, look_ahead_m, pursue
 
 
-class Phase(StrEnum):
-    """What the truck is about, across the road."""
+class LanePhase(StrEnum):
+    """Phase of the lateral task."""
 
     IN_LANE = "in_lane"
     APPROACHING = "approaching"
@@ -27,42 +47,40 @@ class Phase(StrEnum):
 
 
 class LanePlanner(Protocol):
-    """One phase of the lateral task: in each step look, propose, settle, steer.
+    """One phase of the lateral task: in each step observe, propose, decide, steer.
 
     Attributes:
-        phase: which.
+        phase: its name.
     """
 
-    phase: Phase
+    phase: LanePhase
 
-    def look(
-        self, tracks: Sequence[Track], ego: VehicleState, around: Surroundings, /
-    ) -> Surroundings:
-        """What must be heeded because of the lanes, added to what is around."""
+    def observe(self, tracks: Sequence[Track], ego: VehicleState, traffic: Traffic, /) -> Traffic:
+        """Return the traffic with what this phase adds to it."""
 
-    def propose(self, start: Start, around: Surroundings, /) -> list[Profile]:
-        """The candidates."""
+    def propose(self, start: PlanStart, traffic: Traffic, /) -> list[Profile]:
+        """Return the candidates."""
 
-    def settle(
+    def decide(
         self,
-        verdict: Verdict,
+        choice: RuleChoice,
         offered: Sequence[Profile],
         ego: VehicleState,
         /,
-    ) -> tuple[Verdict, "LanePlanner"]:
-        """What is done about the rules' verdict, and the phase from then on."""
+    ) -> tuple[RuleChoice, "LanePlanner"]:
+        """Return the choice, which the phase may change, and the next phase."""
 
     def steer(self, ego: VehicleState, /) -> float:
-        """The steering angle [rad]."""
+        """Return the steering angle. [rad]"""
 
     def lateral_m(self, ego: VehicleState, x_m: float, /) -> float:
-        """Where across the road the truck means to be once it is there along the road [m]."""
+        """Return the planned lateral position at a position along the road. [m]"""
 
 
-class LaneHeld:
-    """Stays in the lane in which it is at first. Implements `LanePlanner`."""
+class InLane:
+    """Stays in the lane at its begin. Implements `LanePlanner`."""
 
-    phase = Phase.IN_LANE
+    phase = LanePhase.IN_LANE
 
     def __init__(
         self, mission: Mission, candidates: CandidateSettings, limits: TruckLimits
@@ -71,30 +89,225 @@ class LaneHeld:
         self._limits = limits
         self._lane_keeping = LaneKeeping(mission)
 
-    def look(
-        self, _tracks: Sequence[Track], _ego: VehicleState, around: Surroundings, /
-    ) -> Surroundings:
-        """Nothing else: the lane goes on."""
-        return around
+    def observe(self, _tracks: Sequence[Track], _ego: VehicleState, traffic: Traffic, /) -> Traffic:
+        """Return the traffic: a lane that goes on adds nothing."""
+        return traffic
 
-    def propose(self, start: Start, around: Surroundings, /) -> list[Profile]:
-        """Longitudinal ones."""
-        return profiles(start, around, self._candidates, self._limits)
+    def propose(self, start: PlanStart, traffic: Traffic, /) -> list[Profile]:
+        """Return the candidates that stay in their lane."""
+        return roll_out_all(start, traffic, self._candidates, self._limits)
 
-    def settle(
+    def decide(
         self,
-        verdict: Verdict,
+        choice: RuleChoice,
         _offered: Sequence[Profile],
         _ego: VehicleState,
         /,
-    ) -> tuple[Verdict, LanePlanner]:
-        """As the rules say."""
-        return verdict, self
+    ) -> tuple[RuleChoice, LanePlanner]:
+        """Return the choice of the rules."""
+        return choice, self
 
     def steer(self, ego: VehicleState, /) -> float:
-        """To the centre of the lane."""
+        """Return the steering angle to the centre of the lane. [rad]"""
         return self._lane_keeping(ego)
 
     def lateral_m(self, ego: VehicleState, _x_m: float, /) -> float:
-        """The centre of the lane."""
+        """Return the centre of the lane. [m]"""
         return self._lane_keeping.centre_m(ego)
+
+
+class MergeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How the truck leaves a lane that ends.
+
+    Attributes:
+        commit: number of steps in a row in which a gap must fit before the change begins, and in
+            which another candidate must win by progress alone before the truck prefers it.
+    """
+
+    gaps: GapSettings = GapSettings()
+    changes: ChangeSettings = ChangeSettings()
+    commit: Annotated[int, Meta(ge=1, le=100)] = 5
+
+
+class EndingLane:
+    """A lane that ends, with the parts that all phases of leaving it share."""
+
+    def __init__(
+        self,
+        ends_x_m: float,
+        settings: MergeSettings,
+        mission: Mission,
+        candidates: CandidateSettings,
+        limits: TruckLimits,
+    ) -> None:
+        width_m = mission.lane_width_m
+        self._ends_x_m = ends_x_m
+        self._line_m = 0.5 * width_m
+        self.settings = settings
+        self.mission = mission
+        self.candidates = candidates
+        self.limits = limits
+        self.finder = GapFinder(settings.gaps, width_m, width_m, mission.dt_s)
+        self.planner = ChangePlanner(settings.changes, candidates, limits)
+
+    def find_end(self, ego: VehicleState) -> Neighbour:
+        """Return the end of the lane, as a standing vehicle."""
+        return Neighbour(self._ends_x_m - ego.x_m - 0.5 * ego.length_m, 0.0, 0.0)
+
+    def is_left(self, ego: VehicleState) -> bool:
+        """Whether the truck is in the next lane."""
+        return ego.y_m > self._line_m
+
+    def make_in_lane(self) -> InLane:
+        """Return the phase in a lane that goes on."""
+        return InLane(self.mission, self.candidates, self.limits)
+
+    def can_turn_back(self, ego: VehicleState) -> bool:
+        """Whether its side has not crossed the line, and it can stop comfortably before the end."""
+        margin_m = self.candidates.turning_room_m
+        need = required_deceleration(self.find_end(ego).gap_m, ego.speed_mps, margin_m)
+        is_inside = ego.y_m + 0.5 * ego.width_m < self._line_m
+        return is_inside and need <= self.limits.comfort_braking_mps2
+
+    def make_path(self, ego: VehicleState, to_m: float) -> LateralPath:
+        """Return a path from the truck to a lateral position."""
+        way_m = change_way_m(ego.speed_mps, self.settings.changes.lateral)
+        return LateralPath(ego.y_m, to_m, ego.x_m, way_m)
+
+
+ABORT = "abort"
+COMMITMENT = "commitment"
+"""Deciding rule where the truck keeps its previous candidate."""
+
+
+class PathFollower:
+    """Steers along a path across the road."""
+
+    def __init__(self, path: LateralPath) -> None:
+        self._path = path
+
+    def steer(self, ego: VehicleState, /) -> float:
+        """Return the steering angle to the path ahead. [rad]"""
+        return pursue(ego, self.lateral_m(ego, ego.x_m + look_ahead_m(ego)))
+
+    def lateral_m(self, _ego: VehicleState, x_m: float, /) -> float:
+        """Return the lateral position on the path. [m]"""
+        return self._path.at(x_m)
+
+
+class ApproachingGap(PathFollower):
+    """Approaches a gap, in the lane that ends. Implements `LanePlanner`.
+
+    Args:
+        ramp: the lane that ends.
+        path: to the centre of that lane, to which a change may have been aborted.
+    """
+
+    phase = LanePhase.APPROACHING
+
+    def __init__(self, ramp: EndingLane, path: LateralPath) -> None:
+        super().__init__(path)
+        self._ramp = ramp
+        self._name = ""
+        self._rival_steps = 0
+        self._ready_steps = 0
+
+    def observe(self, tracks: Sequence[Track], ego: VehicleState, traffic: Traffic, /) -> Traffic:
+        """Return the traffic with the end of the lane and the gaps of the next one."""
+        if self._ramp.is_left(ego):
+            return traffic
+        gaps = self._ramp.finder.find_gaps(tracks, ego)
+        return Traffic(traffic.lead, traffic.neighbour, self._ramp.find_end(ego), gaps)
+
+    def propose(self, start: PlanStart, traffic: Traffic, /) -> list[Profile]:
+        """Return a candidate for each gap, and those that stay in the lane."""
+        plan_change = self._ramp.planner.plan_change
+        changes = [plan_change(name, gap, start) for name, gap in traffic.gaps.items()]
+        return changes + roll_out_all(start, traffic, self._ramp.candidates, self._ramp.limits)
+
+    def decide(
+        self,
+        choice: RuleChoice,
+        offered: Sequence[Profile],
+        ego: VehicleState,
+        /,
+    ) -> tuple[RuleChoice, LanePlanner]:
+        """Keep a choice for some steps; begin the change when its gap has fitted long enough."""
+        if self._ramp.is_left(ego):
+            return choice, self._ramp.make_in_lane()
+        choice = self._keep_choice(choice, offered)
+        self._name, change = choice.profile.name, choice.profile.change
+        fits = change is not None and change.begins == 0
+        self._ready_steps = self._ready_steps + 1 if fits else 0
+        if self._ready_steps < self._ramp.settings.commit:
+            return choice, self
+        return choice, ChangingLane(self._ramp, self._name, ego)
+
+    def _keep_choice(self, choice: RuleChoice, offered: Sequence[Profile]) -> RuleChoice:
+        """Return the rules' choice; a new one by progress alone only after some steps in a row."""
+        before = [profile for profile in offered if profile.name == self._name]
+        is_rival = choice.rule == progress.__name__ and choice.profile.name != self._name
+        self._rival_steps = self._rival_steps + 1 if before and is_rival else 0
+        if 0 < self._rival_steps < self._ramp.settings.commit:
+            return RuleChoice(before[0], COMMITMENT)
+        self._rival_steps = 0
+        return choice
+
+
+class ChangingLane(PathFollower):
+    """Changes into the next lane, or turns back. Implements `LanePlanner`."""
+
+    phase = LanePhase.CHANGING
+
+    def __init__(self, ramp: EndingLane, name: str, ego: VehicleState) -> None:
+        super().__init__(ramp.make_path(ego, ramp.mission.lane_width_m))
+        self._ramp = ramp
+        self._name = name
+        self._left_m = self._path.length_m
+        self._can_turn_back = True
+
+    def observe(self, tracks: Sequence[Track], ego: VehicleState, traffic: Traffic, /) -> Traffic:
+        """Return the traffic with the gap beside the truck, which may bring another lead."""
+        gap = self._ramp.finder.find_beside(tracks, ego)
+        lead = traffic.lead if gap.ahead is None else find_nearer(gap.ahead, traffic.lead)
+        self._left_m = self._path.left_m(ego.x_m)
+        self._can_turn_back = self._ramp.can_turn_back(ego)
+        return Traffic(lead, traffic.neighbour, self._ramp.find_end(ego), {self._name: gap})
+
+    def propose(self, start: PlanStart, traffic: Traffic, /) -> list[Profile]:
+        """Return the rest of the change, and while the truck can turn back, its abortion."""
+        gap = traffic.gaps[self._name]
+        going_on = self._ramp.planner.continue_change(self._name, gap, start, self._left_m)
+        return [going_on, self._make_abort(start, traffic)] if self._can_turn_back else [going_on]
+
+    def _make_abort(self, start: PlanStart, traffic: Traffic) -> Profile:
+        settings = self._ramp.candidates
+        gentle, firm = hold(start, traffic, settings), stop(start, traffic, settings) or 0.0
+        return roll_out(ABORT, start, min(gentle, firm), self._ramp.limits)
+
+    def decide(
+        self,
+        choice: RuleChoice,
+        _offered: Sequence[Profile],
+        ego: VehicleState,
+        /,
+    ) -> tuple[RuleChoice, LanePlanner]:
+        """Go on to the end of the change, or turn back."""
+        ramp = self._ramp
+        if choice.profile.name == ABORT:
+            return choice, ApproachingGap(ramp, ramp.make_path(ego, 0.0))
+        if self._left_m > 0.0:
+            return choice, self
+        return choice, ramp.make_in_lane()
+
+
+def make_lane_planner(
+    settings: MergeSettings, mission: Mission, candidates: CandidateSettings, limits: TruckLimits
+) -> LanePlanner:
+    """Return the first phase: approaching a gap if lane 0 ends, else staying in the lane."""
+    ends_x_m = mission.lane_0_ends_x_m
+    if ends_x_m is None:
+        return InLane(mission, candidates, limits)
+    return ApproachingGap(
+        EndingLane(ends_x_m, settings, mission, candidates, limits), make_straight_path(0.0)
+    )

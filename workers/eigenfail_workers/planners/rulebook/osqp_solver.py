@@ -1,4 +1,4 @@
-"""OSQP: its settings, and its solver without the wrapping that costs more than the solving."""
+"""OSQP: its settings, and its solver without a wrapper that costs more time than solving."""
 
 from typing import Annotated, Any
 
@@ -15,10 +15,10 @@ Vectors = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 
 class SolverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How OSQP works; see its own documentation.
+    """Settings of OSQP; see its documentation.
 
     Attributes:
-        max_iterations: bound of the work; the only one.
+        max_iterations: the only bound, as wall time would make answers irreproducible.
         check_every: iterations between two tests for convergence.
         tolerance: absolute and relative.
         rho: step size of the method, fixed.
@@ -30,8 +30,8 @@ class SolverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rho: Annotated[float, Meta(gt=0.0, le=1e6)] = 0.1
 
 
-def solver_options(settings: SolverSettings) -> dict[str, float]:
-    """The settings under OSQP's names, and what of its own must not depend on the clock."""
+def make_solver_options(settings: SolverSettings) -> dict[str, float]:
+    """Return the settings by OSQP's names, with everything off that depends on the clock."""
     return {
         "verbose": False,
         "warm_starting": True,
@@ -45,17 +45,17 @@ def solver_options(settings: SolverSettings) -> dict[str, float]:
     }
 
 
-def new_solver(
+def make_solver(
     cost: sparse.csc_matrix,
     constraints: sparse.csc_matrix,
     vectors: Vectors,
     settings: SolverSettings,
 ) -> Any:
-    """The extension's own solver object, set up for P (its upper triangle), A and (q, l, u).
+    """Return the solver object of the extension for P (its upper triangle), A and (q, l, u).
 
     The public `solve()` copies every field of its report into a namespace, which takes longer than
-    OSQP takes to solve; the object behind it does not. It is private, so only releases 1.1 are
-    taken, and a test holds its answers equal to the public ones.
+    solving; the object behind it does not. As it is private, only releases 1.1 are allowed, and a
+    test compares its answers with the public ones.
 
     Raises:
         SolverError: P is not positive semidefinite.
@@ -63,7 +63,7 @@ def new_solver(
     public = osqp.OSQP(algebra="builtin")
     linear, lower, upper = vectors
     try:
-        public.setup(cost, linear, constraints, lower, upper, **solver_options(settings))
+        public.setup(cost, linear, constraints, lower, upper, **make_solver_options(settings))
     except osqp.OSQPException as refusal:
         message = f"OSQP refuses the program, with its error {refusal.args}."
         raise SolverError(message, "Make P positive semidefinite.") from refusal

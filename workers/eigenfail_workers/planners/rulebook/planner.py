@@ -1,40 +1,162 @@
-"""The planner: track, judge, propose, choose, refine, override, steer."""
+"""The planner `rulebook`: track, recognise intent, propose, choose, refine, override, steer."""
 
+from enum import StrEnum
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
 from eigenfail.values import Account, Control, Mission, Path, Perception, VehicleState
-from eigenfail_workers.planners.rulebook.brake_lights import (
-    BrakeLightSettings,
-    WatchfulTracker,
+from eigenfail_workers.planners.rulebook.candidates import (
+    CandidateSettings,
+    PlanStart,
+    Profile,
+    TruckLimits,
+    limit_change,
 )
-from eigenfail_workers.planners.rulebook.candidates import CandidateSettings, Profile, Start
-from eigenfail_workers.planners.rulebook.decision import Decision
-from eigenfail_workers.planners.rulebook.driving_modes import ModeMachine, ModeSettings
-from eigenfail_workers.planners.rulebook.intent import IntentSettings, judge
-from eigenfail_workers.planners.rulebook.lanes import LanePlanner
-from eigenfail_workers.planners.rulebook.merging import lane_planner
-from eigenfail_workers.planners.rulebook.overrides import (
-    EmergencyBrake,
-    Override,
-    OverrideSettings,
-    fall_back,
+from eigenfail_workers.planners.rulebook.driving_modes import DrivingMode, ModeMachine, ModeSettings
+from eigenfail_workers.planners.rulebook.lanes import (
+    LanePhase,
+    LanePlanner,
+    MergeSettings,
+    make_lane_planner,
 )
-from eigenfail_workers.planners.rulebook.ramp import MergeSettings
+from eigenfail_workers.planners.rulebook.quadratic_program import QpStatus
 from eigenfail_workers.planners.rulebook.refine import Refiner, RefineSettings
-from eigenfail_workers.planners.rulebook.rules import Question, RuleSettings, Verdict, choose
-from eigenfail_workers.planners.rulebook.surroundings import Surroundings, look_around
-from eigenfail_workers.planners.rulebook.tracker import TrackerSettings
-from eigenfail_workers.planners.rulebook.truck import TruckLimits, towards
+from eigenfail_workers.planners.rulebook.rules import RuleChoice, RuleContext, RuleSettings, choose
+from eigenfail_workers.planners.rulebook.tracker import (
+    BrakeLightSettings,
+    BrakeLightTracker,
+    IntentSettings,
+    TrackerSettings,
+    update_intent,
+)
+from eigenfail_workers.planners.rulebook.traffic import (
+    Gap,
+    Neighbour,
+    Traffic,
+    find_traffic,
+    required_deceleration,
+)
+
+
+class OverrideSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Thresholds of the emergency brake, which overrides rules and quadratic program.
+
+    Attributes:
+        margin_m: gap that the emergency brake keeps.
+        brake_at_mps2: required deceleration that triggers it.
+        release_at_mps2: required deceleration at which it is released.
+        brake_at_s: time to collision that triggers it at any deceleration.
+    """
+
+    margin_m: Annotated[float, Meta(ge=0.0, le=20.0)] = 3.0
+    brake_at_mps2: Annotated[float, Meta(gt=0.0, le=10.0)] = 3.5
+    release_at_mps2: Annotated[float, Meta(gt=0.0, le=10.0)] = 2.0
+    brake_at_s: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.8
+
+
+class Override(StrEnum):
+    """Override of the plan."""
+
+    NONE = "none"
+    EMERGENCY_BRAKE = "emergency_brake"
+    QP_FALLBACK = "qp_fallback"
+
+
+class EmergencyBrake:
+    """Full braking with hysteresis between two thresholds."""
+
+    def __init__(self, settings: OverrideSettings) -> None:
+        self._settings = settings
+        self._braking = False
+
+    def update(self, lead: Neighbour | None, speed_mps: float) -> bool:
+        """Return whether to brake now."""
+        if lead is None:
+            self._braking = False
+            return False
+        closing_mps = speed_mps - lead.speed_mps
+        need = required_deceleration(lead.gap_m, closing_mps, self._settings.margin_m)
+        bar = self._settings.release_at_mps2 if self._braking else self._settings.brake_at_mps2
+        self._braking = need > bar or lead.gap_m < closing_mps * self._settings.brake_at_s
+        return self._braking
+
+
+def fall_back(planned_mps2: float) -> float:
+    """Return the candidate's braking, without acceleration, for want of a refined plan. [m/s²]"""
+    return min(planned_mps2, 0.0)
+
+
+class Decision(msgspec.Struct, frozen=True):
+    """The decision of one step, with its reasons.
+
+    Attributes:
+        candidate: name of the chosen one.
+        rule: rule that rejected its last rival.
+        planned_mps2: acceleration of the candidate.
+        acceleration_mps2: commanded acceleration.
+        speed_mps: of the truck.
+        phase: of the lateral task from now on.
+        tracks: state of every track.
+        lost_tracks: number of trusted tracks deleted since the start of the episode.
+    """
+
+    time_s: float
+    mode: DrivingMode
+    candidate: str
+    rule: str
+    override: Override
+    qp_status: QpStatus
+    planned_mps2: float
+    acceleration_mps2: float
+    speed_mps: float
+    phase: LanePhase
+    traffic: Traffic
+    tracks: tuple[str, ...]
+    lost_tracks: int
+
+    def account(self) -> Account:
+        """Return the decision as plain names and values; see `ExplainingPlanner`."""
+        return {
+            "mode": str(self.mode),
+            "candidate": self.candidate,
+            "rule": self.rule,
+            "override": str(self.override),
+            "qp_status": str(self.qp_status),
+            "planned_mps2": self.planned_mps2,
+            **self._describe_lead(),
+            **self._describe_lane_end(),
+            "tracks": " ".join(self.tracks),
+            "lost_tracks": self.lost_tracks,
+        }
+
+    def _describe_lead(self) -> Account:
+        """Return the lead, or else the slower neighbour that may become it."""
+        for name, other in (("lead", self.traffic.lead), ("neighbour", self.traffic.neighbour)):
+            if other is not None:
+                closing_mps = self.speed_mps - other.speed_mps
+                return {"heeds": name, "gap_m": other.gap_m, "closing_mps": closing_mps}
+        return {"heeds": "nobody"}
+
+    def _describe_lane_end(self) -> Account:
+        """Return the distance to the end of the lane, and the gap that the truck approaches."""
+        traffic = self.traffic
+        if traffic.lane_end is None:
+            return {}
+        account: Account = {"phase": str(self.phase), "lane_end_m": traffic.lane_end.gap_m}
+        gap = traffic.gaps.get(self.candidate, Gap())
+        for name, other in (("ahead_m", gap.ahead), ("behind_m", gap.behind)):
+            if other is not None:
+                account[name] = other.gap_m
+        return account
 
 
 class RulebookSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Settings of all parts.
 
     Attributes:
-        beside_m: neighbours farther to the side than this are none.
+        beside_m: lateral distance beyond which a vehicle is no neighbour.
     """
 
     tracker: TrackerSettings = TrackerSettings()
@@ -54,7 +176,7 @@ class Rulebook:
     """A cautious truck driver.
 
     Attributes:
-        last_decision: what was decided in the last step, and why; None before the first.
+        last_decision: of the last step; None before the first.
     """
 
     Settings = RulebookSettings
@@ -64,56 +186,58 @@ class Rulebook:
         self._refiner = Refiner(settings.refine, settings.truck)
 
     def reset(self, mission: Mission) -> None:
-        """A new episode begins."""
+        """Begin a new episode."""
         settings = self._settings
         self._mission = mission
-        self._tracker = WatchfulTracker(settings.tracker, settings.brake_lights, mission.dt_s)
+        self._tracker = BrakeLightTracker(settings.tracker, settings.brake_lights, mission.dt_s)
         self._modes = ModeMachine(settings.modes, mission)
         self._brake = EmergencyBrake(settings.overrides)
-        self._lane = lane_planner(settings.merging, mission, settings.candidates, settings.truck)
+        self._lane = make_lane_planner(
+            settings.merging, mission, settings.candidates, settings.truck
+        )
         self._refiner.reset()
         self._acceleration_mps2 = 0.0
         self._planned: tuple[VehicleState, Profile] | None = None
         self.last_decision: Decision | None = None
 
     def act(self, perception: Perception) -> Control:
-        """Decide on one step."""
+        """Return the control of one step."""
         ego, settings = perception.ego, self._settings
         tracks = self._tracker.update(perception)
         for track in tracks:
-            judge(track, ego, self._mission.dt_s, settings.intent)
-        around = look_around(tracks, ego, settings.beside_m, self._tracker.braking)
-        around = self._lane.look(tracks, ego, around)
+            update_intent(track, ego, self._mission.dt_s, settings.intent)
+        traffic = find_traffic(tracks, ego, settings.beside_m, self._tracker.braking)
+        traffic = self._lane.observe(tracks, ego, traffic)
         mode, task = self._modes.update(ego)
-        start = Start(ego.speed_mps, self._acceleration_mps2, task)
-        verdict, self._lane = self._choose(start, around, ego)
-        qp_status, refined = self._refiner(verdict.profile, start, around.lead)
-        override, wanted = self._override(verdict, refined, around, ego.speed_mps)
+        start = PlanStart(ego.speed_mps, self._acceleration_mps2, task)
+        choice, self._lane = self._choose(start, traffic, ego)
+        qp_status, refined = self._refiner(choice.profile, start, traffic.lead)
+        override, wanted = self._override(choice, refined, traffic, ego.speed_mps)
         self._command(override, wanted)
-        self._planned = (ego, verdict.profile)
+        self._planned = (ego, choice.profile)
         self.last_decision = Decision(
             time_s=perception.time_s,
             mode=mode,
-            candidate=verdict.profile.name,
-            rule=verdict.rule,
+            candidate=choice.profile.name,
+            rule=choice.rule,
             override=override,
             qp_status=qp_status,
-            planned_mps2=verdict.profile.target_mps2,
+            planned_mps2=choice.profile.target_mps2,
             acceleration_mps2=self._acceleration_mps2,
             speed_mps=ego.speed_mps,
             phase=self._lane.phase,
-            around=around,
+            traffic=traffic,
             tracks=tuple([track.state for track in tracks]),
             lost_tracks=self._tracker.lost,
         )
         return Control(self._acceleration_mps2, self._lane.steer(ego))
 
     def explain(self) -> Account:
-        """See `ExplainingPlanner`."""
+        """Return the last decision; see `ExplainingPlanner`."""
         return {} if self.last_decision is None else self.last_decision.account()
 
     def path(self) -> Path:
-        """See `PlottingPlanner`: the chosen candidate, before refinement and overrides."""
+        """Return the path of the chosen candidate; see `PlottingPlanner`."""
         if self._planned is None:
             return ()
         ego, profile = self._planned
@@ -122,26 +246,26 @@ class Rulebook:
         return ((ego.x_m, ego.y_m), *ahead)
 
     def _choose(
-        self, start: Start, around: Surroundings, ego: VehicleState
-    ) -> tuple[Verdict, LanePlanner]:
-        """The chosen candidate, and what follows from it across the road."""
-        settings = self._settings
-        question = Question(around, start.speed_mps, self._mission.speed_limit_mps, settings.rules)
-        offered = self._lane.propose(start, around)
-        return self._lane.settle(choose(offered, question), offered, ego)
+        self, start: PlanStart, traffic: Traffic, ego: VehicleState
+    ) -> tuple[RuleChoice, LanePlanner]:
+        """Return the chosen candidate, and the next phase of the lateral task."""
+        limit_mps = self._mission.speed_limit_mps
+        context = RuleContext(traffic, start.speed_mps, limit_mps, self._settings.rules)
+        offered = self._lane.propose(start, traffic)
+        return self._lane.decide(choose(offered, context), offered, ego)
 
     def _override(
-        self, verdict: Verdict, refined: float | None, around: Surroundings, speed_mps: float
+        self, choice: RuleChoice, refined: float | None, traffic: Traffic, speed_mps: float
     ) -> tuple[Override, float]:
-        """What has the last word, and its acceleration [m/s²]."""
-        if self._brake.update(around.lead, speed_mps):
+        """Return the override, and the wanted acceleration. [m/s²]"""
+        if self._brake.update(traffic.lead, speed_mps):
             return Override.EMERGENCY_BRAKE, -self._settings.truck.peak_braking_mps2
         if refined is None:
-            return Override.QP_FALLBACK, fall_back(verdict.profile.target_mps2)
+            return Override.QP_FALLBACK, fall_back(choice.profile.target_mps2)
         return Override.NONE, refined
 
     def _command(self, override: Override, wanted: float) -> None:
-        """Go to the wanted acceleration as fast as the jerk allows."""
+        """Set the commanded acceleration to the wanted one, as far as the jerk limit allows."""
         truck = self._settings.truck
         jerk = (
             truck.emergency_jerk_mps3
@@ -149,4 +273,4 @@ class Rulebook:
             else truck.comfort_jerk_mps3
         )
         change = jerk * self._mission.dt_s
-        self._acceleration_mps2 = towards(wanted, self._acceleration_mps2, change)
+        self._acceleration_mps2 = limit_change(wanted, self._acceleration_mps2, change)

@@ -1,8 +1,8 @@
-"""A quadratic program on OSQP that is asked again and again with new vectors.
+"""A quadratic program on OSQP that is solved repeatedly with new vectors.
 
 min ½ xᵀPx + qᵀx subject to l ≤ Ax ≤ u, with P and A fixed. OSQP checks neither sizes nor types and
-can say "solved" over a NaN, so both sides are checked here. Nothing in it depends on the clock, nor
-on which vectors came first: rho and the scaling stay as set up, and only the number of iterations
+can say "solved" over a NaN, so both sides are checked here. No answer depends on the clock, nor
+on earlier vectors: rho and the scaling stay as set up, and only the number of iterations
 is bounded.
 """
 
@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from eigenfail.errors import SolverError
-from eigenfail_workers.planners.rulebook.osqp_solver import SolverSettings, new_solver
+from eigenfail_workers.planners.rulebook.osqp_solver import SolverSettings, make_solver
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 
 class QpStatus(StrEnum):
-    """What came of a call. Only `solved` comes with an answer."""
+    """Status of a solution. Only `solved` comes with an answer."""
 
     SOLVED = "solved"
     ITERATION_LIMIT = "iteration_limit"
@@ -40,14 +40,14 @@ STATUS: dict[int, QpStatus] = {
     osqp.SolverStatus.OSQP_DUAL_INFEASIBLE: QpStatus.INFEASIBLE,
     osqp.SolverStatus.OSQP_DUAL_INFEASIBLE_INACCURATE: QpStatus.INFEASIBLE,
 }
-"""OSQP's words, in ours."""
+"""Status by the codes of OSQP."""
 
 
 class Solution(msgspec.Struct, frozen=True, eq=False):
-    """An answer of shape (variables,), or None and why not.
+    """An answer of shape (variables,), or None and the status that explains it.
 
     Attributes:
-        run_s: time that OSQP itself reports.
+        run_s: time that OSQP reports.
     """
 
     status: QpStatus
@@ -79,12 +79,12 @@ class QuadraticProgram:
         self.set_up()
 
     def set_up(self) -> None:
-        """Have OSQP scale and factor the matrices afresh; `reset` has the same effect for less."""
+        """Let OSQP scale and factor the matrices again; `reset` does the same in less time."""
         vectors = np.zeros(self._shapes[0]), self._lowest, self._highest
-        self._solver = new_solver(self._cost, self._constraints, vectors, self._settings)
+        self._solver = make_solver(self._cost, self._constraints, vectors, self._settings)
 
     def reset(self) -> None:
-        """Forget the last answer: what follows depends on nothing that was asked before."""
+        """Forget the last answer, so that later answers do not depend on earlier calls."""
         self._solver.warm_start(*self._start)
 
     def solve(self, linear: Vector, lower: Vector, upper: Vector) -> Solution:
@@ -102,11 +102,11 @@ class QuadraticProgram:
         if not (_all(low <= high) and _all(np.isfinite(linear))):
             return Solution(_objection(linear, low, high))
         if self._solver.update_data_vec(linear, low, high) or self._solver.solve():
-            return self._forgotten(QpStatus.OTHER)
+            return self._fail(QpStatus.OTHER)
         return self._answer()
 
     def _check(self, linear: Vector, lower: Vector, upper: Vector) -> None:
-        """All at once in the good case; one by one only to say which is wrong."""
+        """Check all arrays at once in the good case; one by one only to name the wrong one."""
         if (
             (linear.shape, lower.shape, upper.shape) == self._shapes
             and linear.dtype == lower.dtype == upper.dtype == np.float64
@@ -125,22 +125,22 @@ class QuadraticProgram:
         if status is QpStatus.SOLVED and not _all(np.isfinite(x)):
             status = QpStatus.NOT_FINITE
         if status is not QpStatus.SOLVED:
-            return self._forgotten(status, info.iter, info.run_time)
+            return self._fail(status, info.iter, info.run_time)
         return Solution(status, x, info.iter, info.run_time)
 
-    def _forgotten(self, status: QpStatus, iterations: int = 0, run_s: float = 0.0) -> Solution:
+    def _fail(self, status: QpStatus, iterations: int = 0, run_s: float = 0.0) -> Solution:
         """A failed run leaves an iterate from which a warm start may never recover."""
         self.reset()
         return Solution(status, None, iterations, run_s)
 
 
 def _all(truths: NDArray[np.bool_]) -> bool:
-    """`truths.all()`, in a quarter of its time."""
+    """Return `truths.all()` in a quarter of its time."""
     return int(np.count_nonzero(truths)) == truths.size
 
 
 def _objection(linear: Vector, lower: Vector, upper: Vector) -> QpStatus:
-    """Why vectors are not given to the solver."""
+    """Return the status of vectors that are not passed to the solver."""
     known = np.isfinite(linear).all() and not np.isnan(lower).any() and not np.isnan(upper).any()
     return QpStatus.INFEASIBLE if known else QpStatus.NOT_FINITE
 

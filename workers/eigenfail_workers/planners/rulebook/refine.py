@@ -15,30 +15,35 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS, Profile, Start
+from eigenfail_workers.planners.rulebook.candidates import (
+    KNOT_S,
+    KNOTS,
+    PlanStart,
+    Profile,
+    TruckLimits,
+)
 from eigenfail_workers.planners.rulebook.osqp_solver import SolverSettings
 from eigenfail_workers.planners.rulebook.quadratic_program import (
     Matrix,
     QpStatus,
     QuadraticProgram,
 )
-from eigenfail_workers.planners.rulebook.surroundings import Neighbour
-from eigenfail_workers.planners.rulebook.truck import TruckLimits
+from eigenfail_workers.planners.rulebook.traffic import Neighbour
 
 FREE_M = 1e4
-"""Room ahead where there is no lead [m]."""
+"""Distance ahead without a lead. [m]"""
 
 
 class RefineSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Horizon and weights of the program.
 
     Attributes:
-        horizon_s: how far ahead it looks; the candidate's last acceleration goes on beyond its end.
-        knots: into how many it divides the horizon.
+        horizon_s: of the program; beyond the candidate's own, its last acceleration goes on.
+        knots: number of knots in the horizon.
         jerk_weight: of the squared jerk against the squared departure from the candidate [s²].
-        slack_weight: of a squared metre too near to the lead.
-        slack_price: of a metre too near to the lead.
-        margin_m: gap to be kept to the lead over the horizon.
+        slack_weight: cost of a squared metre of missing gap to the lead.
+        slack_price: cost of a metre of missing gap to the lead.
+        margin_m: gap to the lead over the horizon.
     """
 
     horizon_s: Annotated[float, Meta(ge=1.0, le=20.0)] = 5.0
@@ -51,19 +56,19 @@ class RefineSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def knot_s(self) -> float:
-        """Length of a knot [s]."""
+        """Duration of a knot. [s]"""
         return self.horizon_s / self.knots
 
 
 class Refiner:
-    """Holds the program; `reset` makes it forget everything."""
+    """The program with its warm start, which `reset` forgets."""
 
     def __init__(self, settings: RefineSettings, limits: TruckLimits) -> None:
         knots, knot_s = settings.knots, settings.knot_s
         self._settings = settings
         self._change = limits.comfort_jerk_mps3 * knot_s
         self._times_s = knot_s * np.arange(1, knots + 1)
-        # Of (a_k − r_k)² and (a_0 − a_{−1})², what is linear in a.
+        # The terms of (a_k − r_k)² and (a_0 − a_{−1})² that are linear in a.
         self._follow = -2.0 * knot_s * candidate_shares(settings)
         self._continue = -2.0 * settings.jerk_weight / knot_s
         self._first = first_shares(settings)
@@ -71,11 +76,11 @@ class Refiner:
         self._allocate(limits)
 
     def _allocate(self, limits: TruckLimits) -> None:
-        """q, l, u, with what is the same in every step, and views of what is not."""
+        """Fill q, l, u with the values that never change, and make views of those that do."""
         knots, linear = self._settings.knots, np.zeros(self._settings.knots + 1)
         lower, upper = np.full(3 * knots + 1, -np.inf), np.full(3 * knots + 1, np.inf)
         linear[knots] = self._settings.slack_price
-        # What is in force after an emergency may lie outside the comfortable limits.
+        # The acceleration after an emergency may lie outside the comfortable limits.
         lower[:knots] = -limits.peak_braking_mps2
         lower[knots : 2 * knots] = -self._change
         upper[knots : 2 * knots] = self._change
@@ -87,20 +92,20 @@ class Refiner:
         self._room = upper[2 * knots : 3 * knots]
 
     def reset(self) -> None:
-        """A new episode begins."""
+        """Forget the warm start, for a new episode."""
         self._program.reset()
 
     def __call__(
-        self, profile: Profile, start: Start, lead: Neighbour | None
+        self, profile: Profile, start: PlanStart, lead: Neighbour | None
     ) -> tuple[QpStatus, float | None]:
-        """The mean acceleration over the candidate's first knot [m/s²]; None unless solved."""
+        """Return the mean acceleration over the first knot [m/s²]; None unless solved."""
         self._fill(profile, start)
         self._fill_room(start, lead)
         solution = self._program.solve(*self._vectors)
         x = solution.x
         return solution.status, None if x is None else float(self._first.dot(x))
 
-    def _fill(self, profile: Profile, start: Start) -> None:
+    def _fill(self, profile: Profile, start: PlanStart) -> None:
         now = start.acceleration_mps2
         np.dot(self._follow, profile.accelerations, out=self._pull)
         self._pull[0] += self._continue * now
@@ -108,7 +113,7 @@ class Refiner:
         self._least_change[0] = now - self._change
         self._most_change[0] = now + self._change
 
-    def _fill_room(self, start: Start, lead: Neighbour | None) -> None:
+    def _fill_room(self, start: PlanStart, lead: Neighbour | None) -> None:
         if lead is None:
             self._room.fill(FREE_M)
             return
@@ -117,7 +122,7 @@ class Refiner:
 
 
 def candidate_shares(settings: RefineSettings) -> Matrix:
-    """Share of each knot (rows) that lies in each of the candidate's (columns); rows sum to 1."""
+    """Return the share of each knot (row) in each knot of the candidate (column); rows sum to 1."""
     ends_s = settings.knot_s * np.arange(settings.knots + 1)
     borders_s = KNOT_S * np.arange(KNOTS + 1)
     borders_s[-1] = np.inf
@@ -128,14 +133,14 @@ def candidate_shares(settings: RefineSettings) -> Matrix:
 
 
 def first_shares(settings: RefineSettings) -> Matrix:
-    """Weights of the variables in the mean acceleration over the candidate's first knot."""
+    """Return the weights of the variables in the mean acceleration over the first knot."""
     shares = candidate_shares(settings)[:, 0]
     weights: Matrix = np.append(shares / shares.sum(), 0.0)
     return weights
 
 
 def _cost(settings: RefineSettings) -> Matrix:
-    """P, from the sums of squares: twice their Gram matrices."""
+    """Return P: twice the Gram matrices of the sums of squares."""
     knots, knot_s = settings.knots, settings.knot_s
     change = np.eye(knots) - np.eye(knots, k=-1)
     cost: Matrix = np.zeros((knots + 1, knots + 1))
@@ -146,7 +151,7 @@ def _cost(settings: RefineSettings) -> Matrix:
 
 
 def _constraints(settings: RefineSettings) -> Matrix:
-    """A: accelerations, their changes, the ways less the slack, the slack."""
+    """Return A: accelerations, their changes, distances minus slack, slack."""
     knots, each = settings.knots, np.eye(settings.knots)
     order = np.arange(knots)
     ahead = np.maximum(order[:, None] - order[None, :] + 0.5, 0.0)

@@ -11,31 +11,30 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS, Profile
-from eigenfail_workers.planners.rulebook.surroundings import (
+from eigenfail_workers.planners.rulebook.traffic import (
     Neighbour,
-    Surroundings,
+    Traffic,
     needed_deceleration,
 )
 
 UNOPPOSED = "unopposed"
-"""Stands for the deciding rule where no rule told the candidates apart."""
-
+"""Deciding rule where no rule distinguished the candidates."""
 
 DEAD_END_M = 1000.0
-"""Stands for the way that is lost in a lane that ends: more than anybody makes in the horizon."""
+"""Distance that counts as lost in a lane that ends: more than any candidate covers."""
 
 
 class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where the rules begin to bite.
+    """Thresholds of the rules.
 
     Attributes:
-        lead_margin_m: gap that a lead is owed.
-        lead_need_mps2: required deceleration that is nothing to react to yet.
-        neighbour_margin_m: gap that a slower neighbour is owed.
+        lead_margin_m: required gap to a lead.
+        lead_need_mps2: required deceleration behind a lead below which the truck need not react.
+        neighbour_margin_m: required gap to a slower neighbour.
         neighbour_need_mps2: required deceleration behind a slower neighbour from which the truck
-            drops back before it is asked to: the defensive rule.
-        turning_room_m: room before the end of the lane that a truck needs to leave it yet.
-        lane_end_need_mps2: required deceleration before the end of the lane from which it brakes.
+            drops back before the neighbour merges: the defensive rule.
+        turning_room_m: distance to the end of the lane that a truck needs to leave it.
+        lane_end_need_mps2: required deceleration before the end of the lane at which it brakes.
         comfort_mps2: acceleration beyond which a candidate is uncomfortable.
     """
 
@@ -48,36 +47,36 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     comfort_mps2: Annotated[float, Meta(gt=0.0, le=7.0)] = 2.5
 
 
-class Question(msgspec.Struct, frozen=True):
-    """What the rules judge by."""
+class RuleContext(msgspec.Struct, frozen=True):
+    """What the rules take into account."""
 
-    around: Surroundings
+    traffic: Traffic
     speed_mps: float
     speed_limit_mps: float
     settings: RuleSettings
 
 
 class Rule(msgspec.Struct, frozen=True):
-    """One rule: a cost, and the difference in it that counts as none."""
+    """One rule: a cost, and the difference in cost that it ignores."""
 
     name: str
-    cost: Callable[[Profile, Question], float]
+    cost: Callable[[Profile, RuleContext], float]
     tolerance: float = 0.0
 
 
-class Verdict(msgspec.Struct, frozen=True):
-    """The chosen candidate, and the rule that turned the last rival down."""
+class RuleChoice(msgspec.Struct, frozen=True):
+    """The chosen candidate, and the rule that rejected its last rival."""
 
     profile: Profile
     rule: str
 
 
-def collision(profile: Profile, question: Question) -> float:
-    """Speed at which the candidate would run into the lead within the horizon [m/s].
+def collision(profile: Profile, context: RuleContext) -> float:
+    """Speed at which the candidate would run into the lead within the horizon. [m/s]
 
-    For a change of lane, too, that at which who is behind would run into the truck.
+    For a lane change also the speed at which the vehicle behind would run into the truck.
     """
-    lead = question.around.lead
+    lead = context.traffic.lead
     if profile.change is not None and profile.change.hit_mps > 0.0:
         return profile.change.hit_mps
     if lead is None:
@@ -88,88 +87,88 @@ def collision(profile: Profile, question: Question) -> float:
     return 0.0
 
 
-def right_of_way(profile: Profile, question: Question) -> float:
-    """How much harder than now the lead would make the truck brake a second later [m/s²].
+def right_of_way(profile: Profile, context: RuleContext) -> float:
+    """Increase of the required deceleration behind the lead within one second. [m/s²]
 
-    Behind a lead that brakes nothing may be left for later.
-    For a change of lane, too, how much is missing of what is owed to who is behind [m].
+    Behind a lead that brakes, all of the required deceleration counts. For a lane change, the
+    length that the gap lacks behind the truck. [m]
     """
-    lead, settings = question.around.lead, question.settings
+    lead, settings = context.traffic.lead, context.settings
     change = profile.change
     if change is not None and change.begins is not None and change.short_behind_m > 0.0:
         return change.short_behind_m
     if lead is None:
         return 0.0
-    owed, margin_m = settings.lead_need_mps2, settings.lead_margin_m
+    threshold, margin_m = settings.lead_need_mps2, settings.lead_margin_m
     if not lead.is_braking:
-        now = needed_deceleration(lead, lead.gap_m, question.speed_mps, margin_m)
-        owed = max(now, owed)
-    return max(_need_later(profile, lead, margin_m) - owed, 0.0)
+        now = needed_deceleration(lead, lead.gap_m, context.speed_mps, margin_m)
+        threshold = max(now, threshold)
+    return max(_need_later(profile, lead, margin_m) - threshold, 0.0)
 
 
-def clearance(profile: Profile, question: Question) -> float:
-    """By how much the need to drop back behind a slower neighbour would be overdue [m/s²].
+def clearance(profile: Profile, context: RuleContext) -> float:
+    """Increase of the required deceleration behind a slower neighbour within a second. [m/s²]
 
-    For a change of lane, too, how much is missing of what is owed to who is ahead [m].
+    For a lane change, the length that the gap lacks ahead of the truck. [m]
     """
-    neighbour, settings = question.around.neighbour, question.settings
+    neighbour, settings = context.traffic.neighbour, context.settings
     change = profile.change
     if change is not None and change.begins is not None and change.short_ahead_m > 0.0:
         return change.short_ahead_m
     if neighbour is None:
         return 0.0
     margin_m = settings.neighbour_margin_m
-    now = needed_deceleration(neighbour, neighbour.gap_m, question.speed_mps, margin_m)
-    owed = max(now, settings.neighbour_need_mps2)
-    return max(_need_later(profile, neighbour, margin_m) - owed, 0.0)
+    now = needed_deceleration(neighbour, neighbour.gap_m, context.speed_mps, margin_m)
+    threshold = max(now, settings.neighbour_need_mps2)
+    return max(_need_later(profile, neighbour, margin_m) - threshold, 0.0)
 
 
-def lane_end(profile: Profile, question: Question) -> float:
-    """By how much the need to brake before the end of the lane would be overdue [m/s²].
+def lane_end(profile: Profile, context: RuleContext) -> float:
+    """Increase of the required deceleration before the end of the lane within a second. [m/s²]
 
-    For a change of lane that begins now, how far beyond that end it would be over [m].
+    For a lane change that begins now, the distance by which it would end beyond the lane. [m]
     """
-    end, settings = question.around.lane_end, question.settings
+    end, settings = context.traffic.lane_end, context.settings
     if end is None:
         return 0.0
     if profile.change is not None and profile.change.begins == 0:
         return max(profile.change.over_m - end.gap_m, 0.0)
     margin_m = settings.turning_room_m
-    now = needed_deceleration(end, end.gap_m, question.speed_mps, margin_m)
+    now = needed_deceleration(end, end.gap_m, context.speed_mps, margin_m)
     return max(_need_later(profile, end, margin_m) - max(now, settings.lane_end_need_mps2), 0.0)
 
 
-def speed_limit(profile: Profile, question: Question) -> float:
-    """By how much the candidate ends above the limit [m/s]."""
-    return max(profile.speeds[-1] - question.speed_limit_mps, 0.0)
+def speed_limit(profile: Profile, context: RuleContext) -> float:
+    """Excess of the final speed over the speed limit. [m/s]"""
+    return max(profile.speeds[-1] - context.speed_limit_mps, 0.0)
 
 
-def comfort(profile: Profile, question: Question) -> float:
-    """By how much it accelerates or brakes beyond what is comfortable [m/s²]."""
-    return max(abs(profile.target_mps2) - question.settings.comfort_mps2, 0.0)
+def comfort(profile: Profile, context: RuleContext) -> float:
+    """Excess of the acceleration or deceleration over the comfortable one. [m/s²]"""
+    return max(abs(profile.target_mps2) - context.settings.comfort_mps2, 0.0)
 
 
-def progress(profile: Profile, question: Question) -> float:
-    """The way not made, relative to any other [m].
+def progress(profile: Profile, context: RuleContext) -> float:
+    """Distance that is lost, up to a constant. [m]
 
-    In a lane that ends every second counts as lost until a change of lane begins. A change that
-    would be over too late is worse than any other, one that is not in sight is worse than that,
-    and staying in the lane is worst.
+    In a lane that ends, all time until a lane change begins counts as lost. A change that would end
+    too late is worse than any other, one without a fitting gap is worse than that, and staying in
+    the lane is worst.
     """
-    end, change = question.around.lane_end, profile.change
+    end, change = context.traffic.lane_end, profile.change
     if end is None:
         return -profile.ways[-1]
     if change is None:
         return 3.0 * DEAD_END_M - profile.ways[-1]
     if change.begins is None:
         return 2.0 * DEAD_END_M + change.short_ahead_m + change.short_behind_m
-    waiting_m = change.begins * KNOT_S * question.speed_limit_mps
+    waiting_m = change.begins * KNOT_S * context.speed_limit_mps
     too_late_m = DEAD_END_M if change.over_m > end.gap_m else 0.0
     return too_late_m + waiting_m - profile.ways[-1]
 
 
 def _need_later(profile: Profile, other: Neighbour, margin_m: float) -> float:
-    """Required deceleration at the end of the second knot, the other's speed unchanged [m/s²]."""
+    """Required deceleration after the second knot, at unchanged speed of the other. [m/s²]"""
     gap_m = other.gap_m + 2.0 * KNOT_S * other.speed_mps - profile.ways[1]
     return needed_deceleration(other, gap_m, profile.speeds[1], margin_m)
 
@@ -186,16 +185,16 @@ HIERARCHY = (
 
 
 def choose(
-    profiles: Sequence[Profile], question: Question, hierarchy: Sequence[Rule] = HIERARCHY
-) -> Verdict:
-    """The best candidate in lexicographic order; the first listed among equals."""
+    profiles: Sequence[Profile], context: RuleContext, hierarchy: Sequence[Rule] = HIERARCHY
+) -> RuleChoice:
+    """Return the best candidate in lexicographic order; of equals the first in the list."""
     left, decided = list(profiles), UNOPPOSED
     for rule in hierarchy:
         if len(left) == 1:
             break
-        costs = [rule.cost(profile, question) for profile in left]
+        costs = [rule.cost(profile, context) for profile in left]
         bar = min(costs) + rule.tolerance
         kept = [profile for profile, cost in zip(left, costs, strict=True) if cost <= bar]
         decided = rule.name if len(kept) < len(left) else decided
         left = kept
-    return Verdict(left[0], decided)
+    return RuleChoice(left[0], decided)

@@ -1,5 +1,5 @@
 // Finds the charts of a page and draws each from the values in its data attribute.
-import { onThemeChange } from "./theme.js";
+import { isForPaper, onThemeChange } from "./theme.js";
 
 const drawn = new WeakMap();
 const resized = new ResizeObserver((entries) => {
@@ -29,7 +29,8 @@ function drawAll() {
 onThemeChange(() => {
   for (const figure of figures()) {
     drawn.delete(plotOf(figure));
-    if (window.echarts.getInstanceByDom(plotOf(figure))) draw(figure);
+    // A print shows what has not been scrolled to, too.
+    if (isForPaper() || window.echarts.getInstanceByDom(plotOf(figure))) draw(figure);
   }
 });
 
@@ -53,9 +54,9 @@ function draw(figure) {
   chart.setOption({ animation: false, textStyle: { fontFamily: getComputedStyle(document.body).fontFamily }, ...option }, { notMerge: true });
 }
 
-// The observer's first word is of the size that the chart was drawn at.
+// The observer's first word is of the size that the chart was drawn at. On paper the style sheet fits it.
 function fit(plot, chart) {
-  if (chart && (chart.getWidth() !== plot.clientWidth || chart.getHeight() !== plot.clientHeight)) chart.resize();
+  if (chart && !isForPaper() && (chart.getWidth() !== plot.clientWidth || chart.getHeight() !== plot.clientHeight)) chart.resize();
 }
 
 function create(plot, figure) {

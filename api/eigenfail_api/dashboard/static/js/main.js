@@ -9,6 +9,8 @@ arm();
 armCopies();
 fetchLater();
 follow();
+// A swap replaces a part of the page: the title of the document that the part came from is not its title.
+document.addEventListener("htmx:before:swap", ({ detail }) => { detail.ctx.title = null; });
 // Their scripts come with the first click: most pages are read without one.
 document.addEventListener("click", ({ target }) => {
   const term = target.closest("[data-term]");

@@ -19,6 +19,28 @@ export function dash(position) {
   return DASHES[position % DASHES.length];
 }
 
+// Paper has the light theme. Its style sheet says so too late for what is drawn on a canvas: that
+// is drawn again before the page is laid out for paper, and once more for the screen.
+function setPaper(isPaper) {
+  if (isPaper === "paper" in document.documentElement.dataset) return;
+  if (isPaper) document.documentElement.dataset.paper = "";
+  else delete document.documentElement.dataset.paper;
+  for (const listener of listeners) listener();
+}
+
+const listeners = [];
+
+window.addEventListener("beforeprint", () => setPaper(true));
+window.addEventListener("afterprint", () => setPaper(false));
+window.matchMedia("print").addEventListener("change", ({ matches }) => setPaper(matches));
+window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  for (const listener of listeners) listener();
+});
+
 export function onThemeChange(listener) {
-  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", listener);
+  listeners.push(listener);
+}
+
+export function isForPaper() {
+  return "paper" in document.documentElement.dataset;
 }

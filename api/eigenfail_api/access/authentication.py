@@ -1,0 +1,200 @@
+"""Authentication of callers: keys in headers, and sessions of browsers."""
+
+import secrets
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from threading import Lock
+
+from starlette.requests import HTTPConnection, Request
+
+from eigenfail.errors import EigenfailError, Forbidden, NotFound, Unauthorized
+from eigenfail.values.access import TOKEN, ApiKey, Scope
+from eigenfail_api.access.scopes import SAFE, Caller, caller_of_key
+from eigenfail_api.access.throttling import LoginThrottle, RateLimiter
+from eigenfail_api.settings import ApiSettings
+from eigenfail_services.access.keys import no_valid_key, note_use, shown_key, valid
+from eigenfail_services.store import Store
+
+KEY_CHECK_MS = 1_000
+"""Maximum delay until the first key, made by another process, is required here."""
+
+SESSION_COOKIE = "eigenfail_session"
+SESSION_S = 12 * 3_600
+MOST_SESSIONS = 1_000
+TOKEN_BYTES = 32
+
+Clock = Callable[[], int]
+
+
+@dataclass(frozen=True)
+class _Session:
+    key: int
+    ends_ms: int
+
+
+class Sessions:
+    """Sessions of browsers: a cookie with a random token stands for a key.
+
+    Tokens are kept in this process alone: after a restart, people sign in again. The oldest session
+    ends when there are too many.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._open: dict[str, _Session] = {}
+
+    def open(self, key: int, at_ms: int) -> str:
+        """Open a session for the holder of a key; return its token."""
+        token = secrets.token_urlsafe(TOKEN_BYTES)
+        with self._lock:
+            while len(self._open) >= MOST_SESSIONS:
+                del self._open[next(iter(self._open))]
+            self._open[token] = _Session(key, at_ms + 1_000 * SESSION_S)
+        return token
+
+    def key_of(self, token: str, at_ms: int) -> int | None:
+        """Return the id of the key that a token stands for; None if its session has ended."""
+        with self._lock:
+            session = self._open.get(token)
+            if session is not None and at_ms >= session.ends_ms:
+                del self._open[token]
+                return None
+        return None if session is None else session.key
+
+    def close(self, token: str) -> None:
+        """End the session of a token."""
+        with self._lock:
+            self._open.pop(token, None)
+
+
+class Authenticator:
+    """Identifies callers, and limits the rate of their requests.
+
+    Once a key was made, keys are required permanently: also when all of them are revoked.
+
+    Args:
+        store: of the keys.
+        settings: whether a key is required before there is one.
+        clock: milliseconds since 1970.
+    """
+
+    def __init__(self, store: Store, settings: ApiSettings, clock: Clock) -> None:
+        self.sessions = Sessions()
+        self.clock = clock
+        self._store = store
+        self._throttle = LoginThrottle()
+        self._per_key = RateLimiter(settings.max_requests_per_s, "This key")
+        self._per_address = RateLimiter(settings.max_keyless_requests_per_s, "This address")
+        self._lock = Lock()
+        self._requires_keys = settings.require_keys
+        self._checked_ms: int | None = None
+        self._keys_made = 0
+        self._anonymous = Caller("loopback" if settings.is_private else "network", Scope.ADMIN)
+
+    def requires_keys(self) -> bool:
+        """Whether a key is required."""
+        if not (self._requires_keys or self._has_checked()):
+            keys_made = self._keys_made
+            # The lock is not held meanwhile: no caller waits for a query of another one.
+            exist = self._store.keys.exist()
+            with self._lock:
+                if exist:
+                    self._requires_keys = True
+                if keys_made == self._keys_made:
+                    self._checked_ms = self.clock()
+        return self._requires_keys
+
+    def identify_anonymous(self, request: HTTPConnection) -> Caller | None:
+        """Return the anonymous caller if no key was required a moment ago; asks no database.
+
+        Raises:
+            HTTPException: 429, too many requests came from this address.
+        """
+        if self._requires_keys or not self._has_checked():
+            return None
+        return self._admit_anonymous(request)
+
+    def _admit_anonymous(self, request: HTTPConnection) -> Caller:
+        self._per_address.take(address_of(request), self.clock())
+        return self._anonymous
+
+    def _has_checked(self) -> bool:
+        checked_ms = self._checked_ms
+        return checked_ms is not None and 0 <= self.clock() - checked_ms < KEY_CHECK_MS
+
+    def note_new_key(self) -> None:
+        """Check at the next request whether keys are required: one was made just now."""
+        with self._lock:
+            self._keys_made += 1
+            self._checked_ms = None
+
+    def identify(self, request: HTTPConnection) -> Caller:
+        """Return the caller of a request.
+
+        Raises:
+            Unauthorized: a key is required, and the request has no valid one.
+            Forbidden: a request of a browser that does not name the page that sends it.
+            HTTPException: 429, too many requests or failed logins.
+        """
+        if not self.requires_keys():
+            return self._admit_anonymous(request)
+        header = request.headers.get("authorization")
+        if header is None:
+            return self._identify_session(request)
+        scheme, _, token = header.partition(" ")
+        token = token.strip() if scheme.lower() == "bearer" else ""
+        return caller_of_key(self.verify_token(token, address_of(request)))
+
+    def verify_token(self, token: str, address: str) -> ApiKey:
+        """Return the key of a token that was sent from an address.
+
+        Raises:
+            Unauthorized: the token belongs to no valid key.
+            HTTPException: 429, too many failed logins from there, or the key is used too often.
+        """
+        at_ms, match = self.clock(), TOKEN.fullmatch(token)
+        key_id = match["id"] if match else ""
+        try:
+            key = shown_key(self._store, token, at_ms)
+        except Unauthorized:
+            # The right token is accepted at any time: others must not be able to lock it out.
+            self._throttle.refuse_too_many(address, key_id, at_ms)
+            self._throttle.count_failure(address, key_id, at_ms)
+            raise
+        return self._admit(key, at_ms)
+
+    def _identify_session(self, request: HTTPConnection) -> Caller:
+        at_ms = self.clock()
+        key_id = self.sessions.key_of(request.cookies.get(SESSION_COOKIE, ""), at_ms)
+        if key_id is None:
+            raise no_valid_key()
+        try:
+            key = valid(self._store.keys.find(key_id).key, at_ms)
+        except NotFound:
+            raise no_valid_key() from None
+        # `OriginGuard` compares the Origin with the Host; here the Origin is required.
+        if request.scope["method"] not in SAFE and "origin" not in request.headers:
+            raise Forbidden(
+                "This request does not say from which page it comes.",
+                "Use the service's own pages, or send a key in `Authorization`.",
+            )
+        return caller_of_key(self._admit(key, at_ms), signed_in=True)
+
+    def _admit(self, key: ApiKey, at_ms: int) -> ApiKey:
+        self._per_key.take(key.id, at_ms)
+        # Reading goes on where the database cannot be written.
+        with suppress(EigenfailError):
+            note_use(self._store, key, at_ms)
+        return key
+
+
+async def authenticator_of(request: Request) -> Authenticator:
+    """Return the application's authenticator."""
+    authenticator: Authenticator = request.app.state.authenticator
+    return authenticator
+
+
+def address_of(request: HTTPConnection) -> str:
+    """Return the network address of a caller."""
+    return request.client.host if request.client else ""

@@ -1,0 +1,94 @@
+"""Limits on concurrent work that takes seconds, so that other requests are answered meanwhile."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import ParamSpec, TypeVar
+from weakref import WeakKeyDictionary
+
+from eigenfail.errors import ServiceBusy
+
+MOST_WAITING = 8
+MOST_RUNNING = 2
+"""Requests of one kind; all routes share the threads, of which there are far more."""
+
+LONGEST_WAIT_S = 20.0
+"""Longest wait for work to begin. Browsers and proxies wait longer than this and the work take."""
+
+REMEDY = "Try again soon."
+
+Result = TypeVar("Result")
+Arguments = ParamSpec("Arguments")
+
+
+class SerialExecutor:
+    """Runs one function at a time in a thread of its own, with a short queue.
+
+    Args:
+        name: of the thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix=name)
+        self._waiting = 0
+
+    async def do(
+        self,
+        work: Callable[Arguments, Result],
+        *args: Arguments.args,
+        **kwargs: Arguments.kwargs,
+    ) -> Result:
+        """Return what the function returns, or raise what it raises.
+
+        Raises:
+            ServiceBusy: the queue is full, or the function did not start in time.
+        """
+        busy = ServiceBusy("The service is busy with others of this kind.", REMEDY)
+        if self._waiting >= MOST_WAITING:
+            raise busy
+        self._waiting += 1
+        future = self._pool.submit(work, *args, **kwargs)
+        result = asyncio.wrap_future(future)
+        try:
+            await asyncio.wait([result], timeout=LONGEST_WAIT_S)
+            if future.cancel():  # Only work that has not begun can be cancelled.
+                raise busy
+            return await result
+        finally:
+            result.cancel()  # The request has ended.
+            self._waiting -= 1
+
+
+class ConcurrencyLimit:
+    """Dependency of routes that take seconds: few run, few wait, further requests are refused.
+
+    Use `Depends(limit, scope="function")`: a client that reads slowly then occupies no place.
+
+    Args:
+        kind: plural noun for the answers, for messages.
+    """
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+        self._asked = 0
+        self._running: WeakKeyDictionary[asyncio.AbstractEventLoop, asyncio.Semaphore]
+        self._running = WeakKeyDictionary()
+
+    async def __call__(self) -> AsyncIterator[None]:
+        """Wait for a place, and occupy it while the route runs.
+
+        Raises:
+            ServiceBusy: too many requests run and wait already.
+        """
+        if self._asked >= MOST_RUNNING + MOST_WAITING:
+            raise ServiceBusy(f"{self._asked} {self._kind} are being worked out.", REMEDY)
+        self._asked += 1
+        try:
+            async with self._places():
+                yield
+        finally:
+            self._asked -= 1
+
+    def _places(self) -> asyncio.Semaphore:
+        # A semaphore belongs to the event loop in which a task waited for it.
+        return self._running.setdefault(asyncio.get_running_loop(), asyncio.Semaphore(MOST_RUNNING))

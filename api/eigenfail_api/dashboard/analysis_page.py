@@ -1,0 +1,496 @@
+"""The page of an analysis: its modes, how sure they are, and when noise matters."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+import msgspec
+import numpy as np
+from fastapi import APIRouter
+from fastapi.responses import HTMLResponse
+
+from eigenfail.presentation.analyses import tabulate_influence, tabulate_moments, tabulate_sources
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    count_noun,
+    format_count,
+    format_interval,
+    format_number,
+    format_share,
+    put_minus_signs,
+)
+from eigenfail.presentation.tables import Table
+from eigenfail.values import (
+    AXES,
+    Analysis,
+    AnalysisResult,
+    AnalysisSettings,
+    Campaign,
+    Diversity,
+    FailureMode,
+    Floats,
+    Moment,
+    Proof,
+    ProvenMode,
+    TrainingInterval,
+)
+from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values
+from eigenfail_api.dashboard.episodes_page import AnalysisLine, analysis_line
+from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, proof_view
+from eigenfail_api.dashboard.rendering import page
+from eigenfail_api.dashboard.tiles import Tile, probability
+from eigenfail_api.parameters import AnalysisId, Stored
+from eigenfail_services.campaigns.proofs import summarise_proof
+
+MOST_POINTS = 5_000
+
+
+def eigenfailure_chart(result: AnalysisResult) -> Chart:
+    """The noise that stands for each mode."""
+    modes = [mode.eigenfailure for mode in result.modes]
+    bands = [mode.band for mode in result.modes if mode.band is not None]
+    return Chart(
+        id="eigenfailure-chart",
+        kind="eigenfailures",
+        title="Eigenfailures",
+        caption="The centre of each mode, taken back to noise over time [sigma]."
+        + (" Bands: from 10 to 90 % of the noise of its failures at each step." if bands else ""),
+        data={
+            **{axis: [numbers(z[:, way]) for z in modes] for way, axis in enumerate(AXES)},
+            "bands": {axis: limits(bands, way) for way, axis in enumerate(AXES)},
+        },
+        columns=(
+            "Step",
+            *(f"Mode {mode + 1} {axis}" for mode in range(len(modes)) for axis in AXES),
+            *band_columns(len(bands)),
+        ),
+        rows=by_step(np.concatenate([*modes, *(side for band in bands for side in band)], axis=1)),
+    )
+
+
+def limits(bands: Iterable[Floats], way: int) -> list[list[list[float | None]]]:
+    """The lower and the upper limit of each mode's band along an axis."""
+    return [[numbers(side[:, way]) for side in band] for band in bands]
+
+
+def band_columns(count: int) -> Iterator[str]:
+    """Names of the columns of bands, in the order of their numbers."""
+    for mode in range(count):
+        for share in ("10 %", "90 %"):
+            yield from (f"Mode {mode + 1} {axis} {share}" for axis in AXES)
+
+
+def scores_chart(result: AnalysisResult, campaign: int) -> Chart:
+    """The failures in PCA space; `campaign` is theirs unless the result names others."""
+    chosen = evenly(len(result.episodes), MOST_POINTS)
+    second = 1 if result.scores.shape[1] > 1 else 0
+    centres = np.stack([mode.centre for mode in result.modes])
+    addresses = places(result, campaign)
+    return Chart(
+        id="scores-chart",
+        kind="scores",
+        title="Failures in PCA space",
+        caption="Each failure by its first two scores; colour and shape tell the mode, + its mean.",
+        data={
+            "episode": [addresses[row] for row in chosen],
+            "mode": [result.labels[row] for row in chosen],
+            "x": numbers(result.scores[chosen, 0]),
+            "y": numbers(result.scores[chosen, second]),
+            "centres": [numbers(centre[[0, second]]) for centre in centres],
+        },
+        columns=("Episode", "Mode", "First score", "Second score"),
+        rows=tuple(
+            (
+                addresses[row],
+                str(result.labels[row] + 1),
+                format_number(float(result.scores[row, 0])),
+                format_number(float(result.scores[row, second])),
+            )
+            for row in chosen[:MOST_ROWS]
+        ),
+        note=f"The first {MOST_ROWS}." if len(chosen) > MOST_ROWS else "",
+    )
+
+
+def explained_chart(result: AnalysisResult) -> Chart:
+    """How much of the failures' variance the components keep."""
+    cumulated = np.cumsum(result.explained)
+    return Chart(
+        id="explained-chart",
+        kind="explained",
+        title="Explained variance",
+        caption="Share of the variance by component, and cumulated.",
+        data={
+            "share": numbers(100.0 * result.explained),
+            "cumulated": numbers(100.0 * cumulated),
+        },
+        columns=("Component", "Share", "Cumulated"),
+        rows=tuple(
+            (str(place + 1), format_share(float(share)), format_share(float(so_far)))
+            for place, (share, so_far) in enumerate(zip(result.explained, cumulated, strict=True))
+        ),
+    )
+
+
+def influence_chart(result: AnalysisResult) -> Chart:
+    """When noise matters."""
+    return Chart(
+        id="influence-chart",
+        kind="influence",
+        title="Influence over time",
+        caption="How much noise at each step matters: components weighted by explained variance. "
+        "Marks: the moments of greatest influence.",
+        data={
+            **{axis: numbers(result.influence[:, way]) for way, axis in enumerate(AXES)},
+            "moments": [draw_moment(each) for each in result.moments],
+        },
+        columns=("Step", *(axis.capitalize() for axis in AXES)),
+        rows=by_step(result.influence),
+    )
+
+
+def draw_moment(found: Moment) -> dict[str, object]:
+    """A moment as it is drawn."""
+    before_s = found.before_collision_s
+    told = "" if before_s is None else f"{format_number(before_s)} s before the collision"
+    return {"axis": found.axis, "step": found.step, "told": told}
+
+
+def places(result: AnalysisResult, campaign: int) -> list[str]:
+    """Each failure as campaign/episode."""
+    owners = result.campaigns or (campaign,) * len(result.episodes)
+    return [f"{owner}/{index}" for owner, index in zip(owners, result.episodes, strict=True)]
+
+
+def by_step(columns: Floats) -> tuple[tuple[str, ...], ...]:
+    """A table with a row for each step."""
+    return tuple(
+        (str(step), *(format_number(float(value)) for value in row))
+        for step, row in enumerate(columns)
+    )
+
+
+def evenly(count: int, most: int) -> list[int]:
+    """At most so many of so many positions, spread evenly."""
+    taken = min(count, most)
+    return [place * count // taken for place in range(taken)] if taken else []
+
+
+def numbers(values: Iterable[np.floating]) -> list[float | None]:
+    """Plain floats of an array."""
+    return round_values(float(value) for value in values)
+
+
+def diversity_tiles(found: Diversity) -> tuple[tuple[str, Tile], ...]:
+    """The figures, each with what it rests on."""
+    of_all = (f"of {count_noun(found.failures, 'failure')}",)
+    modes = f"of {found.modes}, clusters beyond noise"
+    seen = ", ".join(map(str, found.coverage))
+    return (
+        ("Effective modes", Tile(format_number(found.effective_modes), (modes,))),
+        ("Largest mode", Tile(format_share(found.largest_share), of_all)),
+        ("Spread [sigma]", Tile(format_number(found.spread), ("between failures; p(x) has 1",))),
+        ("All modes seen after", Tile(seen_after(found), (f"modes by tenths: {seen}",))),
+    )
+
+
+def seen_after(found: Diversity) -> str:
+    """The part of the campaign after which no new mode came."""
+    tenths = 1 + sum(seen < found.modes for seen in found.coverage)
+    return f"{10 * tenths} %"
+
+
+Tiles = tuple[tuple[str, Tile], ...]
+
+
+def finding_tiles(result: AnalysisResult) -> Tiles:
+    """The figures of an analysis, each with what it rests on."""
+    return (
+        ("Failures analysed", count_failures(result)),
+        ("Adjusted Rand index", stability(result)),
+        ("Variance explained", describe_variance(result)),
+        *((("Near no mode", outliers(result)),) if result.outliers else ()),
+        *(diversity_tiles(result.diversity) if result.diversity else ()),
+    )
+
+
+def count_failures(result: AnalysisResult) -> Tile:
+    """How many failures, of what."""
+    count = format_count(len(result.episodes))
+    episodes = sum(source.episodes for source in result.sources)
+    return Tile(count, (f"of {count_noun(episodes, 'episode')}",) if episodes else ())
+
+
+def stability(result: AnalysisResult) -> Tile:
+    """Whether the groups come back when the failures are drawn again."""
+    found = result.stability
+    if found is None:
+        why = "no bootstrap" if len(result.modes) > 1 else "a single group"
+        return Tile(UNKNOWN, (f"not tried: {why}",))
+    draws = f"{found.resamples} draws of {count_noun(found.rows, 'failure')}"
+    notes = (format_interval(found.interval), draws, "1: the same groups; 0: chance")
+    return Tile(format_number(found.median), notes)
+
+
+def describe_variance(result: AnalysisResult) -> Tile:
+    """What the components keep."""
+    by = count_noun(len(result.explained), "component")
+    return Tile(format_share(float(np.sum(result.explained))), (f"by {by}",))
+
+
+def outliers(result: AnalysisResult) -> Tile:
+    """The failures that were put with their nearest neighbour."""
+    return Tile(format_share(result.outliers), ("put with their nearest neighbour",))
+
+
+def grids(result: AnalysisResult) -> tuple[Table, ...]:
+    """When noise matters, and what was looked at; as far as it was told."""
+    found = (tabulate_moments(result), tabulate_influence(result), tabulate_sources(result))
+    return tuple(grid for grid in found if grid.rows)
+
+
+MOST_STEPS = 200
+"""Points of a line: more cannot be told apart on a screen."""
+
+DIGITS = 3
+
+Lines = Callable[[TrainingInterval], Iterable[Floats]]
+
+
+def training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
+    """Mean and components; nothing in results of older releases."""
+    intervals = result.training
+    return (mean_chart(intervals), component_chart(intervals)) if intervals else ()
+
+
+def mean_chart(intervals: Sequence[TrainingInterval]) -> Chart:
+    """The mean disturbance of the failures."""
+    return Chart(
+        id="training-mean-chart",
+        kind="training",
+        title="Mean disturbance through training",
+        caption="Mean noise of the failures of each tenth of the episodes, over their steps "
+        "[sigma]: the first tenth on top.",
+        data=ridges(intervals, ("mean",), lambda interval: [interval.mean], "sigma"),
+        columns=("Step", *(f"{axis} {span(each)}" for axis in AXES for each in intervals)),
+        rows=by_step(
+            np.concatenate(
+                [each.mean[:, way : way + 1] for way in (0, 1) for each in intervals], axis=1
+            )
+        ),
+    )
+
+
+def component_chart(intervals: Sequence[TrainingInterval]) -> Chart:
+    """The components of each interval by itself."""
+    count = max(len(each.components) for each in intervals)
+    return Chart(
+        id="training-components-chart",
+        kind="training",
+        title="Components through training",
+        caption="The first components of the failures of each tenth alone, turned towards those "
+        "of all; the legend shows the others. Likeness is |cosine| with the component of all "
+        "failures: 1 is the same.",
+        data=ridges(
+            intervals,
+            tuple(f"component {place + 1}" for place in range(count)),
+            lambda interval: interval.components,
+            unit="",
+        ),
+        columns=("Episodes", "Failures", "Component", "Explained", "Likeness"),
+        rows=tuple(row for each in intervals for row in component_rows(each)),
+        note="By interval; each step by itself is in the API.",
+    )
+
+
+def component_rows(interval: TrainingInterval) -> list[tuple[str, ...]]:
+    """A row for each component; one with dashes where there is none."""
+    head = (span(interval), format_count(interval.failures))
+    rows: list[tuple[str, ...]] = [
+        (*head, str(place), format_share(float(share)), format_number(float(likeness)))
+        for place, (share, likeness) in enumerate(
+            zip(interval.explained, interval.likeness, strict=True), start=1
+        )
+    ]
+    return rows or [(*head, *[UNKNOWN] * 3)]
+
+
+def ridges(
+    intervals: Sequence[TrainingInterval], names: tuple[str, ...], lines: Lines, unit: str
+) -> dict[str, object]:
+    """Lines [unit] by axis, interval and name; an interval without failures has none."""
+    steps = evenly(len(intervals[0].mean), MOST_STEPS)
+    return {
+        "names": names,
+        "unit": unit,
+        "spans": [span(each) for each in intervals],
+        "steps": steps,
+        **{
+            axis: [
+                [short(line[steps, way]) for line in lines(each)] if each.failures else []
+                for each in intervals
+            ]
+            for way, axis in enumerate(AXES)
+        },
+    }
+
+
+def short(values: Floats) -> list[float]:
+    """With as many digits as a ridge can show."""
+    return [float(f"{value:.{DIGITS}g}") for value in np.asarray(values, np.float64)]
+
+
+def span(interval: TrainingInterval) -> str:
+    """From where to where in the episodes."""
+    return f"{100.0 * interval.start:.0f} – {100.0 * interval.end:.0f} %"
+
+
+class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
+    """A failure mode; modes are counted from 1 for people.
+
+    Attributes:
+        words: what it is; of results of older releases its strongest noise.
+        probability: of a failure of this mode, or why it is not told; None where nobody asked.
+        clip: address of the medoid's player.
+        strength: root mean square of its eigenfailure [sigma]; noise has 1.
+        proof: what its eigenfailure and its medoid did in the replays.
+    """
+
+    number: int
+    failures: int
+    share: str
+    words: str
+    probability: Tile | None
+    medoid: int
+    medoid_campaign: int
+    strength: str
+    clip: str
+    proof: tuple[tuple[str, Tile], ...]
+
+
+class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of an analysis.
+
+    Attributes:
+        notes: what is to be known of the failures that were put together, or that they collapsed.
+        proof: None before there is a result.
+        asked: its settings, for another like it.
+    """
+
+    line: AnalysisLine
+    campaign: int
+    campaign_name: str
+    is_open: bool
+    verdict: str
+    is_distinct: bool
+    notes: tuple[str, ...]
+    tiles: tuple[tuple[str, Tile], ...]
+    modes: tuple[ModeCard, ...]
+    grids: tuple[Table, ...]
+    charts: tuple[Chart, ...]
+    proof: ProofView | None
+    asked: AnalysisSettings
+
+
+def analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | None) -> AnalysisView:
+    """The page of an analysis, with the results of its replays as far as they are in."""
+    result = analysis.result
+    return AnalysisView(
+        line=analysis_line(analysis),
+        campaign=campaign.id,
+        campaign_name=campaign.spec.name,
+        is_open=analysis.state in {"queued", "running"} or replays(proof),
+        verdict=result.verdict if result else "",
+        is_distinct=result is not None and result.distinct,
+        notes=tuple(notes(result)) if result else (),
+        tiles=finding_tiles(result) if result else (),
+        modes=mode_cards(result, campaign.id, proof) if result else (),
+        grids=grids(result) if result else (),
+        charts=charts(result, campaign.id) if result and result.modes else (),
+        proof=proof_view(proof) if proof else None,
+        asked=analysis.settings,
+    )
+
+
+def replays(proof: Proof | None) -> bool:
+    """Whether there are replays that have not ended."""
+    return proof is not None and bool(proof.scenarios) and not proof.done
+
+
+def notes(result: AnalysisResult) -> Iterator[str]:
+    """What is to be known beside the verdict."""
+    yield from result.notes
+    if result.diversity and result.diversity.warning:
+        yield result.diversity.warning
+
+
+def charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]:
+    """What was found, drawn."""
+    return (
+        eigenfailure_chart(result),
+        scores_chart(result, campaign),
+        explained_chart(result),
+        influence_chart(result),
+        *training_charts(result),
+    )
+
+
+def mode_cards(result: AnalysisResult, campaign: int, proof: Proof | None) -> tuple[ModeCard, ...]:
+    """The modes, each with what was proven of it."""
+    proven = {each.mode: each for each in proof.modes} if proof and proof.scenarios else {}
+    return tuple(
+        mode_card(place, result, campaign, proven.get(place)) for place in range(len(result.modes))
+    )
+
+
+def mode_card(
+    place: int, result: AnalysisResult, campaign: int, proven: ProvenMode | None
+) -> ModeCard:
+    """One mode."""
+    mode = result.modes[place]
+    home = mode.medoid_campaign or campaign
+    return ModeCard(
+        number=place + 1,
+        failures=mode.failures,
+        share=format_share(mode.failures / len(result.episodes)),
+        words=words(result, place),
+        probability=probability(mode.probability),
+        medoid=mode.medoid,
+        medoid_campaign=home,
+        clip=f"/campaigns/{home}/episodes/{mode.medoid}/clip",
+        strength=format_number(float(np.sqrt(np.mean(np.square(mode.eigenfailure))))),
+        proof=proof_of(proven) if proven else (),
+    )
+
+
+def words(result: AnalysisResult, place: int) -> str:
+    """What a mode is; its number stands above it already."""
+    if not result.words:
+        return f"Strongest noise: {peak(result.modes[place])}."
+    return put_minus_signs(result.words[place].removeprefix(f"Mode {place + 1}: "))
+
+
+def proof_of(proven: ProvenMode) -> tuple[tuple[str, Tile], ...]:
+    """What a mode's two trajectories did in all scenarios."""
+    return (
+        ("Eigenfailure reproduced", describe_reproduction(proven.eigenfailure)),
+        ("Medoid reproduced", describe_reproduction(proven.medoid)),
+    )
+
+
+def peak(mode: FailureMode) -> str:
+    """The strongest noise of an eigenfailure: which way, how much, when."""
+    z = mode.eigenfailure
+    step, axis = np.unravel_index(int(np.abs(z).argmax()), z.shape)
+    value = float(z[step, axis])
+    ways = (("ahead", "back"), ("towards +y", "towards −y"))
+    return f"{format_number(abs(value), 2)} sigma {ways[axis][value < 0.0]} at step {step}"
+
+
+router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+
+@router.get("/analyses/{analysis}")
+def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
+    """One analysis."""
+    seen = store.analyses.get(analysis)
+    proven = summarise_proof(store, seen) if seen.result else None
+    return page("analysis.html", analysis_view(seen, store.campaigns.get(seen.campaign), proven))

@@ -1,0 +1,375 @@
+"""The page of a campaign: its progress, its results, and its settings."""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Annotated, Any, Literal
+from urllib.parse import urlencode
+
+import msgspec
+from fastapi import APIRouter, Header, Query
+from fastapi.responses import HTMLResponse
+from starlette.background import BackgroundTask
+
+from eigenfail.methods import traits_of
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    count_noun,
+    format_count,
+    format_duration,
+    format_number,
+    format_utc,
+)
+from eigenfail.values import (
+    FINAL_STATES,
+    Analysis,
+    AnalysisSettings,
+    Campaign,
+    CampaignSpec,
+    CampaignState,
+    Course,
+    Event,
+    MeanTime,
+    Page,
+    Priority,
+    Summary,
+)
+from eigenfail.values.campaign import SPEC_FIELDS
+from eigenfail.values.records import EpisodeRow
+from eigenfail.values.sample import EpisodeSample
+from eigenfail.values.variation import in_words
+from eigenfail.values.worker import Presence
+from eigenfail.versions import describe_mixed
+from eigenfail.worlds import describe_disturbance, world_of
+from eigenfail_api.dashboard.charts import Chart, curve_chart, robustness_chart
+from eigenfail_api.dashboard.cost_charts import REPLAY
+from eigenfail_api.dashboard.episodes_page import (
+    AnalysisLine,
+    EpisodeList,
+    analysis_line,
+    episode_list,
+    failures_of,
+)
+from eigenfail_api.dashboard.measures_page import measures_of
+from eigenfail_api.dashboard.rendering import page
+from eigenfail_api.dashboard.samples import MOST_FAILURES, PriorReference, reference_of
+from eigenfail_api.dashboard.tiles import WORKING, StandingView, Tile, standing
+from eigenfail_api.parameters import CampaignId, Stored
+from eigenfail_api.routes import campaigns
+from eigenfail_services.campaigns.costs import (
+    is_prefetched,
+    prefetch_figures,
+    read_figures,
+    wait_for_figures,
+)
+from eigenfail_services.campaigns.summary import (
+    count_present,
+    find_course,
+    find_staffing,
+    list_unrunnable,
+    summarise,
+)
+from eigenfail_services.store import Store
+from eigenfail_services.store.clock import now_ms
+
+PARENTS = {"analysis": "/analyses/{}", "campaign": "/campaigns/{}"}
+"""Settings of a replay, with the pages of what they name."""
+
+
+def origin(spec: CampaignSpec) -> tuple[str, str] | None:
+    """What a replay repeats, in words, and its page; None of what is no replay."""
+    if spec.method != REPLAY:
+        return None
+    named = ((kind, spec.settings.get(kind)) for kind in PARENTS)
+    return next((parent(kind, found) for kind, found in named if found is not None), None)
+
+
+def parent(kind: str, number: int) -> tuple[str, str]:
+    """One that a replay names."""
+    return f"{kind} {number}", PARENTS[kind].format(number)
+
+
+def replays_of(campaign: int) -> str:
+    """The list of the replays of single episodes of a campaign, which are called after these."""
+    return f"/?{urlencode({'method': REPLAY, 'search': f'replay of {campaign}/'})}"
+
+
+Tiles = tuple[tuple[str, Tile], ...]
+
+
+def conflict_tiles(summary: Summary) -> Tiles:
+    """As the paper counts them; nothing before the first episode has ended."""
+    found, counts = summary.conflicts, summary.counts
+    if not counts.completed:
+        return ()
+    of_all = (f"of {format_count(counts.completed)}",)
+    of_collisions = (f"of {count_noun(counts.failures, 'collision')}",)
+    unclassified = Tile(format_count(found.unclassified), of_collisions)
+    return (
+        ("Near misses", Tile(format_count(found.near_misses), of_all)),
+        ("Unavoidable", Tile(format_count(found.unavoidable), of_collisions)),
+        ("Planner failures", Tile(format_count(found.planner_failures), of_collisions)),
+        *((("Not classified", unclassified),) if found.unclassified else ()),
+        ("Lead time of MinTTC", mean(found.ttc_lead)),
+        ("Lead time of DRAC", mean(found.drac_lead)),
+    )
+
+
+def mean(time: MeanTime) -> Tile:
+    """A mean, and what it rests on."""
+    if time.mean_s is None:
+        return Tile(UNKNOWN, ("no such collision",))
+    return Tile(f"{format_number(time.mean_s)} s", (f"mean of {format_count(time.n)}",))
+
+
+SEARCHED = "of the episodes that the method chose: no rate under p(x)"
+WISHES = {"pause": campaigns.PAUSE, "resume": campaigns.RESUME, "cancel": campaigns.CANCEL}
+
+
+class Findings(msgspec.Struct, frozen=True, kw_only=True):
+    """What the store knows of a campaign.
+
+    Attributes:
+        campaign: as it stands.
+        summary: of its results.
+        course: how its figures moved.
+        rows: a sample of its completed episodes.
+        listed: the first failures of the list.
+        analyses: newest first.
+        events: newest first.
+        latest: the id of the newest event, of any campaign.
+        here: the workers that are connected now.
+        stranded: what was said of it, if no connected worker can run it.
+        reference: what the likelihood of the failures is held against; None where it is not known.
+        at_ms: when this was read.
+    """
+
+    campaign: Campaign
+    summary: Summary
+    course: Course
+    rows: Sequence[EpisodeSample]
+    listed: Page[EpisodeRow]
+    analyses: tuple[Analysis, ...]
+    events: tuple[Event, ...]
+    latest: int
+    here: Sequence[Presence]
+    stranded: tuple[Event, ...]
+    reference: PriorReference | None
+    at_ms: int
+
+
+class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of a campaign.
+
+    Attributes:
+        origin: words and address of what it replays; None if it is no replay.
+        replays: where the replays of its episodes are listed.
+        wants_workers: whether there is work and nobody to do it.
+        stranded: what was said of it, if no connected worker can run it.
+        wishes: what a user may ask of it now: pause, resume, cancel.
+        mixed: that services of other versions took it over, in sentences; empty if none did.
+        conflicts: episodes by class; empty before the first one, and where nothing drives.
+        asked: how the form analyses unless its user says otherwise.
+        priorities: what its priority may be changed to.
+        settings: groups of names and values.
+        as_of: how far the campaign was when this was read; empty once it has ended.
+    """
+
+    standing: StandingView
+    origin: tuple[str, str] | None
+    replays: str
+    wants_workers: bool
+    stranded: tuple[Event, ...]
+    mixed: tuple[str, ...]
+    wishes: tuple[str, ...]
+    tiles: tuple[tuple[str, Tile], ...]
+    conflicts: Tiles
+    charts: tuple[Chart, ...]
+    failures: EpisodeList
+    analyses: tuple[AnalysisLine, ...]
+    asked: AnalysisSettings
+    events: tuple[Event, ...]
+    times: tuple[tuple[str, str], ...]
+    priorities: tuple[Priority, ...]
+    settings: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
+    digest: str
+    as_of: str
+    latest: int
+
+
+def campaign_view(found: Findings) -> CampaignView:
+    """The page of a campaign."""
+    campaign = found.campaign
+    now = standing(campaign, found.summary)
+    return CampaignView(
+        standing=now,
+        origin=origin(campaign.spec),
+        replays=replays_of(campaign.id),
+        wants_workers=campaign.state in WORKING and not found.here,
+        stranded=found.stranded,
+        mixed=describe_mixed(campaign),
+        wishes=wishes(campaign.state),
+        tiles=tiles(
+            now, likelihood(found), is_sampled=traits_of(campaign.spec.method).draws_from_prior
+        ),
+        conflicts=conflict_tiles(found.summary)
+        if world_of(campaign.spec.simulator).has_road
+        else (),
+        charts=charts(found),
+        failures=episode_list(campaign, found.listed, None),
+        analyses=tuple(map(analysis_line, found.analyses)),
+        asked=AnalysisSettings(),
+        events=found.events,
+        times=times(campaign),
+        priorities=priorities(campaign),
+        settings=settings(campaign),
+        digest=campaign.digest or "",
+        as_of=as_of(found) if now.is_open else "",
+        latest=found.latest,
+    )
+
+
+def charts(found: Findings) -> tuple[Chart, ...]:
+    """What can be drawn of what there is."""
+    course, rows = found.course, found.rows
+    drawn = (curve_chart(course), robustness_chart(rows, course, found.campaign.counts.completed))
+    return drawn if rows else ()
+
+
+def wishes(state: CampaignState) -> tuple[str, ...]:
+    """What makes sense to ask of a campaign in this state."""
+    return tuple(name for name, wish in WISHES.items() if state in wish.steps)
+
+
+def priorities(campaign: Campaign) -> tuple[Priority, ...]:
+    """The priorities that it may have instead of its own; none once it has ended."""
+    others = tuple(each for each in Priority if each is not campaign.spec.priority)
+    return () if campaign.state in FINAL_STATES else others
+
+
+def tiles(now: StandingView, likelihood: Tile, *, is_sampled: bool) -> tuple[tuple[str, Tile], ...]:
+    """The figures at the top; what was searched for is no rate under p(x)."""
+    searched = () if is_sampled else (SEARCHED,)
+    failures = msgspec.structs.replace(now.failures, notes=(*now.failures.notes, *searched))
+    return (
+        ("Cost per failure", now.cost),
+        ("Failures", failures),
+        *([("Failure probability", now.probability)] if now.probability else []),
+        ("log p per step [nats]", likelihood),
+        ("Mean severity [m²/s²]", now.severity),
+        ("Episodes/s", now.speed),
+        ("Cost so far" if now.is_open else "Cost in all", now.total),
+    )
+
+
+def likelihood(found: Findings) -> Tile:
+    """log p per step of the failures, and what it is held against."""
+    counted = count_noun(found.campaign.counts.failures, "failure")
+    value = format_number(found.summary.log_probability_per_step)
+    if found.reference is None:
+        return Tile(value, (f"of {counted}",))
+    typical, none = (
+        f"{format_number(each)} {words}"
+        for each, words in (
+            (found.reference.typical, "for typical noise of p(x)"),
+            (found.reference.none, "without noise"),
+        )
+    )
+    basis = f"both over the steps of {count_noun(found.reference.failures, 'failure')}"
+    return Tile(value, (f"of {counted}", typical, none, basis))
+
+
+def as_of(found: Findings) -> str:
+    """How far the campaign was: its part below is worked out less often."""
+    completed = count_noun(found.campaign.counts.completed, "completed episode")
+    at = format_utc(found.at_ms)
+    return f"As of {completed}, {at}; means and charts may know a few more."
+
+
+def times(campaign: Campaign) -> tuple[tuple[str, str], ...]:
+    """When what happened, and how urgent it is."""
+    return (
+        ("Priority", campaign.spec.priority),
+        ("Created", format_utc(campaign.created_ms)),
+        ("Started", format_utc(campaign.started_ms)),
+        ("Ended", format_utc(campaign.ended_ms)),
+        ("Active", format_duration(campaign.active_s)),
+        ("Errored", count_noun(campaign.counts.errored, "episode")),
+        ("Duplicates", format_count(campaign.counts.duplicates)),
+        *describe_training(campaign),
+    )
+
+
+def describe_training(campaign: Campaign) -> Iterator[tuple[str, str]]:
+    """How many episodes its learner was trained with; nothing where the method does not say."""
+    if campaign.trained_episodes is not None:
+        yield "Trained with", count_noun(campaign.trained_episodes, "episode")
+
+
+def settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
+    """What was asked for, in groups; a plug-in's defaults stand where nothing is given."""
+    spec = campaign.spec
+    general = {
+        **{field.label: getattr(spec, name) for name, field in SPEC_FIELDS.items() if field.label},
+        **{f"stops at {name}": limit for name, limit in spec.stop.given().items()},
+    }
+    return (
+        ("Campaign", pairs(general)),
+        (f"Method {spec.method}", pairs(spec.settings)),
+        (f"Scenario {spec.scenario}", pairs(in_words(spec.scenario_parameters))),
+        (f"Planner {spec.planner}", pairs(spec.planner_settings)),
+        ("Disturbance model", pairs(describe_disturbance(spec))),
+    )
+
+
+def pairs(values: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Names and values as text."""
+    return tuple((name, str(value)) for name, value in values.items())
+
+
+router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+CAMPAIGNS_ON_A_PAGE = 50
+ANALYSES_ON_A_PAGE = 20
+EVENTS_SHOWN = 30
+
+# A form sends what is empty, too.
+State = Annotated[CampaignState | Literal[""], Query()]
+Words = Annotated[str, Query(max_length=200)]
+
+# An open page sends it when it asks for itself again.
+Again = Annotated[str | None, Header(alias="HX-Request", include_in_schema=False)]
+
+
+@router.get("/campaigns/{campaign}")
+def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> HTMLResponse:
+    """One campaign; its later part is begun beside it, and in it if that is known already."""
+    latest, seen = store.events.last(), store.campaigns.get(campaign)
+    begun = () if again else prefetch_figures(store, seen)
+    listed = failures_of(store, campaign, None)
+    first = [row.index for row in listed.items[:MOST_FAILURES]]
+    found = Findings(
+        campaign=seen,
+        summary=summary_of(store, seen),
+        course=find_course(store, seen),
+        rows=store.figures.samples(campaign),
+        listed=listed,
+        analyses=store.analyses.page(ANALYSES_ON_A_PAGE, None, campaign).items,
+        events=tuple(store.events.latest(EVENTS_SHOWN, campaign)),
+        latest=latest,
+        here=count_present(store),
+        stranded=tuple(each for each in list_unrunnable(store) if each.campaign == campaign),
+        reference=reference_of(store, campaign, first),
+        at_ms=now_ms(),
+    )
+    measures = (
+        measures_of(seen, read_figures(store, seen)) if begun and is_prefetched(begun) else None
+    )
+    told = partial(find_staffing, store)
+    response = page("campaign.html", campaign_view(found), measures=measures, staffing=told)
+    response.background = BackgroundTask(wait_for_figures, begun)
+    return response
+
+
+def summary_of(store: Store, campaign: Campaign) -> Summary:
+    """The figures of a campaign so far."""
+    return summarise(campaign, store.episodes.totals(campaign.id))

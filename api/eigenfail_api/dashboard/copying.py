@@ -1,0 +1,234 @@
+"""A request as curl, Python and command line, to copy from a page."""
+
+import re
+import shlex
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any
+from urllib.parse import unquote
+
+import msgspec
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import HTMLResponse
+
+from eigenfail.errors import NotFound
+from eigenfail.wire.http import PREFIX
+from eigenfail_api.dashboard.rendering import page
+
+MARK = "TOML"
+
+Values = Mapping[str, Any]
+
+
+class CopiedRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """A request to the API.
+
+    Attributes:
+        method: GET or POST.
+        path: below /api/v1, with ids in it.
+        query: its parameters.
+        body: what is sent, as plain data; None if nothing is.
+    """
+
+    method: str
+    path: str
+    query: Values = {}
+    body: Values | None = None
+
+
+class Service(msgspec.Struct, frozen=True):
+    """Where a request goes, and whether a key has to come with it."""
+
+    address: str
+    asks_for_key: bool = False
+
+
+class Copies(msgspec.Struct, frozen=True):
+    """The same request three times, each to be pasted as it is.
+
+    Attributes:
+        cli: empty where the command line has no words for it.
+    """
+
+    curl: str
+    python: str
+    cli: str
+
+    @property
+    def texts(self) -> tuple[tuple[str, str], ...]:
+        """Each with what it is called."""
+        named = (("curl", self.curl), ("Python", self.python), ("CLI", self.cli))
+        return tuple((name, text) for name, text in named if text)
+
+
+class Words(msgspec.Struct, frozen=True):
+    """How one kind of request is said.
+
+    Attributes:
+        python: an expression of `client`; names in braces are of the path.
+        cli: behind `eigenfail`; empty where there is no such command.
+        call: the keyword arguments of the expression, from the query and the body.
+        before: what the command line needs first, from the body.
+    """
+
+    python: str
+    cli: str = ""
+    call: Callable[[CopiedRequest], str] = lambda _: ""
+    before: Callable[[CopiedRequest], str] = lambda _: ""
+
+
+def arguments(asked: CopiedRequest) -> str:
+    """The body as keyword arguments."""
+    return ", ".join(f"{name}={value!r}" for name, value in (asked.body or {}).items())
+
+
+def spec_file(asked: CopiedRequest) -> str:
+    """Writes the body to the file that a command reads."""
+    return f"cat > campaign.toml <<'{MARK}'\n{to_toml(asked.body or {})}{MARK}\n"
+
+
+WORDS: Mapping[tuple[str, str], Words] = {
+    ("POST", "/campaigns"): Words(
+        "client.campaigns.create({})",
+        "campaign create campaign.toml",
+        call=arguments,
+        before=spec_file,
+    ),
+    ("GET", "/campaigns"): Words("list(client.campaigns.list())", "campaign list"),
+    ("GET", "/campaigns/{campaign}"): Words(
+        "client.campaigns.get({campaign})", "campaign show {campaign}"
+    ),
+    ("GET", "/campaigns/{campaign}/episodes"): Words(
+        "list(client.episodes.list({campaign}))", "episode list {campaign}"
+    ),
+    ("GET", "/campaigns/{campaign}/episodes/{index}"): Words(
+        "client.episodes.get({campaign}, {index})", "episode show {campaign}/{index}"
+    ),
+    ("GET", "/analyses/{analysis}"): Words("client.analyses.get({analysis})"),
+    ("POST", "/keys"): Words(
+        "client.keys.create({})", "key create {name} --scope {scope}", call=arguments
+    ),
+    ("GET", "/suites"): Words("list(client.suites.list())", "suite list"),
+    ("GET", "/suites/{suite}"): Words("client.suites.table({suite!r})", "suite show {suite}"),
+    ("GET", "/comparisons"): Words("client.campaigns.compare({a}, {b})", "compare {a} {b}"),
+}
+"""By method and path."""
+
+
+def copies(service: Service, asked: CopiedRequest) -> Copies:
+    """A request to a service, in all three ways.
+
+    Raises:
+        KeyError: nothing is known of such a request.
+    """
+    words, names = find_words(asked)
+    toml_fails = asked.body is not None and holds_none(asked.body)
+    return Copies(
+        curl=curl(service, asked),
+        python=python(service.address, asked, words, names),
+        cli="" if toml_fails or not words.cli else cli(service.address, asked, words, names),
+    )
+
+
+def find_words(asked: CopiedRequest) -> tuple[Words, dict[str, str]]:
+    """How a request is said, and what stands for the names in its path."""
+    for (method, pattern), words in WORDS.items():
+        if method == asked.method and (match := as_regex(pattern).fullmatch(asked.path)):
+            return words, {name: unquote(text) for name, text in match.groupdict().items()}
+    raise KeyError(f"{asked.method} {asked.path}")
+
+
+def as_regex(pattern: str) -> re.Pattern[str]:
+    """A path with names in braces, as a regular expression: all are numbers but a suite's."""
+    numbers = re.sub(r"\{(?!suite)(\w+)\}", r"(?P<\1>[0-9]{1,19})", pattern)
+    return re.compile(numbers.replace("{suite}", "(?P<suite>.+)"))
+
+
+def curl(service: Service, asked: CopiedRequest) -> str:
+    """For a shell; the key comes from the variable that the SDK and the command line read, too."""
+    query = "&".join(f"{name}={value}" for name, value in asked.query.items())
+    address = f"{service.address}{PREFIX}{asked.path}{'?' if query else ''}{query}"
+    parts = [f"curl {shlex.quote(address)}"]
+    if service.asks_for_key:
+        parts.append('-H "Authorization: Bearer $EIGENFAIL_KEY"')
+    if asked.body is not None:
+        data = msgspec.json.encode(asked.body).decode()
+        parts += ["-H 'Content-Type: application/json'", f"-d {shlex.quote(data)}"]
+    return " \\\n  ".join(parts)
+
+
+def python(base: str, asked: CopiedRequest, words: Words, names: Mapping[str, str]) -> str:
+    """With the SDK."""
+    given = {**names, **{name: id_list(value) for name, value in asked.query.items()}}
+    expression = words.python.replace("{}", words.call(asked).replace("{", "{{").replace("}", "}}"))
+    return (
+        "from eigenfail.client import Client\n\n"
+        f"with Client({base!r}) as client:\n"
+        f"    print({expression.format(**given)})"
+    )
+
+
+def cli(base: str, asked: CopiedRequest, words: Words, names: Mapping[str, str]) -> str:
+    """With the command line."""
+    given = {**names, **asked.query, **{n: str(v) for n, v in (asked.body or {}).items()}}
+    command = words.cli.format(**{name: shlex.quote(text) for name, text in given.items()})
+    return f"{words.before(asked)}eigenfail {command} --url {shlex.quote(base)}"
+
+
+def id_list(ids: str) -> str:
+    """Ids with commas in between, as a list."""
+    return f"[{', '.join(ids.split(','))}]"
+
+
+def to_toml(table: Values) -> str:
+    """A table of plain data as TOML, a line for each value; tables inside it are inline."""
+    return "".join(f"{key(name)} = {toml_value(value)}\n" for name, value in table.items())
+
+
+def toml_value(value: Any) -> str:
+    """A value as TOML; text is quoted as in JSON, which TOML reads as well."""
+    if isinstance(value, Mapping):
+        return (
+            f"{{{', '.join(f'{key(name)} = {toml_value(part)}' for name, part in value.items())}}}"
+        )
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(toml_value, value))}]"
+    return msgspec.json.encode(value).decode()
+
+
+def key(name: str) -> str:
+    """A name, quoted where TOML wants that."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else msgspec.json.encode(name).decode()
+
+
+def holds_none(value: Any) -> bool:
+    """Whether there is a null inside, of which TOML has none."""
+    if isinstance(value, Mapping):
+        return any(map(holds_none, value.values()))
+    if isinstance(value, list | tuple):
+        return any(map(holds_none, value))
+    return value is None
+
+
+def service_of(request: Request) -> Service:
+    """The service, by the address under which it was asked."""
+    address = str(request.base_url).rstrip("/")
+    return Service(address, asks_for_key=request.app.state.authenticator.requires_keys())
+
+
+router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+ApiPath = Annotated[str, Query(max_length=1_000, description="Below /api/v1, as it is asked for.")]
+
+
+@router.get("/copies")
+def show_copies(request: Request, path: ApiPath) -> HTMLResponse:
+    """A request for what is at a path, three times: a piece of the page that shows the same.
+
+    Raises:
+        NotFound: no page shows such a thing.
+    """
+    try:
+        found = copies(service_of(request), CopiedRequest(method="GET", path=path))
+    except KeyError as error:
+        raise NotFound(f"Nothing is known of a request for '{path}'.") from error
+    return page("copies.html", found)

@@ -1,0 +1,211 @@
+"""Charts of cost per failure, by campaign, method, and spent amount."""
+
+from collections.abc import Sequence
+
+import msgspec
+
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    count_noun,
+    format_count,
+    format_number,
+    format_percent_interval,
+    format_share,
+)
+from eigenfail.presentation.tables import format_cell
+from eigenfail.values import Cost, Rate, Summary
+from eigenfail.values.campaign import Settings
+from eigenfail.values.pool import MethodCost, PeerCosts, Peers
+from eigenfail_api.dashboard.charts import Chart, round_values
+
+COLUMNS = ("USD per failure", "95 % interval")
+
+
+def mark(price: Cost, **whose: object) -> dict[str, object]:
+    """Where it is drawn [USD], with whose it is."""
+    bounds = price.interval_usd
+    value, low, high, at_least = round_values(
+        (
+            price.per_failure_usd,
+            bounds.low if bounds else None,
+            bounds.high if bounds else None,
+            price.at_least_usd,
+        )
+    )
+    return {**whose, "value": value, "low": low, "high": high, "at_least": at_least}
+
+
+def cells(price: Cost) -> tuple[str, str]:
+    """The same as text, in the order of `COLUMNS`."""
+    cell = format_cell(price)
+    return cell.value, cell.interval or " ".join(cell.basis)
+
+
+MOST_BARS = 25
+REPLAY = "replay"
+
+
+def cost_chart(summaries: Sequence[Summary]) -> Chart | None:
+    """Cost per failure of the newest campaigns that have one, or a bound above zero."""
+    found = [summary for summary in summaries if summary.method != REPLAY]
+    priced = [summary for summary in found if summary.cost.at_least_usd]
+    if not priced:
+        return None
+    shown = priced[:MOST_BARS]
+    return Chart(
+        id="cost-chart",
+        kind="cost",
+        title="Cost per failure",
+        caption=(
+            "USD per failure, log scale, with the 95 % interval that its failure rate gives: the "
+            "time billed is taken as it was, and training again may cost another. An arrow is the "
+            "lower bound of a campaign without failures. Replays find nothing new and are left out."
+        ),
+        data={"campaigns": [cost_point(summary) for summary in shown]},
+        columns=("Campaign", "Method", *COLUMNS, "Failures", "Episodes"),
+        rows=tuple(cost_row(summary) for summary in shown),
+    )
+
+
+def cost_point(summary: Summary) -> dict[str, object]:
+    """A campaign's mark."""
+    return mark(
+        summary.cost,
+        id=summary.campaign,
+        name=summary.name,
+        method=summary.method,
+        failures=summary.counts.failures,
+        completed=summary.counts.completed,
+    )
+
+
+def cost_row(summary: Summary) -> tuple[str, ...]:
+    """The same as text."""
+    return (
+        f"{summary.campaign}: {summary.name}",
+        summary.method,
+        *cells(summary.cost),
+        format_count(summary.counts.failures),
+        format_count(summary.counts.completed),
+    )
+
+
+MOST_GROUPS = 3
+
+
+class MethodCosts(msgspec.Struct, frozen=True, kw_only=True):
+    """The panel of the first page.
+
+    Attributes:
+        charts: one for each group of peers, the newest first.
+        notes: what is pooled, what was left out, and whatever else is so of all charts.
+    """
+
+    charts: tuple[Chart, ...]
+    notes: tuple[str, ...]
+
+
+def method_costs(groups: Sequence[PeerCosts]) -> MethodCosts:
+    """The newest groups in which something was spent and run."""
+    told = [group for group in groups if any(has_cost(each) for each in group.methods)]
+    shown = told[:MOST_GROUPS]
+    common = [note for note in notes_of(shown) if all(note in group.notes for group in shown)]
+    return MethodCosts(
+        charts=tuple(group_chart(place, group, common) for place, group in enumerate(shown)),
+        notes=(*common, *others(len(told) - len(shown))),
+    )
+
+
+def notes_of(groups: Sequence[PeerCosts]) -> list[str]:
+    """All of them, each once."""
+    return list(dict.fromkeys(note for group in groups for note in group.notes))
+
+
+def others(count: int) -> tuple[str, ...]:
+    """That there are more groups."""
+    groups = count_noun(count, "older group")
+    return (f"In /api/v1/costs: {groups} of campaigns.",) if count > 0 else ()
+
+
+def has_cost(found: MethodCost) -> bool:
+    """Whether it has a cost, or a bound above zero."""
+    return bool(found.cost.at_least_usd)
+
+
+def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
+    """One group, with what is to be said of it alone."""
+    own = [note for note in group.notes if note not in common]
+    methods = [each for each in group.methods if has_cost(each)]
+    return Chart(
+        id=f"method-costs-{place}-chart",
+        kind="cost",
+        title=f"Cost per failure by method: {name_of(group.peers)}",
+        caption=(
+            "USD per failure over all campaigns of a method, log scale, with the 95 % interval of "
+            "its failure rate alone: the time billed is taken as it was; "
+            "an arrow is the lower bound of a method without failures. "
+            f"{' '.join([alike(group.peers), *own])}"
+        ),
+        data={"campaigns": [point(each) for each in methods]},
+        columns=(
+            *("Method", *COLUMNS, "Failures", "Episodes", "Rate"),
+            *("Spent [USD]", "Campaigns"),
+        ),
+        rows=tuple(map(row, methods)),
+    )
+
+
+def name_of(peers: Peers) -> str:
+    """Who is tested, and where."""
+    return f"{peers.planner} in {peers.scenario}"
+
+
+def alike(peers: Peers) -> str:
+    """What else the campaigns have in common."""
+    given = {
+        "planner": peers.planner_settings,
+        "scenario": peers.scenario_parameters,
+    }
+    settings = [words(name, settings) for name, settings in given.items() if settings]
+    return f"In common: {', '.join([f'simulator {peers.simulator}', *settings])}."
+
+
+def words(part: str, settings: Settings) -> str:
+    """Settings in words."""
+    told = {name: msgspec.json.encode(value).decode() for name, value in settings.items()}
+    return ", ".join(f"{part}’s {name} = {value}" for name, value in told.items())
+
+
+def point(found: MethodCost) -> dict[str, object]:
+    """A method's mark; it leads to its newest campaign."""
+    return mark(
+        found.cost,
+        id=found.newest,
+        label=found.method,
+        name=found.method,
+        method=found.method,
+        failures=found.failures,
+        completed=found.completed,
+    )
+
+
+def row(found: MethodCost) -> tuple[str, ...]:
+    """The same as text."""
+    return (
+        found.method,
+        *cells(found.cost),
+        format_count(found.failures),
+        format_count(found.completed),
+        rate_of(found.failure_rate),
+        format_number(found.cost.total_usd),
+        format_count(found.campaigns),
+    )
+
+
+def rate_of(rate: Rate | None) -> str:
+    """The pooled failure rate."""
+    if rate is None:
+        return UNKNOWN
+    if not rate.k:
+        return f"≤ {format_share(rate.interval.high)}"
+    return f"{format_share(rate.value)} ({format_percent_interval(rate.interval)})"

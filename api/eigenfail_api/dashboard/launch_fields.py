@@ -1,0 +1,425 @@
+"""The fields of the launch form: labels, types, bounds, and order."""
+
+import inspect
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
+
+import msgspec
+
+from eigenfail.suites import read_path, set_path
+
+NONE = "none"
+"""Switches off what is on unless something else is said."""
+
+WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
+NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
+EXPECTED = re.compile(r"Expected `(?P<kinds>[^`]+)`(?P<rest>[^.]*)")
+TYPE_NAMES = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "text",
+    "array": "a list",
+    "object": "a table",
+    "bool": "true or false",
+}
+BOUNDS = {
+    " of length >= ": " of at least ",
+    " of length <= ": " of at most ",
+    " >= ": " of at least ",
+    " <= ": " of at most ",
+    " > ": " above ",
+    " < ": " below ",
+}
+
+
+def read_number(text: str) -> int | float | str:
+    """A number as it was typed; the text itself where it is none, for the check to refuse."""
+    if WHOLE.fullmatch(text):
+        return int(text)
+    return float(text) if NUMBER.fullmatch(text) else text
+
+
+def read_optional(text: str) -> int | float | str | None:
+    """A number, or that there is none."""
+    return None if text == NONE else read_number(text)
+
+
+def read_list(text: str) -> list[int | float | str]:
+    """Numbers or words with commas in between."""
+    return [read_number(part.strip()) for part in text.split(",") if part.strip()]
+
+
+def read_table(text: str) -> Any:
+    """JSON; the text itself where it is none."""
+    try:
+        return msgspec.json.decode(text)
+    except (msgspec.DecodeError, RecursionError):
+        return text
+
+
+def read_switch(text: str) -> bool | str:
+    """Yes or no."""
+    return {"true": True, "false": False}.get(text, text)
+
+
+def read_word(text: str) -> str:
+    """The text itself."""
+    return text
+
+
+def format_field(value: Any) -> str:
+    """A value as it stands in a field."""
+    if value is None:
+        return NONE
+    if isinstance(value, str):
+        return value
+    if isinstance(value, list | tuple) and not any(isinstance(part, dict) for part in value):
+        return ", ".join(map(format_field, value))
+    return msgspec.json.encode(value).decode()
+
+
+def humane(problem: str) -> str:
+    """A complaint about a type or a bound, in words: "A number of at most 1.0 is expected"."""
+    match = EXPECTED.search(problem)
+    if match is None:
+        return problem[:1].upper() + problem[1:]
+    kinds = [TYPE_NAMES.get(kind.strip(), kind.strip()) for kind in match["kinds"].split("|")]
+    wanted = " or ".join(kind for kind in kinds if kind != "null")
+    rest = problem[match.start("rest") :].partition(", got")[0].rstrip(".").rstrip("`")
+    for sign, words in BOUNDS.items():
+        rest = rest.replace(sign, words)
+    return f"{wanted[:1].upper()}{wanted[1:]}{rest} is expected."
+
+
+Schema = Mapping[str, Any]
+
+WORTH_TELLING = 1e15
+"""Larger bounds are those of computers, not of the matter."""
+
+IN_BRACKETS = re.compile(r"\s*\[(?P<unit>[^\]]{1,12})\]\.?\s*$")
+ENTRY = re.compile(r"^ {4}(?P<name>\w+): (?P<text>.*)$")
+UNITS = {
+    "_usd_per_hour": "USD/h",
+    "_usd": "USD",
+    "_mps3": "m/s³",
+    "_mps2": "m/s²",
+    "_mps": "m/s",
+    "_per_s2": "1/s²",
+    "_per_s": "1/s",
+    "_m": "m",
+    "_s": "s",
+}
+KINDS = {
+    "integer": "number",
+    "number": "number",
+    "string": "text",
+    "boolean": "switch",
+    "array": "list",
+    "object": "table",
+}
+
+
+class LaunchField(msgspec.Struct, frozen=True, kw_only=True):
+    """A value that can be typed.
+
+    Attributes:
+        name: its path in a CampaignSpec, and in the form.
+        label: the last word of that.
+        kind: number, optional (a number, or off), text, choice, switch, list, table, or varied: a
+            number that is fixed or drawn.
+        step: of a number: 1 of whole ones.
+        least: smallest value that a browser is to take; empty where there is none.
+        most: largest one.
+        default: what holds if nothing is typed; empty where something must be.
+        bounds: what is taken, in words.
+        options: of a choice.
+    """
+
+    name: str
+    label: str
+    kind: str
+    step: str = "any"
+    least: str = ""
+    most: str = ""
+    default: str = ""
+    bounds: str = ""
+    unit: str = ""
+    help: str = ""
+    options: tuple[str, ...] = ()
+    required: bool = False
+
+    @property
+    def id(self) -> str:
+        """Of its element."""
+        return f"field-{self.name.replace('.', '-')}"
+
+    @property
+    def hint(self) -> str:
+        """What it means, what it takes, and what it is if nothing is typed."""
+        is_told = self.default not in ("", NONE) and self.kind != "choice"
+        default = f"default {self.default}" if is_told else ""
+        parts = (part.rstrip(".") for part in (self.help, self.bounds, default) if part)
+        return " ".join(f"{part[:1].upper()}{part[1:]}." for part in parts)
+
+
+class LaunchGroup(msgspec.Struct, frozen=True, kw_only=True):
+    """Fields that belong together, and groups of such.
+
+    Attributes:
+        name: path of what they are fields of.
+        about: what it is, from its docstring.
+    """
+
+    name: str
+    title: str
+    about: str = ""
+    fields: tuple[LaunchField, ...] = ()
+    groups: tuple["LaunchGroup", ...] = ()
+
+    def all_fields(self) -> Iterator[LaunchField]:
+        """Its own, and those of the groups in it."""
+        yield from self.fields
+        for group in self.groups:
+            yield from group.all_fields()
+
+
+def group_of(schema: Schema, name: str, title: str, varied: bool = False) -> LaunchGroup:
+    """The fields of an object that a schema describes.
+
+    Args:
+        schema: of it, with its `$defs`.
+        name: its path.
+        title: what it is called.
+        varied: whether its values may be drawn from distributions.
+    """
+    node, defs = resolve_schema(schema, schema), schema.get("$defs", {})
+    about = inspect.cleandoc(node.get("description", ""))
+    helps = dict(entries(about))
+    fields, groups = list[LaunchField](), list[LaunchGroup]()
+    for label, part in node.get("properties", {}).items():
+        path, inner = f"{name}.{label}", {**resolve_schema(part, schema), "$defs": defs}
+        if inner.get("type") == "object" and "properties" in inner:
+            groups.append(group_of(inner, path, label))
+        else:
+            merged = {"description": helps.get(label, ""), **part}
+            required = label in node.get("required", ())
+            fields.append(field_of(path, merged, schema, required, varied))
+    return LaunchGroup(
+        name=name, title=title, about=summary(about), fields=tuple(fields), groups=tuple(groups)
+    )
+
+
+def field_of(
+    name: str, part: Schema, schema: Schema, required: bool = False, varied: bool = False
+) -> LaunchField:
+    """The field of one value."""
+    plain = optional(part, schema)
+    label = name.rpartition(".")[2]
+    help_text, unit = without_unit(label, part.get("description", "").replace("`", ""))
+    kind = "choice" if "enum" in plain else KINDS.get(plain.get("type", ""), "text")
+    is_number = kind == "number"
+    # A number that is off unless it is given needs no word for that; one that is on does.
+    if is_number and plain is not part and part.get("default") is not None:
+        kind = "optional"
+    return LaunchField(
+        name=name,
+        label=label,
+        kind="varied" if varied and is_number else kind,
+        step="1" if plain.get("type") == "integer" else "any",
+        least=format_field(plain["minimum"]) if "minimum" in plain else "",
+        most=format_field(plain["maximum"]) if "maximum" in plain else "",
+        default=default_of(part),
+        bounds=bounds(plain, kind, schema),
+        unit=unit,
+        help=help_text,
+        options=tuple(map(str, plain.get("enum", ()))),
+        required=required,
+    )
+
+
+def default_of(part: Schema) -> str:
+    """What holds if nothing is typed."""
+    value = part.get("default")
+    return "" if "default" not in part or value in ([], {}) else format_field(value)
+
+
+def resolve_schema(part: Schema, schema: Schema) -> Schema:
+    """What a reference stands for."""
+    reference = part.get("$ref")
+    if reference is None:
+        return part
+    found: Schema = schema.get("$defs", {})[reference.rpartition("/")[2]]
+    return found
+
+
+def optional(part: Schema, schema: Schema) -> Schema:
+    """The schema of what is given where something is."""
+    kinds = [each for each in part.get("anyOf", ()) if each.get("type") != "null"]
+    return resolve_schema(kinds[0] if kinds else part, schema)
+
+
+def without_unit(label: str, description: str) -> tuple[str, str]:
+    """The description, and the unit: in brackets at its end, or at the end of the name."""
+    if match := IN_BRACKETS.search(description):
+        return description[: match.start()].rstrip("."), match["unit"]
+    ends = (unit for end, unit in UNITS.items() if label.endswith(end))
+    return description.rstrip("."), next(ends, "")
+
+
+def bounds(part: Schema, kind: str, schema: Schema) -> str:
+    """What is taken, in words."""
+    if kind == "list":
+        inner = resolve_schema(part.get("items", {}), schema)
+        words = ", ".join(map(str, inner.get("enum", ())))
+        return f"with commas in between: {words}" if words else "with commas in between"
+    if kind == "table":
+        return 'JSON, such as {"alpha": 100}'
+    low = describe_bound(part, "at least", "minimum", "above", "exclusiveMinimum")
+    high = describe_bound(part, "at most", "maximum", "below", "exclusiveMaximum")
+    whole = ["whole"] if part.get("type") == "integer" else []
+    off = [f"“{NONE}” switches it off"] if kind == "optional" else []
+    return ", ".join([*whole, *low, *high, *off])
+
+
+def describe_bound(
+    part: Schema, closed: str, inclusive: str, opened: str, exclusive: str
+) -> list[str]:
+    """A bound in words."""
+    if abs(part.get(inclusive, 0)) > WORTH_TELLING:
+        return []
+    if inclusive in part:
+        return [f"{closed} {number(part[inclusive])}"]
+    return [f"{opened} {number(part[exclusive])}"] if exclusive in part else []
+
+
+def number(value: float) -> str:
+    """A bound as people write it."""
+    return f"{int(value):,}" if value == int(value) else f"{value:g}"
+
+
+def entries(about: str) -> Iterator[tuple[str, str]]:
+    """What a docstring says of each attribute."""
+    name, words = "", list[str]()
+    for line in about.partition("Attributes:\n")[2].splitlines():
+        if match := ENTRY.match(line):
+            if name:
+                yield name, " ".join(words)
+            name, words = match["name"], [match["text"]]
+        elif line.startswith(" " * 8):
+            words.append(line.strip())
+    if name:
+        yield name, " ".join(words)
+
+
+def summary(about: str) -> str:
+    """What a docstring says before it turns to attributes."""
+    return about.partition("Attributes:")[0].strip()
+
+
+HOW, LOW, HIGH, CHOICES = ".how", ".low", ".high", ".choices"
+
+
+FIXED, UNIFORM, CHOICE = "fixed", "uniform", "choice"
+
+
+READERS: Mapping[str, Callable[[str], Any]] = {
+    "number": read_number,
+    "varied": read_number,
+    "text": read_word,
+    "choice": read_word,
+    "optional": read_optional,
+    "switch": read_switch,
+    "list": read_list,
+    "table": read_table,
+}
+
+
+class LaunchEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """What stands in a field.
+
+    Attributes:
+        text: as it was typed.
+        how: fixed, or drawn from which distribution.
+        low: smallest value of a uniform distribution; high: its largest.
+        choices: the values of a choice, with commas in between.
+    """
+
+    text: str = ""
+    how: str = FIXED
+    low: str = ""
+    high: str = ""
+    choices: str = ""
+
+
+class Texts(msgspec.Struct, frozen=True):
+    """What was typed, and below it the fields of the campaign that it began with.
+
+    Attributes:
+        typed: by the name of the form's element.
+        base: fields of a CampaignSpec; empty where the form began empty.
+    """
+
+    typed: Mapping[str, str]
+    base: Mapping[str, Any]
+
+    def entry(self, field: LaunchField) -> LaunchEntry:
+        """What stands in a field: what was typed, or what it began with."""
+        name = field.name
+        if name not in self.typed and name + HOW not in self.typed:
+            return self._began_with(field)
+        get = self.typed.get
+        return LaunchEntry(
+            text=get(name, "").strip(),
+            how=get(name + HOW, FIXED),
+            low=get(name + LOW, "").strip(),
+            high=get(name + HIGH, "").strip(),
+            choices=get(name + CHOICES, "").strip(),
+        )
+
+    def _began_with(self, field: LaunchField) -> LaunchEntry:
+        *above, label = field.name.split(".")
+        table = read_path(dict(self.base), tuple(above)) if above else self.base
+        if not isinstance(table, Mapping) or label not in table:
+            return LaunchEntry()
+        if table[label] is None and field.kind != "optional":
+            return LaunchEntry()
+        return as_entry(table[label])
+
+
+def as_entry(value: Any) -> LaunchEntry:
+    """A value of an earlier campaign as it stands in a field."""
+    match value:
+        case {"uniform": [low, high]}:
+            return LaunchEntry(how=UNIFORM, low=format_field(low), high=format_field(high))
+        case {"choice": [*values]}:
+            return LaunchEntry(how=CHOICE, choices=format_field(values))
+    return LaunchEntry(text=format_field(value))
+
+
+def body_of(fields: Iterable[LaunchField], texts: Texts) -> dict[str, Any]:
+    """The fields of a campaign, as a launch is asked for with; what is empty is left out."""
+    body: dict[str, Any] = {}
+    for field in fields:
+        given = value_of(field, texts.entry(field))
+        if given:
+            body = set_path(body, tuple(field.name.split(".")), given[0])
+    return body
+
+
+def value_of(field: LaunchField, entry: LaunchEntry) -> tuple[Any, ...]:
+    """The value of a field; nothing where nothing is typed."""
+    if entry.how == UNIFORM:
+        return ({"uniform": [read_number(entry.low), read_number(entry.high)]},)
+    if entry.how == CHOICE:
+        return ({"choice": read_list(entry.choices)},)
+    if not entry.text:
+        return ()
+    return (READERS[field.kind](entry.text),)
+
+
+def in_words(entry: LaunchEntry) -> str:
+    """What stands in a field, for comparison with what it began with."""
+    if entry.how == UNIFORM:
+        return f"uniform {entry.low} … {entry.high}"
+    return f"one of {entry.choices}" if entry.how == CHOICE else entry.text

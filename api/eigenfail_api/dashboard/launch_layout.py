@@ -1,0 +1,210 @@
+"""The order of the fields of the launch form, with their labels and help."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import msgspec
+from msgspec.structs import replace
+
+from eigenfail import bridges, functions, plugins
+from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign import SPEC_FIELDS, Section
+from eigenfail.wire.http import PluginInfo
+from eigenfail.worlds import list_simulators
+from eigenfail_api.dashboard.launch_fields import (
+    LaunchField,
+    LaunchGroup,
+    Texts,
+    field_of,
+    group_of,
+)
+from eigenfail_api.routes.plugins import describe_plugin, parameters_of, settings_of
+
+SPEC = msgspec.json.schema(CampaignSpec)
+
+
+PROPERTIES: Mapping[str, Any] = SPEC["$defs"]["CampaignSpec"]["properties"]
+
+
+FIRST_METHOD = "monte_carlo"
+
+
+BRIDGE_NAME = "A name that the bridge of the workers knows: eigenfail doctor --bridge lists them."
+
+
+FUNCTION_PLANNER = "A function as module:function; workers look for it where they are started."
+
+
+SHAPES: Mapping[str, str] = SPEC["$defs"]["DisturbanceModel"]["properties"]["shape"][
+    "discriminator"
+]["mapping"]
+
+
+SHAPE = "disturbance.shape"
+
+
+class LaunchPart(msgspec.Struct, frozen=True, kw_only=True):
+    """A section of the form.
+
+    Attributes:
+        id: of its element.
+        fields: of the spec itself; a choice among them swaps what is below.
+        summary: of the plug-in that is chosen, in a line.
+        problem: why that plug-in cannot be used here; empty if it can.
+        settings: of that plug-in; None where it has none.
+    """
+
+    id: str
+    title: str
+    fields: tuple[LaunchField, ...]
+    summary: str = ""
+    problem: str = ""
+    settings: LaunchGroup | None = None
+
+
+def layout(texts: Texts) -> tuple[LaunchPart, ...]:
+    """All parts, for what is chosen so far."""
+    return (
+        LaunchPart(
+            id="campaign", title=Section.CAMPAIGN, fields=own(*_list_fields(Section.CAMPAIGN))
+        ),
+        plugin_part(
+            "method", plugins.METHODS, settings_of, choose_plugin(texts, "method", FIRST_METHOD)
+        ),
+        *world(texts),
+        LaunchPart(
+            id="disturbance", title="Disturbance model", fields=(), settings=disturbance(texts)
+        ),
+        LaunchPart(
+            id="stop", title="Stop rules", fields=(), settings=group("StopRules", "stop", "Rules")
+        ),
+        LaunchPart(
+            id="records",
+            title=Section.RECORDS,
+            fields=own(*_list_fields(Section.RECORDS)),
+        ),
+    )
+
+
+def _list_fields(section: Section) -> Iterator[str]:
+    return (name for name, field in SPEC_FIELDS.items() if field.section is section)
+
+
+def world(texts: Texts) -> tuple[LaunchPart, ...]:
+    """Scenario and planner; a function under test is both in one."""
+    simulator = choose_plugin(texts, "simulator", PROPERTIES["simulator"]["default"])
+    known = tuple(dict.fromkeys((*list_simulators(), simulator)))
+    swapping = choice("simulator", known, simulator)
+    if make_parts := PARTS_WITHOUT_PLUGINS.get(simulator):
+        return make_parts(swapping)
+    scenario, planner = (choose_plugin(texts, name, PROPERTIES[name]["default"]) for name in WORLD)
+    part = plugin_part("scenario", plugins.SCENARIOS, parameters_of, scenario)
+    return (
+        replace(part, fields=(swapping, *part.fields)),
+        plugin_part("planner", plugins.PLANNERS, settings_of, planner),
+    )
+
+
+WORLD = ("scenario", "planner")
+
+
+def function_parts(swapping: LaunchField) -> tuple[LaunchPart, ...]:
+    """What a function of a noise trajectory is asked with."""
+    schema = msgspec.json.schema(functions.FunctionParameters)
+    parameters = group_of(schema, "scenario_parameters", "Parameters")
+    only = choice("scenario", (functions.SCENARIO,), functions.SCENARIO)
+    planner = replace(own("planner")[0], default="", help=FUNCTION_PLANNER, required=True)
+    return (
+        LaunchPart(id="scenario", title="Scenario", fields=(swapping, only), settings=parameters),
+        LaunchPart(id="planner", title="Planner", fields=(planner,)),
+    )
+
+
+def bridge_parts(swapping: LaunchField) -> tuple[LaunchPart, ...]:
+    """What a bridge is asked with; what parameters and settings it has, it alone knows."""
+    scenario, planner = (
+        replace(own(name)[0], default="", help=BRIDGE_NAME, required=True) for name in WORLD
+    )
+    return (
+        LaunchPart(
+            id="scenario",
+            title="Scenario",
+            fields=(swapping, scenario, *own("scenario_parameters")),
+        ),
+        LaunchPart(id="planner", title="Planner", fields=(planner, *own("planner_settings"))),
+    )
+
+
+PARTS_WITHOUT_PLUGINS: Mapping[str, Callable[[LaunchField], tuple[LaunchPart, ...]]] = {
+    functions.SIMULATOR: function_parts,
+    bridges.SIMULATOR: bridge_parts,
+}
+
+
+def plugin_part(
+    name: str, entry_points: str, kind: Callable[[Any], Any], wanted: str
+) -> LaunchPart:
+    """The choice of a plug-in, and the settings of the one that is chosen."""
+    known = plugins.names(entry_points)
+    found = describe_plugin(entry_points, wanted, kind) if wanted in known else PluginInfo(wanted)
+    field = "scenario_parameters" if name == "scenario" else SETTINGS[name]
+    title = "Parameters" if name == "scenario" else "Settings"
+    return LaunchPart(
+        id=name,
+        title=name.capitalize(),
+        # A name that is not known stays in the list, for its problem to be told.
+        fields=(choice(name, tuple(dict.fromkeys((*known, wanted))), wanted),),
+        summary=found.summary,
+        problem=found.problem,
+        settings=group_of(found.settings, field, title, varied=name == "scenario")
+        if found.settings
+        else None,
+    )
+
+
+SETTINGS = {"method": "settings", "planner": "planner_settings"}
+
+
+def choose_plugin(texts: Texts, name: str, default: str) -> str:
+    """The plug-in that is chosen."""
+    return texts.typed.get(name, "") or texts.base.get(name, "") or default
+
+
+def choice(name: str, options: tuple[str, ...], wanted: str) -> LaunchField:
+    """A field of the spec with a list to choose from."""
+    return replace(own(name)[0], kind="choice", options=options, default=wanted)
+
+
+def own(*names: str) -> tuple[LaunchField, ...]:
+    """Fields of the spec itself."""
+    required = SPEC["$defs"]["CampaignSpec"]["required"]
+    return tuple(
+        field_of(
+            name,
+            {"description": SPEC_FIELDS[name].help, **PROPERTIES[name]},
+            SPEC,
+            required=name in required,
+        )
+        for name in names
+    )
+
+
+def group(kind: str, name: str, title: str) -> LaunchGroup:
+    """The fields of a struct inside the spec."""
+    return group_of({"$ref": f"#/$defs/{kind}", "$defs": SPEC["$defs"]}, name, title)
+
+
+def disturbance(texts: Texts) -> LaunchGroup:
+    """The disturbance model, with the settings of the shape that is chosen."""
+    kind = f"{SHAPE}.kind"
+    base = texts.base.get("disturbance", {}).get("shape", {})
+    wanted = texts.typed.get(kind, "") or base.get("kind", "") or next(iter(SHAPES))
+    whole = group("DisturbanceModel", "disturbance", "Settings")
+    shape = group(SHAPES.get(wanted, SHAPES["white"]).rpartition("/")[2], SHAPE, "")
+    names = tuple(dict.fromkeys((*SHAPES, wanted)))
+    help_text = next((each.help for each in whole.fields if each.name == SHAPE), "")
+    select = LaunchField(name=kind, label="shape", kind="choice", options=names, help=help_text)
+    plain = tuple(each for each in whole.fields if each.name != SHAPE)
+    rest = tuple(each for each in shape.fields if each.name != kind)
+    about = f"{whole.about}\n\n{shape.about}"
+    return replace(whole, about=about, fields=(*plain, select, *rest))

@@ -1,0 +1,302 @@
+"""Safety, cost and workers of a campaign: a part of its page that takes longer to compute."""
+
+import msgspec
+from fastapi import APIRouter
+from fastapi.responses import HTMLResponse
+
+from eigenfail.presentation.campaigns import (
+    list_severity,
+    tabulate_safety_measures,
+    tabulate_workers,
+)
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    count_noun,
+    format_count,
+    format_duration,
+    format_number,
+    format_share,
+    format_usd,
+    format_utc,
+)
+from eigenfail.presentation.tables import FormattedCell, Table, format_cost
+from eigenfail.values import FINAL_STATES, Campaign, CampaignCost, Safety, TimeSplit
+from eigenfail.values.assessment import IN_WORDS
+from eigenfail.values.safety import FailurePoint, Scatter
+from eigenfail.worlds import world_of
+from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values
+from eigenfail_api.dashboard.overview_page import MOST_LINES
+from eigenfail_api.dashboard.rendering import page
+from eigenfail_api.dashboard.tiles import Tile
+from eigenfail_api.parameters import CampaignId, Stored
+from eigenfail_api.routes.figures import COSTS
+from eigenfail_services.campaigns.costs import CampaignFigures, find_figures
+from eigenfail_services.campaigns.validation import list_varied
+
+NOT_CLASSIFIED = "not classified"
+COLLISION = "collision, "
+
+
+class SafetyView(msgspec.Struct, frozen=True, kw_only=True):
+    """The part of a campaign's page about safety.
+
+    Attributes:
+        severity: mean, VaR and CVaR of the failures.
+        remarks: why one of these, or an interval, is missing, and what the numbers cannot know.
+    """
+
+    table: Table
+    severity: tuple[tuple[str, FormattedCell], ...]
+    remarks: tuple[str, ...]
+
+
+def safety_view(found: Safety) -> SafetyView:
+    """Table, severity, and remarks on both."""
+    remarks = (found.severity.problem, *found.notes)
+    return SafetyView(
+        table=tabulate_safety_measures(found),
+        severity=list_severity(found) if found.severity.n else (),
+        remarks=tuple(filter(None, remarks)),
+    )
+
+
+def scatter_chart(scatter: Scatter) -> Chart:
+    """How likely the failures are, and how bad."""
+    points = scatter.points
+    return Chart(
+        id="likelihood-chart",
+        kind="likelihood",
+        title="Likelihood and severity of failures",
+        caption=(
+            "Each failure: log-probability of its noise per step, and severity [m²/s²]. Up and to "
+            f"the right are the likely and severe ones. {coverage(scatter)}"
+        ),
+        data={
+            "index": [point.index for point in points],
+            "likelihood": round_values(point.log_probability_per_step for point in points),
+            "severity": round_values(point.severity for point in points),
+            "kind": [kind(point) for point in points],
+        },
+        columns=("Episode", "log p per step", "Severity [m²/s²]", "Class"),
+        rows=tuple(map(point_row, points[:MOST_ROWS])),
+        note=f"The first {MOST_ROWS}." if len(points) > MOST_ROWS else "",
+    )
+
+
+def point_row(point: FailurePoint) -> tuple[str, ...]:
+    """One failure."""
+    figures = (point.log_probability_per_step, point.severity)
+    return (str(point.index), *map(format_number, figures), kind(point))
+
+
+def kind(point: FailurePoint) -> str:
+    """Whose failure it is."""
+    words = IN_WORDS[point.conflict] if point.conflict else NOT_CLASSIFIED
+    return words.removeprefix(COLLISION)
+
+
+def coverage(scatter: Scatter) -> str:
+    """Whether all of them are drawn."""
+    if len(scatter.points) >= scatter.of:
+        return ""
+    return f"{format_count(len(scatter.points))} of {format_count(scatter.of)}."
+
+
+PARTS = {
+    "Simulation": ("simulation_s", "episodes were with a worker"),
+    "Learning": ("learning_s", "the learner worked, no episode was with a worker"),
+    "Waiting": ("waiting_s", "for workers or for the database"),
+    "Lost": ("lost_s", "results that were thrown away"),
+}
+
+
+class TimePart(msgspec.Struct, frozen=True, kw_only=True):
+    """A part of the time that was billed.
+
+    Attributes:
+        percent: of that time, from 0 to 100.
+    """
+
+    name: str
+    meaning: str
+    percent: float
+    share: str
+    lasted: str
+
+
+class SpendingView(msgspec.Struct, frozen=True, kw_only=True):
+    """The part of a campaign's page about cost.
+
+    Attributes:
+        analysis: the one that the modes are of; None where they are of none.
+        modes: how many there are and why, or why they are not known.
+        parts: of the time; empty where it was not measured, or none has passed.
+        problem: why the parts are missing; empty otherwise.
+    """
+
+    tiles: tuple[tuple[str, Tile], ...]
+    analysis: int | None
+    modes: str
+    chart: Chart | None
+    parts: tuple[TimePart, ...]
+    active: str
+    problem: str
+    notes: tuple[str, ...]
+
+
+def spending_view(found: CampaignCost) -> SpendingView:
+    """Bill, curve and time."""
+    return SpendingView(
+        tiles=cost_tiles(found),
+        analysis=found.analysis,
+        modes=found.modes_in_words,
+        chart=curve_chart(found) if len(found.curve) > 1 else None,
+        parts=time_parts(found.time),
+        active=format_duration(found.time.active_s),
+        problem=found.time.problem,
+        notes=found.notes,
+    )
+
+
+def cost_tiles(found: CampaignCost) -> tuple[tuple[str, Tile], ...]:
+    """What was spent, and the price of what it bought."""
+    hours = f"{format_number(found.cost.instance_hours)} instance-hours"
+    price = f"at {format_usd(found.price_usd_per_hour)} USD/h × {found.instances}"
+    return (
+        ("Spent", Tile(f"{format_usd(found.cost.total_usd)} USD", (hours, price))),
+        ("Per failure", per_failure(found)),
+        ("Per distinct mode", per_mode(found)),
+    )
+
+
+def per_failure(found: CampaignCost) -> Tile:
+    """With its interval, or the least that one costs."""
+    price, basis = format_cost(found.cost), count_noun(found.failures, "failure")
+    return Tile(price.value, (basis, *price.notes) if found.completed else ())
+
+
+def per_mode(found: CampaignCost) -> Tile:
+    """Dashes where no modes are known."""
+    if found.modes is None:
+        return Tile(UNKNOWN, ("no distinct modes are known",))
+    return Tile(
+        f"{format_usd(found.per_mode_usd)} USD", (count_noun(found.modes, "distinct mode"),)
+    )
+
+
+def curve_chart(found: CampaignCost) -> Chart:
+    """Failures and modes by the money spent until then."""
+    points, known = found.curve, found.modes is not None
+    return Chart(
+        id="spending-chart",
+        kind="spending",
+        title="Cost against what was found",
+        caption=f"Failures{' and distinct modes' * known} found once so much was spent.",
+        data={
+            "usd": round_values(point.usd for point in points),
+            "failures": [point.failures for point in points],
+            "modes": [point.modes for point in points] if known else None,
+        },
+        columns=("USD", "Active [s]", "Episodes", "Failures", "Modes"),
+        rows=tuple(
+            (
+                format_usd(point.usd),
+                format_number(point.active_s),
+                format_count(point.completed),
+                format_count(point.failures),
+                UNKNOWN if point.modes is None else str(point.modes),
+            )
+            for point in points
+        ),
+    )
+
+
+def time_parts(time: TimeSplit) -> tuple[TimePart, ...]:
+    """The four parts, as far as they were measured."""
+    if time.simulation_s is None or time.active_s <= 0.0:
+        return ()
+    return tuple(
+        time_part(name, meaning, getattr(time, field) or 0.0, time.active_s)
+        for name, (field, meaning) in PARTS.items()
+    )
+
+
+def time_part(name: str, meaning: str, part_s: float, active_s: float) -> TimePart:
+    """One of them."""
+    share = part_s / active_s
+    return TimePart(
+        name=name,
+        meaning=meaning,
+        percent=round(100.0 * share, 2),
+        share=format_share(share),
+        lasted=format_duration(part_s),
+    )
+
+
+class MeasuresView(msgspec.Struct, frozen=True, kw_only=True):
+    """A part of the campaign's page, and a page by itself.
+
+    Attributes:
+        basis: of how many episodes it tells, or why there is nothing to tell.
+        safety: None before the first episode, and where nothing drives.
+        scatter: None without a failure of known severity.
+        cost: None before the first episode.
+        varies: whether scenario parameters are drawn, so that there may be a failing region.
+        crew: without rows before the first result.
+    """
+
+    campaign: int
+    campaign_name: str
+    basis: str
+    safety: SafetyView | None
+    scatter: Chart | None
+    cost: SpendingView | None
+    varies: bool
+    crew: Table
+
+
+def measures_view(
+    campaign: Campaign, safety: Safety, cost: CampaignCost, crew: Table
+) -> MeasuresView:
+    """All of it, as far as there is something to tell."""
+    some = safety.completed > 0
+    return MeasuresView(
+        campaign=campaign.id,
+        campaign_name=campaign.spec.name,
+        basis=basis(campaign, safety.completed, cost.completed),
+        safety=safety_view(safety) if some and world_of(campaign.spec.simulator).has_road else None,
+        scatter=scatter_chart(safety.scatter) if safety.scatter.points else None,
+        cost=spending_view(cost) if some else None,
+        varies=some and bool(list_varied(campaign.spec)),
+        crew=crew,
+    )
+
+
+def basis(campaign: Campaign, completed: int, billed: int) -> str:
+    """Of how many episodes these figures are: others on the page may be further on."""
+    is_open = campaign.state not in FINAL_STATES
+    if not completed and is_open:
+        return "Safety measures and cost are told once an episode has ended."
+    if not completed:
+        return "No episode was completed: there are no safety measures, and no failure has a price."
+    if is_open:
+        so_many = count_noun(completed, "completed episode")
+        further = f"; cost as of {format_count(billed)}" if billed != completed else ""
+        return f"As of {so_many}{further}: worked out less often than the figures above."
+    return f"Over all episodes that were completed: {format_count(completed)}."
+
+
+router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+
+@router.get("/campaigns/{campaign}/measures", dependencies=[COSTS])
+def show_measures(store: Stored, campaign: CampaignId) -> HTMLResponse:
+    """Safety, cost and workers of a campaign: its page asks for them once it stands."""
+    seen = store.campaigns.get(campaign)
+    return page("measures.html", measures_of(seen, find_figures(store, seen)))
+
+
+def measures_of(campaign: Campaign, found: CampaignFigures) -> MeasuresView:
+    """Safety, cost and workers of a campaign."""
+    workers = tabulate_workers(found.workers, format_utc, MOST_LINES)
+    return measures_view(campaign, found.safety, found.cost, workers)

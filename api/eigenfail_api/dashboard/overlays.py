@@ -1,0 +1,280 @@
+"""Charts of several campaigns: their courses and costs, drawn over one another."""
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+
+import msgspec
+import numpy as np
+
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    format_count,
+    format_number,
+    format_percent_interval,
+    format_share,
+)
+from eigenfail.values import Campaign, CampaignCost, CostPoint, Course, Outcome
+from eigenfail.values.records import EpisodeRow
+from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values, span
+
+STEPS = 10
+"""Rows of the table."""
+
+
+ROUNDING = 1e-9
+
+
+SIDES = ("A", "B")
+
+
+FINDS = {"failures": "Failures", "modes": "Distinct modes"}
+
+
+class Line(msgspec.Struct, frozen=True):
+    """A campaign of a side."""
+
+    side: int
+    cost: CampaignCost
+
+    @property
+    def name(self) -> str:
+        """As a column is headed."""
+        return f"{SIDES[self.side]}: {self.cost.campaign} {self.cost.method}"
+
+
+def bill_charts(*sides: Sequence[CampaignCost]) -> tuple[Chart, ...]:
+    """Failures, and modes where any are known, against the money spent."""
+    lines = [Line(side, cost) for side, costs in enumerate(sides) for cost in costs]
+    known = {find: [line for line in lines if has_curve(line, find)] for find in FINDS}
+    return tuple(bill_chart(find, some) for find, some in known.items() if some)
+
+
+def has_curve(line: Line, find: str) -> bool:
+    """Whether a campaign has a curve of what was found."""
+    curve = line.cost.curve
+    return len(curve) > 1 and getattr(curve[-1], find) is not None
+
+
+def bill_chart(find: str, lines: Sequence[Line]) -> Chart:
+    """One of them."""
+    title = f"{FINDS[find]} against cost"
+    return Chart(
+        id=f"bill-{find}-chart",
+        kind="bills",
+        title=title,
+        caption=f"{FINDS[find]} found once so much was spent, a line for each campaign.",
+        data={
+            "what": FINDS[find],
+            "lines": [
+                {
+                    "name": line.name,
+                    "side": line.side,
+                    "usd": round_values(point.usd for point in line.cost.curve),
+                    "found": [getattr(point, find) for point in line.cost.curve],
+                }
+                for line in lines
+            ],
+        },
+        columns=("USD", *(line.name for line in lines)),
+        rows=tuple(rows(find, lines)),
+        note="A dash: nothing more was spent.",
+    )
+
+
+def rows(find: str, lines: Sequence[Line]) -> Iterator[tuple[str, ...]]:
+    """What each had found by equal steps of money."""
+    most = max(line.cost.cost.total_usd for line in lines)
+    for step in range(1, STEPS + 1):
+        usd = most * step / STEPS
+        yield (format_number(usd), *(found_by(find, line.cost, usd) for line in lines))
+
+
+def found_by(find: str, cost: CampaignCost, usd: float) -> str:
+    """What one had found by an amount; a dash once nothing more was spent."""
+    if usd > cost.cost.total_usd * (1.0 + ROUNDING):
+        return UNKNOWN
+    spent = [point.usd for point in cost.curve]
+    point: CostPoint = cost.curve[max(bisect_right(spent, usd * (1.0 + ROUNDING)) - 1, 0)]
+    return format_count(getattr(point, find))
+
+
+MOST_POINTS = 600
+"""Failures that are drawn of each campaign."""
+
+
+SHARES = np.linspace(0.0, 1.0, 101)
+
+
+TOLD = (0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0)
+
+
+class Compared(msgspec.Struct, frozen=True, kw_only=True):
+    """What is known of a campaign that is compared.
+
+    Attributes:
+        rows: a sample of its episodes.
+    """
+
+    campaign: Campaign
+    course: Course
+    cost: CampaignCost
+    rows: Sequence[EpisodeRow]
+
+    @property
+    def name(self) -> str:
+        """As a legend names it."""
+        return f"{self.campaign.id}: {self.campaign.spec.name}"
+
+
+def overlays(compared: Sequence[Compared]) -> tuple[Chart, ...]:
+    """What can be drawn of what there is."""
+    charts = (rates(compared), costs(compared), severities(compared), distances(compared))
+    return tuple(chart for chart in charts if chart.rows)
+
+
+def rates(compared: Sequence[Compared]) -> Chart:
+    """Failure rate over episodes."""
+    lines = [
+        line(one, [(block.first + block.last) / 2.0 for block in one.course.blocks], percents(one))
+        for one in compared
+    ]
+    rows = [
+        (
+            one.name,
+            span(block),
+            format_share(block.failure_rate.value),
+            format_percent_interval(block.failure_rate.interval),
+        )
+        for one in compared
+        for block in one.course.blocks
+    ]
+    return Chart(
+        id="overlay-rate",
+        kind="overlay",
+        title="Failure rate over episodes",
+        caption="By blocks of episodes; the table holds the 95 % intervals.",
+        data=draw_lines("Episode", "Failure rate [%]", lines),
+        columns=("Campaign", "Episodes", "Rate", "95 % interval"),
+        rows=tuple(rows[:MOST_ROWS]),
+        note=left_out(len(rows)),
+    )
+
+
+def percents(one: Compared) -> list[float]:
+    """Failure rates by block."""
+    return [100.0 * block.failure_rate.value for block in one.course.blocks]
+
+
+def costs(compared: Sequence[Compared]) -> Chart:
+    """Failures by the money that was spent until then."""
+    known = [one for one in compared if len(one.cost.curve) > 1]
+    lines = [
+        line(
+            one,
+            [point.usd for point in one.cost.curve],
+            [float(point.failures) for point in one.cost.curve],
+        )
+        for one in known
+    ]
+    return Chart(
+        id="overlay-cost",
+        kind="overlay",
+        title="Failures against cost",
+        caption="Failures found once so much was spent.",
+        data={**draw_lines("USD", "Failures", lines), "look": "steps"},
+        columns=("USD", *(one.name for one in known)),
+        rows=tuple(cost_rows(known)),
+        note="A dash: nothing more was spent.",
+    )
+
+
+def cost_rows(known: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
+    """What each had found by equal steps of money."""
+    most = max((one.cost.cost.total_usd for one in known), default=0.0)
+    for step in range(1, STEPS + 1) if most else ():
+        usd = most * step / STEPS
+        yield (format_number(usd), *(found_by("failures", one.cost, usd) for one in known))
+
+
+def severities(compared: Sequence[Compared]) -> Chart:
+    """How likely the failures are, and how bad."""
+    points = [(one, failures(one)) for one in compared]
+    lines = [
+        line(
+            one,
+            [row.log_probability / max(row.steps, 1) for row in found],
+            [row.severity or 0.0 for row in found],
+        )
+        for one, found in points
+    ]
+    return Chart(
+        id="overlay-severity",
+        kind="overlay",
+        title="Likelihood and severity of the failures",
+        caption=(
+            f"Each mark is a failure, at most {MOST_POINTS} of each campaign; farther to the right "
+            "is likelier, farther up is worse."
+        ),
+        data={**draw_lines("log p per step", "Severity [m²/s²]", lines), "look": "marks"},
+        columns=("Campaign", "Failures drawn", "Median log p per step", "Median severity [m²/s²]"),
+        rows=tuple(severity_row(one, found) for one, found in points if found),
+    )
+
+
+def failures(one: Compared) -> list[EpisodeRow]:
+    """Failures of the sample, thinned evenly."""
+    found = [row for row in one.rows if row.outcome is Outcome.COLLISION and row.severity]
+    return found[:: -(-len(found) // MOST_POINTS) or 1]
+
+
+def severity_row(one: Compared, found: Sequence[EpisodeRow]) -> tuple[str, ...]:
+    """The middle of a campaign's failures."""
+    likely = float(np.median([row.log_probability / max(row.steps, 1) for row in found]))
+    severe = float(np.median([row.severity or 0.0 for row in found]))
+    return one.name, format_count(len(found)), format_number(likely), format_number(severe)
+
+
+def distances(compared: Sequence[Compared]) -> Chart:
+    """How the robustness of episodes is distributed."""
+    known = [(one, measured) for one in compared if (measured := robustness(one))]
+    lines = [
+        line(one, np.quantile(found, SHARES).tolist(), (100.0 * SHARES).tolist())
+        for one, found in known
+    ]
+    return Chart(
+        id="overlay-robustness",
+        kind="overlay",
+        title="Distribution of robustness",
+        caption="Share of the episodes with at most so much robustness; 0 m is a failure.",
+        data=draw_lines("Robustness [m]", "Episodes [%]", lines),
+        columns=("Campaign", "Episodes", *(f"{100 * share:.0f} %" for share in TOLD)),
+        rows=tuple(
+            (
+                one.name,
+                format_count(len(found)),
+                *(format_number(float(each)) for each in np.quantile(found, TOLD)),
+            )
+            for one, found in known
+        ),
+        note="Robustness [m] that so many episodes do not exceed.",
+    )
+
+
+def robustness(one: Compared) -> list[float]:
+    """Of the episodes of the sample, where it was measured."""
+    return [row.robustness_m for row in one.rows if row.robustness_m is not None]
+
+
+def line(one: Compared, x: Sequence[float], y: Sequence[float]) -> dict[str, object]:
+    """A campaign's part of a chart."""
+    return {"name": one.name, "id": one.campaign.id, "x": round_values(x), "y": round_values(y)}
+
+
+def draw_lines(x: str, y: str, lines: list[dict[str, object]]) -> dict[str, object]:
+    """What the browser draws."""
+    return {"x": x, "y": y, "look": "lines", "lines": lines}
+
+
+def left_out(rows: int) -> str:
+    """That a table ends early."""
+    return f"The first {MOST_ROWS} of {rows} rows." if rows > MOST_ROWS else ""

@@ -1,0 +1,231 @@
+"""The page of all campaigns."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Annotated, Literal
+from urllib.parse import urlencode
+
+import msgspec
+from fastapi import APIRouter, Header, Query
+from fastapi.responses import HTMLResponse
+
+from eigenfail.presentation.figures import count_noun, format_count, format_number, format_usd
+from eigenfail.values import Campaign, CampaignState, Event, Page, Summary
+from eigenfail.values.campaign_filter import CampaignFilter
+from eigenfail.values.pool import PeerCosts
+from eigenfail.values.worker import ACTIVE_S, Presence, WorkerShare
+from eigenfail_api.dashboard.charts import Chart
+from eigenfail_api.dashboard.cost_charts import REPLAY, MethodCosts, cost_chart, method_costs
+from eigenfail_api.dashboard.rendering import page
+from eigenfail_api.dashboard.tiles import WORKING, StandingView, Tile, standing
+from eigenfail_api.parameters import Before, Stored
+from eigenfail_services.campaigns.costs import compare_peers, list_methods
+from eigenfail_services.campaigns.summary import (
+    count_present,
+    find_staffing,
+    list_recent_workers,
+    list_unrunnable,
+    summaries_of,
+)
+from eigenfail_services.store import Store
+
+MOST_LINES = 100
+
+
+def crew_tiles(
+    here: Sequence[Presence], lately: Sequence[WorkerShare], within_s: int
+) -> tuple[tuple[str, Tile], ...]:
+    """How many are there now, and how quickly they work: by the results of the last seconds."""
+    at_work = {share.worker for share in lately}
+    names = {presence.worker for presence in here} | at_work
+    episodes = sum(share.episodes for share in lately)
+    window = f"results of the last {within_s} s"
+    return (
+        ("Workers now", Tile(format_count(len(names)), (f"{len(at_work)} with {window}",))),
+        ("Episodes/s now", Tile(format_number(episodes / within_s), (window,))),
+    )
+
+
+class Wanted(msgspec.Struct, frozen=True):
+    """Which campaigns are asked for; None where any will do, replays aside.
+
+    Attributes:
+        method: None leaves out replays, which find nothing new.
+    """
+
+    state: CampaignState | None = None
+    method: str | None = None
+    search: str | None = None
+    before: int | None = None
+
+    def address(self, **changes: int | None) -> str:
+        """The address of this page, or of one like it."""
+        given = msgspec.structs.asdict(self) | changes
+        query = {name: value for name, value in given.items() if value is not None}
+        return f"/?{urlencode(query)}" if query else "/"
+
+    @property
+    def where(self) -> CampaignFilter:
+        """The same in the words of the store."""
+        return CampaignFilter(self.method, self.search, None if self.method else REPLAY)
+
+    @property
+    def is_filtered(self) -> bool:
+        """Whether not all campaigns are wanted."""
+        return (self.state, self.method, self.search) != (None, None, None)
+
+
+class Overview(msgspec.Struct, frozen=True, kw_only=True):
+    """The first page.
+
+    Attributes:
+        wanted: what was asked for, and the cursor of this page.
+        address: of this page.
+        newest: the address of the first page of these campaigns; None on it.
+        older: the address of the next one, if there is one.
+        methods: those that some campaign has.
+        any_method: what is listed where no method is chosen.
+        replays: words and address of the replays that are not listed; None if there are none.
+        panel: cost per failure by method.
+        wants_workers: whether there is work and nobody to do it.
+        stranded: what was said of each campaign that no connected worker can run.
+        latest: the newest event when the page was made, so that the feed goes on behind it.
+    """
+
+    wanted: Wanted
+    address: str
+    newest: str | None
+    older: str | None
+    states: tuple[str, ...] = tuple(CampaignState)
+    methods: tuple[str, ...]
+    any_method: str
+    replays: tuple[str, str] | None
+    lines: tuple[StandingView, ...]
+    tiles: tuple[tuple[str, Tile], ...]
+    panel: MethodCosts
+    costs: Chart | None
+    is_open: bool
+    wants_workers: bool
+    stranded: tuple[Event, ...]
+    latest: int
+
+
+class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """What the store knows.
+
+    Attributes:
+        page: some campaigns, newest first.
+        summaries: of them, in the same order.
+        groups: costs by method, of all campaigns.
+        methods: those that some campaign has.
+        replays: how many campaigns replay what others found.
+        here: the workers that are connected now.
+        lately: who brought results in the last `within_s` seconds.
+        stranded: what was said of each campaign that no connected worker can run.
+        latest: the id of the newest event.
+    """
+
+    page: Page[Campaign]
+    summaries: Sequence[Summary]
+    groups: Sequence[PeerCosts]
+    methods: Sequence[str]
+    replays: int
+    here: Sequence[Presence]
+    lately: Sequence[WorkerShare]
+    within_s: int
+    stranded: tuple[Event, ...]
+    latest: int
+
+
+def overview(known: OverviewFacts, wanted: Wanted) -> Overview:
+    """The page."""
+    lines = tuple(map(standing, known.page.items, known.summaries))
+    return Overview(
+        wanted=wanted,
+        address=wanted.address(),
+        newest=wanted.address(before=None) if wanted.before else None,
+        older=wanted.address(before=known.page.next) if known.page.next else None,
+        methods=tuple(known.methods),
+        any_method=f"any but {REPLAY}" if known.replays else "any",
+        replays=fold_replays(known.replays, wanted),
+        lines=lines,
+        tiles=(
+            *tiles(known.page.items, known.summaries),
+            *crew_tiles(known.here, known.lately, known.within_s),
+        ),
+        panel=method_costs(known.groups),
+        costs=cost_chart(known.summaries),
+        is_open=any(line.is_open for line in lines),
+        wants_workers=not known.here and any(c.state in WORKING for c in known.page.items),
+        stranded=known.stranded,
+        latest=known.latest,
+    )
+
+
+def fold_replays(count: int, wanted: Wanted) -> tuple[str, str] | None:
+    """How many replays are not listed, and where those are that are like what is wanted."""
+    if wanted.method or not count:
+        return None
+    among = "those like that among " if wanted.is_filtered else ""
+    words = f"{among}{count_noun(count, 'replay')}"
+    return words, msgspec.structs.replace(wanted, method=REPLAY, before=None).address()
+
+
+def tiles(
+    campaigns: Sequence[Campaign], summaries: Sequence[Summary]
+) -> tuple[tuple[str, Tile], ...]:
+    """Sums over the campaigns of the page."""
+    running = sum(campaign.state == "running" for campaign in campaigns)
+    completed = sum(campaign.counts.completed for campaign in campaigns)
+    failures = sum(campaign.counts.failures for campaign in campaigns)
+    spent = sum(summary.cost.total_usd for summary in summaries)
+    return (
+        ("Campaigns", Tile(format_count(len(campaigns)), (f"{running} running",))),
+        ("Episodes", Tile(format_count(completed), ("completed",))),
+        ("Failures", Tile(format_count(failures), ("collisions",))),
+        ("Spent", Tile(f"{format_usd(spent)} USD", ("instance-hours × price",))),
+    )
+
+
+router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+CAMPAIGNS_ON_A_PAGE = 50
+ANALYSES_ON_A_PAGE = 20
+EVENTS_SHOWN = 30
+
+# A form sends what is empty, too.
+State = Annotated[CampaignState | Literal[""], Query()]
+Words = Annotated[str, Query(max_length=200)]
+
+# An open page sends it when it asks for itself again.
+Again = Annotated[str | None, Header(alias="HX-Request", include_in_schema=False)]
+
+
+@router.get("/")
+def show_overview(
+    store: Stored, state: State = "", method: Words = "", search: Words = "", before: Before = None
+) -> HTMLResponse:
+    """Campaigns, newest first."""
+    wanted = Wanted(state or None, method or None, search.strip() or None, before)
+    told = partial(find_staffing, store)
+    return page("overview.html", overview(read_overview(store, wanted), wanted), staffing=told)
+
+
+def read_overview(store: Store, wanted: Wanted) -> OverviewFacts:
+    """What the first page tells of."""
+    latest, pools = store.events.last(), store.figures.pools()
+    found = store.campaigns.page(
+        CAMPAIGNS_ON_A_PAGE, wanted.before, wanted.state, where=wanted.where
+    )
+    return OverviewFacts(
+        page=found,
+        summaries=summaries_of(store, found.items),
+        groups=compare_peers(pools),
+        methods=list_methods(pools),
+        replays=sum(pool.campaigns for pool in pools if pool.method == REPLAY),
+        here=count_present(store),
+        lately=list_recent_workers(store, ACTIVE_S),
+        within_s=ACTIVE_S,
+        stranded=list_unrunnable(store),
+        latest=latest,
+    )

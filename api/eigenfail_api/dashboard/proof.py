@@ -1,0 +1,149 @@
+"""Proof by replay, as a part of the page of an analysis."""
+
+from collections.abc import Iterator
+
+import msgspec
+
+from eigenfail.presentation.figures import UNKNOWN, format_number
+from eigenfail.presentation.tables import format_line
+from eigenfail.values import (
+    CampaignState,
+    Outcome,
+    Proof,
+    ProvenScenario,
+    ReplayedNoise,
+    ReplayKind,
+    Reproduction,
+)
+from eigenfail_api.dashboard.tiles import (
+    CAMPAIGN_BADGES,
+    ERRORED_BADGE,
+    OUTCOME_BADGES,
+    Badge,
+    Tile,
+)
+
+CAME_TO_NOTHING = frozenset({CampaignState.CANCELLED, CampaignState.DEAD})
+NOT_TRIED = Tile(UNKNOWN, ("no replay completed",))
+
+
+class ScenarioLine(msgspec.Struct, frozen=True, kw_only=True):
+    """The replays in one scenario."""
+
+    words: str
+    campaign: int
+    badge: Badge
+    eigenfailures: Tile
+    medoids: Tile
+
+
+class ReplayLine(msgspec.Struct, frozen=True, kw_only=True):
+    """One replay; `badge` is None while it is not in, and modes count from 1."""
+
+    scenario: str
+    mode: int
+    what: str
+    badge: Badge | None
+    campaign: int
+    index: int
+    robustness: str
+    likelihood: str
+    per_step: str
+    expected: str
+
+
+class ProofView(msgspec.Struct, frozen=True, kw_only=True):
+    """The part of an analysis's page that tells of its proof.
+
+    Attributes:
+        ended: replays that are in, of `planned`.
+        may_ask: whether asking would replay anything: nothing was, or some of it was cut off.
+        tallies: how many failed again, of those tried.
+    """
+
+    ended: int
+    planned: int
+    is_done: bool
+    may_ask: bool
+    tallies: tuple[tuple[str, Tile], ...]
+    scenarios: tuple[ScenarioLine, ...]
+    replays: tuple[ReplayLine, ...]
+
+
+def proof_view(found: Proof) -> ProofView:
+    """How things stand."""
+    replays = [replay for scenario in found.scenarios for replay in scenario.replays]
+    cut_off = any(scenario.state in CAME_TO_NOTHING for scenario in found.scenarios)
+    return ProofView(
+        ended=sum(replay.outcome is not None for replay in replays),
+        planned=len(replays),
+        is_done=found.done,
+        may_ask=not found.scenarios or cut_off,
+        tallies=tallies(found),
+        scenarios=tuple(map(scenario_line, found.scenarios)),
+        replays=tuple(line for scenario in found.scenarios for line in replay_lines(scenario)),
+    )
+
+
+def tallies(found: Proof) -> tuple[tuple[str, Tile], ...]:
+    """In the same scenario, and in all of them where there are several."""
+    same = (("Eigenfailures, same scenario", describe_reproduction(found.reproduced)),)
+    count = len(found.scenarios)
+    if count < 2:
+        return (*same, ("Medoids", describe_reproduction(found.medoids)))
+    return (
+        *same,
+        (f"Eigenfailures, {count} scenarios", describe_reproduction(found.eigenfailures)),
+        (f"Medoids, {count} scenarios", describe_reproduction(found.medoids)),
+    )
+
+
+def describe_reproduction(found: Reproduction) -> Tile:
+    """Failed again of tried, with Wilson's interval, and how near they came."""
+    rate = found.rate
+    if rate is None:
+        return NOT_TRIED
+    nearest = format_number(found.smallest_robustness_m)
+    return Tile(
+        f"{rate.k} of {rate.n}", (format_line(rate), f"smallest robustness {nearest}\u00a0m")
+    )
+
+
+def scenario_line(scenario: ProvenScenario) -> ScenarioLine:
+    """One scenario."""
+    return ScenarioLine(
+        words=scenario.words,
+        campaign=scenario.campaign,
+        badge=scenario_badge(scenario),
+        eigenfailures=describe_reproduction(scenario.eigenfailures),
+        medoids=describe_reproduction(scenario.medoids),
+    )
+
+
+def scenario_badge(scenario: ProvenScenario) -> Badge:
+    """Return the badge of the campaign that replays: errored if every replay of it errored."""
+    ended = [replay.outcome for replay in scenario.replays if replay.outcome is not None]
+    is_errored = bool(ended) and all(outcome is Outcome.FAILED for outcome in ended)
+    is_done = scenario.state is CampaignState.DONE
+    return ERRORED_BADGE if is_done and is_errored else CAMPAIGN_BADGES[scenario.state]
+
+
+def replay_lines(scenario: ProvenScenario) -> Iterator[ReplayLine]:
+    """Its replays."""
+    return (replay_line(scenario.words, replay) for replay in scenario.replays)
+
+
+def replay_line(scenario: str, replay: ReplayedNoise) -> ReplayLine:
+    """One replay."""
+    return ReplayLine(
+        scenario=scenario,
+        mode=replay.mode + 1,
+        what=ReplayKind(replay.what).value,
+        badge=OUTCOME_BADGES[replay.outcome] if replay.outcome else None,
+        campaign=replay.campaign,
+        index=replay.index,
+        robustness=format_number(replay.robustness_m),
+        likelihood=format_number(replay.log_probability, 5),
+        per_step=format_number(replay.log_probability_per_step),
+        expected=format_number(replay.expected_log_probability, 5),
+    )

@@ -1,0 +1,127 @@
+"""The page of a failing region."""
+
+import msgspec
+from anyio.to_thread import run_sync
+from fastapi import APIRouter
+from fastapi.responses import HTMLResponse
+
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    count_noun,
+    format_count,
+    format_number,
+    format_percent_interval,
+    format_share,
+)
+from eigenfail.values import Box, Campaign, Rate, Region
+from eigenfail_api.dashboard.rendering import page
+from eigenfail_api.dashboard.tiles import Tile
+from eigenfail_api.parameters import CampaignId, Stored
+from eigenfail_api.routes.figures import REGIONS
+from eigenfail_services.campaigns.region import find_region_in_process
+
+
+class BoxLine(msgspec.Struct, frozen=True, kw_only=True):
+    """A part of the region.
+
+    Attributes:
+        bounds: a line for each parameter that bounds it.
+        inside: failure rate there; `percent` of it is for the bar.
+    """
+
+    bounds: tuple[str, ...]
+    coverage: Tile
+    inside: Tile
+    percent: float
+
+
+class RegionView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of a region.
+
+    Attributes:
+        is_made: whether the region is here; the page asks for it once it stands.
+        tiles: what it rests on.
+        problem: why there is no region.
+        p_value: of chance alone; empty without boxes.
+    """
+
+    campaign: int
+    campaign_name: str
+    is_made: bool
+    tiles: tuple[tuple[str, Tile], ...] = ()
+    boxes: tuple[BoxLine, ...] = ()
+    problem: str = ""
+    warnings: tuple[str, ...] = ()
+    p_value: str = ""
+
+
+def region_to_come(campaign: Campaign) -> RegionView:
+    """The page while the region is worked out."""
+    return RegionView(campaign=campaign.id, campaign_name=campaign.spec.name, is_made=False)
+
+
+def region_view(campaign: Campaign, found: Region) -> RegionView:
+    """The page with the region."""
+    return RegionView(
+        campaign=campaign.id,
+        campaign_name=campaign.spec.name,
+        is_made=True,
+        tiles=tiles(found),
+        boxes=tuple(map(box_line, found.boxes)),
+        problem=found.problem,
+        warnings=found.warnings,
+        p_value="" if found.p_value is None else format_number(found.p_value, 2),
+    )
+
+
+def tiles(found: Region) -> tuple[tuple[str, Tile], ...]:
+    """What it rests on, and what all boxes have together."""
+    episodes = f"of {count_noun(found.episodes, 'episode')}"
+    names = ", ".join(found.parameters)
+    told = (
+        ("Failures", Tile(format_count(found.failures), (episodes,))),
+        ("Parameters varied", Tile(format_count(len(found.parameters)), (names,))),
+        ("Failure rate everywhere", share(found.failure_rate)),
+    )
+    if not found.boxes:
+        return told
+    return (
+        *told,
+        ("Failure rate inside", share(found.precision)),
+        ("Failures inside", share(found.coverage)),
+    )
+
+
+def box_line(box: Box) -> BoxLine:
+    """One part."""
+    return BoxLine(
+        bounds=tuple(bound.words for bound in box.bounds),
+        coverage=share(box.coverage),
+        inside=share(box.precision),
+        percent=100.0 * box.precision.value if box.precision else 0.0,
+    )
+
+
+def share(found: Rate | None) -> Tile:
+    """A share with its interval and what it is of."""
+    if found is None:
+        return Tile(UNKNOWN, ("none of the half that is counted",))
+    counted = f"{format_count(found.k)} of {format_count(found.n)}"
+    return Tile(format_share(found.value), (format_percent_interval(found.interval), counted))
+
+
+router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+
+@router.get("/campaigns/{campaign}/region")
+def show_region(store: Stored, campaign: CampaignId) -> HTMLResponse:
+    """The page on which the failing region of a campaign appears."""
+    return page("region.html", region_to_come(store.campaigns.get(campaign)))
+
+
+@router.get("/campaigns/{campaign}/region/boxes")
+async def show_boxes(store: Stored, campaign: CampaignId) -> HTMLResponse:
+    """The failing region of a campaign: its page asks for it once it stands."""
+    found = await REGIONS.do(find_region_in_process, store, (campaign,))
+    seen = await run_sync(store.campaigns.get, campaign)
+    return page("region.html", region_view(seen, found))

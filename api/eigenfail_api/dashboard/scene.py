@@ -1,0 +1,283 @@
+"""The scene of an episode over time, a clip of it, and the planner's account."""
+
+from collections.abc import Iterator, Sequence
+from math import nan
+
+import msgspec
+import numpy as np
+
+from eigenfail.errors import EigenfailError
+from eigenfail.explanations.explaining import NotableMoment, find_moments
+from eigenfail.presentation.figures import (
+    format_number,
+    put_minus_signs,
+)
+from eigenfail.values import (
+    MEASURES,
+    Campaign,
+    EpisodeResult,
+    ExplainedStep,
+    Explanation,
+    Floats,
+    Measures,
+    Mission,
+    NoiseTrajectory,
+    Outcome,
+    Scene,
+)
+from eigenfail_api.dashboard.charts import Chart, round_values, rounded_rows
+from eigenfail_api.dashboard.tiles import OUTCOME_BADGES, Badge
+from eigenfail_services.analysis.clearance import measure_clearances
+
+
+class Jump(msgspec.Struct, frozen=True):
+    """A moment: when, as the address has it, and what it is."""
+
+    time: str
+    words: str
+    tone: str = ""
+
+
+def jumps(result: EpisodeResult) -> tuple[Jump, ...]:
+    """What was measured at moments, in the order of time."""
+    found = [*find_threshold_moments(result.measures)] if result.measures else []
+    if result.scene and not result.is_failure:
+        found.append(NotableMoment(nearest_moment(result.scene), "nearest"))
+    return tuple(map(jump, sorted(found, key=lambda each: each.time_s)))
+
+
+def find_threshold_moments(measures: Measures) -> Iterator[NotableMoment]:
+    """Thresholds that were passed, and the collision."""
+    for name, measure in MEASURES.items():
+        if measure.event and (time_s := getattr(measures, name)) is not None:
+            yield NotableMoment(time_s, measure.event)
+
+
+def jump(found: NotableMoment) -> Jump:
+    """As it is shown."""
+    tone = "bad" if found.words == "collision" else ""
+    return Jump(f"{found.time_s:.1f}", found.words, tone)
+
+
+CONVENTIONAL_LANE_M = 3.5
+
+
+def noise_chart(noise: NoiseTrajectory, dt_s: float | None) -> Chart:
+    """What was added to the perceived position, step by step."""
+    metres, standardised = noise.metres, noise.standardised
+    times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
+    axis = "Time [s]" if dt_s else "Step"
+    return Chart(
+        id="noise-chart",
+        kind="noise",
+        title="Noise on the perceived position",
+        caption=(
+            "In standard deviations of the disturbance model "
+            f"({noise.shape.in_words()}); the band is ±2 sigma."
+        ),
+        data={
+            "axis": axis,
+            "end": len(times) * (dt_s or 1.0),
+            "time": round_values(times),
+            "longitudinal": round_values(map(float, standardised[:, 0])),
+            "lateral": round_values(map(float, standardised[:, 1])),
+        },
+        columns=(
+            axis,
+            "Longitudinal [sigma]",
+            "Lateral [sigma]",
+            "Longitudinal [m]",
+            "Lateral [m]",
+            "log p",
+        ),
+        rows=tuple(
+            tuple(map(format_number, map(float, (at, *u, *a, log_p))))
+            for at, u, a, log_p in zip(
+                times, standardised, metres, noise.log_probability_per_step, strict=True
+            )
+        ),
+    )
+
+
+def clearance_chart(scene: Scene) -> Chart:
+    """How far the nearest vehicle was; the smallest of it is the robustness."""
+    nearest = measure_clearances(scene).min(axis=1)
+    times = [step * scene.dt_s for step in range(len(nearest))]
+    return Chart(
+        id="clearance-chart",
+        kind="clearance",
+        title="Distance to the nearest vehicle",
+        caption="Between the footprints [m]: its smallest value is the robustness of the episode.",
+        data={
+            "axis": "Time [s]",
+            "end": times[-1],
+            "time": round_values(times),
+            "metres": round_values(map(float, nearest)),
+        },
+        columns=("Time [s]", "Distance [m]"),
+        rows=tuple(
+            (format_number(at), format_number(float(apart), 4))
+            for at, apart in zip(times, nearest, strict=True)
+        ),
+    )
+
+
+def nearest_moment(scene: Scene) -> float:
+    """When the ego was nearest to any other vehicle [s]."""
+    return float(measure_clearances(scene).min(axis=1).argmin()) * scene.dt_s
+
+
+def scene_chart(
+    scene: Scene, mission: Mission | None, outcome: Outcome, name: str = "scene"
+) -> Chart:
+    """The course of the episode, from above, with the moment at which it ended."""
+    nearest = nearest_actor(scene)
+    apart = measure_clearances(scene).min(axis=1)
+    return Chart(
+        id=name,
+        kind="player",
+        title="Scene from above",
+        caption="Width and length are to the same scale; the view follows the ego.",
+        data={
+            "dt": scene.dt_s,
+            "vehicles": [rounded_rows(vehicles) for vehicles in scene.vehicles],
+            "sizes": rounded_rows(scene.sizes),
+            "perceived": rounded_rows(scene.perceived),
+            "nearest": nearest,
+            "apart": round_values(map(float, apart)),
+            "collides": outcome is Outcome.COLLISION,
+            "lanes": mission.lanes if mission else 0,
+            "lane": mission.lane_width_m if mission else CONVENTIONAL_LANE_M,
+        },
+        columns=(
+            "Time [s]",
+            "Ego x [m]",
+            "Ego y [m]",
+            "Ego speed [m/s]",
+            "Actor x [m]",
+            "Actor y [m]",
+            "Seen at x [m]",
+            "Seen at y [m]",
+            "Acceleration [m/s²]",
+            "Distance [m]",
+        ),
+        rows=tuple(
+            scene_row(scene, step, nearest[step], apart) for step in range(len(scene.vehicles))
+        ),
+        note="The scene, step by step.",
+    )
+
+
+def nearest_actor(scene: Scene) -> list[int]:
+    """At each moment, the vehicle whose centre is nearest to the ego's."""
+    places = scene.vehicles[:, :, :2].astype(np.float64)
+    apart = np.hypot(*np.moveaxis(places[:, 1:] - places[:, :1], -1, 0))
+    return [1 + int(nearest) for nearest in apart.argmin(axis=1)]
+
+
+def scene_row(scene: Scene, step: int, actor: int, apart: Floats) -> tuple[str, ...]:
+    """One moment as text; in the last one nothing is perceived or done any more."""
+    ego, other = scene.vehicles[step, 0], scene.vehicles[step, actor]
+    is_over = step >= min(len(scene.perceived), len(scene.controls))
+    asked = () if is_over else (*scene.perceived[step], scene.controls[step, 0])
+    numbers = (step * scene.dt_s, ego[0], ego[1], ego[3], *other[:2])
+    return (
+        *(format_number(float(value), 4) for value in numbers),
+        *(format_number(float(value), 4) for value in asked or (nan,) * 3),
+        format_number(float(apart[step]), 4),
+    )
+
+
+class ClipView(msgspec.Struct, frozen=True, kw_only=True):
+    """An episode that can be played; `scene` is None where none was kept."""
+
+    campaign: int
+    campaign_name: str
+    index: int
+    badge: Badge
+    scene: Chart | None
+
+
+def clip_view(campaign: Campaign, result: EpisodeResult, mission: Mission | None) -> ClipView:
+    """The player of an episode."""
+    name = f"clip-{campaign.id}-{result.index}-scene"
+    return ClipView(
+        campaign=campaign.id,
+        campaign_name=campaign.spec.name,
+        index=result.index,
+        badge=OUTCOME_BADGES[result.outcome],
+        scene=scene_chart(result.scene, mission, result.outcome, name) if result.scene else None,
+    )
+
+
+WORDS = ("mode", "rule", "candidate", "override", "heeds")
+FIGURES = ("gap_m", "closing_mps")
+
+
+class AccountView(msgspec.Struct, frozen=True, kw_only=True):
+    """The part of the episode's page that comes later.
+
+    Attributes:
+        problem: why there is no account; the rest is empty then.
+        is_same: whether the replay was the stored episode, bit for bit.
+        steps: for the player; None where the account is of another course than the one shown.
+        scene: of the replay, where the stored episode kept none.
+        clearance: the strip of that scene.
+    """
+
+    campaign: int
+    campaign_name: str
+    index: int
+    problem: str = ""
+    is_same: bool = True
+    verdict: str = ""
+    note: str = ""
+    story: tuple[str, ...] = ()
+    jumps: tuple[Jump, ...] = ()
+    steps: dict[str, object] | None = None
+    scene: Chart | None = None
+    clearance: Chart | None = None
+
+
+def account_view(
+    campaign: int, name: str, index: int, told: Explanation, mission: Mission | None
+) -> AccountView:
+    """The account of an episode."""
+    same = told.replayed.same
+    return AccountView(
+        campaign=campaign,
+        campaign_name=name,
+        index=index,
+        is_same=same,
+        verdict=told.verdict,
+        note=told.note,
+        story=tuple(map(put_minus_signs, told.story)),
+        jumps=tuple(map(jump, find_moments(told.steps))) if same else (),
+        steps=for_player(told.steps) if same else None,
+        scene=scene_chart(told.scene, mission, told.replayed.outcome) if told.scene else None,
+        clearance=clearance_chart(told.scene) if told.scene else None,
+    )
+
+
+def no_account(campaign: int, name: str, index: int, error: EigenfailError) -> AccountView:
+    """Why there is none."""
+    problem = f"{error.problem} {error.remedy}".strip()
+    return AccountView(campaign=campaign, campaign_name=name, index=index, problem=problem)
+
+
+def for_player(steps: Sequence[ExplainedStep]) -> dict[str, object]:
+    """Columns by name, a value for each step: words, figures, and the path as x, y, x, y …"""
+    words = {name: [str(step.account.get(name, "")) for step in steps] for name in WORDS}
+    figures = {name: round_values(figure(step, name) for step in steps) for name in FIGURES}
+    truth = {
+        "true_gap_m": round_values(step.gap_m for step in steps),
+        "true_closing_mps": round_values(step.closing_mps for step in steps),
+    }
+    paths = [round_values(value for point in step.path for value in point) for step in steps]
+    return {**words, **figures, **truth, "path": paths}
+
+
+def figure(step: ExplainedStep, name: str) -> float | None:
+    """A figure of the account; None where it has none of that name."""
+    value = step.account.get(name)
+    return value if isinstance(value, float) else None

@@ -1,1 +1,0 @@
-"""Pure functions from stored values to what a page shows: text, numbers, charts."""

@@ -1,0 +1,230 @@
+"""Checks of the code's structure.
+
+    make lint
+
+A module is a concept that is read as a whole, a name stands for one thing, and imports have one
+direction. Breaches are printed with their places, and the exit code is then 1. pyproject.toml says
+under [tool.structure] how many modules each package may have, and how many breaches of each rule
+are tolerated; a commit that needs more must raise the number, where a reviewer sees it.
+"""
+
+import ast
+import re
+import sys
+import tomllib
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from typing import Any
+
+from vulture import Vulture
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("sdk", "api", "services", "workers")
+USERS = ("examples", "benchmarks", "deploy", "migrations")
+"""Scripts whose uses count. Tests are not among them: code that only tests use is unused."""
+
+PARTICIPLES = frozenset(
+    {
+        *(
+            "told",
+            "found",
+            "given",
+            "wanted",
+            "shown",
+            "drawn",
+            "written",
+            "heard",
+            "known",
+            "chosen",
+        ),
+        *("proven", "taken", "held", "kept", "left", "lost", "made", "met", "said", "seen", "sent"),
+        *(
+            "spent",
+            "thought",
+            "meant",
+            "paid",
+            "brought",
+            "begun",
+            "gone",
+            "done",
+            "built",
+            "bought",
+        ),
+        *("caught", "led", "understood"),
+    }
+)
+NO_PARTICIPLES = frozenset({"seed", "feed", "embed", "speed", "need", "shed", "bleed"})
+
+CALLED_BY_FRAMEWORKS = [
+    *("@*.get", "@*.post", "@*.put", "@*.delete", "@*.patch"),  # FastAPI
+    *("@*.command", "@*.callback"),  # typer
+    *(
+        "@*.exception_handler",
+        "@*.middleware",
+        "@*.listens_for",
+        "@compiles",
+        "@*.register",
+        "@*.hookimpl",
+    ),
+]
+PUBLIC = [
+    # Of the SDK, for users and for authors of plug-ins.
+    *("costs_by_method", "simulators", "from_metres", "cumulative"),
+    *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result"),
+    # Fields and choices that are only read from JSON, or set from it.
+    *("began_ms", "size_bytes", "left_road_s", "spec_sha256", "data_from"),
+    *("LONGITUDINAL", "LATERAL", "GAUSSIAN_MIXTURE"),
+    # Imported by name, or by position.
+    *("FastTrainer", "SacTrainer", "to_html", "env"),
+]
+NAMES_FOR_FRAMEWORKS = [
+    "model_config",  # pydantic
+    "__getattr__",  # Python, of modules
+    *("_missing_", "_repr_html_", "handleError"),  # enum, IPython, logging
+    *("collect",),  # prometheus_client
+    *("on_state_update", "observation_space", "action_space"),  # OSQP's and gymnasium's
+    *("impl", "cache_ok", "inherit_cache", "load_dialect_impl", "process_bind_param"),  # SQLAlchemy
+    *("isolation_level", "background", "disconnected", "send_400_response"),  # sqlite3, uvicorn
+    *(
+        "upgrade",
+        "downgrade",
+        "revision",
+        "down_revision",
+        "branch_labels",
+        "depends_on",
+    ),  # Alembic
+]
+
+
+def main() -> int:
+    """Print the breaches of each rule that has more than are tolerated; 1 if there are any."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    structure = settings["tool"]["structure"]
+    trees = {path: ast.parse(path.read_text("utf-8")) for path in _list_modules()}
+    breaches = {
+        "modules": [*check_budgets(trees, structure["modules"])],
+        "circles": [*check_circles(trees)],
+        "repeated_class_names": [*check_class_names(trees)],
+        "participles": [*check_function_names(trees)],
+        "unused": [*check_unused_code(settings["project"])],
+    }
+    failed = False
+    for rule, found in breaches.items():
+        tolerated = structure["tolerated"].get(rule, 0)
+        if len(found) > tolerated:
+            failed = True
+            print(*found, f"{rule}: {len(found)}, of {tolerated} that are tolerated.", sep="\n")
+    return 1 if failed else 0
+
+
+def _list_modules() -> list[Path]:
+    return sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+
+
+def _name_module(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts[1:]
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _name_place(path: Path, node: ast.AST) -> str:
+    return f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}"
+
+
+Trees = Mapping[Path, ast.Module]
+
+
+def check_budgets(trees: Trees, budgets: Mapping[str, int]) -> Iterator[str]:
+    """Compare the number of modules of each package with its budget."""
+    for package in PACKAGES:
+        count = sum(path.relative_to(ROOT).parts[0] == package for path in trees)
+        if count > budgets[package]:
+            yield (
+                f"{package}: {count} modules, of a budget of {budgets[package]}. Extend the module "
+                "that holds the concept, or raise the budget in pyproject.toml, [tool.structure]."
+            )
+
+
+def check_circles(trees: Trees) -> Iterator[str]:
+    """Find a circle of imports, those within functions included."""
+    modules = {_name_module(path): tree for path, tree in trees.items()}
+    graph = {name: _find_imports(tree) & modules.keys() - {name} for name, tree in modules.items()}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        yield f"Circle of imports: {' <- '.join(error.args[1])}."
+
+
+def _find_imports(tree: ast.Module) -> set[str]:
+    found = set()
+    for node in _walk_run_time(tree):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return found
+
+
+def _walk_run_time(node: ast.AST) -> Iterator[ast.AST]:
+    """Walk all nodes but those that only a type checker reads."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
+            continue
+        yield child
+        yield from _walk_run_time(child)
+
+
+def check_class_names(trees: Trees) -> Iterator[str]:
+    """Find names of public classes that are defined more than once."""
+    places = defaultdict(list)
+    for path, tree in trees.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].append(_name_place(path, node))
+    for name, where in sorted(places.items()):
+        if len(where) > 1:
+            yield f"Class {name} is defined {len(where)} times: {', '.join(where)}."
+
+
+def check_function_names(trees: Trees) -> Iterator[str]:
+    """Find functions of modules that are named by a participle."""
+    for path, tree in trees.items():
+        for node in tree.body:
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _is_participle(
+                node.name
+            ):
+                yield f"{_name_place(path, node)}: {node.name}: name a function by verb and object."
+
+
+def _is_participle(name: str) -> bool:
+    is_regular = re.fullmatch(r"[a-z]+ed", name) is not None
+    return name in PARTICIPLES or (is_regular and name not in NO_PARTICIPLES)
+
+
+def check_unused_code(project: Mapping[str, Any]) -> Iterator[str]:
+    """Find code that neither the product, its templates and entry points nor its scripts use."""
+    vulture = Vulture(
+        ignore_names=[*PUBLIC, *NAMES_FOR_FRAMEWORKS, *_find_plugin_classes(project)],
+        ignore_decorators=CALLED_BY_FRAMEWORKS,
+    )
+    vulture.scavenge([str(ROOT / folder) for folder in (*PACKAGES, *USERS)])
+    in_templates = _find_template_words()
+    for item in vulture.get_unused_code():
+        path = Path(item.filename)
+        if item.name not in in_templates and path.relative_to(ROOT).parts[0] in PACKAGES:
+            yield f"{path.relative_to(ROOT)}:{item.first_lineno}: {item.message}."
+
+
+def _find_plugin_classes(project: Mapping[str, Any]) -> set[str]:
+    groups = project["entry-points"].values()
+    return {reference.rpartition(":")[2] for group in groups for reference in group.values()}
+
+
+def _find_template_words() -> set[str]:
+    templates = (ROOT / "api").rglob("*.html")
+    return {word for path in templates for word in re.findall(r"\w+", path.read_text("utf-8"))}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,185 @@
+"""The service of a command: one at an address, one that runs, or one that the command starts."""
+
+import os
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import httpx2
+import typer
+from msgspec.structs import replace
+
+from eigenfail import functions
+from eigenfail.cli.progress import skip_check
+from eigenfail.cli.specs import check_plugins
+from eigenfail.client import Client
+from eigenfail.client.waiting import checking
+from eigenfail.errors import InvalidValue, ServiceUnreachable
+from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
+from eigenfail.hosting.processes import interruptible
+from eigenfail.hosting.service import Plan, local_service
+from eigenfail.suites import Suite, list_references, replace_references
+from eigenfail.values import CampaignSpec
+from eigenfail.wire.http import Problem, make_error
+
+
+@dataclass(frozen=True)
+class Environment:
+    """How the command line reaches a service."""
+
+    connect: Callable[[str], Client] = Client
+
+
+def connect_to(context: typer.Context, url: str) -> Client:
+    """A client of the service at an address.
+
+    Raises:
+        InvalidValue: it is not an address.
+    """
+    url = find_address(context, url)
+    surroundings = context.find_object(Environment) or Environment()
+    try:
+        return surroundings.connect(url)
+    except (httpx2.InvalidURL, ValueError) as error:
+        raise InvalidValue("url", f"'{url}' is not an address: {error}.") from error
+
+
+def find_address(context: typer.Context, url: str) -> str:
+    """The address that was asked for, or else that of the service that runs on the data folder.
+
+    So `eigenfail up --port 0` is found by commands that are called from the same place.
+    """
+    if url not in {"", DEFAULT_URL} or not _is_default(context, "url"):
+        return url
+    running = DataFolder(context.params.get("data") or _find_data_folder()).address()
+    return running.url if running else DEFAULT_URL
+
+
+def _is_default(context: typer.Context, option: str) -> bool:
+    """Whether nobody gave an option, neither as a word nor in the environment."""
+    source = context.get_parameter_source(option)
+    return source is None or source.name == "DEFAULT"
+
+
+def _find_data_folder() -> Path:
+    """The data folder of commands that are not told of one."""
+    return Path(os.environ.get("EIGENFAIL_DATA") or DEFAULT_DATA)
+
+
+def this_command() -> str:
+    """The command that was given, to be given again."""
+    return shlex.join(["eigenfail", *sys.argv[1:]])
+
+
+MaybeUrl = Annotated[
+    str | None,
+    typer.Option("--url", envvar="EIGENFAIL_URL", help="A service that runs already."),
+]
+
+
+class Place(NamedTuple):
+    """A service to run on; `check` raises if it is in trouble, `again` starts it another time."""
+
+    url: str
+    check: Callable[[], None] = skip_check
+    again: str = ""
+
+
+@contextmanager
+def connect_for_campaign(
+    context: typer.Context, spec: CampaignSpec, url: str | None, plan: Plan
+) -> Iterator[tuple[Client, Place]]:
+    """A client of `open_place`; Ctrl-C reaches the block as KeyboardInterrupt.
+
+    Raises:
+        ServiceUnreachable: nothing answers at the address that was asked for.
+    """
+    with (
+        interruptible(),
+        open_place(context, spec, url, plan) as place,
+        connect_to(context, place.url) as client,
+    ):
+        yield client, place
+
+
+@contextmanager
+def connect_for_suite(
+    context: typer.Context, suite: Suite, url: str | None, plan: Plan
+) -> Iterator[tuple[Client, Place]]:
+    """The same for a suite, of which no member is created unless all can be.
+
+    Raises:
+        ServiceUnreachable: nothing answers at the address that was asked for.
+        UnknownName: a plug-in, setting or parameter that is not there.
+        InvalidValue: a setting outside its bounds.
+    """
+    specs = [replace_references(member.spec) for member in suite.members]
+    functions.allow_of(specs)
+    with connect_for_campaign(context, specs[0], url, plan) as (client, place):
+        if place.again:
+            for spec in specs:
+                check_plugins(spec)
+        else:
+            _refuse_early(client, suite)
+        yield client, place
+
+
+def _refuse_early(client: Client, suite: Suite) -> None:
+    """Raise what a service would refuse a member for; those that build upon others come later."""
+    for member, campaign in zip(suite.members, client.suites.find(suite), strict=True):
+        if campaign is None and not list_references(member.spec):
+            for problem in client.campaigns.check(member.spec).problems:
+                raise make_error(_name_member(f"member '{member.name}': ", problem))
+
+
+def _name_member(where: str, problem: Problem) -> Problem:
+    """The problem, told of a part of the whole."""
+    return replace(problem, field=where + problem.field, detail=where + problem.detail)
+
+
+@contextmanager
+def open_place(
+    context: typer.Context, spec: CampaignSpec, url: str | None, plan: Plan
+) -> Iterator[Place]:
+    """A service that runs, or one that is started for as long as the block lasts.
+
+    Raises:
+        ServiceUnreachable: nothing answers at the address that was asked for.
+    """
+    for address in (url,) if url else _list_addresses(context, plan):
+        if _is_healthy(context, address):
+            yield Place(address)
+            return
+    if url:
+        raise ServiceUnreachable(
+            f"No eigenfail service answers at {url}.",
+            "Start one with 'eigenfail up', or leave --url out and one is started for this run.",
+        )
+    functions.allow_of([spec])
+    check_plugins(spec)
+    with local_service(plan) as service, checking(service.check):
+        try:
+            again = f"eigenfail up --data {plan.data}{functions.up_option()}"
+            yield Place(service.address.url, service.check, again)
+        except ServiceUnreachable:
+            # Which of its processes ended, and why, says more than that nobody answers.
+            service.check()
+            raise
+
+
+def _list_addresses(context: typer.Context, plan: Plan) -> Iterator[str]:
+    """Where a service may run: on the folder; elsewhere only if no folder was asked for."""
+    if running := DataFolder(plan.data).address():
+        yield running.url
+    if _is_default(context, "data"):
+        yield DEFAULT_URL
+
+
+def _is_healthy(context: typer.Context, url: str) -> bool:
+    """Whether a service answers there."""
+    with connect_to(context, url) as client:
+        return client.health()

@@ -1,0 +1,163 @@
+"""Versions of a suite, and the baseline campaigns that a gate compares with."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from msgspec.structs import asdict, replace
+
+from eigenfail.errors import Conflict, InvalidValue
+from eigenfail.suites import Suite, SuiteMember, resolve_references
+from eigenfail.values import Campaign, CampaignSpec, CampaignState
+from eigenfail.values.campaign import SPEC_FIELDS
+
+MAY_DIFFER = frozenset(
+    {
+        *("planner", "planner_settings"),
+        *(name for name, field in SPEC_FIELDS.items() if not field.changes_episodes),
+    }
+)
+"""Fields in which a baseline may differ: the planner itself, and what changes no episode."""
+
+
+NOBODY = 0
+"""No campaign has this number."""
+
+
+HOLD_DEFAULTS = frozenset({"settings", "scenario_parameters"})
+"""Fields that plug-ins complete, apart from those that may differ anyway."""
+
+
+Resolve = Callable[[CampaignSpec], CampaignSpec]
+"""Returns a spec with the defaults of its plug-ins written out; only a service knows them."""
+
+
+def _keep_spec(spec: CampaignSpec) -> CampaignSpec:
+    """Return the spec unchanged."""
+    return spec
+
+
+def name_run(suite: str, version: str) -> str:
+    """What a suite is called where it is run for one version of its planners."""
+    return f"{suite} @ {version}"
+
+
+def select_version(suite: Suite, version: str) -> Suite:
+    """The same campaigns under the version's name, so that no other version's are found."""
+    return rename_suite(suite, name_run(suite.name, version))
+
+
+def rename_suite(suite: Suite, name: str) -> Suite:
+    """The suite under another name."""
+    members = (
+        SuiteMember(each.name, replace(each.spec, name=f"{name}: {each.name}"))
+        for each in suite.members
+    )
+    return Suite(name, tuple(members))
+
+
+def find_run(campaign: Campaign, member: SuiteMember) -> str:
+    """The name of the run that a campaign of a member belongs to."""
+    return campaign.spec.name.removesuffix(f": {member.name}")
+
+
+def list_differences(
+    a: CampaignSpec, b: CampaignSpec, resolve: Resolve = _keep_spec
+) -> tuple[str, ...]:
+    """In which fields two campaigns ask something else of their planners.
+
+    Specs that differ as they are given are compared again with their defaults written out.
+    """
+    found = list_differing_fields(a, b)
+    return found and list_differing_fields(resolve(a), resolve(b))
+
+
+def is_same_question(a: CampaignSpec, b: CampaignSpec, resolve: Resolve) -> bool:
+    """Whether two campaigns ask the same; only fields that hold defaults are worth resolving."""
+    return HOLD_DEFAULTS.issuperset(list_differing_fields(a, b)) and not list_differences(
+        a, b, resolve
+    )
+
+
+def list_differing_fields(a: CampaignSpec, b: CampaignSpec) -> tuple[str, ...]:
+    """Return the fields that have other values, apart from those that may differ."""
+    left, right = asdict(a), asdict(b)
+    return tuple(name for name in left if name not in MAY_DIFFER and left[name] != right[name])
+
+
+def check_baseline(
+    suite: Suite, found: Mapping[str, Campaign], baseline: str, resolve: Resolve = _keep_spec
+) -> None:
+    """Make sure that a baseline can be judged against.
+
+    Args:
+        suite: what is to be gated.
+        found: the baseline's campaigns by the name of the member.
+        baseline: as the user named it, for errors.
+        resolve: writes out the defaults of a spec.
+
+    Raises:
+        InvalidValue: no member is in it, or one asks something else of its planner.
+        Conflict: one of its campaigns is not done, or completed no episode.
+    """
+    if not found:
+        members = ", ".join(member.name for member in suite.members[:5])
+        problem = f"'{baseline}' holds none of the members of {suite.name} ({members})."
+        raise InvalidValue("baseline", problem, WAYS_TO_NAME)
+    for member in suite.members:
+        if before := found.get(member.name):
+            check_same_question(member, before, found, resolve)
+            check_done(before)
+
+
+def check_same_question(
+    member: SuiteMember,
+    before: Campaign,
+    found: Mapping[str, Campaign],
+    resolve: Resolve = _keep_spec,
+) -> None:
+    """Raises InvalidValue if something else than the planner differs.
+
+    A member that builds upon another asks the same if its baseline builds upon the other's.
+    """
+    ids = {name: campaign.id for name, campaign in found.items()}
+    asked = resolve_references(member.spec, lambda name: ids.get(name, NOBODY))
+    if differing := list_differences(asked, before.spec, resolve):
+        raise InvalidValue(
+            f"member '{member.name}'",
+            f"{', '.join(differing)} of campaign {before.id}, its baseline, differ.",
+            "Only the planner and its settings may: run the baseline with this suite again.",
+        )
+
+
+def check_done(before: Campaign) -> None:
+    """Raises Conflict if a baseline's campaign says nothing yet, or nothing at all."""
+    if before.state is not CampaignState.DONE:
+        problem = f"Campaign {before.id} of the baseline is {before.state}."
+        raise Conflict(problem, f"Let it end: eigenfail campaign show {before.id}")
+    if not before.counts.completed:
+        problem = f"Campaign {before.id} of the baseline completed no episode."
+        raise Conflict(problem, f"See why: eigenfail episode list {before.id} --outcome errored")
+
+
+def find_counterpart(
+    member: SuiteMember, campaigns: Sequence[Campaign], resolve: Resolve = _keep_spec
+) -> Campaign | None:
+    """Which of some campaigns is the member's: that of its name, or else of its question.
+
+    Raises:
+        InvalidValue: more than one could be.
+    """
+    named = [each for each in campaigns if each.spec.name.endswith(f": {member.name}")]
+    alike = named or [
+        each for each in campaigns if is_same_question(member.spec, each.spec, resolve)
+    ]
+    if len(alike) > 1:
+        ids = ", ".join(str(each.id) for each in alike)
+        problem = f"campaigns {ids} could all be that of member '{member.name}'."
+        raise InvalidValue("baseline", problem, "Name one of them.")
+    return alike[0] if alike else None
+
+
+WAYS_TO_NAME = (
+    "Name a version that was gated, a suite or its file that was run, or campaigns, such as 1,2,3;"
+    " `eigenfail campaign list` shows what there is. Without --baseline one is made."
+)

@@ -1,0 +1,90 @@
+"""What a method can do, read once from the class that its entry point names."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from eigenfail import plugins
+from eigenfail.contracts import MethodTraits, Paced
+from eigenfail.errors import EigenfailError
+from eigenfail.settings import read_settings
+from eigenfail.values import RoundSizes
+
+ROUND_SIZE = "round_size"
+"""A setting that methods without `round_sizes` are taken to keep to."""
+
+UNDECLARED = MethodTraits()
+
+
+class MethodDescription(msgspec.Struct, frozen=True):
+    """A method as its class describes it.
+
+    Attributes:
+        name: of its entry point.
+        plugin: makes learners.
+        traits: what it declares of itself.
+        estimates: whether its learners estimate the failure probability.
+        weighs: whether its learners know the density of what they propose.
+        exploits: whether what its learners know can be used without learning on.
+        lookahead: rounds that are open besides the oldest one.
+    """
+
+    name: str
+    plugin: Any
+    traits: MethodTraits
+    estimates: bool
+    weighs: bool
+    exploits: bool
+    lookahead: int
+
+    @property
+    def settings_type(self) -> type[msgspec.Struct]:
+        """The type of its settings."""
+        kind: type[msgspec.Struct] = self.plugin.Settings
+        return kind
+
+    def read_settings(self, given: Mapping[str, Any], field: str) -> Any:
+        """Return the settings of the method from what a user gave.
+
+        Raises:
+            UnknownName: a setting that the method does not have.
+            InvalidValue: a value of the wrong type or outside its bounds.
+        """
+        return read_settings(self.settings_type, dict(given), field)
+
+    def find_round_sizes(self, settings: Any, episodes: int) -> RoundSizes | None:
+        """Return how large its rounds are; None if neither the method nor a setting says."""
+        if isinstance(self.plugin, Paced):
+            return self.plugin.round_sizes(settings, episodes)
+        size = getattr(settings, ROUND_SIZE, None)
+        return None if size is None else RoundSizes(size, size, ROUND_SIZE)
+
+
+def describe_method(name: str) -> MethodDescription:
+    """Return what is known of a method.
+
+    Raises:
+        UnknownName: no method of that name; the known ones are listed.
+        InvalidValue: the method is there, but cannot be loaded.
+    """
+    plugin = plugins.load(plugins.METHODS, name)
+    declared = getattr(plugin, "traits", None)
+    return MethodDescription(
+        name=name,
+        plugin=plugin,
+        traits=declared if isinstance(declared, MethodTraits) else UNDECLARED,
+        estimates=hasattr(plugin, "estimate"),
+        weighs=hasattr(plugin, "weigh"),
+        # Of the learners that a plain function makes nothing is known before there is one.
+        exploits=not isinstance(plugin, type) or hasattr(plugin, "exploit"),
+        lookahead=getattr(plugin, "lookahead", 1),
+    )
+
+
+def traits_of(name: str) -> MethodTraits:
+    """Return what a method declares of itself; the defaults where it is not installed here."""
+    try:
+        return describe_method(name).traits
+    except EigenfailError:
+        return UNDECLARED

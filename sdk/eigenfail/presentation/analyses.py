@@ -1,0 +1,266 @@
+"""Tables of analyses: failure modes, what they are worth, and their proof by replay."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from eigenfail.presentation.figures import (
+    format_count,
+    format_interval,
+    format_number,
+    format_share,
+    format_signed,
+)
+from eigenfail.presentation.tables import (
+    Block,
+    Cell,
+    FactTable,
+    FormattedCell,
+    Table,
+    TableColumn,
+    count_columns,
+    format_line,
+    name_columns,
+)
+from eigenfail.values import (
+    AXES,
+    Analysis,
+    AnalysisResult,
+    FailureMode,
+    Floats,
+    InfluenceShare,
+    Moment,
+    Proof,
+    ReplayedNoise,
+    ReplayKind,
+    Reproduction,
+)
+
+LEAST_EXPLAINED = 0.5
+"""Share of the variance below which eigenfailures are far from the failures they stand for."""
+
+TOO_FEW = "Eigenfailures of so few components may not fail again: use more with --components."
+
+
+def tabulate_modes(campaign: int, result: AnalysisResult) -> Table:
+    """Return the failure modes of a campaign, counted from 1; disturbances in sigma."""
+    has_probability = any(mode.probability for mode in result.modes)
+    columns = (
+        *count_columns("Mode", "Failures"),
+        TableColumn("Share", "share"),
+        *(TableColumn(f"Mean {axis}", "sigma") for axis in AXES),
+        *name_columns(*(f"Peak {axis}" for axis in AXES), "Medoid"),
+        *([TableColumn("Probability")] if has_probability else []),
+    )
+    rows = tuple(
+        (
+            *(str(place), mode.failures, mode.failures / len(result.episodes)),
+            *_list_disturbances(mode),
+            f"{mode.medoid_campaign or campaign}/{mode.medoid}",
+            *([mode.probability] if has_probability else []),
+        )
+        for place, mode in enumerate(result.modes, start=1)
+    )
+    return Table("Failure modes", columns, rows)
+
+
+def _list_disturbances(mode: FailureMode) -> Iterator[Cell]:
+    axes = mode.eigenfailure.T
+    yield from (FormattedCell(format_signed(float(noise.mean()))) for noise in axes)
+    yield from map(format_peak, axes)
+
+
+def format_peak(noise: Floats) -> str:
+    """Return the largest disturbance along one axis, and its step."""
+    step = int(np.argmax(np.abs(noise)))
+    return f"{format_signed(float(noise[step]))} at step {step}"
+
+
+def describe_analysis(analysis: Analysis) -> tuple[Block, ...]:
+    """Return the modes of an analysis, or why it has none."""
+    words = f"of campaign {analysis.campaign}: {analysis.state}"
+    heading = FactTable("Analysis", ((f"analysis {analysis.id}", words),))
+    if analysis.result is None:
+        return (heading, analysis.problem)
+    modes = describe_modes(analysis.campaign, analysis.result)
+    return (heading, *modes, *analysis.result.words)
+
+
+def describe_modes(campaign: int, result: AnalysisResult) -> tuple[Block, ...]:
+    """Return the failure modes, the variance explained, and whether the modes are distinct."""
+    verdict = result.diversity.verdict if result.diversity else result.verdict
+    return (tabulate_modes(campaign, result), describe_components(result), verdict)
+
+
+def describe_components(result: AnalysisResult) -> str:
+    """Return the share of the variance that the components explain."""
+    share, count = float(np.sum(result.explained)), len(result.explained)
+    words = f"{count} components explain {format_share(share)} of their variance."
+    words = f"{format_count(len(result.episodes))} failures; {words}"
+    return words if share >= LEAST_EXPLAINED else f"{words} {TOO_FEW}"
+
+
+def describe_findings(result: AnalysisResult) -> Iterator[str]:
+    """Return diversity, stability and times of greatest influence, in sentences."""
+    yield from describe_diversity(result)
+    yield from result.notes
+    yield from _describe_stability(result)
+    for axis in AXES:
+        moments = [each for each in result.moments if each.axis == axis]
+        if moments:
+            times = ", ".join(map(format_moment, moments))
+            yield f"{axis.capitalize()} noise matters most {times}."
+    yield from map(describe_influence, result.before_collision)
+    for place, mode in enumerate(result.modes, start=1):
+        if mode.probability and mode.probability.problem:
+            yield f"Mode {place} has no probability: {mode.probability.problem}"
+    bounds = (mode.probability for mode in result.modes if mode.probability)
+    for reason in dict.fromkeys(each.note for each in bounds if each.bound):
+        yield f"Probabilities with ≥ are lower bounds: {reason}"
+    if result.digest:
+        yield f"Digest of every number (SHA-256): {result.digest}"
+
+
+def describe_diversity(result: AnalysisResult) -> Iterator[str]:
+    """Return how the failures spread over modes, and whether these have collapsed."""
+    found = result.diversity
+    if found is None:
+        return
+    yield (
+        f"The {format_count(found.failures)} failures differ by {format_number(found.spread)} "
+        "sigma; noise of p(x) does by 1."
+    )
+    if found.modes > 1:
+        seen = ", ".join(map(str, found.coverage))
+        yield f"Modes seen after each tenth of the campaign: {seen}."
+    if found.warning:
+        yield f"Warning: {found.warning}"
+
+
+def _describe_stability(result: AnalysisResult) -> Iterator[str]:
+    found = result.stability
+    if found is not None:
+        index = f"{format_number(found.median)} {format_interval(found.interval)}"
+        yield (
+            f"Drawn again {found.resamples} times, the modes have an adjusted Rand index of "
+            f"{index}; 1 is the same modes, 0 is chance."
+        )
+    if result.outliers:
+        yield f"{format_share(result.outliers)} of the failures were near no mode."
+
+
+def format_moment(found: Moment) -> str:
+    """Return a moment, in seconds if steps have a duration."""
+    if found.before_collision_s is None:
+        return f"at step {found.step}"
+    return f"{format_number(found.before_collision_s)} s before the collision"
+
+
+def describe_influence(found: InfluenceShare) -> str:
+    """Return the share of the influence that lies in the last seconds before the collision."""
+    if found.both is None:
+        return f"No step of the last {found.seconds:g} s or before has any influence."
+    parts = {"longitudinal": found.longitudinal, "lateral": found.lateral}
+    apart = ", ".join(f"{axis} {format_share(share)}" for axis, share in parts.items() if share)
+    return (
+        f"The last {found.seconds:g} s before the collision, {format_share(found.time)} of the "
+        f"time, hold {format_share(found.both)} of the influence ({apart})."
+    )
+
+
+def tabulate_moments(result: AnalysisResult) -> Table:
+    """Return the moments of greatest influence."""
+    rows = tuple(
+        (each.axis.capitalize(), format_moment(each), each.influence) for each in result.moments
+    )
+    columns = (*name_columns("Axis", "When"), TableColumn("Influence"))
+    note = "Influence: components weighted by explained variance."
+    return Table("Moments of greatest influence", columns, rows, (note,))
+
+
+def tabulate_influence(result: AnalysisResult) -> Table:
+    """Return the share of the influence that lies in the last seconds before the collision."""
+    titles = ("Of the time", "Longitudinal", "Lateral", "Both")
+    columns = (*name_columns("Time"), *(TableColumn(title, "share") for title in titles))
+    rows = tuple(
+        (f"Last {each.seconds:g} s", each.time, each.longitudinal, each.lateral, each.both)
+        for each in result.before_collision
+    )
+    note = "The shares would equal that of the time if no moment mattered more than another."
+    return Table("Influence before the collision", columns, rows, (note,))
+
+
+def tabulate_sources(result: AnalysisResult) -> Table:
+    """Return the campaigns that were analysed, as they stood then."""
+    columns = (*name_columns("Campaign"), *count_columns("Failures", "Episodes"))
+    rows = tuple(
+        (
+            *(str(source.campaign), source.failures, source.episodes),
+            "running: a snapshot" if source.running else "ended",
+        )
+        for source in result.sources
+    )
+    return Table("Analysed campaigns", (*columns, *name_columns("State then")), rows)
+
+
+def describe_proof(proof: Proof) -> tuple[Block, ...]:
+    """Return the replays of a proof, and how many of them failed again."""
+    return (tabulate_replays(proof), *count_reproductions(proof))
+
+
+def tabulate_replays(proof: Proof) -> Table:
+    """Return the replays, one a row; log p beside what noise of p(x) has on the same steps."""
+    columns = (
+        *name_columns("Scenario", "Mode", "Replayed", "Outcome"),
+        TableColumn("Robustness", "m"),
+        TableColumn("log p", "nats", digits=5),
+        TableColumn("log p/step", "nats"),
+        TableColumn("of p(x)", "nats", digits=5),
+        TableColumn("Episode"),
+    )
+    rows = tuple(
+        (scenario.words, str(replay.mode + 1), replay.what, *_list_replay(replay))
+        for scenario in proof.scenarios
+        for replay in scenario.replays
+    )
+    return Table("Replays", columns, rows)
+
+
+def _list_replay(replay: ReplayedNoise) -> tuple[Cell, ...]:
+    return (
+        replay.outcome.word if replay.outcome else None,
+        replay.robustness_m,
+        *(replay.log_probability, replay.log_probability_per_step),
+        replay.expected_log_probability,
+        f"{replay.campaign}/{replay.index}",
+    )
+
+
+def count_reproductions(proof: Proof) -> Iterator[str]:
+    """Return how many replays failed again, of those tried, in sentences."""
+    yield f"{_count_kind(proof.reproduced, ReplayKind.EIGENFAILURE)} in the same scenario."
+    if len(proof.scenarios) > 1:
+        count = f"in {len(proof.scenarios)} scenarios"
+        yield f"{_count_kind(proof.eigenfailures, ReplayKind.EIGENFAILURE)} {count}."
+        yield f"{_count_kind(proof.medoids, ReplayKind.MEDOID)} {count}."
+    for mode in proof.modes:
+        parts = (format_reproduction(mode.eigenfailure), format_reproduction(mode.medoid))
+        yield f"Mode {mode.mode + 1}: eigenfailure {parts[0]}; medoid {parts[1]}."
+
+
+def _count_kind(found: Reproduction, kind: ReplayKind) -> str:
+    if found.rate is None:
+        return f"No replay of {kind}s was completed"
+    rate = format_line(found.rate)
+    words = f"{found.rate.k} of {found.rate.n} {kind}s reproduced a failure: {rate}"
+    nearest = f"nearest {format_number(found.smallest_robustness_m)} m,"
+    return words if found.rate.k else f"{words}, {nearest}"
+
+
+def format_reproduction(found: Reproduction) -> str:
+    """Return the count of replays that failed again, and how near the others came."""
+    if found.rate is None:
+        return "not replayed"
+    words = f"{found.rate.k} of {found.rate.n}"
+    nearest = format_number(found.smallest_robustness_m)
+    return words if found.rate.k else f"{words} (nearest {nearest} m)"

@@ -1,0 +1,518 @@
+"""Tables of campaigns: what was asked for, what was found, how severe it was and what it cost."""
+
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    count_noun,
+    format_count,
+    format_duration,
+    format_local_time,
+    format_number,
+    format_quantity,
+    format_share,
+)
+from eigenfail.presentation.tables import (
+    Block,
+    Cell,
+    FactTable,
+    FormattedCell,
+    Table,
+    TableColumn,
+    count_columns,
+    format_cell,
+    format_line,
+    list_notes,
+    name_columns,
+)
+from eigenfail.values import (
+    Campaign,
+    CampaignCost,
+    CampaignSpec,
+    Comparison,
+    Conflicts,
+    CostPoint,
+    Course,
+    Estimate,
+    Figure,
+    Rate,
+    Region,
+    Safety,
+    Side,
+    Summary,
+    Violations,
+)
+from eigenfail.values.variation import in_words
+from eigenfail.values.worker import WorkerShare
+from eigenfail.versions import describe_mixed
+from eigenfail.worlds import describe_disturbance, world_of
+
+ID = TableColumn("Id")
+RATE = TableColumn("Failure rate [95 %]")
+LIKELIHOOD = TableColumn("log p/step", "nats")
+SEVERITY = TableColumn("Severity", "m²/s²")
+COST = TableColumn("USD/failure [95 %]")
+PROBABILITY = TableColumn("P(failure) [95 %]")
+"""A column that tables have where a campaign has an estimate."""
+
+RESULTS = (
+    *count_columns("Episodes", "Failures"),
+    *(RATE, LIKELIHOOD, SEVERITY, TableColumn("Episodes/s"), COST),
+)
+PARTS_OF_TIME = ("simulation_s", "learning_s", "waiting_s", "lost_s")
+STEPS_OF_COST = 10
+"""Number of rows of the table of failures by cost."""
+
+
+def list_results(summary: Summary) -> tuple[Cell, ...]:
+    """Return the cells of a campaign in the columns `RESULTS`."""
+    return (
+        summary.counts.completed,
+        summary.counts.failures,
+        summary.failure_rate,
+        summary.log_probability_per_step,
+        summary.mean_severity,
+        summary.episodes_per_s,
+        summary.cost,
+    )
+
+
+def tabulate_results(summaries: Iterable[Summary]) -> Table:
+    """Return what campaigns found and what it cost, one a row, with remarks on their rates."""
+    found = list(summaries)
+    last = PROBABILITY if any(summary.estimate for summary in found) else None
+    return Table(
+        "Results",
+        (ID, TableColumn("Method", is_figure=False), *RESULTS, *([last] if last else [])),
+        tuple(
+            (
+                *(str(each.campaign), each.method, *list_results(each)),
+                *([each.estimate] if last else []),
+            )
+            for each in found
+        ),
+        note_results(found),
+    )
+
+
+def note_results(summaries: Iterable[Summary]) -> tuple[str, ...]:
+    """Return what is to be known of the failure rates and probabilities of campaigns."""
+    found = list(summaries)
+    bounds = (each.estimate.note for each in found if each.estimate and each.estimate.bound)
+    return (
+        *(f"Campaign {each.campaign}: {each.remark}" for each in found if each.remark),
+        *(f"≥: {reason}" for reason in dict.fromkeys(bounds)),
+    )
+
+
+def tabulate_campaigns(campaigns: Iterable[Campaign]) -> Table:
+    """Return a list of campaigns."""
+    found = list(campaigns)
+    last = [PROBABILITY] if any(campaign.estimate for campaign in found) else []
+    names = name_columns("Name", "State", "Method", "Scenario", "Planner")
+    created = TableColumn("Created", is_figure=False)
+    return Table(
+        "Campaigns",
+        (ID, *names, *count_columns("Done", "Failures"), *last, created),
+        tuple(
+            (
+                *(str(each.id), each.spec.name, each.state_word, each.spec.method),
+                *(each.spec.scenario, each.spec.planner),
+                _format_progress(each),
+                *(each.counts.failures, *([each.estimate] if last else [])),
+                format_local_time(each.created_ms),
+            )
+            for each in found
+        ),
+    )
+
+
+def _format_progress(campaign: Campaign) -> str:
+    counts = campaign.counts
+    return f"{format_count(counts.completed + counts.failed)}/{format_count(counts.planned)}"
+
+
+def list_campaign_facts(campaign: Campaign) -> FactTable:
+    """Return what was asked of a campaign, and how far it is."""
+    spec, counts = campaign.spec, campaign.counts
+    rows = [
+        ("campaign", f"{campaign.id}: {spec.name}"),
+        ("state", " ".join(filter(None, (campaign.state_word, campaign.stopped_because)))),
+        ("method", f"{spec.method} {spec.settings or ''}"),
+        ("scenario", " ".join((spec.scenario, _format_parameters(spec)))),
+        ("planner", f"{spec.planner} {spec.planner_settings or ''}"),
+        ("simulator", f"{spec.simulator}, seed {spec.seed}"),
+        ("disturbance", "; ".join(map(" ".join, describe_disturbance(spec).items()))),
+        ("budget", f"{format_count(spec.episodes)} episodes{_format_stop_rules(spec)}"),
+        ("priority", spec.priority),
+        ("episodes", ", ".join(_list_ended(campaign))),
+        ("failures", format_count(counts.failures)),
+        *_list_estimate(campaign.estimate),
+        *_list_training(campaign),
+        ("created", format_local_time(campaign.created_ms)),
+        ("active", f"{format_number(campaign.active_s)} s"),
+        ("digest", campaign.digest or UNKNOWN),
+        *(("versions", sentence) for sentence in describe_mixed(campaign)),
+    ]
+    return FactTable("Campaign", tuple(rows))
+
+
+def _format_parameters(spec: CampaignSpec) -> str:
+    parameters = in_words(spec.scenario_parameters)
+    return ", ".join(f"{name} = {value}" for name, value in parameters.items())
+
+
+def _list_estimate(estimate: Estimate | None) -> Iterator[tuple[str, str]]:
+    if estimate is None:
+        return
+    known = "unknown" if estimate.probability is None else format_line(estimate)
+    # Beside a lower bound a small cv would look like certainty about the probability itself.
+    has_cv = estimate.cv is not None and not estimate.bound
+    certainty = f", cv {format_number(estimate.cv)}" if has_cv else ""
+    yield "P(failure)", f"{known}, {estimate.by}{certainty}"
+    if remark := estimate.problem or estimate.note:
+        yield "", remark
+
+
+def _list_training(campaign: Campaign) -> Iterator[tuple[str, str]]:
+    if campaign.trained_episodes is not None:
+        yield "trained with", f"{format_count(campaign.trained_episodes)} episodes"
+
+
+def _format_stop_rules(spec: CampaignSpec) -> str:
+    limits = [f"{name} = {limit}" for name, limit in spec.stop.given().items()]
+    return f"; stops at {', '.join(limits)}" if limits else ""
+
+
+def _list_ended(campaign: Campaign) -> Iterator[str]:
+    counts = campaign.counts
+    yield f"{format_count(counts.completed)} completed of {format_count(counts.planned)}"
+    yield f"{format_count(counts.errored)} errored"
+    if counts.cancelled:
+        yield f"{format_count(counts.cancelled)} not run"
+
+
+def describe_campaign(campaign: Campaign, summary: Summary) -> tuple[Block, ...]:
+    """Return what was asked of a campaign, what it found, and its collisions by class."""
+    has_road = world_of(campaign.spec.simulator).has_road
+    conflicts = [_list_conflicts(campaign, summary.conflicts)] if has_road else []
+    return (list_campaign_facts(campaign), _list_findings(summary), *conflicts)
+
+
+def _list_findings(summary: Summary) -> FactTable:
+    n = f"n = {format_count(summary.counts.failures)}"
+    rate = format_line(summary.failure_rate)
+    rows = (
+        ("failure rate", f"{rate} (n = {format_count(summary.counts.completed)})"),
+        *([("", summary.remark)] if summary.remark else []),
+        ("log p per step", f"{format_number(summary.log_probability_per_step)} of failures ({n})"),
+        ("severity", f"{format_number(summary.mean_severity)} m²/s², mean of failures ({n})"),
+        ("cost per failure", f"{format_line(summary.cost)} USD ({n})"),
+    )
+    return FactTable("Findings", rows)
+
+
+def _list_conflicts(campaign: Campaign, conflicts: Conflicts) -> FactTable:
+    counts = campaign.counts
+    collisions = f"{format_count(counts.failures)} of {format_count(counts.completed)}"
+    leads = (format_line(conflicts.ttc_lead), format_line(conflicts.drac_lead))
+    rows = (
+        ("collisions", f"{collisions}: {describe_classes(conflicts)}"),
+        ("near misses", f"{format_count(conflicts.near_misses)} with MinTTC < 1.5 s"),
+        ("mean lead time", f"{leads[0]} MinTTC, {leads[1]} DRAC"),
+    )
+    return FactTable("Conflicts", rows)
+
+
+def describe_classes(conflicts: Conflicts) -> str:
+    """Return the numbers of collisions by class."""
+    classes = (
+        (conflicts.unavoidable, "unavoidable"),
+        (conflicts.planner_failures, "planner failures"),
+        *([(conflicts.unclassified, "not classified")] if conflicts.unclassified else []),
+    )
+    return ", ".join(f"{format_count(count)} {words}" for count, words in classes)
+
+
+def tabulate_course(course: Course) -> tuple[Block, ...]:
+    """Return the blocks of a course, one a row, under what it shows."""
+    robustness = TableColumn("Median robustness", "m")
+    counts = count_columns("Completed", "Failures")
+    columns = (*name_columns("Episodes"), *counts, RATE, LIKELIHOOD, robustness)
+    rows = tuple(
+        (
+            f"{block.first}–{block.last}",
+            *(block.failure_rate.n, block.failure_rate.k, block.failure_rate),
+            *(block.log_probability_per_step, block.median_robustness_m),
+        )
+        for block in course.blocks
+    )
+    heading = f"{course.heading} of campaign {course.campaign} ({course.method})"
+    return (heading, Table(course.heading, columns, rows))
+
+
+def tabulate_safety_measures(found: Safety) -> Table:
+    """Return the number of episodes beyond each threshold, the medians and the worst cases."""
+    ttc, drac = found.ttc, found.drac
+    counts = (TableColumn("Episodes"), TableColumn("Share [95 %]"))
+    columns = (*name_columns("Measure"), *counts, *count_columns("Median", "Worst", "n"))
+    rows = (
+        ("Collision", *_count_rate(found.collisions), None, None, None),
+        ("Near miss", *_count_rate(found.near_misses), None, None, None),
+        (f"MinTTC below {ttc.threshold:g} s", *_list_violations(ttc, "s")),
+        (f"DRAC above {drac.threshold:g} m/s²", *_list_violations(drac, "m/s²")),
+    )
+    return Table("Safety measures", columns, rows)
+
+
+def _count_rate(rate: Rate | None) -> tuple[Cell, Cell]:
+    return (None if rate is None else rate.k), rate
+
+
+def _list_violations(found: Violations, unit: str) -> tuple[Cell, ...]:
+    extremes = (format_quantity(found.median, unit), format_quantity(found.worst, unit))
+    return (*_count_rate(found.beyond), *extremes, found.n)
+
+
+def list_severity(found: Safety) -> tuple[tuple[str, FormattedCell], ...]:
+    """Return mean, VaR and CVaR of the severity of the failures, and its rank correlation."""
+    risk, scatter = found.severity, found.scatter
+    level = f"{100.0 * risk.level:g} %"
+    n = f"n = {format_count(risk.n)}"
+    beyond = f"{format_number(risk.beyond)} failures beyond"
+    points = f"Spearman, n = {format_count(len(scatter.points))}"
+    figures = (
+        ("Mean severity [m²/s²]", risk.mean, n),
+        (f"VaR {level} [m²/s²]", risk.var, beyond),
+        (f"CVaR {level} [m²/s²]", risk.cvar, beyond),
+        ("Severity against log p, ρ", scatter.rank_correlation, points),
+    )
+    return tuple((name, _explain_figure(value, basis)) for name, value, basis in figures)
+
+
+def _explain_figure(value: Figure | None, basis: str) -> FormattedCell:
+    if value is None:
+        return FormattedCell(UNKNOWN, basis=("too few failures", basis))
+    missing = () if value.interval else ("no interval",)
+    return format_cell(value)._replace(basis=(*missing, basis))
+
+
+def describe_safety(found: Safety) -> tuple[Block, ...]:
+    """Return the safety measures of a campaign, the classes and the severity of its collisions."""
+    title = f"Safety measures of campaign {found.campaign}, {found.name} ({found.method}): "
+    conflicts, severity = found.conflicts, list_severity(found)
+    leads = (format_line(conflicts.ttc_lead), format_line(conflicts.drac_lead))
+    rows = (
+        ("collisions", describe_classes(conflicts)),
+        ("mean lead time", f"{leads[0]} MinTTC, {leads[1]} DRAC"),
+        *((name, f"{cell.line} ({', '.join(cell.basis)})") for name, cell in severity),
+    )
+    return (
+        f"{title}{format_count(found.completed)} episodes",
+        tabulate_safety_measures(found),
+        "",
+        FactTable("Collisions", rows),
+        *list_notes([(found.severity.problem, *found.notes)]),
+    )
+
+
+def describe_costs(found: Sequence[CampaignCost]) -> tuple[Block, ...]:
+    """Return what campaigns cost, what the time went into, and what was found by when."""
+    notes = ((*each.notes, each.time.problem) for each in found)
+    return (
+        tabulate_bill(found),
+        "",
+        tabulate_time(found),
+        "",
+        _tabulate_purchases(found),
+        *(f"Campaign {each.campaign}: {each.modes_in_words}" for each in found),
+        *list_notes(notes),
+    )
+
+
+def tabulate_bill(found: Sequence[CampaignCost]) -> Table:
+    """Return what each campaign cost, and what that bought."""
+    counts = count_columns("Episodes", "Failures")
+    bought = (COST, *count_columns("Modes"), TableColumn("USD/mode", "USD"))
+    columns = (*name_columns("Name", "Method"), *counts, TableColumn("USD", "USD"), *bought)
+    rows = tuple(
+        (
+            *(str(each.campaign), each.name, each.method, each.completed, each.failures),
+            *(each.cost.total_usd, each.cost, each.modes, each.per_mode_usd),
+        )
+        for each in found
+    )
+    return Table("Cost", (ID, *columns), rows)
+
+
+def tabulate_time(found: Sequence[CampaignCost]) -> Table:
+    """Return what the time went into that each campaign was billed for."""
+    parts = [TableColumn(name.removesuffix("_s").capitalize(), "share") for name in PARTS_OF_TIME]
+    columns = (ID, *name_columns("Method"), TableColumn("Active", "s"), *parts)
+    rows = tuple((str(each.campaign), each.method, *_list_time(each)) for each in found)
+    return Table("What the time went into", columns, rows)
+
+
+def _list_time(found: CampaignCost) -> Iterator[Cell]:
+    time = found.time
+    yield format_quantity(time.active_s, "s")
+    for name in PARTS_OF_TIME:
+        part_s = getattr(time, name)
+        yield None if part_s is None or not time.active_s else part_s / time.active_s
+
+
+def _tabulate_purchases(found: Sequence[CampaignCost]) -> Table:
+    most = max(each.cost.total_usd for each in found)
+    amounts = [most * step / STEPS_OF_COST for step in range(1, STEPS_OF_COST + 1)]
+    names = (TableColumn(f"{each.campaign} {each.method}") for each in found)
+    return Table(
+        "Failures by cost",
+        (TableColumn("USD", "USD"), *names),
+        tuple((spent, *(_describe_purchase(each, spent) for each in found)) for spent in amounts),
+    )
+
+
+def _describe_purchase(found: CampaignCost, spent: float) -> str:
+    """Return failures and modes by an amount; a dash once nothing more was spent."""
+    curve = found.curve
+    if spent > found.cost.total_usd * (1.0 + 1e-9):
+        return UNKNOWN
+    point: CostPoint = curve[max(bisect_right([each.usd for each in curve], spent) - 1, 0)]
+    modes = "" if point.modes is None else f" ({point.modes} modes)"
+    return f"{format_count(point.failures)} failures{modes}"
+
+
+BILLS = (
+    TableColumn("Spent", "USD"),
+    TableColumn("Cost per distinct mode", "USD"),
+    *count_columns(*(f"Time: {part.removesuffix('_s')}" for part in PARTS_OF_TIME)),
+)
+SIDES = (*count_columns("Episodes", "Failures"), RATE, LIKELIHOOD, SEVERITY, COST)
+
+
+def tabulate_sides(found: Comparison, bills: Sequence[Sequence[CampaignCost]] = ()) -> Table:
+    """Return the figures of the two sides of a comparison, one a row.
+
+    Args:
+        found: the comparison.
+        bills: of the campaigns of each side, where what they cost is shown, too.
+    """
+    figures = (("A", *_list_side(found.a)), ("B", *_list_side(found.b)))
+    columns = (*name_columns("", "Campaigns"), *SIDES)
+    if not bills:
+        return Table("Figures", columns, figures)
+    rows = tuple((*side, *_list_bill(bill)) for side, bill in zip(figures, bills, strict=True))
+    return Table("Figures", (*columns, *BILLS), rows)
+
+
+def _list_bill(costs: Sequence[CampaignCost]) -> tuple[Cell, ...]:
+    """Of the modes of several campaigns some may be the same: only those of one have a price."""
+    spent = sum(cost.cost.total_usd for cost in costs)
+    per_mode = costs[0].per_mode_usd if len(costs) == 1 else "of one campaign at a time"
+    return (spent, per_mode, *(_share_time(costs, part) for part in PARTS_OF_TIME))
+
+
+def _share_time(costs: Sequence[CampaignCost], part: str) -> Cell:
+    """A part of the time of all campaigns; a dash where one of them did not measure it."""
+    active_s = sum(cost.time.active_s for cost in costs)
+    known = [part_s for cost in costs if (part_s := getattr(cost.time, part)) is not None]
+    if len(known) < len(costs) or active_s <= 0.0:
+        return None
+    return FormattedCell(format_share(sum(known) / active_s), sample=format_duration(sum(known)))
+
+
+def _list_side(side: Side) -> tuple[Cell, ...]:
+    return (
+        ", ".join(map(str, side.campaigns)),
+        *(side.completed, side.failures, side.failure_rate),
+        *(side.log_probability_per_step, side.mean_severity, side.cost),
+    )
+
+
+def describe_comparison(found: Comparison) -> tuple[Block, ...]:
+    """Return the figures of two sides, what they say, and what speaks against it."""
+    differences = tuple((each.thing, each.a, each.b) for each in found.distinctions)
+    table = Table("Settings", name_columns("Differs in", "A", "B"), differences)
+    return (
+        tabulate_sides(found),
+        *found.sentences,
+        *(("", table) if differences else ()),
+        *(f"Warning: {warning}" for warning in found.warnings),
+    )
+
+
+def describe_region(found: Region) -> tuple[Block, ...]:
+    """Return where among the parameters of a scenario the episodes of campaigns fail."""
+    ids = ", ".join(map(str, found.campaigns))
+    varied = ", ".join(found.parameters) or "nothing"
+    counts = f"{format_count(found.failures)} of {format_count(found.episodes)} episodes failed"
+    heading = f"Failing region of {found.scenario}, campaigns {ids}: {counts}; {varied} varied"
+    remarks = list_notes([(found.problem, *(f"Warning: {each}" for each in found.warnings))])
+    if not found.boxes:
+        return (heading, *remarks)
+    return (heading, tabulate_boxes(found), _describe_chance(found), *remarks)
+
+
+def _describe_chance(found: Region) -> str:
+    return (
+        f"Found on half of the episodes, counted on the others: {format_line(found.failure_rate)} "
+        f"of these fail. By chance alone: p = {format_number(found.p_value)}."
+    )
+
+
+def tabulate_boxes(found: Region) -> Table:
+    """Return the boxes of a failing region, one a row, and all of them together."""
+    shares = ("Share of all failures [95 %]", "Failure rate inside [95 %]")
+    boxes = [(box.words, box.coverage, box.precision) for box in found.boxes]
+    if len(boxes) > 1:
+        boxes.append(("all of these", found.coverage or boxes[0][1], found.precision))
+    rows = tuple(
+        (words, coverage, precision, *((precision.k, precision.n) if precision else (None, None)))
+        for words, coverage, precision in boxes
+    )
+    columns = (*name_columns("Where"), *count_columns(*shares, "Failed", "Episodes"))
+    return Table("Failing region", columns, rows)
+
+
+def tabulate_workers(
+    shares: Sequence[WorkerShare],
+    format_time: Callable[[int], str] = format_local_time,
+    most: int | None = None,
+) -> Table:
+    """Return the workers that ran the episodes of a campaign, the busiest first.
+
+    Args:
+        shares: of all workers.
+        format_time: writes the time of the last result.
+        most: how many are shown; None shows all.
+    """
+    total = sum(share.episodes for share in shares)
+    counts = (*count_columns("Episodes"), TableColumn("Share", "share"))
+    columns = (*counts, *count_columns("Failures", "Errored"), TableColumn("Time/episode", "s"))
+    rows = tuple(
+        (
+            *(share.worker, share.episodes, share.episodes / total if total else None),
+            *(share.failures, share.failed, share.wall_s / share.episodes),
+            format_time(share.last_ms),
+        )
+        for share in shares[:most]
+    )
+    left = f"In the API, with fewer episodes: {count_noun(len(shares) - len(rows), 'worker')}."
+    notes = (left,) if len(rows) < len(shares) else ()
+    titles = (*name_columns("Worker"), *columns, *name_columns("Last result"))
+    return Table("Workers", titles, rows, notes)
+
+
+def tabulate_compared(campaigns: Sequence[Campaign], summaries: Sequence[Summary]) -> Table:
+    """Return the results of campaigns that are compared, one a row."""
+    rows = tuple(
+        (
+            *(f"{campaign.id}: {campaign.spec.name}", campaign.state_word),
+            *list_results(summary),
+            summary.cost.total_usd,
+        )
+        for campaign, summary in zip(campaigns, summaries, strict=True)
+    )
+    columns = (*name_columns("Campaign", "State"), *RESULTS, TableColumn("Spent", "USD"))
+    return Table("Figures", columns, rows)

@@ -1,0 +1,235 @@
+"""Tables of episodes: a list, one with its measures, and the steps of an explained one."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from eigenfail.filters import COLUMNS, Value
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    format_count,
+    format_number,
+    format_quantity,
+    format_share,
+    format_signed,
+)
+from eigenfail.presentation.tables import (
+    Block,
+    Cell,
+    FactTable,
+    Table,
+    TableColumn,
+    count_columns,
+    name_columns,
+)
+from eigenfail.values import (
+    MEASURES,
+    Assessment,
+    ExplainedStep,
+    Explanation,
+    Measures,
+    MinimalFailure,
+)
+from eigenfail.values.assessment import LEAD_TIMES
+from eigenfail.values.records import EpisodeDetail, EpisodeRow
+
+LOG_P_DIGITS = 5
+"""Significant digits of log p over an episode, whose differences count, not its size."""
+
+
+def tabulate_episodes(rows: Iterable[EpisodeRow]) -> Table:
+    """Return a list of episodes."""
+    columns = (
+        *(TableColumn("Episode"), *name_columns("Outcome", "Class"), TableColumn("Steps")),
+        *(TableColumn("Robustness", "m"), TableColumn("log p", "nats", digits=LOG_P_DIGITS)),
+        *(TableColumn("Severity", "m²/s²"), TableColumn("Min TTC", "s")),
+        *(TableColumn("Max DRAC", "m/s²"), TableColumn("TTC lead", "s")),
+        *(TableColumn("DRAC lead", "s"), *name_columns("Source", "Worker")),
+    )
+    return Table("Episodes", columns, tuple(map(_list_episode, rows)))
+
+
+def _list_episode(row: EpisodeRow) -> tuple[Cell, ...]:
+    return (
+        *(f"{row.campaign}/{row.index}", row.outcome.word, format_class(row.assessed)),
+        *(row.steps, row.robustness_m, row.log_probability, row.severity, row.min_ttc_s),
+        *(row.max_drac_mps2, row.assessed.ttc_lead_s, row.assessed.drac_lead_s),
+        *(row.source, row.worker),
+    )
+
+
+def tabulate_fields(names: Sequence[str], rows: Iterable[Mapping[str, Value | None]]) -> Table:
+    """Return some columns of episodes, under the names that filters have for them."""
+    columns = tuple(TableColumn(name, is_figure=COLUMNS[name].is_ordered) for name in names)
+    cells = tuple(tuple(_read_field(row[name]) for name in names) for row in rows)
+    return Table("Episodes", columns, cells)
+
+
+def _read_field(value: Value | None) -> Cell:
+    # A seed or a number of an episode is a name, whose digits stand together.
+    return value if value is None or isinstance(value, float) else str(value)
+
+
+def format_class(assessed: Assessment) -> str:
+    """Return the class beside an outcome, in words."""
+    return assessed.beside((assessed.conflict or UNKNOWN).replace("_", " "))
+
+
+def list_episode_facts(campaign: int, result: EpisodeDetail, drawn: Mapping[str, Any]) -> FactTable:
+    """Return one episode with the scenario parameters that it drew, and its measures."""
+    likelihood = format_number(result.noise.log_probability, LOG_P_DIGITS)
+    rows = [
+        ("episode", f"{campaign}/{result.index}, seed {result.seed}"),
+        ("outcome", result.outcome.word),
+        ("class", result.assessed.words or UNKNOWN),
+        ("steps", str(result.steps)),
+        *(("scenario", f"{name} = {value}") for name, value in drawn.items()),
+        ("disturbances", f"from {result.source}, log p {likelihood}"),
+        *(list_measures(result.measures, result.assessed) if result.measures else ()),
+        ("scene", "stored" if result.scene else "not stored"),
+        ("digest", result.digest()),
+    ]
+    if result.fault:
+        rows.append(("problem", f"{result.fault.kind}: {result.fault.message}"))
+    return FactTable("Episode", tuple(rows))
+
+
+def list_measures(measures: Measures, assessed: Assessment) -> Iterator[tuple[str, str]]:
+    """Return the measures of an episode by label and unit, then its lead times."""
+    for declared, values in ((MEASURES, measures), (LEAD_TIMES, assessed)):
+        for name, measure in declared.items():
+            value = getattr(values, name)
+            text = format_count(value) if measure.is_count else format_number(value, measure.digits)
+            yield measure.heading, text
+
+
+def format_event(at_s: float | None) -> str:
+    """Return the time of an event, or that it never came."""
+    return "never" if at_s is None else format_quantity(at_s, "s")
+
+
+def tabulate_thresholds(measures: Measures, assessed: Assessment) -> Table:
+    """Return the safety measures of an episode, their thresholds, and when these were passed."""
+    # Older releases, which did not count clipped steps, did not measure the times either.
+    has_times = measures.clipped_steps is not None
+
+    def format_passing(at_s: float | None) -> str | None:
+        return format_event(at_s) if has_times or at_s is not None else None
+
+    rows = (
+        (
+            *("MinTTC", format_quantity(measures.min_ttc_s, "s"), "< 1.5 s"),
+            format_passing(measures.ttc_violated_s),
+            format_quantity(assessed.ttc_lead_s, "s"),
+        ),
+        (
+            *("DRAC, largest", format_quantity(measures.max_drac_mps2, "m/s²"), "> 7 m/s²"),
+            format_passing(measures.drac_violated_s),
+            format_quantity(assessed.drac_lead_s, "s"),
+        ),
+        (
+            *("Footprints apart", format_quantity(measures.robustness_m, "m"), "0 m"),
+            *(format_event(measures.collided_s), None),
+        ),
+    )
+    columns = count_columns("Value", "Threshold", "Passed at", "Before the collision")
+    notes = tuple(_describe_drac(measures))
+    return Table("Safety measures", (*name_columns("Measure"), *columns), rows, notes)
+
+
+def _describe_drac(measures: Measures) -> Iterator[str]:
+    if measures.drac_at_warning_mps2 is not None:
+        drac = format_quantity(measures.drac_at_warning_mps2, "m/s²")
+        yield f"When the time to collision first fell below 1.5 s, DRAC was {drac}."
+    if measures.final_drac_mps2:
+        drac = format_quantity(measures.final_drac_mps2, "m/s²")
+        yield f"At the last step DRAC was {drac}."
+
+
+def describe_minimal_failure(found: MinimalFailure) -> tuple[str, ...]:
+    """Return how much of the noise is needed, what it does, and why no more can be left out."""
+    kept = found.energy / found.full_energy if found.full_energy else None
+    likelihood, full = (
+        f"{format_number(total, LOG_P_DIGITS)} ({{}}{format_number(per_step)})"
+        for total, per_step in (
+            (found.log_probability, found.log_probability_per_step),
+            (found.full_log_probability, found.full_log_probability_per_step),
+        )
+    )
+    needed = (
+        f"Minimal failure {found.campaign}/{found.index}: {found.needed} of {found.injected} "
+        f"values of noise are needed, {format_share(kept)} of their squares."
+    )
+    return (
+        needed,
+        found.words,
+        found.because,
+        f"log p {likelihood.format('per step ')}; at full strength {full.format('')}.",
+    )
+
+
+ReadStep = Callable[[ExplainedStep], Cell]
+
+
+def _read_account(name: str) -> ReadStep:
+    def read(step: ExplainedStep) -> Cell:
+        value = step.account.get(name)
+        return (value or None) if isinstance(value, str) else value
+
+    return read
+
+
+def _format_disturbance(step: ExplainedStep) -> str:
+    return " ".join(format_signed(float(value)) for value in step.disturbance)
+
+
+WORDS: dict[str, ReadStep] = {
+    "Mode": _read_account("mode"),
+    "Candidate": _read_account("candidate"),
+    "Rule": _read_account("rule"),
+    "Override": _read_account("override"),
+    "QP": _read_account("qp_status"),
+    "Heeds": _read_account("heeds"),
+}
+READINGS: dict[str, ReadStep] = {
+    "Gap": _read_account("gap_m"),
+    "True gap": lambda step: step.gap_m,
+    "Closing": _read_account("closing_mps"),
+    "Truly closing": lambda step: step.closing_mps,
+    "Tracks": _read_account("tracks"),
+    "Lost": _read_account("lost_tracks"),
+    "Noise": _format_disturbance,
+    "Acceleration": lambda step: step.acceleration_mps2,
+    "Steering": lambda step: step.steering_rad,
+}
+UNITS = (
+    "Times in s, gaps in m, closing speeds in m/s, noise (longitudinal, lateral) in sigma,"
+    " acceleration in m/s², steering in rad; gap and closing are what the planner believes."
+)
+SHOWN_ABOVE = frozenset(
+    (
+        *("mode", "candidate", "rule", "override", "qp_status"),
+        *("heeds", "gap_m", "closing_mps", "tracks", "lost_tracks"),
+    )
+)
+
+
+def describe_explanation(explanation: Explanation) -> tuple[Block, ...]:
+    """Return an explained episode: remarks on the replay, its steps, and the story."""
+    before = [line for line in (explanation.verdict, explanation.note) if line]
+    return (*before, "", tabulate_steps(explanation.steps), "", *explanation.story)
+
+
+def tabulate_steps(steps: Sequence[ExplainedStep]) -> Table:
+    """Return the steps, one a row, without the columns that no step has a value for.
+
+    What a planner tells beside the usual has a column of its own.
+    """
+    others = dict.fromkeys(name for step in steps for name in step.account)
+    readings = {"Time": lambda step: step.time_s, **WORDS, **READINGS}
+    readings |= {name: _read_account(name) for name in others if name not in SHOWN_ABOVE}
+    values = {title: [read(step) for step in steps] for title, read in readings.items()}
+    known = {title: cells for title, cells in values.items() if any(x is not None for x in cells)}
+    columns = tuple(
+        TableColumn(title, is_figure=title not in {*WORDS, "Tracks"}) for title in known
+    )
+    return Table("Steps", columns, tuple(zip(*known.values(), strict=True)), (UNITS,))

@@ -1,0 +1,141 @@
+"""The formatter of numbers, the same on terminal, page, report and notebook.
+
+Digits: a measured number has three significant digits, between 0.001 and 1,000,000 without a power
+of ten; larger numbers keep all digits before the point. A share is in percent with three
+significant digits (34.3 %, 4.17 %, 0.125 %). An amount of money has three significant digits and at
+least two decimals, and never a power of ten. A count is exact, with its thousands apart. A 95 %
+interval stands in brackets, with the digits of a number each. What is not known is a dash, never a
+zero. Programs read JSON, CSV and the REST API, which hold the numbers unrounded.
+"""
+
+import re
+from datetime import UTC, datetime
+from math import floor, isfinite, log10
+from typing import Protocol
+
+UNKNOWN = "–"
+DIGITS = 3
+LARGEST_PLAIN = 1e6
+SMALLEST_PLAIN = 1e-3
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_DURATIONS = ((86_400, "d"), (3_600, "h"), (60, "min"), (1, "s"))
+_TIME = "%Y-%m-%d %H:%M:%S"
+_HYPHEN_BEFORE_NUMBER = re.compile(r"(?<![\w.)])-(?=\d)")
+"""A hyphen that stands for a minus: neither in a word nor in a range."""
+
+
+class Bounds(Protocol):
+    """An interval from low to high."""
+
+    @property
+    def low(self) -> float:
+        """The lower end."""
+
+    @property
+    def high(self) -> float:
+        """The upper end."""
+
+
+def format_count(value: int | None) -> str:
+    """Return a count with its thousands apart."""
+    return UNKNOWN if value is None else f"{value:,}"
+
+
+def format_number(value: float | None, digits: int = DIGITS) -> str:
+    """Return a number with this many significant digits."""
+    if value is None or not isfinite(value):
+        return UNKNOWN
+    if value == 0.0:
+        return "0"
+    # The first rounding may carry into another power of ten: 0.9996 has the digits of 1.
+    rounded = float(f"{value:.{digits - 1}e}")
+    if not SMALLEST_PLAIN <= abs(rounded) < LARGEST_PLAIN:
+        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        raised = str(int(exponent)).translate(_SUPERSCRIPTS)
+        return f"{mantissa}×10{raised}".replace("-", "−")
+    decimals = max(0, digits - 1 - floor(log10(abs(rounded))))
+    return f"{value:,.{decimals}f}".replace("-", "−")
+
+
+def format_signed(value: float | None, digits: int = DIGITS) -> str:
+    """Return a number with its sign, also where it is positive."""
+    text = format_number(value, digits)
+    return f"+{text}" if value is not None and isfinite(value) and value > 0.0 else text
+
+
+def format_share(share: float | None, digits: int = DIGITS) -> str:
+    """Return a share of one in percent."""
+    known = share is not None and isfinite(share)
+    return f"{format_number(100.0 * share, digits)} %" if known and share is not None else UNKNOWN
+
+
+def format_usd(amount: float | None) -> str:
+    """Return an amount of money without its unit."""
+    if amount is None or not isfinite(amount):
+        return UNKNOWN
+    decimals = 2 if amount <= 0.0 else max(2, DIGITS - 1 - floor(log10(amount)))
+    return f"{amount:,.{decimals}f}"
+
+
+def format_amount(amount: float | None) -> str:
+    """Return an amount of money with its unit."""
+    return put_unit(format_usd(amount), "USD")
+
+
+def format_quantity(value: float | None, unit: str) -> str:
+    """Return a number with its unit, or a dash."""
+    return put_unit(format_number(value), unit)
+
+
+def put_unit(text: str, unit: str) -> str:
+    """Return a formatted number with its unit, or a dash."""
+    return text if text == UNKNOWN else f"{text} {unit}"
+
+
+def format_percent_interval(interval: Bounds) -> str:
+    """Return the interval of a share in percent."""
+    return f"{format_interval(interval, 100.0)} %"
+
+
+def format_interval(interval: Bounds, factor: float = 1.0) -> str:
+    """Return an interval in brackets, with its ends multiplied by the factor."""
+    return f"[{format_number(factor * interval.low)}, {format_number(factor * interval.high)}]"
+
+
+def format_duration(seconds: float | None) -> str:
+    """Return a duration in its two largest units, such as 3 min 12 s."""
+    if seconds is None:
+        return UNKNOWN
+    if seconds < 1.0:
+        return f"{format_number(seconds)} s"
+    left, words = round(seconds), list[str]()
+    for size, unit in _DURATIONS:
+        count, left = divmod(left, size)
+        if count or (words and unit != "s"):
+            words.append(f"{count} {unit}")
+    return " ".join(words[:2])
+
+
+def format_local_time(at_ms: int | None) -> str:
+    """Return a time in the zone of the reader, from milliseconds since 1970."""
+    return UNKNOWN if at_ms is None else _read_time(at_ms).astimezone().strftime(_TIME)
+
+
+def format_utc(at_ms: int | None) -> str:
+    """Return a time in UTC, for what people in several zones read."""
+    return UNKNOWN if at_ms is None else f"{_read_time(at_ms).strftime(_TIME)} UTC"
+
+
+def _read_time(at_ms: int) -> datetime:
+    return datetime.fromtimestamp(at_ms / 1_000, UTC)
+
+
+def count_noun(count: int, noun: str) -> str:
+    """Return a count with its noun: 1 failure, 2 failures."""
+    return f"{format_count(count)} {noun}{'' if count == 1 else 's'}"
+
+
+def put_minus_signs(sentence: str) -> str:
+    """Return a sentence with minus signs for the hyphens before its numbers."""
+    return _HYPHEN_BEFORE_NUMBER.sub("−", sentence)

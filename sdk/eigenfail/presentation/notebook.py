@@ -1,0 +1,130 @@
+"""Values in a notebook: the tables of the terminal as HTML.
+
+Everything is escaped; there is no script and no style, so that those of the notebook apply.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import singledispatch
+from html import escape
+from itertools import chain
+from typing import Any
+
+from eigenfail.presentation.analyses import describe_analysis, describe_proof
+from eigenfail.presentation.campaigns import (
+    describe_comparison,
+    describe_costs,
+    describe_safety,
+    list_campaign_facts,
+    tabulate_campaigns,
+    tabulate_course,
+    tabulate_results,
+)
+from eigenfail.presentation.episodes import tabulate_episodes
+from eigenfail.presentation.suites import describe_suite, tabulate_suites
+from eigenfail.presentation.tables import Block, FactTable, Table, name_columns
+from eigenfail.rows import SHOWN, Rows
+from eigenfail.tabulation import flat
+from eigenfail.values import (
+    Analysis,
+    Campaign,
+    CampaignCost,
+    Comparison,
+    Course,
+    Proof,
+    Safety,
+    Summary,
+)
+from eigenfail.values.records import EpisodeRow
+from eigenfail.values.report import Report
+from eigenfail.values.suite import SuiteStanding, SuiteTable
+
+Blocks = tuple[Block, ...]
+
+LISTS: dict[type, Callable[[Any], Table]] = {
+    Campaign: tabulate_campaigns,
+    Summary: tabulate_results,
+    EpisodeRow: tabulate_episodes,
+    SuiteStanding: tabulate_suites,
+}
+"""The tables of rows of a kind; rows of another kind show all of their fields."""
+
+
+def to_html(value: object) -> str:
+    """Return a value as HTML."""
+    return "".join(chain.from_iterable(map(_render, describe(value))))
+
+
+@singledispatch
+def describe(value: object) -> Blocks:
+    """Return what is shown of a value."""
+    return (repr(value),)
+
+
+@describe.register
+def _(value: Campaign) -> Blocks:
+    return (list_campaign_facts(value),)
+
+
+@describe.register
+def _(value: Summary) -> Blocks:
+    return (tabulate_results([value]),)
+
+
+@describe.register
+def _(value: CampaignCost) -> Blocks:
+    return describe_costs([value])
+
+
+describe.register(Course, tabulate_course)
+describe.register(Safety, describe_safety)
+describe.register(Comparison, describe_comparison)
+describe.register(SuiteTable, describe_suite)
+describe.register(Proof, describe_proof)
+describe.register(Analysis, describe_analysis)
+
+
+@describe.register
+def _(value: Report) -> Blocks:
+    pictures = tuple(chain.from_iterable(section.pictures for section in value.sections))
+    parts = (("sections", value.sections), ("tables", value.tables), ("pictures", pictures))
+    rows = (
+        ("report", value.title),
+        ("campaigns", ", ".join(f"{each.id}: {each.spec.name}" for each in value.campaigns)),
+        ("contents", ", ".join(f"{len(items)} {name}" for name, items in parts)),
+        ("command", value.command),
+    )
+    return (FactTable("Report", rows), *value.warnings)
+
+
+@describe.register
+def _(value: Rows) -> Blocks:  # type: ignore[type-arg]  # singledispatch takes plain classes
+    seen = value.first(SHOWN + 1)
+    if not seen:
+        return ("Nothing.",)
+    table = LISTS.get(type(seen[0]), _tabulate_fields)(seen[:SHOWN])
+    more = (f"The first {SHOWN}; there are more.",) if len(seen) > SHOWN else ()
+    return (table, *more)
+
+
+def _tabulate_fields(rows: tuple[object, ...]) -> Table:
+    records = [flat(row) for row in rows]
+    names = tuple(dict.fromkeys(name for record in records for name in record))
+    cells = tuple(tuple(str(record.get(name, "")) for name in names) for record in records)
+    return Table("", name_columns(*names), cells)
+
+
+def _render(block: Block) -> Iterator[str]:
+    if isinstance(block, Table):
+        heads = (f"<th>{escape(column.label)}</th>" for column in block.columns)
+        yield f"<table><thead><tr>{''.join(heads)}</tr></thead><tbody>"
+        for row in block.cells:
+            yield f"<tr>{''.join(f'<td>{escape(cell.line)}</td>' for cell in row)}</tr>"
+        yield "</tbody></table>"
+        yield from chain.from_iterable(map(_render, block.notes))
+    elif isinstance(block, FactTable):
+        yield "<table><tbody>"
+        for name, value in block.rows:
+            yield f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>"
+        yield "</tbody></table>"
+    elif block:
+        yield f"<p>{escape(block)}</p>"

@@ -1,0 +1,163 @@
+"""Tables of suites: the campaigns that would run, and what came of them."""
+
+from collections.abc import Iterable, Iterator
+
+import msgspec
+
+from eigenfail.presentation.campaigns import (
+    COST,
+    ID,
+    LIKELIHOOD,
+    PROBABILITY,
+    RATE,
+    RESULTS,
+    SEVERITY,
+    list_results,
+    note_results,
+)
+from eigenfail.presentation.figures import UNKNOWN, count_noun, format_count
+from eigenfail.presentation.tables import (
+    Block,
+    Cell,
+    Table,
+    count_columns,
+    name_columns,
+)
+from eigenfail.suites import SuiteMember, format_value
+from eigenfail.values import CampaignState, Summary
+from eigenfail.values.campaign import state_word
+from eigenfail.values.suite import SuiteRow, SuiteStanding, SuiteTable
+from eigenfail.values.variation import in_words
+
+DEFAULT = "default"
+
+
+class SuitePlan(msgspec.Struct, frozen=True):
+    """The campaigns that a suite would run.
+
+    Attributes:
+        episodes: budget of all members together.
+    """
+
+    suite: str
+    campaigns: int
+    episodes: int
+    members: tuple[SuiteMember, ...]
+
+
+class MemberResult(msgspec.Struct, frozen=True):
+    """The result of a member; without state and summary where it has no campaign yet."""
+
+    name: str
+    state: CampaignState | None = None
+    stopped_because: str = ""
+    summary: Summary | None = None
+
+
+class SuiteResult(msgspec.Struct, frozen=True):
+    """The results of a suite's members."""
+
+    suite: str
+    episodes: int
+    members: tuple[MemberResult, ...]
+
+
+def tabulate_plan(plan: SuitePlan) -> Table:
+    """Return the campaigns that would run, and their budget."""
+    rows = tuple(
+        (
+            *(member.name, member.spec.method, member.spec.scenario, member.spec.planner),
+            *(str(member.spec.seed), member.spec.episodes),
+        )
+        for member in plan.members
+    )
+    columns = name_columns("Member", "Method", "Scenario", "Planner")
+    counts = f"{count_noun(plan.campaigns, 'campaign')}, {count_noun(plan.episodes, 'episode')}"
+    numbers = count_columns("Seed", "Episodes")
+    return Table(plan.suite, (*columns, *numbers), rows, (f"{plan.suite}: {counts} in all",))
+
+
+def tabulate_suite_result(result: SuiteResult) -> Table:
+    """Return the results of the members, one a row."""
+    found = [member.summary for member in result.members if member.summary]
+    last = [PROBABILITY] if any(summary.estimate for summary in found) else []
+    columns = (*name_columns("Member", "State"), ID, *name_columns("Method"), *RESULTS, *last)
+    rows = tuple(
+        tuple(_list_member(member, has_probability=bool(last))) for member in result.members
+    )
+    return Table(result.suite, columns, rows, note_results(found))
+
+
+def _list_member(member: MemberResult, *, has_probability: bool) -> Iterator[Cell]:
+    yield member.name
+    summary = member.summary
+    if member.state is None or summary is None:
+        yield member.state or UNKNOWN
+        yield from (None for _ in (*RESULTS, "id", "method"))
+    else:
+        yield state_word(member.state, summary.counts)
+        yield from (str(summary.campaign), summary.method, *list_results(summary))
+    if has_probability:
+        yield summary.estimate if summary else None
+
+
+def tabulate_suites(suites: Iterable[SuiteStanding]) -> Table:
+    """Return a list of suites."""
+    columns = (
+        *name_columns("Suite", "States"),
+        *count_columns("Campaigns", "Episodes", "Failures"),
+    )
+    rows = tuple(
+        (
+            suite.name,
+            ", ".join(f"{count} {state}" for state, count in suite.state_words.items()),
+            suite.campaigns,
+            f"{format_count(suite.completed)}/{format_count(suite.planned)}",
+            suite.failures,
+        )
+        for suite in suites
+    )
+    return Table("Suites", columns, rows)
+
+
+def describe_suite(found: SuiteTable) -> tuple[Block, ...]:
+    """Return the members of a suite, with the settings in which they differ."""
+    summaries = [row.summary for row in found.members]
+    last = [PROBABILITY] if any(summary.estimate for summary in summaries) else []
+    columns = (
+        *name_columns("Member", "State", *found.columns),
+        *(ID, *count_columns("Episodes", "Failures"), RATE, LIKELIHOOD, SEVERITY, COST, *last),
+    )
+    rows = tuple(
+        (
+            *(row.member, state_word(row.state, row.summary.counts)),
+            *list_settings(row, found.columns),
+            *(str(row.campaign), row.summary.counts.completed, row.summary.counts.failures),
+            *(row.summary.failure_rate, row.summary.log_probability_per_step),
+            *(row.summary.mean_severity, row.summary.cost),
+            *([row.summary.estimate] if last else []),
+        )
+        for row in found.members
+    )
+    remarks = " ".join(note_omissions(found))
+    table = Table(found.suite, columns, rows, note_results(summaries))
+    return (table, *([remarks] if remarks else []))
+
+
+def list_settings(row: SuiteRow, columns: Iterable[str]) -> tuple[str, ...]:
+    """Return a member's settings in these columns."""
+    varied = in_words({name: each for name, each in row.settings.items() if isinstance(each, dict)})
+    known = {name: varied.get(name) or _shorten(each) for name, each in row.settings.items()}
+    return tuple(known.get(column, DEFAULT) for column in columns)
+
+
+def _shorten(value: object) -> str:
+    return UNKNOWN if value is None else format_value(value)
+
+
+def note_omissions(found: SuiteTable) -> Iterator[str]:
+    """Return which campaigns of the suite are not in its table."""
+    if found.earlier:
+        yield f"Left out: {count_noun(found.earlier, 'earlier campaign')} of the same names."
+    if found.left_out:
+        yield f"Left out: {count_noun(found.left_out, 'member')} with older campaigns."

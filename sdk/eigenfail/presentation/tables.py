@@ -1,0 +1,242 @@
+"""The form of a table, and how its cells become text.
+
+A table holds values; `format_cell` makes text of them, and a renderer arranges the text. A cell
+may have several parts: the value itself, its interval, the sample and the basis that it rests on.
+A terminal has them on one line, a page and a report have them below one another.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from functools import singledispatch
+from itertools import chain, starmap
+from typing import NamedTuple
+
+from eigenfail.presentation import figures
+from eigenfail.presentation.figures import UNKNOWN
+from eigenfail.values import Cost, Estimate, Figure, MeanTime, Rate
+
+NO_EPISODE = "no episode completed"
+
+_SENTENCE_CASE = re.compile(r"[A-Z][a-z]+\b")
+
+
+class FormattedCell(NamedTuple):
+    """A cell as text.
+
+    Attributes:
+        value: the value, with its unit if the column does not have it.
+        interval: of 95 %, in brackets; empty without one.
+        sample: the number of episodes behind the value, where no other column has it.
+        basis: what else the value rests on, a line each; terminals leave it out.
+    """
+
+    value: str
+    interval: str = ""
+    sample: str = ""
+    basis: tuple[str, ...] = ()
+
+    @property
+    def line(self) -> str:
+        """Value, interval and sample on one line."""
+        sample = f"({self.sample})" if self.sample else ""
+        return " ".join(filter(None, (self.value, self.interval, sample)))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What stands below the value."""
+        interval = f"95 %: {self.interval}" if self.interval else ""
+        return tuple(filter(None, (interval, self.sample, *self.basis)))
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The value, and what stands below it."""
+        return (self.value, *self.notes)
+
+
+Cell = FormattedCell | Rate | Cost | Estimate | Figure | MeanTime | str | int | float | None
+
+
+class TableColumn(NamedTuple):
+    """A column of a table.
+
+    Attributes:
+        title: in sentence case.
+        unit: of its numbers; "share" for shares of one, which are shown in percent.
+        is_figure: whether it holds numbers, which stand under one another to the right.
+        digits: significant digits of its numbers.
+    """
+
+    title: str
+    unit: str = ""
+    is_figure: bool = True
+    digits: int = figures.DIGITS
+
+    @property
+    def label(self) -> str:
+        """The title in lower case, unless it begins with a symbol or a name."""
+        title = self.title
+        return title[:1].lower() + title[1:] if _SENTENCE_CASE.match(title) else title
+
+    @property
+    def heading(self) -> str:
+        """The title with the unit."""
+        return self.title if self.unit in {"", "share"} else f"{self.title} [{self.unit}]"
+
+
+PLAIN = TableColumn("")
+SHARE = TableColumn("", "share")
+
+
+class Table(NamedTuple):
+    """A table of values.
+
+    Attributes:
+        notes: sentences on how to read it, for below it.
+    """
+
+    title: str
+    columns: tuple[TableColumn, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def cells(self) -> tuple[tuple[FormattedCell, ...], ...]:
+        """The rows as text."""
+        return tuple(
+            tuple(starmap(format_cell, zip(row, self.columns, strict=True))) for row in self.rows
+        )
+
+
+class FactTable(NamedTuple):
+    """Names and values, one pair a line."""
+
+    title: str
+    rows: tuple[tuple[str, str], ...]
+
+
+Block = Table | FactTable | str
+"""A part of what is shown; a text is a paragraph, an empty one a gap."""
+
+
+def name_columns(*titles: str) -> tuple[TableColumn, ...]:
+    """Return columns of text with these titles."""
+    return tuple(TableColumn(title, is_figure=False) for title in titles)
+
+
+def count_columns(*titles: str) -> tuple[TableColumn, ...]:
+    """Return columns of numbers with these titles."""
+    return tuple(map(TableColumn, titles))
+
+
+def transpose(table: Table, heading: str = "") -> Table:
+    """Return the table with a row for each of its columns; its first column heads the others."""
+    heads, *others = zip(*table.cells, strict=True) if table.rows else ((),)
+    columns = (heading, *(cell.value for cell in heads))
+    titles = (column.heading for column in table.columns[1:])
+    rows = tuple((title, *cells) for title, cells in zip(titles, others, strict=True))
+    return Table(table.title, name_columns(*columns), rows, table.notes)
+
+
+def list_notes(blocks: Iterable[Sequence[str]]) -> tuple[str, ...]:
+    """Return the sentences that are not empty, each one once."""
+    return tuple(dict.fromkeys(filter(None, chain.from_iterable(blocks))))
+
+
+def format_cell(value: Cell, column: TableColumn = PLAIN) -> FormattedCell:
+    """Return a value of a cell in this column as text."""
+    if isinstance(value, float):
+        return FormattedCell(_format_float(value, column))
+    return _format(value)
+
+
+def format_line(value: Cell, column: TableColumn = PLAIN) -> str:
+    """Return a value as text on one line, in a sentence or beside a name."""
+    return format_cell(value, column).line
+
+
+def format_cost(value: Cost) -> FormattedCell:
+    """Return the cost per failure with its unit."""
+    cell = format_cell(value)
+    interval = f"{cell.interval} USD" if cell.interval else ""
+    return cell._replace(value=figures.put_unit(cell.value, "USD"), interval=interval)
+
+
+def _format_float(value: float, column: TableColumn) -> str:
+    if column.unit == "share":
+        return figures.format_share(value, column.digits)
+    if column.unit == "USD":
+        return figures.format_usd(value)
+    return figures.format_number(value, column.digits)
+
+
+@singledispatch
+def _format(value: Cell) -> FormattedCell:
+    return FormattedCell(UNKNOWN if value is None else str(value))
+
+
+@_format.register
+def _(value: FormattedCell) -> FormattedCell:
+    return value
+
+
+@_format.register
+def _(value: bool) -> FormattedCell:
+    return FormattedCell("yes" if value else "no")
+
+
+@_format.register
+def _(value: int) -> FormattedCell:
+    return FormattedCell(figures.format_count(value))
+
+
+@_format.register
+def _(value: Rate) -> FormattedCell:
+    """A share with its interval; of no event, the upper bound, near 3 / n."""
+    if not value.k:
+        bound = f"≤ {figures.format_share(value.interval.high)}"
+        return FormattedCell(bound, sample=f"0 of {value.n:,}", basis=("95 % upper bound",))
+    interval = figures.format_interval(value.interval, 100.0)
+    return FormattedCell(figures.format_share(value.value), interval)
+
+
+@_format.register
+def _(value: Cost) -> FormattedCell:
+    """The cost per failure in USD, or its lower bound where there is no failure."""
+    if value.per_failure_usd is None:
+        if value.at_least_usd is None:
+            return FormattedCell(UNKNOWN, basis=(NO_EPISODE,))
+        bound = f"≥ {figures.format_usd(value.at_least_usd)}"
+        return FormattedCell(bound, basis=("95 % lower bound",))
+    amount = figures.format_usd(value.per_failure_usd)
+    if value.interval_usd is None:
+        return FormattedCell(amount)
+    ends = (value.interval_usd.low, value.interval_usd.high)
+    return FormattedCell(amount, f"[{', '.join(map(figures.format_usd, ends))}]")
+
+
+@_format.register
+def _(value: Estimate) -> FormattedCell:
+    """The failure probability with its interval or as a lower bound, or why it is not known."""
+    sample, notes = f"n = {value.episodes:,}", tuple(filter(None, (value.note,)))
+    if value.probability is not None and value.bound is not None:
+        bound = f"≥ {figures.format_number(value.probability)}"
+        return FormattedCell(bound, "", sample, ("lower bound", f"by {value.by}", *notes))
+    if value.probability is None or value.interval is None:
+        return FormattedCell(UNKNOWN, basis=(f"by {value.by}", value.problem))
+    basis = (f"by {value.by}, cv {figures.format_number(value.cv)}", *notes)
+    interval = figures.format_interval(value.interval)
+    return FormattedCell(figures.format_number(value.probability), interval, sample, basis)
+
+
+@_format.register
+def _(value: Figure) -> FormattedCell:
+    interval = figures.format_interval(value.interval) if value.interval else ""
+    return FormattedCell(figures.format_number(value.value), interval)
+
+
+@_format.register
+def _(value: MeanTime) -> FormattedCell:
+    """A mean time with its number of episodes."""
+    if value.mean_s is None:
+        return FormattedCell(UNKNOWN)
+    return FormattedCell(f"{figures.format_number(value.mean_s)} s", sample=f"n = {value.n:,}")

@@ -1,0 +1,455 @@
+"""Suites: named sets of campaigns that are run, resumed and shown as one.
+
+A suite's file has a base and either a sweep, a grid or a list of campaigns. Each member differs
+from the base by values at paths in the specification, and may refer to other members by name.
+"""
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from graphlib import CycleError, TopologicalSorter
+from itertools import product
+from math import prod
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import msgspec
+
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.settings import convert, read_settings
+from eigenfail.toml_files import read_toml
+from eigenfail.values import Campaign, CampaignSpec, CampaignState
+from eigenfail.values.campaign import Name
+from eigenfail.wire.http import refuse_unknown_fields
+
+KeyPath = tuple[str, ...]
+Changes = Mapping[KeyPath, Any]
+Table = dict[str, Any]
+
+BASE = "base"
+
+
+def list_leaves(table: Table, above: KeyPath = ()) -> Iterator[tuple[KeyPath, Any]]:
+    """Yield each value in a table and in its inner tables, with its path."""
+    for name, value in table.items():
+        path = (*above, name)
+        if isinstance(value, dict) and value:
+            yield from list_leaves(value, path)
+        else:
+            yield path, value
+
+
+def read_path(table: Table, path: KeyPath) -> Any:
+    """Return the value at a path; None if there is none."""
+    here: Any = table
+    for name in path:
+        here = here.get(name) if isinstance(here, dict) else None
+    return here
+
+
+def set_path(table: Table, path: KeyPath, value: Any) -> Table:
+    """Return a copy of the table with the value at the path."""
+    name, *rest = path
+    if not rest:
+        return {**table, name: value}
+    inner = table.get(name)
+    return {**table, name: set_path(inner if isinstance(inner, dict) else {}, tuple(rest), value)}
+
+
+def _apply_changes(table: Table, changes: Changes) -> Table:
+
+    for path, value in changes.items():
+        table = set_path(table, path, value)
+    return table
+
+
+def _name_member(changes: Changes, names: Mapping[KeyPath, str]) -> str:
+    """Return a name such as "alpha=5000, planner=idm"."""
+    return (
+        ", ".join(f"{names[path]}={format_value(value)}" for path, value in changes.items()) or BASE
+    )
+
+
+def shorten_paths(paths: Iterable[KeyPath]) -> dict[KeyPath, str]:
+    """Return the last key of each path if it is unique, otherwise the whole path."""
+    different = list(dict.fromkeys(paths))
+    ends = Counter(path[-1] for path in different)
+    return {path: path[-1] if ends[path[-1]] == 1 else ".".join(path) for path in different}
+
+
+def format_value(value: Any) -> str:
+    """Return the shortest text that identifies the value."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, float):
+        short = f"{value:g}"
+        return short if float(short) == value else repr(value)
+    return msgspec.json.encode(value).decode()
+
+
+MOST_MEMBERS = 1000
+
+Axes = Mapping[KeyPath, list[Any]]
+
+
+class SuiteFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Contents of a suite's file.
+
+    Attributes:
+        name: name of the suite; by default the file's.
+        base: fields of a campaign that all members share unless they vary them.
+        sweep: lists of values, each varied alone around the base, which is a member itself.
+        grid: lists of values; every combination is a member.
+        campaigns: fields in which each member differs from the base, and optionally its name.
+    """
+
+    name: Name | None = None
+    base: Table = {}
+    sweep: Table = {}
+    grid: Table = {}
+    campaigns: list[Table] = []
+
+
+def describes_suite(table: Mapping[str, Any]) -> bool:
+    """Whether a TOML file describes a suite: unlike a campaign, it has no method at the top."""
+    return "method" not in table and not table.keys().isdisjoint({"base", *WAYS})
+
+
+class _Variation(NamedTuple):
+    """A member's name, and its differences from the base."""
+
+    name: str
+    changes: Changes
+
+
+def _list_variations(suite: SuiteFile, where: str) -> list[_Variation]:
+    """List the members in order; `where` is the file's name in errors.
+
+    Raises:
+        InvalidValue: not exactly one of sweep, grid and campaigns, an axis without values, or too
+            many members.
+    """
+    used = [way for way in WAYS if getattr(suite, way)]
+    if len(used) != 1:
+        raise InvalidValue(
+            where,
+            f"has {' and '.join(used) or 'nothing to run'}.",
+            f"Give exactly one of {', '.join(WAYS)}, and in it at least one entry.",
+        )
+    return WAYS[used[0]](suite, where)
+
+
+def _expand_sweep(suite: SuiteFile, where: str) -> list[_Variation]:
+    """Return the base, and each value of each axis alone unless it is the base's."""
+    axes = _read_axes(suite.sweep, f"{where}: sweep")
+    _refuse_too_many(1 + sum(map(len, axes.values())), where)
+    around = (
+        {path: value}
+        for path, values in axes.items()
+        for value in values
+        if value != read_path(suite.base, path)
+    )
+    return _name_variations([{}, *around])
+
+
+def _expand_grid(suite: SuiteFile, where: str) -> list[_Variation]:
+    """Return every combination of the axes' values; the last axis varies first."""
+    axes = _read_axes(suite.grid, f"{where}: grid")
+    _refuse_too_many(prod(map(len, axes.values())), where)
+    return _name_variations(
+        [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
+    )
+
+
+def _expand_list(suite: SuiteFile, where: str) -> list[_Variation]:
+    """Return the listed campaigns; those without a name get one from what they vary."""
+    _refuse_too_many(len(suite.campaigns), where)
+    unnamed = [
+        {name: value for name, value in campaign.items() if name != "name"}
+        for campaign in suite.campaigns
+    ]
+    made = _name_variations([dict(list_leaves(campaign)) for campaign in unnamed])
+    return [
+        _Variation(str(campaign.get("name", variation.name)), variation.changes)
+        for campaign, variation in zip(suite.campaigns, made, strict=True)
+    ]
+
+
+WAYS: dict[str, Callable[[SuiteFile, str], list[_Variation]]] = {
+    "sweep": _expand_sweep,
+    "grid": _expand_grid,
+    "campaigns": _expand_list,
+}
+
+
+def _read_axes(table: Table, where: str) -> Axes:
+    """Read the lists of values in a table, by path in a campaign.
+
+    Raises:
+        InvalidValue: a value is not a list, a list is empty, or the path is the campaign's name.
+    """
+    axes = dict(list_leaves(table))
+    for path, values in axes.items():
+        axis = f"{where}.{'.'.join(path)}"
+        if not isinstance(values, list):
+            raise InvalidValue(axis, "is not a list.", "Write the values to try as [1, 2, 3].")
+        if not values:
+            raise InvalidValue(axis, "has no values.", "Give values, or remove the axis.")
+        if path == ("name",):
+            raise InvalidValue(axis, "cannot vary.", "Names are made of what else varies.")
+    return axes
+
+
+def _name_variations(variations: list[Changes]) -> list[_Variation]:
+
+    names = shorten_paths(path for changes in variations for path in changes)
+    return [_Variation(_name_member(changes, names), changes) for changes in variations]
+
+
+def _refuse_too_many(members: int, where: str) -> None:
+
+    if members > MOST_MEMBERS:
+        raise InvalidValue(
+            where,
+            f"has {members} members, more than {MOST_MEMBERS}.",
+            "Remove values, or split it into several suites.",
+        )
+
+
+SETTINGS = frozenset({"campaign", "warm_start", "data_from"})
+"""Settings of methods that hold the id of an earlier campaign or a list of ids; in a suite also
+names of members."""
+
+PLACES: tuple[KeyPath, ...] = ((), ("settings",))
+"""Tables of a campaign's settings that have such settings: its own, and those of an ensemble."""
+
+ANY_NUMBER = 1
+
+
+def list_references(spec: CampaignSpec) -> tuple[str, ...]:
+    """List the names of members in a campaign's settings, each once, in order."""
+    values = (item for _, value in _holders(spec.settings) for item in _items(value))
+    return tuple(dict.fromkeys(name for name in values if isinstance(name, str)))
+
+
+def resolve_references(spec: CampaignSpec, numbers: Callable[[str], int]) -> CampaignSpec:
+    """Replace each name of a member by the id of its campaign."""
+    settings = spec.settings
+    for path, value in _holders(settings):
+        settings = set_path(settings, path, _numbered(value, numbers))
+    return msgspec.structs.replace(spec, settings=settings)
+
+
+def replace_references(spec: CampaignSpec) -> CampaignSpec:
+    """Replace all names by an arbitrary id, so that the other settings can be checked."""
+    return resolve_references(spec, lambda _name: ANY_NUMBER)
+
+
+def order_members(specs: Mapping[str, CampaignSpec], where: str) -> tuple[str, ...]:
+    """Order members such that each follows those that it refers to.
+
+    Args:
+        specs: specification of each member, by name.
+        where: name of the suite in errors.
+
+    Raises:
+        UnknownName: a member refers to one that does not exist.
+        InvalidValue: members refer to each other in a circle.
+    """
+    needs = {name: list_references(spec) for name, spec in specs.items()}
+    for name, needed in needs.items():
+        for other in needed:
+            if other not in specs:
+                raise UnknownName(f"{where}: member '{name}'", other, specs)
+    try:
+        return tuple(TopologicalSorter(needs).static_order())
+    except CycleError as error:
+        circle = " → ".join(f"'{name}'" for name in reversed(error.args[1]))
+        problem = f"has members that wait for each other: {circle}."
+        raise InvalidValue(where, problem, "Let one of them name none of the others.") from None
+
+
+def _holders(settings: Table) -> Iterator[tuple[KeyPath, Any]]:
+
+    for path, value in list_leaves(settings):
+        if path[-1] in SETTINGS and path[:-1] in PLACES:
+            yield path, value
+
+
+def _items(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+def _numbered(value: Any, numbers: Callable[[str], int]) -> Any:
+    if isinstance(value, list):
+        return [_numbered(item, numbers) for item in value]
+    return numbers(value) if isinstance(value, str) else value
+
+
+LIKE = "Name a TOML file with a suite, such as examples/suite.toml."
+
+
+class SuiteMember(msgspec.Struct, frozen=True):
+    """A campaign of a suite.
+
+    Attributes:
+        name: what distinguishes it from the others, such as "alpha=5000".
+        spec: its campaign, named "suite: member"; references to other members are names in place
+            of ids (see `list_references`).
+    """
+
+    name: str
+    spec: CampaignSpec
+
+
+class Suite(msgspec.Struct, frozen=True):
+    """A named set of campaigns, of which no two are equal or have the same name."""
+
+    name: str
+    members: tuple[SuiteMember, ...]
+
+    @property
+    def episodes(self) -> int:
+        """Total number of episodes of all members."""
+        return sum(member.spec.episodes for member in self.members)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a suite from a TOML file; its default name is that of the file.
+
+        Raises:
+            UnknownName: a field does not exist, or a member refers to one that does not exist.
+            InvalidValue: the file is unreadable or describes a campaign, a value is outside its
+                bounds, an axis has no values, two members are equal, there are too many, or
+                members refer to each other in a circle.
+        """
+        file = Path(path)
+        table = read_toml(file, LIKE)
+        if "method" in table and not describes_suite(table):
+            remedy = f"Run it with `eigenfail run {file}`."
+            raise InvalidValue(file.name, "this is a campaign, not a suite.", remedy)
+        written = read_settings(SuiteFile, table, file.name)
+        return cls._written(written, written.name or file.stem, file.name)
+
+    @classmethod
+    def of(cls, name: str, **tables: Any) -> Self:
+        """Build a suite from the tables of a file.
+
+        Args:
+            name: name of the suite.
+            tables: base, and one of sweep, grid and campaigns, as dicts and lists.
+
+        Raises:
+            UnknownName: as for `read`.
+            InvalidValue: as for `read`.
+        """
+        return cls._written(read_settings(SuiteFile, {**tables, "name": name}, name), name, name)
+
+    @classmethod
+    def _written(cls, written: SuiteFile, name: str, where: str) -> Self:
+
+        if "name" in written.base:
+            raise InvalidValue(
+                f"{where}: base.name", "cannot be given.", "The suite names its campaigns."
+            )
+        members = [
+            _make_member(
+                name, variation.name, _apply_changes(written.base, variation.changes), where
+            )
+            for variation in _list_variations(written, where)
+        ]
+        _refuse_duplicates(members, where)
+        order_members({each.name: each.spec for each in members}, where)
+        return cls(name, tuple(members))
+
+
+def _make_member(suite: str, name: str, fields: Table, where: str) -> SuiteMember:
+
+    place = f"{where}: member '{name}'"
+    refuse_unknown_fields(fields, CampaignSpec, place)
+    spec = convert({**fields, "name": f"{suite}: {name}"}, CampaignSpec, place)
+    _refuse_lossy_json(spec, place)
+    return SuiteMember(name, spec)
+
+
+def _refuse_lossy_json(spec: CampaignSpec, where: str) -> None:
+    # The service stores JSON, which has neither dates nor numbers that are not finite.
+    try:
+        sent = msgspec.json.decode(msgspec.json.encode(spec), type=CampaignSpec)
+    except msgspec.MsgspecError:
+        sent = None
+    if sent != spec:
+        raise InvalidValue(
+            where,
+            "holds a date, or a number that is not finite.",
+            "Give plain finite numbers, text, lists and tables.",
+        )
+
+
+def _refuse_duplicates(members: list[SuiteMember], where: str) -> None:
+
+    names: set[str] = set()
+    seen: dict[bytes, str] = {}
+    for each in members:
+        content = msgspec.json.encode(msgspec.structs.replace(each.spec, name="-"), order="sorted")
+        if each.name in names:
+            raise InvalidValue(where, f"has two members '{each.name}'.", DIFFERENT)
+        if twin := seen.get(content):
+            raise InvalidValue(where, f"'{twin}' and '{each.name}' are the same.", DIFFERENT)
+        names.add(each.name)
+        seen[content] = each.name
+
+
+DIFFERENT = "Remove one of them, or change it."
+
+
+MemberCampaigns = dict[str, Campaign]
+"""Campaigns of members by name; members without a campaign are missing."""
+
+
+def match_campaigns(suite: Suite, alike: Mapping[str, Sequence[Campaign]]) -> MemberCampaigns:
+    """Match the members of a suite with campaigns of the service.
+
+    Args:
+        suite: the suite.
+        alike: campaigns with the name of a member's campaign, by that name, newest first.
+
+    Raises:
+        UnknownName: a member refers to one that does not exist.
+        InvalidValue: members refer to each other in a circle.
+    """
+    found: MemberCampaigns = {}
+    for member in _order_suite(suite):
+        if all(name in found for name in list_references(member.spec)):
+            spec = _resolve_member(member, found)
+            for campaign in alike.get(spec.name, ()):
+                if campaign.spec.is_like(spec):
+                    found.setdefault(member.name, campaign)
+    return found
+
+
+def list_ready_members(suite: Suite, found: MemberCampaigns) -> Iterator[tuple[str, CampaignSpec]]:
+    """List names and specifications of members that can be created now.
+
+    These have no campaign yet, and the campaigns that they refer to are done.
+
+    Raises:
+        UnknownName: a member refers to one that does not exist.
+        InvalidValue: members refer to each other in a circle.
+    """
+    done = {name for name, one in found.items() if one.state is CampaignState.DONE}
+    for member in _order_suite(suite):
+        if member.name not in found and done.issuperset(list_references(member.spec)):
+            yield member.name, _resolve_member(member, found)
+
+
+def _order_suite(suite: Suite) -> Iterator[SuiteMember]:
+
+    members = {member.name: member for member in suite.members}
+    names = order_members({name: one.spec for name, one in members.items()}, suite.name)
+    return (members[name] for name in names)
+
+
+def _resolve_member(member: SuiteMember, found: MemberCampaigns) -> CampaignSpec:
+
+    return resolve_references(member.spec, lambda name: found[name].id)

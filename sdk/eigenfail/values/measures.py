@@ -1,0 +1,246 @@
+"""Measures of an episode, each declared once.
+
+Columns of the store, of filters and of exports, tables of the faces, the REST document and the
+tables in docs/measures.md and docs/episodes.md are made from the declarations. A new measure is
+declared in `LaterMeasures`, computed by `eigenfail_workers.measures.recorder.Recorder.measures` and
+stored by a migration.
+"""
+
+import struct
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, get_args
+
+import msgspec
+from msgspec.structs import replace
+
+FIRST_MEASURES = 4
+"""Number of measures in the first release."""
+
+DIGESTED_MEASURES = 12
+"""Number of measures that a digest covers: later ones follow from the same course."""
+
+
+class Measure(msgspec.Struct, frozen=True, kw_only=True):
+    """Description of a measure of an episode.
+
+    Attributes:
+        label: name in tables and on pages, without its unit.
+        unit: empty for counts.
+        words: description for columns of lists and files, without the unit.
+        formula: definition for docs/measures.md.
+        source: where the definition or its threshold comes from; may be empty.
+        event: what happens at this time, for measures that are points in time; else empty.
+        digits: significant digits to show.
+        is_count: whether values are whole numbers; read from the type of the field.
+    """
+
+    label: str
+    unit: str = ""
+    words: str
+    formula: str
+    source: str = ""
+    event: str = ""
+    digits: int = 3
+    is_count: bool = False
+
+    @property
+    def heading(self) -> str:
+        """Label with its unit, as in `robustness [m]`."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+    @property
+    def description(self) -> str:
+        """Words with their unit, as in `smallest time to collision [s]`."""
+        return f"{self.words} [{self.unit}]" if self.unit else self.words
+
+
+class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
+    """Measures that came after the first release; None where an older release stored the episode.
+
+    Times are in seconds from the start. Violations are those of the vehicle that was struck or,
+    without a collision, the earliest of any vehicle.
+    """
+
+    # `Measures` and the rows of lists inherit from this class. Its fields are keyword-only because
+    # msgspec puts these behind positional fields: the order of fields in messages, answers and
+    # digests is the order in which measures were added, in both. New measures go at the end.
+    ttc_violated_s: Annotated[
+        float | None,
+        Measure(
+            label="TTC < 1.5 s at",
+            unit="s",
+            words="when the time to collision first fell below 1.5 s",
+            formula="when TTC was first below 1.5 s; empty if never",
+            source="threshold: paper",
+            event="TTC below 1.5 s",
+        ),
+    ] = None
+    drac_violated_s: Annotated[
+        float | None,
+        Measure(
+            label="DRAC > 7 m/s² at",
+            unit="s",
+            words="when DRAC first exceeded 7 m/s²",
+            formula="when DRAC was first above 7.0 m/s²; empty if never",
+            source="threshold: paper, the truck's peak braking",
+            event="DRAC above 7 m/s²",
+        ),
+    ] = None
+    drac_at_warning_mps2: Annotated[
+        float | None,
+        Measure(
+            label="DRAC at the first TTC < 1.5 s",
+            unit="m/s²",
+            words="DRAC at ttc_violated_s",
+            formula="DRAC at `ttc_violated_s`, the fixed moment at which a collision is classified",
+            source="own choice",
+        ),
+    ] = None
+    collided_s: Annotated[
+        float | None,
+        Measure(
+            label="collision at",
+            unit="s",
+            words="when the collision was seen",
+            formula="when the collision was seen: at the end of a step; empty without one",
+            event="collision",
+        ),
+    ] = None
+    left_road_s: Annotated[
+        float | None,
+        Measure(
+            label="left the road at",
+            unit="s",
+            words="when the ego was first off its road",
+            formula=(
+                "when the ego's centre was first beside the outer lanes, or beyond the end of a "
+                "lane 0 that ends; empty if never"
+            ),
+            event="left the road",
+        ),
+    ] = None
+    max_jerk_mps3: Annotated[
+        float | None,
+        Measure(
+            label="largest jerk",
+            unit="m/s³",
+            words="largest jerk",
+            formula=(
+                "largest |a_t − a_{t−1}| ÷ dt of the acceleration applied, with a = 0 before the "
+                "first step"
+            ),
+        ),
+    ] = None
+    hard_brakings: Annotated[
+        int | None,
+        Measure(
+            label="hard brakings",
+            words="how often hard braking began",
+            formula=(
+                "how often an applied deceleration above 3.0 m/s² began while the truck moved"
+            ),
+            source="about the 10 ft/s² that ITE's yellow-time formula calls comfortable",
+        ),
+    ] = None
+    clipped_steps: Annotated[
+        int | None,
+        Measure(
+            label="clipped steps",
+            words="steps in which more was asked for than the truck can do",
+            formula="in how many steps the planner asked for more than the truck can do",
+        ),
+    ] = None
+    final_drac_mps2: Annotated[
+        float | None,
+        Measure(
+            label="DRAC at the last step",
+            unit="m/s²",
+            words="DRAC at the last step, 0 without a conflict then",
+            formula=(
+                "DRAC at the last step, the largest of any vehicle; 0 without a conflict then, "
+                "empty after a collision"
+            ),
+            source="FHWA",
+        ),
+    ] = None
+
+
+class Measures(LaterMeasures, frozen=True):
+    """Measures of one episode; formulas and sources are in docs/measures.md.
+
+    Times are in seconds from the start. Violations are those of the vehicle that was struck or,
+    without a collision, the earliest of any vehicle. What an older release did not measure is None.
+    """
+
+    robustness_m: Annotated[
+        float,
+        Measure(
+            label="robustness",
+            unit="m",
+            words="smallest distance to another vehicle",
+            formula=(
+                "smallest distance between the footprints of the ego and any other vehicle; 0 on a "
+                "collision"
+            ),
+            source="paper",
+        ),
+    ]
+    severity: Annotated[
+        float | None,
+        Measure(
+            label="severity",
+            unit="m²/s²",
+            words="squared relative speed at the collision",
+            formula=(
+                "‖v_ego − v_actor‖² at the collision, with the vehicle struck; empty without one"
+            ),
+            source="paper",
+        ),
+    ] = None
+    min_ttc_s: Annotated[
+        float | None,
+        Measure(
+            label="min TTC",
+            unit="s",
+            words="smallest time to collision",
+            formula="smallest TTC = gap ÷ closing speed; empty if the ego never closed in",
+            source="FHWA, paper",
+        ),
+    ] = None
+    max_drac_mps2: Annotated[
+        float | None,
+        Measure(
+            label="max DRAC",
+            unit="m/s²",
+            words="largest deceleration required to avoid the crash",
+            formula="largest DRAC = closing speed² ÷ (2 · gap); empty if the ego never closed in",
+            source="FHWA, paper",
+        ),
+    ] = None
+
+    def packed(self) -> bytes:
+        """Return the first twelve as little-endian doubles, NaN for None, for a digest.
+
+        Values of None at the end do not count beyond the fourth: results that were stored before
+        there were more than four measures keep their digests.
+        """
+        numbers = list(msgspec.structs.astuple(self)[:DIGESTED_MEASURES])
+        while len(numbers) > FIRST_MEASURES and numbers[-1] is None:
+            numbers.pop()
+        return struct.pack(
+            f"<{len(numbers)}d", *(float("nan") if n is None else n for n in numbers)
+        )
+
+
+def read_declarations(kind: type[msgspec.Struct]) -> Mapping[str, Measure]:
+    """Return the declarations of a struct's measures by field name, in the order of the fields."""
+    declared: dict[str, Measure] = {}
+    for field in msgspec.structs.fields(kind):
+        match get_args(field.type):
+            case values, Measure() as measure:
+                declared[field.name] = replace(measure, is_count=int in get_args(values))
+    return MappingProxyType(declared)
+
+
+MEASURES = read_declarations(Measures)

@@ -1,0 +1,313 @@
+"""The worlds in which campaigns run: roads made of plug-ins, functions, and bridges.
+
+A campaign names its world by `simulator`. All that differs between worlds is answered here, so that
+nothing else compares names of simulators.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import msgspec
+from msgspec.structs import replace
+
+from eigenfail import bridges, functions, plugins
+from eigenfail.contracts import Scenario
+from eigenfail.errors import InputError, UnknownName
+from eigenfail.settings import defaults_of, read_settings
+from eigenfail.values import CampaignSpec, EpisodeSetup
+from eigenfail.values.variation import Variation, read_variation
+
+
+class PluginField(NamedTuple):
+    """A field of a campaign that names a plug-in, and where its settings are.
+
+    Attributes:
+        group: of entry points.
+        settings: field of the campaign with the plug-in's settings.
+        type_name: attribute of the plug-in with the type of its settings.
+    """
+
+    group: str
+    settings: str
+    type_name: str
+
+
+class CampaignWorld(ABC):
+    """Answers of one world to the questions that a campaign raises.
+
+    Attributes:
+        plugin_fields: fields of a campaign that name plug-ins with settings, by name.
+        has_road: whether vehicles drive, so that there are steps with a duration, and conflicts.
+        needs_bridge: whether only workers with a bridge can run its episodes.
+        unexplained: reason why no planner can explain an episode; empty where one can.
+    """
+
+    plugin_fields: ClassVar[Mapping[str, PluginField]] = {}
+    has_road: ClassVar[bool] = True
+    needs_bridge: ClassVar[bool] = False
+    unexplained: ClassVar[str] = ""
+
+    @abstractmethod
+    def check(self, spec: CampaignSpec) -> None:
+        """Refuse a campaign that cannot be launched here, for reasons other than its horizon.
+
+        Raises:
+            UnknownName: a plug-in, setting or parameter that does not exist.
+            InvalidValue: a value outside its bounds, or a function that may not be run here.
+        """
+
+    @abstractmethod
+    def variation(self, spec: CampaignSpec) -> Variation:
+        """Return the scenario parameters of a campaign, each fixed or drawn for each episode.
+
+        Raises:
+            UnknownName: no such scenario, or it has no such parameter or distribution.
+            InvalidValue: a parameter, or an end of its distribution, outside its bounds.
+        """
+
+    @abstractmethod
+    def horizon(self, spec: CampaignSpec) -> int:
+        """Return the number of steps of a full episode: of the longest, where parameters vary.
+
+        Raises:
+            UnknownName: no such scenario, or it has no such parameter or distribution.
+            InvalidValue: a parameter, or an end of its distribution, outside its bounds.
+        """
+
+    def step_s(self, _spec: CampaignSpec) -> float | None:
+        """Return the duration of a step; None where steps have none. [s]
+
+        Raises:
+            UnknownName: no such scenario or parameter.
+            InvalidValue: a parameter outside its bounds.
+        """
+        return None
+
+    def parameters_type(self, _spec: CampaignSpec) -> type[msgspec.Struct] | None:
+        """Return the type of the parameters of the campaign's scenario, if it is a plug-in.
+
+        Raises:
+            UnknownName: no such scenario.
+        """
+        return None
+
+    def default_parameters(self, spec: CampaignSpec) -> dict[str, Any]:
+        """Return what the parameters of the scenario plug-in are unless a campaign sets them."""
+        kind = self.parameters_type(spec)
+        return {} if kind is None else defaults_of(kind)
+
+    def fill_planner(self, spec: CampaignSpec) -> CampaignSpec:
+        """Return the campaign with the defaults of its planner written out."""
+        return spec
+
+    def fill_scenario(self, spec: CampaignSpec) -> CampaignSpec:
+        """Return the campaign with the defaults of its scenario written out."""
+        return spec
+
+    def refuse_unlisted(self, _planner: str, _remedy: str = "") -> None:  # noqa: B027 - most have no list
+        """Refuse code that this process may not import; see `functions.refuse_unlisted`.
+
+        Raises:
+            InvalidValue: it is not on the list of what may be imported.
+        """
+
+    def require_code(self, _spec: CampaignSpec) -> None:  # noqa: B027 - only functions are looked for
+        """Refuse a campaign whose code cannot be found on this machine.
+
+        Raises:
+            InvalidValue: there is no such module.
+        """
+
+    def packages(self, _spec: CampaignSpec) -> Iterator[str]:
+        """Return the top packages of the code that an episode is made of.
+
+        Raises:
+            UnknownName: a plug-in that is not installed here.
+            InvalidValue: there is no such module.
+        """
+        return iter(())
+
+    @abstractmethod
+    def runs_foreign_code(self, setup: EpisodeSetup) -> bool:
+        """Return whether a worker's process runs code that is not eigenfail's own."""
+
+
+class PluginWorld(CampaignWorld):
+    """A road: simulator, scenario and planner are plug-ins."""
+
+    plugin_fields: ClassVar[Mapping[str, PluginField]] = {
+        "scenario": PluginField(plugins.SCENARIOS, "scenario_parameters", "Parameters"),
+        "planner": PluginField(plugins.PLANNERS, "planner_settings", "Settings"),
+    }
+
+    def check(self, spec: CampaignSpec) -> None:
+        """Read the settings of the planner."""
+        self._read_planner(spec)
+
+    def variation(self, spec: CampaignSpec) -> Variation:
+        """Return the parameters as the scenario's annotations bound them."""
+        return read_variation(self.parameters_type(spec), spec.scenario_parameters)
+
+    def horizon(self, spec: CampaignSpec) -> int:
+        """Return the largest number of steps at any corner of the parameters."""
+        scenario = self._scenario(spec)
+        return self.variation(spec).largest(lambda each: scenario(each, spec.seed).steps)
+
+    def step_s(self, spec: CampaignSpec) -> float:
+        """Return the duration of a step of the scenario. [s]"""
+        scenario = self._scenario(spec)
+        corners = self.variation(spec).corners()
+        return max(scenario(each, spec.seed).mission.dt_s for each in corners)
+
+    def parameters_type(self, spec: CampaignSpec) -> type[msgspec.Struct]:
+        """Return the scenario's `Parameters`."""
+        kind: type[msgspec.Struct] = plugins.load(plugins.SCENARIOS, spec.scenario).Parameters
+        return kind
+
+    def fill_planner(self, spec: CampaignSpec) -> CampaignSpec:
+        """Write out all settings of the planner."""
+        settings = msgspec.to_builtins(self._read_planner(spec))
+        return replace(spec, planner_settings=settings)
+
+    def fill_scenario(self, spec: CampaignSpec) -> CampaignSpec:
+        """Write out all parameters; 53 and 53.0 are the same where the default is a float."""
+        defaults = self.default_parameters(spec)
+        given = spec.scenario_parameters.items()
+        typed = {name: _match_type(value, defaults.get(name)) for name, value in given}
+        return replace(spec, scenario_parameters={**defaults, **typed})
+
+    def packages(self, spec: CampaignSpec) -> Iterator[str]:
+        """Return the packages of planner, scenario and simulator."""
+        parts = {
+            plugins.PLANNERS: spec.planner,
+            plugins.SCENARIOS: spec.scenario,
+            plugins.SIMULATORS: spec.simulator,
+        }
+        for group, name in parts.items():
+            if name not in plugins.list_entry_points(group):
+                raise UnknownName(group.removeprefix("eigenfail."), name, plugins.names(group))
+            yield plugins.list_entry_points(group)[name].module.partition(".")[0]
+
+    def runs_foreign_code(self, setup: EpisodeSetup) -> bool:
+        """Return whether any of the three plug-ins is not built in."""
+        parts = {
+            plugins.SIMULATORS: setup.simulator,
+            plugins.SCENARIOS: setup.scenario,
+            plugins.PLANNERS: setup.planner,
+        }
+        return not all(plugins.is_built_in(group, name) for group, name in parts.items())
+
+    def _scenario(self, spec: CampaignSpec) -> Scenario:
+        scenario: Scenario = plugins.load(plugins.SCENARIOS, spec.scenario)()
+        return scenario
+
+    def _read_planner(self, spec: CampaignSpec) -> msgspec.Struct:
+        kind: type[msgspec.Struct] = plugins.load(plugins.PLANNERS, spec.planner).Settings
+        return read_settings(kind, spec.planner_settings, "planner_settings")
+
+
+class FunctionWorld(CampaignWorld):
+    """A Python function of the noise; see `eigenfail.functions`."""
+
+    has_road = False
+    unexplained = "a function explains nothing: there is no planner, and no controls."
+
+    def check(self, spec: CampaignSpec) -> None:
+        """Read the parameters, and hold the function against the list of what may be run."""
+        functions.check(spec)
+        functions.refuse_unlisted(spec.planner)
+
+    def variation(self, spec: CampaignSpec) -> Variation:
+        """Return the parameters, all of them fixed."""
+        return read_variation(functions.FunctionParameters, spec.scenario_parameters)
+
+    def horizon(self, spec: CampaignSpec) -> int:
+        """Return the number of steps that the campaign sets."""
+        return functions.check(spec).steps
+
+    def fill_scenario(self, spec: CampaignSpec) -> CampaignSpec:
+        """Write out both parameters."""
+        return replace(spec, scenario_parameters=msgspec.to_builtins(functions.check(spec)))
+
+    def refuse_unlisted(self, planner: str, remedy: str = "") -> None:
+        """Refuse a function of a module that is not listed."""
+        functions.refuse_unlisted(planner, remedy)
+
+    def require_code(self, spec: CampaignSpec) -> None:
+        """Refuse a function whose module is not here."""
+        functions.require_module(spec.planner)
+
+    def packages(self, spec: CampaignSpec) -> Iterator[str]:
+        """Return the package of the function."""
+        functions.require_module(spec.planner)
+        yield spec.planner.partition(":")[0].partition(".")[0]
+
+    def runs_foreign_code(self, _setup: EpisodeSetup) -> bool:
+        """Return True: the function is a user's."""
+        return True
+
+
+class BridgeWorld(CampaignWorld):
+    """A process behind a bridge, simulator and planner in one; see `eigenfail.bridges`."""
+
+    needs_bridge = True
+    unexplained = "a bridge explains nothing: what its planner thinks, it does not tell."
+
+    def check(self, spec: CampaignSpec) -> None:
+        """Read the parameters; whether the bridge knows them it says later."""
+        bridges.check(spec)
+
+    def variation(self, spec: CampaignSpec) -> Variation:
+        """Return the parameters as far as a bridge can be told them."""
+        return bridges.variation(spec.scenario_parameters)
+
+    def horizon(self, spec: CampaignSpec) -> int:
+        """Return the largest number of steps that the campaign sets."""
+        return bridges.horizon(spec)
+
+    def step_s(self, spec: CampaignSpec) -> float:
+        """Return the duration of a step that the campaign sets. [s]"""
+        return bridges.step_s(spec)
+
+    def runs_foreign_code(self, _setup: EpisodeSetup) -> bool:
+        """Return False: the bridge is a process of its own."""
+        return False
+
+
+PLUGIN_WORLD = PluginWorld()
+WORLDS: Mapping[str, CampaignWorld] = {
+    functions.SIMULATOR: FunctionWorld(),
+    bridges.SIMULATOR: BridgeWorld(),
+}
+"""Worlds whose simulator is no plug-in, by its name."""
+
+
+def world_of(simulator: str) -> CampaignWorld:
+    """Return the world of a simulator; plug-ins, installed here or not, share one."""
+    return WORLDS.get(simulator, PLUGIN_WORLD)
+
+
+def list_simulators() -> list[str]:
+    """Return what a campaign may name as its simulator: plug-ins, functions, and the bridge."""
+    return sorted([*plugins.names(plugins.SIMULATORS), *WORLDS])
+
+
+def drawn_for(spec: CampaignSpec, seed: int) -> dict[str, Any]:
+    """The scenario parameters that an episode drew, by name; none where the scenario is unknown."""
+    try:
+        return world_of(spec.simulator).variation(spec).drawn(seed)
+    except InputError:
+        return {}
+
+
+def describe_disturbance(spec: CampaignSpec) -> dict[str, str]:
+    """Return the disturbance model as people read it, by name; a function's sigma is its scale."""
+    words = spec.disturbance.in_words()
+    if world_of(spec.simulator).has_road:
+        return words
+    return {"sigma": f"{spec.disturbance.scale:g} at every step", "shape": words["shape"]}
+
+
+def _match_type(value: Any, default: Any) -> Any:
+    return float(value) if type(value) is int and isinstance(default, float) else value

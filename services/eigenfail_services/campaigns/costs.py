@@ -1,0 +1,289 @@
+"""What campaigns cost: each by itself, the methods beside each other, and figures of pages."""
+
+from collections import defaultdict
+from collections.abc import Hashable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import Any, NamedTuple
+
+import msgspec
+
+from eigenfail import plugins
+from eigenfail.errors import EigenfailError
+from eigenfail.methods import traits_of
+from eigenfail.settings import defaults_of
+from eigenfail.values import (
+    Analysis,
+    AnalysisResult,
+    AnalysisState,
+    Campaign,
+    CampaignCost,
+    Safety,
+    SpendingTotals,
+)
+from eigenfail.values.campaign import Settings
+from eigenfail.values.pool import MethodCost, PeerCosts, Peers, Pool
+from eigenfail.values.worker import WorkerShare
+from eigenfail.worlds import PluginField, world_of
+from eigenfail_services.analysis.cost import (
+    BY_CLOCK,
+    PAUSED,
+    SECONDS_PER_HOUR,
+    KnownModes,
+    cost,
+    make_cost_curve,
+    split_time,
+    was_cut,
+)
+from eigenfail_services.campaigns.summary import divide, find_cost, find_safety, find_worker_shares
+from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.store import Store
+
+LOOKED_AT = 100
+"""Among how many of the newest analyses one is looked for that is done."""
+
+
+def find_spending(store: Store, campaign: Campaign) -> CampaignCost:
+    """Return the cost of a campaign, of its failures and modes, and the use of its time, so far."""
+    spec, totals = campaign.spec, store.episodes.spending(campaign.id)
+    modes, cost = _find_known_modes(store, campaign), find_cost(campaign)
+    count = None if modes.found_ms is None else len(modes.found_ms)
+    return CampaignCost(
+        campaign=campaign.id,
+        name=spec.name,
+        method=spec.method,
+        price_usd_per_hour=spec.price_usd_per_hour,
+        instances=spec.instances,
+        completed=campaign.counts.completed,
+        failures=campaign.counts.failures,
+        cost=cost,
+        analysis=modes.analysis,
+        modes=count,
+        per_mode_usd=divide(cost.total_usd, count or 0),
+        modes_in_words=modes.words,
+        curve=tuple(make_cost_curve(campaign, totals, modes)),
+        time=split_time(campaign, totals),
+        notes=tuple(_list_approximations(campaign, totals)),
+    )
+
+
+def _list_approximations(campaign: Campaign, totals: SpendingTotals) -> Iterator[str]:
+    if totals.landings:
+        yield BY_CLOCK
+    if was_cut(campaign, [landing.at_ms for landing in totals.landings]):
+        yield PAUSED
+
+
+def _find_known_modes(store: Store, campaign: Campaign) -> KnownModes:
+    """Return the distinct modes that the newest finished analysis found among the failures."""
+    found = find_newest(store, campaign)
+    if found is None or found.result is None:
+        words = f"No analysis is done: `eigenfail analyze {campaign.id}`, or Analyse on its page."
+        return KnownModes(None, None, words)
+    result = found.result
+    if not result.distinct:
+        return KnownModes(found.id, None, result.verdict)
+    first = _find_first_failures(result, campaign.id)
+    landed = (store.episodes.page(campaign.id, 1, after=index - 1).items for index in first)
+    words = f"{result.verdict}{_describe_lag(result, campaign)}"
+    return KnownModes(found.id, tuple(sorted(rows[0].finished_ms for rows in landed)), words)
+
+
+def find_newest(store: Store, campaign: Campaign) -> Analysis | None:
+    """Return the newest finished analysis of a campaign; None before there is one."""
+    page = store.analyses.page(LOOKED_AT, campaign=campaign.id)
+    done = (each.id for each in page.items if each.state is AnalysisState.DONE)
+    number = next(done, None)
+    return None if number is None else store.analyses.get(number)
+
+
+def _find_first_failures(result: AnalysisResult, campaign: int) -> list[int]:
+    """Return the lowest index among the campaign's failures of each mode."""
+    owners = result.campaigns or (campaign,) * len(result.episodes)
+    first: dict[int, int] = {}
+    for owner, index, mode in zip(owners, result.episodes, result.labels, strict=True):
+        if owner == campaign:
+            first[mode] = min(index, first.get(mode, index))
+    return list(first.values())
+
+
+def _describe_lag(result: AnalysisResult, campaign: Campaign) -> str:
+    owners = result.campaigns or (campaign.id,) * len(result.episodes)
+    known, now = owners.count(campaign.id), campaign.counts.failures
+    return f" It knows {known} of {now} failures." if known < now else ""
+
+
+NEW = object()
+
+POOLED = (
+    "All campaigns of a method are pooled that have planner, scenario, simulator, disturbance "
+    "model and all their settings in common: their costs and failures are summed, and intervals "
+    "are those of the pooled failure rate. Campaigns of one method may differ in its settings."
+)
+LEFT_OUT = "Replays, shrunk failures and evaluated policies are left out: they find nothing new."
+NO_BASELINE = "There is no Monte Carlo campaign to hold these against."
+AT_LEAST = (
+    "Monte Carlo has found no failure: its figure is the least that one can cost there (95 %)."
+)
+
+
+def list_methods(pools: Sequence[Pool]) -> list[str]:
+    """Return the names of the methods of all campaigns."""
+    return sorted({pool.method for pool in pools})
+
+
+def compare_peers(pools: Sequence[Pool]) -> tuple[PeerCosts, ...]:
+    """Return the costs of all groups of comparable campaigns, the newest campaign's group first."""
+    groups: dict[Hashable, dict[str, list[Pool]]] = defaultdict(lambda: defaultdict(list))
+    for pool in pools:
+        if traits_of(pool.method).finds_new:
+            peers = _leave_out_defaults(pool.peers)
+            group = groups[_make_hashable(msgspec.to_builtins(peers))]
+            group[pool.method].append(msgspec.structs.replace(pool, peers=peers))
+    return tuple(
+        _make_peer_costs([*map(_merge_pools, by_method.values())]) for by_method in groups.values()
+    )
+
+
+def _leave_out_defaults(peers: Peers) -> Peers:
+    """Return the peers without settings that are defaults anyway.
+
+    The disturbance model has all its defaults filled in, so that there is nothing to leave out.
+    """
+    fields = world_of(peers.simulator).plugin_fields
+    return msgspec.structs.replace(
+        peers,
+        **{
+            each.settings: _leave_out_default_settings(peers, name, each)
+            for name, each in fields.items()
+        },
+    )
+
+
+def _leave_out_default_settings(peers: Peers, name: str, field: PluginField) -> Settings:
+    given: Settings = getattr(peers, field.settings)
+    if not given:
+        return given
+    try:
+        fields = getattr(plugins.load(field.group, getattr(peers, name)), field.type_name)
+    except EigenfailError:  # not installed here: nothing is known of it
+        return given
+    types = {each.encode_name: each.type for each in msgspec.structs.fields(fields)}
+    whole = {each: _complete_setting(value, types.get(each, Any)) for each, value in given.items()}
+    known = defaults_of(fields)
+    return {each: value for each, value in whole.items() if known.get(each, NEW) != value}
+
+
+def _complete_setting(value: Any, kind: Any) -> Any:
+    """Return a setting with the defaults inside it; a distribution is left as it is."""
+    try:
+        return msgspec.to_builtins(msgspec.convert(value, kind))
+    except msgspec.ValidationError:
+        return value
+
+
+def _make_hashable(value: Any) -> Hashable:
+    """Return plain data as a key: equal numbers are equal, whether they are written 1 or 1.0."""
+    if isinstance(value, dict):
+        return frozenset((name, _make_hashable(part)) for name, part in value.items())
+    return tuple(map(_make_hashable, value)) if isinstance(value, list) else value
+
+
+def _merge_pools(pools: Sequence[Pool]) -> Pool:
+    """Return the pools of one method as one; the first of them is the newest."""
+    return msgspec.structs.replace(
+        pools[0],
+        campaigns=sum(pool.campaigns for pool in pools),
+        completed=sum(pool.completed for pool in pools),
+        failures=sum(pool.failures for pool in pools),
+        instance_hours=sum(pool.instance_hours for pool in pools),
+        total_usd=sum(pool.total_usd for pool in pools),
+    )
+
+
+def _make_peer_costs(pools: Sequence[Pool]) -> PeerCosts:
+    methods = sorted(map(_make_method_cost, pools), key=_rank_cost)
+    return PeerCosts(
+        peers=pools[0].peers, methods=tuple(methods), notes=tuple(_list_peer_notes(methods))
+    )
+
+
+def _make_method_cost(pool: Pool) -> MethodCost:
+    hours = pool.instance_hours
+    return MethodCost(
+        method=pool.method,
+        campaigns=pool.campaigns,
+        newest=pool.newest,
+        completed=pool.completed,
+        failures=pool.failures,
+        failure_rate=rate(pool.failures, pool.completed) if pool.completed else None,
+        cost=cost(
+            active_s=hours * SECONDS_PER_HOUR,
+            instances=1,
+            price_usd_per_hour=pool.total_usd / hours if hours else 0.0,
+            failures=pool.failures,
+            completed=pool.completed,
+        ),
+    )
+
+
+def _rank_cost(found: MethodCost) -> tuple[bool, bool, float]:
+    """Rank the baseline first, then the cheapest method, then methods without a failure."""
+    price = found.cost.per_failure_usd
+    return not _is_baseline(found), price is None, price or 0.0
+
+
+def _is_baseline(found: MethodCost) -> bool:
+    return traits_of(found.method).draws_from_prior
+
+
+def _list_peer_notes(methods: Sequence[MethodCost]) -> Iterator[str]:
+    yield POOLED
+    yield LEFT_OUT
+    baseline = next(filter(_is_baseline, methods), None)
+    if baseline is None:
+        yield NO_BASELINE
+    elif not baseline.failures:
+        yield AT_LEAST
+
+
+AT_A_TIME = 3
+POOL = ThreadPoolExecutor(AT_A_TIME, thread_name_prefix="figures")
+
+
+class CampaignFigures(NamedTuple):
+    """Safety, cost and workers of a campaign."""
+
+    safety: Safety
+    cost: CampaignCost
+    workers: tuple[WorkerShare, ...]
+
+
+def find_figures(store: Store, campaign: Campaign) -> CampaignFigures:
+    """Return the figures of a campaign; the store's sums are computed side by side."""
+    wait_for_figures(prefetch_figures(store, campaign))
+    return read_figures(store, campaign)
+
+
+def read_figures(store: Store, campaign: Campaign) -> CampaignFigures:
+    """Return the figures of a campaign whose sums the store has computed before."""
+    return CampaignFigures(
+        find_safety(store, campaign),
+        find_spending(store, campaign),
+        find_worker_shares(store, campaign),
+    )
+
+
+def prefetch_figures(store: Store, campaign: Campaign) -> Sequence[Future[Any]]:
+    """Start computing the sums that `find_figures` needs; the store caches them."""
+    asked = (store.episodes.safety, store.episodes.spending, store.figures.workers)
+    return [POOL.submit(ask, campaign.id) for ask in asked]
+
+
+def is_prefetched(begun: Sequence[Future[Any]]) -> bool:
+    """Return whether all sums have been computed."""
+    return all(each.done() and not each.exception() for each in begun)
+
+
+def wait_for_figures(begun: Sequence[Future[Any]]) -> None:
+    """Wait for all sums, failed ones too: reading the figures raises their errors."""
+    wait(begun)

@@ -1,0 +1,286 @@
+"""What a campaign must be before it is taken on: names known, values within bounds, noise there."""
+
+from collections.abc import Callable, Iterator, Mapping
+from math import ceil, isfinite
+from typing import TYPE_CHECKING, Any
+from unicodedata import category
+
+import msgspec
+
+from eigenfail.contracts import Injection, Reference
+from eigenfail.errors import InvalidValue, NotFound, UnknownName
+from eigenfail.settings import convert
+from eigenfail.values import CampaignSpec
+from eigenfail.values.variation import KINDS
+from eigenfail.worlds import list_simulators, world_of
+from eigenfail_services.campaigns.resolution import (
+    READERS,
+    ResolvedCampaign,
+    ResolvedMethod,
+    check_estimates,
+    find_references,
+    find_searching,
+    read_trajectories,
+    resolve_method,
+)
+from eigenfail_services.methods.fitness import check_budget
+
+if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
+    from eigenfail_services.store import Store
+
+MAX_DEPTH = 20
+LARGEST = 2**63 - 1
+
+FAILURE_SETTINGS = ("campaign", "episode", "analysis", "mode")
+"""Settings that name one failure: the first two together, or the last two."""
+
+
+def validate_campaign(spec: CampaignSpec, store: "Store") -> ResolvedCampaign:
+    """Resolve a campaign that can be launched.
+
+    Raises:
+        UnknownName: a plug-in, setting or parameter that does not exist; the known ones are listed.
+        InvalidValue: a value that cannot be; or an earlier campaign, an analysis or an episode that
+            the settings name does not exist or is of no use.
+    """
+    return check_references(check_spec(spec), store)
+
+
+def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
+    """Resolve a campaign whose values are all known to make sense; references are not looked for.
+
+    Nothing heavy is loaded for it: neither the simulator nor what methods train with.
+
+    Raises:
+        UnknownName: a plug-in, setting or parameter that does not exist; the known ones are listed.
+        InvalidValue: a value of the wrong type, outside its bounds, or not a finite number; a
+            budget that the method cannot begin with; or a function that may not be run here.
+    """
+    _refuse_unstorable(spec)
+    convert(msgspec.to_builtins(spec), CampaignSpec)
+    if spec.simulator not in list_simulators():
+        raise UnknownName("simulator", spec.simulator, list_simulators())
+    method = resolve_method(spec.method, spec.settings)
+    check_budget(method.settings, spec.episodes)
+    searching = find_searching(method)
+    if spec.stop.cv is not None:
+        check_estimates(searching, "stop.cv")
+    world = world_of(spec.simulator)
+    world.check(spec)
+    return ResolvedCampaign(spec, world, world.horizon(spec), method, searching)
+
+
+def _refuse_unstorable(spec: CampaignSpec) -> None:
+    """Raises InvalidValue for numbers and text that terminals and databases choke on."""
+    for path, value in list_leaves(spec):
+        if isinstance(value, float) and not isfinite(value):
+            raise InvalidValue(path, f"{value} is not a finite number.")
+        if isinstance(value, int) and abs(value) > LARGEST:
+            raise InvalidValue(path, f"{value} is larger than 64 bits hold.")
+        if isinstance(value, str) and any(category(letter) in {"Cc", "Cs"} for letter in value):
+            raise InvalidValue(path, "contains a control character.", "Take it out.")
+
+
+def list_leaves(value: Any) -> Iterator[tuple[str, Any]]:
+    """Return every plain value inside a value, with its path.
+
+    Raises:
+        InvalidValue: it goes deeper than encoders follow.
+    """
+    # Without recursion: what a user sends may be nested more deeply than Python's stack is.
+    waiting: list[tuple[tuple[str, ...], Any]] = [((), value)]
+    while waiting:
+        path, value = waiting.pop()
+        if len(path) > MAX_DEPTH:
+            raise InvalidValue(path[0], f"is nested more than {MAX_DEPTH} levels deep.")
+        parts = list(_list_children(value))
+        waiting.extend(((*path, name), part) for name, part in parts)
+        if not parts:
+            yield ".".join(path), value
+
+
+def _list_children(value: Any) -> Iterator[tuple[str, Any]]:
+    # The names in a mapping come from users, too, and are looked at like values.
+    if isinstance(value, msgspec.Struct):
+        yield from msgspec.structs.asdict(value).items()
+    if isinstance(value, dict):
+        yield from ((str(name), part) for name, part in value.items())
+        yield from (("(name)", str(name)) for name in value)
+    if isinstance(value, (list, tuple)):
+        yield from ((str(place), part) for place, part in enumerate(value))
+
+
+def check_references(campaign: ResolvedCampaign, store: "Store") -> ResolvedCampaign:
+    """Return the campaign with its references, once what its settings name can be used.
+
+    Raises:
+        InvalidValue: one does not exist; or it is to be built upon and has not ended, has learnt
+            nothing, or has episodes of another length.
+    """
+    _check_named(campaign.searching, store)
+    if check := INJECTION_CHECKS.get(campaign.searching.traits.injects):
+        check(campaign, store)
+    return find_references(campaign, store)
+
+
+def _check_named(method: ResolvedMethod, store: "Store") -> None:
+    """Raises InvalidValue where there is no analysis or campaign whose noise is to be injected."""
+    stores = {"analysis": store.analyses.get, "campaign": store.campaigns.get}
+    for name, number in method.given_references(Reference.NOISE).items():
+        try:
+            stores[name](number)
+        except NotFound as error:
+            raise InvalidValue(f"{method.field}.{name}", error.problem, error.remedy) from error
+
+
+def _check_trajectories(campaign: ResolvedCampaign, store: "Store") -> None:
+    """Make sure that what is named for a replay is there.
+
+    The failures of a whole campaign are not read: their number is not bounded.
+
+    Raises:
+        InvalidValue: nothing is named; or the analysis is not done, or has no mode or not the one
+            that is named; or an episode has no result.
+    """
+    method = campaign.searching
+    settings = method.given
+    if all(settings.get(name) is None for name in READERS):
+        problem = "they name neither an analysis nor a campaign whose noise is replayed."
+        raise InvalidValue(method.field, problem, 'Give "analysis", or "campaign".')
+    if settings.get("analysis") is None and not settings.get("episodes"):
+        return
+    try:
+        known = read_trajectories(method, store)
+    except NotFound as error:
+        raise InvalidValue(f"{method.field}.episodes", error.problem, error.remedy) from error
+    if not known:
+        problem = "that analysis found no failure mode to replay."
+        raise InvalidValue(f"{method.field}.analysis", problem, "Name one that has failure modes.")
+
+
+def _check_failure(campaign: ResolvedCampaign, store: "Store") -> None:
+    """Make sure that one failure is named, and that all replays will be in its scenario.
+
+    Raises:
+        InvalidValue: it is not exactly one; there is no such episode or mode; the episode did not
+            end in a collision; or the scenario's parameters vary.
+    """
+    method = campaign.searching
+    settings = method.given
+    named = {name for name in FAILURE_SETTINGS if settings.get(name) is not None}
+    if named not in ({"campaign", "episode"}, {"analysis", "mode"}):
+        words = ", ".join(sorted(named)) or "nothing"
+        remedy = 'Give "campaign" and "episode", or "analysis" and "mode", and nothing else.'
+        raise InvalidValue(method.field, f"they name {words}, which is not one failure.", remedy)
+    if "episode" in named:
+        field = f"{method.field}.episode"
+        _check_collision(settings["campaign"], settings["episode"], field, store)
+    read_trajectories(method, store)
+    for name in list_varied(campaign.spec):
+        raise InvalidValue(
+            f"scenario_parameters.{name}",
+            "varies, so that each replay would be in another scenario than the failure.",
+            "`eigenfail episode shrink CAMPAIGN/EPISODE` fixes what the episode drew; or give a"
+            " value, for a mode that of its medoid.",
+        )
+
+
+def _check_collision(campaign: int, episode: int, field: str, store: "Store") -> None:
+    try:
+        result = store.episodes.get(campaign, episode)
+    except NotFound as error:
+        raise InvalidValue(field, error.problem, error.remedy) from error
+    if not result.is_failure:
+        problem = f"episode {campaign}/{episode} is {result.outcome.word}, not a collision."
+        remedy = f"`eigenfail episode list {campaign} --outcome collision` lists failures."
+        raise InvalidValue(field, problem, remedy)
+
+
+INJECTION_CHECKS: Mapping[Injection, Callable[[ResolvedCampaign, "Store"], None]] = {
+    Injection.ONE_FAILURE: _check_failure,
+    Injection.TRAJECTORIES: _check_trajectories,
+}
+
+
+def list_varied(spec: CampaignSpec) -> tuple[str, ...]:
+    """Return the scenario parameters that each episode draws anew."""
+    given = spec.scenario_parameters.items()
+    return tuple(name for name, value in given if is_distribution(value))
+
+
+def is_distribution(value: Any) -> bool:
+    """Return whether a scenario parameter is drawn for each episode."""
+    return isinstance(value, dict) and not KINDS.keys().isdisjoint(value)
+
+
+ON_RESULTS = ("failures", "half_width", "cv")
+
+
+class RoundPace(msgspec.Struct, frozen=True):
+    """The size of a method's rounds, and how many are open at a time.
+
+    Attributes:
+        first: episodes of its first round.
+        later: episodes of the largest round after that.
+        ahead: rounds that are open besides the oldest one.
+        setting: what makes rounds smaller.
+    """
+
+    first: int
+    later: int
+    ahead: int
+    setting: str
+
+
+def describe_stop_rules(campaign: ResolvedCampaign) -> Iterator[str]:
+    """Return how late a campaign's stop rules may take effect, in sentences."""
+    spec = campaign.spec
+    rules = {name: limit for name, limit in spec.stop.given().items() if name in ON_RESULTS}
+    if not rules:
+        return
+    several = len(rules) > 1
+    told = ", ".join(f"{name} = {limit:g}" for name, limit in rules.items())
+    subject = f"The rules {told} are" if several else f"The rule {told} is"
+    judged = f"{subject} judged after whole rounds"
+    holds, pace = "one holds" if several else "it holds", find_pace(campaign)
+    if pace is None:
+        yield f"{judged}, as large as the method makes them: once {holds}, open ones are finished."
+    elif spec.episodes <= pace.first + pace.ahead * pace.later:
+        yield f"{judged}, and {_describe_whole(pace)}: nothing ends early. {_describe_remedy(pace)}"
+    else:
+        rest = _describe_rest(pace, spec.episodes)
+        yield f"{judged}, of {_describe_size(pace)} episodes here: once {holds}, {rest}"
+
+
+def _describe_whole(pace: RoundPace) -> str:
+    if pace.ahead:
+        return "two rounds, which are open together, hold all of the budget"
+    return "one round holds all of the budget"
+
+
+def _describe_remedy(pace: RoundPace) -> str:
+    return f"Give it more episodes, or a smaller {pace.setting}."
+
+
+def _describe_size(pace: RoundPace) -> str:
+    return f"{pace.later}" if pace.first == pace.later else f"up to {max(pace.first, pace.later)}"
+
+
+def _describe_rest(pace: RoundPace, episodes: int) -> str:
+    open_then = (1 + pace.ahead) * max(pace.first, pace.later) - 1
+    why = ", as the next round is open by then" if pace.ahead else ""
+    return f"up to {min(open_then, episodes - 1)} more are run{why}."
+
+
+def find_pace(campaign: ResolvedCampaign) -> RoundPace | None:
+    """Return the round sizes of the method, or of an ensemble's members; None if unknown."""
+    searching = campaign.searching
+    # How many learners share the episodes.
+    members = getattr(campaign.method.settings, "members", 1)
+    episodes = ceil(campaign.spec.episodes / members)
+    sizes = searching.description.find_round_sizes(searching.settings, episodes)
+    if sizes is None:
+        return None
+    # With rules on results no campaign has more rounds open than that: see `Rounds`.
+    ahead = min(1, searching.description.lookahead)
+    return RoundPace(sizes.first, sizes.later, ahead, f"{searching.field}.{sizes.setting}")

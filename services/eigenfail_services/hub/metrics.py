@@ -1,0 +1,167 @@
+"""Prometheus metrics of a hub, and the demand for workers.
+
+Events are counted where they happen. The hub's thread publishes its status from time to time, so
+that a scrape never reads what that thread is changing.
+"""
+
+import time
+from collections import Counter as Tally
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Protocol
+
+import msgspec
+from prometheus_client import CollectorRegistry, Counter, Histogram
+from prometheus_client.core import GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from eigenfail.values.records import Verdict
+from eigenfail_services.hub.learner_link import FailureKind
+from eigenfail_services.hub.worker_table import WorkerSession
+
+SHORT_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
+"""Buckets for the hub's own operations. [s]"""
+
+LONG_S = (0.01, 0.05, 0.1, 0.5, 1, 5, 10, 30, 60, 300, 900, 3_600)
+"""Buckets for episodes and steps of learners. [s]"""
+
+
+class Work(msgspec.Struct, frozen=True):
+    """Work that waits or is leased.
+
+    Attributes:
+        episodes: number of proposed episodes without a result.
+        worker_s: estimated time that one worker would need for them. [s]
+    """
+
+    episodes: int = 0
+    worker_s: float = 0.0
+
+
+class WorkerDemand(msgspec.Struct, frozen=True):
+    """Work and workers at one moment.
+
+    Attributes:
+        present: names of the connected workers.
+        idle: names of those that hold no episode.
+    """
+
+    work: Work = Work()
+    present: frozenset[str] = frozenset()
+    idle: frozenset[str] = frozenset()
+
+
+class CampaignLoad(msgspec.Struct, frozen=True):
+    """Load of a running campaign.
+
+    Attributes:
+        waiting: number of episodes that wait for a worker.
+        leased: number of episodes that workers hold.
+        learner_s: how long its learner has been at its current step, 0 while it waits. [s]
+    """
+
+    waiting: int = 0
+    leased: int = 0
+    learner_s: float = 0.0
+
+
+class HubStatus(msgspec.Struct, frozen=True):
+    """Status of a hub: the load of each running campaign, and the number of connected workers."""
+
+    campaigns: Mapping[int, CampaignLoad] = {}
+    workers: int = 0
+
+
+class RunningCampaign(Protocol):
+    """What the metrics need to know of a running campaign."""
+
+    def work(self) -> Work:
+        """Return the work that waits or is leased."""
+
+    @property
+    def learner_s(self) -> float:
+        """How long its learner has been at its current step. [s]"""
+
+
+class Metrics(Collector):
+    """The metrics of one hub.
+
+    Attributes:
+        status: as published last.
+    """
+
+    def __init__(self, registry: CollectorRegistry | None = None) -> None:
+        self.status = HubStatus()
+        self.registry = registry or CollectorRegistry()
+        self.results = self._counter("results", "Results that were judged", "verdict")
+        self.workers_lost = self._counter("workers_lost", "Workers that fell silent")
+        self.leases_expired = self._counter("leases_expired", "Leases of workers that fell silent")
+        self.learners_lost = self._counter("learners_lost", "Learners that were lost", "kind")
+        self.commit_s = self._histogram("commit_seconds", "Transactions of results", SHORT_S)
+        self.result_s = self._histogram(
+            "result_seconds", "Results, from their arrival to the end of their commit", SHORT_S
+        )
+        self.turn_s = self._histogram("hub_turn_seconds", "Turns of the hub", SHORT_S)
+        self.episode_s = self._histogram("episode_seconds", "Episodes, at their workers", LONG_S)
+        self.learner_s = self._histogram("learner_step_seconds", "Steps of learners", LONG_S)
+        self.registry.register(self)
+        # A series that begins with 1 shows no increase: an alert would miss its first event.
+        for verdict in Verdict:
+            self.results.labels(verdict)
+        for kind in FailureKind:
+            self.learners_lost.labels(kind)
+
+    def _counter(self, name: str, words: str, *labels: str) -> Counter:
+        return Counter(f"eigenfail_{name}", words, labels, registry=self.registry)
+
+    def _histogram(self, name: str, words: str, buckets: tuple[float, ...]) -> Histogram:
+        return Histogram(f"eigenfail_{name}", words, buckets=buckets, registry=self.registry)
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield the gauges of the published status."""
+        status = self.status
+        yield GaugeMetricFamily(
+            "eigenfail_workers", "Workers that are connected", value=status.workers
+        )
+        for field, name, words in (
+            ("waiting", "episodes_waiting", "Episodes of running campaigns that nobody has"),
+            ("leased", "episodes_leased", "Episodes of running campaigns that workers have"),
+            ("learner_s", "learner_busy_seconds", "For how long a learner has been learning"),
+        ):
+            family = GaugeMetricFamily(f"eigenfail_{name}", words, labels=["campaign"])
+            for campaign, load in status.campaigns.items():
+                family.add_metric([str(campaign)], getattr(load, field))
+            yield family
+
+
+def summarize_status(
+    campaigns: Mapping[int, RunningCampaign], sessions: Collection[WorkerSession]
+) -> HubStatus:
+    """Return the status of a hub with these running campaigns and worker sessions."""
+    leased = Tally(campaign for session in sessions for campaign, _ in session.held)
+    loads = {
+        campaign: CampaignLoad(
+            max(0, each.work().episodes - leased[campaign]), leased[campaign], each.learner_s
+        )
+        for campaign, each in campaigns.items()
+    }
+    return HubStatus(loads, len(sessions))
+
+
+def measure_demand(
+    campaigns: Iterable[RunningCampaign], sessions: Sequence[WorkerSession]
+) -> WorkerDemand:
+    """Return the work of these running campaigns, and the workers of these sessions."""
+    works = [campaign.work() for campaign in campaigns]
+    busy = {session.name for session in sessions if session.held}
+    present = frozenset(session.name for session in sessions)
+    total = Work(sum(work.episodes for work in works), sum(work.worker_s for work in works))
+    return WorkerDemand(total, present, present - busy)
+
+
+@contextmanager
+def observe_duration(histogram: Histogram) -> Iterator[None]:
+    """Observe the duration of a block, unless it raises an error."""
+    began_s = time.perf_counter()
+    yield
+    histogram.observe(time.perf_counter() - began_s)

@@ -1,0 +1,329 @@
+"""The hub's side of the conversation with workers, message by message."""
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from typing import Any
+
+import structlog
+
+from eigenfail.errors import ProtocolError
+from eigenfail.values import EpisodeTask, PolicySource
+from eigenfail.versions import versions
+from eigenfail.wire.messages import (
+    PROTOCOL,
+    Ack,
+    AssemblerTable,
+    Drop,
+    Goodbye,
+    Heartbeat,
+    Hello,
+    Lease,
+    Message,
+    Piece,
+    PolicyUpdate,
+    Refusal,
+    Results,
+    Setup,
+    Welcome,
+    fingerprint_task,
+    read_foreign_hello,
+    read_worker_message,
+)
+from eigenfail_services.hub.commits import HUB, CommitQueue, JudgedResult
+from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.metrics import Metrics
+from eigenfail_services.hub.runs import CampaignRun
+from eigenfail_services.hub.scheduler import Assignment
+from eigenfail_services.hub.transport import (
+    HEARTBEAT_ACK,
+    QUIET_HEARTBEATS,
+    ConnectionProbe,
+    IsConnected,
+    RefusalLog,
+)
+from eigenfail_services.hub.worker_table import WorkerSession
+
+HEARTBEAT_S = 1.0
+SILENCE_LIMIT_S = 10.0
+
+ADOPTION_GRACE_S = 3.0
+"""Time that a new hub waits for workers that hold episodes of resumed campaigns: their next
+heartbeat is refused, and then they send a hello with their claims."""
+
+GOODBYE_INTERVAL_S = 30.0
+"""Time before a goodbye is repeated, which may be lost on its way. A worker that got it leaves
+within ten seconds."""
+
+PACKAGE = "eigenfail"
+
+log = structlog.get_logger()
+
+Send = Callable[[bytes, Message], None]
+
+
+class Draining:
+    """Workers that are to finish what they hold and then leave, and when each was told."""
+
+    def __init__(self) -> None:
+        self._names: frozenset[str] = frozenset()
+        self._told_s: dict[WorkerSession, float] = {}
+
+    def set_names(self, names: Collection[str]) -> None:
+        """Set the names of the workers that are to leave; any thread may call this."""
+        self._names = frozenset(names)
+
+    def find_workers(self, sessions: Mapping[bytes, WorkerSession]) -> list[bytes]:
+        """Return the connections of the workers that are to leave."""
+        names = self._names
+        return [worker for worker, each in sessions.items() if each.name in names] if names else []
+
+    def pop_ready(
+        self, draining: list[bytes], sessions: Mapping[bytes, WorkerSession], now_s: float
+    ) -> Iterator[bytes]:
+        """Yield the workers that hold nothing and are to be told now that they may leave.
+
+        Args:
+            draining: workers that are to leave.
+            sessions: of all workers.
+            now_s: monotonic time. [s]
+        """
+        connected = {sessions[worker] for worker in draining}
+        self._told_s = {each: at_s for each, at_s in self._told_s.items() if each in connected}
+        for worker in draining:
+            session = sessions[worker]
+            told_s = self._told_s.get(session, -GOODBYE_INTERVAL_S)
+            if not session.held and now_s - told_s >= GOODBYE_INTERVAL_S:
+                self._told_s[session] = now_s
+                yield worker
+
+
+class WorkerSessions:
+    """Handles the messages of workers.
+
+    Args:
+        send: sends a message to a worker.
+        leases: of all campaigns.
+        commits: take the results.
+        metrics: count lost workers.
+        is_connected: returns whether a worker's connection is open.
+
+    Attributes:
+        declined: campaigns of which a worker can run no episode, with the reasons.
+    """
+
+    def __init__(
+        self,
+        send: Send,
+        leases: Leases,
+        commits: CommitQueue,
+        metrics: Metrics | None = None,
+        is_connected: IsConnected = lambda _worker: True,
+    ) -> None:
+        self._send = send
+        self._probe = ConnectionProbe(is_connected)
+        self._metrics = metrics or Metrics()
+        self._leases = leases
+        self._commits = commits
+        self._refusals = RefusalLog()
+        self._assemblers = AssemblerTable()
+        self.declined: dict[int, str] = {}
+        self._began_s = self._expired_s = time.monotonic()
+        self._handlers: dict[type, Callable[[bytes, Any], None]] = {
+            Hello: self._handle_hello,
+            Heartbeat: self._handle_heartbeat,
+            Results: self._handle_results,
+            Goodbye: self._handle_goodbye,
+            Piece: self._handle_piece,
+        }
+
+    def handle(self, worker: bytes, data: bytes) -> None:
+        """Handle the bytes of a worker, whatever they are."""
+        try:
+            message = read_worker_message(data)
+        except ProtocolError as error:
+            hello = read_foreign_hello(data)
+            if hello and (reason := explain_refusal(hello.protocol, hello.versions)):
+                self._refuse(worker, reason)
+            else:
+                self._send(worker, Refusal(str(error)))
+            return
+        if not isinstance(message, Hello) and not self._leases.touch(worker, time.monotonic()):
+            self._send(worker, Refusal("The hub does not know this connection: say hello."))
+        else:
+            self._handlers[type(message)](worker, message)
+
+    def _handle_hello(self, worker: bytes, message: Hello) -> None:
+        if reason := explain_refusal(message.protocol, message.versions):
+            self._refuse(worker, reason, named=message.worker, host=message.host)
+            return
+        session = self._leases.touch(worker, time.monotonic())
+        if session is None or not session.was_opened_by(message):
+            log.info("worker joined", worker=message.worker, host=message.host, pid=message.pid)
+            _log_version_difference(message.worker, message.versions)
+            self._leases.join(worker, message, time.monotonic())
+        self._send(worker, Welcome(HEARTBEAT_S))
+
+    def _refuse(self, worker: bytes, reason: str, **facts: str) -> None:
+        # A refused worker asks again and again: the log has one line for many refusals.
+        self._refusals.add("another release", why=reason, **facts)
+        self._send(worker, Refusal(reason))
+
+    def _handle_heartbeat(self, worker: bytes, message: Heartbeat) -> None:
+        running = None
+        if message.campaign is not None and message.running is not None:
+            running = (message.campaign, message.running)
+        self._leases.record_heartbeat(worker, running, set(message.held), message.slots)
+        for campaign, reason in message.declined or ():
+            self._decline(worker, campaign, reason)
+        self._send(worker, HEARTBEAT_ACK)
+
+    def _decline(self, worker: bytes, campaign: int, reason: str) -> None:
+        """Note that a worker can run no episode of a campaign, if it was sent the campaign's setup.
+
+        Without a setup the campaign was dropped since then, and the worker is told so again.
+        """
+        session = self._leases.sessions[worker]
+        if campaign in session.setups:
+            problem = f"Worker {session.name} can run no episode of the campaign: {reason}"
+            self.declined.setdefault(campaign, problem)
+        else:
+            self._drop(worker, campaign)
+
+    def _handle_results(self, worker: bytes, message: Results) -> None:
+        name = self._leases.sessions[worker].name
+        for result in message.results:
+            self._leases.receive(message.campaign, result.index, result.wall_s, worker)
+            self._commits.add(worker, name, message.campaign, result)
+
+    def _handle_piece(self, worker: bytes, piece: Piece) -> None:
+        """Keep a piece of a message, and handle the message once it is complete."""
+        try:
+            data = self._assemblers.add(worker, piece)
+            message = None if data is None else read_worker_message(data)
+        except ProtocolError as error:
+            self._send(worker, Refusal(str(error)))
+            return
+        if isinstance(message, Piece):
+            self._send(worker, Refusal("A piece of a message holds another piece."))
+        elif message is not None:
+            self._handlers[type(message)](worker, message)
+
+    def _handle_goodbye(self, worker: bytes, _message: Goodbye) -> None:
+        self._leases.leave(worker)
+
+    def expire_silent(self) -> None:
+        """End the sessions of workers that were silent for long, or whose connections are closed.
+
+        A late result of such a worker is still accepted.
+        """
+        now_s, before_s = time.monotonic(), self._expired_s
+        self._expired_s = now_s
+        if now_s - before_s > SILENCE_LIMIT_S / 2:  # the hub was held up by its store or its host
+            self._leases.excuse_silence(now_s - before_s, now_s)
+        for worker in self._leases.list_silent(now_s, SILENCE_LIMIT_S):
+            self._record_loss(worker, why="it is silent")
+            self._leases.lose(worker)
+        quiet = self._leases.list_silent(now_s, QUIET_HEARTBEATS * HEARTBEAT_S)
+        for worker in self._probe.find_closed(quiet, now_s):
+            self._record_loss(worker, why="its connection is closed")
+            heard_s = self._leases.sessions[worker].last_heard_s
+            self._leases.disconnect(worker, heard_s + SILENCE_LIMIT_S)
+        self._leases.expire_disconnected(now_s)
+        self._assemblers.keep_only(self._leases.sessions)
+
+    def _record_loss(self, worker: bytes, why: str) -> None:
+        session = self._leases.sessions[worker]
+        log.warning("worker lost", worker=session.name, held=len(session.held), why=why)
+        self._metrics.workers_lost.inc()
+        self._metrics.leases_expired.inc(len(session.held))
+
+    def drain(self, draining: Draining) -> None:
+        """Lease nothing more to the workers that are to leave, and dismiss those that are done."""
+        sessions = self._leases.sessions
+        leaving = draining.find_workers(sessions)
+        for worker in leaving:
+            self._leases.retire(worker)
+        for worker in draining.pop_ready(leaving, sessions, time.monotonic()):
+            log.info("worker dismissed", worker=sessions[worker].name)
+            self._send(worker, Goodbye("It is not needed any more."))
+
+    def acknowledge(self, judged: Iterable[JudgedResult]) -> None:
+        """Tell workers which of their results were judged: one message for each campaign."""
+        indices: defaultdict[tuple[bytes, int], list[int]] = defaultdict(list)
+        for each in judged:
+            self._leases.release(each.campaign, each.result.index)
+            indices[each.worker, each.campaign].append(each.result.index)
+        for (worker, campaign), of_worker in indices.items():
+            if worker != HUB:
+                self._send(worker, Ack(campaign, tuple(of_worker)))
+
+    def drop_campaign(self, campaign: int) -> None:
+        """Have all workers forget a campaign: they may hold leases of another hub, too."""
+        for worker in self._leases.sessions:
+            self._drop(worker, campaign)
+
+    def _drop(self, worker: bytes, campaign: int) -> None:
+        self._leases.sessions[worker].forget_campaign(campaign)
+        self._send(worker, Drop(campaign))
+
+    def assign(self, runs: Mapping[int, CampaignRun]) -> None:
+        """Adopt what workers hold, lease what waits, and send what those leases need first."""
+        self._adopt(runs)
+        is_new = time.monotonic() - self._began_s < ADOPTION_GRACE_S
+        if is_new and any(run.resumed for run in runs.values()):
+            return
+        for assignment in self._leases.assign():
+            self._prepare(assignment, runs[assignment.campaign])
+            self._send(assignment.worker, Lease(assignment.campaign, assignment.tasks))
+
+    def _adopt(self, runs: Mapping[int, CampaignRun]) -> None:
+        def fingerprint(campaign: int, task: EpisodeTask) -> bytes:
+            return fingerprint_task(runs[campaign].spec.setup, task)
+
+        for worker, campaign in self._leases.adopt(fingerprint):
+            name = self._leases.sessions[worker].name
+            log.warning("worker holds another campaign", worker=name, campaign=campaign)
+            self._drop(worker, campaign)
+
+    def _prepare(self, assignment: Assignment, run: CampaignRun) -> None:
+        """Send the setup and the policies that an assignment needs and the worker does not have."""
+        worker, campaign = assignment.worker, assignment.campaign
+        session = self._leases.sessions[worker]
+        if campaign not in session.setups:
+            session.setups.add(campaign)
+            self._send(worker, Setup(campaign, run.spec.setup))
+        sources = (task.source for task in assignment.tasks)
+        needed = {source.version for source in sources if isinstance(source, PolicySource)}
+        for version in sorted(needed):
+            if (campaign, version) not in session.policies:
+                session.policies.add((campaign, version))
+                self._send(worker, PolicyUpdate(campaign, run.find_policy(version)))
+
+    def dismiss_all(self) -> None:
+        """Tell all workers to leave."""
+        for worker in self._leases.sessions:
+            self._send(worker, Goodbye("The hub stops."))
+
+
+def explain_refusal(protocol: int, worker_versions: Mapping[str, str]) -> str:
+    """Return why a worker of this protocol and these versions is refused; empty if it is not.
+
+    It has to speak the same protocol and to be of the same release except for the last number of
+    its version, which counts corrections that do not change the results of episodes.
+    """
+    ours, theirs = versions().get(PACKAGE, ""), worker_versions.get(PACKAGE, "")
+    is_same_release = not theirs or theirs.split(".")[:2] == ours.split(".")[:2]
+    if protocol == PROTOCOL and is_same_release:
+        return ""
+    of_release = f" (eigenfail {theirs})" if theirs else ""
+    return (
+        f"The worker speaks protocol {protocol}{of_release}, the hub speaks {PROTOCOL} "
+        f"(eigenfail {ours}): install the same eigenfail on both."
+    )
+
+
+def _log_version_difference(worker: str, worker_versions: Mapping[str, str]) -> None:
+    ours, theirs = versions().get(PACKAGE, ""), worker_versions.get(PACKAGE, "")
+    if theirs not in {"", ours}:
+        log.warning("worker of another version", worker=worker, worker_has=theirs, hub_has=ours)

@@ -1,0 +1,344 @@
+"""Connected workers, the episodes that each holds, and the episodes that wait for a worker.
+
+A worker is named by its connection: the identity that the hub's ROUTER gives it.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Iterable, Iterator
+from typing import NamedTuple
+
+from eigenfail.values import EpisodeTask
+from eigenfail.values.worker import Arrival
+from eigenfail.wire.messages import FINISHED, Claim, Hello
+
+WORK_AHEAD_S = 2.0
+"""Seconds of work that a worker should hold, so that it never waits for the hub."""
+
+MAX_UNNAMED_HEARTBEATS = 10
+"""A worker that omits an episode from this many heartbeats in a row does not hold it."""
+
+SMOOTHING = 0.2
+MAX_SLOWNESS = 100.0
+"""Bound of the factor by which a worker may be rated slower or faster than the others."""
+
+Key = tuple[int, int]
+"""Campaign and index of an episode."""
+
+Fingerprint = Callable[[int, EpisodeTask], bytes]
+"""Fingerprint of a campaign's task, as workers send it with the episodes that they hold."""
+
+
+class EndedLease(NamedTuple):
+    """A lease that is over: its task, its estimated work [s] and the session that held it."""
+
+    task: EpisodeTask
+    work_s: float
+    session: "WorkerSession"
+
+
+class WorkerSession:
+    """A connected worker, what it holds and what it was sent.
+
+    Attributes:
+        arrival: its description of itself.
+        last_heard_s: time of its last message.
+        has_bridge: whether it can run episodes that need a bridge.
+        running: the episode that it runs, by its last heartbeat.
+        parallel: number of episodes of the running campaign that it can run at the same time.
+        held: the episodes that are leased to it and have no result yet.
+        load_s: estimated work in `held`. [s]
+        slowness: duration of its episodes divided by their usual duration.
+        life: random name of its process; empty if it sent none.
+        setups: the campaigns whose setup it was sent.
+        policies: campaign and version of each policy that it was sent.
+    """
+
+    def __init__(self, hello: Hello, now_s: float) -> None:
+        self.name = hello.worker
+        self.arrival = Arrival(
+            worker=hello.worker, host=hello.host, pid=hello.pid, versions=hello.versions
+        )
+        self.credit = hello.credit
+        self.last_heard_s = now_s
+        self.has_bridge = hello.bridge
+        self.running: Key | None = None
+        self.parallel = 1
+        self.held: dict[Key, EpisodeTask] = {}
+        self.load_s = 0.0
+        self.slowness = 1.0
+        self.life = hello.life
+        self.setups: set[int] = set()
+        self.policies: set[tuple[int, int]] = set()
+        self._slots: dict[int, int] = {}
+        self._asked = hello.asked
+        self._unnamed: dict[Key, int] = {}
+        self._work_s: dict[Key, float] = {}
+
+    def was_opened_by(self, hello: Hello) -> bool:
+        """Return whether this hello opened the session and was repeated before its welcome came."""
+        return bool(self.life) and (self.life, self._asked) == (hello.life, hello.asked)
+
+    def set_running(self, running: Key | None, slots: int) -> bool:
+        """Note the running episode and its parallel slots; return whether `parallel` changed."""
+        before, self.parallel = self.parallel, slots if running else 1
+        self.running = running
+        if running in self.held:
+            self._slots[running[0]] = slots
+        return self.parallel != before
+
+    def slots(self, campaign: int) -> int:
+        """Return how many episodes of a campaign it runs in parallel, 1 if that is not known."""
+        return self._slots.get(campaign, 1)
+
+    def add_lease(self, key: Key, task: EpisodeTask, work_s: float) -> None:
+        """Add an episode to those that the worker holds."""
+        self.held[key] = task
+        self.load_s += work_s
+        self._work_s[key] = work_s
+        self._unnamed.pop(key, None)
+
+    def end_lease(self, key: Key) -> EndedLease:
+        """Remove an episode from those that the worker holds."""
+        work_s = self._work_s.pop(key)
+        task = self.held.pop(key)
+        self.load_s = self.load_s - work_s if self.held else 0.0
+        return EndedLease(task, work_s, self)
+
+    def update_slowness(self, ratio: float) -> None:
+        """Learn from an episode's duration, divided by the usual one."""
+        bounded = min(max(ratio, 1.0 / MAX_SLOWNESS), MAX_SLOWNESS)
+        self.slowness += SMOOTHING * (bounded - self.slowness)
+
+    def forget_campaign(self, campaign: int) -> None:
+        """Forget what was sent of a campaign that the worker is told to drop."""
+        self.setups.discard(campaign)
+        self._slots.pop(campaign, None)
+        self.policies = {policy for policy in self.policies if policy[0] != campaign}
+
+    @property
+    def room_s(self) -> float:
+        """Work to lease to a worker that needs some; its running episode may end any time. [s]"""
+        return max(WORK_AHEAD_S - self.load_s, WORK_AHEAD_S / 2)
+
+    def needs_work(self) -> bool:
+        """Return whether the worker holds too little work and has credit for more.
+
+        Episodes that run in parallel may all end at the same moment, so a worker should always
+        hold more episodes than it runs.
+        """
+        held = len(self.held)
+        too_little = held <= self.parallel or self.load_s <= WORK_AHEAD_S / 2
+        return too_little and held <= self.credit // 2 and self.credit > 0
+
+    def find_unnamed(self, expected: Collection[Key], named: Collection[Key]) -> set[Key]:
+        """Return the expected episodes that too many heartbeats in a row have not named.
+
+        Args:
+            expected: the episodes that the hub believes to be with this worker.
+            named: the episodes that its heartbeat names.
+        """
+        # A heartbeat and a lease may cross on their way once, but not time after time.
+        unnamed = set(expected).difference(named)
+        self._unnamed = {key: self._unnamed.get(key, 0) + 1 for key in unnamed}
+        return {key for key, count in self._unnamed.items() if count >= MAX_UNNAMED_HEARTBEATS}
+
+
+class WorkerTable:
+    """Worker sessions, indexed by connection, process and last message.
+
+    Attributes:
+        sessions: the sessions by connection.
+    """
+
+    def __init__(self) -> None:
+        self.sessions: dict[bytes, WorkerSession] = {}
+        self._by_life: dict[str, bytes] = {}
+        self._by_silence: OrderedDict[bytes, None] = OrderedDict()
+
+    def find_connections(self, worker: bytes, hello: Hello) -> list[bytes]:
+        """Return the connections on which the sender of a hello has a session already."""
+        known = {worker, self._by_life.get(hello.life, worker)}
+        return [each for each in known if each in self.sessions]
+
+    def add(self, worker: bytes, hello: Hello, now_s: float) -> None:
+        """Open the session of a worker that has none."""
+        self.sessions[worker] = WorkerSession(hello, now_s)
+        self._by_silence[worker] = None
+        if hello.life:
+            self._by_life[hello.life] = worker
+
+    def touch(self, worker: bytes, now_s: float) -> WorkerSession | None:
+        """Note the time of a worker's message; return its session, if it has one."""
+        if session := self.sessions.get(worker):
+            session.last_heard_s = now_s
+            self._by_silence.move_to_end(worker)
+        return session
+
+    def list_silent(self, now_s: float, limit_s: float) -> list[bytes]:
+        """Return the workers whose last message is older than the limit."""
+        silent = []
+        for worker in self._by_silence:  # the longest silence comes first
+            if now_s - self.sessions[worker].last_heard_s <= limit_s:
+                break
+            silent.append(worker)
+        return silent
+
+    def excuse_silence(self, duration_s: float, now_s: float) -> None:
+        """Do not count as silence a time in which the hub itself could read no messages."""
+        for session in self.sessions.values():
+            session.last_heard_s = min(now_s, session.last_heard_s + duration_s)
+
+    def remove(self, worker: bytes) -> None:
+        """Close the session of a worker."""
+        session = self.sessions.pop(worker)
+        del self._by_silence[worker]
+        if self._by_life.get(session.life) == worker:
+            del self._by_life[session.life]
+
+
+class EpisodeQueue:
+    """Episodes that wait for a worker, in order for each campaign, and those that need a result."""
+
+    def __init__(self) -> None:
+        self._queues: dict[int, OrderedDict[int, EpisodeTask]] = {}
+        self._needed: dict[int, set[int]] = {}
+        self._nonempty: dict[int, None] = {}
+
+    def campaigns(self) -> Collection[int]:
+        """Return the campaigns of which at least one episode waits."""
+        return self._nonempty.keys()
+
+    def tasks(self, campaign: int) -> OrderedDict[int, EpisodeTask]:
+        """Return the waiting episodes of a campaign by index."""
+        return self._queues.get(campaign, OrderedDict())
+
+    def has_campaign(self, campaign: int) -> bool:
+        """Return whether episodes of a campaign were requested and not called off."""
+        return campaign in self._queues
+
+    def needs_result(self, campaign: int, index: int) -> bool:
+        """Return whether an episode still needs a result, waiting or leased."""
+        return index in self._needed.get(campaign, ())
+
+    def require(self, campaign: int, tasks: Collection[EpisodeTask]) -> None:
+        """Note that these episodes need results, without having them wait for a worker."""
+        self._needed.setdefault(campaign, set()).update(task.index for task in tasks)
+        self._queues.setdefault(campaign, OrderedDict())
+
+    def append(self, campaign: int, task: EpisodeTask) -> None:
+        """Put an episode at the end of its campaign's queue."""
+        self._queues[campaign][task.index] = task
+        self._nonempty[campaign] = None
+
+    def put_back(self, campaign: int, task: EpisodeTask) -> None:
+        """Put an episode at the front of its campaign's queue, if it needs a result.
+
+        One that needs none now may be required again later, with the policy that it needs then.
+        """
+        if self.needs_result(campaign, task.index):
+            self.append(campaign, task)
+            self._queues[campaign].move_to_end(task.index, last=False)
+
+    def pop(self, campaign: int, index: int | None = None) -> EpisodeTask:
+        """Remove and return the first episode of a queue, or the one of an index, which waits."""
+        queue = self._queues[campaign]
+        task = queue.popitem(last=False)[1] if index is None else queue.pop(index)
+        if not queue:
+            del self._nonempty[campaign]
+        return task
+
+    def settle(self, campaign: int, index: int) -> None:
+        """Remove an episode that has a result."""
+        self._needed.get(campaign, set()).discard(index)
+        if index in self.tasks(campaign):
+            self.pop(campaign, index)
+
+    def remove_campaign(self, campaign: int) -> None:
+        """Remove a campaign: none of its episodes needs a result any more."""
+        self._queues.pop(campaign, None)
+        self._needed.pop(campaign, None)
+        self._nonempty.pop(campaign, None)
+
+
+class MatchedClaim(NamedTuple):
+    """A waiting episode that a worker claims to hold, and whether it holds the same task."""
+
+    worker: bytes
+    key: Key
+    is_same_task: bool
+
+
+class Adoptions:
+    """Episodes that workers hold from before this hub knew them, with their tasks' fingerprints.
+
+    A claim waits here until its episode is proposed or has a result, or its worker withdraws it.
+    A worker cannot have more of them than one hello may hold.
+    """
+
+    def __init__(self) -> None:
+        self._fingerprints: dict[int, dict[int, dict[bytes, bytes]]] = {}
+        self._by_worker: dict[bytes, set[Key]] = {}
+        self._changed: set[int] = set()
+
+    def add(self, worker: bytes, claims: Iterable[Claim]) -> None:
+        """Add the claims of a worker's hello to its earlier ones."""
+        for claim in claims:
+            episodes = self._fingerprints.setdefault(claim.campaign, {})
+            episodes.setdefault(claim.index, {})[worker] = claim.task
+            self._by_worker.setdefault(worker, set()).add((claim.campaign, claim.index))
+            self.mark_changed(claim.campaign)
+
+    def mark_changed(self, campaign: int) -> None:
+        """Note that an episode of a campaign waits that did not wait before."""
+        self._changed.add(campaign)
+
+    def match(self, queue: EpisodeQueue, fingerprint: Fingerprint) -> Iterator[MatchedClaim]:
+        """Remove and yield the claims of waiting episodes; of equal ones, the oldest comes first.
+
+        Campaigns without a new claim or waiting episode since the last call are skipped.
+        """
+        while self._changed:
+            campaign = self._changed.pop()
+            claims = [
+                (index, worker, claimed)
+                for index, workers in self._fingerprints.get(campaign, {}).items()
+                for worker, claimed in workers.items()
+            ]
+            for index, worker, claimed in claims:
+                task = queue.tasks(campaign).get(index)
+                if task is not None:
+                    self.discard(worker, (campaign, index))
+                    is_same_task = claimed in (FINISHED, fingerprint(campaign, task))
+                    yield MatchedClaim(worker, (campaign, index), is_same_task)
+
+    def claimed_by(self, worker: bytes) -> set[Key]:
+        """Return the episodes that a worker claims."""
+        return set(self._by_worker.get(worker, ()))
+
+    def discard(self, worker: bytes, key: Key) -> None:
+        """Remove a worker's claim of an episode."""
+        campaign, index = key
+        del self._fingerprints[campaign][index][worker]
+        self._by_worker[worker].remove(key)
+        if not self._fingerprints[campaign][index]:
+            del self._fingerprints[campaign][index]
+        if not self._fingerprints[campaign]:
+            del self._fingerprints[campaign]
+        if not self._by_worker[worker]:
+            del self._by_worker[worker]
+
+    def remove_worker(self, worker: bytes) -> None:
+        """Remove all claims of a worker."""
+        for key in self.claimed_by(worker):
+            self.discard(worker, key)
+
+    def settle(self, key: Key) -> None:
+        """Remove all claims of an episode that has a result."""
+        campaign, index = key
+        for worker in [*self._fingerprints.get(campaign, {}).get(index, ())]:
+            self.discard(worker, key)
+
+    def remove_campaign(self, campaign: int) -> None:
+        """Remove all claims of a campaign."""
+        for index in [*self._fingerprints.get(campaign, ())]:
+            self.settle((campaign, index))

@@ -1,0 +1,140 @@
+"""Which campaigns and episodes others refer to, and which of them have lost their noise.
+
+Settings name campaigns whose noise is injected or learnt from, and analyses read it.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from typing import Any
+
+import msgspec
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    ScalarSelect,
+    and_,
+    func,
+    or_,
+    select,
+)
+
+from eigenfail.values import (
+    FINAL_STATES,
+    AnalysisState,
+    CampaignSpec,
+    CampaignState,
+    Outcome,
+)
+from eigenfail_services.store.engine import chunks
+from eigenfail_services.store.refusals import noise_pruned
+from eigenfail_services.store.schema import (
+    MAX_NUMBER,
+    analyses,
+    campaigns,
+    episode_index,
+    episodes,
+    prunings,
+)
+
+NAMING = frozenset({"campaign", "data_from"})
+"""Settings of methods that name campaigns whose noise is injected or learnt from."""
+
+OPEN = frozenset(CampaignState) - FINAL_STATES
+UNFINISHED = frozenset({AnalysisState.QUEUED, AnalysisState.RUNNING})
+
+
+class Named(msgspec.Struct, frozen=True):
+    """Of a spec, what may name campaigns."""
+
+    settings: Mapping[str, Any] = {}
+
+
+_named = msgspec.json.Decoder(Named)
+
+
+def find_named_episodes(settings: Mapping[str, Any]) -> tuple[int | None, set[int]]:
+    """Return the campaign, and those of its episodes, that settings name one by one.
+
+    Settings of a plug-in's method may have the same names, and any type and meaning.
+    """
+    campaign = next(_ids([settings.get("campaign")]), None)
+    return campaign, {*_ids(settings.get("episode")), *_ids(settings.get("episodes"))}
+
+
+def find_named_campaigns(settings: Mapping[str, Any]) -> Iterator[int]:
+    """Yield the campaigns that settings name, including those of an ensemble's members."""
+    for name, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from find_named_campaigns(value)
+        if name in NAMING:
+            yield from _ids(value)
+
+
+def _ids(value: Any) -> Iterator[int]:
+    found = value if isinstance(value, list | tuple) else [value]
+    return (each for each in found if type(each) is int and 0 <= each <= MAX_NUMBER)
+
+
+def find_noise_in_use(connection: Connection, campaign: int | None = None) -> frozenset[int]:
+    """Return the campaigns whose noise a running campaign or analysis still needs.
+
+    Args:
+        connection: of a transaction that holds the campaign against new uses.
+        campaign: if given, only analyses of this campaign are considered.
+    """
+    mine = () if campaign is None else (analyses.c.campaign == campaign,)
+    read = select(analyses.c.campaign).where(*mine, analyses.c.state.in_(UNFINISHED))
+    specs = select(campaigns.c.spec).where(campaigns.c.state.in_(OPEN), _names_campaigns())
+    named = (_named.decode(text).settings for text in connection.execute(specs).scalars())
+    return frozenset(connection.execute(read).scalars()).union(*map(find_named_campaigns, named))
+
+
+def _names_campaigns() -> ColumnElement[bool]:
+    """Return the condition that a spec may name a campaign: most need not be read."""
+    return or_(*(campaigns.c.spec.contains(f'"{name}"') for name in sorted(NAMING)))
+
+
+def hold_named_noise(connection: Connection, specs: Iterable[CampaignSpec]) -> None:
+    """Keep campaigns that new ones name from losing noise until the new ones are visible."""
+    if wanted := {number for spec in specs for number in find_named_campaigns(spec.settings)}:
+        hold_noise(connection, wanted)
+
+
+def hold_noise(connection: Connection, wanted: Collection[int]) -> None:
+    """Keep these campaigns from losing noise until the transaction ends."""
+    held = select(campaigns.c.id).where(campaigns.c.id.in_(wanted)).order_by(campaigns.c.id)
+    connection.execute(held.with_for_update(read=True)).all()
+
+
+NOISE_PRUNED = and_(
+    prunings.c.campaign == episodes.c.campaign,
+    prunings.c.through >= episode_index,
+    episodes.c.outcome == Outcome.SAFE,
+    episodes.c.source == prunings.c.source,
+    episode_index % prunings.c.keep_every != 0,
+)
+"""Whether an episode has lost its noise to a pruning: as `Pruning.took` says."""
+
+
+def select_pruned_ms() -> ScalarSelect[int]:
+    """Select when an episode lost its noise, beside its row; NULL if the noise is there."""
+    return (
+        select(func.min(prunings.c.pruned_ms))
+        .where(NOISE_PRUNED)
+        .correlate(episodes)
+        .scalar_subquery()
+    )
+
+
+def refuse_pruned(connection: Connection, specs: Iterable[CampaignSpec]) -> None:
+    """Refuse specs that name an episode whose noise was pruned.
+
+    Raises:
+        NoisePruned: an episode that a spec names has lost its noise.
+    """
+    for campaign, indices in (find_named_episodes(spec.settings) for spec in specs):
+        found = select(episode_index, episodes.c.source, select_pruned_ms().label("at_ms"))
+        query = found.where(episodes.c.campaign == campaign)
+        for some in chunks(indices):
+            for index, source, at_ms in connection.execute(query.where(episode_index.in_(some))):
+                if at_ms is not None:
+                    raise noise_pruned(campaign or 0, index, source, at_ms)

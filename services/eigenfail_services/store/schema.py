@@ -1,0 +1,366 @@
+"""The tables of the store, its column types, and functions that databases write differently.
+
+Names of tables and columns are those of the glossary; times are milliseconds since 1970.
+"""
+
+from typing import Any
+
+from sqlalchemy import (
+    BigInteger,
+    Boolean,
+    CheckConstraint,
+    Column,
+    Dialect,
+    Double,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    Table,
+    Text,
+    TypeDecorator,
+    UniqueConstraint,
+)
+from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.compiler import SQLCompiler
+from sqlalchemy.sql.functions import FunctionElement
+from sqlalchemy.types import TypeEngine
+
+from eigenfail.values import MEASURES, Priority
+
+VERSION = "0017"
+"""The newest migration: what this program was made for."""
+
+VERSION_TABLE = "eigenfail_schema"
+
+metadata = MetaData(
+    naming_convention={
+        "pk": "pk_%(table_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_name)s",
+        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+        "ck": "ck_%(table_name)s_%(constraint_name)s",
+    }
+)
+
+
+LONGEST_PROSE = 4_000
+
+MAX_NUMBER = 2**63 - 1
+
+
+class Number(TypeDecorator[int]):
+    """An id or index from anywhere: one that no column can hold is as good as the largest."""
+
+    impl = BigInteger
+    cache_ok = True
+
+    def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[int]:
+        """SQLite counts up by itself only in columns of type INTEGER, which hold 64 bits."""
+        return Integer() if dialect.name == "sqlite" else BigInteger()
+
+    def process_bind_param(self, value: int | None, _dialect: Dialect) -> int | None:
+        """Within 64 bits."""
+        return None if value is None else max(-MAX_NUMBER, min(value, MAX_NUMBER))
+
+
+class Prose(TypeDecorator[str]):
+    """Text from anywhere: a planner's error may hold what no database takes, at any length."""
+
+    impl = Text
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, _dialect: Dialect) -> str | None:
+        """Half characters and NUL are replaced, and the end is cut off."""
+        if value is None:
+            return None
+        whole = value[:LONGEST_PROSE].encode(errors="replace").decode()
+        return whole.replace("\x00", "�")
+
+
+campaigns = Table(
+    "campaigns",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("state", Text, nullable=False),
+    Column("spec", Text, nullable=False),  # JSON
+    Column("planned", Integer, nullable=False),
+    Column("completed", Integer, nullable=False),
+    Column("failures", Integer, nullable=False),
+    Column("failed", Integer, nullable=False),
+    Column("cancelled", Integer, nullable=False),
+    Column("duplicates", BigInteger, nullable=False),
+    Column("created_ms", BigInteger, nullable=False),
+    Column("started_ms", BigInteger),
+    Column("ended_ms", BigInteger),
+    Column("active_s", Double, nullable=False),
+    Column("stopped_because", Prose, nullable=False),
+    Column("digest", Text),
+    Column("estimate", Text),  # JSON
+    Column("trained_episodes", Integer),
+    Column("learning_s", Double),
+    Column("waiting_s", Double),
+    Column("discarded_s", Double),
+    Column("suite", Prose),
+    Column("priority", Text, nullable=False, server_default=Priority.NORMAL),
+    Column("parts", Text),  # JSON; older releases recorded none
+    Column("made_by", Number),  # id of the key; none where none was needed
+    CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
+    Index(None, "state", "id"),
+    Index(None, "suite", "id"),
+    Index(None, "made_by", "created_ms"),
+    Index(None, "made_by", "ended_ms"),
+    sqlite_autoincrement=True,
+)
+
+idempotency_keys = Table(
+    "idempotency_keys",
+    metadata,
+    Column("key", Text, primary_key=True),
+    Column("spec_hash", Text, nullable=False),
+    Column("campaign", Number, ForeignKey("campaigns.id"), nullable=False),
+)
+
+# The last two of each campaign, by number.
+checkpoints = Table(
+    "checkpoints",
+    metadata,
+    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True),
+    Column("number", BigInteger, primary_key=True, autoincrement=False),
+    Column("saved_ms", BigInteger, nullable=False),
+    Column("state", LargeBinary, nullable=False),
+    Column("sha256", Text),  # of the state; an older release kept none
+)
+
+
+episodes = Table(
+    "episodes",
+    metadata,
+    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True),
+    Column("index", Number, primary_key=True, autoincrement=False),
+    Column("seed", BigInteger, nullable=False),
+    Column("outcome", Text, nullable=False),
+    Column("steps", Integer, nullable=False),
+    Column("source", Prose, nullable=False),
+    Column("worker", Prose, nullable=False),
+    Column("log_probability", Double, nullable=False),
+    *(Column(name, Integer if measure.is_count else Double) for name, measure in MEASURES.items()),
+    Column("wall_s", Double, nullable=False),
+    Column("finished_ms", BigInteger, nullable=False),
+    Column("digest", Text, nullable=False),
+    Column("has_scene", Boolean, nullable=False),
+    Column("fault_kind", Prose),
+    Column("fault_message", Prose),
+    Index(None, "campaign", "outcome", "min_ttc_s"),
+    # These two hold all that sums over a campaign, or over its failures, are made of.
+    Index(
+        "ix_episodes_landed",
+        *("campaign", "finished_ms", "index", "outcome", "robustness_m", "log_probability"),
+        *("steps", "wall_s"),
+    ),
+    Index(
+        "ix_episodes_ended",
+        *("campaign", "outcome", "index", "log_probability", "steps", "severity", "collided_s"),
+        *("ttc_violated_s", "drac_violated_s", "drac_at_warning_mps2"),
+    ),
+    # Orders that a page of a list must not sort a million rows for.
+    Index(None, "campaign", "robustness_m", "index"),
+    Index(None, "campaign", "log_probability", "index"),
+    Index(None, "campaign", "severity", "index"),
+    Index(None, "campaign", "min_ttc_s", "index", "outcome"),
+    Index(None, "campaign", "max_drac_mps2", "index", "outcome"),
+)
+
+episode_index = episodes.c["index"]
+"""The column `index` of the episodes; `episodes.c.index` is a method."""
+
+# Blobs of little-endian float32, row-major: z and sigma with 2 columns, states with len(STATE).
+trajectories = Table(
+    "trajectories",
+    metadata,
+    Column("campaign", Number, primary_key=True),
+    Column("index", Number, primary_key=True, autoincrement=False),
+    Column("z", LargeBinary, nullable=False),
+    Column("sigma", LargeBinary, nullable=False),
+    Column("states", LargeBinary),
+    ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
+)
+
+scenes = Table(
+    "scenes",
+    metadata,
+    Column("campaign", Number, primary_key=True),
+    Column("index", Number, primary_key=True, autoincrement=False),
+    Column("scene", LargeBinary, nullable=False),  # MessagePack
+    ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
+)
+
+# What was taken away: of a campaign's safe episodes of one source, up to an index, all but each
+# so-manyth.
+prunings = Table(
+    "prunings",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("campaign", Number, ForeignKey("campaigns.id"), nullable=False),
+    Column("source", Prose, nullable=False),
+    Column("keep_every", BigInteger, nullable=False),
+    Column("through", Number, nullable=False),
+    Column("pruned_ms", BigInteger, nullable=False),
+    Column("who", Prose, nullable=False),
+    Column("episodes", BigInteger, nullable=False),
+    Column("scenes", BigInteger, nullable=False),
+    Column("bytes", BigInteger, nullable=False),
+    Index(None, "campaign", "id"),
+    sqlite_autoincrement=True,
+)
+
+# Of episodes that were running as their workers were lost.
+deaths = Table(
+    "deaths",
+    metadata,
+    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True),
+    Column("index", Number, primary_key=True, autoincrement=False),
+    Column("workers", Integer, nullable=False),
+)
+
+
+analyses = Table(
+    "analyses",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("campaign", Number, ForeignKey("campaigns.id"), nullable=False),
+    Column("settings", Text, nullable=False),  # JSON
+    Column("state", Text, nullable=False),
+    Column("created_ms", BigInteger, nullable=False),
+    Column("problem", Prose, nullable=False),
+    Column("failures", Integer),
+    Column("modes", Integer),
+    Column("silhouette", Double),
+    Column("noise_silhouette", Double),
+    Column("result", LargeBinary),  # MessagePack
+    Index(None, "campaign", "id"),
+    sqlite_autoincrement=True,
+)
+
+# The campaigns that replay what an analysis found.
+replays = Table(
+    "replays",
+    metadata,
+    Column("analysis", Number, ForeignKey("analyses.id"), primary_key=True, autoincrement=False),
+    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True, autoincrement=False),
+)
+
+
+events = Table(
+    "events",
+    metadata,
+    Column("id", Number, primary_key=True, autoincrement=False),
+    Column("at_ms", BigInteger, nullable=False),
+    Column("kind", Prose, nullable=False),
+    Column("message", Prose, nullable=False),
+    Column("campaign", Number),
+    Index(None, "campaign", "id"),
+)
+
+# One row, there from the first migration on.
+event_counter = Table(
+    "event_counter",
+    metadata,
+    Column("id", Integer, primary_key=True, autoincrement=False),
+    Column("last", BigInteger, nullable=False),
+)
+
+
+jobs = Table(
+    "jobs",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("kind", Text, nullable=False),
+    Column("subject", Number, nullable=False),
+    Column("queued_ms", BigInteger, nullable=False),
+    Column("owner", Prose),
+    Column("token", Text),
+    Column("lease_until_ms", BigInteger, nullable=False),  # by the clock of leases
+    Column("lease_ms", BigInteger, nullable=False),
+    Column("attempts", Integer, nullable=False),
+    Column("progress", BigInteger, nullable=False),
+    Column("buried_because", Prose),
+    UniqueConstraint("kind", "subject"),
+    sqlite_autoincrement=True,
+)
+
+arrivals = Table(
+    "arrivals",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("worker", Prose, nullable=False),
+    Column("host", Prose, nullable=False),
+    Column("pid", BigInteger, nullable=False),
+    Column("versions", Text, nullable=False),
+    Column("arrived_ms", BigInteger, nullable=False),
+    Column("heard_ms", BigInteger, nullable=False),
+    Column("left_ms", BigInteger),
+    Index(None, "worker", "arrived_ms"),
+    sqlite_autoincrement=True,
+)
+
+
+# Of a key's secret, its SHA-256 alone.
+keys = Table(
+    "keys",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("name", Prose, nullable=False),
+    Column("scope", Text, nullable=False),
+    Column("digest", Text, nullable=False),
+    Column("created_ms", BigInteger, nullable=False),
+    Column("expires_ms", BigInteger),
+    Column("revoked_ms", BigInteger),
+    Column("last_used_ms", BigInteger),
+    Column("max_open", BigInteger),
+    Column("max_episodes", BigInteger),
+    Column("max_episodes_per_day", BigInteger),
+    sqlite_autoincrement=True,
+)
+
+audit = Table(
+    "audit",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("at_ms", BigInteger, nullable=False),
+    Column("who", Prose, nullable=False),
+    Column("key", Number),
+    Column("method", Prose, nullable=False),
+    Column("route", Prose, nullable=False),
+    Column("subject", Prose, nullable=False),
+    Column("address", Prose, nullable=False),
+    Column("status", Integer, nullable=False),
+    sqlite_autoincrement=True,
+)
+
+
+class SpecFieldExpression(FunctionElement[str]):
+    """A field of a campaign's spec, which is stored as JSON; objects come out as JSON text."""
+
+    name = "spec_field"
+    type = Prose()
+    inherit_cache = True
+
+
+def spec_field(name: str) -> SpecFieldExpression:
+    """Return a field of a campaign's spec, by its name, as an SQL expression."""
+    return SpecFieldExpression(campaigns.c.spec, name)
+
+
+@compiles(SpecFieldExpression, "sqlite")
+def _in_sqlite(element: SpecFieldExpression, compiler: SQLCompiler, **more: Any) -> str:
+    spec, name = (compiler.process(part, **more) for part in element.clauses)
+    return f"json_extract({spec}, '$.' || {name})"
+
+
+@compiles(SpecFieldExpression, "postgresql")
+def _in_postgres(element: SpecFieldExpression, compiler: SQLCompiler, **more: Any) -> str:
+    spec, name = (compiler.process(part, **more) for part in element.clauses)
+    return f"(CAST({spec} AS JSON) ->> {name})"

@@ -1,0 +1,279 @@
+"""`eigenfail db`: create, upgrade, check, back up, restore and thin out a database."""
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+from rich.console import Group
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from eigenfail.cli.options import AsJson, Data, Database, Repair, Replay
+from eigenfail.cli.render import show, to_json
+from eigenfail.errors import InvalidValue
+from eigenfail.hosting.folder import DEFAULT_DATA, DataFolder
+from eigenfail.hosting.service import require_installed
+from eigenfail.presentation.terminal import start_grid
+from eigenfail.values.retention import DRAWN_AGAIN, KEEP_EVERY, PruneReport, Retention
+from eigenfail.values.upkeep import Check, Verification
+
+# SQLAlchemy and Alembic are imported by the commands that need them: `--help` works without.
+
+DEFECTS_FOUND = 1
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    help="Create, upgrade, check, back up, restore and thin out a database.",
+)
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="The backup.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
+KeepEvery = Annotated[
+    int,
+    typer.Option(
+        "--keep-every", min=2, help="Keep the noise of every N-th episode that did not fail."
+    ),
+]
+Source = Annotated[
+    str,
+    typer.Option(
+        "--source",
+        help="Source of the noise to remove: prior, which follows from seeds; or trajectory, "
+        "policy.",
+    ),
+]
+OlderThan = Annotated[
+    float, typer.Option("--older-than", min=0.0, help="Days since the campaign ended.")
+]
+Campaigns = Annotated[
+    list[int], typer.Option("--campaign", show_default="all", help="Only this one; repeatable.")
+]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Report what would be removed, and end.")]
+To = Annotated[str, typer.Option("--to", help="The revision, such as 0014.")]
+Lose = Annotated[
+    bool,
+    typer.Option("--force", help="Allow losing what only newer schemas hold; make a backup first."),
+]
+
+
+@app.callback()
+def _require_server() -> None:
+    require_installed()
+
+
+@app.command()
+def upgrade(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
+    """Create the schema, or bring it up to this program's."""
+    from eigenfail_services.store import migrate
+
+    url = database or DataFolder(data).database
+    migrate.upgrade(url)
+    words = "The database's schema is at revision {}, which is this program's."
+    _show_revision("upgrade", _find_revision(url), words, as_json)
+
+
+@app.command()
+def current(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
+    """Print the schema's revision."""
+    revision = _find_revision(database or DataFolder(data).database)
+    _show_revision("current", revision, "{}", as_json)
+
+
+@app.command()
+def check(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
+    """Say whether the schema is this program's; exit with 3 if not."""
+    from eigenfail_services.store import open_store
+
+    url = database or DataFolder(data).database
+    open_store(url, migrate=False).close()
+    words = "The database's schema is this program's: revision {}."
+    _show_revision("check", _find_revision(url), words, as_json)
+
+
+@app.command()
+def verify(
+    database: Database = None,
+    data: Data = DEFAULT_DATA,
+    replay: Replay = 0,
+    repair: Repair = False,
+    as_json: AsJson = False,
+) -> None:
+    """Check all that is in a database; exit with 1 if there are defects.
+
+    A service may use it meanwhile.
+    """
+    from eigenfail_services.upkeep import verify as verification
+
+    found = verification.verify(database or DataFolder(data).database, replay, repair=repair)
+    show(found, as_json, lambda: _draw_verification(found))
+    if found.defects:
+        raise typer.Exit(DEFECTS_FOUND)
+
+
+@app.command()
+def backup(
+    file: File,
+    database: Database = None,
+    data: Data = DEFAULT_DATA,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write all that is in a database to a file; a service may use it meanwhile.
+
+    The file is there once it is whole and checked. SQLite gives a database file; PostgreSQL a dump
+    by pg_dump, which must be installed.
+    """
+    from eigenfail_services.upkeep import backup as backups
+
+    made = backups.backup(database or DataFolder(data).database, file, force=force)
+    words = f"{made.file} holds all of {made.database} ({made.bytes} bytes)."
+    typer.echo(to_json(made) if as_json else words)
+
+
+@app.command()
+def restore(
+    file: File,
+    database: Database = None,
+    data: Data = DEFAULT_DATA,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Put a backup into an empty database, or with --force in the place of what is there.
+
+    All of it is restored, or nothing is changed. Nobody may use the database meanwhile.
+    """
+    from eigenfail_services.upkeep import backup as backups
+
+    with _claim(database, data):
+        restored = backups.restore(database or DataFolder(data).database, file, force=force)
+    words = f"{restored.database} holds what {restored.file} held (schema {restored.revision})."
+    typer.echo(to_json(restored) if as_json else words)
+
+
+@app.command()
+def prune(
+    database: Database = None,
+    data: Data = DEFAULT_DATA,
+    keep_every: KeepEvery = KEEP_EVERY,
+    source: Source = DRAWN_AGAIN,
+    older_than: OlderThan = 0.0,
+    campaigns: Campaigns = [],  # noqa: B006 - typer takes no tuple of any length
+    dry_run: DryRun = False,
+    as_json: AsJson = False,
+) -> None:
+    """Take away noise and scenes of episodes that did not fail, in campaigns that have ended.
+
+    All rows stay, so that no figure changes; so do all failures. A service may use the database
+    meanwhile. What is free then is used again; `eigenfail db vacuum` gives it back.
+    """
+    from eigenfail_services.upkeep import pruning
+
+    act = pruning.rehearse if dry_run else pruning.prune
+    which = pruning.PruneSelection(tuple(campaigns), older_than)
+    found = act(database or DataFolder(data).database, _retention(keep_every, source), which)
+    show(found, as_json, lambda: _draw_pruning(found))
+
+
+@app.command()
+def vacuum(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
+    """Give free room inside a database back to the disk.
+
+    SQLite writes the file anew: stop the service first; there must be room for a second copy.
+    PostgreSQL works beside a service.
+    """
+    from eigenfail_services.upkeep import maintenance as vacuuming
+
+    with _claim(database, data):
+        done = vacuuming.vacuum(database or DataFolder(data).database)
+    freed = max(0, done.bytes_before - done.bytes_after)
+    words = f"{done.database} takes {done.bytes_after:,} bytes; {freed:,} were given back."
+    typer.echo(to_json(done) if as_json else words)
+
+
+@app.command()
+def downgrade(
+    to: To,
+    database: Database = None,
+    data: Data = DEFAULT_DATA,
+    force: Lose = False,
+    as_json: AsJson = False,
+) -> None:
+    """Take the schema back to an older revision, for an older program; make a backup first.
+
+    Nobody may use the database meanwhile. `eigenfail db upgrade` is the way forward.
+    """
+    from eigenfail_services.upkeep import maintenance
+
+    with _claim(database, data):
+        url = database or DataFolder(data).database
+        revision = maintenance.downgrade(url, to, force=force)
+    _show_revision("downgrade", revision, "The database's schema is at revision {}.", as_json)
+
+
+def _claim(database: str | None, data: Path) -> AbstractContextManager[None]:
+    # Of a database that is named, other clients are the business of whoever named it.
+    return nullcontext() if database else DataFolder(data).claimed()
+
+
+def _find_revision(url: str) -> str:
+    from eigenfail_services.store import migrate
+
+    return migrate.read_version(url) or "empty"
+
+
+def _show_revision(action: str, revision: str, words: str, as_json: bool) -> None:
+    told = {"action": action, "said": revision}
+    typer.echo(to_json(told) if as_json else words.format(revision))
+
+
+def _retention(keep_every: int, source: str) -> Retention:
+    try:
+        return msgspec.convert({"keep_every": keep_every, "source": source}, Retention)
+    except msgspec.ValidationError as error:
+        raise InvalidValue("retention", f"{error}.") from None
+
+
+def _draw_verification(found: Verification) -> Group:
+    mended, defects = map(Text, found.mended), map(Text, _list_defects(found))
+    return Group(*mended, _draw_checks(found.checks), *defects)
+
+
+def _draw_checks(checks: tuple[Check, ...]) -> Table:
+    grid = start_grid("", "check", "what holds", "defects", right={"defects"})
+    for each in checks:
+        mark = "wrong" if each.defects else "ok"
+        cells = (mark, each.name, each.promise, str(each.defects or "-"))
+        grid.add_row(*map(escape, cells))
+    return grid
+
+
+def _list_defects(found: Verification) -> Iterator[str]:
+    for each in found.checks:
+        for defect in each.shown:
+            yield f"{each.name}: {defect.where}: {defect.found} {defect.remedy}"
+        if more := each.defects - len(each.shown):
+            yield f"{each.name}: and {more} more."
+
+
+def _draw_pruning(found: PruneReport) -> Group:
+    counted = {"episodes", "scenes", "bytes"}
+    grid = start_grid(
+        "campaign", "name", "episodes", "scenes", "bytes", right={"campaign", *counted}
+    )
+    for each in found.campaigns:
+        weight = each.weight
+        sums = (f"{weight.episodes:,}", f"{weight.scenes:,}", f"{weight.bytes:,}")
+        grid.add_row(str(each.campaign), escape(each.name), *sums)
+    in_use = ", ".join(map(str, found.in_use))
+    notes = [Text(f"Left alone, since others learn from them: {in_use}.")] if in_use else []
+    whole, verb = found.weight, "would lose" if found.is_rehearsal else "lost"
+    sentence = (
+        f"{whole.episodes:,} episodes {verb} their noise and {whole.scenes:,} scenes: "
+        f"{whole.bytes:,} bytes."
+    )
+    return Group(*[grid] * bool(found.campaigns), *notes, Text(sentence))

@@ -1,0 +1,233 @@
+"""Vacuuming a database, and downgrading its schema for an older program."""
+
+import os
+import sqlite3
+from collections.abc import Callable, Mapping
+from contextlib import closing, suppress
+from pathlib import Path
+from shutil import disk_usage
+from typing import Protocol
+
+from sqlalchemy import Connection, func, inspect, select, text
+
+from eigenfail.database_urls import sqlite_path
+from eigenfail.errors import Conflict, ServiceError, UnknownName
+from eigenfail.values.retention import Vacuumed
+from eigenfail_services.store import migrate, open_store
+from eigenfail_services.store.engine import Database, find_backend, read_kind, translate_errors
+from eigenfail_services.store.schema import metadata
+from eigenfail_services.upkeep.backup import (
+    COUNT_CONNECTIONS,
+    FILE_SUFFIXES,
+    LOCK_TIMEOUT_S,
+    open_sqlite,
+    translate_sqlite_errors,
+)
+
+TEMPORARY_VARIABLES = ("SQLITE_TMPDIR", "TMPDIR")
+TEMPORARY_FOLDERS = ("/var/tmp", "/usr/tmp", "/tmp")  # noqa: S108 - where SQLite writes, in its order
+
+
+class VacuumProgram(Protocol):
+    """Vacuuming of one kind of database."""
+
+    def size(self) -> int:
+        """Return the size of the database on the disk. [bytes]"""
+
+    def sweep(self) -> None:
+        """Give free space back to the disk.
+
+        Raises:
+            ServiceError: the database is in use, or there is no room to work in.
+        """
+
+
+def vacuum(address: str) -> Vacuumed:
+    """Give the space of deleted rows back to the disk.
+
+    SQLite copies the database into a new file: it must not be in use meanwhile, and there must be
+    room for both. PostgreSQL works while a service runs: space at the end of its files is given
+    back, space between rows is used again.
+
+    Raises:
+        InvalidValue: the address is invalid.
+        StoreUnavailable: there is no database, or it does not answer.
+        SchemaMismatch: its schema is not this program's.
+        ServiceError: the database is in use, or there is no room to work in.
+    """
+    open_store(address, migrate=False).close()
+    sweeper = find_vacuum_program(address)
+    before = sweeper.size()
+    sweeper.sweep()
+    return Vacuumed(find_backend(address).label, before, sweeper.size())
+
+
+def find_vacuum_program(address: str) -> VacuumProgram:
+    """Return the vacuum program for the database at an address that `find` has checked."""
+    return VACUUM_PROGRAMS[read_kind(address)](address)
+
+
+class SqliteVacuum:
+    """Vacuuming of a SQLite database."""
+
+    def __init__(self, address: str) -> None:
+        self._path = sqlite_path(address)
+
+    def size(self) -> int:
+        """Return the size of the database file and of those that SQLite keeps beside it. [bytes]"""
+        sizes = 0
+        for ending in FILE_SUFFIXES:
+            with suppress(FileNotFoundError):
+                sizes += self._path.with_name(self._path.name + ending).stat().st_size
+        return sizes
+
+    def sweep(self) -> None:
+        """Rewrite the file, if no other program uses it: writers would wait in vain for minutes."""
+        with (
+            translate_sqlite_errors(f"{self._path} was left as it is"),
+            closing(open_sqlite(self._path, "rw", LOCK_TIMEOUT_S)) as connection,
+        ):
+            # SQLite refuses to change the mode of a database that another program has open.
+            connection.execute("PRAGMA journal_mode = DELETE")
+            _require_space(self._path, connection)
+            connection.execute("VACUUM")
+            connection.execute("PRAGMA journal_mode = WAL")
+
+
+def _require_space(path: Path, connection: sqlite3.Connection) -> None:
+    """Raise ServiceError if there is no room for a second copy and for the journal."""
+    asked = ("page_count", "freelist_count", "page_size")
+    pages, free, each = (connection.execute(f"PRAGMA {name}").fetchone()[0] for name in asked)
+    copy, journal = (pages - free) * each, pages * each
+    scratch = _find_temporary_folder()
+    for folder, needed in _list_needs(scratch, copy, path.parent, journal).items():
+        if (there := disk_usage(folder).free) < needed:
+            raise ServiceError(
+                f"{path} needs {needed} bytes in {folder} to be written anew, and there are "
+                f"{there}.",
+                "Make room, or let SQLITE_TMPDIR name a folder on another disk.",
+            )
+
+
+def _list_needs(scratch: Path, copy: int, home: Path, journal: int) -> Mapping[Path, int]:
+    """Return the bytes that each folder needs; on one disk the sum of both."""
+    if scratch.stat().st_dev == home.stat().st_dev:
+        return {home: copy + journal}
+    return {scratch: copy, home: journal}
+
+
+def _find_temporary_folder() -> Path:
+    """Return the folder in which SQLite writes the copy: the first that it can write in."""
+    named = (os.environ.get(name) for name in TEMPORARY_VARIABLES)
+    for place in map(Path, (*filter(None, named), *TEMPORARY_FOLDERS)):
+        if place.is_dir() and os.access(place, os.W_OK | os.X_OK):
+            return place
+    return Path()
+
+
+class PostgresVacuum:
+    """Vacuuming of a PostgreSQL database."""
+
+    def __init__(self, address: str) -> None:
+        self._backend = find_backend(address)
+        engine = self._backend.schema_engine()
+        self._engine = engine.execution_options(isolation_level="AUTOCOMMIT")
+
+    def size(self) -> int:
+        """Return the size of eigenfail's tables and their indexes. [bytes]"""
+        with translate_errors(self._backend), self._engine.connect() as connection:
+            return sum(_measure_table(connection, name) for name in _list_tables(connection))
+
+    def sweep(self) -> None:
+        """Vacuum table by table, and update the statistics of the query planner."""
+        with translate_errors(self._backend), self._engine.connect() as connection:
+            for name in _list_tables(connection):
+                connection.execute(text(f'VACUUM (ANALYZE) "{name}"'))
+
+
+def _list_tables(connection: Connection) -> list[str]:
+    """Return the names of eigenfail's tables that exist."""
+    return sorted(set(metadata.tables) & set(inspect(connection).get_table_names()))
+
+
+def _measure_table(connection: Connection, table: str) -> int:
+    """Return the size of a table with its indexes and large values. [bytes]"""
+    size: int = connection.execute(select(func.pg_total_relation_size(table))).scalar_one()
+    return size
+
+
+VACUUM_PROGRAMS: Mapping[str, Callable[[str], VacuumProgram]] = {
+    "sqlite": SqliteVacuum,
+    "postgresql": PostgresVacuum,
+    "postgres": PostgresVacuum,
+}
+
+
+def downgrade(address: str, revision: str, *, force: bool) -> str:
+    """Downgrade a database to an older schema: completely, or nothing is changed.
+
+    Args:
+        address: of the database, which must not be in use meanwhile.
+        revision: of the older schema.
+        force: whether data that only newer schemas hold may be lost.
+
+    Returns:
+        The new revision.
+
+    Raises:
+        InvalidValue: the address is invalid.
+        UnknownName: no schema has this revision.
+        StoreUnavailable: there is no database, or it does not answer.
+        SchemaMismatch: its schema is that of a newer program.
+        Conflict: its schema is not newer, or data would be lost.
+        ServiceError: the database is in use.
+    """
+    found = migrate.read_version(address)
+    migrate.refuse_newer(found, find_backend(address).label)
+    _require_older(found, revision)
+    if not force:
+        raise Conflict(
+            f"From {found} back to {revision}, all that only newer schemas hold is lost.",
+            "Make a backup first: eigenfail db backup FILE. Then add --force.",
+        )
+    EXCLUSIVE_CHECKS[read_kind(address)](address)
+    migrate.downgrade(address, revision)
+    return revision
+
+
+def _require_older(found: str | None, revision: str) -> None:
+    """Raise UnknownName if a revision is unknown, Conflict if it is not older."""
+    known = migrate.list_revisions()
+    if revision not in known:
+        raise UnknownName("to", revision, known)
+    if found is None or known.index(revision) >= known.index(found):
+        raise Conflict(
+            f"The schema is {found or 'empty'}, which is not newer than {revision}.",
+            "`eigenfail db upgrade` brings a schema forward.",
+        )
+
+
+def _require_alone_in_file(address: str) -> None:
+    """Raise ServiceError if another program has the file open."""
+    path = sqlite_path(address)
+    with (
+        translate_sqlite_errors(f"{path} was left as it is"),
+        closing(open_sqlite(path, "rw", LOCK_TIMEOUT_S)) as connection,
+    ):
+        # Refused unless nobody else has it open; the next program turns it back.
+        connection.execute("PRAGMA journal_mode = DELETE")
+
+
+def _require_alone_at_server(address: str) -> None:
+    """Raise ServiceError if a service is connected."""
+    backend = find_backend(address)
+    with closing(Database(backend)) as database, database.reading() as connection:
+        if connection.execute(COUNT_CONNECTIONS).scalar_one():
+            raise ServiceError(f"A service uses {backend.label}.", "Stop it, and try again.")
+
+
+EXCLUSIVE_CHECKS: Mapping[str, Callable[[str], None]] = {
+    "sqlite": _require_alone_in_file,
+    "postgresql": _require_alone_at_server,
+    "postgres": _require_alone_at_server,
+}

@@ -1,0 +1,209 @@
+"""Every page at four widths in both colour schemes: nothing overflows, and axe-core finds nothing.
+
+The pages come from the routes of the application, so that a new page cannot be left out.
+"""
+
+import hashlib
+import json
+import re
+from html import unescape
+from pathlib import Path
+from urllib.parse import quote
+
+import httpx2
+import pytest
+from fastapi.responses import HTMLResponse
+from playwright.sync_api import expect
+
+from eigenfail.values.access import KeyRequest, Scope
+from eigenfail_api.app import ROUTERS
+from eigenfail_api.dashboard import launch_page
+from eigenfail_services.access.keys import make_key
+from eigenfail_services.reports.report import make
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(900)]
+
+VENDOR = Path(__file__).parent / "vendor"
+WIDTHS = (1440, 1024, 768, 375)
+SCHEMES = ("light", "dark")
+LAYOUT_RULES = ["scrollable-region-focusable"]
+RULES = {
+    (1440, "light"): None,
+    (1440, "dark"): ["color-contrast"],
+    (1024, "light"): LAYOUT_RULES,
+    (768, "light"): LAYOUT_RULES,
+    (375, "dark"): None,
+}
+"""Rules of axe-core at a width in a scheme, None for all; other runs would tell nothing new.
+
+Colours do not depend on the width, but at 375 px tables have no header row: dark is checked twice.
+"""
+
+PAGES = {
+    "/": ["/", "/?search=nothing-has-this-name"],
+    "/login": ["/login"],
+    "/keys": ["/keys"],
+    "/audit": ["/audit"],
+    "/campaigns/{campaign}": [
+        *("/campaigns/{ast}", "/campaigns/{difs}", "/campaigns/{queued}"),
+        *("/campaigns/{long}", "/campaigns/{errored}", "/campaigns/{varied}"),
+    ],
+    "/campaigns/{campaign}/measures": ["/campaigns/{long}/measures"],
+    "/campaigns/{campaign}/episodes": [
+        *("/campaigns/{long}/episodes", "/campaigns/{long}/episodes?filter=unknown%20%3D%201"),
+    ],
+    "/campaigns/{campaign}/episodes/{index}": [
+        *("/campaigns/{real}/episodes/0", "/campaigns/{long}/episodes/6"),
+        "/campaigns/{baseline}/episodes/1",
+    ],
+    "/campaigns/{campaign}/episodes/{index}/account": ["/campaigns/{real}/episodes/0/account"],
+    "/campaigns/{campaign}/episodes/{index}/clip": ["/campaigns/{real}/episodes/0/clip"],
+    "/campaigns/{campaign}/region": ["/campaigns/{varied}/region"],
+    "/campaigns/{campaign}/region/boxes": ["/campaigns/{varied}/region/boxes"],
+    "/replays/{campaign}": ["/replays/{queued}"],
+    "/analyses/{analysis}": [
+        *("/analyses/{analysis}", "/analyses/{failed_analysis}", "/analyses/{waiting_analysis}"),
+    ],
+    "/comparison": [
+        *("/comparison", "/comparison?a={ast}&b={long}"),
+        "/comparison?campaign={ast}&campaign={long}&campaign={difs}",
+    ],
+    "/copies": ["/copies?path=/campaigns"],
+    "/suites": ["/suites"],
+    "/suites/{suite:path}": ["/suites/{suite}"],
+    "/api": ["/api"],
+    "/glossary": ["/glossary"],
+    "/launch": ["/launch", "/launch?from={long}"],
+}
+"""Addresses of the pages of each route."""
+
+PIECES = {"/campaigns/{campaign}/failures"}
+"""Routes whose answer is a piece of another page, and no document."""
+
+NOT_FOUND = "/campaigns/999999"
+
+READY = """() => document.readyState === "complete"
+  && (document.documentElement.classList.contains("js") || !document.querySelector("script"))
+  && !document.querySelector("[data-later=wanted]")"""
+OPEN = """() => {
+  const [first] = document.querySelectorAll("details.data");
+  for (const one of document.querySelectorAll("details:not(.operation, .data)")) one.open = true;
+  if (first) first.open = true;
+}"""
+STILL_TO_COME = "#copies-here > a, .mode-clip:not(:has(.clip, .stage, a))"
+TITLE = re.compile("<title>(.*?)</title>", re.DOTALL)
+SETTLE = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+OVERFLOWING = """() => {
+  const scrolls = (one) => getComputedStyle(one).overflowX !== "visible";
+  const excess = document.documentElement.scrollWidth - window.innerWidth;
+  const found = excess > 0 ? [`the page, by ${excess} px`] : [];
+  for (const table of document.querySelectorAll("table")) {
+    if (!table.offsetWidth) continue;
+    const within = table.parentElement;
+    const edge = within.getBoundingClientRect();
+    const reachable = scrolls(within) && within.tabIndex >= 0;
+    if (table.getBoundingClientRect().right > edge.right + 1 && !reachable) {
+      found.push(`a table in ${within.tagName}.${within.className}`);
+    }
+  }
+  for (const name of document.querySelectorAll("tbody th[scope=row] > a")) {
+    if (name.offsetWidth && name.closest("th").offsetWidth < 40) found.push(`${name.textContent}`);
+  }
+  return found;
+}"""
+RUN_AXE = """async (only) => {
+  const rules = { "label-content-name-mismatch": { enabled: true } };
+  const asked = only ? { runOnly: { type: "rule", values: only } } : { rules };
+  const quick = { resultTypes: ["violations"], preload: false, selectors: false };
+  const { violations } = await axe.run(document, { ...quick, ...asked });
+  return violations.map(({ id, impact, nodes }) =>
+    `${id} (${impact}): ${nodes.slice(0, 3).map((node) => node.html.slice(0, 160)).join(" | ")}`);
+}"""
+
+
+def document_routes():
+    """Paths of the routes that answer with HTML."""
+    for router in (*ROUTERS, launch_page.router):
+        for route in router.routes:
+            kind = getattr(route.response_class, "value", route.response_class)
+            if "GET" in route.methods and kind is HTMLResponse:
+                yield route.path
+
+
+def test_every_route_of_a_page_is_listed_here():
+    assert {*document_routes()} == PAGES.keys() | PIECES
+
+
+def test_axe_is_what_its_manifest_says():
+    (library,) = json.loads((VENDOR / "manifest.json").read_text())
+    assert {path.name for path in VENDOR.iterdir()} == {*library["files"], "manifest.json"}
+    for name, expected in library["files"].items():
+        assert hashlib.sha256((VENDOR / name).read_bytes()).hexdigest() == expected, name
+
+
+@pytest.fixture(scope="module")
+def tab(browser, store, filled, address):
+    """One tab of an administrator who has signed in, with axe-core in each document."""
+    token = make_key(store, KeyRequest("Administrator of the test bench", Scope.ADMIN)).token
+    asked = {"name": "nightly regression of the planners", "scope": "runner"}
+    shown = {"Authorization": f"Bearer {token}"}
+    assert httpx2.post(f"{address}/api/v1/keys", json=asked, headers=shown).is_success
+    context = browser.new_context(viewport={"width": WIDTHS[0], "height": 900})
+    context.add_init_script((VENDOR / "axe.min.js").read_text("utf-8"))
+    context.set_default_timeout(60_000)
+    assert context.request.post(f"{address}/login", form={"key": token}).ok
+    yield context.new_page()
+    context.close()
+
+
+@pytest.fixture
+def show(tab, address, filled):
+    """Opens a page as wide as the widest screen, with its charts drawn and its details open."""
+    ids = {**vars(filled), "suite": quote(filled.suite, safe="")}
+
+    def open_page(path):
+        tab.set_viewport_size({"width": WIDTHS[0], "height": 900})
+        tab.emulate_media(color_scheme="light")
+        answer = tab.goto(address + path.format(**ids))
+        tab.wait_for_function(READY)
+        tab.evaluate(OPEN)
+        expect(tab.locator(STILL_TO_COME)).to_have_count(0)
+        for plot in tab.locator(".plot").all():
+            plot.scroll_into_view_if_needed()
+        expect(tab.locator(".plot:not(:has(canvas))")).to_have_count(0)
+        # What was fetched later came in documents of their own.
+        expect(tab).to_have_title(unescape(TITLE.search(answer.text())[1]))
+        return tab
+
+    return open_page
+
+
+ADDRESSES = [*(path for paths in PAGES.values() for path in paths), NOT_FOUND]
+
+
+@pytest.mark.parametrize("path", ADDRESSES)
+def test_a_page_fits_every_width_and_axe_finds_nothing(show, path):
+    assert not troubles_of(show(path))
+
+
+def test_a_report_fits_every_width_and_axe_finds_nothing(tab, store, filled, tmp_path):
+    file = tmp_path / "report.html"
+    file.write_bytes(make(store, (filled.long, filled.ast), 0).html())
+    tab.goto(file.as_uri())
+    assert not troubles_of(tab)
+
+
+def troubles_of(page):
+    """What overflows or is wrong for axe-core, by width and colour scheme."""
+    found = {}
+    for width in WIDTHS:
+        page.set_viewport_size({"width": width, "height": 900})
+        for scheme in SCHEMES:
+            page.emulate_media(color_scheme=scheme)
+            page.evaluate(SETTLE)
+            wrong = page.evaluate(OVERFLOWING)
+            if (width, scheme) in RULES:
+                wrong += page.evaluate(RUN_AXE, RULES[width, scheme])
+            if wrong:
+                found[width, scheme] = wrong
+    return found

@@ -1,0 +1,55 @@
+"""Write the tables of measures and of columns into docs: `python tests/docs/measure_tables.py`."""
+
+from pathlib import Path
+
+from eigenfail.filters import COLUMNS
+from eigenfail.values import MEASURES
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def render_measures():
+    """Return the table of docs/measures.md."""
+    rows = [
+        (f"`{name}`", measure.formula, measure.unit, measure.source)
+        for name, measure in MEASURES.items()
+    ]
+    return _render_table(("measure", "formula", "unit", "source"), rows)
+
+
+def render_columns():
+    """Return the table of docs/episodes.md."""
+    rows = [
+        (f"`{column.name}`", ", ".join(column.choices) or column.kind, column.words)
+        for column in COLUMNS.values()
+    ]
+    return _render_table(("column", "values", "what it says"), rows)
+
+
+def _render_table(header, rows):
+    cells = [[f" {cell} ".replace("|", r"\|") if cell else " " for cell in row] for row in rows]
+    return "\n".join(
+        f"|{'|'.join(row)}|"
+        for row in [[f" {name} " for name in header], ["---"] * len(header), *cells]
+    )
+
+
+PAGES = {"measures.md": ("measures", render_measures), "episodes.md": ("columns", render_columns)}
+
+
+def render_page(name):
+    """Return a page of docs with the table between its marks made anew."""
+    mark, render = PAGES[name]
+    begin, end = f"<!-- {mark} -->", f"<!-- /{mark} -->"
+    before, _, rest = (DOCS / name).read_text().partition(begin)
+    return f"{before}{begin}\n{render()}\n{end}{rest.partition(end)[2]}"
+
+
+def main():
+    """Write the pages."""
+    for name in PAGES:
+        (DOCS / name).write_text(render_page(name))
+
+
+if __name__ == "__main__":
+    main()

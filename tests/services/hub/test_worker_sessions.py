@@ -1,0 +1,389 @@
+"""The talk with workers, message by message, without a socket."""
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from structlog.testing import capture_logs
+
+from eigenfail.values import (
+    CampaignSpec,
+    EpisodeFault,
+    EpisodeTask,
+    Layer,
+    Policy,
+    PolicySource,
+    PriorSource,
+    Source,
+    unrunnable,
+)
+from eigenfail.values.records import Verdict
+from eigenfail.versions import versions
+from eigenfail.wire.messages import (
+    LONGEST_LIFE,
+    MAX_CLAIMS,
+    PROTOCOL,
+    Ack,
+    Claim,
+    Drop,
+    Goodbye,
+    Heartbeat,
+    Hello,
+    Lease,
+    PolicyUpdate,
+    Refusal,
+    Results,
+    Setup,
+    Welcome,
+    encode,
+    fingerprint_task,
+)
+from eigenfail_services.hub import worker_sessions
+from eigenfail_services.hub.commits import CommitQueue
+from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.worker_sessions import WorkerSessions
+from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
+
+SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=9)
+LAYER = Layer(np.zeros((2, 2), np.float32), np.zeros(2, np.float32))
+
+
+PRIOR = PriorSource()
+
+
+class Spec(msgspec.Struct):
+    campaign: int = 1
+    setup: object = SPEC.setup()
+
+
+class FakeRun:
+    spec = Spec()
+
+    def __init__(self, *, resumed: bool = False) -> None:
+        self.resumed = resumed
+
+    def find_policy(self, version: int) -> Policy:
+        return Policy(version, (), LAYER, LAYER, 3.0, 1)
+
+
+class Episodes:
+    def commit(self, campaign, deliveries):
+        return [Verdict.KEPT for _ in deliveries]
+
+
+def done(index: int):
+    return unrunnable(EpisodeTask(index, 0, PriorSource()), EpisodeFault("input", "test"))
+
+
+class Room:
+    """Worker sessions, and everything that it sent."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[bytes, object]] = []
+        self.leases = Leases()
+        self.commits = CommitQueue(Episodes())  # type: ignore[arg-type]
+        self.sessions = WorkerSessions(
+            lambda w, m: self.sent.append((w, m)), self.leases, self.commits
+        )
+
+    def said_to(self, worker: bytes) -> list[type]:
+        kinds = [type(message) for to, message in self.sent if to == worker]
+        self.sent.clear()
+        return kinds
+
+    def join(self, worker: bytes, protocol: int = PROTOCOL, **more) -> None:
+        self.sessions.handle(worker, encode(Hello(protocol, worker.decode(), 64, **more)))
+
+    def offer(self, *indices: int, source: Source = PRIOR, resumed: bool = False) -> None:
+        self.leases.offer(1, tuple(EpisodeTask(i, 0, source) for i in indices))
+        self.assign(resumed=resumed)
+
+    def assign(self, *, resumed: bool = False) -> None:
+        self.sessions.assign({1: FakeRun(resumed=resumed)})  # type: ignore[dict-item]
+
+    def leased_to(self, worker: bytes) -> list[int]:
+        leases = [m for to, m in self.sent if to == worker and isinstance(m, Lease)]
+        return [task.index for lease in leases for task in lease.tasks]
+
+
+@pytest.fixture
+def room() -> Room:
+    return Room()
+
+
+def test_a_worker_is_welcomed(room: Room) -> None:
+    room.join(b"a")
+    assert room.said_to(b"a") == [Welcome]
+
+
+OURS = versions()["eigenfail"]
+MAJOR, MINOR, PATCH = map(int, OURS.split("."))
+NEWER = f"{MAJOR}.{MINOR + 1}.0"
+
+
+@pytest.mark.fault(
+    "worker with another protocol version",
+    group="messages",
+    outcome="It is refused, and both logs name both versions.",
+)
+@pytest.mark.parametrize(
+    ("protocol", "theirs"),
+    [(PROTOCOL + 1, NEWER), (PROTOCOL - 1, "0.0.9"), (PROTOCOL, NEWER), (99, "")],
+)
+def test_another_release_is_refused_with_both_versions(room: Room, protocol, theirs) -> None:
+    with capture_logs() as log:
+        for _ in range(2):
+            room.join(b"a", protocol, versions={"eigenfail": theirs} if theirs else {})
+    assert room.leases.sessions == {}
+    refusal = room.sent[0][1]
+    assert isinstance(refusal, Refusal)
+    of = f" (eigenfail {theirs})" if theirs else ""
+    assert refusal.reason == (
+        f"The worker speaks protocol {protocol}{of}, the hub speaks {PROTOCOL} (eigenfail {OURS}): "
+        "install the same eigenfail on both."
+    )
+    assert [(line["event"], line["why"]) for line in log] == [("worker refused", refusal.reason)]
+
+
+@pytest.mark.fault("worker with another protocol version")
+def test_a_hello_with_words_of_a_later_protocol_is_refused_with_both_versions(room: Room) -> None:
+    later = {"type": "Hello", "protocol": PROTOCOL + 1, "worker": 7, "mood": ["good"]}
+    room.sessions.handle(b"a", msgspec.msgpack.encode(later | {"versions": {"eigenfail": NEWER}}))
+    room.sessions.handle(b"b", msgspec.msgpack.encode(later | {"protocol": PROTOCOL}))
+    (_, refused), (_, unreadable) = room.sent
+    assert f"protocol {PROTOCOL + 1} (eigenfail {NEWER})" in refused.reason
+    assert "Not a message of this protocol" in unreadable.reason
+
+
+def test_a_correction_more_or_less_is_let_in_and_told(room: Room) -> None:
+    other = f"{MAJOR}.{MINOR}.{PATCH + 1}"
+    with capture_logs() as log:
+        room.join(b"a", versions={"eigenfail": other})
+        room.join(b"b", versions={"eigenfail": OURS})
+    assert [seat.arrival.versions["eigenfail"] for seat in room.leases.sessions.values()] == [
+        other,
+        OURS,
+    ]
+    told = [line for line in log if line["event"] == "worker of another version"]
+    assert [(line["worker"], line["worker_has"], line["hub_has"]) for line in told] == [
+        ("a", other, OURS)
+    ]
+
+
+def test_a_stranger_is_asked_to_say_hello(room: Room) -> None:
+    room.sessions.handle(b"x", encode(Heartbeat()))
+    assert room.said_to(b"x") == [Refusal]
+
+
+def test_setup_and_policy_come_once_before_the_lease(room: Room) -> None:
+    room.join(b"a")
+    room.said_to(b"a")
+    room.offer(0, source=PolicySource(4))
+    assert room.said_to(b"a") == [Setup, PolicyUpdate, Lease]
+    room.offer(1, source=PolicySource(4))
+    room.offer(2)
+    assert set(room.said_to(b"a")) == {Lease}
+
+
+def test_after_a_drop_the_setup_comes_again(room: Room) -> None:
+    room.join(b"a")
+    room.offer(0)
+    room.leases.withdraw(1)
+    room.sessions.drop_campaign(1)
+    assert room.said_to(b"a")[-1] is Drop
+    room.offer(0)
+    assert room.said_to(b"a") == [Setup, Lease]
+
+
+def test_results_are_acknowledged_after_their_commit_alone(room: Room) -> None:
+    room.join(b"a")
+    room.said_to(b"a")
+    room.sessions.handle(b"a", encode(Results(1, (done(0),))))
+    assert room.said_to(b"a") == []
+    room.sessions.acknowledge(room.commits.flush(now=True))
+    assert room.said_to(b"a") == [Ack]
+
+
+def test_a_worker_is_told_once_of_all_that_was_committed_together(room: Room) -> None:
+    for worker in (b"a", b"b"):
+        room.join(worker)
+    for worker, campaign, index in ((b"a", 1, 0), (b"b", 1, 1), (b"a", 1, 2), (b"a", 2, 0)):
+        room.sessions.handle(worker, encode(Results(campaign, (done(index),))))
+    del room.sent[:]
+    room.sessions.acknowledge(room.commits.flush(now=True))
+    assert sorted((to, ack.campaign, ack.indices) for to, ack in room.sent) == [
+        (b"a", 1, (0, 2)),
+        (b"a", 2, (0,)),
+        (b"b", 1, (1,)),
+    ]
+
+
+def test_a_leaving_worker_s_episodes_go_to_another(room: Room) -> None:
+    room.join(b"a")
+    room.offer(0)
+    room.sessions.handle(b"a", encode(Heartbeat(1, 0, ((1, 0),))))
+    room.sessions.handle(b"a", encode(Goodbye()))
+    room.join(b"b")
+    room.assign()
+    assert room.said_to(b"b") == [Welcome, Setup, Lease]
+
+
+@given(st.binary(max_size=200))
+@settings(max_examples=300, deadline=None)
+def test_whatever_bytes_come_the_hub_answers_or_ignores(data: bytes) -> None:
+    room = Room()
+    room.join(b"a")
+    room.sessions.handle(b"a", data)
+    assert b"a" in room.leases.sessions
+
+
+@given(st.integers(0, 400), st.integers(0, 255))
+@settings(max_examples=200, deadline=None)
+def test_a_bent_byte_in_a_true_message_harms_nobody(place: int, value: int) -> None:
+    room = Room()
+    room.join(b"a")
+    done = unrunnable(EpisodeTask(0, 0, PriorSource()), EpisodeFault("input", "test"))
+    data = bytearray(encode(Results(1, (done,))))
+    data[place % len(data)] = value
+    room.sessions.handle(b"a", bytes(data))
+    room.sessions.handle(b"a", encode(Heartbeat()))
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time, in its one place."""
+    now_s = [100.0]
+    monkeypatch.setattr(worker_sessions.time, "monotonic", lambda: now_s[0])
+    return now_s
+
+
+@pytest.mark.fault("SIGSTOP of the services")
+def test_a_hub_that_was_held_up_does_not_take_its_own_silence_for_the_workers(clock) -> None:
+    room = Room()
+    room.join(b"a")
+    room.sessions.expire_silent()
+    clock[0] += 4 * worker_sessions.SILENCE_LIMIT_S
+    room.sessions.expire_silent()
+    assert b"a" in room.leases.sessions
+
+
+def test_a_worker_that_stays_silent_is_given_up(clock) -> None:
+    room = Room()
+    room.join(b"a")
+    for _ in range(11):
+        room.sessions.expire_silent()
+        clock[0] += worker_sessions.SILENCE_LIMIT_S / 10
+    room.sessions.expire_silent()
+    assert room.leases.sessions == {}
+
+
+def held(index: int, source: Source = PRIOR) -> Claim:
+    """What a worker says that has that task of campaign 1."""
+    return Claim(1, index, fingerprint_task(SPEC.setup(), EpisodeTask(index, 0, source)))
+
+
+def test_what_a_worker_holds_waits_for_its_round_and_stays_with_it(room: Room) -> None:
+    room.join(b"a", claims=(held(0), held(1), Claim(1, 2)))
+    room.join(b"b")
+    room.assign()
+    room.offer(0, 1, 2, 3, 4)
+    assert set(room.leases.sessions[b"a"].held) >= {(1, 0), (1, 1), (1, 2)}
+    assert sorted([*room.leased_to(b"a"), *room.leased_to(b"b")]) == [3, 4]
+
+
+def test_it_is_free_again_when_it_is_no_longer_named(room: Room) -> None:
+    room.join(b"a", claims=(held(0), held(1)))
+    room.offer(0, 1)
+    for _ in range(MAX_UNNAMED_HEARTBEATS):
+        room.join(b"b")
+        room.assign()
+        assert room.leased_to(b"b") == []
+        room.sessions.handle(b"a", encode(Heartbeat(1, 0, ((1, 0),))))
+    room.sessions.handle(b"b", encode(Goodbye()))
+    room.join(b"c")
+    room.assign()
+    assert room.leased_to(b"a") + room.leased_to(b"c") == [1]
+
+
+@pytest.mark.fault(
+    "worker that holds an episode of another database",
+    group="messages",
+    outcome="The fingerprint of setup and task differs; the worker drops the campaign, and "
+    "its episodes are leased again.",
+)
+@pytest.mark.parametrize("mine", [held(0, PolicySource(3)), held(1), Claim(1, 0, b"?")])
+def test_who_holds_another_task_is_told_to_drop_it_and_sent_all_anew(room: Room, mine) -> None:
+    room.join(b"a", claims=(msgspec.structs.replace(mine, index=0),))
+    room.offer(0, source=PolicySource(4))
+    assert room.said_to(b"a") == [Welcome, Drop, Setup, PolicyUpdate, Lease]
+
+
+NONSENSE = (
+    {"claims": [{"campaign": 1, "index": 0}] * (MAX_CLAIMS + 1)},
+    {"claims": [{"campaign": -1, "index": 0}]},
+    {"claims": [{"campaign": 1, "index": 0.5}]},
+    {"claims": [{"campaign": 1, "index": 0, "task": b"long" * 5}]},
+    {"claims": [{"campaign": 1, "index": 0, "colour": "red"}]},
+    {"claims": [7]},
+    {"claims": {"campaign": 1}},
+    {"life": "x" * (LONGEST_LIFE + 1)},
+)
+
+
+@pytest.mark.fault("malformed, nested, lying or foreign messages")
+@pytest.mark.parametrize("bent", NONSENSE, ids=lambda bent: str(bent)[:60])
+def test_claims_that_are_none_are_refused_at_the_border(room: Room, bent: dict) -> None:
+    told = msgspec.msgpack.decode(encode(Hello(PROTOCOL, "a", 64)))
+    room.sessions.handle(b"a", msgspec.msgpack.encode(told | bent))
+    assert room.said_to(b"a") == [Refusal]
+    assert room.leases.sessions == {}
+
+
+def test_a_hello_said_again_before_its_welcome_came_changes_nothing(room: Room) -> None:
+    room.join(b"a", life="one")
+    room.offer(0, 1)
+    room.sent.clear()
+    room.join(b"a", life="one")
+    room.assign()
+    assert room.said_to(b"a") == [Welcome]
+    room.join(b"a", life="one", asked=1)
+    room.assign()
+    assert room.said_to(b"a")[:3] == [Welcome, Setup, Lease]
+
+
+def test_a_hub_that_has_just_begun_waits_for_those_who_hold_what_goes_on(clock) -> None:
+    room = Room()
+    room.join(b"a")
+    room.offer(0, 1, resumed=True)
+    assert room.leased_to(b"a") == []
+    clock[0] += worker_sessions.ADOPTION_GRACE_S / 2
+    room.join(b"b", claims=(held(0),))
+    room.assign(resumed=True)
+    assert room.leased_to(b"a") == []
+    clock[0] += worker_sessions.ADOPTION_GRACE_S / 2
+    room.assign(resumed=True)
+    assert room.leased_to(b"a") == [1]
+    assert set(room.leases.sessions[b"b"].held) == {(1, 0)}
+
+
+def test_a_heartbeat_that_declines_nothing_has_the_bytes_of_earlier_releases() -> None:
+    assert b"declined" not in encode(Heartbeat(1, 2, ((1, 2),), 3))
+
+
+@pytest.mark.fault("campaign with a name that the bridge does not know")
+def test_a_declined_campaign_is_noted_once_with_the_worker_and_the_reason(room: Room) -> None:
+    room.join(b"a")
+    room.offer(0, 1)
+    beat = encode(Heartbeat(declined=((1, "'gap' is not known."), (2, "never sent"))))
+    for _ in range(2):
+        room.sessions.handle(b"a", beat)
+    said = "Worker a can run no episode of the campaign: 'gap' is not known."
+    assert room.sessions.declined == {1: said}
+    # Of campaign 2 it was sent nothing: it is told to forget it, and nobody else hears of that.
+    dropped = [m.campaign for _, m in room.sent if isinstance(m, Drop)]
+    assert dropped == [2, 2]
+    room.sessions.declined.clear()
+    room.sessions.drop_campaign(1)
+    room.sessions.handle(b"a", beat)
+    assert room.sessions.declined == {}

@@ -1,0 +1,56 @@
+"""Checks that the store passes on every database.
+
+Each check gets an empty store of its own.
+"""
+
+from collections.abc import Callable
+
+from eigenfail_services.store import Store
+from store_checks import (
+    access,
+    batches,
+    blocks,
+    campaigns,
+    conflicts,
+    crowds,
+    deaths,
+    episode_filters,
+    episode_lists,
+    episodes,
+    fencing,
+    figures,
+    jobs,
+    moves,
+    priorities,
+    quotas,
+    records,
+    retention,
+    roster,
+    safety,
+    suites,
+)
+
+STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
+    *campaigns.CHECKS,
+    *moves.CHECKS,
+    *batches.CHECKS,
+    *suites.CHECKS,
+    *episodes.CHECKS,
+    *deaths.CHECKS,
+    *episode_lists.CHECKS,
+    *episode_filters.CHECKS,
+    *conflicts.CHECKS,
+    *blocks.CHECKS,
+    *safety.CHECKS,
+    *figures.CHECKS,
+    *jobs.CHECKS,
+    *fencing.CHECKS,
+    *records.CHECKS,
+    *retention.CHECKS,
+    *access.CHECKS,
+    *priorities.CHECKS,
+    *quotas.CHECKS,
+    *roster.CHECKS,
+    *crowds.CHECKS,
+)
+"""One behaviour each; raise AssertionError where it is broken."""

@@ -1,0 +1,120 @@
+"""Checks of `CampaignStore`: what it makes, and how it is found."""
+
+import time
+
+from eigenfail.errors import IdempotencyMismatch, NotFound
+from eigenfail.testing.examples import spec
+from eigenfail.testing.expectations import expect, expect_error
+from eigenfail.values import AnalysisSettings, CampaignState, Counts
+from eigenfail.values.records import JobKind
+from eigenfail_services.store import Store
+from store_checks.examples import BEYOND, equal
+
+S = CampaignState
+
+
+def creates_queued(store: Store) -> None:
+    """A new campaign waits, with a job and an event that says so."""
+    before_ms = time.time_ns() // 1_000_000
+    campaign = store.campaigns.create(spec(name="first"))
+    equal(campaign.state, S.QUEUED, "A new campaign's state")
+    equal(campaign.counts, Counts(10), "A new campaign's counts")
+    equal((campaign.started_ms, campaign.ended_ms), (None, None), "A new campaign's times")
+    expect(0 <= campaign.created_ms - before_ms < 60_000, "created_ms is not the time of creation.")
+    equal(store.campaigns.get(campaign.id), campaign, "The campaign that is read")
+    equal(store.jobs.waiting(JobKind.CAMPAIGN), 1, "Jobs for one new campaign")
+    (event,) = store.events.after(0, 10)
+    equal((event.kind, event.campaign), ("campaign.created", campaign.id), "The event")
+    expect("first" in event.message, "The event does not name the campaign.")
+
+
+def keeps_specs_exactly(store: Store) -> None:
+    """Whatever a spec holds comes back the same."""
+    settings = {
+        "rate": 0.1,
+        "whole": 3,
+        "nested": {"list": [1, 2.5, None, True]},
+        "text": "σ'\"; --",
+    }
+    given = spec(name="Stau ✓", settings=settings, seed=2**63 - 1, price_usd_per_hour=1e-9)
+    equal(store.campaigns.get(store.campaigns.create(given).id).spec, given, "The spec")
+
+
+def repeats_a_key(store: Store) -> None:
+    """One key, one campaign: the second request gets the first one's, as it stands by then."""
+    first = store.campaigns.create(spec(), "key")
+    store.campaigns.move(first.id, S.RUNNING)
+    events, waiting = store.events.last(), store.jobs.waiting(JobKind.CAMPAIGN)
+    again = store.campaigns.create(spec(), "key")
+    equal((again.id, again.state), (first.id, S.RUNNING), "The campaign of a repeated key")
+    equal(store.events.last(), events, "Events after a repeated key")
+    equal(store.jobs.waiting(JobKind.CAMPAIGN), waiting, "Jobs after a repeated key")
+
+
+def refuses_a_key_for_two_specs(store: Store) -> None:
+    """A key stands for one request."""
+    store.campaigns.create(spec(), "key")
+    with expect_error(IdempotencyMismatch, "A key was accepted for another spec."):
+        store.campaigns.create(spec(seed=1), "key")
+    equal(len(store.campaigns.page(10).items), 1, "Campaigns after a refused key")
+
+
+def tells_requests_apart(store: Store) -> None:
+    """Without a key, and with different ones, the same spec makes new campaigns."""
+    ids = [store.campaigns.create(spec(), key).id for key in (None, None, "a", "b")]
+    equal(ids, sorted(set(ids)), "The ids of four campaigns")
+
+
+def knows_no_strangers(store: Store) -> None:
+    """An id that nothing has is NotFound, however odd it is."""
+    store.campaigns.create(spec())
+    for stranger in BEYOND:
+        with expect_error(NotFound, f"get({stranger}) found something."):
+            store.campaigns.get(stranger)
+        with expect_error(NotFound, f"move({stranger}) moved something."):
+            store.campaigns.move(stranger, S.RUNNING)
+        with expect_error(NotFound, f"add_active({stranger}) went somewhere."):
+            store.campaigns.add_active(stranger, 1.0)
+        with expect_error(NotFound, f"commit({stranger}) kept something."):
+            store.episodes.commit(stranger, [])
+        with expect_error(NotFound, f"checkpoints.save({stranger}) kept something."):
+            store.checkpoints.save(stranger, b"state")
+        with expect_error(NotFound, f"analyses.create({stranger}) made something."):
+            store.analyses.create(stranger, AnalysisSettings())
+
+
+def pages_newest_first(store: Store) -> None:
+    """Pages follow each other without gap or overlap, and end."""
+    ids = [store.campaigns.create(spec()).id for _ in range(5)]
+    seen, before = [], None
+    for _ in range(3):
+        page = store.campaigns.page(2, before)
+        seen += [campaign.id for campaign in page.items]
+        before = page.next
+    equal(seen, ids[::-1], "Campaigns over three pages of two")
+    equal(before, None, "The cursor of the last page")
+    equal(store.campaigns.page(5).next, None, "The cursor of a page that holds just everything")
+    equal(store.campaigns.page(5, before=2**70).items[0].id, ids[-1], "The first below 2**70")
+
+
+def pages_one_state(store: Store) -> None:
+    """Pages of one state leave out the others."""
+    paused, _, also = (store.campaigns.create(spec()).id for _ in range(3))
+    for campaign in (paused, also):
+        store.campaigns.move(campaign, S.PAUSED)
+    first = store.campaigns.page(1, state=S.PAUSED)
+    second = store.campaigns.page(1, first.next, S.PAUSED)
+    equal([c.id for c in (*first.items, *second.items)], [also, paused], "Paused campaigns")
+    equal(second.next, None, "The cursor of the last page")
+
+
+CHECKS = (
+    creates_queued,
+    keeps_specs_exactly,
+    repeats_a_key,
+    refuses_a_key_for_two_specs,
+    tells_requests_apart,
+    knows_no_strangers,
+    pages_newest_first,
+    pages_one_state,
+)

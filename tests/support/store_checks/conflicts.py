@@ -1,0 +1,122 @@
+"""Checks of what `EpisodeStore` says of conflicts: classes, counts, the worst first."""
+
+from math import fsum, isclose
+
+from msgspec.structs import replace
+
+from eigenfail.filters import WORST_FIRST, make_outcome_condition
+from eigenfail.testing.examples import CRASH, collision, make_errored_result, result
+from eigenfail.testing.expectations import expect
+from eigenfail.values import ConflictClass, EpisodeResult, Measures, Outcome, assess
+from eigenfail.values.records import ConflictTotals
+from eigenfail_services.store import Store
+from store_checks.examples import deliver, equal, running
+
+WARNED = replace(CRASH, severity=2.0, drac_violated_s=3.25)
+ASSESSED: tuple[tuple[Measures, ConflictClass | None], ...] = (
+    (WARNED, ConflictClass.PLANNER_FAILURE),
+    (replace(WARNED, drac_at_warning_mps2=7.0), ConflictClass.PLANNER_FAILURE),
+    (replace(WARNED, drac_at_warning_mps2=7.5), ConflictClass.UNAVOIDABLE),
+    (Measures(0.0, collided_s=2.0), ConflictClass.UNAVOIDABLE),
+    (Measures(0.0, severity=9.0), None),
+)
+CLOSE = (0.0, 1.25, 1.5, 1.75, None)
+"""MinTTC of episodes without a collision, of which two are near misses. [s]"""
+
+ENDS = ((None, None), (7.0, None), (7.5, None), (9.0, 0.0), (9.0, 7.0), (9.0, 7.5), (30.0, 22.0))
+"""Largest DRAC, and that at the last step, of episodes without a collision: of the third nobody
+knows how it ended, and the last two were unresolved. [m/s²]
+"""
+
+
+def every_class() -> list[EpisodeResult]:
+    """Episodes of every class, and one that could not be run."""
+    crashes = [collision(3 * n, measures=m) for n, (m, _) in enumerate(ASSESSED)]
+    safe = [result(3 * n + 1, measures=Measures(1.0, min_ttc_s=s)) for n, s in enumerate(CLOSE)]
+    ends = [
+        result(20 + n, measures=Measures(1.0, max_drac_mps2=largest, final_drac_mps2=last))
+        for n, (largest, last) in enumerate(ENDS)
+    ]
+    return [*crashes, *safe, *ends, make_errored_result(2, measures=Measures(1.0, min_ttc_s=0.5))]
+
+
+def rows_are_assessed(store: Store) -> None:
+    """A row holds every measure, and what `assess` makes of them."""
+    campaign, given = running(store, episodes=30), every_class()
+    deliver(store, campaign, *given)
+    by_index = {each.index: each for each in given}
+    for row in store.episodes.page(campaign.id, 100).items:
+        episode = by_index[row.index]
+        for name in Measures.__struct_fields__:
+            wanted = getattr(episode.measures, name)
+            equal(getattr(row, name), wanted, f"{name} of episode {row.index}")
+        equal(row.assessed, assess(episode.outcome, episode.measures), f"Class of {row.index}")
+    crashes = store.episodes.page(
+        campaign.id, 100, where=make_outcome_condition(Outcome.COLLISION)
+    ).items
+    equal([row.assessed.conflict for row in crashes], [c for _, c in ASSESSED], "Classes")
+
+
+def counts_conflicts(store: Store) -> None:
+    """Totals count classes and sum lead times, of one campaign alone."""
+    campaign, other = running(store, episodes=30), running(store)
+    nothing = store.episodes.totals(campaign.id).conflicts
+    equal(nothing, ConflictTotals(), "Conflicts of nothing")
+    given = every_class()
+    deliver(store, campaign, *given)
+    deliver(store, other, collision(0), result(1))
+    found = store.episodes.totals(campaign.id).conflicts
+    counted = (found.unavoidable, found.planner_failures, found.unclassified, found.near_misses)
+    equal(counted, (2, 2, 1, 2), "Unavoidable, planner failures, unclassified, near misses")
+    equal((found.unresolved, found.perhaps_unresolved), (2, 1), "Unresolved, perhaps unresolved")
+    assessed = [assess(each.outcome, each.measures) for each in given]
+    ttc = [each.ttc_lead_s for each in assessed if each.ttc_lead_s is not None]
+    drac = [each.drac_lead_s for each in assessed if each.drac_lead_s is not None]
+    equal((found.ttc_leads, found.drac_leads), (len(ttc), len(drac)), "Known lead times")
+    expect(isclose(found.ttc_lead_s, fsum(ttc)), f"Lead times sum to {found.ttc_lead_s}.")
+    expect(isclose(found.drac_lead_s, fsum(drac)), f"Lead times sum to {found.drac_lead_s}.")
+
+
+SEVERITIES = {0: None, 1: 4.0, 2: 9.0, 3: 4.0, 4: 0.0, 5: None, 6: 9.5}
+IN_ORDER = [6, 2, 3, 1, 4, 5, 0]
+
+
+def puts_the_worst_first(store: Store) -> None:
+    """By severity, then by index, those without one last; pages follow each other."""
+    campaign, other = running(store), running(store)
+    deliver(store, campaign, *(crash_of(index) for index in reversed(SEVERITIES)))
+    deliver(store, other, collision(2))
+    for limit in (1, 2, 3, 7, 10):
+        equal(worst_first(store, campaign.id, limit), IN_ORDER, f"Pages of {limit}")
+    crashes = worst_first(store, campaign.id, 2, Outcome.COLLISION)
+    equal(crashes, IN_ORDER[:-2], "Collisions alone")
+    behind = store.episodes.page(campaign.id, 10, 8, sort=WORST_FIRST)
+    equal(behind.items, (), "Rows behind an episode that has no result")
+
+
+def crash_of(index: int) -> EpisodeResult:
+    """An episode with its severity of the table above."""
+    severity = SEVERITIES[index]
+    if severity is None:
+        return result(index)
+    return collision(index, measures=replace(CRASH, severity=severity))
+
+
+def worst_first(
+    store: Store, campaign: int, limit: int, outcome: Outcome | None = None
+) -> list[int]:
+    """The indices of all pages by severity."""
+    found: list[int] = []
+    after: int | None = None
+    for _ in range(len(SEVERITIES)):
+        page = store.episodes.page(
+            campaign, limit, after, make_outcome_condition(outcome), WORST_FIRST
+        )
+        found += [row.index for row in page.items]
+        after = page.next
+        if after is None:
+            break
+    return found
+
+
+CHECKS = (rows_are_assessed, counts_conflicts, puts_the_worst_first)

@@ -1,0 +1,45 @@
+"""What the checks of a store put into it, and how they compare what they find."""
+
+from typing import Any
+
+import numpy as np
+
+from eigenfail.testing.examples import spec
+from eigenfail.testing.expectations import expect
+from eigenfail.values import (
+    Campaign,
+    CampaignState,
+    EpisodeResult,
+    Floats,
+)
+from eigenfail.values.records import Delivery, Verdict
+from eigenfail_services.store import Store
+
+WORKER = "worker-1"
+BEYOND = (0, -1, 999, 2**63, 2**70)
+"""Ids that nothing has."""
+
+
+def equal(found: object, wanted: object, what: str) -> None:
+    """Expect the very thing."""
+    expect(found == wanted, f"{what}: {found!r}, not {wanted!r}.")
+
+
+def alike(found: Floats | None, wanted: Floats | None, what: str) -> None:
+    """Expect the same array, bit for bit, or none where there was none."""
+    if found is None or wanted is None:
+        expect(found is wanted, f"{what} came or went.")
+        return
+    expect(found.dtype == np.float32, f"{what} came back as {found.dtype}.")
+    expect(found.shape == wanted.shape, f"{what} came back in another shape: {found.shape}.")
+    expect(found.tobytes() == wanted.tobytes(), f"{what} came back with other numbers.")
+
+
+def running(store: Store, **changes: Any) -> Campaign:
+    """A campaign that has begun."""
+    return store.campaigns.move(store.campaigns.create(spec(**changes)).id, CampaignState.RUNNING)
+
+
+def deliver(store: Store, campaign: Campaign, *results: EpisodeResult) -> list[Verdict]:
+    """Commit results, all in one."""
+    return store.episodes.commit(campaign.id, [Delivery(each, WORKER) for each in results])

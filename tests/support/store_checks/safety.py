@@ -1,0 +1,148 @@
+"""Checks of what `EpisodeStore` makes of safety measures, parameters and times."""
+
+import time
+
+from msgspec.structs import replace
+
+from eigenfail.testing.examples import CRASH, collision, make_errored_result, result
+from eigenfail.values import (
+    ConflictClass,
+    EpisodeResult,
+    FailurePoint,
+    Measures,
+    MeasureTotals,
+    Overhead,
+    SafetyTotals,
+    SpendingTotals,
+)
+from eigenfail.values.randomness import MAX_SEED
+from eigenfail_services.store import Store
+from store_checks.examples import BEYOND, deliver, equal, running
+
+TTC = (4.0, 0.5, None, 1.5, 2.0)
+"""MinTTC of episodes without a collision. [s]"""
+
+DRAC = (0.5, 7.0, None, 7.25, None)
+"""The largest DRAC of the same. [m/s²]"""
+
+SEVERITIES = (9.0, None, 4.0, 1.0, 16.0)
+
+
+def driven() -> list[EpisodeResult]:
+    """Five episodes without a collision, five with one, and one that could not be run."""
+    pairs = enumerate(zip(TTC, DRAC, strict=True))
+    safe = [result(2 * n, measures=Measures(1.0, None, ttc, drac)) for n, (ttc, drac) in pairs]
+    crashes = [
+        collision(2 * n + 1, steps=n + 1, measures=replace(CRASH, severity=severity))
+        for n, severity in enumerate(SEVERITIES)
+    ]
+    return [*safe, *crashes, make_errored_result(12, measures=Measures(1.0, 99.0, 0.0, 99.0))]
+
+
+def sums_up_safety(store: Store) -> None:
+    """Violations, medians and worst cases are over completed episodes, of one campaign alone."""
+    campaign, other = running(store, episodes=20), running(store)
+    nothing = store.episodes.safety(campaign.id)
+    equal(plain(nothing), ((0, 0, MeasureTotals(), MeasureTotals()), []), "Of nothing")
+    deliver(store, campaign, *reversed(driven()))
+    deliver(store, other, result(0, measures=Measures(1.0, None, 0.125, 80.0)), collision(1))
+    found = store.episodes.safety(campaign.id)
+    ttc, drac = MeasureTotals(9, 6, 1.25, 0.5), MeasureTotals(3, 1, 7.0, 7.25)
+    equal(plain(found), ((10, 5, ttc, drac), [9.0, 4.0, 1.0, 16.0]), "Safety")
+    for who in BEYOND:
+        equal(store.episodes.safety(who).completed, 0, f"Episodes of {who}")
+
+
+def plain(found: SafetyTotals) -> tuple[object, object]:
+    """All but the points, as what can be compared."""
+    return (found.completed, found.failures, found.ttc, found.drac), found.severities.tolist()
+
+
+def shows_failures_as_points(store: Store) -> None:
+    """Every failure with a severity is a point, or every k-th from the first one on."""
+    campaign = running(store, episodes=20)
+    given = driven()
+    deliver(store, campaign, *reversed(given))
+    by_index = {each.index: each for each in given}
+    shown = {most: store.episodes.safety(campaign.id, most).points for most in (1, 2, 3, 4, 9)}
+    places = {most: [point.index for point in points] for most, points in shown.items()}
+    every = {1: [1], 2: [1, 7], 3: [1, 7], 4: [1, 5, 7, 9], 9: [1, 5, 7, 9]}
+    equal(places, every, "Points by their most")
+    for point in shown[9]:
+        equal(point, point_of(by_index[point.index]), f"Point {point.index}")
+
+
+def point_of(given: EpisodeResult) -> FailurePoint:
+    """What an episode is in the scatter."""
+    severity = given.measures.severity if given.measures else None
+    return FailurePoint(
+        given.index,
+        given.noise.log_probability / given.steps,
+        severity or 0.0,
+        ConflictClass.PLANNER_FAILURE,
+    )
+
+
+def lists_trials(store: Store) -> None:
+    """Seeds and outcomes of completed episodes in index order, or of every k-th."""
+    campaign, other = running(store, episodes=20), running(store)
+    equal(trials(store, campaign.id), [], "Trials of nothing")
+    large = replace(collision(11), seed=MAX_SEED)
+    deliver(store, campaign, large, *reversed(driven()))
+    deliver(store, other, result(0))
+    wanted = [(100 + n, n % 2 == 1) for n in range(10)] + [(MAX_SEED, True)]
+    equal(trials(store, campaign.id), wanted, "Trials")
+    for most, every in ((10, 2), (11, 1), (3, 4), (1, 11)):
+        equal(trials(store, campaign.id, most), wanted[::every], f"At most {most} trials")
+    for who in BEYOND:
+        equal(trials(store, who), [], f"Trials of {who}")
+
+
+def trials(store: Store, campaign: int, most: int = 100) -> list[tuple[int, bool]]:
+    """Pairs of seed and outcome."""
+    found = store.episodes.trials(campaign, most)
+    return list(zip(found.seeds.tolist(), found.failed.tolist(), strict=True))
+
+
+def follows_landings(store: Store) -> None:
+    """Worker time by what became of it; landings in the order in which results were stored."""
+    campaign, other = running(store, episodes=20), running(store)
+    equal(store.episodes.spending(campaign.id), SpendingTotals(), "Spending of nothing")
+    deliver(store, campaign, collision(7, wall_s=2.0), make_errored_result(1, wall_s=0.25))
+    time.sleep(0.002)
+    deliver(store, campaign, result(3), make_errored_result(4, wall_s=8.0), collision(2), result(5))
+    deliver(store, other, collision(0))
+    found = store.episodes.spending(campaign.id)
+    equal((found.completed_worker_s, found.failed_worker_s), (3.5, 8.25), "Worker seconds")
+    steps = [(each.completed, each.failures) for each in found.landings]
+    equal(steps, [(1, 1), (2, 2), (3, 2), (4, 2)], "Landings, equal times by index")
+    rows = {row.index: row.finished_ms for row in store.episodes.page(campaign.id, 20).items}
+    times = [each.at_ms for each in found.landings]
+    equal(times, [rows[index] for index in (7, 2, 3, 5)], "Their times")
+    for most, wanted in ((1, [4]), (2, [2, 4]), (3, [2, 4]), (4, [1, 2, 3, 4])):
+        few = store.episodes.spending(campaign.id, most).landings
+        equal([each.completed for each in few], wanted, f"At most {most} landings")
+    deliver(store, campaign, result(8))
+    odd = store.episodes.spending(campaign.id, 3).landings
+    equal([each.completed for each in odd], [2, 4, 5], "The last one is always there")
+
+
+def adds_overhead(store: Store) -> None:
+    """What active time went into grows with it."""
+    campaign, other = running(store), running(store)
+    equal(campaign.overhead, Overhead(), "Overhead of a new campaign")
+    for overhead in (Overhead(1.0, 0.5, 0.25), Overhead(0.0, 0.25), Overhead()):
+        store.campaigns.add_active(campaign.id, 2.0, overhead)
+    store.campaigns.add_active(campaign.id, 1.0)
+    found = store.campaigns.get(campaign.id)
+    equal((found.active_s, found.overhead), (7.0, Overhead(1.0, 0.75, 0.25)), "Overhead")
+    equal(store.campaigns.get(other.id).overhead, Overhead(), "Overhead of another campaign")
+
+
+CHECKS = (
+    sums_up_safety,
+    shows_failures_as_points,
+    lists_trials,
+    follows_landings,
+    adds_overhead,
+)

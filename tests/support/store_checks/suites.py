@@ -1,0 +1,96 @@
+"""Checks of what `CampaignStore` knows of suites."""
+
+from eigenfail.testing.examples import collision, make_errored_result, result, spec
+from eigenfail.values import CampaignState, Page
+from eigenfail.values.suite import SuiteStanding
+from eigenfail_services.store import Store
+from store_checks.examples import deliver, equal, running
+
+S = CampaignState
+
+
+def ids(store: Store, *names: str) -> list[int]:
+    """Campaigns of these names, in order."""
+    return [store.campaigns.create(spec(name=name)).id for name in names]
+
+
+def finds_the_campaigns_of_a_suite(store: Store) -> None:
+    """What stands before the first ": " is a campaign's suite, to the letter."""
+    names = ("a: one", "alone", "a: two: three", "A: one", "ab: one", "a:four", ": a", "a: ")
+    first, _, third, *_ = ids(store, *names)
+    found = store.campaigns.page(10, suite="a")
+    equal([campaign.id for campaign in found.items], [third, first], "Campaigns of a suite")
+    for other in ("", "a: two", "b", "%", "_"):
+        equal(store.campaigns.page(10, suite=other), Page(()), f"Campaigns of the suite '{other}'")
+
+
+def leaves_out_what_was_made_of_members(store: Store) -> None:
+    """Replays and minimal failures of campaigns belong to no suite."""
+    replays = ("replay of analysis 3", "replay of analysis 3, lanes=2", "replay of 1/20")
+    names = (*replays, "replay of 1/20, noise × 0.5", "minimal failure of 1/20")
+    ids(store, *(f"a: one: {name}" for name in names), *(f"first: {name}" for name in names))
+    equal(store.campaigns.page(10, suite="a"), Page(()), "Campaigns made of a member")
+    equal(store.campaigns.suites(10), Page(()), "Suites of campaigns that were made of others")
+    ids(store, "a: replay of analysis three")
+    equal(len(store.campaigns.page(10, suite="a").items), 1, "Members that are called alike")
+
+
+def pages_a_suite(store: Store) -> None:
+    """Pages of a suite follow each other, also of one state."""
+    one, _, two, three = ids(store, "a: 1", "b: 1", "a: 2", "a: 3")
+    store.campaigns.move(two, S.PAUSED)
+    first = store.campaigns.page(2, suite="a")
+    second = store.campaigns.page(2, first.next, suite="a")
+    equal([c.id for c in (*first.items, *second.items)], [three, two, one], "A suite in pages")
+    equal(second.next, None, "The cursor of the last page")
+    paused = store.campaigns.page(2, state=S.PAUSED, suite="a")
+    equal([campaign.id for campaign in paused.items], [two], "Paused campaigns of a suite")
+
+
+def lists_suites(store: Store) -> None:
+    """Suites with sums over their campaigns, those with the newest campaigns first."""
+    member = running(store, name="b: 1")
+    deliver(store, member, collision(0), result(1))
+    newest_of_a, _, newest_of_b = ids(store, "a: 1", "alone", "b: 2")
+    sums = {"planned": 20, "completed": 2, "failures": 1}
+    states = {S.QUEUED: 1, S.RUNNING: 1}
+    b = SuiteStanding(name="b", newest=newest_of_b, campaigns=2, states=states, **sums)
+    sums = {"planned": 10, "completed": 0, "failures": 0}
+    queued = {S.QUEUED: 1}
+    a = SuiteStanding(name="a", newest=newest_of_a, campaigns=1, states=queued, **sums)
+    equal(store.campaigns.suites(10), Page((b, a)), "Suites")
+    first = store.campaigns.suites(1)
+    equal(first, Page((b,), newest_of_b), "The first page of suites")
+    equal(store.campaigns.suites(1, first.next), Page((a,)), "The last page of suites")
+    equal(store.campaigns.suites(1, newest_of_a), Page(()), "Suites behind the last one")
+
+
+def tells_errored_campaigns_of_suites_apart(store: Store) -> None:
+    """A campaign that is done without a completed episode is errored, and counted as done, too."""
+    for episodes in ((make_errored_result(0),), (make_errored_result(0), result(1)), ()):
+        member = running(store, name=f"e: {len(episodes)}")
+        deliver(store, member, *episodes)
+        store.campaigns.move(member.id, S.DONE)
+    (suite,) = store.campaigns.suites(10).items
+    equal((suite.states, suite.errored), ({S.DONE: 3}, 1), "States")
+    equal(suite.state_words, {"done": 2, "errored": 1}, "States as people read them")
+
+
+def takes_any_name(store: Store) -> None:
+    """Names of suites that databases find odd."""
+    odd = ("σ ✓", "a/b", "%", "\x00", "'\"; --")
+    made = ids(store, *(f"{name}: one" for name in odd))
+    listed = [suite.name for suite in store.campaigns.suites(10).items]
+    for name, campaign in zip(listed[::-1], made, strict=True):
+        found = [each.id for each in store.campaigns.page(10, suite=name).items]
+        equal(found, [campaign], f"Campaigns of the suite {name!r}")
+
+
+CHECKS = (
+    finds_the_campaigns_of_a_suite,
+    leaves_out_what_was_made_of_members,
+    pages_a_suite,
+    lists_suites,
+    tells_errored_campaigns_of_suites_apart,
+    takes_any_name,
+)

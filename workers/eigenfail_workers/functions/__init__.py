@@ -1,1 +1,0 @@
-"""Episodes of a function of a noise trajectory: no road, no planner, nothing of driving."""

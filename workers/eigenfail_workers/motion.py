@@ -1,0 +1,53 @@
+"""The motion of vehicles: limits of the truck, the road's borders, and the path of least jerk."""
+
+from math import pi
+
+from eigenfail.values import Control, Mission, VehicleState
+from eigenfail.values.assessment import PEAK_BRAKING_MPS2
+
+MASS_KG = 30_000.0  # a partly loaded articulated truck of the 40 t class
+POWER_W = 400_000.0  # about 540 hp, the upper end of long-haul engines
+MAX_DRIVE_MPS2 = 1.5  # in the lowest gears, where traction and not power is the limit
+MAX_STEERING_RAD = pi / 4  # of the front wheels
+
+
+def clip_control(control: Control, speed_mps: float) -> Control:
+    """Return the control that acts on the truck: the requested one, clipped to its limits.
+
+    Brakes give 7.0 m/s² at most (the paper's peak braking). The engine gives a ≤ P / (m · v), on a
+    level road without drag, and no more than MAX_DRIVE_MPS2.
+    """
+    drive_mps2 = max_drive_mps2(speed_mps)
+    return Control(
+        min(max(control.acceleration_mps2, -PEAK_BRAKING_MPS2), drive_mps2),
+        min(max(control.steering_rad, -MAX_STEERING_RAD), MAX_STEERING_RAD),
+    )
+
+
+def max_drive_mps2(speed_mps: float) -> float:
+    """Largest acceleration of the truck at a speed. [m/s²]"""
+    if speed_mps * MAX_DRIVE_MPS2 * MASS_KG <= POWER_W:
+        return MAX_DRIVE_MPS2
+    return POWER_W / (MASS_KG * speed_mps)
+
+
+def is_off_road(mission: Mission, vehicle: VehicleState) -> bool:
+    """Whether the centre of a vehicle is beside the outer lanes or behind the end of its lane.
+
+    Lane n reaches from (n - 1/2) to (n + 1/2) lane widths across the road. Only lane 0 may end;
+    beyond its end the road begins at lane 1.
+    """
+    lane = vehicle.y_m / mission.lane_width_m
+    if not -0.5 <= lane <= mission.lanes - 0.5:
+        return True
+    ends_x_m = mission.lane_0_ends_x_m
+    return ends_x_m is not None and lane < 0.5 and vehicle.x_m > ends_x_m
+
+
+def minimum_jerk(share: float) -> tuple[float, float]:
+    """Position and slope of the path of least jerk from 0 to 1, at a share of the way in [0, 1].
+
+    10 s³ − 15 s⁴ + 6 s⁵ (Flash and Hogan, The coordination of arm movements, 1985, eq. 7).
+    """
+    done = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    return done, 30.0 * (share * (1.0 - share)) ** 2

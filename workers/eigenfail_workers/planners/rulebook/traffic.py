@@ -1,0 +1,224 @@
+"""Traffic relative to the truck: its lead, its neighbour, and the gaps of the next lane."""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from eigenfail.values import VehicleState
+from eigenfail_workers.planners.rulebook.tracker import Track
+
+TOUCHING_MPS2 = 100.0
+"""Required deceleration where no room is left. [m/s²]"""
+
+LEAD_BRAKING_MPS2 = 4.0
+"""Assumed deceleration of a vehicle with brake lights on. [m/s²]"""
+
+
+class Neighbour(msgspec.Struct, frozen=True, gc=False):
+    """A trusted vehicle ahead, relative to the truck.
+
+    Attributes:
+        gap_m: from the truck's front bumper to the rear bumper of the vehicle.
+        aside_m: distance between the two centre lines.
+        speed_mps: along the road.
+        is_braking: whether its brake lights are on.
+    """
+
+    gap_m: float
+    aside_m: float
+    speed_mps: float
+    is_braking: bool = False
+
+
+class Gap(msgspec.Struct, frozen=True, gc=False):
+    """Gap between two vehicles of the next lane; None where no vehicle bounds it.
+
+    Attributes:
+        ahead: relative to the truck's front bumper; negative for a vehicle beside the truck.
+        behind: relative to the truck's rear bumper.
+    """
+
+    ahead: Neighbour | None = None
+    behind: Neighbour | None = None
+
+
+class Traffic(msgspec.Struct, frozen=True):
+    """What the truck must take into account.
+
+    Attributes:
+        lead: the nearest vehicle in the truck's lane, or with the intent to enter it.
+        neighbour: the nearest other vehicle ahead beside the truck's lane.
+        lane_end: the end of the truck's lane, as a standing vehicle.
+        gaps: of the next lane, by the name of the candidate that uses them.
+    """
+
+    lead: Neighbour | None = None
+    neighbour: Neighbour | None = None
+    lane_end: Neighbour | None = None
+    gaps: Mapping[str, Gap] = {}
+
+
+def find_traffic(
+    tracks: Iterable[Track],
+    ego: VehicleState,
+    beside_m: float,
+    braking: Collection[Track] = frozenset(),
+) -> Traffic:
+    """Return the traffic of the trusted tracks.
+
+    Args:
+        tracks: of all vehicles.
+        ego: the truck.
+        beside_m: lateral distance beyond which a vehicle is no neighbour.
+        braking: tracks of vehicles with brake lights on.
+    """
+    lead: Neighbour | None = None
+    neighbour: Neighbour | None = None
+    for track in tracks:
+        if not track.is_trusted or track.along.position_m <= ego.x_m:
+            continue
+        other = make_neighbour_ahead(track, ego, track in braking)
+        if track.leads:
+            lead = find_nearer(other, lead)
+        elif other.aside_m < beside_m:
+            neighbour = find_nearer(other, neighbour)
+    return Traffic(lead, neighbour)
+
+
+def make_neighbour_ahead(track: Track, ego: VehicleState, is_braking: bool = False) -> Neighbour:
+    """Return a track ahead, relative to the truck."""
+    return Neighbour(
+        gap_m=track.along.position_m - ego.x_m - (ego.length_m + track.seen.length_m) / 2.0,
+        aside_m=abs(track.across.position_m - ego.y_m),
+        speed_mps=track.along.velocity_mps,
+        is_braking=is_braking,
+    )
+
+
+def make_neighbour_behind(track: Track, ego: VehicleState) -> Neighbour:
+    """Return a track behind, relative to the truck."""
+    return Neighbour(
+        gap_m=ego.x_m - track.along.position_m - (ego.length_m + track.seen.length_m) / 2.0,
+        aside_m=abs(track.across.position_m - ego.y_m),
+        speed_mps=track.along.velocity_mps,
+    )
+
+
+def find_nearer(one: Neighbour, other: Neighbour | None) -> Neighbour:
+    """Return the neighbour with the smaller gap."""
+    return one if other is None or one.gap_m < other.gap_m else other
+
+
+def required_deceleration(gap_m: float, closing_mps: float, margin_m: float) -> float:
+    """Constant deceleration that matches the other's speed at a gap of `margin_m`. [m/s²]
+
+    dv² / (2 · (gap − margin)); 0 while not closing.
+    """
+    if closing_mps <= 0.0:
+        return 0.0
+    room_m = gap_m - margin_m
+    if room_m <= 0.0:
+        return TOUCHING_MPS2
+    return min(closing_mps * closing_mps / (2.0 * room_m), TOUCHING_MPS2)
+
+
+def needed_deceleration(other: Neighbour, gap_m: float, speed_mps: float, margin_m: float) -> float:
+    """Deceleration that keeps the margin behind a vehicle at a gap. [m/s²]
+
+    A vehicle that brakes is assumed to come to a stop: the truck must stop behind that point, too
+    (the longitudinal safe distance of Shalev-Shwartz et al., On a formal model of safe and scalable
+    self-driving cars, 2017, definition 1, with no response time).
+    """
+    need = required_deceleration(gap_m, speed_mps - other.speed_mps, margin_m)
+    if not other.is_braking:
+        return need
+    stopping_m = max(other.speed_mps, 0.0) ** 2 / (2.0 * LEAD_BRAKING_MPS2)
+    return max(need, required_deceleration(gap_m + stopping_m, speed_mps, margin_m))
+
+
+CHANGE_LANE = "change_lane"
+MERGE_EARLY = "merge_early"
+MERGE_LATE = "merge_late"
+
+Tracks = Sequence[Track]
+Bounds = tuple[Tracks, Tracks]
+"""Tracks ahead and tracks behind, nearest first."""
+
+
+class GapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Which gaps are considered.
+
+    Attributes:
+        youngest_s: least age of the tracks that bound a gap.
+        clear_behind_m: a vehicle farther behind than this does not bound a gap.
+    """
+
+    youngest_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 1.5
+    clear_behind_m: Annotated[float, Meta(ge=0.0, le=500.0)] = 80.0
+
+
+class GapFinder:
+    """Finds the gaps of the lane with its centre at a lateral position.
+
+    Tracks that are not trusted yet count, too: a gap in which a vehicle may drive is not free.
+    """
+
+    def __init__(
+        self, settings: GapSettings, centre_m: float, lane_width_m: float, dt_s: float
+    ) -> None:
+        self._settings = settings
+        self._centre_m = centre_m
+        self._half_width_m = 0.5 * lane_width_m
+        self._youngest = settings.youngest_s / dt_s
+
+    def find_gaps(self, tracks: Iterable[Track], ego: VehicleState) -> dict[str, Gap]:
+        """Return the gaps that may be entered, without those bounded by young tracks.
+
+        With a vehicle beside or close behind: the gap ahead of it and the gap after it; otherwise
+        only the gap beside the truck.
+        """
+        ahead, behind = self._split(tracks, ego)
+        if ahead and make_neighbour_ahead(ahead[0], ego).gap_m <= 0.0:
+            passing, *ahead = ahead
+            behind = [passing, *behind]
+        elif not (behind and self._is_near(behind[0], ego)):
+            return self._make_gaps({CHANGE_LANE: (ahead, behind)}, ego)
+        return self._make_gaps(
+            {MERGE_EARLY: (ahead, behind), MERGE_LATE: (behind, behind[1:])}, ego
+        )
+
+    def _make_gaps(self, gaps: dict[str, Bounds], ego: VehicleState) -> dict[str, Gap]:
+        return {
+            name: self._between(ahead, behind, ego)
+            for name, (ahead, behind) in gaps.items()
+            if all(self._is_known(bound) for bound in (*ahead[:1], *behind[:1]))
+        }
+
+    def _is_known(self, track: Track) -> bool:
+        return track.is_trusted and track.age >= self._youngest
+
+    def find_beside(self, tracks: Iterable[Track], ego: VehicleState) -> Gap:
+        """Return the gap beside the truck's centre."""
+        return self._between(*self._split(tracks, ego), ego)
+
+    def _split(self, tracks: Iterable[Track], ego: VehicleState) -> Bounds:
+        """Return the tracks of the lane ahead of the truck's centre and behind, nearest first."""
+        there = [one for one in tracks if self._is_in_lane(one)]
+        there.sort(key=lambda one: one.along.position_m)
+        ahead = [one for one in there if one.along.position_m > ego.x_m]
+        behind = [one for one in reversed(there) if one.along.position_m <= ego.x_m]
+        return ahead, behind
+
+    def _is_in_lane(self, track: Track) -> bool:
+        return abs(track.across.position_m - self._centre_m) < self._half_width_m
+
+    def _is_near(self, track: Track, ego: VehicleState) -> bool:
+        return make_neighbour_behind(track, ego).gap_m < self._settings.clear_behind_m
+
+    def _between(self, ahead: Tracks, behind: Tracks, ego: VehicleState) -> Gap:
+        return Gap(
+            ahead=make_neighbour_ahead(ahead[0], ego) if ahead else None,
+            behind=make_neighbour_behind(behind[0], ego) if behind else None,
+        )
