@@ -32,8 +32,8 @@ from eigenfail.values import (
     learner_seed,
 )
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods.cem.method import CrossEntropyMethod
-from eigenfail_services.methods.subset.method import SubsetMethod
+from eigenfail_services.methods.cem import CrossEntropyMethod
+from eigenfail_services.methods.subset import SubsetMethod
 from eigenfail_services.statistics.intervals import log_normal
 
 Noise = NDArray[np.float64]

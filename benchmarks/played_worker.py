@@ -17,8 +17,7 @@ from eigenfail.wire.messages import Assembler
 from eigenfail_workers.limits import Limits
 from eigenfail_workers.worker import hub_connection, parent
 from eigenfail_workers.worker.child import Child
-from eigenfail_workers.worker.child_process import ChildProcess
-from eigenfail_workers.worker.pipe import FrameBuffer
+from eigenfail_workers.worker.child_process import ChildProcess, FrameBuffer
 
 
 class PlayedEngine:

@@ -47,8 +47,7 @@ def trainer(name: str, batch_size: int) -> Any:
     """A trainer with the paper's settings and a memory to draw from."""
     from eigenfail.values import STATE
     from eigenfail_services.methods.ast.decisions import Decisions
-    from eigenfail_services.methods.ast.settings import AstSettings
-    from eigenfail_services.methods.ast.trainer import ACTIONS, make_trainer
+    from eigenfail_services.methods.ast.settings import ACTIONS, AstSettings, make_trainer
 
     papers = AstSettings(alpha=5000.0, c_dist=1000.0, tau=0.001, learning_rate=3e-4)
     options = msgspec.structs.replace(papers, batch_size=batch_size).options(seed=1)

@@ -8,7 +8,7 @@ import zmq
 from figures import ROOT, Figure
 
 from eigenfail.wire.messages import Goodbye, Hello, encode, read_worker_message
-from eigenfail_services.campaigns.launching.ray_process import RayCluster, RayWorkers
+from eigenfail_services.campaigns.ray_process import RayCluster, RayWorkers
 
 COMMAND = "make bench"
 RUNS = 5

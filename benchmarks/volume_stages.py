@@ -15,15 +15,18 @@ import msgspec
 from volume_store import GROUP, delivery, results
 
 from eigenfail.values import AnalysisSettings, CampaignSpec, CampaignState
-from eigenfail.values.export import ExportRequest
-from eigenfail.values.retention import Retention
+from eigenfail.values.operations import Retention
+from eigenfail.values.report import ExportRequest
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.exports.formats import write_csv, write_parquet
-from eigenfail_services.exports.selection import ExportSource, parse_selection
+from eigenfail_services.export_formats import (
+    ExportSource,
+    parse_selection,
+    write_csv,
+    write_parquet,
+)
 from eigenfail_services.store import Store, migrate, open_store
 from eigenfail_services.upkeep.backup import backup, restore
-from eigenfail_services.upkeep.maintenance import downgrade, vacuum
-from eigenfail_services.upkeep.pruning import PruneSelection, prune, rehearse
+from eigenfail_services.upkeep.maintenance import PruneSelection, downgrade, prune, rehearse, vacuum
 from eigenfail_services.upkeep.verify import verify
 
 LARGEST = 1

@@ -8,8 +8,7 @@ import time
 from pathlib import Path
 
 from eigenfail.cli.analyze import prove_analysis
-from eigenfail.cli.progress import follow
-from eigenfail.cli.render import make_console
+from eigenfail.cli.render import follow, make_console
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError

@@ -11,7 +11,7 @@ from eigenfail.values import (
     learner_seed,
 )
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.cost import cost
+from eigenfail_services.analysis.campaign_figures import cost
 from eigenfail_services.analysis.job import analyse
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.monte_carlo import MonteCarlo

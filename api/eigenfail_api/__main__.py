@@ -20,7 +20,7 @@ from eigenfail.values.access import redact
 from eigenfail_api.app import create_app
 from eigenfail_api.connections import make_protocol
 from eigenfail_api.settings import ApiSettings, refuse_open_door
-from eigenfail_services import tracing
+from eigenfail_services import observability
 from eigenfail_services.store import open_store
 
 GRACE_S = 5
@@ -73,7 +73,7 @@ def serve(settings: ApiSettings) -> None:
     """
     refuse_open_door(settings)
     with listen(settings.host, settings.port) as listener:
-        end_traces = tracing.configure("controller")
+        end_traces = observability.configure("controller")
         store = open_store(settings.database, wait_s=WAIT_S)
         try:
             server = Server(create_app(store, settings))

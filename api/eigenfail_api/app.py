@@ -34,28 +34,17 @@ from eigenfail_api.parameters import (
     refuse_unknown_parameters,
 )
 from eigenfail_api.problems import HANDLERS
-from eigenfail_api.routes import (
-    analyses,
-    campaigns,
-    episodes,
-    events,
-    figures,
-    keys,
-    operations,
-    plugins,
-    workers,
-)
+from eigenfail_api.routes import analyses, campaigns, episodes, events, keys, operations, plugins
 from eigenfail_api.routes.events import EventFeed
 from eigenfail_api.settings import ApiSettings, refuse_open_door, refuse_without_keys
-from eigenfail_services.exports.folder import find_export_folder
-from eigenfail_services.exports.jobs import ExportJobs
+from eigenfail_services.export_jobs import ExportJobs, find_export_folder
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
 
 # Figures come before campaigns, whose /{campaign} would take /region for an id.
 ROUTERS = (
-    figures.router,
-    workers.router,
+    analyses.figures_router,
+    operations.workers_router,
     campaigns.router,
     campaigns.suites_router,
     episodes.router,

@@ -33,16 +33,13 @@ from eigenfail.values import (
     Safety,
     Summary,
 )
-from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey
-from eigenfail.values.export import Export, ExportRequest
-from eigenfail.values.pool import PeerCosts
-from eigenfail.values.priority import PriorityChange
-from eigenfail.values.quotas import Quotas, Usage
+from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey, Quotas, Usage
+from eigenfail.values.campaign import PriorityChange
+from eigenfail.values.comparison import PeerCosts
+from eigenfail.values.operations import Presence, Pruning, Staffing, WorkerShare
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
-from eigenfail.values.report import Report
-from eigenfail.values.retention import Pruning
+from eigenfail.values.report import Export, ExportRequest, Report
 from eigenfail.values.suite import SuiteStanding, SuiteTable
-from eigenfail.values.worker import Presence, Staffing, WorkerShare
 from eigenfail.wire import http
 from eigenfail.wire.http import (
     MAX_CAMPAIGNS_AT_ONCE,

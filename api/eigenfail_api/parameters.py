@@ -13,7 +13,7 @@ from fastapi.routing import APIRoute
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.wire import http
 from eigenfail.wire.http import IDEMPOTENCY_KEY
-from eigenfail_api.access.scopes import get_caller_key
+from eigenfail_api.access.authentication import get_caller_key
 from eigenfail_services.store import Store
 
 LARGEST = 2**63 - 1

@@ -5,8 +5,8 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from eigenfail.addresses import is_loopback
 from eigenfail.errors import InvalidValue
-from eigenfail.loopback import is_loopback
 from eigenfail_services.store.access import KeyStore
 from eigenfail_services.store.clock import now_ms
 

@@ -13,8 +13,8 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
+from eigenfail.addresses import TRUST_VARIABLE, is_own_endpoint
 from eigenfail.errors import InvalidValue
-from eigenfail.loopback import TRUST_VARIABLE, is_own_endpoint
 from eigenfail.values import CampaignSpec
 from eigenfail.values.variation import Variation, read_variation
 

@@ -18,10 +18,9 @@ from typing import Any
 import msgspec
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values.assessment import LEAD_TIMES, ConflictClass
 from eigenfail.values.episode import Outcome
 from eigenfail.values.measures import MEASURES, Measure
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values.records import LEAD_TIMES, ConflictClass, EpisodeRow
 
 Value = int | float | str | bool
 

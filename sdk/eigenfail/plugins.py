@@ -7,8 +7,7 @@ from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from eigenfail.error_text import describe_error, read_text
-from eigenfail.errors import EigenfailError, InvalidValue, UnknownName
+from eigenfail.errors import EigenfailError, InvalidValue, UnknownName, describe_error, read_text
 
 SIMULATORS = "eigenfail.simulators"
 SCENARIOS = "eigenfail.scenarios"

@@ -18,7 +18,7 @@ from types import ModuleType
 
 import numpy as np
 
-from eigenfail.error_text import describe_error
+from eigenfail.errors import describe_error
 
 PATCHABLE: tuple[ModuleType, ...] = (builtins, math, np, np.linalg, np.random)
 """Modules whose functions the measures and the noise sources use."""

@@ -6,8 +6,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from eigenfail.error_text import describe_error
-from eigenfail.errors import EigenfailError, InvalidValue, UnknownName
+from eigenfail.errors import EigenfailError, InvalidValue, UnknownName, describe_error
 
 Kind = TypeVar("Kind", bound=msgspec.Struct)
 

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple, Self
 import msgspec
 
 from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.files import read_toml
 from eigenfail.settings import convert, read_settings
-from eigenfail.toml_files import read_toml
 from eigenfail.values import Campaign, CampaignSpec, CampaignState
 from eigenfail.values.campaign import Name
 from eigenfail.wire.http import refuse_unknown_fields

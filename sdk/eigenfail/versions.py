@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, distributions, version
 from pathlib import Path
 
 from eigenfail.values.campaign import Campaign, RunPart
-from eigenfail.values.worker import Versions
+from eigenfail.values.operations import Versions
 
 NUMERICS = ("eigenfail", "gymnasium", "highway-env", "msgspec", "numpy", "osqp", "scipy")
 LEARNERS = ("scikit-learn", "stable-baselines3", "torch")

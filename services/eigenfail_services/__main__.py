@@ -19,14 +19,14 @@ from eigenfail.command_line import Parser, checked_stdout
 from eigenfail.errors import EigenfailError, StoreUnavailable
 from eigenfail.processes import die_with_parent, end_now
 from eigenfail.values.access import redact
-from eigenfail_services import bounds, scrape, tracing
+from eigenfail_services import bounds, observability
+from eigenfail_services.campaigns import ray_launcher
 from eigenfail_services.campaigns.analysis_jobs import (
     DATABASE_VARIABLE,
     AnalysisJobs,
     run_analysis,
 )
-from eigenfail_services.campaigns.launching import options
-from eigenfail_services.campaigns.launching.launcher import WorkerScaling
+from eigenfail_services.campaigns.launcher import WorkerScaling
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.hub.transport import KEYS_VARIABLE, load_keys
@@ -53,9 +53,9 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--advertise", help="the hub's address, as workers of Ray reach it")
     keys = os.environ.get(KEYS_VARIABLE) or None
     parser.add_argument("--hub-keys", type=Path, default=keys, help="folder of its keys")
-    options.add_arguments(parser)
+    ray_launcher.add_arguments(parser)
     bounds.add_arguments(parser)
-    scrape.add_arguments(parser)
+    observability.add_arguments(parser)
     commands = parser.add_subparsers(title="commands")
     analyse = commands.add_parser("analyse", help="work on one analysis, then end")
     analyse.add_argument("analysis", type=int)
@@ -91,7 +91,7 @@ def serve(arguments: argparse.Namespace) -> None:
     """Run hub, supervisor and workers until SIGTERM or Ctrl-C."""
     keys, launcher = (
         load_keys(arguments.hub, arguments.hub_keys),
-        options.create_launcher(arguments),
+        ray_launcher.create_launcher(arguments),
     )
     stopping = Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -103,12 +103,12 @@ def serve(arguments: argparse.Namespace) -> None:
     supervisor = Supervisor(store, hub, analyses, arguments.campaigns)
     staffing = WorkerScaling(launcher, hub, store.events)
     with ExitStack() as endings:  # the last one first, and each of them whatever the others meet
-        endings.callback(tracing.configure("services"))
+        endings.callback(observability.configure("services"))
         stores = (store.close, hub_store.close)
         for ending in (*stores, launcher.stop, analyses.stop, supervisor.release, hub.stop):
             endings.callback(ending)
         if arguments.metrics:
-            endings.callback(scrape.serve(arguments.metrics, hub.metrics.registry))
+            endings.callback(observability.serve(arguments.metrics, hub.metrics.registry))
         gc.freeze()  # all that is loaded by now stays: looking through it would hold up the hub
         hub.start()
         reached = arguments.advertise or hub.address

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 import numpy as np
 import pytest
 
-from eigenfail import plugins, side_process
+from eigenfail import plugins, processes
 from eigenfail.errors import ServiceBusy, ServiceError
 from eigenfail.values import (
     CampaignSpec,
@@ -98,12 +98,12 @@ def test_the_last_explanations_are_kept(store, campaign, deliver, result):
 
 def test_a_process_that_crashes_is_a_problem_with_a_remedy():
     with pytest.raises(ServiceError, match="ended with code"):
-        side_process.ask("eigenfail.no_such_module", b"", 30.0)
+        processes.ask("eigenfail.no_such_module", b"", 30.0)
 
 
 def test_a_process_that_never_ends_is_given_up():
     with pytest.raises(ServiceError, match=r"no answer within 0\.5 s"):
-        side_process.ask("http.server", b"", 0.5)
+        processes.ask("http.server", b"", 0.5)
 
 
 def test_too_many_that_wait_are_refused():

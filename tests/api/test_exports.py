@@ -18,7 +18,7 @@ from eigenfail.values import Outcome
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.exports import formats, selection
+from eigenfail_services import export_formats
 
 URL = "/api/v1/campaigns"
 
@@ -78,7 +78,7 @@ def test_ndjson_has_every_column_and_null_for_what_is_missing(http, filled):
 
 
 def test_portions_follow_each_other(http, filled, monkeypatch):
-    monkeypatch.setattr(selection, "PORTION", 2)
+    monkeypatch.setattr(export_formats, "PORTION", 2)
     rows = table(http.get(f"{URL}/{filled}/episodes.csv", params={"sort": "severity"}))
     assert [row["index"] for row in rows] == ["1", "2", "3", "0", "4", "5"]
 
@@ -186,7 +186,7 @@ def test_an_export_that_fails_says_why(http, filled, monkeypatch, problem):
     def refuse(*_, **__):
         raise OSError("no room")
 
-    monkeypatch.setattr("eigenfail_services.exports.jobs.write_parquet", refuse)
+    monkeypatch.setattr("eigenfail_services.export_jobs.write_parquet", refuse)
     address = http.post(f"{URL}/{filled}/exports", json={}).headers["location"]
     told = ready(http, address)
     assert (told["state"], told["problem"]) == ("failed", "OSError: no room")
@@ -194,7 +194,7 @@ def test_an_export_that_fails_says_why(http, filled, monkeypatch, problem):
 
 
 def test_the_last_exports_are_kept(http, campaign, monkeypatch, problem):
-    monkeypatch.setattr("eigenfail_services.exports.folder.MAX_EXPORTS", 2)
+    monkeypatch.setattr("eigenfail_services.export_jobs.MAX_EXPORTS", 2)
     addresses = []
     for _ in range(3):
         addresses.append(http.post(f"{URL}/{campaign}/exports", json={}).headers["location"])
@@ -206,8 +206,8 @@ def test_the_last_exports_are_kept(http, campaign, monkeypatch, problem):
 
 def test_more_exports_than_are_kept_are_not_begun(http, filled, monkeypatch, problem):
     gate = threading.Event()
-    monkeypatch.setattr("eigenfail_services.exports.folder.MAX_EXPORTS", 2)
-    wait = "eigenfail_services.exports.jobs.write_parquet"
+    monkeypatch.setattr("eigenfail_services.export_jobs.MAX_EXPORTS", 2)
+    wait = "eigenfail_services.export_jobs.write_parquet"
     monkeypatch.setattr(wait, lambda path, *_, **__: gate.wait() and path.touch())
     at_work = threading.active_count()
     for _ in range(2):
@@ -225,6 +225,6 @@ def test_what_cannot_be_exported_is_refused_at_once(http, campaign, problem, mon
     problem(http.post(f"{URL}/99/exports", json={}), 404)
     problem(http.get(f"/api/v1/exports/{'0' * 32}"), 404)
     problem(http.get("/api/v1/exports/..%2f"), 404)
-    monkeypatch.setattr(formats, "find_spec", lambda _: None)
+    monkeypatch.setattr(export_formats, "find_spec", lambda _: None)
     told = problem(http.post(f"{URL}/{campaign}/exports", json={}), 422)
     assert "eigenfail[export]" in told["remedy"]

@@ -7,7 +7,7 @@ from eigenfail.errors import InvalidValue
 from eigenfail.values.access import KeyRequest, Scope
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.access.keys import make_key
+from eigenfail_services.access import make_key
 
 HEADERS = {
     "content-security-policy": (

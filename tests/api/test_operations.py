@@ -8,7 +8,7 @@ import pytest
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail.values import Outcome
-from eigenfail.values.worker import Arrival
+from eigenfail.values.operations import Arrival
 from eigenfail_api.routes import operations
 from eigenfail_services.campaigns import summary
 

@@ -6,7 +6,7 @@ from eigenfail.client import Client
 from eigenfail.client.link import read_refusal
 from eigenfail.errors import NoisePruned
 from eigenfail.values import CampaignState, Outcome
-from eigenfail.values.retention import Retention, Weight
+from eigenfail.values.operations import Retention, Weight
 
 URL = "/api/v1/campaigns"
 

@@ -16,9 +16,9 @@ pytestmark = pytest.mark.service
 
 TRACE, PARENT = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 COMMIT = """
-from eigenfail_services import tracing
-end = tracing.configure("services")
-with tracing.span("commit", campaign=3, results=2):
+from eigenfail_services import observability
+end = observability.configure("services")
+with observability.span("commit", campaign=3, results=2):
     pass
 end()
 """

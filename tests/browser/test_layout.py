@@ -18,7 +18,7 @@ from playwright.sync_api import expect
 from eigenfail.values.access import KeyRequest, Scope
 from eigenfail_api.app import ROUTERS
 from eigenfail_api.dashboard import launch_page
-from eigenfail_services.access.keys import make_key
+from eigenfail_services.access import make_key
 from eigenfail_services.reports.report import make
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(900)]

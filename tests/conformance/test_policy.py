@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from eigenfail.values import STATE
-from eigenfail_services.methods.ast.trainer import SacOptions
+from eigenfail_services.methods.ast.settings import SacOptions
 from eigenfail_services.methods.ast.trainer_numpy import FastTrainer
 from eigenfail_services.methods.ast.trainer_sb3 import SacTrainer
 from eigenfail_workers.noise.policy import act, copy_policy, validate_policy

@@ -13,7 +13,7 @@ from starlette.testclient import TestClient
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.hub.metrics import CampaignLoad, HubStatus, Metrics
-from eigenfail_services.scrape import VARIABLE
+from eigenfail_services.observability import VARIABLE
 from eigenfail_services.store import open_store
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "observability"

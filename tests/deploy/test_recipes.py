@@ -9,14 +9,14 @@ import pytest
 from manifests import NO_CHECKS
 from starlette.testclient import TestClient
 
+from eigenfail.addresses import TRUST_VARIABLE
 from eigenfail.errors import InvalidValue
-from eigenfail.loopback import TRUST_VARIABLE
 from eigenfail.values.access import KeyRequest, Scope
 from eigenfail_api.__main__ import read_settings
 from eigenfail_api.app import create_app
 from eigenfail_services import __main__ as program
-from eigenfail_services.access.keys import make_key
-from eigenfail_services.exports.folder import MAX_EXPORTS, find_export_folder
+from eigenfail_services.access import make_key
+from eigenfail_services.export_jobs import MAX_EXPORTS, find_export_folder
 from eigenfail_services.hub import transport
 from eigenfail_services.store import open_store
 from eigenfail_workers import __main__ as workers

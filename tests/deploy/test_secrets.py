@@ -3,7 +3,7 @@
 import pytest
 from manifests import built, named
 
-from eigenfail.private_files import read_private
+from eigenfail.files import read_private
 from eigenfail.wire.keys import read_worker_key
 from eigenfail_services.hub.keys import HubKeys, KeyFolder, derive_public_key
 

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from eigenfail_api.access.scopes import required_scope
+from eigenfail_api.access.authentication import required_scope
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.store import open_store

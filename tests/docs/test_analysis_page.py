@@ -5,9 +5,9 @@ import re
 import pytest
 
 from eigenfail.values import AnalysisResult, AnalysisSettings, FailureMode
-from eigenfail.values.findings import STABLE
-from eigenfail_services.analysis import clusters, components, moments
-from eigenfail_services.methods.subset.modes import MIN_LINEAGES
+from eigenfail.values.analysis import STABLE
+from eigenfail_services.analysis import alignment, clusters, components
+from eigenfail_services.methods.subset import MIN_LINEAGES
 from eigenfail_services.statistics.importance import FEWEST_EFFECTIVE
 
 # Rows and their labels, which say what they are.
@@ -46,7 +46,7 @@ def test_the_numbers_on_the_page_are_those_of_the_code(page):
         (clusters.ROWS, "silhouettes and bootstrap take {} drawn"),
         (clusters.SILHOUETTE_ROWS, "silhouettes and bootstrap take {} drawn"),
         (clusters.NOISE_DRAWS, "largest of {} draws"),
-        (moments.MIN_STEPS_APART, "at least {} steps apart"),
+        (alignment.MIN_STEPS_APART, "at least {} steps apart"),
         (STABLE, "Rand index is {} or more"),
         (MIN_LINEAGES, "fewer than {:.0f} first draws"),
         (FEWEST_EFFECTIVE, "less than {:.0f} independent ones"),

@@ -16,10 +16,10 @@ from starlette.testclient import TestClient
 
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.errors import InputError, InvalidValue, UnknownName
-from eigenfail.explanations.replays import explain_episode, make_replay_task, replay_episode
 from eigenfail.functions import ALLOWED_VARIABLE
 from eigenfail.presentation.campaigns import describe_campaign
 from eigenfail.presentation.terminal import render
+from eigenfail.replays import explain_episode, make_replay_task, replay_episode
 from eigenfail.values import Correlated, DisturbanceModel
 from eigenfail.values.records import Delivery
 from eigenfail.worlds import list_simulators, world_of

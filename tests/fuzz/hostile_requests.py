@@ -35,7 +35,7 @@ from eigenfail.values.access import KeyRequest, Scope
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import ROUTERS
 from eigenfail_api.dashboard import launch_page
-from eigenfail_services.access.keys import make_key
+from eigenfail_services.access import make_key
 from eigenfail_services.store import open_store
 
 REQUESTS = 25_000

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from eigenfail.errors import InvalidValue
-from eigenfail.explanations.replays import replay_episode
+from eigenfail.replays import replay_episode
 from eigenfail.values import AnalysisState, CampaignState
 
 pytestmark = pytest.mark.service

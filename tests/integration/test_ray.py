@@ -14,8 +14,7 @@ import pytest
 import reader
 
 from eigenfail.client import Client
-from eigenfail.hosting.service import Launcher
-from eigenfail.hosting.span import Span
+from eigenfail.hosting.service import Launcher, Span
 from eigenfail.values import CampaignState
 from eigenfail_services.hub.keys import KeyFolder
 

@@ -6,7 +6,7 @@ from store_checks.quotas import key_with
 
 from eigenfail.testing.examples import spec
 from eigenfail.values import Priority
-from eigenfail.values.quotas import UNLIMITED, Quotas, Usage
+from eigenfail.values.access import UNLIMITED, Quotas, Usage
 from eigenfail_services.store import migrate, open_store
 
 NEW = {

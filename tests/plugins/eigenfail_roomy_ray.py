@@ -1,7 +1,7 @@
 """The process of Ray's driver, of a Ray that has room for everybody: real pipes, and no Ray."""
 
-from eigenfail_services.campaigns.launching import ray_process
-from eigenfail_services.campaigns.launching.ray_link import ClusterStatus
+from eigenfail_services.campaigns import ray_process
+from eigenfail_services.campaigns.ray_link import ClusterStatus
 
 
 class Cluster:

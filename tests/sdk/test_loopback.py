@@ -5,12 +5,12 @@ import socket
 import pytest
 
 from eigenfail import bridges
+from eigenfail.addresses import is_loopback, is_own_endpoint
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue
-from eigenfail.loopback import is_loopback, is_own_endpoint
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.hub.transport import load_keys
-from eigenfail_services.scrape import split_address
+from eigenfail_services.observability import split_address
 
 OURS = ("127.0.0.1", "127.9.8.7", "localhost", "LOCALHOST", "[::1]")
 OTHERS = (

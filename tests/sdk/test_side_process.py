@@ -10,7 +10,7 @@ import msgspec
 import psutil
 import pytest
 
-from eigenfail import side_process
+from eigenfail import processes
 from eigenfail.errors import ServiceError
 
 WITHIN_S = 120.0
@@ -34,8 +34,8 @@ def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             super().__init__(*arguments, **named)
             until("it starts nothing", file.exists)
 
-    monkeypatch.setattr(side_process.sys, "executable", str(script))
-    monkeypatch.setattr(side_process.subprocess, "Popen", Slow)
+    monkeypatch.setattr(processes.sys, "executable", str(script))
+    monkeypatch.setattr(processes.subprocess, "Popen", Slow)
     return file
 
 
@@ -47,7 +47,7 @@ def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.service
 def test_one_that_does_not_answer_is_killed_with_all_it_started(started) -> None:
     with pytest.raises(ServiceError, match=r"no answer within 0.2 s"):
-        side_process.ask("module", b"question", patience_s=0.2)
+        processes.ask("module", b"question", patience_s=0.2)
     until("what it started lives on", lambda: not lives(int(started.read_text())))
 
 
@@ -71,7 +71,7 @@ def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], li
         script = tmp_path / "python"
         script.write_text(ANSWERS.format(python=sys.executable, end=end))
         script.chmod(0o700)
-        monkeypatch.setattr(side_process.sys, "executable", str(script))
+        monkeypatch.setattr(processes.sys, "executable", str(script))
 
     return put
 
@@ -84,9 +84,9 @@ def left_behind(folder: Path) -> list[psutil.Process]:
 
 @pytest.mark.service
 def test_what_one_started_goes_though_it_answered_and_ended_by_itself(asked, tmp_path) -> None:
-    answer = msgspec.msgpack.encode(side_process.Told(b"yes"))
+    answer = msgspec.msgpack.encode(processes.Told(b"yes"))
     asked(f"os.write(1, {answer!r})")
-    assert side_process.ask("module", b"x" * 3_000_000, patience_s=WITHIN_S) == b"yes"
+    assert processes.ask("module", b"x" * 3_000_000, patience_s=WITHIN_S) == b"yes"
     until("what it started lives on", lambda: not any(map(lives_still, left_behind(tmp_path))))
 
 
@@ -102,7 +102,7 @@ def test_what_one_started_goes_though_it_answered_and_ended_by_itself(asked, tmp
 def test_one_that_breaks_off_is_told_of(asked, tmp_path, end, said) -> None:
     asked(end)
     with pytest.raises(ServiceError, match=said):
-        side_process.ask("module", b"question", patience_s=WITHIN_S)
+        processes.ask("module", b"question", patience_s=WITHIN_S)
     until("what it started lives on", lambda: not any(map(lives_still, left_behind(tmp_path))))
 
 

@@ -9,8 +9,7 @@ import pytest
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values.access import TOKEN, KeyRequest, Scope
-from eigenfail_services.access.first_key import first_key
-from eigenfail_services.access.keys import make_key, shown_key
+from eigenfail_services.access import first_key, make_key, shown_key
 from eigenfail_services.store import open_store
 from eigenfail_services.store.clock import now_ms
 

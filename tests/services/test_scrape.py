@@ -9,7 +9,7 @@ import pytest
 
 from eigenfail.errors import InvalidValue, PortTaken
 from eigenfail_services.hub.metrics import HubStatus, Metrics
-from eigenfail_services.scrape import serve, split_address
+from eigenfail_services.observability import serve, split_address
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from eigenfail import logs
 from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE, EPISODE_OPTION, check_address
 from eigenfail.command_line import Parser
 from eigenfail.errors import EigenfailError
-from eigenfail.private_files import read_private
+from eigenfail.files import read_private
 from eigenfail.values.access import redact
 from eigenfail.wire.keys import WorkerKey, read_worker_key
 from eigenfail_workers.limits import (

@@ -17,7 +17,7 @@ from eigenfail.values import (
 )
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder
-from eigenfail_workers.noise.models import compute_deviations
+from eigenfail_workers.noise import compute_deviations
 from eigenfail_workers.noise.sources import NoiseSource
 
 Pair = tuple[float, float]

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import msgspec
 
 from eigenfail.contracts import Planner
-from eigenfail.error_text import read_text
-from eigenfail.errors import InvalidValue, PlannerError
+from eigenfail.errors import InvalidValue, PlannerError, read_text
 from eigenfail.values import (
     Account,
     Control,
@@ -25,7 +24,7 @@ from eigenfail.values import (
 from eigenfail.worlds import world_of
 from eigenfail_workers.closed_loop import validate_control
 from eigenfail_workers.engine import Engine
-from eigenfail_workers.faults import wrap_errors
+from eigenfail_workers.limits import wrap_errors
 from eigenfail_workers.measures.geometry import find_nearest, velocity
 
 MAX_POINTS = 20

@@ -16,8 +16,7 @@ from types import ModuleType
 import numpy as np
 from msgspec.structs import replace
 
-from eigenfail.error_text import clean_text
-from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError
+from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError, clean_text
 from eigenfail.functions import (
     LIMIT_S,
     FunctionParameters,
@@ -42,9 +41,8 @@ from eigenfail.values import (
     VehicleState,
     unrunnable,
 )
-from eigenfail_workers.faults import make_fault, make_state_change_error, wrap_errors
-from eigenfail_workers.noise import sources
-from eigenfail_workers.noise.models import to_float32
+from eigenfail_workers.limits import make_fault, make_state_change_error, wrap_errors
+from eigenfail_workers.noise import sources, to_float32
 from eigenfail_workers.noise.policy import store_policy
 
 NULL_VEHICLE = VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

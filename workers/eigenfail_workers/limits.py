@@ -5,29 +5,57 @@ import math
 import os
 import resource
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
 
+from eigenfail import errors
 from eigenfail.bridges import EPISODE_OPTION, EPISODE_VARIABLE
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import EpisodeError, InputError, InvalidValue, describe_error, read_text
+from eigenfail.values import EpisodeFault, EpisodeResult
 
 EPISODE_S = 60.0
+
+
 MEMORY_VARIABLE = "EIGENFAIL_MEMORY_LIMIT_MIB"
+
+
 MEMORY_OPTION = "--memory-limit"
+
+
 MEMORY_MIB = 4096.0
+
+
 CPU_VARIABLE = "EIGENFAIL_CPU_LIMIT_S"
+
+
 CPU_OPTION = "--cpu-limit"
+
+
 OUTPUT_VARIABLE = "EIGENFAIL_OUTPUT_LIMIT_KIB"
+
+
 OUTPUT_OPTION = "--output-limit"
+
+
 OUTPUT_KIB = 64.0
+
+
 PROCESSORS = 4.0
+
 
 RENEWAL = os.EX_TEMPFAIL
 """Exit status of a child process that asks for a fresh process to run the remaining episodes."""
 
+
 DEFAULT_FILES = 4096
+
+
 SPARE_FILES = 64
+
+
 MAX_OOM_SCORE = "1000"
 """If the machine runs out of memory, the kernel kills the child process first."""
 
@@ -69,9 +97,15 @@ class LimitOption(msgspec.Struct, frozen=True):
 
 
 EPISODE = LimitOption(EPISODE_OPTION, EPISODE_VARIABLE, "seconds", 1.0, "and 10 s")
+
+
 # Simulator, planner and numpy take 150 MiB, and a few seconds, before the first episode begins.
 MEMORY = LimitOption(MEMORY_OPTION, MEMORY_VARIABLE, "MiB", 256.0, "and 200 MiB")
+
+
 CPU = LimitOption(CPU_OPTION, CPU_VARIABLE, "seconds", 10.0, "and 5 s")
+
+
 OUTPUT = LimitOption(OUTPUT_OPTION, OUTPUT_VARIABLE, "KiB", 1.0, "and 1 KiB")
 
 
@@ -155,3 +189,52 @@ def is_out_of_files() -> bool:
         return True
     os.close(lowest)
     return lowest + SPARE_FILES > resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+
+
+INPUT = "input"
+
+
+@contextmanager
+def wrap_errors(kind: type[EpisodeError], what: str, remedy: str) -> Iterator[None]:
+    """Turn exceptions of the block into errors of a kind, unless they have one already."""
+    try:
+        yield
+    except (EpisodeError, InputError):
+        raise
+    except Exception as error:
+        raise kind(f"{what} raised {describe_error(error)}.", remedy) from error
+
+
+def make_fault(error: EpisodeError | InputError) -> EpisodeFault:
+    """Return the fault that is recorded for an error which ended an episode."""
+    kind = _find_kind(error) if isinstance(error, EpisodeError) else INPUT
+    return EpisodeFault(kind, read_text(error))
+
+
+def _find_kind(error: EpisodeError) -> str:
+    """Return the kind of the nearest class in `eigenfail.errors`; plug-ins may claim any kind."""
+    classes = (each for each in type(error).__mro__ if each.__module__ == errors.__name__)
+    return str(next(classes).kind)  # type: ignore[attr-defined]
+
+
+def make_state_change_error(
+    kind: type[EpisodeError], culprit: str, changes: Sequence[str], result: EpisodeResult
+) -> EpisodeError:
+    """Return the error of an episode that has changed process-wide state.
+
+    Args:
+        kind: of the error.
+        culprit: what changed it, such as "the planner 'mine'".
+        changes: what was changed, as `ProcessState.changes` names it.
+        result: of the episode; its own fault may be a consequence, and is quoted.
+    """
+    problem = (
+        f"{culprit[0].upper()}{culprit[1:]} changed process-wide state during the episode: "
+        f"{'; '.join(changes)}."
+    )
+    if result.fault is not None:
+        problem = f"{problem} The episode ended with: {result.fault.message}"
+    return kind(
+        problem,
+        "Restore it before each call returns, or change it when the module is imported.",
+    )

@@ -3,7 +3,7 @@
 from math import pi
 
 from eigenfail.values import Control, Mission, VehicleState
-from eigenfail.values.assessment import PEAK_BRAKING_MPS2
+from eigenfail.values.records import PEAK_BRAKING_MPS2
 
 MASS_KG = 30_000.0  # a partly loaded articulated truck of the 40 t class
 POWER_W = 400_000.0  # about 540 hp, the upper end of long-haul engines

@@ -22,8 +22,14 @@ from starlette.types import Scope as Asked
 from eigenfail.errors import EigenfailError, Forbidden, InvalidValue, Unauthorized
 from eigenfail.values.access import SECRET, Change, redact
 from eigenfail.wire.http import Problem, make_problem, make_untyped_problem
-from eigenfail_api.access.authentication import Authenticator, address_of
-from eigenfail_api.access.scopes import Caller, act_as, is_change, required_scope
+from eigenfail_api.access.authentication import (
+    Authenticator,
+    Caller,
+    act_as,
+    address_of,
+    is_change,
+    required_scope,
+)
 from eigenfail_api.dashboard.rendering import as_page, wants_page
 from eigenfail_api.problems import answer, retry_headers
 from eigenfail_services.store import Store

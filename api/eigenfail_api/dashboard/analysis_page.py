@@ -35,8 +35,7 @@ from eigenfail.values import (
 from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values
 from eigenfail_api.dashboard.episodes_page import AnalysisLine, analysis_line
 from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, proof_view
-from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.tiles import Tile, probability
+from eigenfail_api.dashboard.rendering import Tile, page, probability
 from eigenfail_api.parameters import AnalysisId, Stored
 from eigenfail_services.campaigns.proofs import summarise_proof
 

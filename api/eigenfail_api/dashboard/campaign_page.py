@@ -34,13 +34,20 @@ from eigenfail.values import (
     Summary,
 )
 from eigenfail.values.campaign import SPEC_FIELDS
+from eigenfail.values.operations import Presence
 from eigenfail.values.records import EpisodeRow
-from eigenfail.values.sample import EpisodeSample
+from eigenfail.values.summary import EpisodeSample
 from eigenfail.values.variation import in_words
-from eigenfail.values.worker import Presence
 from eigenfail.versions import describe_mixed
 from eigenfail.worlds import describe_disturbance, world_of
-from eigenfail_api.dashboard.charts import Chart, curve_chart, robustness_chart
+from eigenfail_api.dashboard.charts import (
+    MOST_FAILURES,
+    Chart,
+    PriorReference,
+    curve_chart,
+    reference_of,
+    robustness_chart,
+)
 from eigenfail_api.dashboard.cost_charts import REPLAY
 from eigenfail_api.dashboard.episodes_page import (
     AnalysisLine,
@@ -50,9 +57,7 @@ from eigenfail_api.dashboard.episodes_page import (
     failures_of,
 )
 from eigenfail_api.dashboard.measures_page import measures_of
-from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.samples import MOST_FAILURES, PriorReference, reference_of
-from eigenfail_api.dashboard.tiles import WORKING, StandingView, Tile, standing
+from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, page, standing
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_api.routes import campaigns
 from eigenfail_services.campaigns.costs import (

@@ -20,14 +20,12 @@ from eigenfail.values import (
     Distinction,
     Side,
 )
-from eigenfail_api.dashboard.charts import Chart
+from eigenfail_api.dashboard.charts import Chart, sample_episodes
 from eigenfail_api.dashboard.copying import CopiedRequest, Copies, Service, copies, service_of
 from eigenfail_api.dashboard.overlays import Compared, bill_charts, overlays
-from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.samples import sample_episodes
-from eigenfail_api.dashboard.tiles import Badge, campaign_badge
+from eigenfail_api.dashboard.rendering import Badge, campaign_badge, page
 from eigenfail_api.parameters import IDS, LARGEST, Stored
-from eigenfail_api.routes.figures import COMPARISONS, parse_ids
+from eigenfail_api.routes.analyses import COMPARISONS, parse_ids
 from eigenfail_services.campaigns.comparison import (
     FEWEST,
     MOST,

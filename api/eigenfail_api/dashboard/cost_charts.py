@@ -15,7 +15,7 @@ from eigenfail.presentation.figures import (
 from eigenfail.presentation.tables import format_cell
 from eigenfail.values import Cost, Rate, Summary
 from eigenfail.values.campaign import Settings
-from eigenfail.values.pool import MethodCost, PeerCosts, Peers
+from eigenfail.values.comparison import MethodCost, PeerCosts, Peers
 from eigenfail_api.dashboard.charts import Chart, round_values
 
 COLUMNS = ("USD per failure", "95 % interval")

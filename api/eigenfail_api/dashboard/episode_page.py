@@ -36,11 +36,10 @@ from eigenfail.values import (
 from eigenfail.values.variation import read_variation
 from eigenfail.versions import differences
 from eigenfail.worlds import drawn_for, world_of
-from eigenfail_api.dashboard.charts import Chart
+from eigenfail_api.dashboard.charts import Chart, reference
 from eigenfail_api.dashboard.cost_charts import REPLAY
 from eigenfail_api.dashboard.episodes_page import FAILURE_CONDITIONS as FAILURES
-from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.samples import reference
+from eigenfail_api.dashboard.rendering import OUTCOME_BADGES, Badge, campaign_badge, page
 from eigenfail_api.dashboard.scene import (
     Jump,
     account_view,
@@ -51,7 +50,6 @@ from eigenfail_api.dashboard.scene import (
     noise_chart,
     scene_chart,
 )
-from eigenfail_api.dashboard.tiles import OUTCOME_BADGES, Badge, campaign_badge
 from eigenfail_api.parameters import CampaignId, EpisodeIndex, Stored
 from eigenfail_api.routes.episodes import EXPLAINING, EXPLANATIONS
 from eigenfail_services.campaigns.summary import find_worker

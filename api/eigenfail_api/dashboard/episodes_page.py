@@ -34,10 +34,14 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import EpisodeRow
 from eigenfail.wire.http import PREFIX
-from eigenfail_api.dashboard.charts import Chart, parallel_chart
-from eigenfail_api.dashboard.rendering import CLUSTERERS, page
-from eigenfail_api.dashboard.samples import spread
-from eigenfail_api.dashboard.tiles import ANALYSIS_BADGES, OUTCOME_BADGES, Badge
+from eigenfail_api.dashboard.charts import Chart, parallel_chart, spread
+from eigenfail_api.dashboard.rendering import (
+    ANALYSIS_BADGES,
+    CLUSTERERS,
+    OUTCOME_BADGES,
+    Badge,
+    page,
+)
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
 from eigenfail_services.store import Store
 

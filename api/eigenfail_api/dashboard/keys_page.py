@@ -14,24 +14,20 @@ from markupsafe import Markup
 from eigenfail.errors import Unauthorized
 from eigenfail.presentation.figures import format_utc
 from eigenfail.values import Page
-from eigenfail.values.access import ApiKey, AuditEntry, Scope
-from eigenfail.values.quotas import Quotas, Usage
+from eigenfail.values.access import ApiKey, AuditEntry, Quotas, Scope, Usage
 from eigenfail_api.access.authentication import (
     SESSION_COOKIE,
     SESSION_S,
     Authenticator,
     address_of,
     authenticator_of,
-)
-from eigenfail_api.access.middleware import append_change, describe_change
-from eigenfail_api.access.scopes import (
     caller_of_key,
     find_caller_without,
     get_signed_in_caller,
 )
+from eigenfail_api.access.middleware import append_change, describe_change
 from eigenfail_api.dashboard.copying import CopiedRequest, copies, service_of
-from eigenfail_api.dashboard.rendering import TEMPLATES, page
-from eigenfail_api.dashboard.tiles import Badge, Pager, pager
+from eigenfail_api.dashboard.rendering import TEMPLATES, Badge, Pager, page, pager
 from eigenfail_api.parameters import Before, Stored, read_within
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

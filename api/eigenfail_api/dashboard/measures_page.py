@@ -21,15 +21,14 @@ from eigenfail.presentation.figures import (
 )
 from eigenfail.presentation.tables import FormattedCell, Table, format_cost
 from eigenfail.values import FINAL_STATES, Campaign, CampaignCost, Safety, TimeSplit
-from eigenfail.values.assessment import IN_WORDS
+from eigenfail.values.records import IN_WORDS
 from eigenfail.values.safety import FailurePoint, Scatter
 from eigenfail.worlds import world_of
 from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values
 from eigenfail_api.dashboard.overview_page import MOST_LINES
-from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.tiles import Tile
+from eigenfail_api.dashboard.rendering import Tile, page
 from eigenfail_api.parameters import CampaignId, Stored
-from eigenfail_api.routes.figures import COSTS
+from eigenfail_api.routes.analyses import COSTS
 from eigenfail_services.campaigns.costs import CampaignFigures, find_figures
 from eigenfail_services.campaigns.validation import list_varied
 

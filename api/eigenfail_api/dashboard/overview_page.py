@@ -11,13 +11,12 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.presentation.figures import count_noun, format_count, format_number, format_usd
 from eigenfail.values import Campaign, CampaignState, Event, Page, Summary
-from eigenfail.values.campaign_filter import CampaignFilter
-from eigenfail.values.pool import PeerCosts
-from eigenfail.values.worker import ACTIVE_S, Presence, WorkerShare
+from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.comparison import PeerCosts
+from eigenfail.values.operations import ACTIVE_S, Presence, WorkerShare
 from eigenfail_api.dashboard.charts import Chart
 from eigenfail_api.dashboard.cost_charts import REPLAY, MethodCosts, cost_chart, method_costs
-from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.tiles import WORKING, StandingView, Tile, standing
+from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, page, standing
 from eigenfail_api.parameters import Before, Stored
 from eigenfail_services.campaigns.costs import compare_peers, list_methods
 from eigenfail_services.campaigns.summary import (

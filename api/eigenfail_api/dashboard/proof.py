@@ -15,7 +15,7 @@ from eigenfail.values import (
     ReplayKind,
     Reproduction,
 )
-from eigenfail_api.dashboard.tiles import (
+from eigenfail_api.dashboard.rendering import (
     CAMPAIGN_BADGES,
     ERRORED_BADGE,
     OUTCOME_BADGES,

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 
-from eigenfail_api.dashboard.glossary import read_glossary
-from eigenfail_api.dashboard.rendering import page
+from eigenfail_api.dashboard.rendering import page, read_glossary
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 

@@ -14,10 +14,9 @@ from eigenfail.presentation.figures import (
     format_share,
 )
 from eigenfail.values import Box, Campaign, Rate, Region
-from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.tiles import Tile
+from eigenfail_api.dashboard.rendering import Tile, page
 from eigenfail_api.parameters import CampaignId, Stored
-from eigenfail_api.routes.figures import REGIONS
+from eigenfail_api.routes.analyses import REGIONS
 from eigenfail_services.campaigns.region import find_region_in_process
 
 

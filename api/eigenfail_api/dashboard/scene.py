@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from eigenfail.errors import EigenfailError
-from eigenfail.explanations.explaining import NotableMoment, find_moments
+from eigenfail.explanations import NotableMoment, find_moments
 from eigenfail.presentation.figures import (
     format_number,
     put_minus_signs,
@@ -26,8 +26,8 @@ from eigenfail.values import (
     Scene,
 )
 from eigenfail_api.dashboard.charts import Chart, round_values, rounded_rows
-from eigenfail_api.dashboard.tiles import OUTCOME_BADGES, Badge
-from eigenfail_services.analysis.clearance import measure_clearances
+from eigenfail_api.dashboard.rendering import OUTCOME_BADGES, Badge
+from eigenfail_services.campaigns.explanations import measure_clearances
 
 
 class Jump(msgspec.Struct, frozen=True):

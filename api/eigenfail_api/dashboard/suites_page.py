@@ -19,21 +19,21 @@ from eigenfail.values import FINAL_STATES, CampaignState, Page
 from eigenfail.values.episode import ERRORED
 from eigenfail.values.suite import SuiteRow, SuiteStanding, SuiteTable
 from eigenfail.values.variation import in_words
-from eigenfail_api.dashboard import tiles as summaries
+from eigenfail_api.dashboard import rendering
 from eigenfail_api.dashboard.charts import Chart
 from eigenfail_api.dashboard.cost_charts import cost_chart
-from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.tiles import (
+from eigenfail_api.dashboard.rendering import (
     CAMPAIGN_BADGES,
     ERRORED_BADGE,
     Badge,
     Pager,
     Tile,
     campaign_badge,
+    page,
     pager,
 )
 from eigenfail_api.parameters import Before, Stored
-from eigenfail_services.campaigns.suites import make_suite_table
+from eigenfail_services.campaigns.summary import make_suite_table
 
 DEFAULT = "default"
 SEED = "seed"
@@ -188,11 +188,11 @@ def member_line(table: SuiteTable, row: SuiteRow) -> MemberLine:
         wanted=counts.planned - counts.cancelled,
         remaining=left,
         settings=tuple(said.get(column, DEFAULT) for column in table.columns),
-        failures=summaries.failures(summary),
-        cost=summaries.cost(summary),
+        failures=rendering.failures(summary),
+        cost=rendering.cost(summary),
         likelihood=format_number(summary.log_probability_per_step),
         severity=format_number(summary.mean_severity),
-        probability=summaries.probability(summary.estimate),
+        probability=rendering.probability(summary.estimate),
         comparison=comparison(table, row),
     )
 

@@ -1,19 +1,31 @@
 """Routes of analyses, and of the proofs of their failure modes by replay."""
 
-from typing import Annotated
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter, Depends, Query, Response
 
 from eigenfail.values import (
     Analysis,
     AnalysisSettings,
+    CampaignCost,
+    Comparison,
     FailureMode,
     Page,
     Proof,
+    Region,
+    Safety,
 )
+from eigenfail.values.comparison import PeerCosts
+from eigenfail.values.report import MOST_CAMPAIGNS, Report
+from eigenfail.values.safety import LEVEL
 from eigenfail.wire.http import PREFIX, ProofRequest
-from eigenfail_api.openapi import document_route
+from eigenfail_api.concurrency import ConcurrencyLimit, SerialExecutor
+from eigenfail_api.openapi import JSON, document_route, problem_response, schema
 from eigenfail_api.parameters import (
+    IDS,
+    LARGEST,
     AnalysisId,
     Before,
     CampaignId,
@@ -24,7 +36,13 @@ from eigenfail_api.parameters import (
     body_of,
 )
 from eigenfail_services.campaigns.analysis_jobs import find_basis
+from eigenfail_services.campaigns.comparison import compare
+from eigenfail_services.campaigns.costs import compare_peers, find_spending
 from eigenfail_services.campaigns.proofs import launch_replays, read_result, summarise_proof
+from eigenfail_services.campaigns.region import find_region_in_process
+from eigenfail_services.campaigns.summary import find_safety
+from eigenfail_services.reports.report import Made, make
+from eigenfail_services.store.clock import now_ms
 
 router = APIRouter(prefix=PREFIX, tags=["analyses"])
 
@@ -80,3 +98,122 @@ def prove_analysis(
 def get_proof(store: Stored, analysis: AnalysisId) -> Json:
     """Get the number of replays that failed again, by scenario, so far."""
     return Json(summarise_proof(store, store.analyses.get(analysis)))
+
+
+figures_router = APIRouter(prefix=PREFIX, tags=["campaigns"])
+
+
+COMPARISONS = Depends(ConcurrencyLimit("comparisons"), scope="function")
+
+
+Ids = Annotated[
+    str,
+    Query(
+        pattern=IDS,
+        description="Ids of campaigns, one for each seed, with commas in between.",
+        examples=["1"],
+    ),
+]
+
+
+@figures_router.get("/comparisons", dependencies=[COMPARISONS], **document_route(Comparison))
+def get_comparison(store: Stored, a: Ids, b: Ids) -> Json:
+    """Compare failure rates, cost, likelihood and pairs of two campaigns, or of several seeds."""
+    return Json(compare(store, parse_ids(a), parse_ids(b)))
+
+
+def parse_ids(ids: str) -> tuple[int, ...]:
+    """Return the ids in a text that matches the pattern."""
+    return tuple(map(int, ids.split(",")))
+
+
+COSTS = Depends(ConcurrencyLimit("bills"), scope="function")
+
+
+@figures_router.get("/costs", dependencies=[COSTS], **document_route(Page[PeerCosts]))
+def list_costs(store: Stored) -> Json:
+    """List the cost per failure by method, over all campaigns of one planner and scenario."""
+    return Json(Page(compare_peers(store.figures.pools())))
+
+
+@figures_router.get(
+    "/campaigns/{campaign}/cost", dependencies=[COSTS], **document_route(CampaignCost)
+)
+def get_cost(store: Stored, campaign: CampaignId) -> Json:
+    """Get the cost of a campaign's failures and modes over time, and how its time was spent."""
+    return Json(find_spending(store, store.campaigns.get(campaign)))
+
+
+REGIONS = SerialExecutor("region")
+
+
+Level = Annotated[float, Query(gt=0.0, lt=1.0, description="Level of VaR and CVaR of severity.")]
+
+
+@figures_router.get("/campaigns/{campaign}/safety", **document_route(Safety))
+def get_safety(store: Stored, campaign: CampaignId, level: Level = LEVEL) -> Json:
+    """Get collisions, near misses, MinTTC, DRAC and severity of a campaign so far."""
+    return Json(find_safety(store, store.campaigns.get(campaign), level))
+
+
+@figures_router.get("/campaigns/region", **document_route(Region))
+async def get_region(store: Stored, campaigns: Ids) -> Json:
+    """Get the region of scenario parameters in which the episodes of campaigns fail."""
+    return Json(await REGIONS.do(find_region_in_process, store, parse_ids(campaigns)))
+
+
+REPORTS = Depends(ConcurrencyLimit("reports"), scope="function")
+
+
+HTML, ZIP = "text/html; charset=utf-8", "application/zip"
+
+
+class Form(StrEnum):
+    """File format of a report."""
+
+    HTML = "html"
+    JSON = "json"
+    ZIP = "zip"
+
+
+WRITERS: dict[Form, tuple[str, Callable[[Made], bytes]]] = {
+    Form.HTML: (HTML, Made.html),
+    Form.JSON: (JSON, Made.json),
+    Form.ZIP: (ZIP, Made.bundle),
+}
+
+
+TEXT: dict[str, Any] = {"schema": {"type": "string"}}
+
+
+CONTENT: dict[str, Any] = {
+    JSON: schema(Report),
+    HTML: TEXT,
+    ZIP: {"schema": {"type": "string", "format": "binary"}},
+}
+
+
+Campaigns = Annotated[
+    list[Annotated[int, Query(ge=1, le=LARGEST)]],
+    Query(min_length=1, max_length=MOST_CAMPAIGNS, description="Id of a campaign; repeatable."),
+]
+
+
+AsFormat = Annotated[
+    Form,
+    Query(alias="format", description="`zip`: the page, its data, tables and pictures."),
+]
+
+
+@figures_router.get(
+    "/report",
+    response_class=Response,
+    responses={200: {"content": CONTENT}, "default": problem_response()},
+    dependencies=[REPORTS],
+)
+def get_report(store: Stored, campaign: Campaigns, format_: AsFormat = Form.HTML) -> Response:
+    """Get a report on campaigns as a self-contained file."""
+    kind, write = WRITERS[format_]
+    # A download is no page of this service: the report brings its own policy for scripts.
+    named = {"Content-Disposition": f'attachment; filename="report.{format_}"'}
+    return Response(write(make(store, campaign, now_ms())), media_type=kind, headers=named)

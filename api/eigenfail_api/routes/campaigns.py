@@ -16,10 +16,9 @@ from eigenfail.values import (
     Page,
     Summary,
 )
-from eigenfail.values.campaign_filter import CampaignFilter
-from eigenfail.values.policy import Policy
-from eigenfail.values.priority import PriorityChange
-from eigenfail.values.retention import Pruning
+from eigenfail.values.campaign import CampaignFilter, PriorityChange
+from eigenfail.values.learning import Policy
+from eigenfail.values.operations import Pruning
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.wire.http import PREFIX, CampaignCheck, Digest, make_problem
 from eigenfail_api.openapi import FIELDS, SPECS, document_route, documented_plain
@@ -43,10 +42,10 @@ from eigenfail_services.campaigns.drafts import (
     read_drafts,
 )
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
-from eigenfail_services.campaigns.suites import make_suite_table
 from eigenfail_services.campaigns.summary import (
     find_course,
     find_newest_policy,
+    make_suite_table,
     summaries_of,
     summarise,
 )

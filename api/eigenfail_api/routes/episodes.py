@@ -18,9 +18,9 @@ from eigenfail.filters import (
     parse_sort,
 )
 from eigenfail.values import Campaign, Explanation, Outcome, Page
-from eigenfail.values.export import Export, ExportRequest
+from eigenfail.values.operations import Presence
 from eigenfail.values.records import EpisodeDetail, EpisodeRow, add_assessment
-from eigenfail.values.worker import Presence
+from eigenfail.values.report import Export, ExportRequest
 from eigenfail.wire.http import PREFIX, ReplayRequest
 from eigenfail_api.concurrency import SerialExecutor
 from eigenfail_api.openapi import document_route, problem_response
@@ -37,9 +37,14 @@ from eigenfail_api.parameters import (
 )
 from eigenfail_services.campaigns.explanations import Explanations, replay_episode, write_steps
 from eigenfail_services.campaigns.summary import find_worker
-from eigenfail_services.exports.formats import write_csv, write_ndjson
-from eigenfail_services.exports.jobs import ExportJobs
-from eigenfail_services.exports.selection import ExportSource, Selection, pick_columns
+from eigenfail_services.export_formats import (
+    ExportSource,
+    Selection,
+    pick_columns,
+    write_csv,
+    write_ndjson,
+)
+from eigenfail_services.export_jobs import ExportJobs
 from eigenfail_services.store import Store
 
 router = APIRouter(prefix=PREFIX, tags=["episodes"])

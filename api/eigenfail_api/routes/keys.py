@@ -5,13 +5,12 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Path
 
 from eigenfail.values import Page
-from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey
-from eigenfail.values.quotas import Quotas, Usage
+from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey, Quotas, Usage
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.access.authentication import Authenticator, authenticator_of
 from eigenfail_api.openapi import document_route
 from eigenfail_api.parameters import LARGEST, Before, Json, Limit, Stored, body_of
-from eigenfail_services.access import keys
+from eigenfail_services import access
 
 router = APIRouter(prefix=PREFIX, tags=["keys"])
 
@@ -25,7 +24,7 @@ def create_key(
     request: Annotated[KeyRequest, Depends(body_of(KeyRequest))],
 ) -> Json:
     """Create a key. Its token is in this answer and cannot be read again."""
-    made = keys.make_key(store, request)
+    made = access.make_key(store, request)
     authenticator.note_new_key()
     headers = {"Location": f"{PREFIX}/keys/{made.key.id}", "Cache-Control": "no-store"}
     return Json(made, 201, headers)
@@ -61,7 +60,7 @@ def limit_key(
 @router.delete("/keys/{key}", **document_route(ApiKey))
 def revoke_key(store: Stored, key: KeyId) -> Json:
     """Revoke a key permanently. Its entries in the audit log stay."""
-    return Json(keys.revoke_key(store, key))
+    return Json(access.revoke_key(store, key))
 
 
 @router.get("/audit", **document_route(Page[AuditEntry]))

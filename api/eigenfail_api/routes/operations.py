@@ -7,8 +7,9 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
 from threading import Thread
+from typing import Annotated
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import PlainTextResponse
 from prometheus_client import (
     CONTENT_TYPE_LATEST,
@@ -21,21 +22,32 @@ from prometheus_client.registry import Collector
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from eigenfail.errors import StoreUnavailable
-from eigenfail.values import Campaign, CampaignState
-from eigenfail.wire.http import Health
+from eigenfail.values import Campaign, CampaignState, Page
+from eigenfail.values.operations import DAY_S, Presence, Staffing, WorkerShare
+from eigenfail.wire.http import PREFIX, Health
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.openapi import document_route
-from eigenfail_api.parameters import Json
-from eigenfail_services.campaigns.summary import find_cost
+from eigenfail_api.parameters import CampaignId, Json, Stored
+from eigenfail_services.campaigns.summary import (
+    LATELY_S,
+    count_present,
+    find_cost,
+    find_staffing,
+    find_worker_shares,
+    list_recent_workers,
+)
 from eigenfail_services.store import Store
 
 MAX_AGE_S = 1.0
 """How long the outcome of a probe is reused. [s]"""
 
+
 PROBE_LIMIT_S = 3.0
 """Within the five seconds that containers and Kubernetes wait for an answer."""
 
+
 router = APIRouter(tags=["operations"])
+
 
 SCRAPES = Depends(ConcurrencyLimit("scrapes"), scope="function")
 
@@ -102,7 +114,10 @@ def get_metrics(request: Request) -> PlainTextResponse:
 
 
 METHODS = frozenset({"GET", "POST", "HEAD", "OPTIONS", "PUT", "PATCH", "DELETE"})
+
+
 PAGE = 500
+
 
 CLIENT_CLOSED = 499
 """Counted where the client disconnected before there was an answer; nginx uses this number."""
@@ -192,3 +207,35 @@ class RequestCounter:
             method = scope["method"] if scope["method"] in METHODS else "other"
             route = getattr(scope.get("route"), "path", "none")
             self._counter.labels(method, route, str(status)).inc()
+
+
+workers_router = APIRouter(prefix=PREFIX, tags=["workers"])
+
+
+Within = Annotated[
+    int, Query(ge=1, le=DAY_S, description="Only workers with results in this last time [s].")
+]
+
+
+@workers_router.get("/workers", **document_route(Page[WorkerShare]))
+def list_workers(store: Stored, within_s: Within = LATELY_S) -> Json:
+    """List workers with recent results, by campaign; only recent results are counted."""
+    return Json(Page(list_recent_workers(store, within_s)))
+
+
+@workers_router.get("/workers/present", **document_route(Page[Presence]))
+def list_present_workers(store: Stored) -> Json:
+    """List connected workers, working or idle: host, start of the connection, versions."""
+    return Json(Page(count_present(store)))
+
+
+@workers_router.get("/workers/staffing", **document_route(Staffing))
+def get_staffing(store: Stored) -> Json:
+    """Get the number of workers, and the last report of the services that start them."""
+    return Json(find_staffing(store))
+
+
+@workers_router.get("/campaigns/{campaign}/workers", **document_route(Page[WorkerShare]))
+def list_campaign_workers(store: Stored, campaign: CampaignId) -> Json:
+    """List the workers that ran a campaign's episodes, most episodes first."""
+    return Json(Page(find_worker_shares(store, store.campaigns.get(campaign))))

@@ -9,8 +9,7 @@ import typer
 
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, CampaignId, Url
-from eigenfail.cli.progress import follow
-from eigenfail.cli.render import make_console, to_json
+from eigenfail.cli.render import follow, make_console, to_json
 from eigenfail.client import Client
 from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL

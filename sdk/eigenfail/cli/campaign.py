@@ -19,8 +19,14 @@ from eigenfail.cli.options import (
     Url,
     Watched,
 )
-from eigenfail.cli.progress import describe_minimal, find_missing_workers, follow, judge
-from eigenfail.cli.render import TerminalView, show
+from eigenfail.cli.render import (
+    TerminalView,
+    describe_minimal,
+    find_missing_workers,
+    follow,
+    judge,
+    show,
+)
 from eigenfail.cli.specs import describe_check, parse_changes, read_spec
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.hosting.folder import DEFAULT_URL

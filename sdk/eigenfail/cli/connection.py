@@ -14,10 +14,10 @@ import typer
 from msgspec.structs import replace
 
 from eigenfail import functions
-from eigenfail.cli.progress import skip_check
+from eigenfail.cli.render import skip_check
 from eigenfail.cli.specs import check_plugins
 from eigenfail.client import Client
-from eigenfail.client.waiting import checking
+from eigenfail.client.link import checking
 from eigenfail.errors import InvalidValue, ServiceUnreachable
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
 from eigenfail.hosting.processes import interruptible

@@ -11,7 +11,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from eigenfail import plugins, side_process
+from eigenfail import plugins, processes
 from eigenfail.bridges import check_address
 from eigenfail.cli import completion
 from eigenfail.cli.connection import connect_to
@@ -24,8 +24,7 @@ from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
 from eigenfail.hosting.service import load_database_tool
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.values import CampaignState
-from eigenfail.values.upkeep import Verification
-from eigenfail.values.worker import Presence
+from eigenfail.values.operations import Presence, Verification
 
 PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")
 GROUPS = (plugins.SCENARIOS, plugins.PLANNERS, plugins.SIMULATORS, plugins.METHODS)
@@ -260,7 +259,7 @@ def _check_plugins(planner: str | None, scenario: str | None, as_json: bool) -> 
 
 def _check_bridge(address: str, as_json: bool) -> None:
     """Hold a bridge against its protocol, in a process that has what it takes to talk to it."""
-    answer = side_process.ask(BRIDGE_CHECK, check_address(address).encode(), BRIDGE_PATIENCE_S)
+    answer = processes.ask(BRIDGE_CHECK, check_address(address).encode(), BRIDGE_PATIENCE_S)
     checks = msgspec.json.decode(answer, type=list[CheckResult])
     show(checks, as_json, lambda: draw_checks(checks))
     if any(check.verdict is CheckVerdict.BROKEN for check in checks):

@@ -10,12 +10,10 @@ from msgspec.structs import replace
 
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, CampaignId, EpisodeId, Limit, Url, parse_episode_id
-from eigenfail.cli.progress import follow, judge
-from eigenfail.cli.render import show, to_json
+from eigenfail.cli.render import follow, judge, show, to_json
 from eigenfail.client.campaigns import SHRINK_WITHIN
 from eigenfail.errors import NoisePruned, NotFound
-from eigenfail.explanations.explaining import StepWindow, build_explanation
-from eigenfail.explanations.replays import explain_episode, redraw_episode, replay_episode
+from eigenfail.explanations import StepWindow, build_explanation
 from eigenfail.filters import parse_fields
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
@@ -28,9 +26,10 @@ from eigenfail.presentation.episodes import (
 )
 from eigenfail.presentation.tables import FactTable
 from eigenfail.presentation.terminal import render
+from eigenfail.replays import explain_episode, redraw_episode, replay_episode
 from eigenfail.values import CampaignSpec, Outcome, Replayed
-from eigenfail.values.export import ExportFormat
 from eigenfail.values.records import EpisodeDetail
+from eigenfail.values.report import ExportFormat
 from eigenfail.versions import differences, versions
 from eigenfail.worlds import drawn_for
 

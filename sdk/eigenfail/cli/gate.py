@@ -19,8 +19,7 @@ from rich.text import Text
 from eigenfail.cli.connection import MaybeUrl, connect_for_suite, this_command
 from eigenfail.cli.gate_runs import Runner
 from eigenfail.cli.options import AsJson, Data, Workers
-from eigenfail.cli.progress import INTERRUPTED
-from eigenfail.cli.render import show
+from eigenfail.cli.render import INTERRUPTED, show
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.gate.baselines import name_run
 from eigenfail.gate.report import GateReport, GateRun, list_conclusions, to_junit

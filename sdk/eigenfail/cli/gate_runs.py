@@ -7,10 +7,10 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from eigenfail.cli.connection import Place
-from eigenfail.cli.progress import run_suite
+from eigenfail.cli.render import run_suite
 from eigenfail.client import Client
 from eigenfail.client.analyses import OVER
-from eigenfail.client.waiting import wait_until
+from eigenfail.client.link import wait_until
 from eigenfail.errors import Conflict, InvalidValue, ServiceError
 from eigenfail.gate.baselines import (
     Resolve,

@@ -20,8 +20,7 @@ from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.service import load_database_tool
 from eigenfail.presentation.figures import UNKNOWN, format_utc
 from eigenfail.presentation.terminal import start_grid
-from eigenfail.values.access import ApiKey, AuditEntry, NewKey, Scope
-from eigenfail.values.quotas import UNLIMITED, Quotas
+from eigenfail.values.access import UNLIMITED, ApiKey, AuditEntry, NewKey, Quotas, Scope
 from eigenfail.wire.http import read_fields
 
 

@@ -10,8 +10,7 @@ from rich.text import Text
 
 from eigenfail.cli.connection import MaybeUrl, Place, connect_for_campaign
 from eigenfail.cli.options import AsJson, Data, Seed, SpecFile, Workers
-from eigenfail.cli.progress import run_suite
-from eigenfail.cli.render import show
+from eigenfail.cli.render import run_suite, show
 from eigenfail.cli.specs import read_spec
 from eigenfail.client import Client
 from eigenfail.hosting.folder import DEFAULT_DATA

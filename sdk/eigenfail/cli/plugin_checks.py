@@ -13,11 +13,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from eigenfail import plugins
-from eigenfail.error_text import describe_error, read_text
-from eigenfail.errors import EigenfailError, InvalidValue
+from eigenfail.errors import EigenfailError, InvalidValue, describe_error, read_text
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.settings import read_settings
-from eigenfail.testing.expectations import expect
+from eigenfail.testing import expect
 from eigenfail.testing.planner import PLANNER_CHECKS
 from eigenfail.testing.scenario import SCENARIO_CHECKS
 

@@ -1,6 +1,8 @@
 """What commands print: JSON for programs, tables for people; with `--watch`, again and again."""
 
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -10,10 +12,21 @@ import typer
 from rich.console import Console, RenderableType
 from rich.live import Live
 
+from eigenfail.client import Client
 from eigenfail.client.campaigns import AT_REST
-from eigenfail.client.waiting import wait_until
-from eigenfail.progress import PlainLines, standing
-from eigenfail.values import Campaign
+from eigenfail.client.link import wait_until
+from eigenfail.errors import Conflict, EigenfailError, IllegalTransition, ServiceError
+from eigenfail.presentation.episodes import describe_minimal_failure
+from eigenfail.progress import PlainLines, Standing, display, headline, reporter, standing
+from eigenfail.suites import Suite
+from eigenfail.values import (
+    FINAL_STATES,
+    Campaign,
+    CampaignState,
+    Counts,
+    Errored,
+    Summary,
+)
 
 PLAIN_WIDTH = 1_000
 """Of pipes and files: no row is broken there. [characters]"""
@@ -47,13 +60,14 @@ def show(value: Any, as_json: bool, draw: Callable[[], RenderableType]) -> None:
     make_console().print(draw())
 
 
-Seen = TypeVar("Seen")
+Snapshot = TypeVar("Snapshot")
+
 
 POLL_S = 1.0
 
 
 @dataclass(frozen=True)
-class TerminalView(Generic[Seen]):
+class TerminalView(Generic[Snapshot]):
     """What a command shows.
 
     Attributes:
@@ -63,10 +77,10 @@ class TerminalView(Generic[Seen]):
         draw: it, for people.
     """
 
-    look: Callable[[], Seen]
-    campaigns: Callable[[Seen], Iterable[Campaign]]
-    told: Callable[[Seen], object]
-    draw: Callable[[Seen], RenderableType]
+    look: Callable[[], Snapshot]
+    campaigns: Callable[[Snapshot], Iterable[Campaign]]
+    told: Callable[[Snapshot], object]
+    draw: Callable[[Snapshot], RenderableType]
 
     def show(self, as_json: bool) -> None:
         """Print it once."""
@@ -84,28 +98,28 @@ class TerminalView(Generic[Seen]):
         else:
             screen.print(self.draw(self.until_rest(_ProgressLines(self.campaigns))))
 
-    def until_rest(self, tell: Callable[[Seen], None]) -> Seen:
+    def until_rest(self, tell: Callable[[Snapshot], None]) -> Snapshot:
         """The last look, at which all campaigns are at rest; each look is told of."""
 
-        def look() -> Seen:
+        def look() -> Snapshot:
             seen = self.look()
             tell(seen)
             return seen
 
-        def at_rest(seen: Seen) -> bool:
+        def at_rest(seen: Snapshot) -> bool:
             return all(campaign.state in AT_REST for campaign in self.campaigns(seen))
 
         return wait_until(look, at_rest, POLL_S, None)
 
 
-class _JsonChanges(Generic[Seen]):
+class _JsonChanges(Generic[Snapshot]):
     """Prints it as JSON on one line, whenever it is not what it was."""
 
-    def __init__(self, told: Callable[[Seen], object]) -> None:
+    def __init__(self, told: Callable[[Snapshot], object]) -> None:
         self.told = told
         self.last = ""
 
-    def __call__(self, seen: Seen) -> None:
+    def __call__(self, seen: Snapshot) -> None:
         """Print it, if it has changed."""
         now = to_json(self.told(seen), indent=0)
         if now != self.last:
@@ -113,14 +127,284 @@ class _JsonChanges(Generic[Seen]):
         self.last = now
 
 
-class _ProgressLines(Generic[Seen]):
+class _ProgressLines(Generic[Snapshot]):
     """Prints a line for each campaign whenever its state changes, and now and then."""
 
-    def __init__(self, campaigns: Callable[[Seen], Iterable[Campaign]]) -> None:
+    def __init__(self, campaigns: Callable[[Snapshot], Iterable[Campaign]]) -> None:
         self.campaigns = campaigns
         self.lines: dict[int, PlainLines] = {}
 
-    def __call__(self, seen: Seen) -> None:
+    def __call__(self, seen: Snapshot) -> None:
         """Print the lines that are due."""
         for campaign in self.campaigns(seen):
             self.lines.setdefault(campaign.id, PlainLines(typer.echo))(standing(campaign))
+
+
+PATIENCE_S = 5.0
+"""Of a campaign that gets on so often nothing is asked."""
+
+
+def find_missing_workers(client: Client, campaign: Campaign) -> tuple[str, ...]:
+    """Which worker a campaign waits for; nothing where one is there, or where it is not known."""
+    if campaign.state != CampaignState.RUNNING:
+        return ()
+    try:
+        stranded = client.staffing().stranded
+    except EigenfailError:
+        return ()
+    return tuple(event.message for event in stranded if event.campaign == campaign.id)
+
+
+class _MissingWorkerNotice:
+    """Says on standard error what a campaign lacks, once, if it does not get on.
+
+    Args:
+        client: of the service that runs it.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._done = -1
+        self._next_s = 0.0
+        self._said: tuple[str, ...] = ()
+
+    def __call__(self, seen: Campaign) -> None:
+        """Look, if nothing came for a while."""
+        now_s, done = time.monotonic(), seen.counts.completed + seen.counts.failed
+        if done == self._done and now_s < self._next_s:
+            return
+        if done == self._done:
+            self._say(find_missing_workers(self._client, seen))
+        self._done, self._next_s = done, now_s + PATIENCE_S
+
+    def _say(self, words: tuple[str, ...]) -> None:
+        if words and words != self._said:
+            typer.echo("\n".join(words), err=True)
+        self._said = words
+
+
+def skip_check() -> None:
+    """The check of a service that somebody else looks after."""
+
+
+def follow(client: Client, campaign: int, check: Callable[[], None] = skip_check) -> Campaign:
+    """Show the campaign's progress until it has ended or is paused.
+
+    Args:
+        client: of the service that runs it.
+        campaign: its id.
+        check: raises if the service is in trouble.
+    """
+    lookout = _MissingWorkerNotice(client)
+    with reporter() as report:
+
+        def look(seen: Campaign) -> None:
+            check()
+            report(seen)
+            lookout(seen)
+
+        ended = client.campaigns.wait(campaign, look)
+    if ended.state is CampaignState.DONE:
+        typer.echo(f"{headline(ended)}: {ended.stopped_because}", err=True)
+    return ended
+
+
+PAUSE_WITHIN_S = 15.0
+
+
+INTERRUPTED = 130
+
+
+def follow_or_pause(
+    client: Client, campaign: int, check: Callable[[], None] = skip_check, again: str = ""
+) -> Campaign:
+    """Follow a campaign to its end; on Ctrl-C pause it, say how to go on, and exit with 130.
+
+    Args:
+        client: of the service that runs it.
+        campaign: its id.
+        check: raises if the service is in trouble.
+        again: the command that starts the service again, if it ends with this command.
+    """
+    try:
+        return follow(client, campaign, check)
+    except KeyboardInterrupt:
+        seen = _pause(client, campaign)
+        typer.echo(_describe_pause(seen, again), err=True)
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _pause(client: Client, campaign: int) -> Campaign:
+    """The campaign, paused unless it ended first; it may still be pausing after a while."""
+    try:
+        client.campaigns.pause(campaign)
+        return client.campaigns.wait(campaign, timeout_s=PAUSE_WITHIN_S)
+    except (IllegalTransition, ServiceError):
+        return client.campaigns.get(campaign)
+
+
+def _describe_pause(campaign: Campaign, again: str) -> str:
+    """How far the campaign came, and how to go on."""
+    counts = campaign.counts
+    done = f"{counts.completed + counts.failed} of {counts.planned} episodes"
+    came = f"Campaign {campaign.id} is {campaign.state} after {done}."
+    if campaign.state in FINAL_STATES:
+        return came
+    first = f"start the service with '{again}', then " if again else ""
+    return f"{came} To go on: {first}eigenfail campaign resume {campaign.id}"
+
+
+Snapshots = Sequence[Campaign | None]
+
+
+Report = Callable[[Snapshots], None]
+
+
+def run_suite(
+    client: Client, suite: Suite, check: Callable[[], None], command: str
+) -> tuple[Campaign, ...]:
+    """Start what is missing or paused, and follow all of it to its end.
+
+    On Ctrl-C all of it is paused, the way on is said, and the exit code is 130.
+
+    Args:
+        client: of the service that runs it.
+        suite: the campaigns.
+        check: raises if the service is in trouble.
+        command: what goes on with it.
+    """
+    try:
+        return _follow_suite(client, suite, check)
+    except KeyboardInterrupt:
+        seen = _pause_suite(client, suite)
+        typer.echo(f"{describe_suite(suite.name, seen)}. To go on: {command}", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _follow_suite(client: Client, suite: Suite, check: Callable[[], None]) -> tuple[Campaign, ...]:
+    """Start them, and show their progress until all have ended or are paused."""
+    with _suite_reporter(suite.name) as report:
+
+        def look(seen: Snapshots) -> None:
+            check()
+            report(seen)
+
+        ended = client.suites.run(suite, look)
+    return tuple(campaign for campaign in ended if campaign is not None)
+
+
+def _pause_suite(client: Client, suite: Suite) -> Snapshots:
+    """The campaigns, paused unless they ended first; some may still be pausing after a while."""
+    try:
+        client.suites.pause(suite)
+        return client.suites.wait(suite, timeout_s=PAUSE_WITHIN_S)
+    except ServiceError:
+        return client.suites.find(suite)
+
+
+@contextmanager
+def _suite_reporter(name: str) -> Iterator[Report]:
+    """Where progress goes: standard error, so that standard output holds results alone."""
+    with display() as show:
+        yield lambda seen: show(_summarize_suite(name, seen))
+
+
+def _summarize_suite(name: str, seen: Snapshots) -> Standing:
+    """How far they are together."""
+    counts = _sum_counts(seen)
+    done, total = counts.completed + counts.failed, counts.planned - counts.cancelled
+    return Standing(_describe_suite_state(name, seen), done, total, counts.failures, counts.errored)
+
+
+def describe_suite(name: str, seen: Snapshots) -> str:
+    """How far they came."""
+    counts = _sum_counts(seen)
+    done = counts.completed + counts.failed
+    episodes = format_count_of(counts.planned - counts.cancelled, "episode")
+    failures = format_count_of(counts.failures, "failure")
+    errored = f", {counts.errored} errored" if counts.errored else ""
+    return f"{_describe_suite_state(name, seen)}: {done}/{episodes}, {failures}{errored}"
+
+
+def _describe_suite_state(name: str, seen: Snapshots) -> str:
+    """How many of them are at rest."""
+    resting = [campaign for campaign in seen if campaign and campaign.state in AT_REST]
+    paused = sum(campaign.state == "paused" for campaign in resting)
+    rests = f", {paused} paused" if paused else ""
+    return (
+        f"{name}: {len(resting) - paused} of {format_count_of(len(seen), 'campaign')} over{rests}"
+    )
+
+
+def format_count_of(count: int, noun: str) -> str:
+    """1 failure, 2 failures."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def _sum_counts(seen: Snapshots) -> Counts:
+    """The episodes of all of them."""
+    counts = [campaign.counts for campaign in seen if campaign]
+    sums = {name: sum(getattr(each, name) for each in counts) for name in Counts.__struct_fields__}
+    return Counts(**sums)
+
+
+FAILURES_FOUND = 1
+
+
+MINIMAL = "minimal"
+
+
+def judge(campaign: Campaign, gate: bool, summary: Summary | None = None) -> None:
+    """Exit with 1 if a gate was asked for and failures were found.
+
+    Args:
+        campaign: that is to be judged.
+        gate: whether failures count.
+        summary: of the campaign, for the reason if all of its episodes errored.
+
+    Raises:
+        ServiceError: the campaign came to nothing: it is dead, all of its episodes errored, or the
+            service paused it with a reason; or a gate was asked for and it proves nothing.
+    """
+    counts = campaign.counts
+    if campaign.is_errored:
+        raise make_errored_error(campaign, summary)
+    if campaign.state is CampaignState.DEAD:
+        raise ServiceError(f"Campaign {campaign.id} is dead: {campaign.stopped_because}")
+    if campaign.state is CampaignState.PAUSED and campaign.stopped_because:
+        raise ServiceError(f"Campaign {campaign.id} is paused. {campaign.stopped_because}")
+    if gate and counts.failures:
+        raise typer.Exit(FAILURES_FOUND)
+    if gate and campaign.state is not CampaignState.DONE:
+        raise ServiceError(
+            f"Campaign {campaign.id} is {campaign.state}, so its gate proves nothing.",
+            "Start one like it anew."
+            if campaign.state in FINAL_STATES
+            else f"Let it end: eigenfail campaign resume {campaign.id}",
+        )
+    if gate and not counts.completed:
+        raise ServiceError(
+            f"Campaign {campaign.id} completed no episode, so its gate proves nothing.",
+            f"See why: eigenfail episode list {campaign.id} --outcome errored",
+        )
+
+
+def make_errored_error(campaign: Campaign, summary: Summary | None) -> ServiceError:
+    """Return the error of a campaign without a result, with the reason and where to look."""
+    errored = summary.errored if summary else Errored(campaign.counts.errored)
+    first = 0 if errored.first is None else errored.first
+    return ServiceError(
+        f"Campaign {campaign.id}: {errored.words(campaign.counts)}",
+        f"Look at an episode: eigenfail episode show {campaign.id}/{first}; all of them: "
+        f"eigenfail episode list {campaign.id} --outcome errored",
+    )
+
+
+def describe_minimal(client: Client, campaign: Campaign) -> tuple[str, ...]:
+    """Return the minimal failure of a campaign in sentences; none for one of another method."""
+    if campaign.spec.method != MINIMAL:
+        return ()
+    try:
+        return ("", *describe_minimal_failure(client.campaigns.minimal(campaign.id)))
+    except Conflict as error:
+        return ("", str(error))

@@ -13,15 +13,13 @@ from rich.text import Text
 
 from eigenfail.cli.connection import MaybeUrl, connect_for_suite, this_command
 from eigenfail.cli.options import AsJson, Data, Workers
-from eigenfail.cli.progress import run_suite
-from eigenfail.cli.render import show
+from eigenfail.cli.render import run_suite, show
 from eigenfail.cli.report import Force
 from eigenfail.client import Client
-from eigenfail.client.reports import check_folder
+from eigenfail.client.analyses import check_folder
 from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
 from eigenfail.presentation.terminal import start_grid
-from eigenfail.reproduction.evidence import build_reproduction
 from eigenfail.reproduction.page import (
     format_heading,
     format_number,
@@ -30,6 +28,7 @@ from eigenfail.reproduction.page import (
     list_files,
 )
 from eigenfail.reproduction.programme import build_suite
+from eigenfail.reproduction.statements import build_reproduction
 from eigenfail.reproduction.tables import PaperReproduction, PaperTable
 from eigenfail.suites import Suite
 

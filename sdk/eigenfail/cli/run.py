@@ -18,8 +18,7 @@ from eigenfail.cli.options import (
     Urgency,
     Workers,
 )
-from eigenfail.cli.progress import describe_minimal, follow_or_pause, judge
-from eigenfail.cli.render import show
+from eigenfail.cli.render import describe_minimal, follow_or_pause, judge, show
 from eigenfail.cli.specs import read_spec
 from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan

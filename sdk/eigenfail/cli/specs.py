@@ -9,9 +9,9 @@ from rich.text import Text
 
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue
+from eigenfail.files import read_toml
 from eigenfail.settings import convert, read_settings
 from eigenfail.suites import describes_suite, format_value, list_leaves, set_path
-from eigenfail.toml_files import read_toml
 from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
 from eigenfail.values.variation import read_variation
 from eigenfail.wire.http import CampaignCheck, refuse_unknown_fields

@@ -7,8 +7,7 @@ import typer
 
 from eigenfail.cli.connection import MaybeUrl, connect_for_suite, connect_to
 from eigenfail.cli.options import AsJson, Data, Gate, Limit, Url, Workers
-from eigenfail.cli.progress import judge, make_errored_error, run_suite
-from eigenfail.cli.render import show
+from eigenfail.cli.render import judge, make_errored_error, run_suite, show
 from eigenfail.client import Client
 from eigenfail.errors import ServiceError
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL

@@ -14,8 +14,14 @@ from eigenfail.cli.render import to_json
 from eigenfail.functions import allow
 from eigenfail.hosting.folder import DEFAULT_DATA, PORT, DataFolder
 from eigenfail.hosting.processes import interruptible
-from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
-from eigenfail.hosting.span import refuse_scaling, span_of
+from eigenfail.hosting.service import (
+    Launcher,
+    LocalService,
+    Plan,
+    local_service,
+    refuse_scaling,
+    span_of,
+)
 
 LOOK_EVERY_S = 0.2
 

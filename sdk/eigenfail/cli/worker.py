@@ -30,7 +30,7 @@ from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation.figures import UNKNOWN, format_local_time
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.values import Campaign, CampaignState
-from eigenfail.values.worker import ACTIVE_S, DAY_S, Presence, WorkerShare
+from eigenfail.values.operations import ACTIVE_S, DAY_S, Presence, WorkerShare
 
 PACKAGE = "eigenfail"
 COUNTS = ("campaigns", "episodes", "failures", "errored")

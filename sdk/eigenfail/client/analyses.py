@@ -1,11 +1,22 @@
 """Analyses, as a client sees them."""
 
+import io
+import lzma
+import re
+import shutil
+import zlib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import mkdtemp
+from types import MappingProxyType
 from typing import Any
+from zipfile import BadZipFile, ZipFile, is_zipfile
 
-from eigenfail.client.link import Link
-from eigenfail.client.waiting import wait_until
-from eigenfail.rows import Rows
+import httpx2
+
+from eigenfail.client.link import Link, wait_until
+from eigenfail.errors import InvalidValue, ProtocolError, ServiceError
+from eigenfail.frames import Rows
 from eigenfail.values import (
     Analysis,
     AnalysisSettings,
@@ -14,7 +25,8 @@ from eigenfail.values import (
     Page,
     Proof,
 )
-from eigenfail.wire.http import ProofRequest, read_fields
+from eigenfail.values.report import Report
+from eigenfail.wire.http import ProofRequest, decode, read_fields
 
 OVER = frozenset({AnalysisState.DONE, AnalysisState.FAILED})
 
@@ -123,3 +135,154 @@ class Analyses:
             ServiceError: they have not ended in time; they go on all the same.
         """
         return wait_until(lambda: self.proof(analysis), lambda seen: seen.done, poll_s, timeout_s)
+
+
+DATA = "report.json"
+
+
+FILE = re.compile(r"report\.(html|json)|(tables|pictures)/[a-z0-9-]+\.(csv|svg)")
+
+
+ALSO = frozenset({"paper.md", "paper.json", "claims.json"})
+"""Files that a reproduction of the paper adds to a report."""
+
+
+WITHIN_S = 600.0
+"""Twenty campaigns with all of their pictures take a while."""
+
+
+MAX_FILES = 10_000
+
+
+MAX_BYTES = 1 << 28
+"""Of all files together. A report of twenty campaigns with all pictures has some 10 MB."""
+
+
+DAMAGED = (
+    *(BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError),
+    *(RuntimeError, NotImplementedError, ValueError),  # encrypted, or packed in another way
+)
+
+
+AGAIN = "Ask for it again; if it is so every time, use one version of eigenfail on both sides."
+
+
+UNUSUAL = (
+    "Nothing was written. Make sure that the address is that of an eigenfail service that you"
+    " trust, of the same version."
+)
+
+
+NOTHING: Mapping[str, bytes] = MappingProxyType({})
+
+
+def fetch_report(link: Link, campaigns: int | Sequence[int]) -> dict[str, bytes]:
+    """The files of a report by name; raises as `Client.report` does."""
+    ids = [campaigns] if isinstance(campaigns, int) else list(campaigns)
+    asked = httpx2.QueryParams({"campaign": ids, "format": "zip"})
+    return unpack(link.get_bytes("/report", asked, WITHIN_S))
+
+
+def write_report(
+    files: Mapping[str, bytes], folder: Path, also: Mapping[str, bytes] = NOTHING
+) -> Report:
+    """Write a report and further files into a folder; raises as `Client.report` does."""
+    report = decode(files[DATA], Report)
+    try:
+        _write_all({**files, **also}, folder)
+    except OSError as error:
+        problem = f"The report cannot be written to {folder}: {error.strerror}."
+        raise ServiceError(problem, "Name a folder that you may write.") from error
+    return report
+
+
+def check_folder(folder: Path, force: bool) -> None:
+    """Refuse to lose what is there.
+
+    Raises:
+        InvalidValue: something is there that may not be overwritten.
+    """
+    if folder.is_dir() and not any(folder.iterdir()):
+        return
+    if folder.exists() and (alien := _find_foreign(folder)):
+        problem = f"{folder} is there already, and holds what no report does: {alien}."
+        raise InvalidValue("output", problem, "Name a folder that is not there yet.")
+    if folder.exists() and not force:
+        problem = f"{folder} holds a report already."
+        raise InvalidValue("output", problem, "Name another folder, or give --force.")
+
+
+def _find_foreign(folder: Path) -> str:
+    """Return the name of a file that no report wrote; empty if there is none."""
+    if not folder.is_dir():
+        return "it is no folder"
+    files = (path for path in folder.rglob("*") if not path.is_dir())
+    names = (path.relative_to(folder).as_posix() for path in files)
+    return next((name for name in names if not (FILE.fullmatch(name) or name in ALSO)), "")
+
+
+def unpack(bundle: bytes) -> dict[str, bytes]:
+    """Return the files of a report by name, from the ZIP archive that a service sent.
+
+    Names and sizes are looked at before anything is unpacked. An archive that claims too little is
+    not read beyond its claim, and is damaged by its checksum.
+
+    Raises:
+        ProtocolError: the archive is no report, is damaged, or holds other or larger files.
+    """
+    if not is_zipfile(io.BytesIO(bundle)):
+        raise _not_a_report()
+    try:
+        with ZipFile(io.BytesIO(bundle)) as archive:
+            names = archive.namelist()
+            _check_names(names)
+            if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
+                size = f"{MAX_BYTES / 2**20:g} MiB"
+                raise ProtocolError(f"The archive unpacks to more than {size}.", UNUSUAL)
+            files = {name: archive.read(name) for name in names}
+    except DAMAGED as error:
+        raise ProtocolError(f"The archive is damaged: {error}.", AGAIN) from error
+    if DATA not in files:
+        raise _not_a_report()
+    return files
+
+
+def _check_names(names: Sequence[str]) -> None:
+    if len(names) > MAX_FILES:
+        raise ProtocolError(f"The archive has more than {MAX_FILES} files.", UNUSUAL)
+    if len(set(names)) < len(names):
+        raise ProtocolError("The archive has a file twice.", AGAIN)
+    for name in names:
+        if not FILE.fullmatch(name):
+            problem = f"The archive holds {name[:200]!r}, which is no file of a report."
+            raise ProtocolError(problem, UNUSUAL)
+
+
+def _not_a_report() -> ProtocolError:
+    return ProtocolError("The answer is no report.", "Use one version of eigenfail on both sides.")
+
+
+def _write_all(files: Mapping[str, bytes], folder: Path) -> None:
+    """Write all files or nothing: they are written elsewhere, and come in by one renaming.
+
+    Raises:
+        OSError: they cannot be written.
+    """
+    folder = folder.absolute()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    beside = Path(mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    try:
+        made, old = beside / "made", beside / "old"
+        for name, content in files.items():
+            (made / name).parent.mkdir(parents=True, exist_ok=True)
+            (made / name).write_bytes(content)
+        if folder.exists():
+            folder.rename(old)
+        try:
+            made.rename(folder)
+        except OSError:
+            if old.exists():
+                old.rename(folder)
+            raise
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)

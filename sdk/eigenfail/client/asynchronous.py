@@ -20,9 +20,8 @@ import httpx2
 from anyio import CapacityLimiter, get_cancelled_exc_class, to_thread
 
 from eigenfail.client.client import Client
-from eigenfail.client.link import PAGE
-from eigenfail.client.waiting import Waiter, waiter
-from eigenfail.rows import SHOWN, Rows
+from eigenfail.client.link import PAGE, Waiter, waiter
+from eigenfail.frames import SHOWN, Rows
 
 Row = TypeVar("Row")
 Answer = TypeVar("Answer")

@@ -5,10 +5,9 @@ from typing import Any
 
 import msgspec
 
-from eigenfail.client.link import Link
-from eigenfail.client.waiting import report_progress, wait_until
+from eigenfail.client.link import Link, report_progress, wait_until
 from eigenfail.errors import InvalidValue
-from eigenfail.rows import Rows
+from eigenfail.frames import Rows
 from eigenfail.values import (
     FINAL_STATES,
     Campaign,
@@ -25,13 +24,11 @@ from eigenfail.values import (
     StopRules,
     Summary,
 )
-from eigenfail.values.campaign import LONGEST_NAME
-from eigenfail.values.pool import PeerCosts
-from eigenfail.values.priority import PriorityChange
+from eigenfail.values.campaign import LONGEST_NAME, PriorityChange
+from eigenfail.values.comparison import PeerCosts
+from eigenfail.values.operations import Pruning, WorkerShare
 from eigenfail.values.records import EpisodeDetail
-from eigenfail.values.retention import Pruning
 from eigenfail.values.safety import LEVEL
-from eigenfail.values.worker import WorkerShare
 from eigenfail.wire.http import CampaignCheck, Digest, read_fields
 from eigenfail.worlds import drawn_for
 

@@ -8,20 +8,27 @@ from typing import Self
 
 import httpx2
 
-from eigenfail.client.analyses import Analyses
+from eigenfail.client.analyses import NOTHING, Analyses, check_folder, fetch_report, write_report
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.episodes import Episodes
-from eigenfail.client.link import Link
-from eigenfail.client.reports import NOTHING, check_folder, fetch_report, write_report
+from eigenfail.client.link import Link, waiter
 from eigenfail.client.suites import Suites
-from eigenfail.client.waiting import waiter
 from eigenfail.errors import EigenfailError, InvalidValue
-from eigenfail.rows import Rows
+from eigenfail.frames import Rows
 from eigenfail.values import Event, Page
-from eigenfail.values.access import TOKEN, ApiKey, AuditEntry, KeyRequest, NewKey, Scope
-from eigenfail.values.quotas import UNLIMITED, Quotas, Usage
+from eigenfail.values.access import (
+    TOKEN,
+    UNLIMITED,
+    ApiKey,
+    AuditEntry,
+    KeyRequest,
+    NewKey,
+    Quotas,
+    Scope,
+    Usage,
+)
+from eigenfail.values.operations import Presence, Staffing, WorkerShare
 from eigenfail.values.report import Report
-from eigenfail.values.worker import Presence, Staffing, WorkerShare
 from eigenfail.wire import http
 from eigenfail.wire.http import PluginInfo, read_fields
 

@@ -9,16 +9,15 @@ from typing import Any, TypedDict, Unpack, overload
 
 import msgspec
 
-from eigenfail.client.link import Link
-from eigenfail.client.waiting import wait_until
+from eigenfail.client.link import Link, wait_until
 from eigenfail.errors import InvalidValue, ServiceError, UnknownName
+from eigenfail.files import open_private
 from eigenfail.filters import Value
-from eigenfail.private_files import open_private
-from eigenfail.rows import Rows
+from eigenfail.frames import Rows
 from eigenfail.values import Campaign, Explanation, Outcome, Page
-from eigenfail.values.export import Export, ExportFormat, ExportRequest, ExportState
+from eigenfail.values.operations import Presence
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
-from eigenfail.values.worker import Presence
+from eigenfail.values.report import Export, ExportFormat, ExportRequest, ExportState
 from eigenfail.wire.http import ReplayRequest, read_fields
 
 POLL_S = 0.5

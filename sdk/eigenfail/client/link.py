@@ -1,9 +1,15 @@
 """Requests, tried again where that is safe; answers, raising what the service raised."""
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextvars import ContextVar
 from functools import partial
+from itertools import count
+from logging import getLogger
+from math import inf
+from random import uniform
 from socket import MSG_PEEK, SHUT_RDWR, socket
+from time import monotonic, sleep
 from typing import Any, TypeVar
 from uuid import uuid4
 
@@ -11,27 +17,202 @@ import httpx2
 import msgspec
 
 from eigenfail import __version__
-from eigenfail.client.asking import ask_again
-from eigenfail.client.waiting import waiter
-from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable
-from eigenfail.loopback import is_loopback
-from eigenfail.rows import Rows
-from eigenfail.values import Page
+from eigenfail.addresses import is_loopback
+from eigenfail.errors import (
+    EigenfailError,
+    InvalidValue,
+    ServiceBusy,
+    ServiceError,
+    ServiceUnreachable,
+    StoreUnavailable,
+)
+from eigenfail.frames import Rows
+from eigenfail.values import Campaign, Page
 from eigenfail.wire import http
 from eigenfail.wire.http import UNTYPED, Problem, make_error
 
+Kind = TypeVar("Kind")
+AWAY_S = 60.0
+
+
+AWAY = (ServiceUnreachable, StoreUnavailable, ServiceBusy)
+
+
+Tell = Callable[[Campaign], None]
+
+
+class Waiter:
+    """How long blocking calls wait: as long as it takes."""
+
+    def rest(self, seconds: float) -> None:
+        """Let time pass between two looks."""
+        sleep(seconds)
+
+    def cutting(self, cut: Callable[[], None]) -> AbstractContextManager[None]:  # noqa: ARG002
+        """Within the block, `cut` ends a read that blocks; called if nobody waits any more."""
+        return nullcontext()
+
+
+class CheckingWaiter(Waiter):
+    """Looks after something while it waits.
+
+    Args:
+        check: raises if it is in trouble.
+    """
+
+    def __init__(self, check: Callable[[], None]) -> None:
+        self._check = check
+
+    def rest(self, seconds: float) -> None:
+        """Let time pass, unless there is trouble."""
+        self._check()
+        super().rest(seconds)
+
+
+waiter: ContextVar[Waiter] = ContextVar("patience", default=Waiter())  # noqa: B039 - no state
+"""Of the calls in this context; the asynchronous client has another."""
+
+
+def wait_until(
+    look: Callable[[], Kind],
+    is_over: Callable[[Kind], bool],
+    poll_s: float,
+    timeout_s: float | None,
+) -> Kind:
+    """The first look at which it is over.
+
+    A service that was there once may be away for a minute, to be started anew.
+
+    Raises:
+        ServiceError: it is not over in time; it goes on all the same.
+    """
+    latest_s = inf if timeout_s is None else monotonic() + timeout_s
+    seen = look()
+    while not is_over(seen):
+        if monotonic() >= latest_s:
+            raise ServiceError(
+                f"It is not over after {timeout_s:g} s, and goes on.",
+                "Wait longer, or look at the service's log if nothing moves.",
+            )
+        waiter.get().rest(poll_s)
+        seen = _look_until_back(look, poll_s, min(latest_s, monotonic() + AWAY_S))
+    return seen
+
+
+def _look_until_back(look: Callable[[], Kind], poll_s: float, until_s: float) -> Kind:
+    """What is seen as soon as the service is there; after some time, its absence is raised."""
+    for tries in count():
+        try:
+            return look()
+        except AWAY as error:
+            if monotonic() >= until_s:
+                raise
+            if not tries:
+                log.warning("%s It was there a moment ago: waiting.", error.problem)
+        waiter.get().rest(poll_s)
+    raise AssertionError("counting has no end")
+
+
+@contextmanager
+def checking(check: Callable[[], None]) -> Iterator[None]:
+    """Within the block, whoever waits looks after something."""
+    token = waiter.set(CheckingWaiter(check))
+    try:
+        yield
+    finally:
+        waiter.reset(token)
+
+
+@contextmanager
+def report_progress(on_progress: Tell | None, progress: bool) -> Iterator[Tell]:
+    """Whoever is to be told of a campaign as it goes: a function, a display, both or nobody."""
+    tell = on_progress or (lambda _campaign: None)
+    if not progress:
+        yield tell
+        return
+    from eigenfail.progress import reporter
+
+    with reporter() as show:
+
+        def both(campaign: Campaign) -> None:
+            show(campaign)
+            tell(campaign)
+
+        yield both
+
+
+ATTEMPTS = 4
+
+
+FIRST_PAUSE_S, JITTER_S = 0.1, 0.1
+
+
+LONGEST_PAUSE_S = 30.0
+"""How long a service may ask us to wait, and after how long nothing is asked again."""
+
+
+BUSY = frozenset({429, 502, 503, 504})
+
+
+Answer = TypeVar("Answer")
+
+
+log = getLogger("eigenfail.client")
+
+
+def ask_again(ask: Callable[[], Answer]) -> Answer:
+    """The answer, after four tries at most; whatever the last one raises is raised."""
+    begun_s = monotonic()
+    for tried in range(1, ATTEMPTS):
+        try:
+            return ask()
+        except httpx2.HTTPError as error:
+            if not is_worth_retrying(error) or monotonic() - begun_s > LONGEST_PAUSE_S:
+                raise
+            pause_s = find_pause(error, tried)
+            log.debug("try %d of %d failed, next in %.1f s: %s", tried, ATTEMPTS, pause_s, error)
+        waiter.get().rest(pause_s)
+    return ask()
+
+
+def is_worth_retrying(error: httpx2.HTTPError) -> bool:
+    """Whether the service was busy, or nothing came back."""
+    if isinstance(error, httpx2.HTTPStatusError):
+        return error.response.status_code in BUSY
+    return isinstance(error, httpx2.TransportError)
+
+
+def find_pause(error: httpx2.HTTPError, tried: int) -> float:
+    """How long to wait: as the service says, or else longer after each try. [s]"""
+    if isinstance(error, httpx2.HTTPStatusError):
+        asked = error.response.headers.get("Retry-After", "")
+        if asked.isdecimal():
+            return min(float(asked), LONGEST_PAUSE_S)
+    return FIRST_PAUSE_S * 2.0 ** (tried - 1) + uniform(0.0, JITTER_S)  # noqa: S311 - no secret
+
+
 TIMEOUT = httpx2.Timeout(60.0, connect=3.0)
+
+
 STREAM_TIMEOUT = httpx2.Timeout(60.0, connect=3.0, read=45.0)
 """The service breaks the silence of a stream every 15 s."""
 
+
 SCHEMES = ("http://", "https://")
+
+
 LIKE = "http://127.0.0.1:8440"
+
+
 PAGE = 200
 
+
 FIRST_BYTE_S = 3.0
+
+
 ZEROMQ_GREETING = b"\xff"
 
-Kind = TypeVar("Kind")
+
 Params = Mapping[str, int | str | None]
 
 

@@ -9,10 +9,9 @@ from urllib.parse import quote
 import msgspec
 
 from eigenfail.client.campaigns import AT_REST, Campaigns
-from eigenfail.client.link import Link
-from eigenfail.client.waiting import wait_until
+from eigenfail.client.link import Link, wait_until
 from eigenfail.errors import IllegalTransition
-from eigenfail.rows import Rows
+from eigenfail.frames import Rows
 from eigenfail.suites import Suite, list_ready_members, match_campaigns
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Page, Summary
 from eigenfail.values.suite import SuiteStanding, SuiteTable, suite_of

@@ -9,9 +9,9 @@ from typing import IO
 
 import msgspec
 
-from eigenfail.database_urls import sqlite_url
+from eigenfail.addresses import sqlite_url
 from eigenfail.errors import ServiceError, StoreUnavailable
-from eigenfail.private_files import make_private_folder, open_private
+from eigenfail.files import make_private_folder, open_private
 
 HOST = "127.0.0.1"
 PORT = 8440

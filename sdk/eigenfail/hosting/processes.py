@@ -5,8 +5,10 @@ started, then end.
 """
 
 import os
+import shutil
 import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,7 +21,7 @@ from typing import Any
 import psutil
 
 from eigenfail.errors import ServiceError
-from eigenfail.private_files import open_private
+from eigenfail.files import open_private
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -48,10 +50,15 @@ def interruptible() -> Any:
 
 
 MAX_BYTES = 10_000_000
+
+
 FILES = 5
 """Of one log, the one that is written to among them."""
 
+
 EVERY_S = 1.0
+
+
 CHUNK = 1 << 20
 
 
@@ -121,11 +128,23 @@ def rotate_regularly(rotations: Sequence[Callable[[], object]]) -> Iterator[None
 
 
 OWNER_MARK = "EIGENFAIL_STARTED_FOR"
+
+
 POLL_S = 0.05
+
+
 GRACE_S = 20.0
+
+
 LAST_LINES = 12
+
+
 REFUSED = frozenset({2, 3})
+
+
 KILL_WITHIN_S = 5.0
+
+
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
@@ -255,3 +274,58 @@ def _kill(processes: Iterable[psutil.Process]) -> None:
     for process in processes:
         with suppress(psutil.Error):
             process.kill()
+
+
+ALL_WELL = b"all is well\n"
+
+
+REMOVE = "--remove"
+
+
+@contextmanager
+def guard_owner(owner: str) -> Iterator[None]:
+    """Have the owner's processes ended if this process dies within the block."""
+    with _guarding([owner]):
+        yield
+
+
+@contextmanager
+def remove_afterwards(folder: Path) -> Iterator[None]:
+    """Have a folder of ours, and the processes that run on it, gone after the block in any case."""
+    with _guarding([str(folder), REMOVE]):
+        try:
+            yield
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _guarding(words: list[str]) -> Iterator[None]:
+    """A warden for as long as the block lasts."""
+    unmarked = {name: text for name, text in os.environ.items() if name != OWNER_MARK}
+    process = subprocess.Popen(
+        [sys.executable, "-m", __name__, *words],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=unmarked,
+        start_new_session=True,
+    )
+    try:
+        yield
+    finally:
+        process.communicate(ALL_WELL)
+
+
+def main() -> None:
+    """Wait for the end; unless all is well, put things in order."""
+    if sys.stdin.buffer.read() == ALL_WELL:
+        return
+    owner = sys.argv[1]
+    kill_marked(owner)
+    if REMOVE in sys.argv[2:]:
+        shutil.rmtree(owner, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    main()

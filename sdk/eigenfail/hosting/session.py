@@ -10,7 +10,7 @@ from types import TracebackType
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.hosting.processes import NOTHING
+from eigenfail.hosting.processes import NOTHING, remove_afterwards
 from eigenfail.hosting.service import (
     Launcher,
     LocalService,
@@ -18,7 +18,6 @@ from eigenfail.hosting.service import (
     local_service,
     register_planners,
 )
-from eigenfail.hosting.warden import remove_afterwards
 
 
 class Local(AbstractContextManager[Client]):

@@ -43,8 +43,8 @@ from eigenfail.values import (
     Summary,
     Violations,
 )
+from eigenfail.values.operations import WorkerShare
 from eigenfail.values.variation import in_words
-from eigenfail.values.worker import WorkerShare
 from eigenfail.versions import describe_mixed
 from eigenfail.worlds import describe_disturbance, world_of
 

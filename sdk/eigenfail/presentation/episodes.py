@@ -29,8 +29,7 @@ from eigenfail.values import (
     Measures,
     MinimalFailure,
 )
-from eigenfail.values.assessment import LEAD_TIMES
-from eigenfail.values.records import EpisodeDetail, EpisodeRow
+from eigenfail.values.records import LEAD_TIMES, EpisodeDetail, EpisodeRow
 
 LOG_P_DIGITS = 5
 """Significant digits of log p over an episode, whose differences count, not its size."""

@@ -9,6 +9,7 @@ from html import escape
 from itertools import chain
 from typing import Any
 
+from eigenfail.frames import SHOWN, Rows, flat
 from eigenfail.presentation.analyses import describe_analysis, describe_proof
 from eigenfail.presentation.campaigns import (
     describe_comparison,
@@ -22,8 +23,6 @@ from eigenfail.presentation.campaigns import (
 from eigenfail.presentation.episodes import tabulate_episodes
 from eigenfail.presentation.suites import describe_suite, tabulate_suites
 from eigenfail.presentation.tables import Block, FactTable, Table, name_columns
-from eigenfail.rows import SHOWN, Rows
-from eigenfail.tabulation import flat
 from eigenfail.values import (
     Analysis,
     Campaign,

@@ -14,7 +14,7 @@ import msgspec
 
 from eigenfail.contracts import Planner
 from eigenfail.process_state import ProcessState
-from eigenfail.testing.expectations import expect
+from eigenfail.testing import expect
 from eigenfail.values import Control, Mission, Perception, VehicleState
 
 MakePlanner = Callable[[], Planner]

@@ -13,7 +13,7 @@ import msgspec
 
 from eigenfail.contracts import Scenario, Situation
 from eigenfail.settings import read_settings
-from eigenfail.testing.expectations import expect
+from eigenfail.testing import expect
 from eigenfail.values import VehicleState
 
 SEEDS = (0, 1, 2**62)

@@ -15,7 +15,7 @@ import msgspec
 
 from eigenfail.contracts import Planner, Simulation
 from eigenfail.errors import EpisodeError, PlannerError
-from eigenfail.testing.expectations import expect, expect_error
+from eigenfail.testing import expect, expect_error
 from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
 
 OpenSimulation = Callable[[Planner], Simulation]

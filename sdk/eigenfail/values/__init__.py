@@ -1,14 +1,20 @@
 """Frozen nouns that cross borders."""
 
 from eigenfail.values.analysis import (
+    AnalysedCampaign,
     Analysis,
     AnalysisResult,
     AnalysisSettings,
     AnalysisState,
+    Diversity,
     FailureMode,
+    InfluenceShare,
+    MinimalFailure,
+    Moment,
+    Stability,
+    TrainingInterval,
 )
 from eigenfail.values.arrays import Floats
-from eigenfail.values.assessment import Assessment, ConflictClass, assess
 from eigenfail.values.campaign import (
     FINAL_STATES,
     IMPORTANCE_SAMPLING,
@@ -21,10 +27,14 @@ from eigenfail.values.campaign import (
     Estimate,
     Interval,
     Overhead,
+    Priority,
     Rate,
     RunPart,
+    StopRules,
 )
 from eigenfail.values.comparison import (
+    Bound,
+    Box,
     Comparison,
     Difference,
     Distinction,
@@ -32,9 +42,10 @@ from eigenfail.values.comparison import (
     Magnitude,
     McNemar,
     PairTotals,
+    Region,
     Side,
+    Trials,
 )
-from eigenfail.values.course import BlockTotals, Course, CourseBlock
 from eigenfail.values.disturbance import (
     AXES,
     Conversion,
@@ -45,7 +56,6 @@ from eigenfail.values.disturbance import (
     Shape,
     White,
 )
-from eigenfail.values.diversity import Diversity
 from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeResult,
@@ -56,47 +66,38 @@ from eigenfail.values.episode import (
     PriorSource,
     Source,
     TrajectorySource,
+    episode_seed,
+    learner_seed,
     unrunnable,
 )
-from eigenfail.values.event import Event
-from eigenfail.values.explanation import (
-    Account,
-    ExplainedEpisode,
-    ExplainedStep,
-    Explanation,
-    Path,
-    Replayed,
-)
-from eigenfail.values.findings import (
-    AnalysedCampaign,
-    InfluenceShare,
-    Moment,
-    Stability,
-    TrainingInterval,
-)
 from eigenfail.values.learning import (
+    STATE,
     Experience,
+    Layer,
     LearnerContext,
+    Policy,
     Predecessor,
     Proposal,
     Round,
     RoundSizes,
 )
 from eigenfail.values.measures import MEASURES, Measure, Measures
-from eigenfail.values.minimal import MinimalFailure
-from eigenfail.values.paging import Page
-from eigenfail.values.policy import STATE, Layer, Policy
-from eigenfail.values.priority import Priority
+from eigenfail.values.operations import Event
 from eigenfail.values.proof import (
+    Account,
+    ExplainedEpisode,
+    ExplainedStep,
+    Explanation,
+    Path,
     Proof,
     ProvenMode,
     ProvenScenario,
+    Replayed,
     ReplayedNoise,
     ReplayKind,
     Reproduction,
 )
-from eigenfail.values.randomness import episode_seed, learner_seed
-from eigenfail.values.region import Bound, Box, Region, Trials
+from eigenfail.values.records import Assessment, ConflictClass, Page, assess
 from eigenfail.values.safety import (
     FailurePoint,
     Figure,
@@ -108,15 +109,21 @@ from eigenfail.values.safety import (
     Violations,
 )
 from eigenfail.values.scene import Control, Mission, Observation, Perception, Scene, VehicleState
-from eigenfail.values.spending import (
+from eigenfail.values.summary import (
+    BlockTotals,
     CampaignCost,
+    Conflicts,
     CostPoint,
+    Course,
+    CourseBlock,
+    Errored,
     Landing,
+    MeanTime,
     SpendingTotals,
+    Summary,
     TimeSplit,
+    Unresolved,
 )
-from eigenfail.values.stopping import StopRules
-from eigenfail.values.summary import Conflicts, Errored, MeanTime, Summary, Unresolved
 
 __all__ = [
     "AXES",

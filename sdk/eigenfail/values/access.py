@@ -6,13 +6,49 @@ from typing import Annotated, Any
 
 import msgspec
 
-from eigenfail.values.quotas import UNLIMITED, Quotas
+MOST = 10**15
+
+
+Limit = Annotated[int, msgspec.Meta(ge=0, le=MOST)] | None
+
+
+class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Bounds on the campaigns that are made with a key; null where there is none.
+
+    Attributes:
+        max_open: most campaigns at once that have not ended; queued and paused ones count.
+        max_episodes: largest budget of one campaign. [episodes]
+        max_episodes_per_day: most episodes in the campaigns of the last 24 hours, by their budgets;
+            those that were left unrun when a campaign ended do not count.
+    """
+
+    max_open: Limit = None
+    max_episodes: Limit = None
+    max_episodes_per_day: Limit = None
+
+
+UNLIMITED = Quotas()
+
+
+class Usage(msgspec.Struct, frozen=True):
+    """What is used of a key's quotas.
+
+    Attributes:
+        open: campaigns that have not ended.
+        episodes_of_day: in the campaigns of the last 24 hours.
+    """
+
+    open: int = 0
+    episodes_of_day: int = 0
+
 
 TOKEN = re.compile(r"ef_(?P<id>[1-9]\d{0,17})_(?P<secret>[\w-]{43})", re.ASCII)
 """What its holder sends: the key's id and 256 random bits in base64url."""
 
+
 SECRET = re.compile(r"(?<=ef_)(\d+)_[\w-]{16,}", re.ASCII)
 """The same wherever it turns up, whole or cut."""
+
 
 HIDDEN = (
     (SECRET, r"\1_…"),
@@ -35,6 +71,7 @@ HIDDEN = (
     ),
 )
 """What nobody is to read, and what stands there instead."""
+
 
 LONGEST_LIFE_S = 10 * 366 * 86_400
 """Of a key that ends by itself. [s]"""

@@ -7,21 +7,151 @@ import msgspec
 import numpy as np
 
 from eigenfail.values.arrays import Floats
-from eigenfail.values.campaign import Estimate
-from eigenfail.values.diversity import Diversity
-from eigenfail.values.findings import (
-    STABLE,
-    AnalysedCampaign,
-    InfluenceShare,
-    Moment,
-    Stability,
-    TrainingInterval,
-)
+from eigenfail.values.campaign import Estimate, Interval
 from eigenfail.values.showing import Brief, Shown, Tabular
 
+COLLAPSED_SHARE = 0.9
+"""A larger share of the failures in one mode is called mode collapse."""
+
+
+NARROW_SPREAD = 0.5
+"""Failures of one mode that differ less than this are called mode collapse, too. [sigma]"""
+
+
+class Diversity(msgspec.Struct, frozen=True, kw_only=True):
+    """How the failures of a campaign spread over modes.
+
+    Where clusters cannot be told from those of noise, all failures count as one mode.
+
+    Attributes:
+        failures: how many it rests on.
+        modes: clusters that are more than what clustering finds in noise; at least 1.
+        largest_share: of the failures, in the largest mode.
+        effective_modes: exp of the Shannon entropy of the shares (Hill 1973): 1 where all are in
+            one mode, `modes` where all modes hold equally many.
+        spread: how much the failures differ: root mean square over steps and axes of the standard
+            deviation of z between failures; 1 for noise of p(x), None of a single failure. [sigma]
+        coverage: how many of the modes had been seen after each tenth of the campaign's episodes.
+        verdict: what all of it says.
+        warning: that the modes have collapsed, and what to try; empty otherwise.
+    """
+
+    failures: int
+    modes: int
+    largest_share: float
+    effective_modes: float
+    spread: float | None
+    coverage: tuple[int, ...]
+    verdict: str
+    warning: str = ""
+
+
+STABLE = 0.8
+"""Adjusted Rand index below which clusters are not called modes: above it a partition is recovered
+well, below 0.65 poorly (Steinley 2004, Psychological Methods 9, 386–396)."""
+
+
+class AnalysedCampaign(msgspec.Struct, frozen=True, kw_only=True):
+    """A campaign as it stood when its failures were analysed.
+
+    Attributes:
+        episodes: how many had ended, failures or not.
+        failures: how many of them were analysed.
+        running: whether more were to come: the analysis is of a snapshot then.
+    """
+
+    campaign: int
+    episodes: int
+    failures: int
+    running: bool = False
+
+
+class Stability(msgspec.Struct, frozen=True):
+    """Whether the clusters come back when the failures are drawn again, with replacement.
+
+    Attributes:
+        resamples: how often they were drawn.
+        rows: how many failures each draw has.
+        median: of the adjusted Rand index (Hubert and Arabie 1985) between the clusters and those
+            of a draw: 1 where they are the same, 0 as by chance.
+        interval: from the 2.5 % to the 97.5 % quantile of the index over the draws.
+    """
+
+    resamples: int
+    rows: int
+    median: float
+    interval: Interval
+
+
+class Moment(msgspec.Struct, frozen=True):
+    """A step at which noise matters most.
+
+    Attributes:
+        axis: "longitudinal" or "lateral".
+        step: row of `influence`, in the alignment of the analysis.
+        before_collision_s: time from the step to the collision; with alignment at the start to
+            that of the median failure. None where steps have no duration. [s]
+        influence: of this step, as in `influence`.
+    """
+
+    axis: str
+    step: int
+    before_collision_s: float | None
+    influence: float
+
+
+class InfluenceShare(msgspec.Struct, frozen=True, kw_only=True):
+    """How much of the influence lies in the last time before the collision.
+
+    Always of failures aligned at the collision, and over the time that half of them last: the
+    shares would be equal if no time mattered more than another.
+
+    Attributes:
+        seconds: how long before the collision the time begins. [s]
+        time: its share of the time.
+        longitudinal: its share of the longitudinal influence; None where there is none.
+        lateral: the same of the lateral influence.
+        both: its share of all of it.
+    """
+
+    seconds: float
+    time: float
+    longitudinal: float | None
+    lateral: float | None
+    both: float | None
+
+
+class TrainingInterval(msgspec.Struct, frozen=True, eq=False, kw_only=True):
+    """The failures of a tenth of each campaign's episodes.
+
+    Attributes:
+        start: where the interval begins, as a share of the episodes.
+        end: where it ends.
+        failures: how many there are in it.
+        mean: of z over them, shape (steps, 2); zeros without a failure. [sigma]
+        components: of them alone, each turned towards the one of the same number of all failures,
+            shape (at most 3, steps, 2).
+        explained: share of their variance that each explains.
+        likeness: |cosine| between each and the one of the same number of all failures.
+    """
+
+    start: float
+    end: float
+    failures: int
+    mean: Floats
+    components: Floats
+    explained: Floats
+    likeness: Floats
+
+
 MAX_CLUSTERS = 50
+
+
 MAX_CAMPAIGNS = 50
+
+
 MAX_RESAMPLES = 1000
+
 
 CampaignNumber = Annotated[int, msgspec.Meta(ge=1)]
 
@@ -193,3 +323,34 @@ class Analysis(Brief, Shown, Tabular, msgspec.Struct, frozen=True, eq=False):
     created_ms: int
     result: AnalysisResult | None = None
     problem: str = ""
+
+
+class MinimalFailure(msgspec.Struct, frozen=True, kw_only=True):
+    """A failure, as far as a campaign of `minimal` has shrunk it.
+
+    Attributes:
+        campaign: the one that shrank it; with `index` the episode whose noise is told.
+        done: whether the search came to its end: no step of one axis can be left out, and the whole
+            cannot be weaker, without losing the failure.
+        because: why the search is where it is, in words.
+        words: what the noise does, in words.
+        needed: pairs of a step and an axis that still hold noise; at first `injected` did.
+        energy: sum of z² over them; `full_energy` at first. [sigma²]
+        log_probability: of the shrunk failure, summed over its steps; of the failure at full
+            strength: `full_log_probability`.
+        log_probability_per_step: of the shrunk failure; `full_log_probability_per_step` likewise.
+    """
+
+    campaign: int
+    index: int
+    done: bool
+    because: str
+    words: str
+    needed: int
+    injected: int
+    energy: float
+    full_energy: float
+    log_probability: float
+    full_log_probability: float
+    log_probability_per_step: float
+    full_log_probability_per_step: float

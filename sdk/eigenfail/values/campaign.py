@@ -5,20 +5,96 @@ from enum import StrEnum
 from typing import Annotated, Any, Literal
 
 import msgspec
-from msgspec import structs
+from msgspec import Meta, structs
 
 from eigenfail.values.disturbance import DisturbanceModel
-from eigenfail.values.episode import ERRORED, EpisodeSetup
-from eigenfail.values.priority import Priority
-from eigenfail.values.randomness import MAX_SEED
+from eigenfail.values.episode import ERRORED, MAX_SEED, EpisodeSetup
+from eigenfail.values.operations import Versions
 from eigenfail.values.showing import Shown
-from eigenfail.values.stopping import StopRules
-from eigenfail.values.worker import Versions
+
+MAX_USD = 1e9
+
+
+MAX_WALL_S = 1e8
+
+
+class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The first rule that holds ends the campaign; None is no rule.
+
+    Those on results are judged at whole rounds in index order, so that a campaign stops at the
+    same episode whoever runs it. Those on time and cost are judged as it runs; they cannot be
+    repeated to the episode.
+
+    Attributes:
+        failures: so many collisions were found. The rate of a campaign that stops at its first
+            failures is too high on average, the more so the smaller its rounds are.
+        half_width: half the width of the failure rate's 95 % Wilson interval fell to this, where
+            episodes are drawn from one distribution.
+        cv: the coefficient of variation of the failure probability, or of its lower bound, fell to
+            this, of methods that tell one.
+        wall_s: it was running for so long; pauses do not count.
+        cost_usd: its instances cost so much.
+    """
+
+    failures: Annotated[int, Meta(ge=1, le=10_000_000)] | None = None
+    half_width: Annotated[float, Meta(gt=0.0, lt=0.5)] | None = None
+    cv: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
+    wall_s: Annotated[float, Meta(gt=0.0, le=MAX_WALL_S)] | None = None
+    cost_usd: Annotated[float, Meta(gt=0.0, le=MAX_USD)] | None = None
+
+    def given(self) -> dict[str, float]:
+        """The rules that there are, by name."""
+        rules = msgspec.structs.asdict(self)
+        return {name: limit for name, limit in rules.items() if limit is not None}
+
+
+class Priority(StrEnum):
+    """A name for a weight: campaigns that run side by side share the workers' time by weight."""
+
+    LOW = "low"
+    NORMAL = "normal"
+    HIGH = "high"
+
+    @property
+    def weight(self) -> int:
+        """Its share of the workers' time is this ÷ the sum over all campaigns with work."""
+        return WEIGHTS[self]
+
+    @property
+    def head_start_ms(self) -> int:
+        """In the queue it stands where it would, had it been queued so much earlier."""
+        return HEAD_STARTS_MS[self]
+
+
+WEIGHTS: Mapping[Priority, int] = {Priority.LOW: 1, Priority.NORMAL: 3, Priority.HIGH: 9}
+
+
+HOUR_MS = 3_600_000
+
+
+HEAD_STARTS_MS: Mapping[Priority, int] = {
+    Priority.LOW: 0,
+    Priority.NORMAL: HOUR_MS,
+    Priority.HIGH: 2 * HOUR_MS,
+}
+"""So nothing that is queued two hours later than a campaign is ever started before it."""
+
+
+class PriorityChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a campaign's priority is to be from now on."""
+
+    priority: Priority
+
 
 MAX_EPISODES = 10_000_000
+
+
 LONGEST_NAME = 200
 
+
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=LONGEST_NAME)]
+
+
 Settings = dict[str, Any]
 
 
@@ -229,6 +305,8 @@ class Interval(msgspec.Struct, frozen=True):
 
 
 IMPORTANCE_SAMPLING = "importance sampling"
+
+
 ONE_REGION = (
     "Importance sampling from one Gaussian sees one failure region; others are missed, so the true "
     "probability may be larger."
@@ -375,3 +453,20 @@ class Cost(msgspec.Struct, frozen=True):
     per_failure_usd: float | None
     interval_usd: Interval | None
     at_least_usd: float | None
+
+
+class CampaignFilter(msgspec.Struct, frozen=True):
+    """What a campaign must be; None where anything will do.
+
+    Attributes:
+        method: by its name.
+        search: text that its name contains, in small or large letters.
+        besides: a method whose campaigns are left out.
+    """
+
+    method: str | None = None
+    search: str | None = None
+    besides: str | None = None
+
+
+ANY_CAMPAIGN = CampaignFilter()

@@ -3,8 +3,11 @@
 from enum import StrEnum
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
-from eigenfail.values.campaign import Cost, Interval, Rate
+from eigenfail.values.campaign import Cost, Interval, Rate, Settings
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.showing import Brief, Shown, Tabular
 
 
@@ -135,4 +138,156 @@ class Comparison(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
     effect: EffectSize | None
     distinctions: tuple[Distinction, ...]
     sentences: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+class Peers(msgspec.Struct, frozen=True, kw_only=True):
+    """What campaigns have in common whose costs can be held against each other.
+
+    Attributes:
+        planner_settings: those that are not the planner's defaults.
+        scenario_parameters: the same of the scenario, each a value or a distribution.
+    """
+
+    planner: str
+    planner_settings: Settings
+    scenario: str
+    scenario_parameters: Settings
+    simulator: str
+    disturbance: DisturbanceModel
+
+
+class Pool(msgspec.Struct, frozen=True, kw_only=True):
+    """The campaigns of one method among such peers, as sums.
+
+    Attributes:
+        campaigns: how many there are.
+        newest: the id of the newest one.
+        completed: episodes.
+        failures: collisions among them.
+        instance_hours: of all of them. [h]
+        total_usd: of all of them. [USD]
+    """
+
+    peers: Peers
+    method: str
+    campaigns: int
+    newest: int
+    completed: int
+    failures: int
+    instance_hours: float
+    total_usd: float
+
+
+class MethodCost(msgspec.Struct, frozen=True, kw_only=True):
+    """What a failure cost with one method, over all its campaigns among some peers.
+
+    Attributes:
+        campaigns: how many were pooled.
+        newest: the id of the newest one.
+        failure_rate: over the episodes of all of them; None before the first one.
+    """
+
+    method: str
+    campaigns: int
+    newest: int
+    completed: int
+    failures: int
+    failure_rate: Rate | None
+    cost: Cost
+
+
+class PeerCosts(msgspec.Struct, frozen=True, kw_only=True):
+    """What a failure cost among some peers, method by method.
+
+    Attributes:
+        methods: Monte Carlo first, then the cheapest first.
+        notes: what is pooled, and what the numbers cannot know.
+    """
+
+    peers: Peers
+    methods: tuple[MethodCost, ...]
+    notes: tuple[str, ...]
+
+
+MOST_TRIALS = 20_000
+"""How many episodes a region rests on at most."""
+
+
+class Trials(msgspec.Struct, frozen=True, eq=False):
+    """Completed episodes of a campaign, by seed and outcome: all, or every k-th in index order.
+
+    Attributes:
+        seeds: from which each drew its parameters, shape (n,).
+        failed: which of them collided, shape (n,).
+    """
+
+    seeds: NDArray[np.int64]
+    failed: NDArray[np.bool_]
+
+
+class Bound(msgspec.Struct, frozen=True, kw_only=True):
+    """A side of a box, or two that face each other.
+
+    Attributes:
+        parameter: its name in the scenario.
+        low: smallest value inside; None where the box is open.
+        high: largest value inside; None where the box is open.
+        unit: as its name tells; empty where it does not.
+        words: as people read it: "distance 52 to 55.9 m".
+    """
+
+    parameter: str
+    low: float | None
+    high: float | None
+    unit: str
+    words: str
+
+
+class Box(msgspec.Struct, frozen=True, kw_only=True):
+    """A part of the failing region.
+
+    Attributes:
+        words: its bounds in a line.
+        coverage: failures inside ÷ all failures.
+        precision: failures inside ÷ episodes inside: the failure rate there; None where none of
+            the half that the figures are of is inside.
+    """
+
+    bounds: tuple[Bound, ...]
+    words: str
+    coverage: Rate
+    precision: Rate | None
+
+
+class Region(msgspec.Struct, frozen=True, kw_only=True):
+    """The failing region: boxes in which episodes fail more often than elsewhere.
+
+    They were found on one half of the episodes; every figure is of the other half.
+
+    Attributes:
+        parameters: those that took more than one value.
+        episodes: looked at, both halves.
+        failures: among them.
+        failure_rate: of the half that the figures are of; None where nothing was tried.
+        boxes: the one with most of the failures first; empty where nothing can be told.
+        coverage: of all boxes together.
+        precision: of all boxes together.
+        p_value: how likely chance alone puts so many failures into the boxes (Fisher's exact test,
+            one-sided); None where there are none to test.
+        problem: why there is no region, and what to do; empty otherwise.
+        warnings: what keeps it from saying more.
+    """
+
+    campaigns: tuple[int, ...]
+    scenario: str
+    parameters: tuple[str, ...]
+    episodes: int
+    failures: int
+    failure_rate: Rate | None = None
+    boxes: tuple[Box, ...] = ()
+    coverage: Rate | None = None
+    precision: Rate | None = None
+    p_value: float | None = None
+    problem: str = ""
     warnings: tuple[str, ...] = ()

@@ -1,5 +1,6 @@
 """A report: what campaigns found, as tables, sentences and pictures that can be handed on."""
 
+from enum import StrEnum
 from typing import Annotated
 
 import msgspec
@@ -10,8 +11,10 @@ from eigenfail.values.showing import Brief, Shown
 MOST_CAMPAIGNS = 20
 """How many campaigns one report tells of at most."""
 
+
 Cell = str | bool | int | float | None
 """What stands in a table: unrounded; None where something is not known."""
+
 
 Slug = Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$", max_length=80)]
 """A name that is a file's, too."""
@@ -101,3 +104,55 @@ class Report(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     def tables(self) -> tuple[ReportTable, ...]:
         """Those of all sections."""
         return tuple(table for section in self.sections for table in section.tables)
+
+
+class ExportFormat(StrEnum):
+    """As what episodes are written. Text is streamed; `parquet` is made first, then fetched."""
+
+    CSV = "csv"
+    NDJSON = "ndjson"
+    PARQUET = "parquet"
+
+
+class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a file is to hold; see docs/episodes.md.
+
+    Attributes:
+        filter: conditions on its episodes.
+        sort: their order.
+        fields: columns; all of them if none is named.
+        noise: whether each episode's z comes along, as `longitudinal_z` and `lateral_z`. [sigma]
+    """
+
+    filter: str = ""
+    sort: str = "index"
+    fields: tuple[str, ...] = ()
+    noise: bool = False
+
+
+class ExportState(StrEnum):
+    """How far a file is."""
+
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+
+
+class Export(msgspec.Struct, frozen=True, kw_only=True):
+    """A Parquet file of episodes.
+
+    Attributes:
+        id: what it is asked for by.
+        rows: how many episodes are written so far.
+        size_bytes: of the file; None until it is done.
+        problem: why it failed; empty unless it did.
+    """
+
+    id: str
+    campaign: int
+    request: ExportRequest
+    state: ExportState
+    created_ms: int
+    rows: int = 0
+    size_bytes: int | None = None
+    problem: str = ""

@@ -4,8 +4,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values.assessment import ConflictClass
 from eigenfail.values.campaign import Interval, Rate
+from eigenfail.values.records import ConflictClass
 from eigenfail.values.showing import Brief, Shown, Tabular
 from eigenfail.values.summary import Conflicts, Unresolved
 

@@ -23,7 +23,7 @@ from eigenfail.values import (
     StopRules,
 )
 from eigenfail.values.arrays import Floats, PackedArray, encode_array, unpack
-from eigenfail.values.worker import Name, Versions
+from eigenfail.values.operations import Name, Versions
 
 PROTOCOL = 6
 """Version of the protocol: increases with each change that an older peer would not understand."""

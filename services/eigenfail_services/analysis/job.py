@@ -17,7 +17,9 @@ from eigenfail_services.analysis.alignment import (
     Aligned,
     FailureBatch,
     check_clusterer,
+    find_moments,
     gather_failures,
+    measure_before_collision,
     median_steps,
 )
 from eigenfail_services.analysis.clusters import (
@@ -28,7 +30,6 @@ from eigenfail_services.analysis.clusters import (
     order_by_size,
 )
 from eigenfail_services.analysis.components import describe_modes, fit_components, measure_influence
-from eigenfail_services.analysis.moments import find_moments, measure_before_collision
 from eigenfail_services.analysis.training import measure_diversity, summarize_training
 
 LEAN = {"assume_finite": True, "skip_parameter_validation": True}

@@ -15,8 +15,8 @@ from scipy.stats import hypergeom
 from sklearn.tree import DecisionTreeClassifier
 
 from eigenfail.values import Box, Region
-from eigenfail.values.region import Bound
-from eigenfail_services.analysis.safety import share
+from eigenfail.values.comparison import Bound
+from eigenfail_services.analysis.campaign_figures import share
 from eigenfail_services.statistics.intervals import rate
 
 Table = NDArray[np.float64]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eigenfail.explanations.explaining import NOTHING, _read_word
+from eigenfail.explanations import NOTHING, _read_word
 from eigenfail.values import AXES, ExplainedEpisode, ExplainedStep, Floats
 
 TELLING = 0.5

@@ -13,8 +13,7 @@ from typing import NamedTuple, Self
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail.error_text import describe_error, read_text
-from eigenfail.errors import InputError, InvalidValue, NotFound
+from eigenfail.errors import InputError, InvalidValue, NotFound, describe_error, read_text
 from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group
 from eigenfail.values import (
     FINAL_STATES,
@@ -31,7 +30,7 @@ from eigenfail_services.analysis.alignment import check_clusterer
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
 from eigenfail_services.campaigns.explanations import describe_modes
 from eigenfail_services.campaigns.mode_probability import add_probabilities
-from eigenfail_services.hub.timing import Timeout
+from eigenfail_services.hub.metrics import Timeout
 from eigenfail_services.store import Store
 
 WORLD_FIELDS = ("scenario", "scenario_parameters", "planner", "planner_settings", "simulator")

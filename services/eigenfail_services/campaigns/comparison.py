@@ -20,7 +20,7 @@ from eigenfail.values import (
     Side,
 )
 from eigenfail.versions import describe_mixed
-from eigenfail_services.analysis.cost import cost
+from eigenfail_services.analysis.campaign_figures import cost
 from eigenfail_services.campaigns.drafts import fill_defaults
 from eigenfail_services.campaigns.pairing import (
     find_differing_fields,

@@ -21,10 +21,10 @@ from eigenfail.values import (
     SpendingTotals,
 )
 from eigenfail.values.campaign import Settings
-from eigenfail.values.pool import MethodCost, PeerCosts, Peers, Pool
-from eigenfail.values.worker import WorkerShare
+from eigenfail.values.comparison import MethodCost, PeerCosts, Peers, Pool
+from eigenfail.values.operations import WorkerShare
 from eigenfail.worlds import PluginField, world_of
-from eigenfail_services.analysis.cost import (
+from eigenfail_services.analysis.campaign_figures import (
     BY_CLOCK,
     PAUSED,
     SECONDS_PER_HOUR,

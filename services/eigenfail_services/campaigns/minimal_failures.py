@@ -13,8 +13,8 @@ from eigenfail.values import (
 )
 from eigenfail_services.analysis.words import Clock, describe_needed
 from eigenfail_services.campaigns.rounds import read_checkpoint
-from eigenfail_services.methods.minimal.method import MinimalFacts, read_state
-from eigenfail_services.methods.minimal.search import SearchPhase, compute_energy
+from eigenfail_services.methods.minimal import MinimalFacts, read_state
+from eigenfail_services.methods.minimal_search import SearchPhase, compute_energy
 from eigenfail_services.store import Store
 
 METHOD = "minimal"

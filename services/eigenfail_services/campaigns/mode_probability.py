@@ -22,8 +22,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import EpisodeRow
 from eigenfail_services.campaigns.learner_context import learner_context
-from eigenfail_services.methods.subset.method import SimulationRun, SubsetMethodSettings
-from eigenfail_services.methods.subset.modes import estimate_modes
+from eigenfail_services.methods.subset import SimulationRun, SubsetMethodSettings, estimate_modes
 from eigenfail_services.statistics import importance, pooled_estimate
 from eigenfail_services.statistics.importance import WeightedFailures
 from eigenfail_services.statistics.intervals import rate

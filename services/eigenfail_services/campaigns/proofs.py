@@ -31,7 +31,7 @@ from eigenfail.worlds import drawn_for, world_of
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.validation import check_spec, is_distribution, list_varied
-from eigenfail_services.statistics.expected_likelihood import expected_log_probability
+from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.store import Store
 from eigenfail_services.store.codec import spec_hash

@@ -8,10 +8,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail import side_process
+from eigenfail import logs, processes
 from eigenfail.errors import InvalidValue
+from eigenfail.processes import answer
 from eigenfail.values import Campaign, CampaignSpec, Region
-from eigenfail.values.region import MOST_TRIALS
+from eigenfail.values.comparison import MOST_TRIALS
 from eigenfail.worlds import world_of
 from eigenfail_services.campaigns.comparison import warn_of_unfinished
 from eigenfail_services.campaigns.pairing import find_mixed_fields, list_unpairable
@@ -19,7 +20,9 @@ from eigenfail_services.store import Store
 
 Parameters = dict[str, object]
 
-MODULE = "eigenfail_services.campaigns.region_process"
+
+MODULE = "eigenfail_services.campaigns.region"
+
 
 APART = frozenset({"method", "planner", "simulator", "disturbance model"})
 """What else may make the failure rates of campaigns differ."""
@@ -27,7 +30,10 @@ APART = frozenset({"method", "planner", "simulator", "disturbance model"})
 
 PATIENCE_S = 120.0
 
+
 Numbers = Annotated[bytes, "int64, little-endian"]
+
+
 Flags = Annotated[bytes, "a byte each, 0 or 1"]
 
 
@@ -78,7 +84,7 @@ def find_region_in_process(store: Store, ids: Sequence[int], most: int = MOST_TR
         ServiceError: the process gave no answer.
     """
     question = msgspec.msgpack.encode(_read_query(store, ids, most))
-    answer = side_process.ask(MODULE, question, PATIENCE_S)
+    answer = processes.ask(MODULE, question, PATIENCE_S)
     return msgspec.msgpack.decode(answer, type=Region)
 
 
@@ -178,3 +184,15 @@ def _list_caveats(campaigns: Sequence[Campaign], episodes: int) -> Iterator[str]
     if episodes < completed:
         yield f"{episodes} of {completed} episodes were looked at, evenly spread in index order."
     yield from warn_of_unfinished(campaigns)
+
+
+def reply(question: bytes) -> bytes:
+    """The region that was asked for."""
+    return msgspec.msgpack.encode(
+        compute_region(msgspec.msgpack.decode(question, type=RegionQuery))
+    )
+
+
+if __name__ == "__main__":
+    logs.configure("services")
+    answer(reply)

@@ -25,7 +25,7 @@ from eigenfail.values import (
 )
 from eigenfail.worlds import CampaignWorld, world_of
 from eigenfail_services.campaigns.rounds import read_checkpoint
-from eigenfail_services.methods.fitness import explain_no_estimate
+from eigenfail_services.methods import explain_no_estimate
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
     from eigenfail_services.store import Store

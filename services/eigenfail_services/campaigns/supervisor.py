@@ -43,9 +43,9 @@ from eigenfail_services.campaigns import rounds
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.campaigns.summary import find_cost
+from eigenfail_services.hub.metrics import TimeAccounting
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.server import FinishedRun, Hub
-from eigenfail_services.hub.timing import TimeAccounting
 from eigenfail_services.store import Store
 from eigenfail_services.store.lifecycle import BY_USER
 

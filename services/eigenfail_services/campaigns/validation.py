@@ -23,7 +23,7 @@ from eigenfail_services.campaigns.resolution import (
     read_trajectories,
     resolve_method,
 )
-from eigenfail_services.methods.fitness import check_budget
+from eigenfail_services.methods import check_budget
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
     from eigenfail_services.store import Store

@@ -17,11 +17,11 @@ from eigenfail.cli.key import parse_duration
 from eigenfail.cli.options import AsJson, Data
 from eigenfail.cli.render import show, to_json
 from eigenfail.errors import EigenfailError
+from eigenfail.files import read_private, replace_private
 from eigenfail.hosting.folder import DEFAULT_DATA, DataFolder
 from eigenfail.hosting.service import require_installed
 from eigenfail.presentation.figures import UNKNOWN, format_utc
 from eigenfail.presentation.terminal import start_grid
-from eigenfail.private_files import read_private, replace_private
 from eigenfail.values.access import Change, redact
 from eigenfail.wire.keys import AllowedWorker, read_hub_key, read_worker_key
 

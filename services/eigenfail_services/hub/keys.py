@@ -17,7 +17,7 @@ import zmq
 from zmq.utils import z85
 
 from eigenfail.errors import Conflict, InvalidValue, NotFound
-from eigenfail.private_files import (
+from eigenfail.files import (
     make_private_folder,
     read_private,
     replace_private,

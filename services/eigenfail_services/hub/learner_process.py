@@ -10,8 +10,7 @@ import sys
 import zmq
 
 from eigenfail import logs, plugins
-from eigenfail.error_text import read_text
-from eigenfail.errors import EigenfailError, LearnerDiverged
+from eigenfail.errors import EigenfailError, LearnerDiverged, read_text
 from eigenfail.processes import die_with_parent
 from eigenfail.settings import read_settings
 from eigenfail.wire.messages import (

@@ -6,8 +6,10 @@ that a scrape never reads what that thread is changing.
 
 import time
 from collections import Counter as Tally
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from enum import StrEnum
+from threading import Lock
 from typing import Protocol
 
 import msgspec
@@ -15,12 +17,14 @@ from prometheus_client import CollectorRegistry, Counter, Histogram
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from eigenfail.values import Overhead
 from eigenfail.values.records import Verdict
 from eigenfail_services.hub.learner_link import FailureKind
 from eigenfail_services.hub.worker_table import WorkerSession
 
 SHORT_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
 """Buckets for the hub's own operations. [s]"""
+
 
 LONG_S = (0.01, 0.05, 0.1, 0.5, 1, 5, 10, 30, 60, 300, 900, 3_600)
 """Buckets for episodes and steps of learners. [s]"""
@@ -165,3 +169,97 @@ def observe_duration(histogram: Histogram) -> Iterator[None]:
     began_s = time.perf_counter()
     yield
     histogram.observe(time.perf_counter() - began_s)
+
+
+MAX_COUNTED_GAP_S = 1.0
+"""Time between two looks that a timeout counts at most: a process that did not look for longer was
+stopped, or waited for the database."""
+
+
+class CampaignPhase(StrEnum):
+    """What a campaign does: `simulating` as long as a worker holds any of its episodes."""
+
+    SIMULATING = "simulating"
+    LEARNING = "learning"
+    WAITING = "waiting"
+
+
+class TimeAccounting:
+    """Adds up the time of a campaign by phase.
+
+    The hub sets the phase in its thread; the supervisor takes the sums in another one.
+
+    Args:
+        clock: monotonic time. [s]
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._lock = Lock()
+        self._phase: CampaignPhase | None = None
+        self._since_s = 0.0
+        self._spent_s = dict.fromkeys(CampaignPhase, 0.0)
+        self._discarded_s = 0.0
+
+    def set_phase(self, phase: CampaignPhase | None) -> None:
+        """Set the current phase; None when the hub is done with the campaign."""
+        with self._lock:
+            self._add_elapsed()
+            self._phase = phase
+
+    def add_discarded(self, worker_s: float) -> None:
+        """Add the worker time of a result that was not kept. [s]"""
+        with self._lock:
+            self._discarded_s += worker_s
+
+    def take(self) -> Overhead:
+        """Return the sums since the last call, and begin new ones."""
+        with self._lock:
+            self._add_elapsed()
+            taken = Overhead(
+                self._spent_s[CampaignPhase.LEARNING],
+                self._spent_s[CampaignPhase.WAITING],
+                self._discarded_s,
+            )
+            self._spent_s = dict.fromkeys(CampaignPhase, 0.0)
+            self._discarded_s = 0.0
+        return taken
+
+    def give_back(self, taken: Overhead) -> None:
+        """Add sums that could not be stored, for the next call of `take`."""
+        with self._lock:
+            self._spent_s[CampaignPhase.LEARNING] += taken.learning_s
+            self._spent_s[CampaignPhase.WAITING] += taken.waiting_s
+            self._discarded_s += taken.discarded_s
+
+    def _add_elapsed(self) -> None:
+        now_s = self._clock()
+        if self._phase is not None:
+            self._spent_s[self._phase] += now_s - self._since_s
+        self._since_s = now_s
+
+
+class Timeout:
+    """Expires after a time that counts only while this process runs.
+
+    Args:
+        limit_s: time until it expires. [s]
+        clock: monotonic time. [s]
+    """
+
+    def __init__(self, limit_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._limit_s = limit_s
+        self._clock = clock
+        self.restart()
+
+    def restart(self, pause_s: float = 0.0) -> None:
+        """Begin to count anew, now or after a pause."""
+        self._spent_s = -pause_s
+        self._looked_s = self._clock()
+
+    def has_expired(self) -> bool:
+        """Count the time since the last look; return whether there has been too much of it."""
+        now_s = self._clock()
+        self._spent_s += min(now_s - self._looked_s, MAX_COUNTED_GAP_S)
+        self._looked_s = now_s
+        return self._spent_s > self._limit_s

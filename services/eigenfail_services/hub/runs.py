@@ -21,9 +21,8 @@ from eigenfail_services.hub.learner_link import (
     describe_timeout,
 )
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.hub.metrics import Metrics, Work
+from eigenfail_services.hub.metrics import CampaignPhase, Metrics, TimeAccounting, Timeout, Work
 from eigenfail_services.hub.open_rounds import OpenRounds
-from eigenfail_services.hub.timing import CampaignPhase, TimeAccounting, Timeout
 from eigenfail_services.store import Store
 
 log = structlog.get_logger()

@@ -14,7 +14,6 @@ import zmq
 from eigenfail.errors import ClaimLost, StoreUnavailable
 from eigenfail.worlds import world_of
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
-from eigenfail_services.hub.commits import CommitQueue, WorkerDeaths
 from eigenfail_services.hub.keys import HubKeys
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import (
@@ -24,10 +23,11 @@ from eigenfail_services.hub.metrics import (
     observe_duration,
     summarize_status,
 )
-from eigenfail_services.hub.roster import RosterWriter, UnrunnableCampaigns
+from eigenfail_services.hub.open_rounds import CommitQueue, WorkerDeaths
 from eigenfail_services.hub.runs import CampaignRun, RunSpec
 from eigenfail_services.hub.transport import Poller, bind, is_connected, send
 from eigenfail_services.hub.worker_sessions import Draining, WorkerSessions
+from eigenfail_services.hub.worker_table import RosterWriter, UnrunnableCampaigns
 from eigenfail_services.store import Store
 
 TICK_MS = 20

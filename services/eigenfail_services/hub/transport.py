@@ -13,8 +13,8 @@ import structlog
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
+from eigenfail.addresses import TRUST_VARIABLE, is_own_endpoint
 from eigenfail.errors import InvalidValue, PortTaken, ProtocolError
-from eigenfail.loopback import TRUST_VARIABLE, is_own_endpoint
 from eigenfail.wire.keys import HANDSHAKE_MS, abbreviate_key
 from eigenfail.wire.messages import (
     MAX_FRAME_BYTES,

@@ -30,9 +30,9 @@ from eigenfail.wire.messages import (
     read_foreign_hello,
     read_worker_message,
 )
-from eigenfail_services.hub.commits import HUB, CommitQueue, JudgedResult
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import Metrics
+from eigenfail_services.hub.open_rounds import HUB, CommitQueue, JudgedResult
 from eigenfail_services.hub.runs import CampaignRun
 from eigenfail_services.hub.scheduler import Assignment
 from eigenfail_services.hub.transport import (

@@ -1,1 +1,55 @@
 """The methods: learners that choose disturbances, pure and testable with no service around them."""
+
+from math import nan
+from typing import Any, Protocol, runtime_checkable
+
+from eigenfail.values import EpisodeResult, Outcome
+
+
+@runtime_checkable
+class Budgeted(Protocol):
+    """Settings with a least budget."""
+
+    def check_budget(self, episodes: int) -> None:
+        """Raise InvalidValue if the budget is too small."""
+
+
+@runtime_checkable
+class Particular(Protocol):
+    """Settings with which a method may make no estimate."""
+
+    def no_estimate(self) -> str:
+        """Return why there is no estimate, and what to do; empty if there is one."""
+
+
+@runtime_checkable
+class Reaching(Protocol):
+    """Settings of a method that cannot choose every disturbance."""
+
+    def reach(self) -> str:
+        """Return the largest disturbance that the method can choose, and how to go beyond it."""
+
+
+def check_budget(settings: Any, episodes: int) -> None:
+    """Raise InvalidValue for a budget that is too small for a method."""
+    if isinstance(settings, Budgeted):
+        settings.check_budget(episodes)
+
+
+def explain_no_estimate(settings: Any) -> str:
+    """Return why a method that estimates a probability makes no estimate; empty if it does."""
+    return settings.no_estimate() if isinstance(settings, Particular) else ""
+
+
+def describe_reach(settings: Any) -> str:
+    """Return the disturbances that a method cannot choose; empty if it can choose all."""
+    return settings.reach() if isinstance(settings, Reaching) else ""
+
+
+def robustness_m(result: EpisodeResult) -> float:
+    """Return the robustness: 0 on a collision, NaN if unknown. [m]"""
+    if result.is_failure:
+        return 0.0
+    if result.outcome is Outcome.FAILED or result.measures is None:
+        return nan
+    return result.measures.robustness_m

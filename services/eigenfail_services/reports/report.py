@@ -1,19 +1,46 @@
-"""A report as a whole: gathered, told, drawn, and bundled for whoever takes it away."""
+"""A report as a whole: its sections in the order in which they are read, and its files.
+
+Each function in `PARTS` takes the `Material` and returns a `ReportPart`, or None where there is
+nothing to say.
+"""
 
 import io
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 from eigenfail.values.report import Report
 from eigenfail.wire.http import encode
+from eigenfail_services.reports import causes, costs, courses, evidence, failure_modes, outcomes
 from eigenfail_services.reports import material as materials
-from eigenfail_services.reports.page import ReportPart, page, to_csv
-from eigenfail_services.reports.pictures import draw
-from eigenfail_services.reports.sections import PARTS
+from eigenfail_services.reports.material import Material
+from eigenfail_services.reports.page import ReportPart, draw, page, to_csv
 from eigenfail_services.store import Store
 
+MakePart = Callable[[Material], ReportPart | None]
+
+PARTS: tuple[MakePart, ...] = (
+    outcomes.make_results,
+    outcomes.make_setup,
+    courses.make_safety,
+    courses.make_learning,
+    courses.make_likelihood,
+    costs.make_cost,
+    failure_modes.make_modes,
+    failure_modes.make_eigenfailures,
+    evidence.make_proof,
+    costs.make_minimal,
+    causes.make_collisions,
+    causes.make_influence,
+    evidence.make_variance,
+    evidence.make_training,
+    costs.make_region,
+    outcomes.make_provenance,
+)
+
 PAGE, DATA = "report.html", "report.json"
+
+
 LONG_AGO = (1980, 1, 1, 0, 0, 0)
 
 

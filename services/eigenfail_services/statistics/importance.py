@@ -9,17 +9,21 @@ lower bound, without an interval.
 """
 
 from collections.abc import Sequence
-from math import exp, inf, isnan, log, sqrt
+from functools import lru_cache
+from math import exp, inf, isnan, log, pi, sqrt
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import IMPORTANCE_SAMPLING, ONE_REGION, Estimate
+from eigenfail.values import IMPORTANCE_SAMPLING, ONE_REGION, Estimate, NoiseTrajectory
+from eigenfail.values.disturbance import Shape
 
 Array = NDArray[np.float64]
 
+
 BY = IMPORTANCE_SAMPLING
+
 
 FEWEST_EFFECTIVE = 100.0
 """Effective failures below which nothing is printed: the largest weights are missing from small
@@ -27,12 +31,19 @@ samples, so that the sum is too small and seems surer than it is (Chatterjee and
 Annals of Applied Probability 28, 1099–1135). Of half spaces with P = 1e-3 … 1e-6 in 20 dimensions,
 what was wrong by a factor of 1.5 or more, in 80 dimensions by thousands, was worth less than 50."""
 
+
 ADVICE = "Take method subset, or give it more episodes."
+
+
 NO_DENSITY = (
     "A failure was decided on with next to no randomness, so that it has no density to be weighed "
     "by. Take method subset, or a policy that stays random."
 )
+
+
 NOT_YET = "Not known yet: it rests on the second half of the budget; the first is for learning."
+
+
 NO_ROUND = (
     "No round began in the second half of the budget, on which it rests. Take smaller rounds."
 )
@@ -126,3 +137,28 @@ def explain_too_few(sums: WeightedFailures, effective: float, advice: str) -> st
         f"{sums.failures:.0f} failures are worth {effective:.1f} by their weights, and it takes "
         f"{FEWEST_EFFECTIVE:.0f}: a number would be far too small. {advice}"
     )
+
+
+NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(40)
+"""E[f(z)] of a standard normal z is sum(w · f(x)) / sqrt(2 pi) (Gauss and Hermite)."""
+
+
+def expected_log_probability(noise: NoiseTrajectory) -> float:
+    """E[log p(a_1 … a_T)] of a from p, over the same steps at the same sigma.
+
+    log p differs from its value at z by no more than z²/2 and the slope of the shape at z_t, so
+    that the expectation goes step by step: E[z²] = 1, and the slope by quadrature.
+    """
+    z = noise.z.astype(np.float64)
+    expected = expected_slopes(noise.shape)[np.minimum(np.arange(len(z)), 1)]
+    known = 0.5 * z**2 + noise.shape.log_slopes(z)
+    return float(noise.log_probability + np.sum(known - 0.5 - expected))
+
+
+@lru_cache(maxsize=256)
+def expected_slopes(shape: Shape) -> NDArray[np.float64]:
+    """E[log |du_t / dz_t|] at the first step and at any later one, shape (2, 2)."""
+    slopes = [shape.log_slopes(np.full((2, 2), node)) for node in NODES]
+    expected: NDArray[np.float64] = np.tensordot(WEIGHTS, slopes, 1) / sqrt(2.0 * pi)
+    expected.setflags(write=False)
+    return expected

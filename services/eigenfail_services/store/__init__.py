@@ -12,10 +12,9 @@ from eigenfail_services.store.checkpoints import CheckpointStore
 from eigenfail_services.store.engine import WAIT_S, Database, find_backend, translate_errors
 from eigenfail_services.store.episodes import EpisodeStore
 from eigenfail_services.store.events import EventLog
-from eigenfail_services.store.figures import FigureStore
 from eigenfail_services.store.jobs import JobQueue
 from eigenfail_services.store.migrate import ensure_newest, upgrade_with
-from eigenfail_services.store.query_cache import CachedQueries
+from eigenfail_services.store.query_cache import CachedQueries, FigureStore
 from eigenfail_services.store.retention import RetentionStore
 from eigenfail_services.store.roster import Roster
 from eigenfail_services.store.sqlite import SqliteMemory

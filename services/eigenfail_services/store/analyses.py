@@ -14,8 +14,8 @@ from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import append_event, describe_analysis
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import finite
+from eigenfail_services.store.lifecycle import no_analysis
 from eigenfail_services.store.references import hold_noise
-from eigenfail_services.store.refusals import no_analysis
 from eigenfail_services.store.schema import analyses, replays
 
 UNFINISHED = (AnalysisState.QUEUED, AnalysisState.RUNNING)

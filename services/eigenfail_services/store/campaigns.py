@@ -31,10 +31,10 @@ from eigenfail.values import (
     Page,
     Priority,
 )
-from eigenfail.values.campaign_filter import ANY_CAMPAIGN, CampaignFilter
+from eigenfail.values.campaign import ANY_CAMPAIGN, CampaignFilter
+from eigenfail.values.operations import Versions
 from eigenfail.values.records import Job, JobKind
 from eigenfail.values.suite import SuiteStanding, suite_of
-from eigenfail.values.worker import Versions
 from eigenfail_services.store.access import admit_campaigns
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import (
@@ -58,11 +58,12 @@ from eigenfail_services.store.lifecycle import (
     MOVES,
     WITHDRAWN,
     begin_part,
+    key_used,
     move_campaign,
+    no_campaign,
     set_priority,
 )
 from eigenfail_services.store.references import hold_named_noise, refuse_pruned
-from eigenfail_services.store.refusals import key_used, no_campaign
 from eigenfail_services.store.schema import (
     campaigns,
     episode_index,

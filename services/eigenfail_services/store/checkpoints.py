@@ -13,7 +13,7 @@ from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import append_event, describe_damage
 from eigenfail_services.store.jobs import fence
-from eigenfail_services.store.refusals import damaged_checkpoint
+from eigenfail_services.store.lifecycle import damaged_checkpoint
 from eigenfail_services.store.schema import checkpoints
 
 log = structlog.get_logger()

@@ -45,11 +45,19 @@ from eigenfail.values import (
     SpendingTotals,
     Trials,
 )
-from eigenfail.values.assessment import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.records import PORTION, Delivery, EpisodeRow, Failures, Totals, Verdict
-from eigenfail.values.region import MOST_TRIALS
+from eigenfail.values.comparison import MOST_TRIALS
+from eigenfail.values.records import (
+    NEAR_MISS_TTC_S,
+    PEAK_BRAKING_MPS2,
+    PORTION,
+    Delivery,
+    EpisodeRow,
+    Failures,
+    Totals,
+    Verdict,
+)
 from eigenfail.values.safety import MOST_POINTS
-from eigenfail.values.spending import MOST_LANDINGS
+from eigenfail.values.summary import MOST_LANDINGS
 from eigenfail_services.store.campaigns import (
     hash_results,
     lock_campaign,
@@ -61,9 +69,9 @@ from eigenfail_services.store.codec import pack, to_blob, to_floats, to_result, 
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.events import append_event, describe_alarm
 from eigenfail_services.store.judging import Kept, columns_of, judge
+from eigenfail_services.store.lifecycle import no_episode, noise_pruned
 from eigenfail_services.store.query_cache import CachedQueries
 from eigenfail_services.store.references import select_pruned_ms
-from eigenfail_services.store.refusals import no_episode, noise_pruned
 from eigenfail_services.store.schema import (
     Number,
     Prose,

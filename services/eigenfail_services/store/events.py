@@ -18,7 +18,7 @@ from eigenfail.values import (
     CampaignState,
     Event,
 )
-from eigenfail.values.retention import Retention
+from eigenfail.values.operations import Retention
 from eigenfail.versions import describe_mixed
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database

@@ -17,7 +17,7 @@ from eigenfail.values import (
     Outcome,
     Shape,
 )
-from eigenfail.values.randomness import MAX_SEED
+from eigenfail.values.episode import MAX_SEED
 from eigenfail.values.records import Delivery, Verdict
 
 MAX_STEPS = 2**31 - 1

@@ -25,7 +25,7 @@ from eigenfail.values import (
     Outcome,
 )
 from eigenfail_services.store.engine import chunks
-from eigenfail_services.store.refusals import noise_pruned
+from eigenfail_services.store.lifecycle import noise_pruned
 from eigenfail_services.store.schema import (
     MAX_NUMBER,
     analyses,

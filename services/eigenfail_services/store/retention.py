@@ -14,13 +14,13 @@ from sqlalchemy import (
 from sqlalchemy.engine import RowMapping
 
 from eigenfail.values import FINAL_STATES, Outcome
-from eigenfail.values.retention import Pruning, Retention, Weight
+from eigenfail.values.operations import Pruning, Retention, Weight
 from eigenfail_services.store.campaigns import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import append_event, describe_pruning
+from eigenfail_services.store.lifecycle import not_ended, still_needed
 from eigenfail_services.store.references import find_noise_in_use
-from eigenfail_services.store.refusals import not_ended, still_needed
 from eigenfail_services.store.schema import episode_index, episodes, prunings, scenes, trajectories
 
 SLICE = 2_000

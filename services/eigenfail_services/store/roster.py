@@ -6,7 +6,7 @@ import msgspec
 from msgspec.structs import asdict
 from sqlalchemy import Connection, RowMapping, Update, delete, insert, select, update
 
-from eigenfail.values.worker import Arrival, Presence, Versions
+from eigenfail.values.operations import Arrival, Presence, Versions
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.schema import arrivals

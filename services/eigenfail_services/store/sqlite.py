@@ -27,12 +27,12 @@ from sqlalchemy import (
     select,
 )
 
-from eigenfail.database_urls import sqlite_path, sqlite_uri, sqlite_url
+from eigenfail.addresses import sqlite_path, sqlite_uri, sqlite_url
 from eigenfail.errors import StoreDamaged, StoreUnavailable
-from eigenfail.private_files import make_private_folder
+from eigenfail.files import make_private_folder
 from eigenfail_services.store.alarms import FolderLock, ProcessFlag
 from eigenfail_services.store.clock import LeaseClock, steady_ms
-from eigenfail_services.store.refusals import upgrade_command
+from eigenfail_services.store.lifecycle import upgrade_command
 from eigenfail_services.store.schema import event_counter, metadata
 
 SCHEMA_WAIT_S = 30.0

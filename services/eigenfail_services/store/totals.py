@@ -37,8 +37,13 @@ from eigenfail.values import (
     SpendingTotals,
     Trials,
 )
-from eigenfail.values.assessment import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.records import ConflictTotals, FrequentFault, Totals
+from eigenfail.values.records import (
+    NEAR_MISS_TTC_S,
+    PEAK_BRAKING_MPS2,
+    ConflictTotals,
+    FrequentFault,
+    Totals,
+)
 from eigenfail_services.store.codec import to_row
 from eigenfail_services.store.schema import campaigns, episode_index, episodes
 

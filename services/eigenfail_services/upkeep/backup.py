@@ -27,9 +27,9 @@ from sqlalchemy import (
     text,
 )
 
-from eigenfail.database_urls import sqlite_path, sqlite_uri
+from eigenfail.addresses import sqlite_path, sqlite_uri
 from eigenfail.errors import Conflict, InvalidValue, ServiceError
-from eigenfail.values.upkeep import Backup
+from eigenfail.values.operations import Backup
 from eigenfail_services.store.engine import Database, find_backend, read_kind
 from eigenfail_services.store.migrate import find_version, refuse_newer
 from eigenfail_services.store.schema import VERSION_TABLE, event_counter, metadata

@@ -18,8 +18,14 @@ from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_DATA, DataFolder
 from eigenfail.hosting.service import require_installed
 from eigenfail.presentation.terminal import start_grid
-from eigenfail.values.retention import DRAWN_AGAIN, KEEP_EVERY, PruneReport, Retention
-from eigenfail.values.upkeep import Check, Verification
+from eigenfail.values.operations import (
+    DRAWN_AGAIN,
+    KEEP_EVERY,
+    Check,
+    PruneReport,
+    Retention,
+    Verification,
+)
 
 # SQLAlchemy and Alembic are imported by the commands that need them: `--help` works without.
 
@@ -171,10 +177,10 @@ def prune(
     All rows stay, so that no figure changes; so do all failures. A service may use the database
     meanwhile. What is free then is used again; `eigenfail db vacuum` gives it back.
     """
-    from eigenfail_services.upkeep import pruning
+    from eigenfail_services.upkeep import maintenance
 
-    act = pruning.rehearse if dry_run else pruning.prune
-    which = pruning.PruneSelection(tuple(campaigns), older_than)
+    act = maintenance.rehearse if dry_run else maintenance.prune
+    which = maintenance.PruneSelection(tuple(campaigns), older_than)
     found = act(database or DataFolder(data).database, _retention(keep_every, source), which)
     show(found, as_json, lambda: _draw_pruning(found))
 

@@ -1,20 +1,27 @@
 """Vacuuming a database, and downgrading its schema for an older program."""
 
 import os
+import socket
 import sqlite3
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from shutil import disk_usage
 from typing import Protocol
 
+import msgspec
 from sqlalchemy import Connection, func, inspect, select, text
 
-from eigenfail.database_urls import sqlite_path
-from eigenfail.errors import Conflict, ServiceError, UnknownName
-from eigenfail.values.retention import Vacuumed
-from eigenfail_services.store import migrate, open_store
+from eigenfail.addresses import sqlite_path
+from eigenfail.errors import Conflict, InvalidValue, ServiceError, UnknownName
+from eigenfail.methods import traits_of
+from eigenfail.values import FINAL_STATES, Campaign, CampaignState
+from eigenfail.values.operations import PrunedCampaign, PruneReport, Retention, Vacuumed, Weight
+from eigenfail_services.store import Store, migrate, open_store
+from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, find_backend, read_kind, translate_errors
+from eigenfail_services.store.lifecycle import not_ended
 from eigenfail_services.store.schema import metadata
 from eigenfail_services.upkeep.backup import (
     COUNT_CONNECTIONS,
@@ -25,6 +32,8 @@ from eigenfail_services.upkeep.backup import (
 )
 
 TEMPORARY_VARIABLES = ("SQLITE_TMPDIR", "TMPDIR")
+
+
 TEMPORARY_FOLDERS = ("/var/tmp", "/usr/tmp", "/tmp")  # noqa: S108 - where SQLite writes, in its order
 
 
@@ -231,3 +240,145 @@ EXCLUSIVE_CHECKS: Mapping[str, Callable[[str], None]] = {
     "postgresql": _require_alone_at_server,
     "postgres": _require_alone_at_server,
 }
+
+
+PAGE = 200
+
+
+DAY_MS = 86_400_000
+"""Methods whose episodes are all evidence: proofs read their noise."""
+
+
+class PruneSelection(msgspec.Struct, frozen=True):
+    """The campaigns to prune.
+
+    Attributes:
+        campaigns: their ids; empty for all.
+        older_than_days: least number of days since they ended.
+    """
+
+    campaigns: tuple[int, ...] = ()
+    older_than_days: float = 0.0
+
+
+class CampaignPruning(msgspec.Struct, frozen=True):
+    """What is removed from a campaign, and whether other campaigns need the rest."""
+
+    campaign: Campaign
+    weight: Weight
+    in_use: bool
+
+
+def rehearse(address: str, rule: Retention, which: PruneSelection) -> PruneReport:
+    """Report what a pruning would remove, without removing it.
+
+    Raises:
+        InvalidValue: the address is invalid, or a named campaign holds evidence.
+        NotFound: a named campaign does not exist.
+        Conflict: a named campaign has not ended.
+        StoreUnavailable: there is no database, or it does not answer.
+        SchemaMismatch: its schema is not this program's.
+    """
+    with closing(open_store(address, migrate=False)) as store:
+        in_use = store.retention.in_use()
+        found = [
+            CampaignPruning(each, Weight(), True)
+            if each.id in in_use
+            else CampaignPruning(each, store.retention.weigh(each.id, rule), False)
+            for each in _find_campaigns(store, which)
+        ]
+    return _make_report(address, rule, found, is_rehearsal=True)
+
+
+def prune(address: str, rule: Retention, which: PruneSelection) -> PruneReport:
+    """Remove noise and record that; raises what `rehearse` does, and StoreUnwritable."""
+    who = _find_user()
+    with closing(open_store(address, migrate=False)) as store:
+        found = [
+            _prune_campaign(store, each, rule, who) for each in list(_find_campaigns(store, which))
+        ]
+    return _make_report(address, rule, found, is_rehearsal=False)
+
+
+def _make_report(
+    address: str, rule: Retention, found: Sequence[CampaignPruning], *, is_rehearsal: bool
+) -> PruneReport:
+    """Return the report, without campaigns of which nothing is removed."""
+    return PruneReport(
+        find_backend(address).label,
+        rule,
+        is_rehearsal,
+        tuple(
+            PrunedCampaign(each.campaign.id, each.campaign.spec.name, each.weight)
+            for each in found
+            if each.weight.episodes
+        ),
+        tuple(each.campaign.id for each in found if each.in_use),
+    )
+
+
+def _prune_campaign(store: Store, campaign: Campaign, rule: Retention, who: str) -> CampaignPruning:
+    """Prune a campaign slice by slice, until other campaigns need the rest.
+
+    The pauses leave other writers at least half of the time.
+    """
+    weight, begun = Weight(), None
+    while True:
+        before_s = time.monotonic()
+        try:
+            record = store.retention.prune(campaign.id, rule, who, begun)
+        except Conflict:  # it has ended, for good: so it is this
+            return CampaignPruning(campaign, weight, True)
+        if record is None:
+            return CampaignPruning(campaign, weight, False)
+        weight, begun = record.weight, record.id
+        time.sleep(time.monotonic() - before_s)
+
+
+def _find_user() -> str:
+    """Return the user and the machine, for the record."""
+    user = os.environ.get("USER") or f"user {os.getuid()}"
+    return f"{user}@{socket.gethostname()}"
+
+
+def _find_campaigns(store: Store, which: PruneSelection) -> Iterator[Campaign]:
+    """Yield the selected campaigns that may lose noise."""
+    before_ms = now_ms() - which.older_than_days * DAY_MS
+    for campaign in _find_named(store, which.campaigns) if which.campaigns else _list_ended(store):
+        if campaign.ended_ms is not None and campaign.ended_ms <= before_ms:
+            yield campaign
+
+
+def _find_named(store: Store, wanted: tuple[int, ...]) -> Iterator[Campaign]:
+    """Yield the named campaigns.
+
+    Raises:
+        NotFound: one does not exist.
+        Conflict: one has not ended.
+        InvalidValue: one holds evidence.
+    """
+    for number in wanted:
+        campaign = store.campaigns.get(number)
+        if campaign.state not in FINAL_STATES:
+            raise not_ended(campaign)
+        if traits_of(campaign.spec.method).is_evidence:
+            problem = f"{number} is one of {campaign.spec.method}: its noise is a proof."
+            raise InvalidValue("campaign", problem, "Its few episodes are kept whole.")
+        yield campaign
+
+
+def _list_ended(store: Store) -> Iterator[Campaign]:
+    """Yield all campaigns that have ended, except those that hold evidence."""
+    for state in sorted(FINAL_STATES):
+        for campaign in _list_in_state(store, state):
+            if not traits_of(campaign.spec.method).is_evidence:
+                yield campaign
+
+
+def _list_in_state(store: Store, state: CampaignState) -> Iterator[Campaign]:
+    """Yield all campaigns of a state, newest first."""
+    page = store.campaigns.page(PAGE, state=state)
+    yield from page.items
+    while page.next is not None:
+        page = store.campaigns.page(PAGE, page.next, state=state)
+        yield from page.items

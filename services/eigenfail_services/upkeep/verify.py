@@ -37,7 +37,7 @@ from eigenfail.errors import (
     ServiceError,
     StoreDamaged,
 )
-from eigenfail.explanations.replays import (
+from eigenfail.replays import (
     load_engine,
     make_redraw_task,
     make_replay_task,
@@ -51,9 +51,8 @@ from eigenfail.values import (
     EpisodeTask,
     Outcome,
 )
+from eigenfail.values.operations import DRAWN_AGAIN, Check, Defect, Verification
 from eigenfail.values.records import JobKind
-from eigenfail.values.retention import DRAWN_AGAIN
-from eigenfail.values.upkeep import Check, Defect, Verification
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.store import Store
 from eigenfail_services.store import migrate as schema

@@ -6,7 +6,7 @@ from starlette.testclient import TestClient
 from eigenfail.values.access import KeyRequest, Scope
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.access.keys import make_key
+from eigenfail_services.access import make_key
 from eigenfail_services.store.clock import now_ms
 
 ADDRESS = "http://127.0.0.1:8440"

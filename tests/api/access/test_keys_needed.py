@@ -13,7 +13,7 @@ from eigenfail_api.access.throttling import (
 )
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.access.keys import make_key
+from eigenfail_services.access import make_key
 
 CAMPAIGNS = "/api/v1/campaigns"
 ADMIN = {"name": "first", "scope": "admin"}

@@ -5,9 +5,8 @@ from starlette.testclient import TestClient
 from store_checks.examples import deliver, running
 
 from eigenfail.testing.examples import result
-from eigenfail.values.access import KeyRequest, Scope
-from eigenfail.values.quotas import Quotas
-from eigenfail_services.access.keys import make_key
+from eigenfail.values.access import KeyRequest, Quotas, Scope
+from eigenfail_services.access import make_key
 
 FIELDS = {"name": "t", "method": "monte_carlo", "simulator": "point_mass", "episodes": 10}
 CAMPAIGNS = "/api/v1/campaigns"

@@ -8,7 +8,7 @@ import pytest
 from starlette.routing import Mount
 
 from eigenfail.values.access import Scope
-from eigenfail_api.access.scopes import is_change, required_scope
+from eigenfail_api.access.authentication import is_change, required_scope
 
 REST_PAGE = Path(__file__).parents[3] / "docs" / "rest.md"
 NO_KEY = "no key"
@@ -19,7 +19,7 @@ STREAM = "/api/v1/events"
 """Its answer does not end by itself."""
 
 # Every route of the app under the least scope that opens it, written by hand: the table in
-# access/scopes.py must not be the judge of itself. A new route belongs here as well.
+# access/authentication.py must not be the judge of itself. A new route belongs here as well.
 ROUTES = {
     NO_KEY: """
         GET /healthz

@@ -9,7 +9,7 @@ from starlette.testclient import TestClient
 from eigenfail.values.access import KeyRequest, NewKey, Scope, redact
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.access.keys import make_key
+from eigenfail_services.access import make_key
 from eigenfail_services.store import open_store
 
 CAMPAIGNS = "/api/v1/campaigns"

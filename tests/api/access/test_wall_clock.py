@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from eigenfail.values.access import KeyRequest, Scope
-from eigenfail_services.access.keys import make_key
+from eigenfail_services.access import make_key
 from eigenfail_services.store import clock as clocks
 
 HOUR_S = 3_600

@@ -19,7 +19,7 @@ from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
 from eigenfail_api.dashboard.copying import WORDS, CopiedRequest, Service, copies, to_toml
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.access.keys import make_key
+from eigenfail_services.access import make_key
 
 BIN = str(Path(sys.executable).parent)
 

@@ -11,7 +11,7 @@ from eigenfail.values import (
     Outcome,
     Replayed,
 )
-from eigenfail.values.worker import Arrival
+from eigenfail.values.operations import Arrival
 from eigenfail_api.dashboard import episode_page
 from eigenfail_services.store.clock import now_ms
 

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from eigenfail.values import Measures, Outcome
 from eigenfail.values.records import Delivery
-from eigenfail_api.dashboard import episodes_page, samples
+from eigenfail_api.dashboard import charts, episodes_page
 
 HTML = {"Accept": "text/html"}
 
@@ -128,12 +128,12 @@ def test_a_campaign_leads_to_its_episodes(http, filled):
 
 
 def test_a_sample_is_spread_over_the_campaign(http, store, fields, result, monkeypatch):
-    monkeypatch.setattr(samples, "LINES", 8)
-    monkeypatch.setattr(samples, "STRETCHES", 4)
+    monkeypatch.setattr(charts, "LINES", 8)
+    monkeypatch.setattr(charts, "STRETCHES", 4)
     long = http.post("/api/v1/campaigns", json={**fields, "episodes": 40}).json()["id"]
     store.campaigns.move(long, "running")
     store.episodes.commit(long, [Delivery(result(index), "w") for index in range(40)])
-    drawn = samples.spread(store, store.campaigns.get(long), ())
+    drawn = charts.spread(store, store.campaigns.get(long), ())
     assert [row.index for row in drawn.rows] == [0, 1, 10, 11, 20, 21, 30, 31]
     assert not drawn.is_all
     assert "A sample of 8 of the episodes that match." in get(http, long)

@@ -4,9 +4,8 @@ import re
 
 import pytest
 
-from eigenfail.values.access import KeyRequest, Scope
-from eigenfail.values.quotas import Quotas
-from eigenfail_services.access.keys import make_key
+from eigenfail.values.access import KeyRequest, Quotas, Scope
+from eigenfail_services.access import make_key
 from eigenfail_services.store.clock import now_ms
 
 HTML = {"Accept": "text/html"}

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from eigenfail.errors import NoisePruned
 from eigenfail.values import NoiseTrajectory, Outcome
-from eigenfail_api.dashboard.samples import reference, reference_of
+from eigenfail_api.dashboard.charts import reference, reference_of
 
 SIGMA = (2.0, 0.5)
 PEAK = -log(2.0 * pi * SIGMA[0] * SIGMA[1])

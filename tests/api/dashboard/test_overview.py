@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from eigenfail.values import Outcome
-from eigenfail.values.worker import Arrival
+from eigenfail.values.operations import Arrival
 from eigenfail_api.dashboard.campaign_page import origin
 
 HTML = {"Accept": "text/html"}

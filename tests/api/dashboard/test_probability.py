@@ -13,7 +13,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import Totals
 from eigenfail_api.dashboard.campaign_page import tiles
-from eigenfail_api.dashboard.tiles import Tile, failures, standing
+from eigenfail_api.dashboard.rendering import Tile, failures, standing
 from eigenfail_services.campaigns.summary import summarise
 
 TOLD = Estimate(

@@ -10,7 +10,7 @@ from store_checks.examples import deliver
 
 from eigenfail.testing.examples import collision, result, spec
 from eigenfail.values import AnalysisSettings, CampaignState
-from eigenfail.values.sample import MOST_SAMPLES
+from eigenfail.values.summary import MOST_SAMPLES
 from eigenfail_api.app import create_app
 from eigenfail_api.dashboard import campaign_page
 from eigenfail_api.settings import ApiSettings

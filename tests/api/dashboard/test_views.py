@@ -19,13 +19,13 @@ from eigenfail.values import (
     StopRules,
 )
 from eigenfail.values.records import EpisodeRow, Totals
-from eigenfail_api.dashboard import samples
+from eigenfail_api.dashboard import charts
 from eigenfail_api.dashboard.analysis_page import diversity_tiles, evenly, peak
 from eigenfail_api.dashboard.campaign_page import settings, times
 from eigenfail_api.dashboard.charts import curve_chart, robustness_chart
 from eigenfail_api.dashboard.cost_charts import cost_chart
+from eigenfail_api.dashboard.rendering import standing
 from eigenfail_api.dashboard.scene import nearest_actor
-from eigenfail_api.dashboard.tiles import standing
 from eigenfail_services.campaigns.summary import summarise
 from eigenfail_services.statistics.intervals import rate
 
@@ -111,7 +111,7 @@ class Kept:
 @pytest.mark.parametrize(("count", "drawn"), [(0, 0), (1, 1), (5_000, 5_000), (1_000_000, 5_000)])
 def test_a_sample_is_bounded_and_reaches_over_the_whole_campaign(count, drawn):
     store = Kept(count)
-    rows = samples.sample_episodes(store, campaign(Counts(count or 1, completed=count)))
+    rows = charts.sample_episodes(store, campaign(Counts(count or 1, completed=count)))
     assert len(rows) == drawn
     assert store.episodes.asked <= 50
     indices = [each.index for each in rows]

@@ -123,7 +123,7 @@ def store():
 
 @pytest.fixture
 def service(store, monkeypatch):
-    monkeypatch.setattr("eigenfail.client.waiting.sleep", lambda seconds: None)
+    monkeypatch.setattr("eigenfail.client.link.sleep", lambda seconds: None)
     return WorkingService(store)
 
 

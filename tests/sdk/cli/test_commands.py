@@ -10,17 +10,16 @@ import httpx2
 import numpy as np
 import pytest
 
+from eigenfail import replays
 from eigenfail.cli import connection as places_module
 from eigenfail.cli.doctor import check_workers
-from eigenfail.cli.progress import INTERRUPTED
+from eigenfail.cli.render import INTERRUPTED
 from eigenfail.errors import InvalidValue
-from eigenfail.explanations import replays
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.service import Plan
 from eigenfail.presentation.figures import format_number
 from eigenfail.values import CampaignState
-from eigenfail.values.retention import Retention
-from eigenfail.values.worker import Arrival, Presence, Staffing
+from eigenfail.values.operations import Arrival, Presence, Retention, Staffing
 from eigenfail.versions import versions
 
 

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from eigenfail.values.worker import WorkerShare
+from eigenfail.values.operations import WorkerShare
 
 
 def test_who_ran_the_episodes(eigenfail, done, store):

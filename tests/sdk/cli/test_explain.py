@@ -6,10 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from eigenfail import plugins
+from eigenfail import plugins, replays
 from eigenfail.errors import InvalidValue
-from eigenfail.explanations import replays
-from eigenfail.explanations.explaining import tell_story
+from eigenfail.explanations import tell_story
 from eigenfail.values import (
     CampaignSpec,
     EpisodeFault,

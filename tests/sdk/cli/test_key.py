@@ -5,7 +5,7 @@ import json
 import pytest
 
 from eigenfail.values.access import TOKEN
-from eigenfail_services.access.database_keys import DatabaseKeys
+from eigenfail_services.access import DatabaseKeys
 from eigenfail_services.store import open_store
 
 

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from eigenfail.cli import progress as module
+from eigenfail.cli import render
 from eigenfail.cli.doctor import list_unrunnable_campaigns
-from eigenfail.cli.progress import PATIENCE_S, _MissingWorkerNotice, find_missing_workers
+from eigenfail.cli.render import PATIENCE_S, _MissingWorkerNotice, find_missing_workers
 from eigenfail.client import Client
 from eigenfail.errors import NotFound
 from eigenfail.hosting.folder import DEFAULT_URL
@@ -51,7 +51,7 @@ def test_whoever_follows_a_campaign_that_does_not_get_on_is_told_once(
     client, idle, store, monkeypatch, capsys
 ):
     now = SimpleNamespace(s=100.0)
-    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now.s))
+    monkeypatch.setattr(render, "time", SimpleNamespace(monotonic=lambda: now.s))
     store.events.append("workers.lacking", BRIDGE, idle)
     lookout, seen = _MissingWorkerNotice(client), store.campaigns.get(idle)
     lookout(seen)
@@ -67,7 +67,7 @@ def test_whoever_follows_a_campaign_that_does_not_get_on_is_told_once(
 
 
 def test_a_campaign_is_followed_with_its_lookout(eigenfail, idle, store, service, monkeypatch):
-    monkeypatch.setattr(module, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(render, "PATIENCE_S", 0.0)
     store.events.append("workers.lacking", BRIDGE, idle)
     handle, looks = service.handle_request, []
 

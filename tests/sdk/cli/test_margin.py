@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from eigenfail.cli.progress import INTERRUPTED
+from eigenfail.cli.render import INTERRUPTED
 
 EIGENFAIL = Path(sys.executable).parent / "eigenfail"
 SEARCH = ("--low", 0.05, "--high", 2, "--tolerance", 0.5, "--budget", 12)

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from eigenfail import progress
-from eigenfail.cli.progress import follow
+from eigenfail.cli.render import follow
 from eigenfail.client import Client
 from eigenfail.progress import standing
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts

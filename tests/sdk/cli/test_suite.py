@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from eigenfail.cli.progress import INTERRUPTED
+from eigenfail.cli.render import INTERRUPTED
 from eigenfail.client import Client
 from eigenfail.suites import Suite
 

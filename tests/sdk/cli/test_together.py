@@ -2,7 +2,7 @@
 
 from msgspec.structs import replace
 
-from eigenfail.cli.progress import describe_suite
+from eigenfail.cli.render import describe_suite
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
 
 

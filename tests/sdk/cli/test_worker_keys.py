@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from eigenfail.errors import InvalidValue
+from eigenfail.files import read_private
 from eigenfail.hosting import service as local_service
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.hosting.service import Plan
-from eigenfail.private_files import read_private
 from eigenfail.wire.keys import abbreviate_key, read_worker_key
 from eigenfail_services import __main__ as services
 from eigenfail_services.hub.key_commands import find_user

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from eigenfail.cli.worker import WorkerState, summarize_activity
-from eigenfail.values.worker import Arrival, Presence, WorkerShare
+from eigenfail.values.operations import Arrival, Presence, WorkerShare
 
 
 def test_who_brought_results_is_listed_once(eigenfail, done, spec_file):

@@ -13,7 +13,7 @@ from eigenfail_services.store import open_store
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
     """Ask again at once."""
-    monkeypatch.setattr("eigenfail.client.asking.find_pause", lambda _error, _tried: 0.0)
+    monkeypatch.setattr("eigenfail.client.link.find_pause", lambda _error, _tried: 0.0)
 
 
 @pytest.fixture

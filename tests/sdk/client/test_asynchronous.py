@@ -114,7 +114,7 @@ def test_a_question_that_is_given_up_is_not_asked_again(scripted, monkeypatch):
         threads.append(threading.current_thread())
         return FOREVER_S
 
-    monkeypatch.setattr("eigenfail.client.asking.find_pause", pause)
+    monkeypatch.setattr("eigenfail.client.link.find_pause", pause)
     blocking, asked = scripted(lambda _request, _number: httpx2.Response(503))
 
     async def program():

@@ -6,8 +6,8 @@ import zipfile
 
 import pytest
 
-from eigenfail.client import reports
-from eigenfail.client.reports import unpack
+from eigenfail.client import analyses
+from eigenfail.client.analyses import unpack
 from eigenfail.errors import ProtocolError
 
 
@@ -47,7 +47,7 @@ def test_a_name_that_is_no_file_of_a_report_is_refused_before_anything_is_read(n
     outcome="The client stops reading at the limit and says so.",
 )
 def test_an_archive_that_swells_is_refused_at_the_limit(monkeypatch):
-    monkeypatch.setattr(reports, "MAX_BYTES", 1 << 20)
+    monkeypatch.setattr(analyses, "MAX_BYTES", 1 << 20)
     half = b"\0" * (1 << 19)
     whole = {"report.json": half, "report.html": half}
     assert unpack(packed(*whole.items())) == whole
@@ -59,7 +59,7 @@ def test_an_archive_that_swells_is_refused_at_the_limit(monkeypatch):
 
 @pytest.mark.fault("report archive that expands without bound, or lies about its size")
 def test_a_size_that_an_archive_claims_is_not_trusted(monkeypatch):
-    monkeypatch.setattr(reports, "MAX_BYTES", 100)
+    monkeypatch.setattr(analyses, "MAX_BYTES", 100)
     honest = packed(("report.json", b"\0" * 5_000))
     true, claimed = (5_000).to_bytes(4, "little"), (5).to_bytes(4, "little")
     assert honest.count(true) == 2
@@ -69,7 +69,7 @@ def test_a_size_that_an_archive_claims_is_not_trusted(monkeypatch):
 
 @pytest.mark.fault("report archive that expands without bound, or lies about its size")
 def test_too_many_files_and_files_that_come_twice_are_refused(monkeypatch):
-    monkeypatch.setattr(reports, "MAX_FILES", 3)
+    monkeypatch.setattr(analyses, "MAX_FILES", 3)
     many = packed(*((f"tables/{n}.csv", "x") for n in range(4)))
     with pytest.raises(ProtocolError, match="more than 3 files"):
         unpack(many)

@@ -9,7 +9,7 @@ import pytest
 
 from eigenfail import frames
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.rows import Rows
+from eigenfail.frames import Rows
 from eigenfail.values import (
     Analysis,
     AnalysisResult,

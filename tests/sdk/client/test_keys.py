@@ -17,11 +17,10 @@ from eigenfail.errors import (
     ServiceUnreachable,
     Unauthorized,
 )
-from eigenfail.values.access import KeyRequest, Scope
-from eigenfail.values.quotas import Quotas, Usage
+from eigenfail.values.access import KeyRequest, Quotas, Scope, Usage
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.access.keys import make_key
+from eigenfail_services.access import make_key
 
 TOKEN = f"ef_1_{'s' * 43}"
 

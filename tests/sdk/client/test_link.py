@@ -8,7 +8,7 @@ import pytest
 
 from eigenfail import errors
 from eigenfail.client import AsyncClient, Client
-from eigenfail.client.asking import JITTER_S, LONGEST_PAUSE_S, find_pause, is_worth_retrying
+from eigenfail.client.link import JITTER_S, LONGEST_PAUSE_S, find_pause, is_worth_retrying
 from eigenfail.errors import (
     Conflict,
     InputError,
@@ -61,7 +61,7 @@ def test_only_the_last_try_is_heard_of(scripted, caplog, capsys):
 
 def test_a_service_that_is_slow_to_refuse_is_not_asked_again(scripted, monkeypatch):
     times = iter((0.0, LONGEST_PAUSE_S + 1.0))
-    monkeypatch.setattr("eigenfail.client.asking.monotonic", lambda: next(times))
+    monkeypatch.setattr("eigenfail.client.link.monotonic", lambda: next(times))
     client, asked = scripted(lambda request, n: busy())
     with pytest.raises(StoreUnavailable):
         client.campaigns.get(1)

@@ -6,7 +6,7 @@ import zipfile
 import httpx2
 import pytest
 
-from eigenfail.client import reports
+from eigenfail.client import analyses
 from eigenfail.errors import InvalidValue, NotFound, ProtocolError, ServiceError
 
 
@@ -68,7 +68,7 @@ def test_nothing_is_left_of_a_report_that_cannot_be_written(
     def full_disk(self, content):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(reports.Path, "write_bytes", full_disk)
+    monkeypatch.setattr(analyses.Path, "write_bytes", full_disk)
     with pytest.raises(ServiceError, match="No space left"):
         client.report(campaign, tmp_path / "out", force=True)
     assert (tmp_path / "out" / "report.json").read_bytes() == before

@@ -6,8 +6,8 @@ from html.parser import HTMLParser
 import pytest
 from msgspec.structs import replace
 
+from eigenfail.frames import SHOWN, Rows
 from eigenfail.presentation.notebook import to_html
-from eigenfail.rows import SHOWN, Rows
 
 NASTY = "<script>alert('[b]x[/b]')</script>"
 MOST_REPR = 6_000

@@ -153,7 +153,7 @@ def test_a_member_that_is_still_pausing_is_awaited(client, suite, store, monkeyp
     store.campaigns.move(1, CampaignState.RUNNING)
     client.campaigns.pause(1)
     monkeypatch.setattr(
-        "eigenfail.client.waiting.sleep",
+        "eigenfail.client.link.sleep",
         lambda seconds: store.campaigns.move(1, CampaignState.PAUSED),
     )
     assert [campaign.state for campaign in client.suites.start(suite(1))] == ["queued"]

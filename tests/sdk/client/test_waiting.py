@@ -5,8 +5,8 @@ import logging
 import httpx2
 import pytest
 
-from eigenfail.client import waiting
-from eigenfail.client.waiting import AWAY_S, Waiter, checking, waiter
+from eigenfail.client import link
+from eigenfail.client.link import AWAY_S, Waiter, checking, waiter
 from eigenfail.errors import ServiceError, ServiceUnreachable, StoreUnavailable
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
 from eigenfail.wire import http
@@ -43,8 +43,8 @@ class Played(Waiter):
 def time(monkeypatch):
     """The clock of whoever waits; every pause counts, also those between two tries."""
     played = Played()
-    monkeypatch.setattr(waiting, "monotonic", lambda: played.now_s)
-    monkeypatch.setattr("eigenfail.client.asking.find_pause", lambda _error, _tried: 0.1)
+    monkeypatch.setattr(link, "monotonic", lambda: played.now_s)
+    monkeypatch.setattr("eigenfail.client.link.find_pause", lambda _error, _tried: 0.1)
     token = waiter.set(played)
     yield played
     waiter.reset(token)

@@ -8,8 +8,7 @@ import sys
 import psutil
 import pytest
 
-from eigenfail.hosting.processes import OWNER_MARK
-from eigenfail.hosting.warden import guard_owner, remove_afterwards
+from eigenfail.hosting.processes import OWNER_MARK, guard_owner, remove_afterwards
 
 WITHIN_S = 20.0
 
@@ -19,7 +18,7 @@ STARTS_AND_WAITS = """
 import os, subprocess, sys
 from pathlib import Path
 from eigenfail.hosting.processes import OWNER_MARK
-from eigenfail.hosting.warden import remove_afterwards
+from eigenfail.hosting.processes import remove_afterwards
 
 folder = Path(sys.argv[1])
 with remove_afterwards(folder):

@@ -18,7 +18,7 @@ from eigenfail.values import (
     Rate,
     Safety,
 )
-from eigenfail.values.findings import InfluenceShare, Stability
+from eigenfail.values.analysis import InfluenceShare, Stability
 from eigenfail.values.proof import ProvenScenario, Reproduction
 from eigenfail.values.safety import Figure, Scatter, SeverityRisk, Violations
 

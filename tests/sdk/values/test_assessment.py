@@ -20,9 +20,8 @@ from eigenfail.values import (
     Outcome,
     assess,
 )
-from eigenfail.values.assessment import IN_WORDS, PEAK_BRAKING_MPS2, is_unresolved
 from eigenfail.values.measures import DIGESTED_MEASURES
-from eigenfail.values.records import add_assessment
+from eigenfail.values.records import IN_WORDS, PEAK_BRAKING_MPS2, add_assessment, is_unresolved
 
 replace = msgspec.structs.replace
 many = settings(deadline=None, derandomize=True, max_examples=200)

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from eigenfail.errors import ProtocolError
-from eigenfail.values.worker import LONGEST_NAME, MOST_VERSIONS
+from eigenfail.values.operations import LONGEST_NAME, MOST_VERSIONS
 from eigenfail.wire.messages import (
     LARGEST_PID,
     PROTOCOL,

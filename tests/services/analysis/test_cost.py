@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
-from eigenfail_services.analysis.cost import cost
+from eigenfail_services.analysis.campaign_figures import cost
 
 
 def seconds(clock: str) -> float:
@@ -108,6 +108,6 @@ def test_the_interval_holds_the_cost(campaign: tuple[float, int, float, int, int
 
 @pytest.mark.service
 def test_prices_and_summaries_do_without_the_machinery_of_the_analysis() -> None:
-    modules = "eigenfail_services.analysis.cost, eigenfail_services.campaigns.summary"
+    modules = "eigenfail_services.analysis.campaign_figures, eigenfail_services.campaigns.summary"
     light = f"import {modules}, sys; sys.exit('sklearn' in sys.modules or 'scipy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", light], check=False).returncode == 0

@@ -4,7 +4,7 @@ import pytest
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import BlockTotals, Campaign, CampaignSpec, CampaignState, Counts
-from eigenfail_services.analysis.course import block_length, course
+from eigenfail_services.analysis.campaign_figures import block_length, course
 from eigenfail_services.statistics.intervals import rate
 
 

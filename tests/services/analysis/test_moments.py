@@ -8,9 +8,14 @@ import pytest
 
 from eigenfail.values import AnalysisSettings
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
+from eigenfail_services.analysis.alignment import (
+    FailureBatch,
+    find_moments,
+    find_peaks,
+    gather_failures,
+    measure_before_collision,
+)
 from eigenfail_services.analysis.job import analyse_portions
-from eigenfail_services.analysis.moments import find_moments, find_peaks, measure_before_collision
 
 STEP_S = 0.1
 

@@ -16,7 +16,7 @@ from eigenfail.values import (
     SafetyTotals,
     Unresolved,
 )
-from eigenfail_services.analysis.safety import safety
+from eigenfail_services.analysis.campaign_figures import safety
 from eigenfail_services.statistics.intervals import rate
 
 PAPER = Conflicts(4, 5, 0, 10, MeanTime(2.24, 9), MeanTime(0.23, 4))

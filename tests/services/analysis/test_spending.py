@@ -16,7 +16,7 @@ from eigenfail.values import (
     Overhead,
     SpendingTotals,
 )
-from eigenfail_services.analysis.cost import (
+from eigenfail_services.analysis.campaign_figures import (
     KnownModes,
     _find_longest_gap,
     _list_active_s,

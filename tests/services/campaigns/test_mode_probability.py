@@ -30,8 +30,7 @@ from eigenfail_services.campaigns.mode_probability import (
     estimate_share,
 )
 from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint
-from eigenfail_services.methods.subset.method import SimulationRun, WaveQueue
-from eigenfail_services.methods.subset.modes import estimate_modes
+from eigenfail_services.methods.subset import SimulationRun, WaveQueue, estimate_modes
 from eigenfail_services.statistics.intervals import log_normal, rate
 from eigenfail_services.statistics.subset_simulation import SubsetSettings
 from eigenfail_services.store import Store, open_store

@@ -5,8 +5,8 @@ import pytest
 from store_checks.examples import running
 
 from eigenfail.testing.examples import spec
+from eigenfail.values.comparison import Peers, Pool
 from eigenfail.values.disturbance import DisturbanceModel
-from eigenfail.values.pool import Peers, Pool
 from eigenfail_services.campaigns.costs import compare_peers
 from eigenfail_services.store import open_store
 

@@ -36,9 +36,9 @@ from eigenfail_services.campaigns.proofs import (
 from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.campaigns.validation import check_references
-from eigenfail_services.methods.minimal.method import Minimal, read_state
-from eigenfail_services.methods.minimal.search import compute_energy
-from eigenfail_services.statistics.expected_likelihood import expected_log_probability
+from eigenfail_services.methods.minimal import Minimal, read_state
+from eigenfail_services.methods.minimal_search import compute_energy
+from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.store import open_store
 
 WORLD = {"planner": "idm", "simulator": "point_mass"}

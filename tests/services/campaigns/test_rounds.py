@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eigenfail.errors import LearnerFailed, ProtocolError
-from eigenfail.testing.toy import Corridor, ToyEngine
+from eigenfail.testing.learner import Corridor, ToyEngine
 from eigenfail.values import (
     STATE,
     Layer,

@@ -14,7 +14,7 @@ from eigenfail.values import (
     Unresolved,
 )
 from eigenfail.values.records import ConflictTotals, Totals
-from eigenfail_services.analysis.cost import cost
+from eigenfail_services.analysis.campaign_figures import cost
 from eigenfail_services.campaigns.summary import summarise
 from eigenfail_services.statistics.intervals import rate
 

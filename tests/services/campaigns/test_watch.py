@@ -13,7 +13,7 @@ from eigenfail.errors import StoreUnavailable
 from eigenfail_services.campaigns import supervisor
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.campaigns.supervisor import SupervisedCampaign
-from eigenfail_services.hub.timing import CampaignPhase, TimeAccounting
+from eigenfail_services.hub.metrics import CampaignPhase, TimeAccounting
 from eigenfail_services.store import Store, open_store
 
 HOUR_S = 3_600.0

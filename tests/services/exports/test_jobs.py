@@ -10,11 +10,9 @@ import pytest
 
 from eigenfail.errors import NotFound, ServiceError
 from eigenfail.values import CampaignSpec
-from eigenfail.values.export import ExportRequest
-from eigenfail_services.exports import folder as shelf
-from eigenfail_services.exports import jobs
-from eigenfail_services.exports.folder import find_export_folder
-from eigenfail_services.exports.jobs import ExportJobs
+from eigenfail.values.report import ExportRequest
+from eigenfail_services import export_jobs
+from eigenfail_services.export_jobs import ExportJobs, find_export_folder
 from eigenfail_services.store import open_store
 
 WITHIN_S = 20.0
@@ -51,13 +49,13 @@ def at_rest():
 @pytest.fixture
 def gate(monkeypatch):
     """What every file waits for before it is written."""
-    opened, write = threading.Event(), jobs.write_parquet
+    opened, write = threading.Event(), export_jobs.write_parquet
 
     def wait(*given, **named):
         opened.wait()
         write(*given, **named)
 
-    monkeypatch.setattr(jobs, "write_parquet", wait)
+    monkeypatch.setattr(export_jobs, "write_parquet", wait)
     yield opened
     opened.set()
     at_rest()
@@ -73,7 +71,7 @@ def test_a_file_that_becomes_whole_while_it_is_asked_for_is_not_made_twice(
     def look_as_it_ends(name):
         seen = look(name)
         gate.set()
-        while not (folder / name / shelf.EPISODES_FILE).exists():
+        while not (folder / name / export_jobs.EPISODES_FILE).exists():
             time.sleep(0.001)
         worker.join(JOIN_S)
         return seen
@@ -88,21 +86,21 @@ def test_a_file_that_becomes_whole_while_it_is_asked_for_is_not_made_twice(
 
 def test_two_services_that_make_one_file_both_make_it_whole(make, folder, monkeypatch):
     made, ask = make
-    written, write = threading.Barrier(2, timeout=WITHIN_S), jobs.write_parquet
+    written, write = threading.Barrier(2, timeout=WITHIN_S), export_jobs.write_parquet
 
     def write_together(*given, **named):
         write(*given, **named)
         written.wait()
 
-    monkeypatch.setattr(jobs, "write_parquet", write_together)
+    monkeypatch.setattr(export_jobs, "write_parquet", write_together)
     export = ask()
     other = ExportJobs(made._store, folder)
     assert other.get(export).state == "running"
     at_rest()
     assert made.get(export).state == other.get(export).state == "done"
     assert {path.name for path in (folder / export).iterdir()} == {
-        shelf.REQUEST_FILE,
-        shelf.EPISODES_FILE,
+        export_jobs.REQUEST_FILE,
+        export_jobs.EPISODES_FILE,
     }
 
 
@@ -110,14 +108,14 @@ def test_what_is_removed_while_it_is_asked_for_is_not_there_any_more(make, folde
     made, ask = make
     export = ask()
     at_rest()
-    read = shelf._read_bytes
+    read = export_jobs._read_bytes
 
     def read_as_it_goes(path):
         content = read(path)
         shutil.rmtree(folder / export, ignore_errors=True)
         return content
 
-    monkeypatch.setattr(shelf, "_read_bytes", read_as_it_goes)
+    monkeypatch.setattr(export_jobs, "_read_bytes", read_as_it_goes)
     assert made.get(export).state == "running"
     at_rest()
     with pytest.raises(NotFound, match="ask anew"):
@@ -128,7 +126,7 @@ def test_what_is_removed_while_it_is_asked_for_is_not_there_any_more(make, folde
 
 def test_what_is_gone_from_a_list_of_folders_is_the_first_to_make_room(make, folder, monkeypatch):
     made, ask = make
-    monkeypatch.setattr(shelf, "MAX_EXPORTS", 3)
+    monkeypatch.setattr(export_jobs, "MAX_EXPORTS", 3)
     exports = [ask()]
     (folder / "gone").symlink_to("nowhere")
     for _ in range(2):
@@ -140,13 +138,13 @@ def test_what_is_gone_from_a_list_of_folders_is_the_first_to_make_room(make, fol
 
 def test_what_is_fetched_makes_room_last(make, monkeypatch):
     made, ask = make
-    monkeypatch.setattr(shelf, "MAX_EXPORTS", 2)
+    monkeypatch.setattr(export_jobs, "MAX_EXPORTS", 2)
     old, new = ask(), ask()
     at_rest()
     for age_s, export in ((20, old), (10, new)):
         long_ago = time.time() - age_s
         os.utime(made._shelf.home(export), (long_ago, long_ago))
-    assert made.file(old).name == shelf.EPISODES_FILE
+    assert made.file(old).name == export_jobs.EPISODES_FILE
     ask()
     assert made.get(old).state == "done"
     with pytest.raises(NotFound):

@@ -11,9 +11,9 @@ import pytest
 import zmq
 from structlog.testing import capture_logs
 
+from eigenfail.addresses import TRUST_VARIABLE
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable, Unauthorized
-from eigenfail.loopback import TRUST_VARIABLE
-from eigenfail.private_files import read_private
+from eigenfail.files import read_private
 from eigenfail.wire.keys import WorkerKey, read_hub_key, read_worker_key
 from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Welcome, encode
 from eigenfail_services.bounds import NO_BOUNDS

@@ -13,8 +13,8 @@ import zmq
 from eigenfail.values import EpisodeTask, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Heartbeat, Hello, encode
 from eigenfail_services.hub import worker_sessions as module
-from eigenfail_services.hub.commits import MAX_DEATHS
 from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.open_rounds import MAX_DEATHS
 from eigenfail_services.hub.transport import (
     GRACE_S,
     PROBE_INTERVAL_S,

@@ -26,7 +26,7 @@ from eigenfail_services.hub.learner_link import (
     describe_exit,
     describe_timeout,
 )
-from eigenfail_services.hub.timing import Timeout
+from eigenfail_services.hub.metrics import Timeout
 
 DIED, HUNG = describe_exit(-9), describe_timeout(60.0)
 DIVERGED = LearnerFailure(FailureKind.DIVERGED, "It diverged.", "Lower learning_rate.")

@@ -41,8 +41,8 @@ from eigenfail_services.bounds import SettingBounds
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub import learner_link, runs, worker_sessions
+from eigenfail_services.hub.metrics import Timeout
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.hub.timing import Timeout
 from eigenfail_services.store import open_store
 
 pytestmark = pytest.mark.service

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from eigenfail.testing.examples import result, spec
 from eigenfail.values import Measures, Outcome
 from eigenfail.values.records import Delivery, Verdict
-from eigenfail_services.hub.timing import TimeAccounting
+from eigenfail_services.hub.metrics import TimeAccounting
 from eigenfail_services.store import open_store
 
 LIES = (1e308, -1e308, -1.0, inf, -inf, nan, 8 * 86_400.0)

@@ -4,9 +4,13 @@ import pytest
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail.wire.messages import PROTOCOL, Hello
-from eigenfail_services.hub import roster
-from eigenfail_services.hub.roster import HEARTBEAT_INTERVAL_S, ROSTER_INTERVAL_S, RosterWriter
-from eigenfail_services.hub.worker_table import WorkerSession
+from eigenfail_services.hub import worker_table
+from eigenfail_services.hub.worker_table import (
+    HEARTBEAT_INTERVAL_S,
+    ROSTER_INTERVAL_S,
+    RosterWriter,
+    WorkerSession,
+)
 from eigenfail_services.store import open_store
 
 LONG_AGO, LATER = 0, 4_000_000_000_000
@@ -19,7 +23,7 @@ class Table:
     def __init__(self, monkeypatch):
         self.now_s = 100.0
         self.sessions = {}
-        monkeypatch.setattr(roster.time, "monotonic", lambda: self.now_s)
+        monkeypatch.setattr(worker_table.time, "monotonic", lambda: self.now_s)
         self.roster = open_store("memory://").roster
         self.writer = RosterWriter(self.roster, self.sessions)
 

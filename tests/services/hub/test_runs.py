@@ -27,8 +27,8 @@ from eigenfail_services.bounds import NO_BOUNDS
 from eigenfail_services.hub import learner_link, open_rounds, runs
 from eigenfail_services.hub.learner_link import LearnerLink, lock, unlock
 from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.metrics import CampaignPhase
 from eigenfail_services.hub.runs import CampaignRun, RunSpec
-from eigenfail_services.hub.timing import CampaignPhase
 from eigenfail_services.store import open_store
 
 SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=9)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.values import Overhead
-from eigenfail_services.hub.timing import CampaignPhase, TimeAccounting
+from eigenfail_services.hub.metrics import CampaignPhase, TimeAccounting
 
 
 class Clock:

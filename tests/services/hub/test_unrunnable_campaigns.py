@@ -3,8 +3,8 @@
 import pytest
 
 from eigenfail.errors import StoreUnavailable
-from eigenfail_services.hub import roster as module
-from eigenfail_services.hub.roster import (
+from eigenfail_services.hub import worker_table
+from eigenfail_services.hub.worker_table import (
     GRACE_PERIOD_S,
     WORKERS_LACKING,
     WORKERS_MET,
@@ -16,7 +16,7 @@ from eigenfail_services.store import open_store
 class Play:
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.now_s = 100.0
-        patch.setattr(module.time, "monotonic", lambda: self.now_s)
+        patch.setattr(worker_table.time, "monotonic", lambda: self.now_s)
         self.store, self.found, self.has_bridge = open_store("memory://"), set[int](), False
         self.unrunnable = UnrunnableCampaigns(
             self.store.events, lambda: self.found, lambda: self.has_bridge

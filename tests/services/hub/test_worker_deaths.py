@@ -7,8 +7,8 @@ from eigenfail.errors import StoreUnavailable
 from eigenfail.testing.examples import result
 from eigenfail.values import EpisodeTask, Outcome, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Hello
-from eigenfail_services.hub.commits import MAX_DEATHS, CommitQueue, WorkerDeaths
 from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.open_rounds import MAX_DEATHS, CommitQueue, WorkerDeaths
 from eigenfail_services.store import Store, open_store
 
 TASKS = tuple(EpisodeTask(index, 100 + index, PriorSource()) for index in range(2))

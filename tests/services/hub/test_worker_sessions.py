@@ -40,8 +40,8 @@ from eigenfail.wire.messages import (
     fingerprint_task,
 )
 from eigenfail_services.hub import worker_sessions
-from eigenfail_services.hub.commits import CommitQueue
 from eigenfail_services.hub.leases import Leases
+from eigenfail_services.hub.open_rounds import CommitQueue
 from eigenfail_services.hub.worker_sessions import WorkerSessions
 from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
 

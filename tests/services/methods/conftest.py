@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eigenfail.settings import read_settings
-from eigenfail.testing.toy import Corridor, ToyEngine
+from eigenfail.testing.learner import Corridor, ToyEngine
 from eigenfail.values import (
     EpisodeFault,
     EpisodeResult,

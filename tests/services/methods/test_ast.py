@@ -6,7 +6,7 @@ import torch
 
 from eigenfail.errors import LearnerDiverged, ProtocolError
 from eigenfail.settings import read_settings
-from eigenfail.testing.toy import Corridor, ToyEngine
+from eigenfail.testing.learner import Corridor, ToyEngine
 from eigenfail.values import LearnerContext, PolicySource
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting

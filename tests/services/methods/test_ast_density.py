@@ -5,7 +5,7 @@ from math import atanh, exp, log, pi, tanh
 import numpy as np
 import pytest
 
-from eigenfail.testing.toy import Corridor, ToyEngine
+from eigenfail.testing.learner import Corridor, ToyEngine
 from eigenfail.values import STATE, EpisodeTask, Layer, Policy, PolicySource, episode_seed
 from eigenfail_services.methods.ast.probability import (
     EDGE,

@@ -11,8 +11,7 @@ import pytest
 from eigenfail.contracts import Estimator
 from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
-from eigenfail.testing.learner import LearnerSuite
-from eigenfail.testing.toy import Corridor, ToyEngine
+from eigenfail.testing.learner import Corridor, LearnerSuite, ToyEngine
 from eigenfail.values import LearnerContext, Predecessor, learner_seed
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import archive

@@ -8,7 +8,7 @@ import torch
 from eigenfail.errors import LearnerDiverged
 from eigenfail.values import STATE
 from eigenfail_services.methods.ast.decisions import Decisions
-from eigenfail_services.methods.ast.trainer import TRAINERS, SacOptions, make_trainer
+from eigenfail_services.methods.ast.settings import TRAINERS, SacOptions, make_trainer
 from eigenfail_services.methods.ast.trainer_numpy import FastTrainer
 from eigenfail_services.methods.ast.trainer_sb3 import SacTrainer
 

@@ -8,7 +8,7 @@ import pytest
 from eigenfail.contracts import Estimator
 from eigenfail.errors import ProtocolError
 from eigenfail.settings import read_settings
-from eigenfail.testing.toy import Corridor
+from eigenfail.testing.learner import Corridor
 from eigenfail.values import (
     EpisodeResult,
     EpisodeTask,
@@ -20,7 +20,7 @@ from eigenfail.values import (
 )
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.cem.method import CrossEntropyMethod, log_weights
+from eigenfail_services.methods.cem import CrossEntropyMethod, log_weights
 from eigenfail_services.statistics.importance import NO_ROUND, NOT_YET
 from eigenfail_services.statistics.intervals import log_normal
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.values import Measures, Outcome
-from eigenfail_services.methods.cem.method import (
+from eigenfail_services.methods.cem import (
     GaussianProposal,
     average_over_steps,
     fit_gaussian,

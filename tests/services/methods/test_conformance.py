@@ -8,12 +8,12 @@ from eigenfail.settings import read_settings
 from eigenfail.testing.learner import CORRIDOR, LearnerSuite
 from eigenfail.values import LearnerContext
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
-from eigenfail_services.methods.cem.method import CrossEntropyMethod
+from eigenfail_services.methods.cem import CrossEntropyMethod
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
-from eigenfail_services.methods.minimal.method import Minimal
+from eigenfail_services.methods.minimal import Minimal
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.replay import Replay
-from eigenfail_services.methods.subset.method import SubsetMethod
+from eigenfail_services.methods.subset import SubsetMethod
 
 
 class TestMonteCarlo(LearnerSuite):

@@ -6,7 +6,7 @@ import torch
 
 from eigenfail.errors import LearnerDiverged, ProtocolError
 from eigenfail.settings import read_settings
-from eigenfail.testing.toy import Corridor
+from eigenfail.testing.learner import Corridor
 from eigenfail.values import Experience, LearnerContext, PriorSource, TrajectorySource
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 

@@ -7,11 +7,9 @@ import pytest
 import torch
 
 from eigenfail.values import Measures, Outcome
-from eigenfail_services.methods.difs import diffusion
-from eigenfail_services.methods.difs.diffusion import shift_in_time
-from eigenfail_services.methods.difs.model import DiffusionModel
-from eigenfail_services.methods.difs.settings import DiffusionOptions, Examples
-from eigenfail_services.methods.difs.trials import TrialMemory
+from eigenfail_services.methods.difs import model as diffusion
+from eigenfail_services.methods.difs.model import DiffusionModel, shift_in_time
+from eigenfail_services.methods.difs.settings import DiffusionOptions, Examples, TrialMemory
 
 HORIZON = 6
 

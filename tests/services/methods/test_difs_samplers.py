@@ -7,7 +7,7 @@ import pytest
 import torch
 from sample_quality import sample_quality
 
-from eigenfail_services.methods.difs.diffusion import SAMPLERS, sample_ancestral
+from eigenfail_services.methods.difs.model import SAMPLERS, sample_ancestral
 
 CENTRE, WIDTH = 2.0, 0.5
 """Two modes: x is N(±2, 0.5²), each with a chance of one half."""

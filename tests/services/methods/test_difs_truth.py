@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sample_quality import sample_quality
 
-from eigenfail.testing.toy import Corridor
+from eigenfail.testing.learner import Corridor
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 
 CORRIDOR = Corridor(wall=0.8)

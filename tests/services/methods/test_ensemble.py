@@ -10,8 +10,7 @@ from eigenfail import plugins
 from eigenfail.contracts import Exploiter
 from eigenfail.errors import InvalidValue, ProtocolError, UnknownName
 from eigenfail.settings import read_settings
-from eigenfail.testing.learner import LearnerSuite
-from eigenfail.testing.toy import Corridor, ToyEngine
+from eigenfail.testing.learner import Corridor, LearnerSuite, ToyEngine
 from eigenfail.values import (
     Estimate,
     Layer,
@@ -23,9 +22,8 @@ from eigenfail.values import (
     learner_seed,
 )
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods.cem.method import CrossEntropyMethod
-from eigenfail_services.methods.ensemble import Ensemble
-from eigenfail_services.methods.ensemble.method import divide_episodes, make_member_seed
+from eigenfail_services.methods.cem import CrossEntropyMethod
+from eigenfail_services.methods.ensemble import Ensemble, divide_episodes, make_member_seed
 
 CORRIDOR = Corridor()
 AST = {"round_size": 4, "warm_up": 4, "buffer_size": 70, "gradient_steps": 2}

@@ -10,8 +10,7 @@ from eigenfail.errors import InvalidValue, ProtocolError
 from eigenfail.plugins import METHODS, load
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import CORRIDOR as SUITES_CORRIDOR
-from eigenfail.testing.learner import LearnerSuite
-from eigenfail.testing.toy import Corridor, ToyEngine
+from eigenfail.testing.learner import Corridor, LearnerSuite, ToyEngine
 from eigenfail.values import LearnerContext, PolicySource, Predecessor, learner_seed
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.evaluate import Evaluate

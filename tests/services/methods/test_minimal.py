@@ -7,9 +7,9 @@ from eigenfail.errors import InvalidValue, LearnerFailed
 from eigenfail.settings import read_settings
 from eigenfail.values import EpisodeFault, LearnerContext, unrunnable
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods.minimal import search as parts
-from eigenfail_services.methods.minimal.method import Minimal, read_state
-from eigenfail_services.methods.minimal.search import RESOLUTION, SearchPhase
+from eigenfail_services.methods import minimal_search
+from eigenfail_services.methods.minimal import Minimal, read_state
+from eigenfail_services.methods.minimal_search import RESOLUTION, SearchPhase
 
 STEPS = 60
 NEEDED = ((10, 0), (11, 0), (37, 0))
@@ -57,7 +57,7 @@ def test_what_is_needed_is_left_and_nothing_else(shrink, seed):
     best = results[facts.best]
     assert best.is_failure
     np.testing.assert_array_equal(best.noise.z, z)
-    assert parts.compute_energy(best.noise.z) == pytest.approx(3 * weakest**2)
+    assert minimal_search.compute_energy(best.noise.z) == pytest.approx(3 * weakest**2)
     likeliest = max((r for r in results if r.is_failure), key=lambda r: r.noise.log_probability)
     assert likeliest.index == best.index
     assert len(results) < 400
@@ -101,8 +101,8 @@ def test_a_sum_is_shrunk_to_steps_none_of_which_can_go(shrink):
     assert not found[:20].any()
     assert not found[40:].any()
     assert 12.0 <= found.sum() <= 12.0 + 12.0 * 2 * RESOLUTION
-    for mask in parts.make_blocks(found, 1):
-        assert enough(parts.remove_block(found, mask)[None])[0] > 0.0
+    for mask in minimal_search.make_blocks(found, 1):
+        assert enough(minimal_search.remove_block(found, mask)[None])[0] > 0.0
     assert enough(found[None] * (1.0 - 2.0 * RESOLUTION))[0] > 0.0
 
 
@@ -123,10 +123,12 @@ def test_what_is_told_was_shown_to_be_minimal_though_another_replay_had_less(shr
     told = results[facts.best].noise.z
     assert facts.phase is SearchPhase.OVER
     np.testing.assert_array_equal(told, found)
-    for mask in parts.make_blocks(told, 1):
-        assert any_cause(parts.remove_block(told, mask)[None])[0] > 0.0
-    least = min(parts.compute_energy(result.noise.z) for result in results if result.is_failure)
-    assert least < parts.compute_energy(told)
+    for mask in minimal_search.make_blocks(told, 1):
+        assert any_cause(minimal_search.remove_block(told, mask)[None])[0] > 0.0
+    least = min(
+        minimal_search.compute_energy(result.noise.z) for result in results if result.is_failure
+    )
+    assert least < minimal_search.compute_energy(told)
 
 
 def test_a_failure_that_is_none_is_refused_with_what_to_do(shrink):
@@ -147,7 +149,7 @@ def test_a_failure_that_could_not_be_run_is_tried_again(noise_engine):
 
 def test_the_budget_may_end_it_at_any_point_with_what_there_is(shrink):
     whole, (last, _) = shrink(noise(), all_needed)
-    whole_energy = parts.compute_energy(whole[last.best].noise.z)
+    whole_energy = minimal_search.compute_energy(whole[last.best].noise.z)
     energies = []
     for episodes in (1, 2, 7, 40, len(whole) - 1):
         results, (facts, _) = shrink(noise(), all_needed, episodes=episodes)
@@ -155,7 +157,7 @@ def test_the_budget_may_end_it_at_any_point_with_what_there_is(shrink):
         assert facts.phase is not SearchPhase.OVER
         assert [r.digest() for r in results] == [r.digest() for r in whole[:episodes]]
         assert results[facts.best].is_failure
-        energies.append(parts.compute_energy(results[facts.best].noise.z))
+        energies.append(minimal_search.compute_energy(results[facts.best].noise.z))
     assert energies == sorted(energies, reverse=True)
     assert energies[-1] >= whole_energy
 
@@ -188,19 +190,23 @@ def test_exactly_one_failure_is_shrunk():
 def test_blocks_cover_the_noise_once_from_the_end_on():
     z = np.zeros((7, 2), np.float32)
     z[1:, 0] = 1.0
-    found = parts.make_blocks(z, 3)
+    found = minimal_search.make_blocks(z, 3)
     assert [np.flatnonzero(mask[:, 0]).tolist() for mask in found] == [[4, 5, 6], [1, 2, 3]]
     assert not any(mask[:, 1].any() for mask in found)
-    np.testing.assert_array_equal(parts.keep_block(z, found[0]) + parts.keep_block(z, found[1]), z)
-    np.testing.assert_array_equal(parts.remove_block(z, found[0]), parts.keep_block(z, found[1]))
+    np.testing.assert_array_equal(
+        minimal_search.keep_block(z, found[0]) + minimal_search.keep_block(z, found[1]), z
+    )
+    np.testing.assert_array_equal(
+        minimal_search.remove_block(z, found[0]), minimal_search.keep_block(z, found[1])
+    )
 
 
 @pytest.mark.parametrize("count", [2, 3, 8, 100])
 def test_unions_begin_with_all_blocks_and_end_with_few(count):
     z = np.random.default_rng(count).standard_normal((count, 2)).astype(np.float32)
     z[:, 1] = 0.0
-    every = parts.make_blocks(z, 1)
-    sizes = [int(union.sum()) for union in parts.list_unions(z, every)]
+    every = minimal_search.make_blocks(z, 1)
+    sizes = [int(union.sum()) for union in minimal_search.list_unions(z, every)]
     assert sizes[0] == count
     assert min(sizes) == max(2, -(-count // 8))
     assert len(sizes) < 16

@@ -9,7 +9,7 @@ import pytest
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
-from eigenfail.testing.toy import Corridor
+from eigenfail.testing.learner import Corridor
 from eigenfail.values import LearnerContext, PriorSource
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.replay import Replay

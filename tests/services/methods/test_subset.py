@@ -11,7 +11,7 @@ from eigenfail.errors import InvalidValue, ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.values import LearnerContext, learner_seed
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods.subset.method import SubsetMethod
+from eigenfail_services.methods.subset import SubsetMethod
 from eigenfail_services.statistics.subset_simulation import SubsetSettings, subset_simulation
 
 STEPS = 5

@@ -12,7 +12,7 @@ from eigenfail_services.campaigns.proofs import launch_replays, summarise_proof
 from eigenfail_services.campaigns.region import find_region
 from eigenfail_services.reports.material import Material, gather
 from eigenfail_services.reports.page import ReportPart
-from eigenfail_services.reports.sections import costs, evidence
+from eigenfail_services.reports.report import costs, evidence
 from eigenfail_services.store import Store, open_store
 
 VARIED = {"scenario_parameters": {"distance_m": {"uniform": [52.0, 70.0]}}, "episodes": 80}

@@ -6,8 +6,16 @@ from msgspec.structs import replace
 
 from eigenfail.values import Estimate, Interval
 from eigenfail_services.reports.material import evenly, in_groups, sample_note, side_by_side, spread
-from eigenfail_services.reports.page import list_probability, templates
-from eigenfail_services.reports.pictures import INK, MARKS, MUTED, Drawing, draw, inline
+from eigenfail_services.reports.page import (
+    INK,
+    MARKS,
+    MUTED,
+    Drawing,
+    draw,
+    inline,
+    list_probability,
+    templates,
+)
 
 
 def luminance(colour):

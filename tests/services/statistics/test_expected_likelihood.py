@@ -7,7 +7,7 @@ import pytest
 
 from eigenfail.values import NoiseTrajectory, disturbance
 from eigenfail.values.disturbance import Correlated, HeavyTailed, White
-from eigenfail_services.statistics.expected_likelihood import (
+from eigenfail_services.statistics.importance import (
     NODES,
     WEIGHTS,
     expected_log_probability,

@@ -7,11 +7,11 @@ from store_checks.examples import deliver, running
 
 from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values import Campaign, CampaignState
+from eigenfail.values.operations import Retention
 from eigenfail.values.records import JobKind
-from eigenfail.values.retention import Retention
 from eigenfail_services.store import Store
 from eigenfail_services.store.engine import Database, find_backend
-from eigenfail_services.upkeep.pruning import PruneSelection
+from eigenfail_services.upkeep.maintenance import PruneSelection
 
 FIFTHS = Retention(keep_every=5)
 EVERYTHING = PruneSelection()

@@ -2,10 +2,10 @@
 
 from store_checks.examples import running
 
-from eigenfail.error_text import clean_text
+from eigenfail.errors import clean_text
 from eigenfail.testing.examples import make_errored_result
+from eigenfail.values.operations import Arrival
 from eigenfail.values.records import Delivery
-from eigenfail.values.worker import Arrival
 from eigenfail_services.store import events, open_store, roster
 from eigenfail_services.store.schema import LONGEST_PROSE
 

@@ -8,7 +8,7 @@ from store_checks.examples import running
 from eigenfail.errors import ProtocolError
 from eigenfail.values import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds
-from eigenfail_services.methods.cem.method import CemSettings, CrossEntropyMethod
+from eigenfail_services.methods.cem import CemSettings, CrossEntropyMethod
 from eigenfail_services.store import Store
 from eigenfail_services.store.checkpoints import hash_state, is_whole
 from eigenfail_services.store.schema import checkpoints

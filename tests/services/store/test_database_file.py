@@ -16,12 +16,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from store_checks.examples import deliver, running
 
-from eigenfail.database_urls import sqlite_path, sqlite_url
+from eigenfail.addresses import sqlite_path, sqlite_url
 from eigenfail.errors import InvalidValue, StoreDamaged, StoreUnavailable
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.testing.examples import result, spec
 from eigenfail.values.records import Verdict
-from eigenfail_services.exports.folder import find_export_folder
+from eigenfail_services.export_jobs import find_export_folder
 from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.engine import find_backend
 from eigenfail_services.upkeep.backup import backup, find_program, restore

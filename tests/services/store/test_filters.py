@@ -22,7 +22,7 @@ from eigenfail.filters import (
 )
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
 from eigenfail.values import Measures, Outcome
-from eigenfail.values.campaign_filter import CampaignFilter
+from eigenfail.values.campaign import CampaignFilter
 from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.episodes import page_queries

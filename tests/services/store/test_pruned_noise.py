@@ -16,17 +16,16 @@ from eigenfail.values import (
     PriorSource,
     episode_seed,
 )
-from eigenfail.values.export import ExportRequest
+from eigenfail.values.operations import Retention
 from eigenfail.values.records import Delivery
-from eigenfail.values.retention import Retention
+from eigenfail.values.report import ExportRequest
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.pairing import pair_episodes
 from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.campaigns.validation import check_references
-from eigenfail_services.exports.formats import write_parquet
-from eigenfail_services.exports.selection import ExportSource, parse_selection
+from eigenfail_services.export_formats import ExportSource, parse_selection, write_parquet
 from eigenfail_services.store import Store, open_store
-from eigenfail_services.upkeep.pruning import PruneSelection, prune
+from eigenfail_services.upkeep.maintenance import PruneSelection, prune
 from eigenfail_services.upkeep.verify import verify
 
 

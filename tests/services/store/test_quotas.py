@@ -10,9 +10,9 @@ from store_checks.quotas import key_with
 from eigenfail.errors import QuotaExceeded
 from eigenfail.testing.examples import spec
 from eigenfail.values import Priority
-from eigenfail.values.quotas import Quotas, Usage
-from eigenfail_services.access.quotas import DAY_MS
+from eigenfail.values.access import Quotas, Usage
 from eigenfail_services.store import access, campaigns, jobs, open_store
+from eigenfail_services.store.access import DAY_MS
 
 AT_ONCE = 8
 LONG_S = 600.0

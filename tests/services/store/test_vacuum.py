@@ -10,11 +10,10 @@ from store_checks.examples import deliver, running
 from eigenfail.errors import Conflict, SchemaMismatch, ServiceError, StoreUnavailable, UnknownName
 from eigenfail.testing.examples import result
 from eigenfail.values import CampaignState
-from eigenfail.values.retention import Retention
+from eigenfail.values.operations import Retention
 from eigenfail_services.store import migrate, open_store, schema
 from eigenfail_services.upkeep import maintenance as module
-from eigenfail_services.upkeep.maintenance import downgrade, vacuum
-from eigenfail_services.upkeep.pruning import PruneSelection, prune
+from eigenfail_services.upkeep.maintenance import PruneSelection, downgrade, prune, vacuum
 from eigenfail_services.upkeep.verify import verify
 
 COUNT = 1_000

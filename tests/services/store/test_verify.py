@@ -14,8 +14,8 @@ from eigenfail.errors import SchemaMismatch, StoreUnavailable
 from eigenfail.process_state import ProcessState
 from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values import AnalysisSettings, CampaignState, EpisodeTask, PriorSource, episode_seed
+from eigenfail.values.operations import Check, Verification
 from eigenfail.values.records import Delivery, JobKind
-from eigenfail.values.upkeep import Check, Verification
 from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint
 from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.engine import Database, find_backend

@@ -1,7 +1,7 @@
 """Checks of `KeyStore` and `AuditLog`."""
 
 from eigenfail.errors import NotFound
-from eigenfail.testing.expectations import expect, expect_error
+from eigenfail.testing import expect, expect_error
 from eigenfail.values import Page
 from eigenfail.values.access import AuditEntry, Change, Scope
 from eigenfail_services.store import Store

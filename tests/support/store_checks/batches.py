@@ -1,8 +1,8 @@
 """Checks of `CampaignStore.create_many`: all or none, once for each key."""
 
 from eigenfail.errors import IdempotencyMismatch
+from eigenfail.testing import expect_error
 from eigenfail.testing.examples import spec
-from eigenfail.testing.expectations import expect_error
 from eigenfail.values import CampaignSpec, CampaignState
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import Store

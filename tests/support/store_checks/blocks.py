@@ -4,8 +4,8 @@ from math import fsum, isclose
 
 from msgspec.structs import replace
 
+from eigenfail.testing import expect
 from eigenfail.testing.examples import CRASH, collision, make_errored_result, result
-from eigenfail.testing.expectations import expect
 from eigenfail.values import BlockTotals, EpisodeResult, Measures, PairTotals
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running

@@ -3,8 +3,8 @@
 import time
 
 from eigenfail.errors import IdempotencyMismatch, NotFound
+from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import spec
-from eigenfail.testing.expectations import expect, expect_error
 from eigenfail.values import AnalysisSettings, CampaignState, Counts
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import Store

@@ -5,8 +5,8 @@ from math import fsum, isclose
 from msgspec.structs import replace
 
 from eigenfail.filters import WORST_FIRST, make_outcome_condition
+from eigenfail.testing import expect
 from eigenfail.testing.examples import CRASH, collision, make_errored_result, result
-from eigenfail.testing.expectations import expect
 from eigenfail.values import ConflictClass, EpisodeResult, Measures, Outcome, assess
 from eigenfail.values.records import ConflictTotals
 from eigenfail_services.store import Store

@@ -9,8 +9,8 @@ from threading import Barrier
 from typing import TypeVar
 
 from eigenfail.errors import IllegalTransition
+from eigenfail.testing import expect
 from eigenfail.testing.examples import result, spec
-from eigenfail.testing.expectations import expect
 from eigenfail.values import AnalysisSettings, CampaignState, Counts, Event
 from eigenfail.values.records import Verdict
 from eigenfail_services.store import Store

@@ -16,8 +16,8 @@ from eigenfail.filters import (
     parse_filter,
     read_value,
 )
+from eigenfail.testing import expect
 from eigenfail.testing.examples import CRASH, collision, make_errored_result, result
-from eigenfail.testing.expectations import expect
 from eigenfail.values import EpisodeResult
 from eigenfail.values.records import EpisodeRow
 from eigenfail_services.store import Store

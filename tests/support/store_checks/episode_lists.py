@@ -5,8 +5,8 @@ from math import fsum, isclose
 
 from eigenfail.errors import NotFound
 from eigenfail.filters import make_outcome_condition
+from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, make_errored_result, result
-from eigenfail.testing.expectations import expect, expect_error
 from eigenfail.values import Outcome
 from eigenfail.values.records import PORTION
 from eigenfail_services.store import Store

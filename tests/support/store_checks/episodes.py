@@ -7,8 +7,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from eigenfail.errors import NotFound
+from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, floats, make_errored_result, result
-from eigenfail.testing.expectations import expect, expect_error
 from eigenfail.values import (
     FINAL_STATES,
     MEASURES,

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from eigenfail.testing import expect
 from eigenfail.testing.examples import spec
-from eigenfail.testing.expectations import expect
 from eigenfail.values import (
     Campaign,
     CampaignState,

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from threading import Thread
 
 from eigenfail.errors import ClaimLost
+from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import result
-from eigenfail.testing.expectations import expect, expect_error
 from eigenfail.values import Campaign, CampaignState, Estimate, Overhead
 from eigenfail.values.records import Job, Verdict
 from eigenfail_services.store import Store

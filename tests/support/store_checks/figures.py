@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
 from eigenfail.values import CampaignState, Outcome
-from eigenfail.values.campaign_filter import CampaignFilter
+from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.records import Delivery, FrequentFault
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running

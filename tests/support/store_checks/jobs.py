@@ -2,8 +2,8 @@
 
 import time
 
+from eigenfail.testing import expect
 from eigenfail.testing.examples import result, spec
-from eigenfail.testing.expectations import expect
 from eigenfail.values import AnalysisSettings, AnalysisState, CampaignState
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.store import Store

@@ -1,8 +1,8 @@
 """Checks of how campaigns move from state to state in a `CampaignStore`."""
 
 from eigenfail.errors import IllegalTransition, NotFound
+from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
-from eigenfail.testing.expectations import expect, expect_error
 from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Counts
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import Store

@@ -1,8 +1,8 @@
 """Checks of priorities: of `CampaignStore`, and of the order of `JobQueue`."""
 
 from eigenfail.errors import IdempotencyMismatch, IllegalTransition, NotFound
+from eigenfail.testing import expect_error
 from eigenfail.testing.examples import spec
-from eigenfail.testing.expectations import expect_error
 from eigenfail.values import AnalysisSettings, CampaignState, Priority
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import Store

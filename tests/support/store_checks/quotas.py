@@ -3,11 +3,10 @@
 from collections.abc import Callable
 
 from eigenfail.errors import NotFound, QuotaExceeded
+from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import result, spec
-from eigenfail.testing.expectations import expect, expect_error
 from eigenfail.values import CampaignState, Page
-from eigenfail.values.access import Scope
-from eigenfail.values.quotas import UNLIMITED, Quotas, Usage
+from eigenfail.values.access import UNLIMITED, Quotas, Scope, Usage
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, deliver, equal
 

@@ -1,8 +1,8 @@
 """Checks of `EventLog`, `CheckpointStore` and `AnalysisStore`."""
 
 from eigenfail.errors import NotFound
+from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import analysis_result
-from eigenfail.testing.expectations import expect, expect_error
 from eigenfail.values import (
     AnalysisResult,
     AnalysisSettings,

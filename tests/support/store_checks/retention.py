@@ -1,10 +1,10 @@
 """Checks of `RetentionStore`: what goes, what stays, and what is said of it."""
 
 from eigenfail.errors import Conflict, NoisePruned, NotFound
+from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
-from eigenfail.testing.expectations import expect, expect_error
 from eigenfail.values import AnalysisSettings, Campaign, CampaignState
-from eigenfail.values.retention import Retention, Weight
+from eigenfail.values.operations import Retention, Weight
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running
 

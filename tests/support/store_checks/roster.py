@@ -1,6 +1,6 @@
 """Checks of `Roster`."""
 
-from eigenfail.values.worker import LONGEST_NAME, MOST_VERSIONS, Arrival, Presence
+from eigenfail.values.operations import LONGEST_NAME, MOST_VERSIONS, Arrival, Presence
 from eigenfail_services.store import Store
 from store_checks.examples import equal
 

@@ -15,7 +15,7 @@ from eigenfail.values import (
     SafetyTotals,
     SpendingTotals,
 )
-from eigenfail.values.randomness import MAX_SEED
+from eigenfail.values.episode import MAX_SEED
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running
 

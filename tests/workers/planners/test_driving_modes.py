@@ -5,11 +5,7 @@ from math import sqrt
 import pytest
 from msgspec import structs
 
-from eigenfail_workers.planners.rulebook.driving_modes import (
-    DrivingMode,
-    ModeMachine,
-    ModeSettings,
-)
+from eigenfail_workers.planners.rulebook.driving_modes import DrivingMode, ModeMachine, ModeSettings
 
 
 def test_a_trip_goes_through_all_modes_in_order(mission, truck):

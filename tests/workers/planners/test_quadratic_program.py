@@ -8,8 +8,12 @@ import pytest
 from scipy import sparse
 
 from eigenfail.errors import SolverError
-from eigenfail_workers.planners.rulebook.osqp_solver import SolverSettings, make_solver_options
-from eigenfail_workers.planners.rulebook.quadratic_program import QpStatus, QuadraticProgram
+from eigenfail_workers.planners.rulebook.quadratic_program import (
+    QpStatus,
+    QuadraticProgram,
+    SolverSettings,
+    make_solver_options,
+)
 
 TIGHT = SolverSettings(tolerance=1e-8, max_iterations=20_000)
 

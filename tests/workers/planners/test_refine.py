@@ -5,8 +5,7 @@ import pytest
 
 from eigenfail_workers.planners.rulebook.candidates import KNOTS, PlanStart, TruckLimits, roll_out
 from eigenfail_workers.planners.rulebook.driving_modes import Task
-from eigenfail_workers.planners.rulebook.osqp_solver import SolverSettings
-from eigenfail_workers.planners.rulebook.quadratic_program import QpStatus
+from eigenfail_workers.planners.rulebook.quadratic_program import QpStatus, SolverSettings
 from eigenfail_workers.planners.rulebook.refine import (
     Refiner,
     RefineSettings,

@@ -34,7 +34,7 @@ from eigenfail.wire.messages import (
 from eigenfail_workers.bridge.connection import Connection, make_timeouts
 from eigenfail_workers.limits import RENEWAL
 from eigenfail_workers.worker.child import Child, as_lockstep, serve
-from eigenfail_workers.worker.pipe import FrameBuffer, write_message
+from eigenfail_workers.worker.child_process import FrameBuffer, write_message
 
 BRIDGE = Path(__file__).parents[3] / "examples" / "bridge" / "minimal.py"
 SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=99, planner="idm")

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from eigenfail.bridges import Plain, check_address
 from eigenfail.cli.plugin_checks import SKIPPED, CheckResult, CheckVerdict
 from eigenfail.errors import EigenfailError, EpisodeError, SimulatorError
-from eigenfail.testing.expectations import expect
+from eigenfail.testing import expect
 from eigenfail.testing.simulation import (
     SEED,
     calm,

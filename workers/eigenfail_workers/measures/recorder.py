@@ -17,7 +17,7 @@ from eigenfail.values import (
     VehicleState,
     White,
 )
-from eigenfail.values.assessment import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
+from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail_workers.measures.conflict import TrafficConflict, find_conflict
 from eigenfail_workers.measures.geometry import distance_lower_bound, separation, velocity
 

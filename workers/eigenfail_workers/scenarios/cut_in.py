@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from eigenfail.values import Mission, VehicleState
 from eigenfail_workers.motion import minimum_jerk
-from eigenfail_workers.scenarios.staging import (
+from eigenfail_workers.scenarios import (
     CAR_LENGTH_M,
     DT_S,
     TRUCK_LENGTH_M,

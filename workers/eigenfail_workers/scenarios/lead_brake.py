@@ -6,7 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.values import Mission, VehicleState
-from eigenfail_workers.scenarios.staging import (
+from eigenfail_workers.scenarios import (
     CAR_LENGTH_M,
     TRUCK_LENGTH_M,
     make_car,

@@ -19,8 +19,7 @@ import structlog
 
 from eigenfail import logs, plugins
 from eigenfail.contracts import EpisodeEngine, LockstepEngine
-from eigenfail.error_text import describe_error, read_text
-from eigenfail.errors import EigenfailError
+from eigenfail.errors import EigenfailError, describe_error, read_text
 from eigenfail.process_state import ProcessState
 from eigenfail.processes import end_now
 from eigenfail.values import EpisodeFault, EpisodeResult, EpisodeSetup, EpisodeTask, unrunnable
@@ -36,8 +35,8 @@ from eigenfail.wire.messages import (
     read_hub_message,
 )
 from eigenfail_workers.limits import RENEWAL, apply_kernel_limits, is_out_of_files
+from eigenfail_workers.worker.child_process import FrameBuffer, write_message
 from eigenfail_workers.worker.guard import fork_under_guard
-from eigenfail_workers.worker.pipe import FrameBuffer, write_message
 
 log = structlog.get_logger()
 

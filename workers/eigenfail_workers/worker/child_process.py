@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -20,6 +21,7 @@ from eigenfail.errors import ProtocolError, ServiceError
 from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group, status_within
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.wire.messages import (
+    MAX_MESSAGE_BYTES,
     Drop,
     Heartbeat,
     Lease,
@@ -27,10 +29,10 @@ from eigenfail.wire.messages import (
     PolicyUpdate,
     Results,
     Setup,
+    encode,
     read_worker_message,
 )
 from eigenfail_workers.limits import Limits
-from eigenfail_workers.worker.pipe import FrameBuffer, write_message
 from eigenfail_workers.worker.resources import (
     OutputLimiter,
     ResourceMonitor,
@@ -38,23 +40,80 @@ from eigenfail_workers.worker.resources import (
     resident_mib,
 )
 
+LENGTH = struct.Struct("<I")
+
+
+CHUNK_BYTES = 1 << 20
+
+
+def write_message(pipe: BinaryIO, message: Message) -> None:
+    """Write one message and flush it.
+
+    Raises:
+        BrokenPipeError: the other end is closed.
+    """
+    data = encode(message)
+    pipe.write(LENGTH.pack(len(data)) + data)
+    pipe.flush()
+
+
+class FrameBuffer:
+    """Collects the bytes of a pipe as they arrive, and yields complete frames."""
+
+    def __init__(self) -> None:
+        self._bytes = bytearray()
+
+    def read(self, descriptor: int) -> bool:
+        """Read the bytes that have arrived; return False at the end of the pipe."""
+        try:
+            data = os.read(descriptor, CHUNK_BYTES)
+        except BlockingIOError:
+            return True
+        self._bytes += data
+        return bool(data)
+
+    def frames(self) -> Iterator[bytes]:
+        """Yield and remove the complete frames.
+
+        Raises:
+            ProtocolError: a frame claims to be larger than any message.
+        """
+        while len(self._bytes) >= LENGTH.size:
+            (length,) = LENGTH.unpack_from(self._bytes)
+            if length > MAX_MESSAGE_BYTES:
+                raise ProtocolError(f"A frame of {length} bytes came from the child.")
+            end = LENGTH.size + length
+            if len(self._bytes) < end:
+                return
+            frame = bytes(self._bytes[LENGTH.size : end])
+            del self._bytes[:end]
+            yield frame
+
+
 START_LIMIT_S = 120.0
 """Wall time for loading the simulator and the planner, before the first episode begins."""
+
 
 STANDSTILL_S = 2.0
 """A parent that does not return to its loop for longer was stopped, or its machine was."""
 
+
 GUARD_S = 5.0
 """Time for the guard to kill the child and its descendants; after it they are killed directly."""
+
 
 JOIN_S = 1.0
 """Time for the threads to end. A process that left the group of the child may keep its pipe open;
 the parent does not wait for that."""
 
+
 EPISODES_PER_SLOT = 2
 """Episodes in the child for each one that runs: one waits, so that no slot is ever idle."""
 
+
 RETRY_S = 1.0
+
+
 NO_DESCRIPTOR = -1
 """A descriptor that `poll` ignores."""
 

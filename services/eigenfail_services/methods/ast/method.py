@@ -1,9 +1,10 @@
 """AST as a learner: soft actor-critic on the paper's decision process (Lee et al. 2020)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import msgspec
+import numpy as np
 from msgspec import structs
 
 from eigenfail.contracts import MethodTraits, Reference
@@ -20,12 +21,48 @@ from eigenfail.values import (
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.ast.decisions import AmplitudeSchedule, is_usable, make_decisions
 from eigenfail_services.methods.ast.probability import PolicyProbability, read_open_policies
-from eigenfail_services.methods.ast.rewards import make_reward
-from eigenfail_services.methods.ast.settings import AstSettings
-from eigenfail_services.methods.ast.trainer import Trainer, make_trainer
+from eigenfail_services.methods.ast.reward import (
+    DissimilarityReward,
+    MahalanobisReward,
+    PaperReward,
+    Reward,
+)
+from eigenfail_services.methods.ast.settings import AstSettings, Trainer, make_trainer
 from eigenfail_services.statistics.importance import WeightedFailures
 
+
+def paper(settings: AstSettings, _horizon: int) -> Reward:
+    """Log p at every step."""
+    return PaperReward(settings.alpha, settings.c_dist)
+
+
+def mahalanobis(settings: AstSettings, _horizon: int) -> Reward:
+    """A distance in place of log p."""
+    return MahalanobisReward(settings.alpha, settings.c_dist)
+
+
+def dissimilarity(settings: AstSettings, horizon: int) -> Reward:
+    """The paper's, and a bonus for failures unlike those known."""
+    nothing = np.zeros((0, horizon, 2), np.float32)
+    return DissimilarityReward(
+        PaperReward(settings.alpha, settings.c_dist), settings.c_dissimilarity, nothing
+    )
+
+
+REWARDS: dict[str, Callable[[AstSettings, int], Reward]] = {
+    "paper": paper,
+    "mahalanobis": mahalanobis,
+    "dissimilarity": dissimilarity,
+}
+
+
+def make_reward(settings: AstSettings, horizon: int) -> Reward:
+    """The reward that the settings name, for episodes of at most `horizon` steps."""
+    return REWARDS[settings.reward](settings, horizon)
+
+
 Count = Annotated[int, msgspec.Meta(ge=0)]
+
 
 WINDOW = 100
 """Number of the last episodes from which convergence is determined."""

@@ -16,7 +16,7 @@ from eigenfail.errors import LearnerDiverged
 from eigenfail.values import Floats, Layer, Policy
 from eigenfail_services.methods.archive import Array, Arrays, take
 from eigenfail_services.methods.ast.decisions import Decisions
-from eigenfail_services.methods.ast.trainer import ACTIONS, REWARD_SCALE, SacOptions
+from eigenfail_services.methods.ast.settings import ACTIONS, REWARD_SCALE, SacOptions
 
 # DOC: Small networks in numpy: all weights in one vector, so that a step is a few large operations.
 NetworkLayer = tuple[Floats, Floats]

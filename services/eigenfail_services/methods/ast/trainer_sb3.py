@@ -16,7 +16,7 @@ from eigenfail.values import Layer, Policy
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Array, Arrays, take
 from eigenfail_services.methods.ast.decisions import Decisions
-from eigenfail_services.methods.ast.trainer import ACTIONS, REWARD_SCALE, SacOptions
+from eigenfail_services.methods.ast.settings import ACTIONS, REWARD_SCALE, SacOptions
 
 KEPT = ("observations", "next_observations", "actions", "rewards", "dones")
 

@@ -20,8 +20,13 @@ from eigenfail.values import (
 )
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.difs.modes import Mixture, Rows
-from eigenfail_services.methods.difs.settings import DifsSettings, Examples
-from eigenfail_services.methods.difs.trials import SCHEDULES, TrialMemory, make_plan
+from eigenfail_services.methods.difs.settings import (
+    SCHEDULES,
+    DifsSettings,
+    Examples,
+    TrialMemory,
+    make_plan,
+)
 
 MODEL = "eigenfail_services.methods.difs.model:DiffusionModel"
 """Path instead of a class, so that torch is imported only when a learner is made."""

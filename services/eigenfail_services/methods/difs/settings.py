@@ -1,12 +1,15 @@
 """Settings of `difs`."""
 
-from typing import Annotated, Literal
+from collections.abc import Sequence
+from math import ceil
+from typing import Annotated, Literal, Protocol
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import Floats
+from eigenfail.values import EpisodeResult, Experience, Floats, Outcome
+from eigenfail_services.methods.difs.modes import Rows
 
 
 class DiffusionOptions(msgspec.Struct, frozen=True, kw_only=True):
@@ -44,7 +47,10 @@ class Examples(msgspec.Struct, frozen=True, eq=False):
 
 
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+
+
 Id = Annotated[int, msgspec.Meta(ge=1)]
+
 
 STEPS_PER_JITTER = 30
 """Least number of steps of an episode for each step of shift, so that shifts are small."""
@@ -163,3 +169,212 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             device=self.device,
             seed=seed,
         )
+
+
+PATIENCE = 2
+"""A mode without failures is dropped after this number of elites of failures elsewhere."""
+
+
+class TrialMemory:
+    """Noise trajectories with their robustness; a full memory drops the safest ones.
+
+    Args:
+        horizon: number of steps of a full episode.
+        memory: number of trajectories.
+    """
+
+    def __init__(self, horizon: int, memory: int) -> None:
+        self._memory = memory
+        self.z = np.zeros((0, horizon, 2), np.float32)
+        self.steps = np.zeros(0, np.int64)
+        self.robustness = np.zeros(0, np.float32)
+
+    def __len__(self) -> int:
+        return len(self.robustness)
+
+    def add(self, results: Sequence[EpisodeResult]) -> None:
+        """Add completed episodes."""
+        for result in results:
+            if result.outcome is not Outcome.FAILED and result.measures is not None:
+                self._append(
+                    _padded(result.noise.z, self.z.shape[1])[None],
+                    np.array([len(result.noise.z)]),
+                    np.array([result.measures.robustness_m]),
+                )
+        self._forget()
+
+    def add_experience(self, experience: Experience) -> None:
+        """Add episodes of earlier campaigns."""
+        self._append(experience.z, experience.steps, experience.robustness_m)
+        self._forget()
+
+    def quantile(self, share: float) -> float:
+        """Return a quantile of the robustness; inf without trajectories. [m]"""
+        return float(np.quantile(self.robustness, share)) if len(self) else float("inf")
+
+    def select_elite(self, count: int, likely_share: float, kinds: Rows) -> Rows:
+        """Return the best trajectories, equally many of each kind.
+
+        A few dozen failures do not tell which kind has more of p(z | failure), and a kind that has
+        more by chance would soon displace the others.
+
+        Args:
+            count: number of trajectories.
+            likely_share: share of a kind's newest failures that are selected by likelihood.
+            kinds: component of each trajectory, shape (n,).
+        """
+        kept = self._list_kinds(count, kinds)
+        each = ceil(count / len(kept))
+        return np.concatenate([self._best(rows, each, likely_share) for rows in kept])
+
+    def find_offsets(self, kinds: Rows) -> Floats:
+        """Return the distance from the best of all to the best of each's kind, shape (n,). [m]
+
+        With this subtracted, the lowest robustness of all denotes the best of each kind. Otherwise
+        samples would be requested that a kind has never reached, and the model would leave it.
+        """
+        best = np.full(kinds.max(initial=0) + 1, np.inf, np.float32)
+        np.minimum.at(best, kinds, self.robustness)
+        late: Floats = best[kinds] - self.robustness.min()
+        return late
+
+    def has_elites(self, count: int, kinds: Rows) -> bool:
+        """Whether each kind has enough failures for its part of an elite of `count`."""
+        kept = self._list_kinds(count, kinds)
+        return all(len(self._failures(rows)) >= count / len(kept) for rows in kept)
+
+    def find_unseen(self) -> NDArray[np.bool_]:
+        """Return which steps lie behind an episode's end, shape (n, horizon).
+
+        No noise was injected there, and none would have mattered: given a failure, it has the
+        prior's distribution, and training fills it with new draws. Zeros would make the model too
+        narrow there.
+        """
+        return np.arange(self.z.shape[1]) >= self.steps[:, None]
+
+    def _list_kinds(self, count: int, kinds: Rows) -> list[Rows]:
+        """Return the trajectories of each kind; with enough failures, only of kinds that failed."""
+        each = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
+        if np.count_nonzero(self.robustness <= 0.0) < PATIENCE * count:
+            return each
+        return [rows for rows in each if len(self._failures(rows))]
+
+    def _failures(self, rows: Rows) -> Rows:
+        return rows[self.robustness[rows] <= 0.0]
+
+    def _best(self, rows: Rows, count: int, likely_share: float) -> Rows:
+        """Return the least robust ones; of more than `count` failures, the likelier of the newest.
+
+        Likelihood is measured along their common mean m, by -z·m: that is log p - log q for a
+        proposal q = N(m, 1), up to a constant. By log p alone, noise in directions that do not
+        matter would decide. The newest come from proposals with less of such noise.
+        """
+        failures = self._failures(rows)
+        if len(failures) <= count:
+            return rows[np.argsort(self.robustness[rows], kind="stable")[:count]]
+        newest = failures[-ceil(count / likely_share) :]
+        z = self.z[newest].reshape(len(newest), -1)
+        return newest[np.argsort(z @ z.mean(axis=0), kind="stable")[:count]]
+
+    def _append(self, z: Floats, steps: NDArray[np.number], robustness: Floats) -> None:
+        self.z = np.concatenate([self.z, z.astype(np.float32)])
+        self.steps = np.concatenate([self.steps, steps.astype(np.int64)])
+        self.robustness = np.concatenate([self.robustness, robustness.astype(np.float32)])
+
+    def _forget(self) -> None:
+        if len(self) > self._memory:
+            newest_first = -np.arange(len(self))
+            kept = np.sort(np.lexsort((newest_first, self.robustness))[: self._memory])
+            self.z, self.steps = self.z[kept], self.steps[kept]
+            self.robustness = self.robustness[kept]
+
+
+def _padded(z: Floats, horizon: int) -> Floats:
+    padded = np.zeros((horizon, 2), np.float32)
+    padded[: len(z)] = z
+    return padded
+
+
+PAPER_SIZE = 500
+"""Episodes from the prior, and again below the threshold."""
+
+
+FIRST_SHARE = 0.08
+
+
+DRAWS_PER_ELITE = 4
+"""Least number of draws from the prior for each trajectory that is trained on."""
+
+
+ROUND_SHARE, SMALLEST_ROUND = 0.04, 10
+
+
+class DifsPlan(msgspec.Struct, frozen=True):
+    """Division of the episodes of a campaign.
+
+    Attributes:
+        initial: number of episodes from the prior.
+        round_size: number of episodes between two trainings after that.
+        final: number of the first episode of the last part, at robustness 0.
+    """
+
+    initial: int
+    round_size: int
+    final: int
+
+
+class Schedule(Protocol):
+    """A named division of episodes, and choice of training data."""
+
+    def plan(self, episodes: int, settings: DifsSettings) -> DifsPlan:
+        """Return the division of a budget, where the settings do not define it."""
+
+    def select(
+        self, trials: TrialMemory, kinds: Rows, threshold_m: float, settings: DifsSettings
+    ) -> Rows:
+        """Return the trajectories of the next training; `kinds` are their components."""
+
+
+class ManyRounds:
+    """Few draws from the prior, many small rounds, and training to the end."""
+
+    def plan(self, episodes: int, settings: DifsSettings) -> DifsPlan:
+        """Return 8 % from the prior, at least four for each of the elite; rounds of 4 %."""
+        fewest = min(DRAWS_PER_ELITE * settings.elite, episodes // 2)
+        round_size = max(SMALLEST_ROUND, round(ROUND_SHARE * episodes))
+        return DifsPlan(max(round(FIRST_SHARE * episodes), fewest), round_size, episodes)
+
+    def select(
+        self, trials: TrialMemory, kinds: Rows, _threshold_m: float, settings: DifsSettings
+    ) -> Rows:
+        """Return the elite of each kind."""
+        return trials.select_elite(settings.elite, settings.likely_share, kinds)
+
+
+class PaperSchedule:
+    """500 from the prior, 500 below the threshold, and the rest at robustness 0."""
+
+    def plan(self, episodes: int, _settings: DifsSettings) -> DifsPlan:
+        """Return the division of the paper; two halves for a budget below 1000."""
+        half = min(PAPER_SIZE, (episodes + 1) // 2)
+        return DifsPlan(half, PAPER_SIZE, min(2 * PAPER_SIZE, episodes))
+
+    def select(
+        self, trials: TrialMemory, _kinds: Rows, threshold_m: float, _settings: DifsSettings
+    ) -> Rows:
+        """Return all trajectories at or below the threshold."""
+        return np.flatnonzero(trials.robustness <= np.float32(threshold_m))
+
+
+SCHEDULES: dict[str, Schedule] = {"many_rounds": ManyRounds(), "paper": PaperSchedule()}
+
+
+def make_plan(episodes: int, settings: DifsSettings) -> DifsPlan:
+    """Return the plan of the schedule, with the settings that override it."""
+    plan = SCHEDULES[settings.schedule].plan(episodes, settings)
+    initial, final = plan.initial, plan.final
+    if settings.initial_share is not None:
+        initial = max(1, round(settings.initial_share * episodes))
+    if settings.final_share is not None:
+        final = episodes - round(settings.final_share * episodes)
+    return DifsPlan(initial, settings.round_size or plan.round_size, final)

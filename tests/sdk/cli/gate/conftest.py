@@ -61,7 +61,7 @@ def made(tmp_path_factory, working_service):
     surroundings = Environment(connect=lambda url: Client(url, working_service(store)))
     words = ["gate", str(file), "--planner-version", "v1", "--json"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eigenfail.client.waiting.sleep", lambda seconds: None)
+        patch.setattr("eigenfail.client.link.sleep", lambda seconds: None)
         run = CliRunner().invoke(app, words, obj=surroundings)
     assert run.exit_code == 0, run.output
     image = store._database._backend.image()

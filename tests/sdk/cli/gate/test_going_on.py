@@ -3,7 +3,7 @@
 import os
 import signal
 
-from eigenfail.cli.progress import INTERRUPTED
+from eigenfail.cli.render import INTERRUPTED
 
 
 def test_the_same_gate_again_runs_nothing_twice(gate, store):

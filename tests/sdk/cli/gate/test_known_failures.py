@@ -10,7 +10,7 @@ from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods.minimal.method import Minimal
+from eigenfail_services.methods.minimal import Minimal
 
 
 def shrunk(store, was):

@@ -1,13 +1,13 @@
 """What is said of workers that were asked for: what lasts, once, and its end."""
 
-from eigenfail_services.campaigns.launching.ray_launcher import (
+from eigenfail_services.campaigns.ray_launcher import (
     ASKED,
     MACHINES,
     REFUSED,
     UNPLACED_AFTER_S,
     PlacementNotices,
 )
-from eigenfail_services.campaigns.launching.ray_link import ClusterStatus
+from eigenfail_services.campaigns.ray_link import ClusterStatus
 
 
 def said(placement: PlacementNotices, now_s: float, **standing) -> list[tuple[str, str]]:

@@ -12,8 +12,8 @@ import pytest
 
 from eigenfail.hosting.service import Plan, make_commands
 from eigenfail_services import __main__ as services
-from eigenfail_services.campaigns.launching import options
-from eigenfail_services.campaigns.launching.ray_process import ALONE, ENVIRONMENT, RayCluster
+from eigenfail_services.campaigns import ray_launcher
+from eigenfail_services.campaigns.ray_process import ALONE, ENVIRONMENT, RayCluster
 
 WANTED = ("RAY_AUTH_MODE", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER")
 
@@ -55,9 +55,7 @@ def test_a_ray_of_one_machine_has_logs_of_bounded_size_in_the_folder_that_it_is_
 
 
 def test_one_that_runs_elsewhere_is_spoken_with_by_token_too(begun, monkeypatch):
-    monkeypatch.setattr(
-        "eigenfail_services.campaigns.launching.ray_process.check_reachable", lambda _: None
-    )
+    monkeypatch.setattr("eigenfail_services.campaigns.ray_process.check_reachable", lambda _: None)
     RayCluster("head:6379", 3)
     (given,) = begun
     assert (given["RAY_AUTH_MODE"], given["address"]) == ("token", "head:6379")
@@ -67,4 +65,4 @@ def test_up_has_ray_started_so_and_nobody_else():
     words = make_commands(Plan(Path("data"), 0, 2), "sqlite://", 8440, 8441)["services"]
     arguments = services.parse(words[words.index("eigenfail_services") + 1 :])
     assert (arguments.launcher, arguments.ray_address) == ("ray", None)
-    assert options.create_launcher(arguments)
+    assert ray_launcher.create_launcher(arguments)

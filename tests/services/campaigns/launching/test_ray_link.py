@@ -5,8 +5,8 @@ from contextlib import ExitStack
 
 import pytest
 
-from eigenfail_services.campaigns.launching import ray_link
-from eigenfail_services.campaigns.launching.ray_link import RayLink, StartRay
+from eigenfail_services.campaigns import ray_link
+from eigenfail_services.campaigns.ray_link import RayLink, StartRay
 
 pytestmark = pytest.mark.service
 

@@ -1,7 +1,7 @@
 """Whom Ray is to have: taken on with the work, struck out when nothing of them is needed."""
 
-from eigenfail.hosting.span import Span
-from eigenfail_services.campaigns.launching.scaling import WorkerNames
+from eigenfail.hosting.service import Span
+from eigenfail_services.campaigns.launcher import WorkerNames
 from eigenfail_services.hub.metrics import Work, WorkerDemand
 
 IDLE_S = 20.0

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.hosting.span import Span
-from eigenfail_services.campaigns.launching.scaling import (
+from eigenfail.hosting.service import Span
+from eigenfail_services.campaigns.launcher import (
     RISE_AFTER_S,
     WORK_EACH_S,
     WorkerScale,

@@ -8,6 +8,7 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.values import Mission, VehicleState
+from eigenfail_workers.planners import LaneKeeping, look_ahead_m, pursue
 from eigenfail_workers.planners.rulebook.candidates import (
     CandidateSettings,
     PlanStart,
@@ -35,7 +36,6 @@ from eigenfail_workers.planners.rulebook.traffic import (
     find_nearer,
     required_deceleration,
 )
-from eigenfail_workers.planners.steering import LaneKeeping, look_ahead_m, pursue
 
 
 class LanePhase(StrEnum):

@@ -22,11 +22,11 @@ from eigenfail_workers.planners.rulebook.candidates import (
     Profile,
     TruckLimits,
 )
-from eigenfail_workers.planners.rulebook.osqp_solver import SolverSettings
 from eigenfail_workers.planners.rulebook.quadratic_program import (
     Matrix,
     QpStatus,
     QuadraticProgram,
+    SolverSettings,
 )
 from eigenfail_workers.planners.rulebook.traffic import Neighbour
 

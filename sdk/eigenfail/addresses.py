@@ -1,0 +1,90 @@
+"""Addresses: database URLs, and which hosts are this machine."""
+
+import os
+import re
+from ipaddress import ip_address
+from pathlib import Path
+from urllib.parse import quote, unquote_to_bytes
+
+from eigenfail.errors import InvalidValue
+
+ENDPOINT = re.compile(r"tcp://(?P<host>\[[^\[\]]+\]|[^\[\]:;/@]+):[^:;/@]+")
+"""Of ZeroMQ, as one listens on it or connects to it."""
+
+
+PIPE = "ipc://"
+
+
+TRUST_VARIABLE = "EIGENFAIL_TRUST_NETWORK"
+"""Where it is "1", somebody vouches for the network beyond this machine."""
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host is this machine itself: a number of loopback, or `localhost`.
+
+    No other name is looked up: it may be another machine's by the time at which it is used.
+
+    Args:
+        host: without a port; an address of IPv6 with or without brackets.
+    """
+    bare = host[1:-1] if host.startswith("[") and host.endswith("]") else host
+    try:
+        return ip_address(bare).is_loopback
+    except ValueError:
+        return bare.lower() == "localhost"
+
+
+def is_own_endpoint(address: str) -> bool:
+    """Whether an address of ZeroMQ is of this machine; what cannot be read is of another."""
+    found = ENDPOINT.fullmatch(address)
+    return address.startswith(PIPE) or (found is not None and is_loopback(found["host"]))
+
+
+FORM = "Write sqlite:///folder/file.db; memory:// keeps everything in this process."
+
+
+_SQLITE = re.compile(r"sqlite(\+pysqlite)?://(?P<host>[^/]*)(/(?P<path>.*))?", re.DOTALL)
+
+
+def is_sqlite_url(url: str) -> bool:
+    """Whether a URL names a SQLite database."""
+    return _SQLITE.fullmatch(url) is not None
+
+
+def sqlite_url(path: Path) -> str:
+    """The URL of the SQLite database in a file."""
+    return f"sqlite:///{quote(os.fsencode(path))}"
+
+
+def sqlite_path(url: str) -> Path:
+    """The absolute path of the file that a URL of a SQLite database names.
+
+    Raises:
+        InvalidValue: it is not such a URL, names no file, or has a part behind a `?`.
+    """
+    found = _SQLITE.fullmatch(url)
+    if found is None or found["host"]:
+        raise InvalidValue("database", "The address cannot be read.", FORM)
+    text = found["path"] or ""
+    if "?" in text:
+        # Dropping what stands behind it would open another file than the one that was meant.
+        raise InvalidValue(
+            "database",
+            "The address of a SQLite database has a '?'.",
+            "Write %3F where it belongs to the path, and leave it out otherwise: there are no "
+            "options.",
+        )
+    name = unquote_to_bytes(text)
+    if name in {b"", b":memory:"} or b"\0" in name:
+        raise InvalidValue("database", "The address names no file.", FORM)
+    return Path(os.fsdecode(name)).absolute()
+
+
+def sqlite_uri(path: Path, mode: str) -> str:
+    """The file: URI by which SQLite itself opens a file.
+
+    Args:
+        path: of the file.
+        mode: ro, rw or rwc, as SQLite calls them; only rwc creates a file that is missing.
+    """
+    return f"file:{quote(os.fsencode(path.absolute()))}?mode={mode}"

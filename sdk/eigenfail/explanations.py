@@ -1,0 +1,368 @@
+"""Explanations of stored episodes: an episode is run again, and described in sentences.
+
+The names looked for in a planner's account of a step are those of `ExplainingPlanner`.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import groupby, pairwise
+from math import inf, isfinite
+from statistics import fmean
+from typing import NamedTuple
+
+import msgspec
+
+from eigenfail import logs, processes
+from eigenfail.processes import answer
+from eigenfail.replays import ReplayQuestion, answer_replays, explain_episode
+from eigenfail.values import (
+    CampaignSpec,
+    EpisodeResult,
+    ExplainedEpisode,
+    ExplainedStep,
+    Explanation,
+    Outcome,
+    Replayed,
+)
+from eigenfail.values.arrays import decode_array, encode_array
+
+MISJUDGED_MPS = 3.0
+"""A closing speed that the planner underestimates by more than this is mentioned."""
+
+
+BRAKED_MPS2 = 0.1
+
+
+_MOST_SENTENCES = 3
+"""More spans of a kind than this share one sentence."""
+
+
+Steps = Sequence[ExplainedStep]
+
+
+class _Event(NamedTuple):
+    time_s: float
+    text: str
+
+
+def tell_story(episode: ExplainedEpisode) -> list[str]:
+    """Describe an episode in sentences, in order of time."""
+    happened = [found for teller in _EVENT_FINDERS for found in teller(episode)]
+    return [f"{text}." for _, text in sorted(happened, key=lambda found: found.time_s)]
+
+
+def _find_lost_tracks(episode: ExplainedEpisode) -> Iterator[_Event]:
+
+    for before, now in pairwise(episode.steps):
+        lost = _read_figure(now, "lost_tracks"), _read_figure(before, "lost_tracks")
+        if lost[0] > lost[1]:
+            gap_m, closing_mps = _format_number(now.gap_m, 0), _format_number(now.closing_mps, 1)
+            truth = f"{gap_m} m, closing at {closing_mps} m/s"
+            yield _Event(
+                now.time_s, f"At {_format_time(now)} a track was lost; the true gap: {truth}"
+            )
+
+
+def _find_blindness(episode: ExplainedEpisode) -> Iterator[_Event]:
+
+    spans = _find_spans(
+        episode.steps, lambda step: _has_word("heeds", "nobody", step) and _is_vehicle_ahead(step)
+    )
+    yield from _describe_spans(spans, "it heeded nobody ahead")
+
+
+def _find_misjudged_speeds(episode: ExplainedEpisode) -> Iterator[_Event]:
+    # The estimate of a new track starts wrong: steps before the first good estimate do not count.
+    judged = [step for step in episode.steps if _find_speed_error(step) is not None]
+    settled_s = next((step.time_s for step in judged if not _is_misjudged(step)), 0.0)
+    later = [step for step in episode.steps if step.time_s >= settled_s]
+    for span in _find_spans(later, _is_misjudged):
+        believed = fmean(_read_figure(step, "closing_mps") for step in span)
+        true = fmean(step.closing_mps or 0.0 for step in span)
+        text = f"it believed to close in at {believed:.1f} m/s on average; in truth {true:.1f} m/s"
+        yield _Event(span[0].time_s, f"{_format_span(span)} {text}")
+
+
+def _find_leads(episode: ExplainedEpisode) -> Iterator[_Event]:
+
+    spans = _find_spans(episode.steps, partial(_has_word, "heeds", "lead"))
+    yield from _describe_spans(spans, "it took the vehicle ahead for its lead")
+
+
+def _find_overrides(episode: ExplainedEpisode) -> Iterator[_Event]:
+
+    names = dict.fromkeys(_read_word(step, "override") for step in episode.steps)
+    for name in names.keys() - {"", "none"}:
+        spans = _find_spans(episode.steps, partial(_has_word, "override", name))
+        yield from _describe_spans(spans, f"the plan was overridden: {name.replace('_', ' ')}")
+
+
+def _find_unsolved_programs(episode: ExplainedEpisode) -> Iterator[_Event]:
+
+    spans = _find_spans(
+        episode.steps, lambda step: _read_word(step, "qp_status") not in ("", "solved")
+    )
+    yield from _describe_spans(spans, "the quadratic program was not solved")
+
+
+def _find_hardest_braking(episode: ExplainedEpisode) -> Iterator[_Event]:
+
+    hardest = min(episode.steps, key=lambda step: step.acceleration_mps2, default=None)
+    if hardest is not None and hardest.acceleration_mps2 < -BRAKED_MPS2:
+        braked = f"it braked hardest: {-hardest.acceleration_mps2:.2f} m/s²"
+        yield _Event(hardest.time_s, f"At {_format_time(hardest)} {braked}")
+
+
+def _describe_end(episode: ExplainedEpisode) -> Iterator[_Event]:
+
+    yield _Event(float("inf"), _END_DESCRIPTIONS[episode.result.outcome](episode.result))
+
+
+def _describe_collision(result: EpisodeResult) -> str:
+    # A collision is detected at the end of the last step.
+    severity = result.measures.severity if result.measures else None
+    after_s = result.scene.dt_s * result.steps if result.scene else None
+    end = f"After {_format_number(after_s, 1)} s collision"
+    return f"{end}: severity {_format_number(severity, 1)} m²/s²"
+
+
+def _describe_safe_end(result: EpisodeResult) -> str:
+
+    nearest_m = result.measures.robustness_m if result.measures else None
+    return f"No collision: never nearer than {_format_number(nearest_m, 1)} m"
+
+
+def _describe_error(result: EpisodeResult) -> str:
+
+    why = result.fault.message.rstrip(".") if result.fault else "no reason was kept"
+    return f"After {result.steps} steps the episode could not go on: {why}"
+
+
+_END_DESCRIPTIONS: dict[Outcome, Callable[[EpisodeResult], str]] = {
+    Outcome.COLLISION: _describe_collision,
+    Outcome.SAFE: _describe_safe_end,
+    Outcome.FAILED: _describe_error,
+}
+
+
+_EVENT_FINDERS = (
+    _find_lost_tracks,
+    _find_blindness,
+    _find_misjudged_speeds,
+    _find_leads,
+    _find_overrides,
+    _find_unsolved_programs,
+    _find_hardest_braking,
+    _describe_end,
+)
+
+
+def _format_number(value: float | None, digits: int) -> str:
+
+    return "–" if value is None or not isfinite(value) else f"{value:.{digits}f}"
+
+
+def _describe_spans(spans: Sequence[Steps], what: str) -> Iterator[_Event]:
+
+    if len(spans) <= _MOST_SENTENCES:
+        yield from (_Event(span[0].time_s, f"{_format_span(span)} {what}") for span in spans)
+        return
+    whole = [spans[0][0], spans[-1][-1]]
+    steps = sum(map(len, spans))
+    text = f"{_format_span(whole)}, {len(spans)} times and {steps} steps in all, {what}"
+    yield _Event(whole[0].time_s, text)
+
+
+def _find_spans(steps: Steps, holds: Callable[[ExplainedStep], bool]) -> list[Steps]:
+    """Return the runs of consecutive steps for which the predicate holds."""
+    return [list(run) for held, run in groupby(steps, holds) if held]
+
+
+def _format_span(span: Steps) -> str:
+
+    first, last = _format_time(span[0]), _format_time(span[-1])
+    return f"At {first}" if first == last else f"From {first} to {last}"
+
+
+def _format_time(step: ExplainedStep) -> str:
+
+    return f"{step.time_s:.1f} s"
+
+
+def _read_word(step: ExplainedStep, name: str) -> str:
+
+    return str(step.account.get(name, ""))
+
+
+def _has_word(name: str, text: str, step: ExplainedStep) -> bool:
+
+    return _read_word(step, name) == text
+
+
+def _read_figure(step: ExplainedStep, name: str) -> float:
+
+    value = step.account.get(name, 0.0)
+    return value if isinstance(value, float) else 0.0
+
+
+def _is_vehicle_ahead(step: ExplainedStep) -> bool:
+
+    return step.gap_m is not None and step.gap_m > 0.0
+
+
+def _find_speed_error(step: ExplainedStep) -> float | None:
+    """Return the true closing speed minus the planner's estimate [m/s], if it gives one."""
+    if step.closing_mps is None or "closing_mps" not in step.account:
+        return None
+    return step.closing_mps - _read_figure(step, "closing_mps")
+
+
+def _is_misjudged(step: ExplainedStep) -> bool:
+
+    return (_find_speed_error(step) or 0.0) > MISJUDGED_MPS
+
+
+class StepWindow(msgspec.Struct, frozen=True):
+    """Selection of steps: every n-th between two times [s], both included."""
+
+    since_s: float
+    until_s: float
+    every: int
+
+    def select(self, steps: Sequence[ExplainedStep]) -> tuple[ExplainedStep, ...]:
+        """Return the selected steps."""
+        picked = steps[:: self.every]
+        return tuple(step for step in picked if self.since_s <= step.time_s <= self.until_s)
+
+
+WHOLE = StepWindow(-inf, inf, 1)
+
+
+def build_explanation(
+    episode: str, planner: str, replayed: Replayed, explained: ExplainedEpisode, window: StepWindow
+) -> Explanation:
+    """Build the explanation of an episode from its replay."""
+    silent = not any(step.account for step in explained.steps)
+    return Explanation(
+        episode=episode,
+        planner=planner,
+        replayed=replayed,
+        verdict=describe_replay(replayed),
+        note=f"The planner '{planner}' explains nothing: {NO_ACCOUNT}" if silent else "",
+        steps=window.select(explained.steps),
+        story=tuple(tell_story(explained)),
+    )
+
+
+NO_ACCOUNT = "it has no `explain`, or returns nothing there. Only its controls follow."
+
+
+def describe_replay(replayed: Replayed) -> str:
+    """State in a sentence whether the replay equals the stored episode."""
+    if replayed.same:
+        return (
+            "This explanation comes from a replay that equals the stored episode bit for bit: "
+            f"digest {replayed.digest}."
+        )
+    again = f"{replayed.outcome.word}, digest {replayed.digest}"
+    stored = f"{replayed.stored_outcome.word}, digest {replayed.stored_digest}"
+    return (
+        f"DIFFERENT: the replay ({again}) does not equal the stored episode ({stored}); what "
+        "follows describes the replay. Use the versions and the type of machine of the campaign."
+    )
+
+
+MODULE = "eigenfail.explanations"
+
+
+TIMEOUT_S = 60.0
+
+
+class _ExplanationQuestion(msgspec.Struct, frozen=True, eq=False, tag=True):
+    campaign: int
+    spec: CampaignSpec
+    stored: EpisodeResult
+
+
+_encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
+
+
+_questions = msgspec.msgpack.Decoder(_ExplanationQuestion | ReplayQuestion, dec_hook=decode_array)
+
+
+_answers = msgspec.msgpack.Decoder(Explanation, dec_hook=decode_array)
+
+
+def encode_question(campaign: int, spec: CampaignSpec, stored: EpisodeResult) -> bytes:
+    """Encode the question for the side process; equal episodes give equal questions."""
+    return _encoder.encode(_ExplanationQuestion(campaign, spec, stored))
+
+
+def explain_in_process(asked: bytes, timeout_s: float = TIMEOUT_S) -> Explanation:
+    """Explain an episode in a separate process, which may fail without harm to this one.
+
+    Args:
+        asked: made by `encode_question`.
+        timeout_s: time after which the process is killed [s].
+
+    Raises:
+        InvalidValue: the episode has no course to explain.
+        ServiceError: the simulator is not installed here, or the process gave no answer.
+    """
+    return _answers.decode(processes.ask(MODULE, asked, timeout_s))
+
+
+def answer_question(asked: bytes) -> bytes:
+    """Answer a question in the process that was started for it."""
+    question = _questions.decode(asked)
+    if isinstance(question, ReplayQuestion):
+        return answer_replays(question)
+    return _encoder.encode(_explain(question))
+
+
+def _explain(wanted: _ExplanationQuestion) -> Explanation:
+    # The scene of the replay stands in for one that was not stored, if both episodes are equal.
+    stored = wanted.stored
+    replayed, episode = explain_episode(wanted.spec, stored)
+    name = f"{wanted.campaign}/{stored.index}"
+    told = build_explanation(name, wanted.spec.planner, replayed, episode, WHOLE)
+    has_news = replayed.same and stored.scene is None
+    return msgspec.structs.replace(told, scene=episode.result.scene if has_news else None)
+
+
+_MOST_MOMENTS = 12
+
+
+NOTHING = frozenset({"", "none"})
+
+
+SOLVED = frozenset({"", "solved"})
+
+
+class NotableMoment(msgspec.Struct, frozen=True):
+    """A moment of an episode that the player offers to jump to."""
+
+    time_s: float
+    words: str
+
+
+def find_moments(steps: Sequence[ExplainedStep]) -> tuple[NotableMoment, ...]:
+    """Find the first moments at which a track is lost, a plan overridden or a program unsolved."""
+    found = (one for before, now in pairwise(steps) for one in _find_beginnings(before, now))
+    return tuple(one for one, _ in zip(found, range(_MOST_MOMENTS), strict=False))
+
+
+def _find_beginnings(before: ExplainedStep, now: ExplainedStep) -> Iterator[NotableMoment]:
+
+    if _read_figure(now, "lost_tracks") > _read_figure(before, "lost_tracks"):
+        yield NotableMoment(now.time_s, "track lost")
+    override = _read_word(now, "override")
+    if override not in NOTHING and override != _read_word(before, "override"):
+        yield NotableMoment(now.time_s, override.replace("_", " "))
+    if _read_word(now, "qp_status") not in SOLVED and _read_word(before, "qp_status") in SOLVED:
+        yield NotableMoment(now.time_s, "program not solved")
+
+
+if __name__ == "__main__":
+    logs.configure("controller")
+    answer(answer_question)

@@ -1,0 +1,224 @@
+"""The planner's own account of an episode, step by step, beside the truth."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from typing import Any
+
+import msgspec
+
+from eigenfail import functions, plugins, processes
+from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.process_state import ProcessState
+from eigenfail.values import (
+    CampaignSpec,
+    EpisodeResult,
+    EpisodeTask,
+    ExplainedEpisode,
+    Outcome,
+    PriorSource,
+    Replayed,
+    TrajectorySource,
+)
+from eigenfail.values.arrays import encode_array
+from eigenfail.values.operations import DRAWN_AGAIN
+from eigenfail.values.records import EpisodeRow
+from eigenfail.worlds import world_of
+
+MODULE = "eigenfail.explanations"
+"""The module that answers a `ReplayQuestion` in a process of its own."""
+
+
+_BATCH = 50
+"""Episodes of one question. If its process dies or hangs, each of them is tried again alone."""
+
+
+START_S = 120.0
+
+
+EPISODE_S = 60.0
+"""Wall time to load plug-ins, and for each episode; a worker allows the same."""
+
+
+DEFAULT = "default"
+
+
+INFRASTRUCTURE = "infrastructure"
+
+
+class ReplayQuestion(msgspec.Struct, frozen=True, eq=False, tag=True):
+    """Episodes of one campaign to run one after the other."""
+
+    spec: CampaignSpec
+    tasks: tuple[EpisodeTask, ...]
+
+
+class ReplayedOutcome(msgspec.Struct, frozen=True):
+    """Outcome of a replay; `problem` says why it errored, and is empty otherwise."""
+
+    outcome: Outcome
+    digest: str
+    problem: str = ""
+
+
+_encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
+
+
+_answers = msgspec.msgpack.Decoder(list[ReplayedOutcome])
+
+
+def replay_in_process(
+    spec: CampaignSpec, tasks: Sequence[EpisodeTask]
+) -> Iterator[ReplayedOutcome | ServiceError]:
+    """Run episodes of one campaign in processes that run no other campaign.
+
+    An episode that changes process-wide state ends its process: the next one begins in another.
+
+    Args:
+        spec: specification of the campaign.
+        tasks: at least one episode.
+
+    Yields:
+        the outcome of each episode in order, or a ServiceError if its process died or hung.
+
+    Raises:
+        InputError: the campaign cannot be run here.
+    """
+    place = 0
+    while place < len(tasks):
+        for answer in _ask_process(spec, tasks[place : place + _BATCH]):
+            yield answer
+            place += 1
+
+
+def _ask_process(
+    spec: CampaignSpec, tasks: Sequence[EpisodeTask]
+) -> Sequence[ReplayedOutcome | ServiceError]:
+    question = _encoder.encode(ReplayQuestion(spec, tuple(tasks)))
+    try:
+        answer = processes.ask(MODULE, question, START_S + EPISODE_S * len(tasks))
+    except ServiceError as error:
+        # A separate process for each episode shows which of them ended the process.
+        return [error] if len(tasks) == 1 else [_ask_process(spec, [each])[0] for each in tasks]
+    return _answers.decode(answer)
+
+
+def answer_replays(question: ReplayQuestion) -> bytes:
+    """Return the outcomes of the episodes up to the first that changed process-wide state."""
+    plugins.keep_import_effects()
+    engine, outcomes = load_engine()(question.spec.setup()), list[ReplayedOutcome]()
+    state = ProcessState()
+    try:
+        for result in engine.run(question.tasks):
+            problem = f"{result.fault.kind}: {result.fault.message}" if result.fault else ""
+            outcomes.append(ReplayedOutcome(result.outcome, result.digest(), problem))
+            if result.fault and state.changes():
+                break
+    finally:
+        with suppress(Exception):  # the results are there, whatever breaks at the end
+            engine.close()
+    return _encoder.encode(outcomes)
+
+
+def replay_episode(spec: CampaignSpec, stored: EpisodeResult) -> Replayed:
+    """Inject the stored noise again, with the campaign's planner, scenario and simulator.
+
+    Raises:
+        ServiceError: the world is not installed here.
+        UnknownName: a plug-in of the campaign is not installed here.
+    """
+    return compare_results(stored, run_once(spec, make_replay_task(stored)))
+
+
+def redraw_episode(spec: CampaignSpec, row: EpisodeRow) -> Replayed:
+    """Run an episode whose noise was pruned, with noise drawn again from its seed.
+
+    Raises:
+        InvalidValue: the noise does not follow from the seed.
+        ServiceError: the world is not installed here.
+        UnknownName: a plug-in of the campaign is not installed here.
+    """
+    if row.source != DRAWN_AGAIN:
+        problem = f"Its noise by {row.source} is gone, and does not follow from its seed."
+        raise InvalidValue("episode", problem, "Restore a backup from before the pruning.")
+    again = run_once(spec, make_redraw_task(row.index, row.seed))
+    return _compare(row.index, (row.outcome, row.digest), again)
+
+
+def run_once(spec: CampaignSpec, task: EpisodeTask) -> EpisodeResult:
+    """Run an episode in this process.
+
+    Raises:
+        InvalidValue: its function is not allowed to run here.
+    """
+    again = f"{functions.ALLOWED_VARIABLE}={spec.planner.partition(':')[0]} eigenfail"
+    remedy = f"It is run in your own process: `{again} episode replay CAMPAIGN/INDEX`."
+    world_of(spec.simulator).refuse_unlisted(spec.planner, remedy)
+    plugins.keep_import_effects()
+    engine = load_engine()(spec.setup())
+    try:
+        result: EpisodeResult = next(iter(engine.run([task])))
+    finally:
+        engine.close()
+    return result
+
+
+def explain_episode(spec: CampaignSpec, stored: EpisodeResult) -> tuple[Replayed, ExplainedEpisode]:
+    """Run an episode again with its stored noise, with the planner's account of each step.
+
+    Raises:
+        InvalidValue: the episode has no course to explain.
+        ServiceError: the world is not installed here.
+        UnknownName: a plug-in of the campaign is not installed here.
+    """
+    if stored.fault is not None and stored.fault.kind == INFRASTRUCTURE:
+        raise InvalidValue("episode", f"It has no course to explain: {stored.fault.message}")
+    plugins.keep_import_effects()
+    explained = load_here(plugins.EXPLAINERS)(spec.setup(), make_replay_task(stored))
+    return compare_results(stored, explained.result), explained
+
+
+def make_replay_task(stored: EpisodeResult) -> EpisodeTask:
+    """Return the task that runs a stored episode with its noise."""
+    return EpisodeTask(stored.index, stored.seed, TrajectorySource(stored.noise.z))
+
+
+def compare_results(stored: EpisodeResult, again: EpisodeResult) -> Replayed:
+    """Compare two results by their digests."""
+    return _compare(stored.index, (stored.outcome, stored.digest()), again)
+
+
+def _compare(index: int, stored: tuple[Outcome, str], again: EpisodeResult) -> Replayed:
+
+    outcome, digest = stored
+    return Replayed(
+        index=index,
+        stored_outcome=outcome,
+        stored_digest=digest,
+        outcome=again.outcome,
+        digest=again.digest(),
+        same=digest == again.digest(),
+    )
+
+
+def make_redraw_task(index: int, seed: int) -> EpisodeTask:
+    """Return the task that draws the noise of an episode again from its seed."""
+    return EpisodeTask(index, seed, PriorSource())
+
+
+def load_engine() -> Any:
+    """Load the engine that runs episodes on this machine; see `load_here`."""
+    return load_here(plugins.ENGINES)
+
+
+def load_here(group: str) -> Any:
+    """Load the default plug-in of a group.
+
+    Raises:
+        ServiceError: no simulator is installed here.
+    """
+    try:
+        return plugins.load(group, DEFAULT)
+    except InvalidValue as error:
+        raise ServiceError(
+            f"Episodes cannot be run here: {error.problem}", "Run: pip install 'eigenfail[worker]'"
+        ) from error

@@ -1,0 +1,235 @@
+"""API keys: their secrets, who holds one, and the first key, which turns authentication on."""
+
+import hashlib
+import hmac
+import secrets
+from contextlib import closing
+from pathlib import Path
+
+import msgspec
+
+from eigenfail.errors import Conflict, InvalidValue, NotFound, Unauthorized
+from eigenfail.files import replace_private
+from eigenfail.frames import Rows
+from eigenfail.values.access import (
+    TOKEN,
+    UNLIMITED,
+    ApiKey,
+    AuditEntry,
+    Change,
+    KeyRequest,
+    NewKey,
+    Quotas,
+    Scope,
+)
+from eigenfail.wire.http import PREFIX, read_fields
+from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.clock import now_ms
+
+SECRET_BYTES = 32
+
+
+MINUTE_MS = 60_000
+
+
+def make_key(store: Store, request: KeyRequest) -> NewKey:
+    """A new key, with what its holder sends: nobody can tell it again.
+
+    Raises:
+        InvalidValue: it would be the first one, and not an administrator's.
+    """
+    at_ms = now_ms()
+    if request.scope is not Scope.ADMIN and not store.keys.admins(at_ms):
+        raise InvalidValue(
+            "scope",
+            "no administrator has a valid key yet, and from the first key on everybody needs one.",
+            "Make a key with the scope admin first.",
+        )
+    secret = secrets.token_urlsafe(SECRET_BYTES)
+    expires_ms = None if request.expires_s is None else at_ms + 1_000 * request.expires_s
+    key = store.keys.create(request.name, request.scope, digest(secret), expires_ms, request.quotas)
+    return NewKey(key, f"ef_{key.id}_{secret}")
+
+
+def revoke_key(store: Store, number: int) -> ApiKey:
+    """The key, which opens nothing any more.
+
+    Raises:
+        NotFound: there is no such key.
+        Conflict: without it no administrator could come in, and nobody could make another.
+    """
+    at_ms, key = now_ms(), store.keys.find(number).key
+    is_admin = key.scope is Scope.ADMIN and key.is_valid(at_ms)
+    if is_admin and store.keys.admins(at_ms) == 1:
+        raise Conflict(
+            f"Key {number} is the last of an administrator: without it nobody could make keys.",
+            "Make another administrator's key first, then revoke this one.",
+        )
+    return store.keys.revoke(number)
+
+
+def shown_key(store: Store, token: str, at_ms: int) -> ApiKey:
+    """The key that somebody shows, if it is valid at a moment.
+
+    Raises:
+        Unauthorized: it is none, or not any more; in the same words whatever the reason.
+    """
+    match = TOKEN.fullmatch(token)
+    if match is None:
+        raise no_valid_key()
+    try:
+        found = store.keys.find(int(match["id"]))
+    except NotFound:
+        raise no_valid_key() from None
+    if not hmac.compare_digest(digest(match["secret"]), found.digest):
+        raise no_valid_key()
+    return valid(found.key, at_ms)
+
+
+def valid(key: ApiKey, at_ms: int) -> ApiKey:
+    """The key, if it is valid at a moment.
+
+    Raises:
+        Unauthorized: it is not.
+    """
+    if not key.is_valid(at_ms):
+        raise no_valid_key()
+    return key
+
+
+def note_use(store: Store, key: ApiKey, at_ms: int) -> None:
+    """Write down that a key is in use, at most once a minute."""
+    if key.last_used_ms is None or at_ms - key.last_used_ms >= MINUTE_MS:
+        store.keys.used(key.id, at_ms)
+
+
+def digest(secret: str) -> str:
+    """What is kept of a secret: its SHA-256, in hexadecimal digits."""
+    return hashlib.sha256(secret.encode()).hexdigest()
+
+
+def no_valid_key() -> Unauthorized:
+    """The one refusal of whoever shows no key, or one that opens nothing."""
+    return Unauthorized(
+        "This service answers only those who show a valid key.",
+        "Send `Authorization: Bearer ef_…`: set EIGENFAIL_KEY, or sign in at /login. "
+        "`eigenfail key create` makes keys.",
+    )
+
+
+FIELD = "--file"
+
+
+class FirstKey(msgspec.Struct, frozen=True):
+    """What became of it, without its secret.
+
+    Attributes:
+        made: the key that was made; null where an administrator has one already.
+        file: where its secret is.
+    """
+
+    made: ApiKey | None
+    file: str
+
+
+def first_key(store: Store, name: str, file: Path) -> FirstKey:
+    """An administrator's key in a file for its owner alone, unless one has a valid key already.
+
+    An empty file is one that broke off between the two: then another key is made.
+
+    Raises:
+        InvalidValue: the file cannot be read or written; no key is made then.
+    """
+    broke_off = _is_empty(file)
+    if store.keys.admins(now_ms()) and not broke_off:
+        return FirstKey(None, str(file))
+    replace_private(file, "", FIELD)
+    made = make_key(store, KeyRequest(name, Scope.ADMIN))
+    replace_private(file, made.token, FIELD)
+    return FirstKey(made.key, str(file))
+
+
+def _is_empty(file: Path) -> bool:
+    try:
+        return not file.read_text().strip()
+    except FileNotFoundError:
+        return False
+    except (OSError, UnicodeDecodeError) as error:
+        problem = f"'{file}' cannot be read: {getattr(error, 'strerror', 'it is no text')}."
+        raise InvalidValue(FIELD, problem, "Name another, or take that one away.") from error
+
+
+MAX_ROWS = 1_000
+
+
+CREATED, DONE = 201, 200
+
+
+class DatabaseKeys:
+    """The verbs of `Client.keys` for whoever can write the database; the newest 1,000 of a list.
+
+    No key is asked for, and what is changed is noted in the audit log. Every method raises
+    ServiceError or InputError where the database, or what was asked for, is not in order.
+    """
+
+    def __init__(self, database: str) -> None:
+        self._database = database
+
+    def create(
+        self, name: str, scope: str, expires_s: int | None = None, quotas: Quotas = UNLIMITED
+    ) -> NewKey:
+        """Make a key; its token is in the answer, and can never be read again."""
+        fields = {"name": name, "scope": scope, "expires_s": expires_s, "quotas": quotas}
+        with self._open() as store:
+            made = make_key(store, read_fields(fields, KeyRequest))
+            _note(store, "POST", "", made.key.id, CREATED)
+        return made
+
+    def create_first(self, name: str, file: Path) -> FirstKey:
+        """Make an administrator's key in a file, unless there is one."""
+        with self._open() as store:
+            answer = first_key(store, name, file)
+            if answer.made is not None:
+                _note(store, "POST", "", answer.made.id, CREATED)
+        return answer
+
+    def get(self, key: int) -> ApiKey:
+        """A key, without its secret."""
+        with self._open() as store:
+            return store.keys.find(key).key
+
+    def limit(self, key: int, quotas: Quotas) -> ApiKey:
+        """Give a key these quotas from now on; what was made before stays, and counts."""
+        with self._open() as store:
+            limited = store.keys.limit(key, quotas)
+            _note(store, "POST", "/{key}/quotas", limited.id, DONE)
+        return limited
+
+    def list(self) -> Rows[ApiKey]:
+        """Keys, newest first; those that are no longer valid, too."""
+        with self._open() as store:
+            page = store.keys.page(MAX_ROWS)
+        return Rows(lambda: iter(page.items))
+
+    def revoke(self, key: int) -> ApiKey:
+        """Revoke a key, for good."""
+        with self._open() as store:
+            revoked = revoke_key(store, key)
+            _note(store, "DELETE", "/{key}", revoked.id, DONE)
+        return revoked
+
+    def audit(self) -> Rows[AuditEntry]:
+        """Who changed what, newest first."""
+        with self._open() as store:
+            page = store.audit.page(MAX_ROWS)
+        return Rows(lambda: iter(page.items))
+
+    def _open(self) -> "closing[Store]":
+        return closing(open_store(self._database, migrate=False))
+
+
+def _note(store: Store, method: str, path: str, key: int, status: int) -> None:
+    """Write a line of the audit log, as the API would have written it."""
+    route = f"{PREFIX}/keys"
+    change = Change("database", None, method, f"{route}{path}", f"{route}/{key}", "", status)
+    store.audit.append(change)

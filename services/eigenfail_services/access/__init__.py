@@ -1,1 +1,0 @@
-"""Keys: made, and held against what somebody shows."""

@@ -1,0 +1,344 @@
+"""Figures of a campaign over its episodes: learning curve, cost of failures, safety measures."""
+
+from collections.abc import Iterator, Sequence
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+
+from eigenfail.errors import InvalidValue
+from eigenfail.methods import traits_of
+from eigenfail.values import (
+    BlockTotals,
+    Campaign,
+    Conflicts,
+    Cost,
+    CostPoint,
+    Counts,
+    Course,
+    CourseBlock,
+    Figure,
+    Interval,
+    MeasureTotals,
+    Overhead,
+    Rate,
+    Safety,
+    SafetyTotals,
+    Scatter,
+    SpendingTotals,
+    TimeSplit,
+    Unresolved,
+    Violations,
+)
+from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
+from eigenfail.values.safety import LEVEL, FailurePoint
+from eigenfail.values.summary import MOST_BLOCKS
+from eigenfail_services.statistics.comparison import rank_correlation
+from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.statistics.tail_risk import tail_risk
+
+PER = 100
+
+
+INTERVALS = 10
+
+
+BLOCKS_SHOWN = 50
+
+
+def course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> Course:
+    """How failures, their likelihood and robustness moved.
+
+    Args:
+        campaign: as it stands.
+        per: how many indices a block spans.
+        totals: of the blocks that have a completed episode.
+    """
+    return Course(
+        campaign=campaign.id,
+        method=campaign.spec.method,
+        heading=heading(campaign.spec.method),
+        per=per,
+        blocks=tuple(block(each, per, campaign.counts.planned) for each in totals),
+    )
+
+
+def block(totals: BlockTotals, per: int, planned: int) -> CourseBlock:
+    """One block; the last of a campaign may be shorter."""
+    steps = totals.steps
+    return CourseBlock(
+        first=totals.first,
+        last=min(totals.first + per, planned) - 1,
+        failure_rate=rate(totals.failures, totals.completed),
+        log_probability_per_step=totals.log_probability / steps if steps else None,
+        smallest_robustness_m=totals.smallest_robustness_m,
+        median_robustness_m=totals.median_robustness_m,
+    )
+
+
+def block_length(counts: Counts, wanted: int | None = None) -> int:
+    """How many indices a block spans, from the budget, so that blocks stay as episodes come in.
+
+    Unless told otherwise 100; so many more that there are at most 50 blocks, or so many fewer that
+    there are ten. What a campaign left unrun when it ended does not count.
+
+    Raises:
+        InvalidValue: so short blocks would be too many.
+    """
+    reach = max(counts.planned - counts.cancelled, 1)
+    if wanted is None:
+        return max(min(PER, ceil(reach / INTERVALS)), ceil(reach / BLOCKS_SHOWN))
+    least = ceil(counts.planned / MOST_BLOCKS)
+    if wanted < least:
+        problem = f"{wanted} episodes a block could make more than {MOST_BLOCKS} blocks."
+        raise InvalidValue("per", problem, f"Take at least {least}.")
+    return wanted
+
+
+def heading(method: str) -> str:
+    """What the course of such a campaign shows."""
+    return "Learning curve" if traits_of(method).learns else "Failures over episodes"
+
+
+SECONDS_PER_HOUR = 3600.0
+
+
+def cost(
+    active_s: float, instances: int, price_usd_per_hour: float, failures: int, completed: int
+) -> Cost:
+    """Price per instance-hour × instance-hours ÷ failures, with the interval of the failure rate.
+
+    The bounds are total ÷ (completed × bound of the rate), so that a campaign without a failure
+    has a lower bound instead of an infinite cost.
+
+    Args:
+        active_s: time during which the instances were occupied. [s]
+        instances: how many were occupied.
+        price_usd_per_hour: of one instance.
+        failures: collisions among the completed episodes.
+        completed: episodes that ran to their end.
+
+    Raises:
+        InvalidValue: more failures than completed episodes.
+    """
+    hours = active_s * instances / SECONDS_PER_HOUR
+    total_usd = price_usd_per_hour * hours
+    if completed == 0:
+        return Cost(total_usd, hours, None, None, None)
+    bounds = rate(failures, completed).interval
+    at_least_usd = total_usd / (completed * bounds.high)
+    if failures == 0:
+        return Cost(total_usd, hours, None, None, at_least_usd)
+    at_most_usd = total_usd / (completed * bounds.low)
+    interval_usd = Interval(at_least_usd, at_most_usd)
+    return Cost(total_usd, hours, total_usd / failures, interval_usd, at_least_usd)
+
+
+NOT_MEASURED = "An older release ran it, which did not measure what the time went into."
+
+
+BY_CLOCK = (
+    "The curve tells an episode's time by when its result was stored; a mode is found with its "
+    "failure of the lowest index."
+)
+
+
+PAUSED = "It was paused or moved: the longest gaps between results were cut to the time billed."
+
+
+SLACK_S = 2.5
+"""A bill is late by as much: a supervisor sends one every two seconds."""
+
+
+class KnownModes(NamedTuple):
+    """The distinct modes of a campaign's newest analysis.
+
+    Attributes:
+        analysis: its id; None where there is none that is done.
+        found_ms: when the first failure of each mode was stored; None where none are known.
+        words: how many there are and why, or why they are not known.
+    """
+
+    analysis: int | None
+    found_ms: tuple[int, ...] | None
+    words: str
+
+
+def estimate_usd(campaign: Campaign, active_s: float) -> float:
+    """Price per instance-hour × instance-hours."""
+    spec = campaign.spec
+    return spec.price_usd_per_hour * spec.instances * active_s / SECONDS_PER_HOUR
+
+
+def split_time(campaign: Campaign, totals: SpendingTotals) -> TimeSplit:
+    """What the time that was billed went into; the parts sum to it."""
+    worker_s, overhead = totals.completed_worker_s, campaign.overhead
+    if overhead is None:
+        return TimeSplit(active_s=campaign.active_s, worker_s=worker_s, problem=NOT_MEASURED)
+    lost_worker_s = totals.failed_worker_s + overhead.discarded_s
+    busy_s = max(campaign.active_s - overhead.learning_s - overhead.waiting_s, 0.0)
+    lost_s = busy_s * _measure_discarded(worker_s, lost_worker_s)
+    learning_s, waiting_s = _split_idle(campaign.active_s - busy_s, overhead)
+    return TimeSplit(
+        active_s=campaign.active_s,
+        worker_s=worker_s,
+        simulation_s=busy_s - lost_s,
+        learning_s=learning_s,
+        waiting_s=waiting_s,
+        lost_s=lost_s,
+        lost_worker_s=lost_worker_s,
+    )
+
+
+def _measure_discarded(kept_s: float, lost_s: float) -> float:
+    """The share of worker time whose results were thrown away."""
+    return lost_s / (kept_s + lost_s) if lost_s > 0.0 else 0.0
+
+
+def _split_idle(idle_s: float, overhead: Overhead) -> tuple[float, float]:
+    """Learning and waiting, of so much time without an episode at work."""
+    learning_s = min(overhead.learning_s, idle_s)
+    return learning_s, idle_s - learning_s
+
+
+def make_cost_curve(
+    campaign: Campaign, totals: SpendingTotals, modes: KnownModes
+) -> Iterator[CostPoint]:
+    """From nothing spent to everything, point by point."""
+    spent_s = _list_active_s(campaign, [landing.at_ms for landing in totals.landings])
+    yield _make_point(campaign, 0.0, (0, 0), 0 if modes.found_ms is not None else None)
+    for landing, active_s in zip(totals.landings, spent_s, strict=True):
+        known = _count_modes(modes, landing.at_ms)
+        yield _make_point(campaign, active_s, (landing.completed, landing.failures), known)
+    if totals.landings:
+        last = totals.landings[-1]
+        known = _count_modes(modes, last.at_ms)
+        yield _make_point(campaign, campaign.active_s, (last.completed, last.failures), known)
+
+
+def _make_point(
+    campaign: Campaign, active_s: float, found: tuple[int, int], modes: int | None
+) -> CostPoint:
+    """What was found (episodes and failures) by an active time."""
+    completed, failures = found
+    return CostPoint(
+        usd=estimate_usd(campaign, active_s),
+        active_s=active_s,
+        completed=completed,
+        failures=failures,
+        modes=modes,
+    )
+
+
+def _count_modes(modes: KnownModes, at_ms: int) -> int | None:
+    """How many modes had been found."""
+    return None if modes.found_ms is None else sum(each <= at_ms for each in modes.found_ms)
+
+
+def _list_active_s(campaign: Campaign, at_ms: Sequence[int]) -> list[float]:
+    """The active time at which each result was stored, of results in that order. [s]
+
+    The clock went on while the campaign was paused. Where the gaps between results sum to more
+    than the time that was billed, the longest are cut to one length at which they sum to just it.
+    """
+    start_ms = campaign.started_ms if campaign.started_ms is not None else campaign.created_ms
+    gaps_s = np.maximum(np.diff([start_ms, *at_ms]) / 1_000.0, 0.0)
+    longest_s = _find_longest_gap(gaps_s.tolist(), campaign.active_s)
+    until_s = np.minimum(np.cumsum(np.minimum(gaps_s, longest_s)), campaign.active_s)
+    return [float(each) for each in until_s]
+
+
+def was_cut(campaign: Campaign, at_ms: Sequence[int]) -> bool:
+    """Whether more time passed until the last result than was billed."""
+    if not at_ms or campaign.started_ms is None:
+        return False
+    return (at_ms[-1] - campaign.started_ms) / 1_000.0 > campaign.active_s + SLACK_S
+
+
+def _find_longest_gap(gaps_s: Sequence[float], total_s: float) -> float:
+    """The length c at which Σ min(gap, c) is the total; infinite where the gaps sum to no more."""
+    left_s, ordered = total_s, sorted(gaps_s)
+    for place, gap_s in enumerate(ordered):
+        share_s = left_s / (len(ordered) - place)
+        if gap_s > share_s:
+            return share_s
+        left_s -= gap_s
+    return float("inf")
+
+
+def safety(
+    campaign: Campaign,
+    totals: SafetyTotals,
+    conflicts: Conflicts,
+    unresolved: Unresolved,
+    level: float = LEVEL,
+) -> Safety:
+    """The table of a campaign, from what the store made of its completed episodes.
+
+    Args:
+        campaign: as it stands.
+        totals: over its completed episodes.
+        conflicts: these by class.
+        unresolved: those that are no collisions only because they ended.
+        level: of VaR and CVaR of severity.
+
+    Raises:
+        InvalidValue: the level is not between 0 and 1.
+    """
+    return Safety(
+        campaign=campaign.id,
+        name=campaign.spec.name,
+        method=campaign.spec.method,
+        completed=totals.completed,
+        collisions=share(totals.failures, totals.completed),
+        near_misses=share(conflicts.near_misses, totals.completed),
+        conflicts=conflicts,
+        ttc=_count_violations(totals.ttc, NEAR_MISS_TTC_S, totals.completed),
+        drac=_count_violations(totals.drac, PEAK_BRAKING_MPS2, totals.completed),
+        severity=tail_risk(totals.severities, level),
+        scatter=Scatter(totals.points, len(totals.severities), _correlate(totals.points)),
+        unresolved=unresolved,
+        notes=tuple(_list_notes(campaign, totals, unresolved)),
+    )
+
+
+def share(k: int, n: int) -> Rate | None:
+    """k of n with its interval; None of nothing."""
+    return rate(min(k, n), n) if n else None
+
+
+def _count_violations(totals: MeasureTotals, threshold: float, completed: int) -> Violations:
+    """A row of the table."""
+    return Violations(
+        threshold=threshold,
+        beyond=share(totals.violations, completed),
+        n=totals.n,
+        median=totals.median,
+        worst=totals.worst,
+    )
+
+
+def _correlate(points: Sequence[FailurePoint]) -> Figure | None:
+    """How severity goes with likelihood, over the points that are shown."""
+    return rank_correlation(
+        np.array([point.log_probability_per_step for point in points]),
+        np.array([point.severity for point in points]),
+    )
+
+
+def _list_notes(campaign: Campaign, totals: SafetyTotals, unresolved: Unresolved) -> Iterator[str]:
+    """What the numbers cannot know."""
+    if words := unresolved.words(totals.completed):
+        yield words
+    if totals.failures and not traits_of(campaign.spec.method).draws_from_prior:
+        yield (
+            f"The episodes are those that {campaign.spec.method} chose: shares, medians and "
+            "severities are of these, not of what p(x) would bring."
+        )
+    if missing := totals.failures - len(totals.severities):
+        yield f"{missing} of {totals.failures} failures have no severity and are left out of it."
+    if len(totals.points) < len(totals.severities):
+        yield (
+            f"The scatter shows {len(totals.points)} of {len(totals.severities)} failures, evenly "
+            "spread in index order."
+        )

@@ -1,1 +1,0 @@
-"""Starting of workers: how many, where, and what happens to them."""

@@ -1,0 +1,290 @@
+"""Workers on Ray: as many as the work needs, on a Ray that is started again when it is lost."""
+
+import argparse
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+import msgspec
+import structlog
+
+from eigenfail.errors import ClusterUnavailable
+from eigenfail.hosting.service import Span, refuse_scaling, span_of
+from eigenfail.wire.keys import WorkerKey
+from eigenfail_services.campaigns.launcher import (
+    NoLauncher,
+    Notice,
+    WorkerLauncher,
+    WorkerNames,
+    WorkerPool,
+    never,
+)
+from eigenfail_services.campaigns.ray_link import (
+    ClusterLost,
+    ClusterStatus,
+    RayLink,
+    StartRay,
+)
+
+UNPLACED_AFTER_S = 5.0
+"""Where there is room for a worker it has its place sooner."""
+
+
+ASKED, REFUSED, MACHINES = "workers.asked", "workers.refused", "ray.machines"
+
+
+class PlacementNotices:
+    """Turns changes of the cluster's status into notices."""
+
+    def __init__(self) -> None:
+        self._unplaced_since_s: float | None = None
+        self._said = ""
+        self._before = ClusterStatus()
+
+    def note(self, now_s: float, standing: ClusterStatus) -> list[Notice]:
+        """Return the notices of a new status.
+
+        Args:
+            now_s: of a clock that only ever grows. [s]
+            standing: what the Ray process says.
+        """
+        before, self._before = self._before, standing
+        return [
+            *self._places(now_s, standing),
+            *_list_refusals(standing, before),
+            *_list_losses(standing, before),
+        ]
+
+    def _places(self, now_s: float, standing: ClusterStatus) -> list[Notice]:
+        """Report only what lasts, and its end: every worker is without a place for a moment."""
+        if not standing.unplaced:
+            self._unplaced_since_s = None
+        elif self._unplaced_since_s is None:
+            self._unplaced_since_s = now_s
+        since_s = self._unplaced_since_s
+        lasts = since_s is not None and now_s - since_s >= UNPLACED_AFTER_S
+        message = _describe_asked(standing)
+        if message == self._said or not (lasts or self._said):
+            return []
+        self._said = message if lasts else ""
+        return [Notice(ASKED, message)]
+
+
+def _describe_asked(standing: ClusterStatus) -> str:
+    placed, n = len(standing.placed), len(standing.placed) + len(standing.unplaced)
+    workers = f"{n} worker{'' if n == 1 else 's'} asked of Ray"
+    if placed == n:
+        return f"{workers}, all placed."
+    return f"{workers}, {f'{placed} placed so far' if placed else 'none placed yet'}."
+
+
+def _list_refusals(standing: ClusterStatus, before: ClusterStatus) -> list[Notice]:
+    new = {name: why for name, why in standing.refused.items() if name not in before.refused}
+    return [Notice(REFUSED, f"Worker {name} gave up: {why}") for name, why in new.items()]
+
+
+def _list_losses(standing: ClusterStatus, before: ClusterStatus) -> list[Notice]:
+    if standing.machines >= before.machines:
+        return []
+    left = f"{before.machines} machines before, {standing.machines} now"
+    return [Notice(MACHINES, f"Ray's cluster has become smaller: {left}.")]
+
+
+LOST, BACK = "ray.lost", "ray.back"
+
+
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
+"""Before another try: twice as long each time, until a Ray has lasted for as long."""
+
+
+LOOK_EVERY_S = 0.05
+
+
+NO_ROOM = "{} episodes wait, and Ray may be asked for no worker: the limit (--max-workers) is 0."
+
+
+log = structlog.get_logger()
+
+
+class RayLauncher:
+    """Workers as Ray actors, on a cluster or on a Ray of one machine that it starts.
+
+    Args:
+        span: between which numbers of workers; the same one twice is just that many.
+        cluster: address of a running Ray; None starts one on this machine, for as long as it lasts.
+        clock: seconds that only ever grow.
+    """
+
+    def __init__(
+        self, span: Span, cluster: str | None = None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._span = span
+        self._cluster = cluster
+        self._clock = clock
+        self._roll = WorkerNames(span)
+        self._placement = PlacementNotices()
+        self._standing: ClusterStatus | None = None
+        self._link: RayLink | None = None
+        self._notices: deque[Notice] = deque()
+        self._again_s, self._since_s, self._pause_s = 0.0, 0.0, FIRST_PAUSE_S
+        self._was_lost = self._said_none = False
+
+    def start(
+        self, hub: str, key: WorkerKey | None = None, given_up: Callable[[], bool] = never
+    ) -> None:
+        """Connect to Ray, and ask it for the workers that there are to be in any case.
+
+        Raises:
+            ClusterUnavailable: Ray is not installed, or does not start.
+        """
+        self._begin = StartRay(hub, key.text() if key else None, self._cluster, self._span.most)
+        self._link = link = first_link(self._begin)
+        link.want((*self._roll.names,))
+        while self._standing is None:
+            if given_up():
+                link.kill()  # who still waits for Ray does not hear that it is to end
+                self._link = None
+                return
+            if lost := self._heard(link):
+                raise ClusterUnavailable(lost.problem, lost.remedy)
+            time.sleep(LOOK_EVERY_S)
+
+    def tend(self, table: WorkerPool) -> Sequence[Notice]:
+        """Hear how Ray stands, bring it back if it is lost, and ask it for whom is needed."""
+        if (link := self._link) is None:
+            self._try_again()
+        elif lost := self._heard(link):
+            self._lose(link, lost)
+        self._staff(table)
+        notices = (*self._notices,)
+        self._notices.clear()
+        return notices
+
+    def stop(self) -> None:
+        """Wait a moment for the workers to leave by themselves, then let go of Ray."""
+        if self._link is not None:
+            self._link.stop()
+            self._link = None
+
+    def _heard(self, link: RayLink) -> ClusterLost | None:
+        """Process the reports of the Ray process; return whether Ray is lost."""
+        with suppress(msgspec.DecodeError):
+            for word in link.hear():
+                if isinstance(word, ClusterLost):
+                    return word
+                self._stands(word)
+        problem = link.trouble()
+        return (
+            ClusterLost(problem, "The log of the services has its last words.") if problem else None
+        )
+
+    def _stands(self, standing: ClusterStatus) -> None:
+        if self._standing is None:
+            self._since_s = self._clock()
+        self._standing = standing
+        self._notices += self._placement.note(self._clock(), standing)
+        if self._was_lost:
+            self._was_lost = False
+            self._say(BACK, f"Ray is back (machines: {standing.machines}).")
+
+    def _lose(self, link: RayLink, lost: ClusterLost) -> None:
+        link.kill()
+        if self._standing and self._clock() - self._since_s >= LONGEST_PAUSE_S:
+            self._pause_s = FIRST_PAUSE_S
+        self._link, self._standing, self._placement = None, None, PlacementNotices()
+        if not self._was_lost:
+            what = "It is connected to anew." if self._cluster else "Another one is started."
+            self._say(LOST, f"Ray is lost. {lost.problem} {what} What its workers ran runs again.")
+        self._was_lost = True
+        self._again_s = self._clock() + self._pause_s
+        log.warning("ray lost", problem=lost.problem, again_in_s=self._pause_s)
+        self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)
+
+    def _try_again(self) -> None:
+        if self._clock() < self._again_s:
+            return
+        try:
+            self._link = RayLink(self._begin)
+        except OSError as error:
+            log.warning("ray process not started", problem=str(error))
+            self._again_s = self._clock() + self._pause_s
+
+    def _staff(self, table: WorkerPool) -> None:
+        demand = table.measure_demand()
+        self._roll.look(self._clock(), demand)
+        if self._span.most == 0 and demand.work.episodes and not self._said_none:
+            self._said_none = True
+            self._say(ASKED, NO_ROOM.format(demand.work.episodes))
+        if self._standing is not None:
+            placed = {*self._standing.placed, *self._standing.unplaced}
+            table.drain_workers(placed.difference(self._roll.names))
+        if self._link is not None:
+            self._link.want((*self._roll.names,))
+
+    def _say(self, kind: str, message: str) -> None:
+        self._notices.append(Notice(kind, message))
+
+
+def first_link(begin: StartRay) -> RayLink:
+    """The Ray process with which a service starts.
+
+    Raises:
+        ClusterUnavailable: the system has no room for it.
+    """
+    try:
+        return RayLink(begin)
+    except OSError as error:
+        raise ClusterUnavailable(
+            f"The process of Ray's driver cannot be started: {error.strerror}.",
+            "Free memory, or raise the limits of processes and open files (`ulimit -u -n`); or "
+            "start with `--launcher none` and workers by `eigenfail worker --connect`.",
+        ) from error
+
+
+def ray_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return a launcher that has Ray start the workers.
+
+    Raises:
+        InvalidValue: the numbers of workers do not go together.
+    """
+    least, most = arguments.min_workers, arguments.max_workers
+    span = span_of(arguments.workers, least, most, arguments.idle_s)
+    return RayLauncher(span, arguments.ray_address)
+
+
+def no_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return a launcher that starts no workers.
+
+    Raises:
+        InvalidValue: numbers of workers are given that somebody would have to see to.
+    """
+    refuse_scaling(arguments.min_workers, arguments.max_workers, arguments.idle_s)
+    return NoLauncher()
+
+
+LAUNCHERS: dict[str, Callable[[argparse.Namespace], WorkerLauncher]] = {
+    "ray": ray_launcher,
+    "none": no_launcher,
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the number of workers and their launcher."""
+    parser.add_argument("--workers", type=int, help="number of workers; default: one per core")
+    parser.add_argument("--min-workers", type=int, help="number of idle workers to keep running; 0")
+    parser.add_argument("--max-workers", type=int, help="scale with the work, up to this number")
+    parser.add_argument(
+        "--idle-s", type=float, help="time after which idle workers are stopped [s]; 60"
+    )
+    parser.add_argument("--launcher", choices=LAUNCHERS, default="ray")
+    parser.add_argument("--ray-address", default=None, help="of a running cluster")
+
+
+def create_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return the launcher that the options name.
+
+    Raises:
+        InvalidValue: the numbers of workers do not go together.
+    """
+    return LAUNCHERS[arguments.launcher](arguments)

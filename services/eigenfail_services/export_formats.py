@@ -1,0 +1,256 @@
+"""Episodes of a campaign as NDJSON, CSV and Parquet.
+
+Text is made while it is read. A Parquet file says in its metadata where its episodes come from.
+"""
+
+import csv
+import io
+import re
+from collections.abc import Callable, Iterator
+from hashlib import sha256
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from eigenfail import __version__
+from eigenfail.errors import InvalidValue
+from eigenfail.filters import (
+    COLUMNS,
+    ColumnKind,
+    Conditions,
+    SortOrder,
+    Value,
+    parse_fields,
+    parse_filter,
+    parse_sort,
+    read_value,
+)
+from eigenfail.values import AXES, CampaignSpec
+from eigenfail.values.records import PORTION, EpisodeRow
+from eigenfail.values.report import ExportRequest
+from eigenfail_services.store import Store
+
+Cells = list[Value | None]
+
+
+class Selection(msgspec.Struct, frozen=True):
+    """Which episodes, in which order, and which columns of them."""
+
+    where: Conditions
+    sort: SortOrder
+    columns: tuple[str, ...]
+
+
+def parse_selection(request: ExportRequest) -> Selection:
+    """What a request asks for.
+
+    Raises:
+        UnknownName: a column or a value that there is not.
+        InvalidValue: anything else that is wrong with it.
+    """
+    columns = parse_fields(request.fields) or tuple(COLUMNS)
+    return Selection(parse_filter(request.filter), parse_sort(request.sort), columns)
+
+
+class ExportSource(NamedTuple):
+    """The episodes of a campaign that are wanted."""
+
+    store: Store
+    campaign: int
+    wanted: Selection
+
+
+def read_batches(source: ExportSource) -> Iterator[tuple[EpisodeRow, ...]]:
+    """The episodes in their order, at most `PORTION` at a time; none of these is empty."""
+    store, campaign, wanted = source
+    after: int | None = None
+    while True:
+        page = store.episodes.page(campaign, PORTION, after, wanted.where, wanted.sort)
+        if page.items:
+            yield page.items
+        if page.next is None:
+            return
+        after = page.next
+
+
+def read_cells(row: EpisodeRow, columns: tuple[str, ...]) -> Cells:
+    """What a row has in some columns."""
+    return [read_value(row, column) for column in columns]
+
+
+def pick_columns(row: EpisodeRow, columns: tuple[str, ...]) -> dict[str, Value | None]:
+    """The same by name."""
+    return dict(zip(columns, read_cells(row, columns), strict=True))
+
+
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""How a text begins that a spreadsheet would take for a formula, and compute."""
+
+
+def write_ndjson(source: ExportSource) -> Iterator[bytes]:
+    """One JSON object a line, some lines at a time."""
+    columns = source.wanted.columns
+    encoder = msgspec.json.Encoder()
+    for rows in read_batches(source):
+        yield encoder.encode_lines([pick_columns(row, columns) for row in rows])
+
+
+def write_csv(source: ExportSource) -> Iterator[bytes]:
+    """A line of names, then one for each episode, some at a time; what is missing is empty."""
+    columns = source.wanted.columns
+    texts = [COLUMNS[column].kind is ColumnKind.TEXT for column in columns]
+    yield _encode_lines([list(columns)])
+    for rows in read_batches(source):
+        found = (zip(read_cells(row, columns), texts, strict=True) for row in rows)
+        yield _encode_lines(
+            [[_format_cell(value, is_text) for value, is_text in line] for line in found]
+        )
+
+
+def _format_cell(value: Value | None, is_text: bool) -> str:
+    """A value in a table; a text is never a formula."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    words = str(value)
+    return f"'{words}" if is_text and words.startswith(FORMULA) else words
+
+
+def _encode_lines(lines: list[list[str]]) -> bytes:
+    """The bytes of some lines of a table."""
+    text = io.StringIO()
+    csv.writer(text).writerows(lines)
+    return text.getvalue().encode()
+
+
+NOISE = tuple(f"{axis}_z" for axis in AXES)
+"""Columns of the noise: a list of float32 for each episode. [sigma]"""
+
+
+UNIT = re.compile(r"\[([^]]+)\]$")
+
+
+class ExportOrigin(msgspec.Struct, frozen=True):
+    """What a file's metadata says of it.
+
+    Attributes:
+        campaign: id of its campaign.
+        spec_sha256: of the campaign's spec, see `_hash_spec`.
+        eigenfail: version that wrote it.
+        units: of its columns, where they have one.
+    """
+
+    campaign: int
+    spec_sha256: str
+    eigenfail: str
+    units: dict[str, str]
+
+
+def _describe_origin(source: ExportSource, *, noise: bool) -> ExportOrigin:
+    """What a file of these episodes says of itself.
+
+    Raises:
+        NotFound: no such campaign.
+    """
+    spec = source.store.campaigns.get(source.campaign).spec
+    units = _find_units(source.wanted.columns) | {name: "sigma" for name in NOISE if noise}
+    return ExportOrigin(source.campaign, _hash_spec(spec), __version__, units)
+
+
+def _hash_spec(spec: CampaignSpec) -> str:
+    """SHA-256 of a spec as compact JSON with sorted keys: equal for equal specs."""
+    return sha256(msgspec.json.encode(spec, order="sorted")).hexdigest()
+
+
+def _find_units(columns: tuple[str, ...]) -> dict[str, str]:
+    """The units that columns say at the end of their words, by name."""
+    found = {name: UNIT.search(COLUMNS[name].words) for name in columns}
+    return {name: unit[1] for name, unit in found.items() if unit}
+
+
+KEYS = ("eigenfail", "PANDAS_ATTRS")
+"""Where a file tells of itself, in JSON: for everybody, and where pandas looks for `attrs`."""
+
+
+def require_pyarrow() -> None:
+    """Refuse to begin without the library, which comes with an extra.
+
+    Raises:
+        InvalidValue: it is not installed.
+    """
+    if find_spec("pyarrow") is None:
+        raise InvalidValue(
+            "format",
+            "Parquet needs pyarrow, which is not installed where the service runs.",
+            "Run there: pip install 'eigenfail[export]'; csv and ndjson need nothing.",
+        )
+
+
+def write_parquet(
+    path: Path, source: ExportSource, told: Callable[[int], None], *, noise: bool
+) -> None:
+    """Write a file.
+
+    Args:
+        path: where to.
+        source: the episodes, and which columns of them.
+        told: called with the number of rows written so far.
+        noise: whether their z comes along.
+    """
+    from pyarrow import table
+    from pyarrow.parquet import ParquetWriter
+
+    columns = source.wanted.columns
+    schema = _make_schema(columns, _describe_origin(source, noise=noise), noise=noise)
+    done = 0
+    with ParquetWriter(
+        path, schema, compression="zstd", **_choose_encodings(columns, noise=noise)
+    ) as writer:
+        for rows in read_batches(source):
+            filled = {name: [read_value(row, name) for row in rows] for name in columns}
+            filled |= _read_noise(source, rows) if noise else {}
+            writer.write_table(table(filled, schema=schema))
+            done += len(rows)
+            told(done)
+
+
+def _choose_encodings(columns: tuple[str, ...], *, noise: bool) -> dict[str, list[str]]:
+    """How columns become bytes: texts that repeat once each, floats split into their bytes."""
+    of = {kind: [name for name in columns if COLUMNS[name].kind is kind] for kind in ColumnKind}
+    inside_lists = [f"{axis}.list.element" for axis in NOISE if noise]
+    return {
+        "use_dictionary": of[ColumnKind.TEXT],
+        "use_byte_stream_split": of[ColumnKind.NUMBER] + inside_lists,
+    }
+
+
+def _make_schema(columns: tuple[str, ...], origin: ExportOrigin, *, noise: bool) -> Any:
+    """The types of the columns; what they say is their metadata, the origin that of the file."""
+    import pyarrow as pa
+
+    types = {
+        ColumnKind.NUMBER: pa.float64(),
+        ColumnKind.WHOLE: pa.int64(),
+        ColumnKind.TEXT: pa.string(),
+        ColumnKind.FLAG: pa.bool_(),
+    }
+    told = [COLUMNS[name] for name in columns]
+    fields = [pa.field(c.name, types[c.kind], metadata={"words": c.words}) for c in told]
+    each = pa.list_(pa.field("element", pa.float32()))
+    axes = [pa.field(axis, each, metadata={"words": "z_t [sigma]"}) for axis in NOISE if noise]
+    said = msgspec.json.encode(origin)
+    return pa.schema(fields + axes, metadata=dict.fromkeys(KEYS, said))
+
+
+def _read_noise(source: ExportSource, rows: tuple[EpisodeRow, ...]) -> dict[str, list[Any]]:
+    """The noise of some rows, one list for each axis; none of those that were pruned."""
+    there = [row.index for row in rows if row.noise_pruned_ms is None]
+    results = source.store.episodes.finished(source.campaign, there)
+    noise = {result.index: result.noise.z.T for result in results}
+    return {
+        axis: [noise[row.index][number] if row.index in noise else None for row in rows]
+        for number, axis in enumerate(NOISE)
+    }

@@ -1,1 +1,0 @@
-"""The cross-entropy method."""

@@ -1,0 +1,242 @@
+"""An ensemble: several learners of one method, from several seeds, in one campaign.
+
+One learner tends to stay in the first failure mode that it finds; other seeds find other modes.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+
+from eigenfail import plugins
+from eigenfail.contracts import Estimator, Exploiter, Learner, MethodTraits, Trained
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.settings import read_settings
+from eigenfail.values import (
+    EpisodeResult,
+    Estimate,
+    LearnerContext,
+    Policy,
+    PolicySource,
+    Proposal,
+)
+from eigenfail.values.arrays import decode_array, encode_array
+from eigenfail.values.episode import MAX_SEED
+from eigenfail_services.methods import archive, check_budget
+from eigenfail_services.statistics.pooled_estimate import pool_estimates
+
+
+class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of `ensemble`: each member has the same method and settings, and its own seed."""
+
+    method: Annotated[str, msgspec.Meta(description="of every member")] = "ast"
+    members: Annotated[
+        int, msgspec.Meta(ge=2, le=16, description="learners that share the episodes evenly")
+    ] = 4
+    settings: Annotated[dict[str, Any], msgspec.Meta(description="of the members' method")] = {}
+
+    def __post_init__(self) -> None:
+        """Check the settings of the members.
+
+        Raises:
+            UnknownName: no such method, or it has no such setting.
+            InvalidValue: a setting outside its bounds.
+        """
+        if self.method not in plugins.names(plugins.METHODS):
+            raise UnknownName("settings.method", self.method, plugins.names(plugins.METHODS))
+        if self.method == "ensemble":
+            problem = "an ensemble has no ensembles as members."
+            raise InvalidValue("settings.method", problem, "Give it more members.")
+        self.read_member_settings()
+
+    def check_budget(self, episodes: int) -> None:
+        """Raise InvalidValue if a member's share is too small for its method."""
+        smallest = divide_episodes(episodes, self.members)[-1]
+        check_budget(self.read_member_settings(), smallest)
+
+    def read_member_settings(self) -> Any:
+        """Return the settings of the members' method."""
+        kind = plugins.load(plugins.METHODS, self.method).Settings
+        return read_settings(kind, self.settings, "settings.settings")
+
+
+def divide_episodes(episodes: int, members: int) -> list[int]:
+    """Divide episodes evenly; the first members get the remainder.
+
+    Raises:
+        InvalidValue: there are fewer episodes than members.
+    """
+    if episodes < members:
+        raise InvalidValue(
+            "settings.members",
+            f"{members} members cannot share {episodes} episodes.",
+            "Ask for fewer members, or for more episodes.",
+        )
+    return [episodes // members + (number < episodes % members) for number in range(members)]
+
+
+def make_member(
+    context: LearnerContext, settings: EnsembleSettings, number: int, share: int
+) -> Learner:
+    """Return a new learner with its own seed and its share of the episodes."""
+    method = plugins.load(plugins.METHODS, settings.method)
+    seed = make_member_seed(context.seed, number)
+    own = msgspec.structs.replace(context, seed=seed, episodes=share)
+    learner: Learner = method(own, settings.read_member_settings())
+    return learner
+
+
+def make_member_seed(seed: int, number: int) -> int:
+    """Return the seed of a member, from the seed of the ensemble and the number of the member."""
+    sequence = np.random.SeedSequence([seed], spawn_key=(1, number))
+    return int(sequence.generate_state(1, np.uint64)[0]) & MAX_SEED
+
+
+_encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
+
+
+_policies = msgspec.msgpack.Decoder(tuple[Policy | None, ...], dec_hook=decode_array)
+
+
+class Ensemble:
+    """Members take turns with rounds; each round is observed by the member that proposed it.
+
+    Each member has an even share of the campaign's episodes as its budget; a member that proposes
+    nothing is skipped from then on. Members share trajectories, predecessors and experience.
+
+    Policies are numbered by round, so that a version is unique among members, and workers keep the
+    newest ones, which have the highest numbers.
+
+    Attributes:
+        lookahead: least one of the members, for all of them together: so no member has more open
+            rounds than it allows, even if others are skipped.
+        exploit: rounds from one member after the other; only if all members can exploit.
+
+    Raises:
+        InvalidValue: fewer episodes than members.
+    """
+
+    Settings = EnsembleSettings
+    traits = MethodTraits(has_members=True, chart_mark=7, references={})
+
+    class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """State: member in turn, number of the next round, and the states of the members.
+
+        Attributes:
+            waiting: members with open rounds, in the order of the rounds.
+            left: number of episodes that each member may still propose.
+            policies: newest policy of each member.
+        """
+
+        turn: Annotated[int, msgspec.Meta(ge=0)]
+        number: Annotated[int, msgspec.Meta(ge=0)]
+        waiting: tuple[int, ...]
+        left: tuple[int, ...]
+        policies: bytes
+        learners: tuple[bytes, ...]
+
+    def __init__(self, context: LearnerContext, settings: EnsembleSettings) -> None:
+        count = settings.members
+        self._left = divide_episodes(context.episodes, count)
+        self._members = [make_member(context, settings, i, self._left[i]) for i in range(count)]
+        self._policies: tuple[Policy | None, ...] = (None,) * count
+        self._waiting: deque[int] = deque()
+        self._turn = 0
+        self._number = 0
+        self.lookahead = min(one.lookahead for one in self._members)
+        self._exploiters = [one for one in self._members if isinstance(one, Exploiter)]
+        if len(self._exploiters) == count:
+            self.exploit = self._exploit_next
+
+    def propose(self, n: int) -> Proposal:
+        """Return a round of the next member that has one."""
+        for _ in self._members:
+            one = self._next_turn()
+            proposal = self._propose_from(one, min(n, self._left[one]))
+            if proposal.sources:
+                return proposal
+        return Proposal(())
+
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
+        """Let the member that proposed the round learn from it."""
+        self._members[self._waiting.popleft()].observe(results)
+
+    def estimate(self) -> Estimate | None:
+        """Return the pooled estimate of the members; None unless each has one."""
+        found = [one.estimate() for one in self._members if isinstance(one, Estimator)]
+        told = [estimate for estimate in found if estimate is not None]
+        return pool_estimates(told) if len(told) == len(self._members) else None
+
+    @property
+    def trained_episodes(self) -> int | None:
+        """Number of episodes that all members were trained with; None if one does not report it."""
+        told = [one.trained_episodes for one in self._members if isinstance(one, Trained)]
+        known = [count for count in told if count is not None]
+        return sum(known) if len(known) == len(self._members) else None
+
+    def state(self) -> bytes:
+        """Return the states of all members, and the state of the turns."""
+        facts = self._Facts(
+            turn=self._turn,
+            number=self._number,
+            waiting=tuple(self._waiting),
+            left=tuple(self._left),
+            policies=_encoder.encode(self._policies),
+            learners=tuple(one.state() for one in self._members),
+        )
+        return archive.write("ensemble", facts, {})
+
+    def restore(self, state: bytes) -> None:
+        """Restore a state, from which learning goes on bit for bit.
+
+        Raises:
+            ProtocolError: the bytes are not a state of this method with these settings.
+        """
+        facts, _ = archive.read("ensemble", state, self._Facts)
+        count = len(self._members)
+        with archive.wrap_errors("ensemble"):
+            policies = _policies.decode(facts.policies)
+            if {len(policies), len(facts.left), len(facts.learners)} != {count}:
+                raise ValueError(f"they are of {len(facts.learners)} members, not {count}")
+        for one, learner in zip(self._members, facts.learners, strict=True):
+            one.restore(learner)
+        self._turn, self._number = facts.turn, facts.number
+        self._waiting = deque(facts.waiting)
+        self._left, self._policies = list(facts.left), policies
+
+    def _propose_from(self, one: int, most: int) -> Proposal:
+        """Return the proposal of a member, which is skipped from then on if it is empty."""
+        proposal = self._members[one].propose(most) if most else Proposal(())
+        if not proposal.sources:
+            self._left[one] = 0
+            return proposal
+        self._left[one] -= len(proposal.sources)
+        self._waiting.append(one)
+        return self._number_policy(one, proposal)
+
+    def _exploit_next(self, n: int) -> Proposal:
+        """Return n episodes of the next member."""
+        one = self._next_turn()
+        return self._number_policy(one, self._exploiters[one].exploit(n))
+
+    def _next_turn(self) -> int:
+        one = self._turn
+        self._turn = (one + 1) % len(self._members)
+        return one
+
+    def _number_policy(self, one: int, proposal: Proposal) -> Proposal:
+        """Return a member's proposal with its policy numbered by round."""
+        policy = proposal.policy or self._policies[one]
+        self._policies = (*self._policies[:one], policy, *self._policies[one + 1 :])
+        number = self._number
+        self._number += 1
+        sources = tuple(
+            PolicySource(number) if isinstance(source, PolicySource) else source
+            for source in proposal.sources
+        )
+        return Proposal(sources, policy and msgspec.structs.replace(policy, version=number))
+
+
+__all__ = ["Ensemble"]

@@ -1,0 +1,202 @@
+"""Minimal failures: replays of a failure with less and less of its noise."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from eigenfail.contracts import Injection, MethodTraits, Reference
+from eigenfail.errors import InvalidValue, LearnerFailed
+from eigenfail.values import (
+    EpisodeResult,
+    Floats,
+    LearnerContext,
+    Outcome,
+    Proposal,
+    TrajectorySource,
+)
+from eigenfail_services.methods import archive
+from eigenfail_services.methods.minimal_search import (
+    NOT_RUN,
+    SAFE,
+    Search,
+    SearchPhase,
+    advance,
+    list_candidates,
+    start_search,
+)
+
+Id = Annotated[int, msgspec.Meta(ge=1)]
+
+
+class MinimalSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of `minimal`: name an episode of a campaign, or a mode of an analysis."""
+
+    campaign: Annotated[
+        Id | None, msgspec.Meta(description="shrink a failure of this campaign")
+    ] = None
+    episode: Annotated[
+        Annotated[int, msgspec.Meta(ge=0)] | None,
+        msgspec.Meta(description="of that campaign; it ended in a collision"),
+    ] = None
+    analysis: Annotated[
+        Id | None, msgspec.Meta(description="shrink an eigenfailure of this analysis")
+    ] = None
+    mode: Annotated[Id | None, msgspec.Meta(description="of that analysis, counted from 1")] = None
+    round_size: Annotated[
+        int, msgspec.Meta(ge=1, le=100_000, description="replays in a round at most")
+    ] = 500
+
+
+class MinimalFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """State of a search besides its noise.
+
+    Attributes:
+        ends: of the candidates of this phase that were tried.
+        tried: number of replays before this phase.
+        best: number of the replay in which the noise failed, which is the index of its episode in
+            the campaign; None before the first one.
+    """
+
+    phase: SearchPhase
+    width: Annotated[int, msgspec.Meta(ge=1)]
+    removable: tuple[int, ...]
+    low: float
+    high: float
+    scaled: bool
+    not_run: int
+    ends: tuple[int, ...]
+    tried: int
+    best: int | None
+
+
+class Minimal:
+    """Shrinks one failure as `search` describes, until no more noise can be removed.
+
+    The search is deterministic, without random draws.
+
+    Args:
+        context: its only trajectory is the failure.
+        settings: name the source of the failure.
+
+    Raises:
+        InvalidValue: there is not exactly one trajectory.
+
+    Attributes:
+        lookahead: 0, as each phase depends on the results of the phase before.
+    """
+
+    Settings = MinimalSettings
+
+    traits = MethodTraits(
+        learns=False,
+        finds_new=False,
+        is_evidence=True,
+        injects=Injection.ONE_FAILURE,
+        chart_mark=6,
+        references={"analysis": Reference.NOISE, "campaign": Reference.NOISE},
+    )
+    lookahead = 0
+
+    def __init__(self, context: LearnerContext, settings: MinimalSettings) -> None:
+        if len(context.trajectories) != 1:
+            raise InvalidValue(
+                "settings",
+                f"they name {len(context.trajectories)} failures to be shrunk, not one.",
+                "Name a campaign and an episode of it, or an analysis and a mode of it.",
+            )
+        self._round_size = settings.round_size
+        self._search = start_search(np.ascontiguousarray(context.trajectories[0], np.float32))
+        self._ends: tuple[int, ...] = ()
+
+    def propose(self, n: int) -> Proposal:
+        """Return the next candidates of this phase; none after the end of the search."""
+        first = len(self._ends)
+        tried = list_candidates(self._search)[first : first + min(n, self._round_size)]
+        return Proposal(tuple(TrajectorySource(z) for z in tried))
+
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
+        """Add the ends of candidates; after the last one of a phase, go on to the next.
+
+        Raises:
+            LearnerFailed: the failure does not reproduce at full strength.
+        """
+        if self._search.phase is SearchPhase.FULL:
+            for result in results:
+                _refuse_safe_replay(result)
+        self._ends += tuple(map(_find_end, results))
+        if len(self._ends) == len(list_candidates(self._search)):
+            self._search, self._ends = advance(self._search, self._ends), ()
+
+    def state(self) -> bytes:
+        """Return the state of the search."""
+        search = self._search
+        facts = MinimalFacts(
+            phase=search.phase,
+            width=search.width,
+            removable=search.removable,
+            low=search.low,
+            high=search.high,
+            scaled=search.scaled,
+            not_run=search.not_run,
+            ends=self._ends,
+            tried=search.tried,
+            best=search.best,
+        )
+        return archive.write("minimal", facts, {"z": search.z})
+
+    def restore(self, state: bytes) -> None:
+        """Restore a state, from which learning goes on bit for bit.
+
+        Raises:
+            ProtocolError: the bytes are not a state of this method.
+        """
+        facts, arrays = archive.read("minimal", state, MinimalFacts)
+        with archive.wrap_errors("minimal"):
+            z = archive.take(arrays, "z", self._search.z.shape)
+        self._search = Search(
+            facts.phase,
+            z,
+            facts.width,
+            facts.removable,
+            facts.low,
+            facts.high,
+            facts.scaled,
+            facts.not_run,
+            facts.tried,
+            facts.best,
+        )
+        self._ends = facts.ends
+
+
+def _find_end(result: EpisodeResult) -> int:
+    """Return the step after which an episode failed, `SAFE`, or `NOT_RUN`."""
+    return {Outcome.COLLISION: result.steps, Outcome.FAILED: NOT_RUN}.get(result.outcome, SAFE)
+
+
+def _refuse_safe_replay(result: EpisodeResult) -> None:
+    """Refuse a failure that does not reproduce.
+
+    Raises:
+        LearnerFailed: its replay ended without a collision.
+    """
+    if result.outcome is not Outcome.SAFE:
+        return
+    nearest = f"{result.measures.robustness_m:.2f} m" if result.measures else "something"
+    raise LearnerFailed(
+        f"The failure does not reproduce at full strength: its replay stayed {nearest} from a "
+        "collision, so there is nothing to shrink.",
+        "Shrink it in the scenario, and with the planner and the noise, of its own campaign.",
+    )
+
+
+def read_state(state: bytes) -> tuple[MinimalFacts, Floats]:
+    """Return the facts in a state of this method, and its noise of shape (steps, 2).
+
+    Raises:
+        ProtocolError: the bytes are not a state of this method.
+    """
+    facts, arrays = archive.read("minimal", state, MinimalFacts)
+    with archive.wrap_errors("minimal"):
+        return facts, arrays["z"]

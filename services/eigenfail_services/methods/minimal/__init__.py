@@ -1,1 +1,0 @@
-"""Minimal failures: the least noise that makes the ego collide."""

@@ -1,0 +1,294 @@
+"""The search for a minimal failure in phases, as pure values without episodes.
+
+Delta debugging (Zeller and Hildebrandt 2002, IEEE Trans. Softw. Eng. 28, 183-200) over blocks of
+steps and axes: keep one block alone, remove one block, halve the blocks. As many replays can run at
+the same time, all candidates of a phase are tried together, and blocks that can be removed one by
+one are then removed in unions. The rest is weakened by bisection, and searched once more.
+
+Noise is z of shape (steps, 2), and a block is a mask of that shape.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from enum import StrEnum
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.values import Floats
+
+Mask = NDArray[np.bool_]
+
+
+UNION_SIZES = 8
+"""Number of sizes of unions."""
+
+
+def make_blocks(z: Floats, width: int) -> list[Mask]:
+    """Return the blocks with noise: `width` steps of one axis, counted back from the last step.
+
+    Returns:
+        blocks by axis, then from the last to the first.
+    """
+    steps, axes = z.shape
+    found = []
+    for axis in range(axes):
+        for end in range(steps, 0, -width):
+            mask = np.zeros(z.shape, bool)
+            mask[max(end - width, 0) : end, axis] = True
+            found.append(mask)
+    return [mask for mask in found if z[mask].any()]
+
+
+def remove_block(z: Floats, mask: Mask) -> Floats:
+    """Return the noise without a block."""
+    return np.where(mask, np.float32(0.0), z)
+
+
+def keep_block(z: Floats, mask: Mask) -> Floats:
+    """Return the noise of a block alone."""
+    return remove_block(z, ~mask)
+
+
+def compute_energy(z: Floats) -> float:
+    """Sum of squares: for white normal noise -2 log p(z) up to a constant. [sigma²]"""
+    return float(np.sum(np.square(z, dtype=np.float64)))
+
+
+def list_unions(z: Floats, removable: Sequence[Mask]) -> Iterator[Mask]:
+    """Yield unions of the weakest and of the earliest removable blocks, in eight sizes."""
+    by_energy = sorted(removable, key=lambda mask: compute_energy(keep_block(z, mask)))
+    by_time = sorted(removable, key=lambda mask: int(np.argmax(mask.any(axis=1))))
+    seen = set()
+    for order in (by_energy, by_time):
+        for size in _list_sizes(len(order)):
+            union = _unite(order[:size])
+            if union.tobytes() not in seen:
+                seen.add(union.tobytes())
+                yield union
+
+
+def _list_sizes(count: int) -> list[int]:
+    """Return sizes from all blocks down to an eighth of them, at least two."""
+    graded = {-(-count * share // UNION_SIZES) for share in range(1, UNION_SIZES + 1)}
+    return sorted((size for size in graded if size > 1), reverse=True)
+
+
+def _unite(masks: Iterable[Mask]) -> Mask:
+    """Return the union of some masks."""
+    union: Mask = np.logical_or.reduce(list(masks))
+    return union
+
+
+MAX_ALONE = 16
+"""Most blocks that are tried alone: smaller ones are hardly ever sufficient for a failure."""
+
+
+PARTS = 8
+
+
+RESOLUTION = 1.0 / 64.0
+"""Resolution of the scale of the noise, as a share of the initial scale."""
+
+
+SAFE = 0
+
+
+NOT_RUN = -1
+
+
+class SearchPhase(StrEnum):
+    """Phase of the search, by the candidates that are tried."""
+
+    FULL = "full"
+    ALONE = "alone"
+    LEFT_OUT = "left_out"
+    TOGETHER = "together"
+    SCALES = "scales"
+    OVER = "over"
+
+
+class Search(msgspec.Struct, frozen=True, eq=False):
+    """State of the search.
+
+    Attributes:
+        phase: what is tried next.
+        z: noise that is known to fail, shape (steps, 2). [sigma]
+        width: number of steps of a block.
+        removable: in `TOGETHER`, numbers of the blocks that can be removed one by one.
+        low: in `SCALES`, largest scale of z known to be safe.
+        high: in `SCALES`, smallest scale of z known to fail.
+        scaled: whether z is as weak as possible.
+        not_run: number of replays that could not be run, in the last phase with single steps.
+        tried: number of replays before this phase.
+        best: number of the replay in which z failed, in `SCALES` at `high`, counted from 0; None
+            before the failure was replayed.
+    """
+
+    phase: SearchPhase
+    z: Floats
+    width: int
+    removable: tuple[int, ...] = ()
+    low: float = 0.0
+    high: float = 1.0
+    scaled: bool = False
+    not_run: int = 0
+    tried: int = 0
+    best: int | None = None
+
+
+class FailingNoise(NamedTuple):
+    """Noise that failed, up to the end of its episode, and the number of its replay."""
+
+    z: Floats
+    replay: int
+
+
+def start_search(z: Floats) -> Search:
+    """Return the initial search for a failure's noise of shape (steps, 2)."""
+    return Search(SearchPhase.FULL, z, len(z))
+
+
+def list_candidates(search: Search) -> list[Floats]:
+    """Return the noise to try in this phase, each of shape (steps, 2); none after the end."""
+    return CANDIDATES[search.phase](search)
+
+
+def advance(search: Search, ends: Sequence[int]) -> Search:
+    """Return the search after a complete phase.
+
+    Args:
+        search: before it.
+        ends: step after which each candidate failed, or `SAFE`, or `NOT_RUN`; the failure itself,
+            at full strength, must have failed.
+    """
+    found = NEXT[search.phase](search, ends)
+    return msgspec.structs.replace(found, tried=search.tried + len(ends))
+
+
+def _list_scales(search: Search) -> list[float]:
+    """Return seven equidistant scales between the safe and the failing one."""
+    step = (search.high - search.low) / PARTS
+    return [search.low + step * part for part in range(1, PARTS)]
+
+
+def _cut_after(z: Floats, end: int) -> Floats:
+    """Return noise of shape (steps, 2) with zeros after its end."""
+    kept = z.copy()
+    kept[end:] = 0.0
+    return kept
+
+
+def _find_least(search: Search, ends: Sequence[int]) -> FailingNoise | None:
+    """Return the candidate that failed with the least noise up to its end."""
+    tried = enumerate(zip(list_candidates(search), ends, strict=True), search.tried)
+    failed = [FailingNoise(_cut_after(z, end), number) for number, (z, end) in tried if end > SAFE]
+    return min(failed, key=lambda each: compute_energy(each.z), default=None)
+
+
+def _start_width(search: Search, width: int) -> Search:
+    """Return the search with blocks of another width."""
+    few = 2 < len(make_blocks(search.z, width)) <= MAX_ALONE
+    phase = SearchPhase.ALONE if few else SearchPhase.LEFT_OUT
+    return msgspec.structs.replace(search, phase=phase, width=width)
+
+
+def _continue_with(search: Search, found: FailingNoise) -> Search:
+    """Return the search with less noise, and blocks of the same width."""
+    phase = SearchPhase.LEFT_OUT if found.z.any() else SearchPhase.OVER
+    return msgspec.structs.replace(
+        search, phase=phase, z=found.z, best=found.replay, removable=(), scaled=False
+    )
+
+
+def _advance_full(search: Search, ends: Sequence[int]) -> Search:
+    """Remove the noise after the end of the failure."""
+    found = _find_least(search, ends)
+    return search if found is None else _continue_with(search, found)
+
+
+def _advance_alone(search: Search, ends: Sequence[int]) -> Search:
+    """Keep a block that fails alone."""
+    found = _find_least(search, ends)
+    left_out = msgspec.structs.replace(search, phase=SearchPhase.LEFT_OUT)
+    return left_out if found is None else _continue_with(search, found)
+
+
+def _advance_left_out(search: Search, ends: Sequence[int]) -> Search:
+    """Remove blocks; if none can be removed, try smaller ones."""
+    removable = tuple(number for number, end in enumerate(ends) if end > SAFE)
+    found = _find_least(search, ends)
+    if found is None:
+        return _start_finer(msgspec.structs.replace(search, not_run=list(ends).count(NOT_RUN)))
+    if len(removable) == 1:
+        return _continue_with(search, found)
+    return msgspec.structs.replace(search, phase=SearchPhase.TOGETHER, removable=removable)
+
+
+def _start_finer(search: Search) -> Search:
+    """Start with smaller blocks; after single steps with scales; after those end the search."""
+    if search.width > 1:
+        return _start_width(search, -(-search.width // 2))
+    if search.scaled:
+        return msgspec.structs.replace(search, phase=SearchPhase.OVER)
+    return msgspec.structs.replace(search, phase=SearchPhase.SCALES, low=0.0, high=1.0)
+
+
+def _advance_together(search: Search, ends: Sequence[int]) -> Search:
+    """Remove the largest union that still fails; without one, the strongest single block."""
+    found = _find_least(search, ends)
+    if found is None:
+        every = make_blocks(search.z, search.width)
+        # The phase before this one has removed each of them alone.
+        first = search.tried - len(every)
+        alone = [
+            FailingNoise(remove_block(search.z, every[n]), first + n) for n in search.removable
+        ]
+        found = min(alone, key=lambda each: compute_energy(each.z))
+    return _continue_with(search, found)
+
+
+def _advance_scales(search: Search, ends: Sequence[int]) -> Search:
+    """Narrow the interval between the largest safe and the smallest failing scale."""
+    tried = [search.low, *_list_scales(search), search.high]
+    first = next((place for place, end in enumerate(ends, 1) if end > SAFE), PARTS)
+    best = search.tried + first - 1 if first < PARTS else search.best
+    low, high = tried[first - 1], tried[first]
+    narrowed = msgspec.structs.replace(search, low=low, high=high, best=best)
+    if narrowed.high - narrowed.low > RESOLUTION:
+        return narrowed
+    if narrowed.high == 1.0:
+        return msgspec.structs.replace(narrowed, phase=SearchPhase.OVER, scaled=True)
+    weaker = narrowed.z * np.float32(narrowed.high)
+    return msgspec.structs.replace(narrowed, phase=SearchPhase.LEFT_OUT, z=weaker, scaled=True)
+
+
+CANDIDATES: dict[SearchPhase, Callable[[Search], list[Floats]]] = {
+    SearchPhase.FULL: lambda search: [search.z],
+    SearchPhase.ALONE: lambda search: [
+        keep_block(search.z, b) for b in make_blocks(search.z, search.width)
+    ],
+    SearchPhase.LEFT_OUT: lambda search: [
+        remove_block(search.z, b) for b in make_blocks(search.z, search.width)
+    ],
+    SearchPhase.TOGETHER: lambda search: [
+        remove_block(search.z, union)
+        for every in (make_blocks(search.z, search.width),)
+        for union in list_unions(search.z, [every[number] for number in search.removable])
+    ],
+    SearchPhase.SCALES: lambda search: [
+        search.z * np.float32(scale) for scale in _list_scales(search)
+    ],
+    SearchPhase.OVER: lambda _search: [],
+}
+
+
+NEXT: dict[SearchPhase, Callable[[Search, Sequence[int]], Search]] = {
+    SearchPhase.FULL: _advance_full,
+    SearchPhase.ALONE: _advance_alone,
+    SearchPhase.LEFT_OUT: _advance_left_out,
+    SearchPhase.TOGETHER: _advance_together,
+    SearchPhase.SCALES: _advance_scales,
+    SearchPhase.OVER: lambda search, _ends: search,
+}

@@ -1,0 +1,113 @@
+"""Observability of the services: the port that Prometheus scrapes, and OpenTelemetry traces."""
+
+import argparse
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+
+from opentelemetry import trace
+from opentelemetry.trace import Span
+from opentelemetry.util.types import AttributeValue
+from prometheus_client import CollectorRegistry, ProcessCollector, start_http_server
+
+from eigenfail import __version__
+from eigenfail.addresses import TRUST_VARIABLE, is_loopback
+from eigenfail.errors import InvalidValue, PortTaken
+
+VARIABLE = "EIGENFAIL_METRICS"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The option, with the environment behind it."""
+    given = os.environ.get(VARIABLE, "")
+    parser.add_argument("--metrics", default=given, help="host:port where Prometheus may scrape")
+
+
+def serve(address: str, registry: CollectorRegistry) -> Callable[[], None]:
+    """Serve the figures at host:port, on a thread; what ends that.
+
+    Raises:
+        InvalidValue: it is no address, or other machines reach it and nobody vouches for them.
+        PortTaken: it cannot be listened on.
+    """
+    host, port = split_address(address)
+    ProcessCollector(registry=registry)
+    try:
+        server, thread = start_http_server(port, host, registry)
+    except OSError as error:
+        raise PortTaken(
+            f"{address} cannot be listened on: {error.strerror}.", "Choose another with --metrics."
+        ) from error
+
+    def end() -> None:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+    return end
+
+
+def split_address(address: str) -> tuple[str, int]:
+    """Host and port.
+
+    Raises:
+        InvalidValue: it is no address, or other machines reach it and nobody vouches for them.
+    """
+    host, _, port = address.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not (host and port.isdecimal() and 0 < int(port) < 65_536):
+        raise InvalidValue("metrics", f"'{address}' is no address.", "Give host:port.")
+    if not is_loopback(host) and os.environ.get(TRUST_VARIABLE) != "1":
+        raise InvalidValue(
+            "metrics",
+            f"'{address}' can be reached from other machines, and it asks nobody for a key.",
+            f"Listen on 127.0.0.1:PORT; on a private network, {TRUST_VARIABLE}=1 vouches for it.",
+        )
+    return host, int(port)
+
+
+ENDPOINTS = ("OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT")
+
+
+TRACER = trace.get_tracer("eigenfail", __version__)
+
+
+def nothing() -> None:
+    """Nothing was begun, so that nothing has to be ended."""
+
+
+def configure(process: str) -> Callable[[], None]:
+    """Send spans where the environment says; what sends the last of them and ends that.
+
+    Args:
+        process: which one of the service it is; `OTEL_SERVICE_NAME` has the last word.
+
+    Raises:
+        InvalidValue: an endpoint is set, but what speaks to it is not installed.
+    """
+    asked = next((name for name in ENDPOINTS if os.environ.get(name)), None)
+    if asked is None:
+        return nothing
+    try:
+        from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
+        from opentelemetry.sdk.resources import Resource
+        from opentelemetry.sdk.trace import TracerProvider
+        from opentelemetry.sdk.trace.export import BatchSpanProcessor
+    except ImportError as error:
+        raise InvalidValue(
+            asked,
+            "traces cannot be sent from here.",
+            "Install eigenfail[otel], or leave it unset.",
+        ) from error
+    name = os.environ.get("OTEL_SERVICE_NAME") or f"eigenfail-{process}"
+    facts = {"service.name": name, "service.version": __version__}
+    provider = TracerProvider(resource=Resource.create(facts), shutdown_on_exit=False)
+    provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
+    trace.set_tracer_provider(provider)
+    return provider.shutdown
+
+
+def span(name: str, **facts: AttributeValue) -> AbstractContextManager[Span]:
+    """What the block does, with `eigenfail.` before the name of each fact."""
+    attributes = {f"eigenfail.{key}": value for key, value in facts.items()}
+    return TRACER.start_as_current_span(name, attributes=attributes)

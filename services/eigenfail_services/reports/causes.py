@@ -1,0 +1,337 @@
+"""Collisions, and when noise matters: what leads to a failure."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.presentation.figures import format_number, format_share
+from eigenfail.values import AXES, EpisodeResult, Scene
+from eigenfail.values.report import Cell, ReportPicture, ReportSection
+from eigenfail_services.reports.material import MOST_MODES, Analysed, Material, list_analysed
+from eigenfail_services.reports.page import (
+    INK,
+    MARKS,
+    MUTED,
+    Drawing,
+    Mark,
+    ReportPart,
+    legend,
+    mark,
+    table,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+COLLISIONS_TABLE = "collisions"
+
+
+SHOWN_S = 4.0
+
+
+COLLISIONS_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("mode", "Mode"),
+    ("episode", "Episode"),
+    ("time_s", "Time before the collision", "s"),
+    ("truck_x_m", "Truck x", "m"),
+    ("truck_y_m", "Truck y", "m"),
+    ("truck_heading_rad", "Truck heading", "rad"),
+    ("truck_speed_mps", "Truck speed", "m/s"),
+    ("actor_x_m", "Actor x", "m"),
+    ("actor_y_m", "Actor y", "m"),
+    ("actor_heading_rad", "Actor heading", "rad"),
+    ("actor_speed_mps", "Actor speed", "m/s"),
+    ("perceived_x_m", "Perceived x", "m"),
+    ("perceived_y_m", "Perceived y", "m"),
+)
+
+
+COLLISIONS_WORDS = (
+    f"The last {SHOWN_S:g} s before the collision of each mode's medoid, a failure that happened "
+    "in simulation. Positions are relative to the centre of the truck at each moment, so that the "
+    "truck stands still: the solid line is the way of the vehicle that was struck, crosses are "
+    "where the planner saw the nearest vehicle. Both axes have one scale."
+)
+
+
+class Crash(NamedTuple):
+    """The end of an episode, relative to the truck's centre.
+
+    Attributes:
+        mode: counted from 1.
+        struck: which vehicle.
+        first: the first step shown.
+    """
+
+    mode: int
+    episode: int
+    scene: Scene
+    struck: int
+    first: int
+
+    @property
+    def actor(self) -> NDArray[np.float64]:
+        """Positions of the vehicle that was struck, shape (moments, 2). [m]"""
+        return self._relative(self.struck)[self.first :]
+
+    @property
+    def perceived(self) -> NDArray[np.float64]:
+        """Where the planner saw the nearest vehicle, shape (moments - 1, 2). [m]"""
+        truck = self.scene.vehicles[: len(self.scene.perceived), 0, :2]
+        return (self.scene.perceived - truck).astype(np.float64)[self.first :]
+
+    def box(self, vehicle: int) -> NDArray[np.float64]:
+        """The corners of a vehicle's footprint at the collision, shape (4, 2). [m]"""
+        heading = float(self.scene.vehicles[-1, vehicle, 2])
+        turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+        corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * self.scene.sizes[vehicle] / 2.0
+        return np.asarray(corners @ turn.T + self._relative(vehicle)[-1], np.float64)
+
+    def _relative(self, vehicle: int) -> NDArray[np.float64]:
+        vehicles = self.scene.vehicles
+        return (vehicles[:, vehicle, :2] - vehicles[:, 0, :2]).astype(np.float64)
+
+
+def make_collisions(material: Material) -> ReportPart | None:
+    """The medoids' collisions of every campaign that was analysed."""
+    found = {each.name: (each, crashes(each)) for each in list_analysed(material)}
+    shown = {name: (each, of) for name, (each, of) in found.items() if of}
+    if not shown:
+        return None
+    rows = [row for each, of in shown.values() for crash in of for row in moments(each, crash)]
+    section = ReportSection(
+        name="collisions",
+        title="A collision of each mode",
+        words=(COLLISIONS_WORDS,),
+        tables=(
+            table(COLLISIONS_TABLE, "The end of the medoids' episodes", COLLISIONS_COLUMNS, rows),
+        ),
+        pictures=tuple(describe_collisions_picture(each, of) for each, of in shown.values()),
+    )
+    return ReportPart(
+        section, drawings={f"collisions-{n}": draw_collisions(of) for n, (_, of) in shown.items()}
+    )
+
+
+def crashes(found: Analysed) -> tuple[Crash, ...]:
+    """The medoids of the largest modes, as far as their scenes were kept."""
+    medoids = enumerate(found.medoids[:MOST_MODES], start=1)
+    return tuple(
+        crash(mode, medoid, medoid.scene) for mode, medoid in medoids if medoid.scene is not None
+    )
+
+
+def crash(mode: int, medoid: EpisodeResult, scene: Scene) -> Crash:
+    """The end of an episode."""
+    gaps = np.linalg.norm(scene.vehicles[-1, 1:, :2] - scene.vehicles[-1, 0, :2], axis=1)
+    first = max(0, medoid.steps - round(SHOWN_S / scene.dt_s))
+    return Crash(mode, medoid.index, scene, 1 + int(np.argmin(gaps)), first)
+
+
+def moments(found: Analysed, of: Crash) -> Iterator[tuple[Cell, ...]]:
+    """A row for each step shown."""
+    vehicles, perceived = of.scene.vehicles, of.scene.perceived
+    last = len(vehicles) - 1
+    for step in range(of.first, last + 1):
+        seen = perceived[step].tolist() if step < len(perceived) else (None, None)
+        before_s = (last - step) * of.scene.dt_s
+        pair = (*vehicles[step, 0].tolist(), *vehicles[step, of.struck].tolist())
+        yield (found.subject.id, of.mode, of.episode, before_s, *pair, *seen)
+
+
+def describe_collisions_picture(found: Analysed, of: tuple[Crash, ...]) -> ReportPicture:
+    """The collisions of a campaign, in words."""
+    return ReportPicture(
+        name=f"collisions-{found.name}",
+        title=f"Collisions from above, campaign {found.subject.label}",
+        alternative=" ".join(map(describe_collisions, of)),
+        table=COLLISIONS_TABLE,
+        campaigns=(found.subject.id,),
+        note=found.modes_note,
+    )
+
+
+def describe_collisions(of: Crash) -> str:
+    """Where the vehicles were, and how far off they were seen."""
+    truck, actor = of.scene.vehicles[-1, 0], of.scene.vehicles[-1, of.struck]
+    begin, end = of.actor[0], of.actor[-1]
+    seen = of.perceived - of.actor[: len(of.perceived)]
+    off = np.sqrt(np.mean(np.square(seen), axis=0)) if len(seen) else np.zeros(2)
+    return (
+        f"Mode {of.mode}, episode {of.episode}: truck at {format_number(float(truck[3]))} m/s, "
+        f"struck vehicle at {format_number(float(actor[3]))} m/s; its centre moved from "
+        f"{begin[0]:.1f} m ahead and {begin[1]:+.1f} m across to {end[0]:.1f} m and {end[1]:+.1f} "
+        f"m; it was seen {off[0]:.1f} m off along and {off[1]:.1f} m across (root mean square)."
+    )
+
+
+def draw_collisions(of: tuple[Crash, ...]) -> Drawing:
+    """A strip for each mode."""
+
+    def draw(figure: "Figure") -> None:
+        strips = figure.subplots(len(of), 1, squeeze=False, sharex=True)[:, 0]
+        for axes, crash in zip(strips, of, strict=True):
+            strip(axes, crash)
+        strips[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.18), ncols=4, borderaxespad=0.0)
+        strips[-1].set_xlabel("along the road, from the truck's centre [m]")
+
+    return Drawing(draw, 1.0 + 1.5 * len(of))
+
+
+def strip(axes: "Axes", of: Crash) -> None:
+    """One collision."""
+    footprint(axes, of.box(0), MARKS[0], "truck")
+    footprint(axes, of.box(of.struck), MARKS[1], "vehicle struck")
+    for other in range(1, len(of.scene.sizes)):
+        if other != of.struck:
+            axes.fill(*of.box(other).T, facecolor="none", edgecolor=MUTED, linestyle=":")
+    axes.plot(*of.actor.T, color=INK, linewidth=1.4, label="its way")
+    axes.plot(
+        *of.perceived.T,
+        linestyle="none",
+        marker="x",
+        markersize=3.5,
+        color=MARKS[3].colour,
+        label="seen by the planner",
+    )
+    axes.set_title(f"mode {of.mode}: episode {of.episode}")
+    axes.set_ylabel("across [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+
+
+def footprint(axes: "Axes", corners: NDArray[np.float64], look: Mark, name: str) -> None:
+    """A vehicle at the collision."""
+    style: dict[str, Any] = {"edgecolor": look.colour, "hatch": look.hatch}
+    axes.fill(*corners.T, facecolor="white", label=name, **style)
+
+
+INFLUENCE_TABLE = "influence"
+
+
+INFLUENCE_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("step", "Step"),
+    ("time_s", "Time", "s"),
+    *((axis, f"{axis.capitalize()} influence") for axis in AXES),
+)
+
+
+INFLUENCE_WORDS = (
+    "The influence of a step is the size of its entries in the components, each weighted with the "
+    "variance that it explains. Where it is large, failures differ most in their noise."
+)
+
+
+def make_influence(material: Material) -> ReportPart | None:
+    """The influence of every campaign that was analysed."""
+    found = [each for each in list_analysed(material) if each.result.influence.any()]
+    if not found:
+        return None
+    rows = [row for each in found for row in list_influence_steps(each)]
+    section = ReportSection(
+        name="influence",
+        title="Influence over time",
+        words=(
+            INFLUENCE_WORDS,
+            *(sentence for each in found for sentence in describe_influence(each)),
+        ),
+        tables=(table(INFLUENCE_TABLE, "Influence of each step", INFLUENCE_COLUMNS, rows),),
+        pictures=tuple(map(describe_influence_picture, found)),
+    )
+    return ReportPart(
+        section,
+        drawings={describe_influence_picture(each).name: draw_influence(each) for each in found},
+    )
+
+
+def describe_influence(found: Analysed) -> Iterator[str]:
+    """The moments that matter most, in seconds before the collision."""
+    moments = [*filter(None, (when(found, axis) for axis in AXES))]
+    if moments:
+        yield f"Campaign {found.subject.id}, seconds before the collision: {'; '.join(moments)}."
+    shares = [
+        f"the last {each.seconds:g} s are {format_share(each.time)} of the time and hold "
+        f"{format_share(each.both)} of the influence"
+        for each in found.result.before_collision
+    ]
+    if shares:
+        yield f"Campaign {found.subject.id}, before the collision: {'; '.join(shares)}."
+
+
+def when(found: Analysed, axis: str) -> str:
+    """The moments of an axis; empty if none is known."""
+    known = [
+        format_number(each.before_collision_s)
+        for each in found.result.moments
+        if each.axis == axis and each.before_collision_s is not None
+    ]
+    return f"{axis} noise matters most at {', '.join(known)}" if known else ""
+
+
+def places(found: Analysed) -> NDArray[np.float64]:
+    """The time of each step, or its number where no time is known.
+
+    From the start, or to the collision if the failures stand side by side there.
+    """
+    steps = np.arange(len(found.result.influence), dtype=float)
+    origin = len(steps) if found.at_collision else 0
+    return (steps - origin) * (found.step_s or 1.0)
+
+
+def axis_title(found: Analysed) -> str:
+    """What the places are."""
+    unit = "time [s]" if found.step_s else "step"
+    return f"{unit}; 0 is the collision" if found.at_collision else unit
+
+
+def list_influence_steps(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+    """A row for each step."""
+    for step, (at, weights) in enumerate(
+        zip(places(found), found.result.influence.astype(float), strict=True)
+    ):
+        time_s = float(at) if found.step_s else None
+        yield (found.subject.id, step, time_s, *(float(weight) for weight in weights))
+
+
+def describe_influence_picture(found: Analysed) -> ReportPicture:
+    """When noise matters, in words."""
+    at, weights = places(found), found.result.influence
+    told = (
+        f"{axis} influence is largest at "
+        f"{moment(found, float(at[int(np.argmax(weights[:, way]))]))}"
+        for way, axis in enumerate(AXES)
+    )
+    return ReportPicture(
+        name=f"influence-{found.name}",
+        title=f"Influence over time, campaign {found.subject.label}",
+        alternative=f"{'; '.join(told)}.".capitalize(),
+        table=INFLUENCE_TABLE,
+        campaigns=(found.subject.id,),
+    )
+
+
+def moment(found: Analysed, at: float) -> str:
+    """A place on the axis, in words."""
+    return f"{format_number(at)} s" if found.step_s else f"step {at:g}"
+
+
+def draw_influence(found: Analysed) -> Drawing:
+    """A line for each axis."""
+
+    def draw(figure: "Figure") -> None:
+        axes = figure.subplots()
+        for way, axis in enumerate(AXES):
+            look = mark(way)
+            weights = found.result.influence[:, way]
+            axes.plot(places(found), weights, color=look.colour, linestyle=look.line, label=axis)
+        axes.set_xlabel(axis_title(found))
+        axes.set_ylabel("influence")
+        axes.set_ylim(bottom=0.0)
+        legend(axes, 2)
+
+    return Drawing(draw, 2.8)

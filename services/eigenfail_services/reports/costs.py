@@ -1,0 +1,356 @@
+"""Costs, failing regions and minimal failures."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+from eigenfail.errors import Conflict, InputError
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    format_amount,
+    format_interval,
+    format_number,
+    format_share,
+)
+from eigenfail.presentation.tables import format_cost
+from eigenfail.values import CampaignCost, CostPoint, MinimalFailure, Rate, Region
+from eigenfail.values.report import Cell, ReportPicture, ReportSection
+from eigenfail_services.campaigns.costs import find_spending
+from eigenfail_services.campaigns.minimal_failures import METHOD, find_minimal_failure
+from eigenfail_services.campaigns.region import find_region
+from eigenfail_services.reports.material import Material, Subject
+from eigenfail_services.reports.page import (
+    Drawing,
+    Grid,
+    ReportPart,
+    by_name,
+    groups,
+    legend,
+    mark,
+    table,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+COST, CURVE = "cost", "cost-curve"
+
+
+COST_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("price", "Price of an instance-hour", "USD"),
+    ("instances", "Instances"),
+    ("cost", "Cost", "USD"),
+    ("failures", "Failures"),
+    ("modes", "Distinct modes"),
+    ("cost_per_mode", "Cost per distinct mode", "USD"),
+    ("active_s", "Time running", "s"),
+    ("simulation_s", "Simulation", "s"),
+    ("learning_s", "Learning", "s"),
+    ("waiting_s", "Waiting", "s"),
+    ("lost_s", "Lost", "s"),
+)
+
+
+CURVE_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("cost", "Cost so far", "USD"),
+    ("active_s", "Time running", "s"),
+    ("episodes", "Episodes"),
+    ("failures", "Failures so far"),
+    ("modes", "Distinct modes so far"),
+)
+
+
+COST_WORDS = (
+    "Failures found against what the computing had cost by then: the steeper, the cheaper a "
+    "failure. This is the price of searching, not a valuation of collisions. Time is split into "
+    "simulation, learning while no episode ran, waiting for workers or the database, and what was "
+    "lost with results that could not be kept."
+)
+
+
+class Spent(NamedTuple):
+    """A campaign, and what it cost."""
+
+    subject: Subject
+    found: CampaignCost
+
+
+def make_cost(material: Material) -> ReportPart:
+    """The cost of all campaigns."""
+    store = material.store
+    spent = [Spent(each, find_spending(store, each.campaign)) for each in material.subjects]
+    begun = {each.subject.id: each for each in spent if each.found.curve}
+    drawn = [*groups([each.subject for each in begun.values()], CURVE)]
+    pictures = {name: [begun[subject.id] for subject in group] for name, group in drawn}
+    section = ReportSection(
+        name="cost",
+        title="Cost",
+        words=(COST_WORDS, *dict.fromkeys(note for each in spent for note in notes(each))),
+        tables=(
+            table(COST, "Cost of the campaigns", COST_COLUMNS, [*map(list_cost, spent)]),
+            table(CURVE, "Failures over cost", CURVE_COLUMNS, [*points(spent)]),
+        ),
+        pictures=tuple(describe_cost_picture(name, group) for name, group in pictures.items()),
+    )
+    return ReportPart(
+        section,
+        {COST: by_name(material.subjects, {s.id: dict(figures(of)) for s, of in spent})},
+        {name: draw_cost(group) for name, group in pictures.items()},
+    )
+
+
+def notes(spent: Spent) -> Iterator[str]:
+    """What is approximate or missing."""
+    who = f"Campaign {spent.subject.id}"
+    if spent.found.time.problem and spent.found.completed:
+        yield f"{who}: {spent.found.time.problem}"
+    yield from (f"Cost curve: {note}" for note in spent.found.notes)
+
+
+def list_cost(spent: Spent) -> tuple[Cell, ...]:
+    """The numbers of a campaign."""
+    found, time = spent.found, spent.found.time
+    return (
+        *(found.campaign, found.price_usd_per_hour, found.instances, found.cost.total_usd),
+        *(found.failures, found.modes, found.per_mode_usd, time.active_s),
+        *(time.simulation_s, time.learning_s, time.waiting_s, time.lost_s),
+    )
+
+
+def points(spent: list[Spent]) -> Iterator[tuple[Cell, ...]]:
+    """The numbers of the curves."""
+    for each in spent:
+        for at in each.found.curve:
+            yield (each.subject.id, at.usd, at.active_s, at.completed, at.failures, at.modes)
+
+
+def figures(found: CampaignCost) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """What people read of a campaign's cost."""
+    price, time = format_amount(found.price_usd_per_hour), found.time
+    hours = f"{format_number(found.cost.instance_hours)} instance-hours"
+    yield "Cost", (format_amount(found.cost.total_usd), f"{hours} at {price}")
+    yield "Cost per failure", format_cost(found.cost).lines
+    yield "Cost per distinct mode", (format_amount(found.per_mode_usd), modes(found))
+    yield "Time running", (seconds(time.active_s),)
+    yield "Simulation", format_cost_share(time.simulation_s, time.active_s)
+    yield "Learning", format_cost_share(time.learning_s, time.active_s)
+    yield "Waiting", format_cost_share(time.waiting_s, time.active_s)
+    yield "Lost", format_cost_share(time.lost_s, time.active_s)
+
+
+def modes(found: CampaignCost) -> str:
+    """How many distinct modes there are, or that they are not known."""
+    return "modes are not known" if found.modes is None else f"{found.modes} distinct modes"
+
+
+def seconds(value: float | None) -> str:
+    """A time."""
+    return UNKNOWN if value is None else f"{format_number(value)} s"
+
+
+def format_cost_share(value: float | None, of: float) -> tuple[str, ...]:
+    """A part of the time."""
+    if value is None or not of:
+        return (seconds(value),)
+    return (seconds(value), format_share(value / of))
+
+
+def describe_cost_picture(name: str, group: list[Spent]) -> ReportPicture:
+    """The picture of these campaigns, in words."""
+    told = (
+        f"Campaign {each.subject.label}: {last.failures} failures for {format_amount(last.usd)}."
+        for each in group
+        for last in each.found.curve[-1:]
+    )
+    return ReportPicture(
+        name=name,
+        title="Failures found over cost",
+        alternative=" ".join(told),
+        table=CURVE,
+        campaigns=tuple(each.subject.id for each in group),
+    )
+
+
+def draw_cost(group: list[Spent]) -> Drawing:
+    """A line for each campaign, with a mark at every tenth point or so."""
+
+    def draw(figure: "Figure") -> None:
+        axes = figure.subplots()
+        for subject, found in group:
+            curve: tuple[CostPoint, ...] = found.curve
+            axes.plot(
+                [at.usd for at in curve],
+                [at.failures for at in curve],
+                label=subject.label,
+                markevery=max(1, len(curve) // 10),
+                **mark(subject.place).style,
+            )
+        axes.set_xlabel("cost so far [USD]")
+        axes.set_ylabel("failures found")
+        axes.set_xlim(left=0.0)
+        legend(axes)
+
+    return Drawing(draw, 3.0 + 0.16 * len(group))
+
+
+REGION_TABLE = "region"
+
+
+REGION_COLUMNS = (
+    ("campaigns", "Campaigns"),
+    ("box", "ReportPart"),
+    ("parameter", "Parameter"),
+    ("low", "from"),
+    ("high", "to"),
+    ("unit", "Unit"),
+    ("coverage", "Share of the failures inside", "share"),
+    ("precision", "Failure rate inside", "share"),
+    ("precision_low", "from", "share"),
+    ("precision_high", "to", "share"),
+)
+
+
+REGION_WORDS = (
+    "Where the scenario's parameters vary from episode to episode or from campaign to campaign, a "
+    "small decision tree looks for the parts in which the planner fails more often. It was grown "
+    "on one half of the episodes; all figures are of the other half, with intervals of 95 %."
+)
+
+
+HEADER = ("Campaigns", "Where", "Share of the failures inside", "Failure rate inside")
+
+
+def make_region(material: Material) -> ReportPart | None:
+    """The failing regions of campaigns on one planner in one scenario."""
+    found = [region for region in regions(material) if region.parameters]
+    if not found:
+        return None
+    section = ReportSection(
+        name="region",
+        title="Failing region",
+        words=(
+            REGION_WORDS,
+            *(sentence for region in found for sentence in describe_region(region)),
+        ),
+        tables=(
+            table(REGION_TABLE, "Parts of the failing region", REGION_COLUMNS, [*rows(found)]),
+        ),
+    )
+    lines = tuple(line for region in found for line in describe_parts(region))
+    return ReportPart(section, {REGION_TABLE: (Grid(HEADER, lines),)} if lines else {})
+
+
+def regions(material: Material) -> Iterator[Region]:
+    """One for each planner in each scenario, as far as that scenario is here."""
+    together: dict[tuple[str, ...], list[int]] = {}
+    for subject in material.subjects:
+        spec = subject.campaign.spec
+        together.setdefault((spec.scenario, spec.planner, spec.simulator), []).append(subject.id)
+    for ids in together.values():
+        try:
+            yield find_region(material.store, ids)
+        except InputError:
+            continue
+
+
+def list_campaigns(region: Region) -> str:
+    """The campaigns that a region is of."""
+    return ", ".join(map(str, region.campaigns))
+
+
+def describe_region(region: Region) -> Iterator[str]:
+    """What keeps a region from saying more, or how surely it is one."""
+    who = f"Campaigns {list_campaigns(region)}"
+    found = f"{region.failures:,} failures in {region.episodes:,} episodes"
+    yield f"{who}: {', '.join(region.parameters)} vary; {found}."
+    if region.p_value is not None:
+        p_value = format_number(region.p_value)
+        yield f"{who}: chance alone would put so many failures there with p = {p_value}."
+    yield from (f"{who}: {note}" for note in (region.problem, *region.warnings) if note)
+
+
+def rows(found: list[Region]) -> Iterator[tuple[Cell, ...]]:
+    """A row for each bound of each part."""
+    for region in found:
+        for number, box in enumerate(region.boxes, start=1):
+            rate = box.precision
+            inside = (rate.value, rate.interval.low, rate.interval.high) if rate else (None,) * 3
+            for bound in box.bounds:
+                where = (bound.parameter, bound.low, bound.high, bound.unit)
+                yield (list_campaigns(region), number, *where, box.coverage.value, *inside)
+
+
+def describe_parts(region: Region) -> Iterator[tuple[tuple[str, ...], ...]]:
+    """A row for each part, in words."""
+    for box in region.boxes:
+        yield (
+            (list_campaigns(region),),
+            (box.words,),
+            format_region_share(box.coverage),
+            format_region_share(box.precision),
+        )
+
+
+def format_region_share(found: Rate | None) -> tuple[str, ...]:
+    """A share with its interval and what it rests on."""
+    if found is None:
+        return (UNKNOWN,)
+    bounds = format_interval(found.interval, 100.0)
+    return (format_share(found.value), f"95 %: {bounds} %, {found.k:,} of {found.n:,}")
+
+
+MINIMAL_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("episode", "Episode"),
+    ("done", "Search at its end"),
+    ("needed", "Steps and axes needed"),
+    ("injected", "of"),
+    ("energy", "Energy", "sigma²"),
+    ("full_energy", "of", "sigma²"),
+    ("log_p_per_step", "log p per step", "nat"),
+    ("full_log_p_per_step", "at full strength", "nat"),
+)
+
+
+MINIMAL_WORDS = (
+    "A failing noise trajectory with everything taken away that it does not need in order to fail. "
+    "Each step along one axis counts as one; energy is the sum of z²."
+)
+
+
+def make_minimal(material: Material) -> ReportPart | None:
+    """The minimal failures that campaigns came to."""
+    found = [*shrunk(material)]
+    if not found:
+        return None
+    told = (f"Campaign {each.campaign}: {each.words} {each.because}" for each in found)
+    section = ReportSection(
+        name="minimal",
+        title="Minimal failures",
+        words=(MINIMAL_WORDS, *told),
+        tables=(
+            table("minimal", "Minimal failures", MINIMAL_COLUMNS, [*map(list_minimal, found)]),
+        ),
+    )
+    return ReportPart(section)
+
+
+def shrunk(material: Material) -> Iterator[MinimalFailure]:
+    """Those of the campaigns that shrink failures, as far as there is one."""
+    for subject in material.subjects:
+        if subject.campaign.spec.method == METHOD:
+            try:
+                yield find_minimal_failure(material.store, subject.campaign)
+            except Conflict:
+                continue
+
+
+def list_minimal(found: MinimalFailure) -> tuple[Cell, ...]:
+    """The numbers of a minimal failure."""
+    return (
+        *(found.campaign, found.index, found.done, found.needed, found.injected),
+        *(found.energy, found.full_energy),
+        *(found.log_probability_per_step, found.full_log_probability_per_step),
+    )

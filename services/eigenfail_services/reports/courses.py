@@ -1,0 +1,408 @@
+"""Safety measures, learning curves, and likelihood against severity."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from eigenfail.presentation.figures import UNKNOWN, format_interval, format_number, format_share
+from eigenfail.presentation.tables import NO_EPISODE
+from eigenfail.values import (
+    CourseBlock,
+    FailurePoint,
+    MeanTime,
+    Rate,
+    SeverityRisk,
+    Violations,
+)
+from eigenfail.values import (
+    Figure as Number,
+)
+from eigenfail.values.records import IN_WORDS
+from eigenfail.values.report import Cell, ReportPicture, ReportSection
+from eigenfail.values.safety import LEVEL
+from eigenfail_services.reports.material import Material, Subject, sample_note
+from eigenfail_services.reports.page import (
+    Drawing,
+    ReportPart,
+    groups,
+    legend,
+    mark,
+    side_by_side,
+    table,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+SAFETY_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("measure", "Measure"),
+    ("k", "Count"),
+    ("n", "of"),
+    ("value", "Value"),
+    ("low", "from"),
+    ("high", "to"),
+    ("unit", "Unit"),
+)
+
+
+HOW_TO_READ = (
+    "MinTTC is an episode's smallest time to collision, DRAC the largest deceleration that would "
+    "have been required to avoid the crash; thresholds are 1.5 s and 7.0 m/s². A near miss is "
+    "MinTTC below 1.5 s without a collision. A collision is unavoidable where DRAC was above "
+    "7.0 m/s² when TTC first fell below 1.5 s, or where nothing showed before the contact; "
+    "otherwise it is a planner's failure. Lead times end at the collision."
+)
+
+
+def make_safety(material: Material) -> ReportPart:
+    """The measures side by side."""
+    subjects = material.subjects
+    rows = [row for subject in subjects for row in measures(subject)]
+    section = ReportSection(
+        name="safety",
+        title="Safety measures",
+        words=(HOW_TO_READ, *(note for subject in subjects for note in notes(subject))),
+        tables=(
+            table("safety", "Safety measures of all completed episodes", SAFETY_COLUMNS, rows),
+        ),
+    )
+    return ReportPart(section, {"safety": side_by_side(subjects, FIGURES)})
+
+
+def notes(subject: Subject) -> tuple[str, ...]:
+    """What the numbers of a campaign cannot know."""
+    found = subject.safety
+    problem = (found.severity.problem,) if found.severity.n else ()
+    told = (*found.notes, *filter(None, problem))
+    return tuple(f"Campaign {subject.id}: {note}" for note in told)
+
+
+def measures(subject: Subject) -> list[tuple[Cell, ...]]:
+    """A row for each measure: what is counted, or measured over n episodes."""
+    found = subject.safety
+    conflicts, collided = found.conflicts, subject.summary.counts.failures
+    rows = (
+        ("collisions", *format_safety_share(found.collisions)),
+        ("near misses", *format_safety_share(found.near_misses)),
+        ("unresolved at the horizon", *count(found.unresolved.count, found.completed)),
+        ("MinTTC below threshold", *format_safety_share(found.ttc.beyond)),
+        ("MinTTC median", None, found.ttc.n, found.ttc.median, None, None, "s"),
+        ("MinTTC worst", None, found.ttc.n, found.ttc.worst, None, None, "s"),
+        ("DRAC above threshold", *format_safety_share(found.drac.beyond)),
+        ("DRAC median", None, found.drac.n, found.drac.median, None, None, "m/s²"),
+        ("DRAC worst", None, found.drac.n, found.drac.worst, None, None, "m/s²"),
+        ("collisions unavoidable", *count(conflicts.unavoidable, collided)),
+        ("collisions by the planner", *count(conflicts.planner_failures, collided)),
+        ("collisions not classified", *count(conflicts.unclassified, collided)),
+        ("mean lead time of MinTTC", *mean(conflicts.ttc_lead)),
+        ("mean lead time of DRAC", *mean(conflicts.drac_lead)),
+        ("severity mean", *severity(found.severity, found.severity.mean)),
+        (f"severity VaR {found.severity.level:g}", *severity(found.severity, found.severity.var)),
+        (f"severity CVaR {found.severity.level:g}", *severity(found.severity, found.severity.cvar)),
+    )
+    return [(subject.id, *row) for row in rows]
+
+
+def format_safety_share(found: Rate | None) -> tuple[Cell, ...]:
+    """k of n as a share with its interval."""
+    if found is None:
+        return (None, None, None, None, None, "share")
+    return (found.k, found.n, found.value, found.interval.low, found.interval.high, "share")
+
+
+def count(k: int, n: int) -> tuple[Cell, ...]:
+    """k of n."""
+    return (k, n, None, None, None, "")
+
+
+def mean(found: MeanTime) -> tuple[Cell, ...]:
+    """A mean time."""
+    return (None, found.n, found.mean_s, None, None, "s")
+
+
+def severity(risk: SeverityRisk, found: Number | None) -> tuple[Cell, ...]:
+    """A figure of the failures' severity with its interval."""
+    bounds = found.interval if found else None
+    value = found.value if found else None
+    ends = (bounds.low, bounds.high) if bounds else (None, None)
+    return (None, risk.n, value, *ends, "m²/s²")
+
+
+def of(found: Rate | None) -> tuple[str, ...]:
+    """k of n, and the share."""
+    if found is None:
+        return (UNKNOWN, NO_EPISODE)
+    return (f"{found.k:,} of {found.n:,}", f"95 %: {format_interval(found.interval, 100.0)} %")
+
+
+def beyond(found: Violations, unit: str) -> tuple[str, ...]:
+    """How often a threshold was passed, and what was measured."""
+    middle, worst = format_number(found.median), format_number(found.worst)
+    return (*of(found.beyond), f"median {middle} {unit}, worst {worst} {unit} (n = {found.n:,})")
+
+
+def collisions(k: int, subject: Subject) -> tuple[str, ...]:
+    """So many of the collisions, if there are any."""
+    count = subject.summary.counts.failures
+    return (f"{k:,} of {count:,} collisions",) if count else (UNKNOWN,)
+
+
+def lead(found: MeanTime) -> tuple[str, ...]:
+    """A mean lead time, and what it rests on."""
+    if found.mean_s is None:
+        return (UNKNOWN, "no such collision")
+    return (f"{format_number(found.mean_s)} s", f"mean of {found.n:,}")
+
+
+def risk(subject: Subject, found: Number | None) -> tuple[str, ...]:
+    """A figure of severity with its interval."""
+    n = f"n = {subject.safety.severity.n:,}"
+    if found is None:
+        return (UNKNOWN, n)
+    bounds = f"95 %: {format_interval(found.interval)}, " if found.interval else ""
+    return (format_number(found.value), f"{bounds}{n}")
+
+
+FIGURES = {
+    "Collisions": lambda s: of(s.safety.collisions),
+    "Near misses": lambda s: of(s.safety.near_misses),
+    "Unresolved at the horizon": lambda s: (
+        f"{s.safety.unresolved.count:,} of {s.safety.completed:,}",
+    ),
+    "MinTTC below 1.5 s": lambda s: beyond(s.safety.ttc, "s"),
+    "DRAC above 7.0 m/s²": lambda s: beyond(s.safety.drac, "m/s²"),
+    "Unavoidable": lambda s: collisions(s.safety.conflicts.unavoidable, s),
+    "Planner's failures": lambda s: collisions(s.safety.conflicts.planner_failures, s),
+    "Not classified": lambda s: collisions(s.safety.conflicts.unclassified, s),
+    "Lead time of MinTTC": lambda s: lead(s.safety.conflicts.ttc_lead),
+    "Lead time of DRAC": lambda s: lead(s.safety.conflicts.drac_lead),
+    "Mean severity [m²/s²]": lambda s: risk(s, s.safety.severity.mean),
+    f"Severity, VaR at {100.0 * LEVEL:g} % [m²/s²]": lambda s: risk(s, s.safety.severity.var),
+    f"Severity, CVaR at {100.0 * LEVEL:g} % [m²/s²]": lambda s: risk(s, s.safety.severity.cvar),
+}
+
+
+LIKELIHOOD_TABLE = "failures"
+
+
+PICTURE = "likelihood-severity"
+
+
+LIKELIHOOD_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("episode", "Episode"),
+    ("log_p_per_step", "log p per step", "nat"),
+    ("severity", "Severity", "m²/s²"),
+    ("conflict", "Class"),
+)
+
+
+LIKELIHOOD_WORDS = (
+    "Each mark is one failure. Up are the severe ones, to the right the likely ones: those up and "
+    "to the right matter most."
+)
+
+
+NONE_FOUND = "No failure has been found, so there is nothing to draw."
+
+
+def make_likelihood(material: Material) -> ReportPart:
+    """The failures of all campaigns."""
+    failing = [subject for subject in material.subjects if subject.safety.scatter.points]
+    rows = [
+        list_likelihood(each.id, point) for each in failing for point in each.safety.scatter.points
+    ]
+    notes = " ".join(filter(None, map(left_out, failing)))
+    section = ReportSection(
+        name="likelihood",
+        title="Likelihood and severity of failures",
+        words=(LIKELIHOOD_WORDS, *correlations(failing)) if failing else (NONE_FOUND,),
+        tables=(table(LIKELIHOOD_TABLE, "Failures", LIKELIHOOD_COLUMNS, rows, notes),),
+        pictures=tuple(
+            describe_likelihood_picture(name, group) for name, group in groups(failing, PICTURE)
+        ),
+    )
+    return ReportPart(
+        section, drawings={name: draw_likelihood(of) for name, of in groups(failing, PICTURE)}
+    )
+
+
+def list_likelihood(campaign: int, point: FailurePoint) -> tuple[Cell, ...]:
+    """The numbers of a failure."""
+    conflict = IN_WORDS[point.conflict] if point.conflict else None
+    return (campaign, point.index, point.log_probability_per_step, point.severity, conflict)
+
+
+def left_out(subject: Subject) -> str:
+    """Whether all of its failures are there."""
+    scatter = subject.safety.scatter
+    note = sample_note(len(scatter.points), scatter.of, "failures")
+    return f"Campaign {subject.id}: {note}" if note else ""
+
+
+def correlations(failing: list[Subject]) -> Iterator[str]:
+    """Whether the severe failures are the rarer ones."""
+    for subject in failing:
+        found, n = subject.safety.scatter.rank_correlation, len(subject.safety.scatter.points)
+        if found is not None:
+            bounds = f" [{format_interval(found.interval)}]" if found.interval else ""
+            yield (
+                f"Campaign {subject.id}: rank correlation of severity and log p per step (Spearman)"
+                f" {format_number(found.value)}{bounds}, n = {n:,}; below 0 the severe failures "
+                "are the rarer ones."
+            )
+
+
+def describe_likelihood_picture(name: str, group: tuple[Subject, ...]) -> ReportPicture:
+    """The picture of these campaigns, in words."""
+    return ReportPicture(
+        name=name,
+        title="Likelihood and severity of failures",
+        alternative=" ".join(map(describe_likelihood, group)),
+        table=LIKELIHOOD_TABLE,
+        campaigns=tuple(subject.id for subject in group),
+        note=" ".join(filter(None, map(left_out, group))),
+    )
+
+
+def describe_likelihood(subject: Subject) -> str:
+    """Where the failures of a campaign lie."""
+    points = subject.safety.scatter.points
+    likely = [point.log_probability_per_step for point in points]
+    severe = [point.severity for point in points]
+    return (
+        f"Campaign {subject.label}: {len(points)} failures, log p per step from "
+        f"{format_number(min(likely))} to {format_number(max(likely))}, severity from "
+        f"{format_number(min(severe))} to {format_number(max(severe))} m²/s²."
+    )
+
+
+def draw_likelihood(group: tuple[Subject, ...]) -> Drawing:
+    """A mark for each failure."""
+
+    def draw(figure: "Figure") -> None:
+        axes = figure.subplots()
+        for subject in group:
+            points = subject.safety.scatter.points
+            axes.plot(
+                [point.log_probability_per_step for point in points],
+                [point.severity for point in points],
+                linestyle="none",
+                marker=mark(subject.place).marker,
+                markerfacecolor="none",
+                markeredgecolor=mark(subject.place).colour,
+                markeredgewidth=0.9,
+                label=subject.label,
+            )
+        axes.set_xlabel("log p per step [nat]")
+        axes.set_ylabel("severity ‖Δv‖² [m²/s²]")
+        axes.set_ylim(bottom=0.0)
+        legend(axes)
+
+    return Drawing(draw, 3.4 + 0.16 * len(group))
+
+
+LEARNING_TABLE = "learning-curve"
+
+
+LEARNING_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("first", "First episode"),
+    ("last", "Last episode"),
+    ("n", "Episodes completed"),
+    ("failures", "Failures"),
+    ("failure_rate", "Failure rate", "share"),
+    ("failure_rate_low", "from", "share"),
+    ("failure_rate_high", "to", "share"),
+    ("log_p_per_step", "log p per step of the failures", "nat"),
+    ("smallest_robustness_m", "Smallest robustness", "m"),
+    ("median_robustness_m", "Median robustness", "m"),
+)
+
+
+LEARNING_WORDS = (
+    "Failure rate by blocks of neighbouring episodes, with 95 % intervals, and log p per step of "
+    "the failures in each block. Only a method that learns has a learning curve: with the others "
+    "a change over the episodes is chance."
+)
+
+
+def make_learning(material: Material) -> ReportPart:
+    """The courses of the campaigns."""
+    begun = [subject for subject in material.subjects if subject.course.blocks]
+    rows = [list_learning(subject, block) for subject in begun for block in subject.course.blocks]
+    pictures = tuple(
+        describe_learning_picture(name, group) for name, group in groups(begun, LEARNING_TABLE)
+    )
+    section = ReportSection(
+        name="learning",
+        title="Learning curve",
+        words=(LEARNING_WORDS,) if begun else ("No episode has ended yet.",),
+        tables=(table(LEARNING_TABLE, "Failures over episodes", LEARNING_COLUMNS, rows),),
+        pictures=pictures,
+    )
+    drawings = {name: draw_learning(group) for name, group in groups(begun, LEARNING_TABLE)}
+    return ReportPart(section, drawings=drawings)
+
+
+def list_learning(subject: Subject, block: CourseBlock) -> tuple[Cell, ...]:
+    """The numbers of a block."""
+    rate = block.failure_rate
+    return (
+        *(subject.id, block.first, block.last, rate.n, rate.k),
+        *(rate.value, rate.interval.low, rate.interval.high),
+        *(block.log_probability_per_step, block.smallest_robustness_m, block.median_robustness_m),
+    )
+
+
+def describe_learning_picture(name: str, group: tuple[Subject, ...]) -> ReportPicture:
+    """The picture of these campaigns, in words."""
+    return ReportPicture(
+        name=name,
+        title="Failure rate and likelihood of failures over episodes",
+        alternative=" ".join(map(describe_learning, group)),
+        table=LEARNING_TABLE,
+        campaigns=tuple(subject.id for subject in group),
+    )
+
+
+def describe_learning(subject: Subject) -> str:
+    """How the failure rate of a campaign moved."""
+    first, last = subject.course.blocks[0].failure_rate, subject.course.blocks[-1].failure_rate
+    return (
+        f"Campaign {subject.label}: failure rate {format_share(first.value)} in the first block "
+        f"of up to {subject.course.per} episodes, {format_share(last.value)} in the last."
+    )
+
+
+def draw_learning(group: tuple[Subject, ...]) -> Drawing:
+    """Failure rate above, likelihood below."""
+
+    def draw(figure: "Figure") -> None:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        for subject in group:
+            look, blocks = mark(subject.place), subject.course.blocks
+            middle = [(block.first + block.last) / 2.0 for block in blocks]
+            rates = [block.failure_rate for block in blocks]
+            down = [100.0 * (rate.value - rate.interval.low) for rate in rates]
+            up = [100.0 * (rate.interval.high - rate.value) for rate in rates]
+            above.errorbar(
+                middle,
+                [100.0 * rate.value for rate in rates],
+                yerr=[[max(each, 0.0) for each in down], [max(each, 0.0) for each in up]],
+                capsize=2.0,
+                elinewidth=0.8,
+                label=subject.label,
+                **look.style,
+            )
+            likely = [block.log_probability_per_step for block in blocks]
+            known = [(at, value) for at, value in zip(middle, likely, strict=True) if value]
+            if known:
+                below.plot(*zip(*known, strict=True), **look.style)
+        above.set_ylabel("failure rate [%]")
+        below.set_ylabel("log p per step [nat]")
+        below.set_xlabel("episode")
+        legend(above)
+
+    return Drawing(draw, 4.0 + 0.16 * len(group))

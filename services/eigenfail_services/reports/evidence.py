@@ -1,0 +1,357 @@
+"""Proof by replay, variance explained, and training: how far the modes can be trusted."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from eigenfail.presentation.figures import format_interval, format_share
+from eigenfail.values import AXES, Proof, ReplayedNoise, Reproduction
+from eigenfail.values.report import Cell, ReportPicture, ReportSection
+from eigenfail_services.campaigns.proofs import summarise_proof
+from eigenfail_services.reports.material import Analysed, Material, in_groups, list_analysed
+from eigenfail_services.reports.page import (
+    BESIDE,
+    INK,
+    MUTED,
+    Drawing,
+    Grid,
+    ReportPart,
+    legend,
+    mark,
+    table,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+SCENARIOS, REPLAYS = "proof", "replays"
+
+
+SCENARIO_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("scenario", "Scenario"),
+    ("replay", "Replay campaign"),
+    ("what", "What was injected"),
+    ("reproduced", "Failed again"),
+    ("tried", "Tried"),
+    ("share", "Share", "share"),
+    ("share_low", "from", "share"),
+    ("share_high", "to", "share"),
+    ("smallest_robustness_m", "Smallest robustness", "m"),
+)
+
+
+REPLAY_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("replay", "Replay campaign"),
+    ("episode", "Episode"),
+    ("what", "What was injected"),
+    ("mode", "Mode"),
+    ("reproduced", "Failed again"),
+    ("robustness_m", "Robustness", "m"),
+    ("log_p", "log p", "nat"),
+    ("expected_log_p", "Mean log p of p(x)", "nat"),
+)
+
+
+PROOF_WORDS = (
+    "An eigenfailure is proven by injecting it again: it must end in a collision in the scenario "
+    "in which its failures were found, and says more if it does so in others. Medoids are real "
+    "failures, injected in the same way. Intervals are of 95 %."
+)
+
+
+HEADER = ("Campaign", "Scenario", "Eigenfailures that failed again", "Medoids that failed again")
+
+
+class Proven(NamedTuple):
+    """A campaign whose analysis was replayed."""
+
+    found: Analysed
+    proof: Proof
+
+
+def make_proof(material: Material) -> ReportPart | None:
+    """The replays of every analysis that was replayed."""
+    proofs = (
+        Proven(each, summarise_proof(material.store, each.analysis))
+        for each in list_analysed(material)
+    )
+    proven = [each for each in proofs if each.proof.scenarios]
+    if not proven:
+        return None
+    section = ReportSection(
+        name="proof",
+        title="Proof by replay",
+        words=(PROOF_WORDS, *map(describe_proof, proven)),
+        tables=(
+            table(SCENARIOS, "Replays by scenario", SCENARIO_COLUMNS, [*scenario_rows(proven)]),
+            table(REPLAYS, "Each replay", REPLAY_COLUMNS, [*replay_rows(proven)]),
+        ),
+    )
+    rows = tuple(row for each in proven for row in lines(each))
+    return ReportPart(section, {SCENARIOS: (Grid(HEADER, rows),)}, folded=frozenset({REPLAYS}))
+
+
+def describe_proof(proven: Proven) -> str:
+    """Whether the eigenfailures of a campaign fail again."""
+    here, everywhere = proven.proof.reproduced, proven.proof.eigenfailures
+    unfinished = "" if proven.proof.done else " Replays are still running."
+    return (
+        f"Campaign {proven.found.subject.id}: of its eigenfailures {in_line(here)} failed "
+        f"again in the same scenario, and {in_line(everywhere)} over all scenarios."
+        f"{unfinished}"
+    )
+
+
+def of(found: Reproduction) -> tuple[str, ...]:
+    """How many failed again, of those tried."""
+    if found.rate is None:
+        return ("none tried",)
+    bounds = format_interval(found.rate.interval, 100.0)
+    return (f"{found.rate.k} of {found.rate.n}", f"95 %: {bounds} %")
+
+
+def in_line(found: Reproduction) -> str:
+    """The same within a sentence."""
+    count, *bounds = of(found)
+    return f"{count} ({', '.join(bounds)})" if bounds else count
+
+
+def lines(proven: Proven) -> Iterator[tuple[tuple[str, ...], ...]]:
+    """A row for each scenario, in words."""
+    for each in proven.proof.scenarios:
+        who = ((str(proven.found.subject.id),), (each.words,))
+        yield (*who, of(each.eigenfailures), of(each.medoids))
+
+
+def scenario_rows(proven: list[Proven]) -> Iterator[tuple[Cell, ...]]:
+    """Two rows for each scenario."""
+    for found, proof_of in proven:
+        for each in proof_of.scenarios:
+            who = (found.subject.id, each.words, each.campaign)
+            yield (*who, "eigenfailures", *count_reproduced(each.eigenfailures))
+            yield (*who, "medoids", *count_reproduced(each.medoids))
+
+
+def count_reproduced(found: Reproduction) -> tuple[Cell, ...]:
+    """How many failed again, and how near the others came."""
+    rate, nearest = found.rate, found.smallest_robustness_m
+    if rate is None:
+        return (0, 0, None, None, None, nearest)
+    return (rate.k, rate.n, rate.value, rate.interval.low, rate.interval.high, nearest)
+
+
+def replay_rows(proven: list[Proven]) -> Iterator[tuple[Cell, ...]]:
+    """A row for each replay that has a result."""
+    for found, proof_of in proven:
+        for scenario in proof_of.scenarios:
+            yield from (
+                list_proof(found, each) for each in scenario.replays if each.outcome is not None
+            )
+
+
+def list_proof(found: Analysed, each: ReplayedNoise) -> tuple[Cell, ...]:
+    """One replay."""
+    who = (found.subject.id, each.campaign, each.index, each.what.value, each.mode + 1)
+    likely = (each.log_probability, each.expected_log_probability)
+    return (*who, each.reproduced, each.robustness_m, *likely)
+
+
+VARIANCE_TABLE = "explained-variance"
+
+
+VARIANCE_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("component", "Component"),
+    ("share", "Share of the variance", "share"),
+    ("cumulative", "Cumulative", "share"),
+)
+
+
+VARIANCE_WORDS = (
+    "If a few components explain much of the variance, the failures are alike; bars are single "
+    "components, lines their sum so far."
+)
+
+
+def make_variance(material: Material) -> ReportPart | None:
+    """The explained variance of every campaign that was analysed."""
+    found = [each for each in list_analysed(material) if len(each.result.explained)]
+    if not found:
+        return None
+    named = dict(zip(names(len(found)), in_groups(found, BESIDE), strict=True))
+    rows = [row for each in found for row in shares(each)]
+    section = ReportSection(
+        name="variance",
+        title="Explained variance",
+        words=(VARIANCE_WORDS,),
+        tables=(
+            table(VARIANCE_TABLE, "Variance explained by the components", VARIANCE_COLUMNS, rows),
+        ),
+        pictures=tuple(
+            describe_variance_picture(name, tuple(group)) for name, group in named.items()
+        ),
+    )
+    return ReportPart(
+        section, drawings={name: draw_variance(tuple(of)) for name, of in named.items()}
+    )
+
+
+def names(count: int) -> Iterator[str]:
+    """A name for each picture."""
+    yield VARIANCE_TABLE
+    yield from (f"{VARIANCE_TABLE}-{number}" for number in range(2, -(-count // BESIDE) + 1))
+
+
+def shares(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+    """A row for each component."""
+    explained = found.result.explained.astype(float)
+    for number, (share, so_far) in enumerate(zip(explained, np.cumsum(explained), strict=True), 1):
+        yield (found.subject.id, number, float(share), float(so_far))
+
+
+def describe_variance_picture(name: str, group: tuple[Analysed, ...]) -> ReportPicture:
+    """The picture of these campaigns, in words."""
+    told = (
+        f"Campaign {each.subject.label}: the first component explains "
+        f"{format_share(float(each.result.explained[0]))}, all {len(each.result.explained)} "
+        f"together {format_share(float(each.result.explained.sum()))}."
+        for each in group
+    )
+    return ReportPicture(
+        name=name,
+        title="Explained variance",
+        alternative=" ".join(told),
+        table=VARIANCE_TABLE,
+        campaigns=tuple(each.subject.id for each in group),
+    )
+
+
+def draw_variance(group: tuple[Analysed, ...]) -> Drawing:
+    """Bars side by side, and their sums."""
+    width = 0.8 / len(group)
+
+    def draw(figure: "Figure") -> None:
+        axes = figure.subplots()
+        for place, each in enumerate(group):
+            look, explained = mark(each.subject.place), 100.0 * each.result.explained.astype(float)
+            at = np.arange(1, len(explained) + 1) + (place - (len(group) - 1) / 2.0) * width
+            axes.bar(
+                at,
+                explained,
+                0.9 * width,
+                facecolor="white",
+                edgecolor=look.colour,
+                hatch=look.hatch,
+                label=each.subject.label,
+            )
+            axes.plot(at, np.cumsum(explained), **look.style)
+        axes.set_xticks(range(1, 1 + max(len(each.result.explained) for each in group)))
+        axes.set_xlabel("component")
+        axes.set_ylabel("share of the variance [%]")
+        axes.set_ylim(0.0, 100.0)
+        legend(axes)
+
+    return Drawing(draw, 2.9 + 0.16 * len(group))
+
+
+TRAINING_TABLE = "training"
+
+
+SPACE_SIGMA = 3.0
+
+
+TRAINING_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("interval", "Interval"),
+    ("start", "From", "share"),
+    ("end", "to", "share"),
+    ("failures", "Failures"),
+    ("step", "Step"),
+    *((axis, f"Mean {axis} noise", "sigma") for axis in AXES),
+)
+
+
+TRAINING_WORDS = (
+    "The mean noise of the failures in each tenth of a campaign's episodes, the first tenth at the "
+    f"top. Lines stand {SPACE_SIGMA:g} sigma apart, each on its own zero. A method that learns "
+    "settles on a pattern; one that does not learn shows chance."
+)
+
+
+def make_training(material: Material) -> ReportPart | None:
+    """The training of every campaign that was analysed."""
+    found = [each for each in list_analysed(material) if each.result.training]
+    if not found:
+        return None
+    rows = [row for each in found for row in list_training_steps(each)]
+    section = ReportSection(
+        name="training",
+        title="Disturbances over the training",
+        words=(TRAINING_WORDS,),
+        tables=(
+            table(TRAINING_TABLE, "Mean noise of the failures by interval", TRAINING_COLUMNS, rows),
+        ),
+        pictures=tuple(map(describe_training_picture, found)),
+    )
+    return ReportPart(
+        section,
+        drawings={describe_training_picture(each).name: draw_training(each) for each in found},
+    )
+
+
+def list_training_steps(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+    """A row for each step of each interval that has a failure."""
+    for number, each in enumerate(found.result.training, start=1):
+        who = (found.subject.id, number, each.start, each.end, each.failures)
+        for step, z in enumerate(each.mean.astype(float) if each.failures else ()):
+            yield (*who, step, *(float(value) for value in z))
+
+
+def describe_training_picture(found: Analysed) -> ReportPicture:
+    """How the mean noise moved, in words."""
+    told = (
+        f"{format_share(each.start)} to {format_share(each.end)}: {each.failures} failures"
+        for each in found.result.training
+    )
+    return ReportPicture(
+        name=f"training-{found.name}",
+        title=f"Disturbances over the training, campaign {found.subject.label}",
+        alternative=f"Failures by interval: {'; '.join(told)}.",
+        table=TRAINING_TABLE,
+        campaigns=(found.subject.id,),
+    )
+
+
+def draw_training(found: Analysed) -> Drawing:
+    """A line for each interval, one below the other; a column for each axis."""
+
+    def draw(figure: "Figure") -> None:
+        columns = figure.subplots(1, 2, sharex=True, sharey=True)
+        for way, (axes, axis) in enumerate(zip(columns, AXES, strict=True)):
+            draw_training_lines(axes, found, way)
+            axes.set_title(f"{axis} noise")
+            axes.set_xlabel("time [s]" if found.step_s else "step")
+        intervals = found.result.training
+        columns[0].set_yticks(
+            [-SPACE_SIGMA * row for row in range(len(intervals))],
+            [f"{100.0 * each.start:g}–{100.0 * each.end:g} %" for each in intervals],
+        )
+        columns[0].set_ylabel("episodes of the campaign")
+
+    return Drawing(draw, 4.6)
+
+
+def draw_training_lines(axes: "Axes", found: Analysed, way: int) -> None:
+    """The mean noise along one axis in each interval."""
+    for row, each in enumerate(found.result.training):
+        zero = -SPACE_SIGMA * row
+        axes.axhline(zero, color=MUTED, linewidth=0.6, linestyle=(0, (1.2, 1.6)))
+        if each.failures:
+            at = np.arange(len(each.mean)) * (found.step_s or 1.0)
+            axes.plot(at, zero + each.mean[:, way], color=INK, linewidth=1.2)
+    axes.grid(visible=False, axis="y")

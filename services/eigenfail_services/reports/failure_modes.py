@@ -1,0 +1,368 @@
+"""Failure modes and their eigenfailures."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eigenfail.presentation.figures import format_number
+from eigenfail.values import AXES, FailureMode, Floats
+from eigenfail.values.report import Cell, ReportPicture, ReportSection
+from eigenfail_services.reports.material import (
+    MOST_MODES,
+    Analysed,
+    Band,
+    Material,
+    Subject,
+    band,
+    evenly,
+    list_analysed,
+    sample_note,
+)
+from eigenfail_services.reports.page import (
+    INK,
+    MUTED,
+    Drawing,
+    ReportPart,
+    legend,
+    list_probability,
+    mark,
+    table,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+MODES, WORDS, SCORES = "modes", "mode-words", "scores"
+
+
+MOST_SCORES = 2_000
+
+
+LEGEND_COLUMNS = 4
+
+
+A_SUMMARY = "Read them as a summary of the failures, not as separate causes."
+
+
+CENTRES = "Numbers in boxes are the centres of the modes."
+
+
+PLATE = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": INK}
+
+
+MODE_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("analysis", "Analysis"),
+    ("mode", "Mode"),
+    ("failures", "Failures"),
+    ("share", "Share", "share"),
+    ("medoid", "Medoid episode"),
+    ("strength", "Root mean square", "sigma"),
+    ("peak_longitudinal", "Longitudinal peak", "sigma"),
+    ("peak_longitudinal_step", "at step"),
+    ("peak_lateral", "Lateral peak", "sigma"),
+    ("peak_lateral_step", "at step"),
+    ("probability", "Probability under p(x)"),
+    ("probability_low", "from"),
+    ("probability_high", "to"),
+    ("probability_at_least", "Probability under p(x) at least"),
+)
+
+
+WORD_COLUMNS = (("campaign", "Campaign"), ("mode", "Mode"), ("words", "What it is"))
+
+
+SCORE_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("episode", "Episode"),
+    ("mode", "Mode"),
+    ("score_1", "First score", "sigma"),
+    ("score_2", "Second score", "sigma"),
+)
+
+
+HOW_TO_READ = (
+    "The noise of all failures is brought to a few principal components; clusters there are the "
+    "failure modes. The centre of a cluster, taken back to noise, is its eigenfailure; the medoid "
+    "is the real failure nearest to it. Peaks are those of the eigenfailure: positive is ahead "
+    "along the road, and towards +y across it."
+)
+
+
+def make_modes(material: Material) -> ReportPart:
+    """The modes of every campaign that was analysed."""
+    found = [*list_analysed(material)]
+    tables = (
+        table(MODES, "Failure modes", MODE_COLUMNS, [row for each in found for row in modes(each)]),
+        table(
+            SCORES,
+            "Failures in the space of the components",
+            SCORE_COLUMNS,
+            [row for each in found for row in scores(each)],
+            " ".join(filter(None, map(left_out, found))),
+        ),
+        table(
+            WORDS, "The modes in words", WORD_COLUMNS, [row for of in found for row in words(of)]
+        ),
+    )
+    section = ReportSection(
+        name="modes",
+        title="Failure modes",
+        words=(
+            *((HOW_TO_READ,) if found else ()),
+            *(sentence for each in found for sentence in describe_modes(each)),
+            *missing(material, found),
+        ),
+        tables=tables if found else (),
+        pictures=tuple(map(describe_modes_picture, found)),
+    )
+    drawings = {describe_modes_picture(each).name: draw_modes(each) for each in found}
+    return ReportPart(section, drawings=drawings, folded=frozenset({WORDS}))
+
+
+def missing(material: Material, found: list[Analysed]) -> Iterator[str]:
+    """Of which campaigns no mode can be told, and why."""
+    known = {each.subject.id for each in found}
+    for subject in material.subjects:
+        if subject.id not in known:
+            yield f"Campaign {subject.id}: {why(subject)}"
+
+
+def why(subject: Subject) -> str:
+    """Why there is no mode."""
+    if not subject.summary.counts.failures:
+        return "no failure, so there is no mode."
+    return f"not analysed; run `eigenfail analyze {subject.id}` and make the report again."
+
+
+def describe_modes(found: Analysed) -> Iterator[str]:
+    """Whether the modes of a campaign are real, what each is, and what to know of them."""
+    result, who = found.result, f"Campaign {found.subject.id}"
+    caution = "" if result.distinct else f" {A_SUMMARY}"
+    yield f"{who} (analysis {found.analysis.id}): {result.verdict}{caution}"
+    if result.diversity and result.diversity.warning:
+        yield f"{who}: {result.diversity.warning.capitalize()}"
+    yield from (f"{who}: {note}" for note in result.notes)
+
+
+def modes(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+    """A row for each mode, counted from 1."""
+    for number, mode in enumerate(found.result.modes, start=1):
+        share = mode.failures / len(found.result.episodes)
+        who = (found.subject.id, found.analysis.id, number)
+        likely = list_probability(mode.probability)
+        yield (*who, mode.failures, share, mode.medoid, strength(mode), *peaks(mode), *likely)
+
+
+def words(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+    """What each mode is, as the analysis says."""
+    for number, told_of_it in enumerate(found.result.words, start=1):
+        yield (found.subject.id, number, told_of_it)
+
+
+def strength(mode: FailureMode) -> float:
+    """Root mean square of the eigenfailure; noise of p(x) has 1. [sigma]"""
+    return float(np.sqrt(np.mean(np.square(mode.eigenfailure.astype(np.float64)))))
+
+
+def peaks(mode: FailureMode) -> Iterator[Cell]:
+    """The largest disturbance along each axis, and its step."""
+    for axis in range(len(AXES)):
+        step = int(np.argmax(np.abs(mode.eigenfailure[:, axis])))
+        yield float(mode.eigenfailure[step, axis])
+        yield step
+
+
+def scores(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+    """A row for each failure, or for a sample of them."""
+    result = found.result
+    for row in evenly(range(len(result.episodes)), MOST_SCORES):
+        first, second = (float(x) for x in np.pad(result.scores[row].astype(float), (0, 2))[:2])
+        yield (found.subject.id, result.episodes[row], result.labels[row] + 1, first, second)
+
+
+def left_out(found: Analysed) -> str:
+    """Whether all failures are there."""
+    count = len(found.result.episodes)
+    note = sample_note(min(count, MOST_SCORES), count, "failures")
+    return f"Campaign {found.subject.id}: {note}" if note else ""
+
+
+def describe_modes_picture(found: Analysed) -> ReportPicture:
+    """The failures of a campaign in the space of the components, in words."""
+    sizes = ", ".join(
+        f"mode {number} with {mode.failures}" for number, mode in enumerate(found.result.modes, 1)
+    )
+    return ReportPicture(
+        name=f"scores-{found.name}",
+        title=f"Failures by their first two scores, campaign {found.subject.label}",
+        alternative=f"{len(found.result.episodes)} failures: {sizes}. {CENTRES}",
+        table=SCORES,
+        campaigns=(found.subject.id,),
+        note=left_out(found),
+    )
+
+
+def centre(mode: FailureMode) -> tuple[float, float]:
+    """Of a mode, by its first two scores."""
+    first, second = np.pad(mode.centre.astype(float), (0, 2))[:2]
+    return (float(first), float(second))
+
+
+def draw_modes(found: Analysed) -> Drawing:
+    """A mark for each failure, by its mode."""
+    rows = [*scores(found)]
+    centres = [centre(mode) for mode in found.result.modes]
+
+    def draw(figure: "Figure") -> None:
+        axes = figure.subplots()
+        for mode, middle in enumerate(centres):
+            here = [(row[3], row[4]) for row in rows if row[2] == mode + 1]
+            axes.plot(
+                *zip(*here, strict=True) if here else ((), ()),
+                linestyle="none",
+                marker=mark(mode).marker,
+                markerfacecolor="none",
+                markeredgecolor=mark(mode).colour,
+                markeredgewidth=0.9,
+                label=f"mode {mode + 1}",
+            )
+            axes.annotate(str(mode + 1), middle, ha="center", va="center", bbox=PLATE)
+        axes.set_xlabel("first score [sigma]")
+        axes.set_ylabel("second score [sigma]")
+        legend(axes, LEGEND_COLUMNS)
+
+    return Drawing(draw, 3.8)
+
+
+EIGENFAILURES_TABLE = "eigenfailures"
+
+
+EIGENFAILURES_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("mode", "Mode"),
+    ("step", "Step"),
+    ("time_s", "Time", "s"),
+    ("members", "Members at this step"),
+    *(
+        (f"{kind}_{axis}", f"{title}, {axis}", "sigma")
+        for axis in AXES
+        for kind, title in (
+            ("eigenfailure", "Eigenfailure"),
+            ("mean", "Mean of the members"),
+            ("deviation", "Standard deviation"),
+        )
+    ),
+)
+
+
+EIGENFAILURES_WORDS = (
+    "The line is the eigenfailure, ready to be injected; the hatched band is the mean of the "
+    "mode's members ± their standard deviation, at the steps that they reached. Where the band is "
+    "narrower than ± 1 the failures agree on more than the disturbance model does."
+)
+
+
+Bands = tuple[Band, ...]
+
+
+def make_eigenfailures(material: Material) -> ReportPart | None:
+    """The eigenfailures of every campaign that was analysed."""
+    found = [*list_analysed(material)]
+    if not found:
+        return None
+    bands = [bands_of(material, each) for each in found]
+    each_with = [*zip(found, bands, strict=True)]
+    rows = [row for each, of in each_with for row in list_eigenfailures_steps(each, of)]
+    section = ReportSection(
+        name="eigenfailures",
+        title="Eigenfailures",
+        words=(EIGENFAILURES_WORDS,),
+        tables=(
+            table(EIGENFAILURES_TABLE, "Eigenfailures over time", EIGENFAILURES_COLUMNS, rows),
+        ),
+        pictures=tuple(describe_eigenfailures_picture(each, of) for each, of in each_with),
+    )
+    drawings = {
+        f"eigenfailures-{each.name}": draw_eigenfailures(each, of) for each, of in each_with
+    }
+    return ReportPart(section, drawings=drawings)
+
+
+def bands_of(material: Material, found: Analysed) -> Bands:
+    """The band of each mode."""
+    return tuple(band(material.store, found, mode) for mode in range(len(found.result.modes)))
+
+
+def list_eigenfailures_steps(found: Analysed, bands: Bands) -> Iterator[tuple[Cell, ...]]:
+    """A row for each step of each mode."""
+    for number, (mode, of) in enumerate(zip(found.result.modes, bands, strict=True), start=1):
+        for step, z in enumerate(mode.eigenfailure.astype(float)):
+            at_s = step * found.step_s if found.step_s else None
+            figures = np.stack([z, of.mean[step], of.deviation[step]], axis=1).ravel()
+            told = (float(value) if np.isfinite(value) else None for value in figures)
+            yield (found.subject.id, number, step, at_s, int(of.reached[step]), *told)
+
+
+def describe_eigenfailures_picture(found: Analysed, bands: Bands) -> ReportPicture:
+    """The eigenfailures of a campaign, in words."""
+    told = (
+        f"mode {number}: {peak(found, mode.eigenfailure)}"
+        for number, mode in enumerate(found.result.modes[:MOST_MODES], start=1)
+    )
+    of = sum(each.of for each in bands)
+    notes = (found.modes_note, sample_note(sum(each.shown for each in bands), of, "members"))
+    return ReportPicture(
+        name=f"eigenfailures-{found.name}",
+        title=f"Eigenfailures, campaign {found.subject.label}",
+        alternative=f"{'; '.join(told)}.".capitalize(),
+        table=EIGENFAILURES_TABLE,
+        campaigns=(found.subject.id,),
+        note=" ".join(filter(None, notes)),
+    )
+
+
+def peak(found: Analysed, z: Floats) -> str:
+    """The largest disturbance along each axis, in words."""
+    largest = ((axis, int(np.argmax(np.abs(z[:, way]))), way) for way, axis in enumerate(AXES))
+    return ", ".join(
+        f"{axis} {format_number(float(z[step, way]))} sigma at {moment(found, step)}"
+        for axis, step, way in largest
+    )
+
+
+def moment(found: Analysed, step: int) -> str:
+    """When a step is, in words."""
+    return f"{format_number(step * found.step_s)} s" if found.step_s else f"step {step}"
+
+
+def draw_eigenfailures(found: Analysed, bands: Bands) -> Drawing:
+    """A row for each mode, a column for each axis."""
+    modes = found.result.modes[:MOST_MODES]
+
+    def draw(figure: "Figure") -> None:
+        grid = figure.subplots(len(modes), 2, sharex=True, sharey=True, squeeze=False)
+        for number, row in enumerate(grid):
+            for way, axis in enumerate(AXES):
+                one(row[way], found, bands[number], number, way)
+                row[way].set_title(f"mode {number + 1}, {axis}")
+            row[0].set_ylabel("noise [sigma]")
+        for axes in grid[-1]:
+            axes.set_xlabel("time [s]" if found.step_s else "step")
+
+    return Drawing(draw, 0.6 + 1.7 * len(modes))
+
+
+def one(axes: "Axes", found: Analysed, of: Band, mode: int, way: int) -> None:
+    """One mode along one axis."""
+    z = found.result.modes[mode].eigenfailure[:, way]
+    at = np.arange(len(z)) * (found.step_s or 1.0)
+    low, high = of.mean[:, way] - of.deviation[:, way], of.mean[:, way] + of.deviation[:, way]
+    axes.fill_between(at, low, high, facecolor="none", edgecolor=MUTED, hatch="////", linewidth=0.0)
+    for edge in (low, high):
+        axes.plot(at, edge, color=MUTED, linewidth=0.8, linestyle=(0, (1.2, 1.6)))
+    axes.axhline(0.0, color=MUTED, linewidth=0.8)
+    axes.plot(at, z, color=mark(mode).colour, linewidth=1.8)

@@ -1,0 +1,410 @@
+"""What was asked for and what was found: results, set-up, and where the numbers come from."""
+
+import platform
+from collections.abc import Iterator, Mapping
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, NamedTuple
+
+import msgspec
+
+from eigenfail import __version__, plugins
+from eigenfail.errors import InputError
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    format_amount,
+    format_count,
+    format_interval,
+    format_number,
+    format_share,
+    format_utc,
+)
+from eigenfail.presentation.tables import format_cell, format_cost
+from eigenfail.settings import defaults_of
+from eigenfail.values import Campaign, CampaignSpec
+from eigenfail.values.report import Cell, ReportSection
+from eigenfail.worlds import describe_disturbance, world_of
+from eigenfail_services.campaigns.comparison import warn_of_seeds
+from eigenfail_services.reports.material import Material, Subject
+from eigenfail_services.reports.page import (
+    ReportPart,
+    by_name,
+    list_probability,
+    side_by_side,
+    table,
+)
+from eigenfail_services.store.schema import VERSION
+
+RESULTS_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("name", "Name"),
+    ("method", "Method"),
+    ("planner", "Planner"),
+    ("scenario", "Scenario"),
+    ("state", "State"),
+    ("n", "Episodes completed"),
+    ("failures", "Failures"),
+    ("failure_rate", "Failure rate", "share"),
+    ("failure_rate_low", "from", "share"),
+    ("failure_rate_high", "to", "share"),
+    ("horizon", "Horizon", "s"),
+    ("unresolved", "Unresolved at the horizon"),
+    ("unresolved_not_known", "Whether unresolved is not known"),
+    ("cost_per_failure", "Cost per failure", "USD"),
+    ("cost_per_failure_low", "from", "USD"),
+    ("cost_per_failure_high", "to", "USD"),
+    ("cost_per_failure_at_least", "Cost per failure at least", "USD"),
+    ("cost", "Cost", "USD"),
+    ("instance_hours", "Instance-hours", "h"),
+    ("log_p_per_step", "log p per step of the failures", "nat"),
+    ("log_p", "Mean log p of the failures", "nat"),
+    ("severity", "Mean severity", "m²/s²"),
+    ("probability", "Failure probability"),
+    ("probability_low", "from"),
+    ("probability_high", "to"),
+    ("probability_at_least", "Failure probability at least"),
+    ("probability_cv", "Coefficient of variation"),
+    ("probability_n", "Episodes it rests on"),
+    ("probability_by", "Found by"),
+    ("probability_problem", "Why it is not told"),
+    ("probability_note", "What it cannot know"),
+    ("episodes_per_s", "Episodes per second", "1/s"),
+    ("active_s", "Time running", "s"),
+)
+
+
+HOW_TO_READ = (
+    "A failure rate is the share of completed episodes with a collision within the horizon. "
+    "Intervals hold the true value in 95 % of all cases. Severity is ‖v_ego − v_actor‖² at the "
+    "collision. log p is the log-density of the injected noise; per step it can be compared "
+    "between episodes of different length, and higher is likelier. Cost is that of computing, not "
+    "of collisions."
+)
+
+
+def make_results(material: Material) -> ReportPart:
+    """The results side by side."""
+    subjects = material.subjects
+    section = ReportSection(
+        name="results",
+        title="Results",
+        words=(
+            *map(sentence, subjects),
+            *warn_of_seeds([s.campaign for s in subjects]),
+            HOW_TO_READ,
+        ),
+        tables=(
+            table(
+                "results",
+                "Results of the campaigns",
+                RESULTS_COLUMNS,
+                [*map(list_results, subjects)],
+            ),
+        ),
+    )
+    return ReportPart(section, {"results": side_by_side(subjects, FIGURES)})
+
+
+def list_results(subject: Subject) -> tuple[Cell, ...]:
+    """The numbers of a campaign."""
+    campaign, summary = subject.campaign, subject.summary
+    spec = campaign.spec
+    return (
+        *(campaign.id, spec.name, spec.method, spec.planner, spec.scenario, campaign.state_word),
+        *(summary.counts.completed, summary.counts.failures),
+        *rate_cells(subject),
+        *cost_cells(subject),
+        summary.log_probability_per_step,
+        summary.mean_log_probability,
+        summary.mean_severity,
+        *probability_cells(subject),
+        summary.episodes_per_s,
+        campaign.active_s,
+    )
+
+
+def rate_cells(subject: Subject) -> tuple[Cell, ...]:
+    """The failure rate and its interval, within which time, and what ended too early to tell."""
+    rate, ended = subject.summary.failure_rate, subject.summary.unresolved
+    bounds = (rate.value, rate.interval.low, rate.interval.high) if rate else (None,) * 3
+    return (*bounds, ended.horizon_s, ended.count, ended.not_known)
+
+
+def cost_cells(subject: Subject) -> tuple[Cell, ...]:
+    """What a failure cost, and all of them."""
+    cost = subject.summary.cost
+    bounds = (cost.interval_usd.low, cost.interval_usd.high) if cost.interval_usd else (None, None)
+    per_failure = (cost.per_failure_usd, *bounds, cost.at_least_usd)
+    return (*per_failure, cost.total_usd, cost.instance_hours)
+
+
+def probability_cells(subject: Subject) -> tuple[Cell, ...]:
+    """The failure probability, or why it is not told."""
+    found = subject.summary.estimate
+    if found is None:
+        return (None,) * 9
+    basis = (found.cv, found.episodes, found.by, found.problem, found.note)
+    return (*list_probability(found), *basis)
+
+
+def sentence(subject: Subject) -> str:
+    """What a campaign found, in a sentence."""
+    summary, spec = subject.summary, subject.campaign.spec
+    who = f"Campaign {subject.id}, {spec.name} ({spec.method}, {spec.planner} in {spec.scenario})"
+    rate = summary.failure_rate
+    if rate is None:
+        return f"{who}: {summary.remark or 'no episode has ended yet.'}"
+    if not rate.k:
+        found = f"no failure in {rate.n:,} episodes; {price(subject)}."
+        return f"{who}: {found} {summary.remark}".strip()
+    found = f"{rate.k:,} failures in {rate.n:,} episodes"
+    share = f"{format_share(rate.value)} (95 %: {format_interval(rate.interval, 100.0)} %)"
+    return f"{who}: {found}, {share}; {price(subject)}. {summary.remark}".strip()
+
+
+def price(subject: Subject) -> str:
+    """What a failure cost, or costs at least."""
+    cost = format_cost(subject.summary.cost)
+    if subject.summary.counts.failures:
+        return f"a failure cost {cost.value} (95 %: {cost.interval})"
+    return f"a failure costs at least {cost.value.removeprefix('≥ ')} (95 %)"
+
+
+def basis(subject: Subject) -> str:
+    """How many failures a mean rests on."""
+    return f"n = {format_count(subject.summary.counts.failures)}"
+
+
+FIGURES = {
+    "Method": lambda s: (s.campaign.spec.method,),
+    "State": lambda s: (s.campaign.state_word,),
+    "Episodes completed": lambda s: (format_count(s.summary.counts.completed),),
+    "Failures": lambda s: (format_count(s.summary.counts.failures),),
+    "Failure rate": lambda s: format_cell(s.summary.failure_rate).lines,
+    "Cost per failure": lambda s: format_cost(s.summary.cost).lines,
+    "Cost": lambda s: (
+        format_amount(s.summary.cost.total_usd),
+        f"{format_number(s.summary.cost.instance_hours)} instance-hours",
+    ),
+    "log p per step of the failures [nat]": lambda s: (
+        format_number(s.summary.log_probability_per_step),
+        basis(s),
+    ),
+    "Mean severity of the failures [m²/s²]": lambda s: (
+        format_number(s.summary.mean_severity),
+        basis(s),
+    ),
+    "Failure probability under p(x)": lambda s: format_cell(s.summary.estimate).lines,
+    "Episodes per second": lambda s: (format_number(s.summary.episodes_per_s),),
+}
+
+
+SETUP, DEFAULTS = "setup", "defaults"
+
+
+SETUP_COLUMNS = (("campaign", "Campaign"), ("setting", "Setting"), ("value", "Value"))
+
+
+DEFAULT_COLUMNS = (
+    ("kind", "Kind"),
+    ("plugin", "Plug-in"),
+    ("setting", "Setting"),
+    ("default", "Default"),
+)
+
+
+MEANING = (
+    "A campaign searches with one method for disturbances under which one planner collides. A "
+    "disturbance is added to the position at which the planner sees the nearest vehicle, at every "
+    "step: a_t = σ_t · u_t, with |dx| and |dy| the true distances along and across the road. "
+    "Settings that are not listed here had their defaults, which stand below."
+)
+
+
+KINDS = {
+    "scenario": (plugins.SCENARIOS, "Parameters"),
+    "planner": (plugins.PLANNERS, "Settings"),
+    "method": (plugins.METHODS, "Settings"),
+}
+
+
+class Setting(NamedTuple):
+    """One thing that was asked for."""
+
+    name: str
+    value: str
+
+
+def make_setup(material: Material) -> ReportPart:
+    """The settings side by side, and below them the defaults of what was used."""
+    found = {subject.id: dict(settings(subject.campaign)) for subject in material.subjects}
+    rows = [(id_, name, value) for id_, of in found.items() for name, value in of.items()]
+    unset = [*defaults([subject.campaign.spec for subject in material.subjects])]
+    section = ReportSection(
+        name="setup",
+        title="Set-up",
+        words=(MEANING,),
+        tables=(
+            table(SETUP, "What was asked for", SETUP_COLUMNS, rows),
+            table(DEFAULTS, "Defaults of this release", DEFAULT_COLUMNS, unset),
+        ),
+    )
+    told = {id_: {name: (value,) for name, value in of.items()} for id_, of in found.items()}
+    return ReportPart(
+        section, {SETUP: by_name(material.subjects, told)}, folded=frozenset({DEFAULTS})
+    )
+
+
+def settings(campaign: Campaign) -> Iterator[Setting]:
+    """All that was asked for, and what ended it."""
+    spec = campaign.spec
+    yield Setting("Scenario", spec.scenario)
+    yield from list_given_settings("Scenario", spec.scenario_parameters)
+    yield Setting("Planner", spec.planner)
+    yield from list_given_settings("Planner", spec.planner_settings)
+    yield Setting("Simulator", spec.simulator)
+    for name, value in describe_disturbance(spec).items():
+        yield Setting(f"Disturbance: {name}", value)
+    yield Setting("Method", spec.method)
+    yield from list_given_settings("Method", spec.settings)
+    yield Setting("Seed", str(spec.seed))
+    yield Setting("Budget [episodes]", str(spec.episodes))
+    for name, limit in spec.stop.given().items():
+        yield Setting(f"Stops at {name}", str(limit))
+    yield Setting("Price [USD per instance-hour]", str(spec.price_usd_per_hour))
+    yield Setting("Instances", str(spec.instances))
+    yield Setting("Ended because", campaign.stopped_because or f"it is {campaign.state}")
+
+
+def list_given_settings(group: str, values: Mapping[str, Any]) -> Iterator[Setting]:
+    """The settings of a plug-in that a user gave."""
+    for name, value in leaves(values):
+        yield Setting(f"{group}: {name}", value)
+
+
+def defaults(specs: list[CampaignSpec]) -> Iterator[tuple[Cell, ...]]:
+    """The defaults of every plug-in that was used, each plug-in once."""
+    used = dict.fromkeys(
+        (kind, str(getattr(spec, kind)))
+        for kind in KINDS
+        for spec in specs
+        if kind == "method" or kind in world_of(spec.simulator).plugin_fields
+    )
+    for kind, plugin in used:
+        for name, value in leaves(plugin_defaults(kind, plugin)):
+            yield (kind, plugin, name, value)
+
+
+def plugin_defaults(kind: str, plugin: str) -> dict[str, Any]:
+    """What the settings of a plug-in are unless they are given; nothing if it is not here."""
+    group, attribute = KINDS[kind]
+    try:
+        return defaults_of(getattr(plugins.load(group, plugin), attribute))
+    except InputError:
+        return {}
+
+
+def leaves(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    """Every plain value inside nested settings as it would be written; a dot goes deeper."""
+    for name, value in values.items():
+        if isinstance(value, dict) and value:
+            yield from leaves(value, f"{above}{name}.")
+        else:
+            yield f"{above}{name}", format_setting(value)
+
+
+def format_setting(value: Any) -> str:
+    """A setting as it would be written in a file."""
+    if value is None:
+        return UNKNOWN
+    return value if isinstance(value, str) else msgspec.json.encode(value).decode()
+
+
+PACKAGES = (
+    *("numpy", "scipy", "scikit-learn", "torch", "stable-baselines3", "highway-env", "osqp"),
+    *("ray", "msgspec", "sqlalchemy", "matplotlib"),
+)
+
+
+PROGRAM_COLUMNS = (("thing", "Thing"), ("version", "Version"))
+
+
+EVIDENCE_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("name", "Name"),
+    ("seed", "Seed"),
+    ("digest", "Digest of all results (SHA-256)"),
+    ("analysis", "Analysis"),
+)
+
+
+TIME_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("created", "Created"),
+    ("started", "Started"),
+    ("ended", "Ended"),
+    ("active_s", "Time running", "s"),
+)
+
+
+REPEATABLE = (
+    "Everything random in an episode follows from the campaign's seed and the episode's number: "
+    "the same set-up and seed give the same episodes, and so the same digest, with one worker or "
+    "many. To check a campaign, run its set-up again and compare the digests."
+)
+
+
+WHOSE = (
+    "Versions are those of the service that made this report; workers elsewhere may have had "
+    "others."
+)
+
+
+def make_provenance(material: Material) -> ReportPart:
+    """What is needed to trace the numbers back."""
+    evidence = [*map(list_provenance, material.subjects)]
+    section = ReportSection(
+        name="provenance",
+        title="Provenance",
+        words=(REPEATABLE, WHOSE),
+        tables=(
+            table("evidence", "Campaigns", EVIDENCE_COLUMNS, evidence),
+            table("times", "When they ran", TIME_COLUMNS, [*map(times, material.subjects)]),
+            table("programs", "Programs", PROGRAM_COLUMNS, [*programs()]),
+        ),
+    )
+    return ReportPart(section)
+
+
+def list_provenance(subject: Subject) -> tuple[Cell, ...]:
+    """What tells the results of a campaign from all others."""
+    campaign = subject.campaign
+    return (
+        *(campaign.id, campaign.spec.name, campaign.spec.seed),
+        campaign.digest or "not done",
+        subject.analysis.id if subject.analysis else None,
+    )
+
+
+def times(subject: Subject) -> tuple[Cell, ...]:
+    """When what happened."""
+    campaign = subject.campaign
+    moments = (campaign.created_ms, campaign.started_ms, campaign.ended_ms)
+    return (campaign.id, *map(format_utc, moments), campaign.active_s)
+
+
+def programs() -> tuple[tuple[Cell, ...], ...]:
+    """Names and versions."""
+    return (
+        ("eigenfail", __version__),
+        ("schema of the database", VERSION),
+        ("Python", platform.python_version()),
+        *((name, read_version(name)) for name in PACKAGES),
+    )
+
+
+def read_version(name: str) -> str:
+    """The version of a package."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
