@@ -1,4 +1,4 @@
-"""`python -m eigenfail_api`: serve the API until told to stop."""
+"""`python -m eigenfail_api`: serve the API until a signal stops it."""
 
 import errno
 import signal
@@ -87,7 +87,7 @@ def serve(settings: ApiSettings) -> None:
 
 
 def leave(_signal: int, _frame: FrameType | None) -> None:
-    """End as one does after being told to: uvicorn raises the signal anew once it has drained.
+    """Exit like a process that a signal ended: uvicorn raises the signal again after draining.
 
     Raises:
         SystemExit: always, with 0.

@@ -22,7 +22,7 @@ Arguments = ParamSpec("Arguments")
 
 
 class SerialExecutor:
-    """Runs one function at a time in a thread of its own, with a short queue.
+    """Runs one function at a time in its own thread, with a short queue.
 
     Args:
         name: of the thread.

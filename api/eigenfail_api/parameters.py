@@ -1,4 +1,4 @@
-"""Parameters and bodies of requests: their types, and what is refused before a route runs."""
+"""Parameters and bodies of requests: their types, and refusals before a route runs."""
 
 from collections import Counter
 from collections.abc import Awaitable, Callable, Iterable, Iterator

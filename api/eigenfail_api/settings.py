@@ -14,7 +14,7 @@ LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 
 
 class ApiSettings(BaseSettings):
-    """From arguments or, for what is not given, from environment variables EIGENFAIL_<NAME>.
+    """Settings of the API: from arguments or else environment variables EIGENFAIL_<NAME>.
 
     Attributes:
         database: URL of the store.
@@ -83,7 +83,7 @@ def refuse_open_door(settings: ApiSettings) -> None:
 
 
 def refuse_without_keys(settings: ApiSettings, keys: KeyStore) -> None:
-    """An address that strangers can reach, where nobody could show a key.
+    """Refuse to serve a non-loopback address while there are no keys.
 
     Raises:
         InvalidValue: it is one, and no administrator has a valid key.

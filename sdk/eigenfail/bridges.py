@@ -115,13 +115,13 @@ def parameters_kind(given: Mapping[str, Any]) -> type[msgspec.Struct]:
 
 
 def foreign(parameters: msgspec.Struct) -> dict[str, Plain]:
-    """Of the parameters of an episode, those that the bridge is told under their names."""
+    """Return the parameters of an episode that the bridge receives under their names."""
     named = msgspec.structs.asdict(parameters)
     return {name: value for name, value in named.items() if name not in OWN}
 
 
 def read_plain(given: Mapping[str, Any], field: str) -> dict[str, Plain]:
-    """The values themselves, if every bridge can be told them.
+    """Return the values, if every bridge can receive them.
 
     Raises:
         InvalidValue: one is no finite number, truth value or short text, or there are too many.
@@ -136,7 +136,7 @@ def read_plain(given: Mapping[str, Any], field: str) -> dict[str, Plain]:
 
 
 def refuse_too_many(given: Mapping[str, Any], field: str) -> None:
-    """Raises InvalidValue for more than a bridge is told."""
+    """Raise InvalidValue for more parameters than a bridge can receive."""
     if len(given) > MOST_PARAMETERS:
         problem = f"there are {len(given)}."
         raise InvalidValue(field, problem, f"A bridge is told {MOST_PARAMETERS} at most.")

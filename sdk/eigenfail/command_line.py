@@ -18,7 +18,7 @@ class Parser(argparse.ArgumentParser):
     """A parser that repeats no key and no password in its errors."""
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong with the command line, and end with 2."""
+        """Print the error of the command line, and exit with 2."""
         from eigenfail.values.access import redact
 
         super().error(redact(message))
@@ -44,12 +44,12 @@ class CheckedOutput:
             return self._stream.write(text)
 
     def writelines(self, lines: Iterable[str]) -> None:
-        """Write lines as they are."""
+        """Write lines without changing them."""
         with self._checked():
             self._stream.writelines(lines)
 
     def flush(self) -> None:
-        """Write what is still in memory."""
+        """Write the buffer."""
         with self._checked():
             self._stream.flush()
 
@@ -84,7 +84,7 @@ class CheckedOutput:
 
 @contextmanager
 def checked_stdout() -> Iterator[None]:
-    """Check what is written to standard output in the block, to its last byte.
+    """Check that everything written to standard output in the block arrives, to its last byte.
 
     Raises:
         EigenfailError: it could not be written.

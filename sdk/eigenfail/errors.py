@@ -78,7 +78,7 @@ def _escape(letter: str) -> str:
 
 
 def read_text(thing: object, longest: int = LONGEST_TEXT) -> str:
-    """Return `str(thing)`, made safe, whatever the object does when it is asked for its text."""
+    """Return `str(thing)` made safe, even if the object's `__str__` raises."""
     try:
         return clean_text(str(thing), longest)
     except (Exception, SystemExit):  # noqa: BLE001 - a stranger's `__str__` may raise anything
@@ -104,7 +104,7 @@ LONGEST_SENTENCE = 20_000
 
 
 class EigenfailError(Exception):
-    """The root: one sentence on what was wrong and where, one on what to do next."""
+    """Base of all errors: one sentence on the error and its place, one on the remedy."""
 
     http_status: ClassVar[int] = 500
     exit_code: ClassVar[int] = 3
@@ -117,7 +117,7 @@ class EigenfailError(Exception):
 
 
 class InputError(EigenfailError):
-    """What was asked for cannot be done as asked."""
+    """A request that cannot be carried out as it was made."""
 
     http_status = 422
     exit_code = 2
@@ -158,7 +158,7 @@ class Forbidden(EigenfailError):
 
 
 class QuotaExceeded(Forbidden):
-    """The key allows it, but not so much of it: the quota is named, with its limit."""
+    """A quota of the key is exhausted; the message names it, with its limit."""
 
 
 class NotFound(EigenfailError):
@@ -196,11 +196,11 @@ class EpisodeError(EigenfailError):
 
 
 class SimulatorError(EpisodeError):
-    """The simulator raised, or returned what is not a scene."""
+    """The simulator raised, or returned a value that is not a scene."""
 
 
 class PlannerError(EpisodeError):
-    """The planner raised, or returned what is not a control."""
+    """The planner raised, or returned a value that is not a control."""
 
     kind = "planner"
 

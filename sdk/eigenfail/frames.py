@@ -121,7 +121,7 @@ def result_of(analysis: Analysis) -> AnalysisResult:
 
 
 def flat(row: object) -> Record:
-    """The fields of a value, those of its fields beside them; arrays are left out."""
+    """Return the fields of a value, nested fields as `outer_inner`; arrays are left out."""
     if not isinstance(row, msgspec.Struct):
         return dict(row) if isinstance(row, Mapping) else {"value": row}
     found: Record = {}

@@ -58,7 +58,7 @@ class FunctionUnderTest:
         self.leading = leading
 
     def __call__(self, z: Noise) -> Any:
-        """Whatever the function answers."""
+        """Return the answer of the function."""
         return self._function(z)
 
 
@@ -113,7 +113,7 @@ def require_module(place: str) -> None:
 
 
 def refuse_unlisted(place: str, remedy: str = "") -> None:
-    """Hold to the list of what may be imported, of whoever started this process.
+    """Refuse a function whose module this process may not import.
 
     A campaign comes from a request, and to import is to run: no request adds to the list.
 

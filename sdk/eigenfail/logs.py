@@ -22,7 +22,7 @@ VARIABLE = "EIGENFAIL_LOG_FORMAT"
 
 
 class LossyStderr:
-    """Standard error, as it is by then, without secrets, and without what cannot be written.
+    """Standard error without secrets; text that cannot be written is dropped.
 
     A full disk must not end who complains of it, nor a stream that somebody has closed.
     """
@@ -34,7 +34,7 @@ class LossyStderr:
         return len(text)
 
     def flush(self) -> None:
-        """Whatever can be."""
+        """Flush standard error if possible."""
         with suppress(OSError, ValueError):
             sys.stderr.flush()
 
@@ -43,14 +43,14 @@ class Handler(logging.StreamHandler[TextIO]):
     """What others log by the standard library, such as the HTTP server."""
 
     def handleError(self, _record: logging.LogRecord) -> None:  # noqa: N802 - the library's name
-        """A line that cannot be made: the library would print what was to stand in it."""
+        """Drop a record that cannot be formatted: the library would print its arguments."""
         import structlog
 
         structlog.get_logger().error("a line of the log cannot be made", exc_info=True)
 
 
 def configure(process: str) -> None:
-    """Log to standard error, and never fail at it; so are errors told that nobody caught.
+    """Log to standard error, uncaught errors included; logging itself never raises.
 
     Args:
         process: which one of the service it is.

@@ -62,7 +62,7 @@ class MethodDescription(msgspec.Struct, frozen=True):
 
 
 def describe_method(name: str) -> MethodDescription:
-    """Return what is known of a method.
+    """Return the description of a method.
 
     Raises:
         UnknownName: no method of that name; the known ones are listed.

@@ -93,7 +93,7 @@ class ProcessState:
         self._names = [tuple(vars(module)) for module in PATCHABLE]
 
     def changes(self) -> list[str]:
-        """Return what is different now, as phrases for a message; empty if nothing is."""
+        """Return the differences to the present state as phrases; empty if there are none."""
         try:
             return [] if self._is_unchanged() else list(self._find_changes())
         except Exception as error:  # noqa: BLE001 - a patched builtin may break what compares

@@ -56,7 +56,7 @@ def die_with_parent(by: signal.Signals = signal.SIGKILL) -> None:
 
 
 def adopt_orphans() -> None:
-    """Become the parent of whoever loses its own below this process (Linux).
+    """Become the parent of descendants that lose theirs (Linux).
 
     However it left its group or session: so it can still be found, and ended.
     """
@@ -100,7 +100,7 @@ def kill_group(leader: Popen[bytes]) -> None:
 
 
 def end_now(status: int) -> NoReturn:
-    """End this process without waiting for its threads, with all that was printed."""
+    """Exit without waiting for threads, after flushing standard output and error."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)
@@ -180,13 +180,13 @@ def run_question(module: str, question: bytes, patience_s: float) -> bytes:
 
 
 def tell(descriptor: int, question: bytes) -> None:
-    """Write the question, as long as there is somebody to read it."""
+    """Write the question while the process reads."""
     with suppress(BrokenPipeError), os.fdopen(descriptor, "wb") as pipe:
         pipe.write(question)
 
 
 def read_answer(asked: "subprocess.Popen[bytes]", patience_s: float) -> bytes:
-    """All that it writes.
+    """Return all output of the process.
 
     Raises:
         ServiceError: it did not come to its end in time.
@@ -207,7 +207,7 @@ def read_answer(asked: "subprocess.Popen[bytes]", patience_s: float) -> bytes:
 
 
 def answer(reply: Callable[[bytes], bytes]) -> None:
-    """Answer the question of whoever started this process; errors of eigenfail are told, too."""
+    """Answer the question on standard input; errors of eigenfail become part of the answer."""
     die_with_parent()
     with suppress(OSError):
         os.nice(GENTLENESS)

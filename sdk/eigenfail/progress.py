@@ -1,4 +1,4 @@
-"""How far campaigns are: a bar in terminals and notebooks, plain lines when nobody looks."""
+"""Progress of campaigns: a bar in terminals and notebooks, plain lines elsewhere."""
 
 import sys
 import time
@@ -46,7 +46,7 @@ def headline(campaign: Campaign) -> str:
 
 @contextmanager
 def reporter() -> Iterator[Report]:
-    """Where the progress of one campaign is told, for as long as the block lasts."""
+    """Show the progress of one campaign during the block."""
     with display() as show:
         yield lambda campaign: show(standing(campaign))
 
@@ -148,6 +148,6 @@ class NotebookBar:
 
 
 def bar_html(seen: Standing, words: str) -> str:
-    """A bar, with words beside it."""
+    """Return a progress bar with a text, as HTML."""
     bar = f'<progress value="{seen.done}" max="{max(seen.total, 1)}"></progress>'
     return f"<p>{escape(seen.headline)} {bar} {seen.done}/{seen.total}, {escape(words)}</p>"

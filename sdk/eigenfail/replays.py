@@ -1,4 +1,4 @@
-"""The planner's own account of an episode, step by step, beside the truth."""
+"""Replays of stored episodes, with the planner's own account of each step."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress

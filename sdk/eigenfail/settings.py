@@ -63,7 +63,7 @@ def convert(value: Any, kind: type[Kind], field: str = "") -> Kind:
 
 
 def invalid_value(error: msgspec.ValidationError, field: str = "") -> InvalidValue:
-    """msgspec's complaint in our shape: the field's path, then what was wrong."""
+    """Return an InvalidValue for an error of msgspec: the field's path, then the problem."""
     text = str(error)
     match = PATH.search(text)
     path = match["path"] if match else ""

@@ -1,4 +1,4 @@
-"""Errors that nobody caught: told without secrets, and without the values of variables."""
+"""Uncaught errors: printed without secrets, and without the values of variables."""
 
 import sys
 import threading
@@ -19,7 +19,7 @@ def print_uncaught(error: BaseException) -> None:
 
 
 def tell_uncaught(tell: Tell = print_uncaught) -> None:
-    """Have them told so from now on, of every thread; who set another way before, keeps it.
+    """Print uncaught errors of all threads without secrets; hooks set before are kept.
 
     Args:
         tell: tells of an error.
@@ -39,6 +39,6 @@ def _of_main(
 
 
 def _told(tell: Tell, error: BaseException | None) -> None:
-    """An end that somebody asked for is no error."""
+    """Ignore SystemExit, which is no error."""
     if error is not None and not isinstance(error, SystemExit):
         tell(error)

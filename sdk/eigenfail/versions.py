@@ -39,7 +39,7 @@ def learner_versions() -> dict[str, str]:
 
 
 def processor() -> str:
-    """Its type, by which libraries choose how they sum; empty where nobody says it."""
+    """Return the type of the processor, which decides how libraries sum; empty if unknown."""
     with suppress(OSError):
         found = re.search(r"^model name\s*:\s*(.+)$", PROCESSORS.read_text(), re.MULTILINE)
         return found[1] if found else ""
@@ -64,7 +64,7 @@ def with_plugins() -> set[str]:
 
 
 def differences(then: Versions, now: Versions) -> tuple[str, ...]:
-    """What is not as it was, a phrase for each name; one side alone may know a name."""
+    """Return a phrase for each name whose version differs; either side may lack a name."""
     names = sorted(then.keys() | now.keys())
     return tuple(
         f"{name} {then.get(name) or NOTHING} then, {now.get(name) or NOTHING} now"

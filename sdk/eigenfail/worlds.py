@@ -259,7 +259,7 @@ class BridgeWorld(CampaignWorld):
         bridges.check(spec)
 
     def variation(self, spec: CampaignSpec) -> Variation:
-        """Return the parameters as far as a bridge can be told them."""
+        """Return the parameters that a bridge can receive."""
         return bridges.variation(spec.scenario_parameters)
 
     def horizon(self, spec: CampaignSpec) -> int:
@@ -271,7 +271,7 @@ class BridgeWorld(CampaignWorld):
         return bridges.step_s(spec)
 
     def runs_foreign_code(self, _setup: EpisodeSetup) -> bool:
-        """Return False: the bridge is a process of its own."""
+        """Return False: the bridge runs in a separate process."""
         return False
 
 

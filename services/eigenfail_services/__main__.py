@@ -122,7 +122,7 @@ def serve(arguments: argparse.Namespace) -> None:
 
 
 def supervise(supervisor: Supervisor, staffing: WorkerScaling, hub: Hub, stopping: Event) -> None:
-    """Turn after turn, until told to stop or until the hub is no more."""
+    """Run turns until a signal stops the process or the hub has ended."""
     while not stopping.wait(TURN_S):
         try:
             supervisor.turn()

@@ -33,7 +33,7 @@ MINUTE_MS = 60_000
 
 
 def make_key(store: Store, request: KeyRequest) -> NewKey:
-    """A new key, with what its holder sends: nobody can tell it again.
+    """Return a new key with its secret, which cannot be recovered later.
 
     Raises:
         InvalidValue: it would be the first one, and not an administrator's.
@@ -69,7 +69,7 @@ def revoke_key(store: Store, number: int) -> ApiKey:
 
 
 def shown_key(store: Store, token: str, at_ms: int) -> ApiKey:
-    """The key that somebody shows, if it is valid at a moment.
+    """Return the key of a secret, if it is valid at a moment; else None.
 
     Raises:
         Unauthorized: it is none, or not any more; in the same words whatever the reason.
@@ -104,12 +104,12 @@ def note_use(store: Store, key: ApiKey, at_ms: int) -> None:
 
 
 def digest(secret: str) -> str:
-    """What is kept of a secret: its SHA-256, in hexadecimal digits."""
+    """Return the SHA-256 of a secret, in hexadecimal digits."""
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
 def no_valid_key() -> Unauthorized:
-    """The one refusal of whoever shows no key, or one that opens nothing."""
+    """Return the refusal of a request without a valid key."""
     return Unauthorized(
         "This service answers only those who show a valid key.",
         "Send `Authorization: Bearer ef_…`: set EIGENFAIL_KEY, or sign in at /login. "
@@ -166,7 +166,7 @@ CREATED, DONE = 201, 200
 
 
 class DatabaseKeys:
-    """The verbs of `Client.keys` for whoever can write the database; the newest 1,000 of a list.
+    """The methods of `Client.keys` on a database itself; lists return the newest 1,000.
 
     No key is asked for, and what is changed is noted in the audit log. Every method raises
     ServiceError or InputError where the database, or what was asked for, is not in order.
@@ -199,7 +199,7 @@ class DatabaseKeys:
             return store.keys.find(key).key
 
     def limit(self, key: int, quotas: Quotas) -> ApiKey:
-        """Give a key these quotas from now on; what was made before stays, and counts."""
+        """Set the quotas of a key from now on; its earlier campaigns stay, and count."""
         with self._open() as store:
             limited = store.keys.limit(key, quotas)
             _note(store, "POST", "/{key}/quotas", limited.id, DONE)

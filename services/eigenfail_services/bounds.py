@@ -74,7 +74,7 @@ def memory_mib(containers_limit: Path = CONTAINERS_LIMIT) -> float:
 
 
 def most_campaigns(memory_mib: float) -> int:
-    """How many learners have room in so much memory before their first step; at least one."""
+    """Return the number of learners that fit into a memory before their first step; at least 1."""
     return max(1, int(memory_mib // LEARNER_MIB))
 
 

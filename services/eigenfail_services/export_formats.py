@@ -98,7 +98,7 @@ def write_ndjson(source: ExportSource) -> Iterator[bytes]:
 
 
 def write_csv(source: ExportSource) -> Iterator[bytes]:
-    """A line of names, then one for each episode, some at a time; what is missing is empty."""
+    """Yield a header, then one line for each episode; missing values are empty."""
     columns = source.wanted.columns
     texts = [COLUMNS[column].kind is ColumnKind.TEXT for column in columns]
     yield _encode_lines([list(columns)])
@@ -150,7 +150,7 @@ class ExportOrigin(msgspec.Struct, frozen=True):
 
 
 def _describe_origin(source: ExportSource, *, noise: bool) -> ExportOrigin:
-    """What a file of these episodes says of itself.
+    """Return the metadata of a file: the origin of its episodes.
 
     Raises:
         NotFound: no such campaign.

@@ -56,7 +56,7 @@ def restrict_folder(folder: Path) -> None:
 
 
 def _last_change_s(path: Path) -> float:
-    """Return the time of a path's last change, 0 if it is gone. [s since 1970]"""
+    """Return the time of a path's last change; 0 if it does not exist. [s since 1970]"""
     try:
         return path.stat().st_mtime
     except FileNotFoundError:
@@ -113,7 +113,7 @@ REQUEST_FILE, EPISODES_FILE, PROBLEM_FILE = "export.json", "episodes.parquet", "
 
 
 def find_export_folder(database: str) -> Path:
-    """Return the folder for the exports of a database: beside its file, or a temporary folder."""
+    """Return the export folder of a database: next to its file, or a temporary one."""
     if is_sqlite_url(database):
         return sqlite_path(database).parent / "exports"
     # Without user and password, which stand before the @.
@@ -199,7 +199,7 @@ log = structlog.get_logger()
 
 
 class ExportJobs:
-    """Makes exports one after the other, each in a folder of its own.
+    """Makes exports one after the other, each in a separate folder.
 
     Args:
         store: of the episodes.

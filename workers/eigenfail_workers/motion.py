@@ -32,7 +32,7 @@ def max_drive_mps2(speed_mps: float) -> float:
 
 
 def is_off_road(mission: Mission, vehicle: VehicleState) -> bool:
-    """Whether the centre of a vehicle is beside the outer lanes or behind the end of its lane.
+    """Return whether a vehicle's centre is outside the lanes or behind the end of its lane.
 
     Lane n reaches from (n - 1/2) to (n + 1/2) lane widths across the road. Only lane 0 may end;
     beyond its end the road begins at lane 1.

@@ -147,7 +147,7 @@ def influence_chart(result: AnalysisResult) -> Chart:
 
 
 def draw_moment(found: Moment) -> dict[str, object]:
-    """A moment as it is drawn."""
+    """Return the JSON that the page's chart draws for a moment."""
     before_s = found.before_collision_s
     told = "" if before_s is None else f"{format_number(before_s)} s before the collision"
     return {"axis": found.axis, "step": found.step, "told": told}
@@ -168,7 +168,7 @@ def by_step(columns: Floats) -> tuple[tuple[str, ...], ...]:
 
 
 def evenly(count: int, most: int) -> list[int]:
-    """At most so many of so many positions, spread evenly."""
+    """Return at most `most` of `count` positions, spread evenly."""
     taken = min(count, most)
     return [place * count // taken for place in range(taken)] if taken else []
 
@@ -241,7 +241,7 @@ def outliers(result: AnalysisResult) -> Tile:
 
 
 def grids(result: AnalysisResult) -> tuple[Table, ...]:
-    """When noise matters, and what was looked at; as far as it was told."""
+    """Return the tables of moments, influence and sources that have rows."""
     found = (tabulate_moments(result), tabulate_influence(result), tabulate_sources(result))
     return tuple(grid for grid in found if grid.rows)
 
@@ -390,7 +390,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | None) -> AnalysisView:
-    """The page of an analysis, with the results of its replays as far as they are in."""
+    """Return the page of an analysis, with the results of the replays that have ended."""
     result = analysis.result
     return AnalysisView(
         line=analysis_line(analysis),
@@ -415,14 +415,14 @@ def replays(proof: Proof | None) -> bool:
 
 
 def notes(result: AnalysisResult) -> Iterator[str]:
-    """What is to be known beside the verdict."""
+    """Return the remarks below the verdict."""
     yield from result.notes
     if result.diversity and result.diversity.warning:
         yield result.diversity.warning
 
 
 def charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]:
-    """What was found, drawn."""
+    """Return the charts of an analysis."""
     return (
         eigenfailure_chart(result),
         scores_chart(result, campaign),
@@ -433,7 +433,7 @@ def charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]:
 
 
 def mode_cards(result: AnalysisResult, campaign: int, proof: Proof | None) -> tuple[ModeCard, ...]:
-    """The modes, each with what was proven of it."""
+    """Return a card for each mode, with the result of its proof."""
     proven = {each.mode: each for each in proof.modes} if proof and proof.scenarios else {}
     return tuple(
         mode_card(place, result, campaign, proven.get(place)) for place in range(len(result.modes))

@@ -81,7 +81,7 @@ PARENTS = {"analysis": "/analyses/{}", "campaign": "/campaigns/{}"}
 
 
 def origin(spec: CampaignSpec) -> tuple[str, str] | None:
-    """What a replay repeats, in words, and its page; None of what is no replay."""
+    """Return name and address of the episode or analysis that a replay repeats; None otherwise."""
     if spec.method != REPLAY:
         return None
     named = ((kind, spec.settings.get(kind)) for kind in PARENTS)
@@ -246,13 +246,13 @@ def wishes(state: CampaignState) -> tuple[str, ...]:
 
 
 def priorities(campaign: Campaign) -> tuple[Priority, ...]:
-    """The priorities that it may have instead of its own; none once it has ended."""
+    """Return the priorities that a campaign can change to; none once it has ended."""
     others = tuple(each for each in Priority if each is not campaign.spec.priority)
     return () if campaign.state in FINAL_STATES else others
 
 
 def tiles(now: StandingView, likelihood: Tile, *, is_sampled: bool) -> tuple[tuple[str, Tile], ...]:
-    """The figures at the top; what was searched for is no rate under p(x)."""
+    """Return the tiles at the top; a search's rate has the note that it is none under p(x)."""
     searched = () if is_sampled else (SEARCHED,)
     failures = msgspec.structs.replace(now.failures, notes=(*now.failures.notes, *searched))
     return (
@@ -267,7 +267,7 @@ def tiles(now: StandingView, likelihood: Tile, *, is_sampled: bool) -> tuple[tup
 
 
 def likelihood(found: Findings) -> Tile:
-    """log p per step of the failures, and what it is held against."""
+    """Return the tile of log p per step of the failures, and of noise drawn from p(x)."""
     counted = count_noun(found.campaign.counts.failures, "failure")
     value = format_number(found.summary.log_probability_per_step)
     if found.reference is None:
@@ -311,7 +311,7 @@ def describe_training(campaign: Campaign) -> Iterator[tuple[str, str]]:
 
 
 def settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
-    """What was asked for, in groups; a plug-in's defaults stand where nothing is given."""
+    """Return the fields of the spec in groups, with a plug-in's defaults where nothing is given."""
     spec = campaign.spec
     general = {
         **{field.label: getattr(spec, name) for name, field in SPEC_FIELDS.items() if field.label},
@@ -347,7 +347,7 @@ Again = Annotated[str | None, Header(alias="HX-Request", include_in_schema=False
 
 @router.get("/campaigns/{campaign}")
 def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> HTMLResponse:
-    """One campaign; its later part is begun beside it, and in it if that is known already."""
+    """Serve the page of a campaign; its slow second part is included only if it is cached."""
     latest, seen = store.events.last(), store.campaigns.get(campaign)
     begun = () if again else prefetch_figures(store, seen)
     listed = failures_of(store, campaign, None)

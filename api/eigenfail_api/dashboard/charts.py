@@ -29,7 +29,7 @@ MOST_ROWS = 200
 
 
 class Chart(msgspec.Struct, frozen=True):
-    """What a browser draws, and what is read where nothing is drawn.
+    """A chart for the browser, and the text that stands for it where scripts are off.
 
     Attributes:
         id: of its element on the page.
@@ -253,7 +253,7 @@ class Spread(NamedTuple):
 
 
 def spread(store: Store, campaign: Campaign, where: Conditions) -> Spread:
-    """All that match or, beyond `LINES`, the first of each of many stretches of the campaign."""
+    """Return all matching episodes or, beyond `LINES`, the first ones of even intervals."""
     page = store.episodes.page(campaign.id, LINES, None, where)
     if page.next is None:
         return Spread(page.items, is_all=True)

@@ -1,4 +1,4 @@
-"""The page of a comparison: two groups of campaigns, or all that were selected."""
+"""The comparison page: two groups of campaigns, or all selected campaigns."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated, NamedTuple
@@ -124,7 +124,7 @@ def make_choice(campaign: Campaign, ids: CampaignIds, at: Callable[[CampaignIds]
 
 
 def about(spec: CampaignSpec) -> str:
-    """What tells campaigns of one name apart."""
+    """Return the method, planner, scenario and seed of a campaign, for lists of equal names."""
     return f"{spec.method}, {spec.planner} in {spec.scenario}, seed {spec.seed}"
 
 
@@ -284,7 +284,7 @@ Wanted = Annotated[str, Query(max_length=200)]
 
 
 class Wish(NamedTuple):
-    """What is asked of the page.
+    """The query of the comparison page.
 
     Attributes:
         campaigns: that were picked.
@@ -314,7 +314,7 @@ def show_comparison(
     a: Ids = None,
     b: Ids = None,
 ) -> HTMLResponse:
-    """Campaigns side by side: two groups of them, or all that were picked."""
+    """Serve the comparison of two groups of campaigns, or of all selected ones."""
     if a and b and not wished.campaigns:
         found = compare(store, parse_ids(a), parse_ids(b))
         bills = Bills(costs(store, found.a), costs(store, found.b))
@@ -370,7 +370,7 @@ def copies_of(found: Sequence[tuple[Campaign, ...]], service: Service) -> Copies
 
 
 def read_compared(store: Store, campaign: Campaign) -> Compared:
-    """What is drawn of a campaign."""
+    """Read the figures of a campaign that the charts draw."""
     return Compared(
         campaign=campaign,
         course=find_course(store, campaign),

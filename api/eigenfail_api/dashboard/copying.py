@@ -43,7 +43,7 @@ class Service(msgspec.Struct, frozen=True):
 
 
 class Copies(msgspec.Struct, frozen=True):
-    """The same request three times, each to be pasted as it is.
+    """One request as three texts to copy: curl, Python and the command line.
 
     Attributes:
         cli: empty where the command line has no words for it.
@@ -222,7 +222,7 @@ ApiPath = Annotated[str, Query(max_length=1_000, description="Below /api/v1, as 
 
 @router.get("/copies")
 def show_copies(request: Request, path: ApiPath) -> HTMLResponse:
-    """A request for what is at a path, three times: a piece of the page that shows the same.
+    """Serve the request for a path as three texts to copy.
 
     Raises:
         NotFound: no page shows such a thing.

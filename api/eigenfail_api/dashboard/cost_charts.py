@@ -133,7 +133,7 @@ def has_cost(found: MethodCost) -> bool:
 
 
 def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
-    """One group, with what is to be said of it alone."""
+    """Return the chart of one group, with the notes on that group."""
     own = [note for note in group.notes if note not in common]
     methods = [each for each in group.methods if has_cost(each)]
     return Chart(

@@ -193,7 +193,7 @@ def verdict(stored: Run, again: Run, differing: Sequence[str] = ()) -> ReplayVer
 
 
 def course(result: EpisodeResult) -> str:
-    """What came of it, and when."""
+    """Return the outcome and the number of steps, as text."""
     after = count_noun(result.steps, "step")
     return f"{OUTCOME_BADGES[result.outcome].word} after {after}"
 
@@ -447,7 +447,7 @@ def next_failure(store: Store, campaign: int, index: int) -> int | None:
 
 
 def mission_of(spec: CampaignSpec, seed: int) -> Mission | None:
-    """Lanes and time step as the scenario tells them; None where it is not installed here."""
+    """Return lanes and time step of a scenario; None if it is not installed here."""
     try:
         plugin = plugins.load(plugins.SCENARIOS, spec.scenario)
         variation = read_variation(plugin.Parameters, spec.scenario_parameters)

@@ -303,7 +303,7 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
 def found_view(
     campaign: Campaign, asked: EpisodeRequest, page: Page[EpisodeRow], chart: Chart | None
 ) -> FoundView:
-    """The page of what was found."""
+    """Return the page with the results of a search for episodes."""
     here, conditions, sort = campaign.id, asked.filter, str(asked.sort)
     return msgspec.structs.replace(
         blank(campaign, asked),

@@ -82,7 +82,7 @@ class KeysView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ChangeLine(msgspec.Struct, frozen=True, kw_only=True):
-    """A line of the audit log; `was_refused` if nothing came of it."""
+    """A line of the audit log; `was_refused` marks a request that changed nothing."""
 
     at: str
     who: str
@@ -134,7 +134,7 @@ def key_line(key: ApiKey, usage: Usage, at_ms: int) -> KeyLine:
 
 
 def quotas(given: Quotas, usage: Usage) -> Iterator[str]:
-    """Each quota that a key has, and what is used of it."""
+    """Return each quota of a key with its usage."""
     if given.max_open is not None:
         yield f"{usage.open:,} of {given.max_open:,} campaigns open"
     if given.max_episodes is not None:
@@ -200,7 +200,7 @@ def show_changes(store: Stored, before: Before = None) -> HTMLResponse:
 
 @dataclass(frozen=True)
 class LoginView:
-    """The form, and what was wrong with what was typed.
+    """The login form, with the error of the last attempt.
 
     Attributes:
         wanted: the address that comes next.
@@ -222,7 +222,7 @@ TheAuthenticator = Annotated[Authenticator, Depends(authenticator_of)]
 
 
 def withheld(needed: str) -> Markup:
-    """Attributes of a button: whoever's key allows too little cannot press it, and reads why."""
+    """Return the attributes that disable a button if the key's scope is too low."""
     caller = find_caller_without(Scope(needed))
     if caller is None:
         return Markup()

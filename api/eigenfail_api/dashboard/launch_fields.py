@@ -254,7 +254,7 @@ def resolve_schema(part: Schema, schema: Schema) -> Schema:
 
 
 def optional(part: Schema, schema: Schema) -> Schema:
-    """The schema of what is given where something is."""
+    """Return the schema of an optional field's value, without null."""
     kinds = [each for each in part.get("anyOf", ()) if each.get("type") != "null"]
     return resolve_schema(kinds[0] if kinds else part, schema)
 
@@ -268,7 +268,7 @@ def without_unit(label: str, description: str) -> tuple[str, str]:
 
 
 def bounds(part: Schema, kind: str, schema: Schema) -> str:
-    """What is taken, in words."""
+    """Return the accepted values of a field as text."""
     if kind == "list":
         inner = resolve_schema(part.get("items", {}), schema)
         words = ", ".join(map(str, inner.get("enum", ())))
@@ -353,7 +353,7 @@ class LaunchEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Texts(msgspec.Struct, frozen=True):
-    """What was typed, and below it the fields of the campaign that it began with.
+    """The texts typed into the form, and the fields of the campaign that it was opened with.
 
     Attributes:
         typed: by the name of the form's element.
@@ -364,7 +364,7 @@ class Texts(msgspec.Struct, frozen=True):
     base: Mapping[str, Any]
 
     def entry(self, field: LaunchField) -> LaunchEntry:
-        """What stands in a field: what was typed, or what it began with."""
+        """Return the text of a field: the typed one, or the initial one."""
         name = field.name
         if name not in self.typed and name + HOW not in self.typed:
             return self._began_with(field)
@@ -398,7 +398,7 @@ def as_entry(value: Any) -> LaunchEntry:
 
 
 def body_of(fields: Iterable[LaunchField], texts: Texts) -> dict[str, Any]:
-    """The fields of a campaign, as a launch is asked for with; what is empty is left out."""
+    """Return the fields of a campaign as the body of a launch request, without empty ones."""
     body: dict[str, Any] = {}
     for field in fields:
         given = value_of(field, texts.entry(field))

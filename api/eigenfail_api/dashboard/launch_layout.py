@@ -63,7 +63,7 @@ class LaunchPart(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def layout(texts: Texts) -> tuple[LaunchPart, ...]:
-    """All parts, for what is chosen so far."""
+    """Return all parts of the form for the present choices."""
     return (
         LaunchPart(
             id="campaign", title=Section.CAMPAIGN, fields=own(*_list_fields(Section.CAMPAIGN))

@@ -49,7 +49,7 @@ class LaunchTrouble(msgspec.Struct, frozen=True):
 
 
 class LaunchPage(msgspec.Struct, frozen=True, kw_only=True):
-    """A field as it is drawn.
+    """The launch form with its fields and errors.
 
     Attributes:
         entry: what stands in it.
@@ -160,7 +160,7 @@ def shown_fields(
     troubles: Sequence[LaunchTrouble],
     origin: Campaign | None,
 ) -> dict[str, LaunchPage]:
-    """Every field with what stands in it and what is wrong with that."""
+    """Return every field with its text and its error."""
     began = Texts({}, msgspec.to_builtins(origin.spec)) if origin else None
     words: dict[str, str] = {}
     for trouble in troubles:
@@ -255,7 +255,7 @@ def show_launch(request: Request, store: Stored) -> HTMLResponse:
 
 @router.post("/launch/form")
 async def show_form(request: Request, store: Stored) -> HTMLResponse:
-    """The form for what was typed so far, checked if that is wished; nothing is launched."""
+    """Serve the form, checked on request; nothing is launched."""
     body = await read_within(request)
     try:
         pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
@@ -266,7 +266,7 @@ async def show_form(request: Request, store: Stored) -> HTMLResponse:
 
 
 def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> LaunchView:
-    """The form for what was typed, in a service at that address.
+    """Return the form for typed texts, with the address of the service.
 
     Raises:
         UnknownName: something was typed that no campaign has.
@@ -331,7 +331,7 @@ def base_of(origin: Campaign | None, typed: Mapping[str, str]) -> dict[str, Any]
 
 
 def whole(body: Mapping[str, Any], store: Store) -> tuple[tuple[str, str], ...]:
-    """All that a campaign would be, by path."""
+    """Return the full specification of a campaign, including defaults, by path."""
     return tuple(leaves(msgspec.to_builtins(fill_defaults(read_draft(body, store).spec))))
 
 

@@ -158,7 +158,7 @@ def spending_view(found: CampaignCost) -> SpendingView:
 
 
 def cost_tiles(found: CampaignCost) -> tuple[tuple[str, Tile], ...]:
-    """What was spent, and the price of what it bought."""
+    """Return the tiles of total cost and of cost per failure."""
     hours = f"{format_number(found.cost.instance_hours)} instance-hours"
     price = f"at {format_usd(found.price_usd_per_hour)} USD/h × {found.instances}"
     return (

@@ -50,7 +50,7 @@ def bill_charts(*sides: Sequence[CampaignCost]) -> tuple[Chart, ...]:
 
 
 def has_curve(line: Line, find: str) -> bool:
-    """Whether a campaign has a curve of what was found."""
+    """Return whether a campaign has found anything that a curve can show."""
     curve = line.cost.curve
     return len(curve) > 1 and getattr(curve[-1], find) is not None
 
@@ -109,7 +109,7 @@ TOLD = (0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0)
 
 
 class Compared(msgspec.Struct, frozen=True, kw_only=True):
-    """What is known of a campaign that is compared.
+    """The figures of one campaign in a comparison.
 
     Attributes:
         rows: a sample of its episodes.

@@ -162,7 +162,7 @@ def overview(known: OverviewFacts, wanted: Wanted) -> Overview:
 
 
 def fold_replays(count: int, wanted: Wanted) -> tuple[str, str] | None:
-    """How many replays are not listed, and where those are that are like what is wanted."""
+    """Return the number of hidden replays that match the filters, and the address of their list."""
     if wanted.method or not count:
         return None
     among = "those like that among " if wanted.is_filtered else ""
@@ -211,7 +211,7 @@ def show_overview(
 
 
 def read_overview(store: Store, wanted: Wanted) -> OverviewFacts:
-    """What the first page tells of."""
+    """Read the figures of the overview page."""
     latest, pools = store.events.last(), store.figures.pools()
     found = store.campaigns.page(
         CAMPAIGNS_ON_A_PAGE, wanted.before, wanted.state, where=wanted.where

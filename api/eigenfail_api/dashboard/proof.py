@@ -53,7 +53,7 @@ class ReplayLine(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ProofView(msgspec.Struct, frozen=True, kw_only=True):
-    """The part of an analysis's page that tells of its proof.
+    """The proof section of an analysis page.
 
     Attributes:
         ended: replays that are in, of `planned`.

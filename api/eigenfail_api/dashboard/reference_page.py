@@ -100,7 +100,7 @@ def sample(schema: Node, schemas: Mapping[str, Node]) -> Any:
 
 
 def sample_of_type(schema: Node, schemas: Mapping[str, Node]) -> Any:
-    """The same where nothing but a type is told."""
+    """Return a sample value for a schema that gives only a type."""
     inner = schema.get("properties", {})
     if inner:
         return {name: sample(inner[name], schemas) for name in schema.get("required", [])}

@@ -406,7 +406,7 @@ def mark_of(summary: Summary) -> tuple[str, str]:
 
 
 def probability(estimate: Estimate | None) -> Tile | None:
-    """Of a failure under p(x), or why it is not told; None where the method tells none."""
+    """Return the failure probability or the reason why there is none; None for other methods."""
     if estimate is None:
         return None
     value, *notes = format_cell(estimate).lines

@@ -39,7 +39,7 @@ class Jump(msgspec.Struct, frozen=True):
 
 
 def jumps(result: EpisodeResult) -> tuple[Jump, ...]:
-    """What was measured at moments, in the order of time."""
+    """Return links to the notable moments of an episode, in order of time."""
     found = [*find_threshold_moments(result.measures)] if result.measures else []
     if result.scene and not result.is_failure:
         found.append(NotableMoment(nearest_moment(result.scene), "nearest"))
@@ -54,7 +54,7 @@ def find_threshold_moments(measures: Measures) -> Iterator[NotableMoment]:
 
 
 def jump(found: NotableMoment) -> Jump:
-    """As it is shown."""
+    """Return the link to a moment."""
     tone = "bad" if found.words == "collision" else ""
     return Jump(f"{found.time_s:.1f}", found.words, tone)
 
@@ -63,7 +63,7 @@ CONVENTIONAL_LANE_M = 3.5
 
 
 def noise_chart(noise: NoiseTrajectory, dt_s: float | None) -> Chart:
-    """What was added to the perceived position, step by step."""
+    """Return the chart of the noise on the perceived position, step by step."""
     metres, standardised = noise.metres, noise.standardised
     times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
     axis = "Time [s]" if dt_s else "Step"

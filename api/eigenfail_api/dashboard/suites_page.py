@@ -207,7 +207,7 @@ def setting_words(row: SuiteRow) -> dict[str, str]:
 
 
 def comparison(table: SuiteTable, row: SuiteRow) -> str:
-    """Where a member is compared with the first one, each with those of other seeds beside it."""
+    """Return the address that compares a member with the first one, all seeds of each included."""
     first = table.members[0]
     if alike(first, row):
         return ""

@@ -60,13 +60,13 @@ def find_address(context: typer.Context, url: str) -> str:
 
 
 def _is_default(context: typer.Context, option: str) -> bool:
-    """Whether nobody gave an option, neither as a word nor in the environment."""
+    """Return whether an option was set neither on the command line nor in the environment."""
     source = context.get_parameter_source(option)
     return source is None or source.name == "DEFAULT"
 
 
 def _find_data_folder() -> Path:
-    """The data folder of commands that are not told of one."""
+    """Return the default data folder of commands."""
     return Path(os.environ.get("EIGENFAIL_DATA") or DEFAULT_DATA)
 
 
@@ -137,7 +137,7 @@ def _refuse_early(client: Client, suite: Suite) -> None:
 
 
 def _name_member(where: str, problem: Problem) -> Problem:
-    """The problem, told of a part of the whole."""
+    """Return the error with the name of the suite's member in front."""
     return replace(problem, field=where + problem.field, detail=where + problem.detail)
 
 

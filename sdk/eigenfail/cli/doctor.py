@@ -1,4 +1,4 @@
-"""`eigenfail doctor`: what is installed, what answers and what is missing."""
+"""`eigenfail doctor`: installed packages, services that answer, and missing parts."""
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,7 +36,7 @@ NOBODY = (
 
 
 class Finding(msgspec.Struct, frozen=True):
-    """One thing looked at; only what is `wrong` must be put right."""
+    """One check of the doctor; only findings with `wrong` need action."""
 
     what: str
     found: str
@@ -45,7 +45,7 @@ class Finding(msgspec.Struct, frozen=True):
 
 
 def list_versions() -> Iterator[Finding]:
-    """What is installed, and where."""
+    """Return the installed versions, and their location."""
     yield Finding("eigenfail", version("eigenfail"))
     yield Finding("python", f"{sys.version.split()[0]} at {sys.executable}")
     for package in PACKAGES:
@@ -96,7 +96,7 @@ def check_service(context: typer.Context, url: str) -> Iterator[Finding]:
 
 
 def check_workers(client: Client) -> Finding:
-    """Who is connected; that nobody is matters once there is work."""
+    """Check the connected workers; having none is wrong only if work is waiting."""
     try:
         here = client.present_workers()
         waits = any(any(client.campaigns.list(state)) for state in WORKING)
@@ -125,7 +125,7 @@ def _describe_versions(workers: Sequence[Presence]) -> str:
 
 
 def check_database(database: str | None, replay: int, repair: bool) -> Iterator[Finding]:
-    """What was mended, and what is wrong, in the database that is named, if one is.
+    """Check the named database, if any: its defects and its repairs.
 
     Raises:
         InvalidValue: none is named, and there is something to do in it.
@@ -143,7 +143,7 @@ def check_database(database: str | None, replay: int, repair: bool) -> Iterator[
 
 
 def _list_database_checks(found: Verification) -> Iterator[Finding]:
-    """What came of a database's check: in all, what was mended, and check by check."""
+    """Return the results of a database check: overall, repairs, and each check."""
     told = f"{found.database}: {found.defects or 'no'} defects"
     remedy = "eigenfail db verify tells them; --repair mends what is safe" if found.defects else ""
     yield Finding("database", told, bool(found.defects), remedy)
@@ -154,7 +154,7 @@ def _list_database_checks(found: Verification) -> Iterator[Finding]:
 
 
 def _draw_findings(findings: list[Finding]) -> Table:
-    """What was found, what is wrong marked as such."""
+    """Return the table of findings, with wrong ones marked."""
     grid = start_grid("", "what", "found", "remedy")
     for finding in findings:
         mark = "wrong" if finding.wrong else ("-" if finding.remedy else "ok")
@@ -238,7 +238,7 @@ def doctor(
 
 
 def _refuse_besides(alone: str, others: Mapping[str, object]) -> None:
-    """Refuse what nothing would come of beside an option that is looked at alone.
+    """Refuse options that have no effect in combination with another one.
 
     Raises:
         InvalidValue: there is such an option.

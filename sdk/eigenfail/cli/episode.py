@@ -62,7 +62,7 @@ def replay(
 
 
 def _run_again(context: typer.Context, url: str, episode: str) -> Replayed:
-    """Its second run, with its noise as it is stored, or drawn again from its seed."""
+    """Run an episode again, with its stored noise or with noise drawn from its seed."""
     try:
         stored, spec = find_stored_episode(context, url, episode)
     except NoisePruned:
@@ -116,7 +116,7 @@ def shrink(
 def find_stored_episode(
     context: typer.Context, url: str, episode: str
 ) -> tuple[EpisodeDetail, CampaignSpec]:
-    """An episode that is written as CAMPAIGN/INDEX, and what was asked of its campaign."""
+    """Return the episode named CAMPAIGN/INDEX, and the spec of its campaign."""
     campaign, index = parse_episode_id(episode)
     with connect_to(context, url) as client:
         return client.episodes.get(campaign, index), client.campaigns.get(campaign).spec

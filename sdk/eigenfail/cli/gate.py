@@ -1,4 +1,4 @@
-"""`eigenfail gate`: what is new, fixed and still failing under another version of a planner."""
+"""`eigenfail gate`: new, fixed and remaining failures of another version of a planner."""
 
 import re
 from collections.abc import Iterator
@@ -113,7 +113,7 @@ def read_package_files(package: str) -> Iterator[tuple[str, bytes]]:
 
 
 def _list_installed_packages() -> list[str]:
-    """All that is installed here, with its version."""
+    """Return all installed packages with their versions."""
     return sorted({f"{each.metadata['Name']}=={each.version}" for each in distributions()})
 
 
@@ -219,7 +219,7 @@ def _format_side(figures: RerunFigures) -> tuple[str, str]:
 
 
 def _list_findings(report: GateReport) -> Iterator[tuple[str, GateFinding]]:
-    """New modes, and some of what closes the gate; of reruns as a whole, what was found."""
+    """Return new modes and a bounded number of the findings that close the gate."""
     for member in report.members:
         closing = [each for each in member.known if each.verdict in CLOSING]
         if rerun := member.rerun:

@@ -230,14 +230,14 @@ class KnownFailures:
         return BaselineFailures(tuple(GateReplay(*both) for both in replays), notes)
 
     def proven(self, replay: GateReplay) -> KnownReplay:
-        """What is injected, knowing what came of it when the baseline's version was gated."""
+        """Return the replays, with their outcomes for the baseline's version of the planner."""
         (found,) = self._client.suites.find(Suite("", (replay.before.member,)))
         if found is None or found.state is not CampaignState.DONE:
             return replay.now
         return drop_unproven(replay.now, read_outcomes(_index_episodes(self._client, found)))
 
     def _shrunk(self, before: Campaign, analysis: Analysis) -> Iterator[Shrunk]:
-        """What was shrunk of a campaign; nothing of what failed no more."""
+        """Return the minimal failures of a campaign that still fail."""
         for campaign in self._client.campaigns.list(CampaignState.DONE):
             if is_minimal_search(campaign, before, analysis):
                 with suppress(Conflict):
@@ -247,7 +247,7 @@ class KnownFailures:
 def _list_replays(
     under: RunSettings, before: Campaign, analysis: Analysis, shrunk: Sequence[Shrunk]
 ) -> Iterator[KnownReplay]:
-    """The modes of a campaign, and what was shrunk of it, for one planner."""
+    """Return replays of a campaign's modes and minimal failures for one planner."""
     yield from make_mode_replays(under, before, analysis, partial(_find_drawn_parameters, before))
     for campaign, failure in shrunk:
         yield make_minimal_replay(
@@ -292,7 +292,7 @@ class Runner:
         self._pages = DEFAULT_URL if place.again else place.url
 
     def run(self, suite: Suite, gate: GateRun) -> GateReport:
-        """Run what is missing, and judge it.
+        """Run the missing campaigns, and judge the results.
 
         Raises:
             InvalidValue: the baseline is not there, or asks something else of its planner.
@@ -361,7 +361,7 @@ class Runner:
         return add_modes(judged, together, side, self._pages)
 
     def _side(self, campaign: Campaign) -> RerunSide:
-        """A campaign with what came of its episodes."""
+        """Return a campaign with the outcomes of its episodes."""
         counts = campaign.counts
         outcomes = RunOutcomes(
             episodes=counts.completed + counts.failed,

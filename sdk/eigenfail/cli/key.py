@@ -236,7 +236,7 @@ def parse_duration(life: str) -> int:
 
 
 def _change_quotas(before: Quotas, *given: str | None) -> Quotas:
-    """Quotas with what is given, in the order of their fields, in the place of what was before.
+    """Return the quotas with the given changes, in the order of their fields.
 
     Raises:
         InvalidValue: something is neither a number nor none.
@@ -247,7 +247,7 @@ def _change_quotas(before: Quotas, *given: str | None) -> Quotas:
 
 
 def _parse_limit(name: str, text: str) -> int | None:
-    """A limit as somebody typed it.
+    """Parse a limit from the command line.
 
     Raises:
         InvalidValue: it is neither a number nor none.

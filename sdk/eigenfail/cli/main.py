@@ -90,7 +90,7 @@ def load_server_app(name: str) -> typer.Typer:
 
 
 def _escape_help(command: Any) -> Any:
-    """Return a command whose help is printed as it is written, with that of all below it.
+    """Return a command whose help is printed literally, with all of its subcommands.
 
     Typer reads help as markup for terminals, in which a unit such as `[s]` is a style that nobody
     sees.
@@ -161,7 +161,7 @@ def _encode(error: EigenfailError) -> str:
 
 
 def describe_wrong_usage(error: Any) -> InputError:
-    """Return the error of a command line that cannot be read, with what was probably meant."""
+    """Return the error of a malformed command line, with the likely intended word."""
     usage = f"See: {error.ctx.command_path} --help" if error.ctx else ""
     message, hint = error.format_message(), ""
     faults: list[dict[str, Any]] = getattr(error.__cause__, "errors", list)()

@@ -36,7 +36,7 @@ class PluginCheck(msgspec.Struct, frozen=True):
 
 
 class Contract(msgspec.Struct, frozen=True):
-    """What is asked of plug-ins of one kind.
+    """The requirements for plug-ins of one kind.
 
     Attributes:
         group: where they are registered.
@@ -94,7 +94,7 @@ SKIPPED = "Not checked: put the one above right first."
 
 
 class CheckVerdict(StrEnum):
-    """What came of a check."""
+    """The result of a check."""
 
     PASSED = "passed"
     BROKEN = "broken"
@@ -168,7 +168,7 @@ def _find_complaint(check: PluginCheck) -> str:
 
 
 class Complaint:
-    """What a check found; whatever a stranger's plug-in raises is part of it."""
+    """A finding of a check; any exception of the plug-in becomes part of it."""
 
     said = ""
 

@@ -1,4 +1,4 @@
-"""The commands as a page: `python -m eigenfail.cli.reference docs/cli.md` writes it anew."""
+"""The command reference as a page: `python -m eigenfail.cli.reference docs/cli.md` writes it."""
 
 import sys
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ EVERYWHERE = frozenset({"--url", "--json", "--help"})
 
 
 def write_commands(text: str) -> str:
-    """The page with the commands as they are now."""
+    """Write the page of all commands."""
     head, _, rest = text.partition(BEGIN)
     tail = rest.partition(END)[2]
     return f"{head}{BEGIN}\n{describe_commands()}{END}{tail}"

@@ -47,13 +47,13 @@ def to_json(value: Any, indent: int = 2) -> str:
 
 
 def make_console() -> Console:
-    """Where tables go; wide enough to keep every row on one line when nobody looks."""
+    """Return the console for tables; wide enough for one line a row if it is no terminal."""
     screen = Console(highlight=False)
     return screen if screen.is_terminal else Console(highlight=False, width=PLAIN_WIDTH)
 
 
 def show(value: Any, as_json: bool, draw: Callable[[], RenderableType]) -> None:
-    """Print a value: as JSON, or as it is drawn for people."""
+    """Print a value as JSON, or as a table."""
     if as_json:
         typer.echo(to_json(value))
         return
@@ -99,7 +99,7 @@ class TerminalView(Generic[Snapshot]):
             screen.print(self.draw(self.until_rest(_ProgressLines(self.campaigns))))
 
     def until_rest(self, tell: Callable[[Snapshot], None]) -> Snapshot:
-        """The last look, at which all campaigns are at rest; each look is told of."""
+        """Return the last snapshot, at which all campaigns are at rest; report every snapshot."""
 
         def look() -> Snapshot:
             seen = self.look()
@@ -184,7 +184,7 @@ class _MissingWorkerNotice:
 
 
 def skip_check() -> None:
-    """The check of a service that somebody else looks after."""
+    """Check nothing, for a service that another process manages."""
 
 
 def follow(client: Client, campaign: int, check: Callable[[], None] = skip_check) -> Campaign:
@@ -263,7 +263,7 @@ Report = Callable[[Snapshots], None]
 def run_suite(
     client: Client, suite: Suite, check: Callable[[], None], command: str
 ) -> tuple[Campaign, ...]:
-    """Start what is missing or paused, and follow all of it to its end.
+    """Start missing and paused campaigns, and follow all of them to their end.
 
     On Ctrl-C all of it is paused, the way on is said, and the exit code is 130.
 

@@ -118,7 +118,7 @@ def reproduce(
 
 
 def _list_reported_campaigns(client: Client, suite: Suite) -> list[int]:
-    """The ids of the members that the report tells of."""
+    """Return the ids of the members that the report includes."""
     found = zip(suite.members, client.suites.find(suite), strict=True)
     ids = {member.name: campaign.id for member, campaign in found if campaign is not None}
     return [ids[name] for name in REPORTED if name in ids]

@@ -1,4 +1,4 @@
-"""`eigenfail run`: from a TOML file to a result table, starting whatever is missing."""
+"""`eigenfail run`: from a TOML file to a result table, starting a service if there is none."""
 
 import typer
 

@@ -94,7 +94,7 @@ def check_plugins(spec: CampaignSpec) -> None:
 
 
 def parse_changes(given: Sequence[str]) -> dict[str, Any]:
-    """Fields of a campaign from texts like settings.alpha=100; what is no JSON is text.
+    """Parse fields of a campaign from texts like settings.alpha=100; other than JSON is text.
 
     Raises:
         InvalidValue: one is not of that form.

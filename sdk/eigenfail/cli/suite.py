@@ -110,7 +110,7 @@ def _is_file(suite: str) -> bool:
 
 
 def summarize_suite(client: Client, suite: Suite) -> SuiteResult:
-    """Return what came of the members of a suite so far, in order."""
+    """Return the results of the members of a suite so far, in order."""
     campaigns, summaries = client.suites.find(suite), client.suites.summaries(suite)
     members = tuple(
         MemberResult(member.name, campaign.state, campaign.stopped_because, summary)

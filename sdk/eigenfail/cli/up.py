@@ -100,7 +100,7 @@ def _describe_service(service: LocalService, plan: Plan) -> str:
 
 @contextmanager
 def _announce_stop() -> Iterator[None]:
-    """Tell whoever stops it what becomes of the campaigns; stopping takes a moment."""
+    """Print what happens to running campaigns at a stop, which takes a moment."""
     try:
         yield
     except KeyboardInterrupt:

@@ -197,7 +197,7 @@ def write_report(
 
 
 def check_folder(folder: Path, force: bool) -> None:
-    """Refuse to lose what is there.
+    """Refuse to overwrite files of an existing folder.
 
     Raises:
         InvalidValue: something is there that may not be overwritten.

@@ -31,24 +31,24 @@ AT_ONCE = 64
 
 
 class GivenUp(Exception):
-    """Ends a call for which nobody waits any more; nobody hears of it."""
+    """Ends a call that was cancelled; no caller receives it."""
 
 
 class Ending(Waiter):
-    """Waits until somebody says that it is over."""
+    """Waits until the call is cancelled."""
 
     def __init__(self) -> None:
         self._over = Event()
         self._cuts: list[Callable[[], None]] = []
 
     def rest(self, seconds: float) -> None:
-        """Let time pass between two looks; raises GivenUp once it is over."""
+        """Wait between two looks; raise GivenUp once the call is cancelled."""
         if self._over.wait(seconds):
             raise GivenUp
 
     @contextmanager
     def cutting(self, cut: Callable[[], None]) -> Iterator[None]:
-        """Within the block, `cut` is called when it is over."""
+        """Call `cut` when the call is cancelled within the block."""
         self._cuts.append(cut)
         try:
             yield
@@ -56,7 +56,7 @@ class Ending(Waiter):
             self._cuts.remove(cut)
 
     def end(self) -> None:
-        """Say that it is over."""
+        """Cancel the call."""
         self._over.set()
         for cut in tuple(self._cuts):
             cut()

@@ -142,7 +142,7 @@ class Campaigns:
         method: str | None = None,
         search: str | None = None,
     ) -> Rows[Campaign]:
-        """All campaigns, or those of which all that is given holds; newest first.
+        """List campaigns that match all given filters; newest first.
 
         Args:
             state: in which they are.

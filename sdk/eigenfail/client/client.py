@@ -110,7 +110,7 @@ class Client:
         force: bool = False,
         also: Mapping[str, bytes] = NOTHING,
     ) -> Report:
-        """Write a report on campaigns into a folder: report.html, and its data beside it.
+        """Write a report on campaigns into a folder: report.html with its data files.
 
         The folder has all of it or is not there: nothing is left half-written.
 
@@ -214,7 +214,7 @@ class Keys:
         return self._link.get(f"/keys/{key}/usage", Usage)
 
     def limit(self, key: int, quotas: Quotas) -> ApiKey:
-        """Give a key these quotas from now on; what was made before stays, and counts.
+        """Set the quotas of a key from now on; its earlier campaigns stay, and count.
 
         Raises:
             NotFound: no such key.

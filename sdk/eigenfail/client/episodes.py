@@ -84,7 +84,7 @@ class Episodes:
         sort: str = "index",
         fields: Sequence[str] = (),
     ) -> Rows[Any]:
-        """The finished episodes of a campaign, page by page as they are wanted.
+        """List the finished episodes of a campaign, loaded page by page on demand.
 
         Args:
             campaign: its id.
@@ -238,7 +238,7 @@ def _choose_format(path: Path, form: ExportFormat | str | None) -> ExportFormat:
 
 
 def _write_whole(path: Path, chunks: Iterator[bytes]) -> None:
-    """Write a file beside its place and move it there once it is whole.
+    """Write a file under a temporary name and move it into place once it is complete.
 
     Raises:
         ServiceError: it cannot be written.

@@ -49,7 +49,7 @@ class Waiter:
         sleep(seconds)
 
     def cutting(self, cut: Callable[[], None]) -> AbstractContextManager[None]:  # noqa: ARG002
-        """Within the block, `cut` ends a read that blocks; called if nobody waits any more."""
+        """Call `cut` to end a blocked read if the call is cancelled within the block."""
         return nullcontext()
 
 
@@ -79,7 +79,7 @@ def wait_until(
     poll_s: float,
     timeout_s: float | None,
 ) -> Kind:
-    """The first look at which it is over.
+    """Return the first look for which `is_over` is true.
 
     A service that was there once may be away for a minute, to be started anew.
 
@@ -100,7 +100,7 @@ def wait_until(
 
 
 def _look_until_back(look: Callable[[], Kind], poll_s: float, until_s: float) -> Kind:
-    """What is seen as soon as the service is there; after some time, its absence is raised."""
+    """Return the look as soon as the service answers; raise its absence after some time."""
     for tries in count():
         try:
             return look()
@@ -115,7 +115,7 @@ def _look_until_back(look: Callable[[], Kind], poll_s: float, until_s: float) ->
 
 @contextmanager
 def checking(check: Callable[[], None]) -> Iterator[None]:
-    """Within the block, whoever waits looks after something."""
+    """Call a check during all waits within the block."""
     token = waiter.set(CheckingWaiter(check))
     try:
         yield
@@ -125,7 +125,7 @@ def checking(check: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def report_progress(on_progress: Tell | None, progress: bool) -> Iterator[Tell]:
-    """Whoever is to be told of a campaign as it goes: a function, a display, both or nobody."""
+    """Return the reporter of a campaign's progress: a function, a display, both or none."""
     tell = on_progress or (lambda _campaign: None)
     if not progress:
         yield tell
@@ -161,7 +161,7 @@ log = getLogger("eigenfail.client")
 
 
 def ask_again(ask: Callable[[], Answer]) -> Answer:
-    """The answer, after four tries at most; whatever the last one raises is raised."""
+    """Return the answer after at most four tries; raise the error of the last one."""
     begun_s = monotonic()
     for tried in range(1, ATTEMPTS):
         try:
@@ -247,11 +247,11 @@ class Link:
         )
 
     def get(self, path: str, kind: type[Kind], params: Params | None = None) -> Kind:
-        """What is at a path; asked again while the service is busy or away for a moment."""
+        """GET a path; retried while the service is busy or unreachable for a moment."""
         return http.decode(self._repeatedly("GET", path, params=_drop_missing(params)), kind)
 
     def get_bytes(self, path: str, params: httpx2.QueryParams, read_s: float) -> bytes:
-        """The bytes of a file at a path, for which the service may take so many seconds."""
+        """GET the bytes of a file, with a timeout in seconds."""
         timeout = httpx2.Timeout(60.0, connect=3.0, read=read_s)
         return self._repeatedly("GET", path, params=params, timeout=timeout)
 
@@ -291,7 +291,7 @@ class Link:
     def pages(
         self, path: str, kind: type[Page[Kind]], cursor: str, params: Params | None = None
     ) -> Rows[Kind]:
-        """All items of a list, page by page as they are wanted.
+        """Yield all items of a list, loaded page by page on demand.
 
         Args:
             path: of the list.

@@ -23,7 +23,7 @@ Seen = tuple[Campaign | None, ...]
 
 
 class Suites:
-    """Run sets of campaigns as one; whatever was done before is found, never done twice.
+    """Run sets of campaigns as one; finished campaigns are found, and never run twice.
 
     Every method raises ServiceUnreachable if no service answers.
     """
@@ -75,7 +75,7 @@ class Suites:
         poll_s: float = 0.3,
         timeout_s: float | None = None,
     ) -> Seen:
-        """The campaigns once all that exist have ended or are paused.
+        """Return the campaigns once all of them have ended or are paused.
 
         Args:
             suite: whose campaigns.
@@ -161,7 +161,7 @@ class Suites:
 def telling(
     see: Callable[[], Seen], on_progress: Callable[[Seen], None] | None
 ) -> Callable[[], Seen]:
-    """A look that is told of, if anybody is to be told."""
+    """Return a look that is also reported, if there is a reporter."""
 
     def look() -> Seen:
         seen = see()

@@ -43,7 +43,7 @@ class Exploiter(Protocol):
     """Optional: a learner that can be used without learning more."""
 
     def exploit(self, n: int) -> Proposal:
-        """Return exactly n episodes from the present knowledge, drawn anew at each call."""
+        """Return exactly n episodes from the present knowledge; each call draws new ones."""
 
 
 @runtime_checkable

@@ -1,1 +1,1 @@
-"""A regression gate: what became of known failures, and what is new, under another planner."""
+"""A regression gate: known failures and new ones under another version of a planner."""

@@ -127,7 +127,7 @@ def is_minimal_search(campaign: Campaign, before: Campaign, analysis: Analysis) 
 
 
 def drop_unproven(replay: KnownReplay, outcomes: Mapping[int, Outcome]) -> KnownReplay:
-    """The same, knowing what came of it with the baseline's own planner."""
+    """Return a replay whose earlier outcomes are those of the baseline's own planner."""
     known = {
         index: replace(failure, before=outcomes.get(index, failure.before))
         for index, failure in replay.known.items()
@@ -154,7 +154,7 @@ def make_known_findings(
 
 
 def read_outcomes(rows: Mapping[int, EpisodeRow]) -> dict[int, Outcome]:
-    """What came of episodes that were run to their end, by index."""
+    """Return the outcomes of completed episodes, by index."""
     return {index: row.outcome for index, row in rows.items() if row.outcome is not Outcome.FAILED}
 
 
@@ -207,7 +207,7 @@ def _group_by_scenario(
 
 
 def _name_eigenfailure(analysis: int, place: int) -> KnownFailure:
-    """The eigenfailure of a mode: nobody knows yet whether it fails."""
+    """Return the name of a mode's eigenfailure, which has not been replayed yet."""
     return KnownFailure(f"eigenfailure {place + 1} of analysis {analysis}")
 
 
@@ -261,7 +261,7 @@ class NewMode(NamedTuple):
 
 
 def needs_modes(judged: Rerun) -> bool:
-    """Whether a new mode would say more: where the rate tells of nothing new."""
+    """Return whether new modes matter: for methods whose rate does not reveal new failures."""
     failed = judged.before.failures and judged.now.failures
     return bool(judged.by is JudgedBy.RATE and judged.verdict in ASKING and failed)
 

@@ -48,7 +48,7 @@ class MemberReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class GateRun(msgspec.Struct, frozen=True, kw_only=True):
-    """What was asked of a gate.
+    """The inputs of a gate.
 
     Attributes:
         version: of the planners under test.
@@ -191,7 +191,7 @@ def _make_mode_case(rerun: Rerun, found: GateFinding) -> _TestCase:
 
 
 def _name_whole(rerun: Rerun) -> str:
-    """The rerun in words, with the replays of what was found."""
+    """Return the name of a rerun, with the replays of its failures."""
     return "\n".join(
         [rerun.told, *(f"{each.what}: {_format_details(each)}" for each in rerun.findings)]
     )

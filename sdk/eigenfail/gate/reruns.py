@@ -102,7 +102,7 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def told(self) -> str:
-        """What it rests on, and what was found of its modes."""
+        """Return the counts of a verdict, and the findings on modes."""
         return f"{self.words} {self.modes}".rstrip()
 
     @property
@@ -159,7 +159,7 @@ WORST_FIRST = (
 
 
 class RerunSide(msgspec.Struct, frozen=True):
-    """A campaign with what came of its episodes."""
+    """A campaign with the outcomes of its episodes."""
 
     campaign: Campaign
     outcomes: RunOutcomes
@@ -190,7 +190,7 @@ def judge_rerun(
 def _judge_by_pairs(
     before: RerunSide, now: RerunSide, comparison: Comparison, pages: str, by: JudgedBy
 ) -> Rerun:
-    """Every failing episode has a verdict of its own; that of all is the worst, or by chance."""
+    """Give each failing episode a verdict; the verdict of all is the worst, or chance."""
     verdicts = judge_pairs(before.outcomes, now.outcomes)
     counts = Counter(verdicts.values())
     worst = next((each for each in WORST_FIRST if counts[each]), GateVerdict.SAFE)
@@ -222,7 +222,7 @@ def _list_pair_findings(
 
 
 def _judge_as_whole(before: RerunSide, now: RerunSide, comparison: Comparison, pages: str) -> Rerun:
-    """One verdict for all of it, and its likeliest failures: whether each is new nobody knows."""
+    """Give one verdict for all episodes, with the likeliest failures, which may be new or known."""
     became = judge_rate(before.campaign, now.campaign, comparison)
     return Rerun(
         before=read_figures(before.campaign),

@@ -1,4 +1,4 @@
-"""What became of a failure: from what came of an episode before, and what comes of it now."""
+"""Verdicts on a failure, from its outcome before and its outcome now."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -59,7 +59,7 @@ def judge_outcome(before: Outcome | None, now: Outcome | None) -> GateVerdict:
 
 
 class RunOutcomes(msgspec.Struct, frozen=True):
-    """What came of a campaign's episodes, without naming the safe ones.
+    """The outcomes of a campaign's episodes, without the indices of safe ones.
 
     Attributes:
         episodes: those with a result, which have the indices from 0.
@@ -72,7 +72,7 @@ class RunOutcomes(msgspec.Struct, frozen=True):
     failed: dict[int, EpisodeRow]
 
     def of(self, index: int) -> Outcome | None:
-        """What came of one; None where it was not tried or errored."""
+        """Return the outcome of an episode; None if it was not run or errored."""
         if index in self.collisions:
             return Outcome.COLLISION
         known = index < self.episodes and index not in self.failed

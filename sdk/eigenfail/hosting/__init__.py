@@ -1,1 +1,1 @@
-"""A whole service on this machine, for as long as somebody needs it."""
+"""A complete service on this machine, for as long as its owner runs."""

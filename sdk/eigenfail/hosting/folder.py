@@ -46,7 +46,7 @@ class DataFolder:
 
     @property
     def hub_keys(self) -> Path:
-        """Where the keys of its hub are, if somebody made some."""
+        """Path of the folder for the hub's keys, which may not exist."""
         return self.path / "hub-keys"
 
     def log(self, part: str) -> Path:

@@ -73,7 +73,7 @@ class Log:
         self.path = path
 
     def older(self, number: int) -> Path:
-        """What was moved aside; 1 is the newest."""
+        """Return the path of a rotated log; 1 is the newest."""
         return self.path.with_name(f"{self.path.name}.{number}")
 
     def rotate(self) -> bool:
@@ -191,7 +191,7 @@ class ServicePart:
         return lines.decode(errors="replace").splitlines()
 
     def rotate(self) -> None:
-        """Move what is in the log aside if it has become too long.
+        """Move the log aside if it has become too long.
 
         Raises:
             OSError: there is no room for it.
@@ -243,7 +243,7 @@ def _bears_mark(pid: int, owner: str) -> bool:
 
 
 def stop_parts(parts: Sequence[ServicePart], owner: str, grace_s: float = GRACE_S) -> None:
-    """End the parts politely, then whatever is left of them; a second signal ends the patience."""
+    """Stop the parts by SIGTERM, then kill those that remain; a second signal kills at once."""
     deadline = [time.monotonic() + grace_s]
 
     def hurry(*_: object) -> None:
@@ -262,7 +262,7 @@ def stop_parts(parts: Sequence[ServicePart], owner: str, grace_s: float = GRACE_
 
 
 def kill_marked(owner: str) -> None:
-    """Kill whatever bears the owner's mark, until nothing does."""
+    """Kill the processes that carry the owner's mark, until none is left."""
     deadline = time.monotonic() + KILL_WITHIN_S
     while (left := find_marked(owner)) and time.monotonic() < deadline:
         _kill(left)

@@ -52,7 +52,7 @@ class Span(msgspec.Struct, frozen=True):
     idle_s: float = IDLE_S
 
     def options(self) -> tuple[str, ...]:
-        """As the services are told of it."""
+        """Return the options of the services' command line."""
         if self.least == self.most:
             return ("--workers", str(self.most))
         bounds = ("--min-workers", str(self.least), "--max-workers", str(self.most))
@@ -81,7 +81,7 @@ def span_of(workers: int | None, least: int | None, most: int | None, idle_s: fl
 
 
 def _make_fixed(workers: int | None) -> Span:
-    """Just so many, or one per core.
+    """Return a fixed number of workers, or one per core.
 
     Raises:
         InvalidValue: fewer than none.
@@ -106,7 +106,7 @@ def _refuse_half(least: int | None, idle_s: float | None) -> None:
 
 
 def refuse_scaling(least: int | None, most: int | None, idle_s: float | None) -> None:
-    """Raises InvalidValue if workers are to follow the work, and nobody here starts any."""
+    """Raise InvalidValue if workers are to scale, and this service starts none."""
     for option, given in (("--max-workers", most), ("--min-workers", least), ("--idle-s", idle_s)):
         if given is not None:
             remedy = f"Leave {option} away, or have Ray start workers: --launcher ray."
@@ -145,7 +145,7 @@ NEEDED_MODULES = ("fastapi", "sqlalchemy", "torch", "zmq")
 
 
 class Launcher(StrEnum):
-    """Who starts workers: Ray on this machine, or whoever calls `eigenfail worker`."""
+    """What starts workers: Ray on this machine, or users who call `eigenfail worker`."""
 
     RAY = "ray"
     NONE = "none"
@@ -160,7 +160,7 @@ class Ready(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be started, and where: port 0 is any free one, 0 workers are one per core.
+    """The parts to start and their addresses: port 0 is any free one, 0 workers are one per core.
 
     Attributes:
         span: within which the number of workers follows the work, instead of a number that stays.
@@ -231,7 +231,7 @@ def make_commands(plan: Plan, database: str, port: int, hub_port: int) -> dict[s
 
 
 def _list_key_options(folder: DataFolder) -> tuple[str, ...]:
-    """What makes the hub ask for keys: somebody made some in its folder."""
+    """Return the options that make the hub require keys, if its folder has keys."""
     return ("--hub-keys", str(folder.hub_keys)) if folder.hub_keys.exists() else ()
 
 

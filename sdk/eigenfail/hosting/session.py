@@ -80,7 +80,7 @@ class Local(AbstractContextManager[Client]):
         return client
 
     def stop(self) -> None:
-        """End it and all that it started; once is enough, and twice does no harm."""
+        """Stop the service and all of its processes; later calls have no effect."""
         atexit.unregister(self.stop)
         self._service = None
         self._stack.close()

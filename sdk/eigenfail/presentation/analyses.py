@@ -209,7 +209,7 @@ def describe_proof(proof: Proof) -> tuple[Block, ...]:
 
 
 def tabulate_replays(proof: Proof) -> Table:
-    """Return the replays, one a row; log p beside what noise of p(x) has on the same steps."""
+    """Return the replays, one a row, with log p of each and the expected log p of noise of p(x)."""
     columns = (
         *name_columns("Scenario", "Mode", "Replayed", "Outcome"),
         TableColumn("Robustness", "m"),

@@ -1,4 +1,4 @@
-"""Tables of campaigns: what was asked for, what was found, how severe it was and what it cost."""
+"""Tables of campaigns: specification, results, severity and cost."""
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -97,7 +97,7 @@ def tabulate_results(summaries: Iterable[Summary]) -> Table:
 
 
 def note_results(summaries: Iterable[Summary]) -> tuple[str, ...]:
-    """Return what is to be known of the failure rates and probabilities of campaigns."""
+    """Return the remarks on failure rates and probabilities of campaigns."""
     found = list(summaries)
     bounds = (each.estimate.note for each in found if each.estimate and each.estimate.bound)
     return (
@@ -134,7 +134,7 @@ def _format_progress(campaign: Campaign) -> str:
 
 
 def list_campaign_facts(campaign: Campaign) -> FactTable:
-    """Return what was asked of a campaign, and how far it is."""
+    """Return the specification of a campaign, and its progress."""
     spec, counts = campaign.spec, campaign.counts
     rows = [
         ("campaign", f"{campaign.id}: {spec.name}"),
@@ -194,7 +194,7 @@ def _list_ended(campaign: Campaign) -> Iterator[str]:
 
 
 def describe_campaign(campaign: Campaign, summary: Summary) -> tuple[Block, ...]:
-    """Return what was asked of a campaign, what it found, and its collisions by class."""
+    """Return specification and results of a campaign, and its collisions by class."""
     has_road = world_of(campaign.spec.simulator).has_road
     conflicts = [_list_conflicts(campaign, summary.conflicts)] if has_road else []
     return (list_campaign_facts(campaign), _list_findings(summary), *conflicts)
@@ -318,7 +318,7 @@ def describe_safety(found: Safety) -> tuple[Block, ...]:
 
 
 def describe_costs(found: Sequence[CampaignCost]) -> tuple[Block, ...]:
-    """Return what campaigns cost, what the time went into, and what was found by when."""
+    """Return the costs of campaigns, how their time was spent, and failures over cost."""
     notes = ((*each.notes, each.time.problem) for each in found)
     return (
         tabulate_bill(found),

@@ -69,7 +69,7 @@ def _read_field(value: Value | None) -> Cell:
 
 
 def format_class(assessed: Assessment) -> str:
-    """Return the class beside an outcome, in words."""
+    """Return the conflict class of an outcome as text."""
     return assessed.beside((assessed.conflict or UNKNOWN).replace("_", " "))
 
 

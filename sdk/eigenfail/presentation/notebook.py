@@ -55,7 +55,7 @@ def to_html(value: object) -> str:
 
 @singledispatch
 def describe(value: object) -> Blocks:
-    """Return what is shown of a value."""
+    """Return the tables of a value."""
     return (repr(value),)
 
 

@@ -1,4 +1,4 @@
-"""Tables of suites: the campaigns that would run, and what came of them."""
+"""Tables of suites: the planned campaigns, and their results."""
 
 from collections.abc import Iterable, Iterator
 

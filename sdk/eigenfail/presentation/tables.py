@@ -150,7 +150,7 @@ def format_cell(value: Cell, column: TableColumn = PLAIN) -> FormattedCell:
 
 
 def format_line(value: Cell, column: TableColumn = PLAIN) -> str:
-    """Return a value as text on one line, in a sentence or beside a name."""
+    """Return a value as text on one line."""
     return format_cell(value, column).line
 
 

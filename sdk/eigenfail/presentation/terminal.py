@@ -30,7 +30,7 @@ _UNLIMITED = 1_000_000
 
 
 def render(*blocks: Block) -> RenderableType:
-    """Return what is shown, for a console."""
+    """Return tables and notes for a console."""
     return Group(*map(_render_block, blocks))
 
 

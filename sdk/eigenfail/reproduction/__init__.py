@@ -1,1 +1,1 @@
-"""The paper's experiments on this world: what is run, what the paper printed, and both together."""
+"""The paper's experiments on this world: programme, printed numbers, and both side by side."""

@@ -123,7 +123,7 @@ def _format_tables(found: PaperReproduction) -> Iterator[str]:
 
 
 def _format_grid(table: PaperTable) -> Iterator[str]:
-    """Format our numbers, with the paper's in a column beside those that it gives."""
+    """Format our numbers, with a column for the paper's where it gives them."""
     columns = [*zip(*(row.numbers for row in table.rows), strict=True)]
     beside = [any(number.paper is not None for number in column) for column in columns]
     yield f"| |{''.join(_format_headings(table, beside))}"

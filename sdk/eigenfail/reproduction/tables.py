@@ -52,7 +52,7 @@ class PaperColumn(msgspec.Struct, frozen=True):
 
 
 class PaperTable(msgspec.Struct, frozen=True):
-    """One of the paper's tables, with our numbers beside its own.
+    """One table of the paper, with our numbers and the printed ones.
 
     Attributes:
         name: short name, for files and claims.

@@ -31,7 +31,7 @@ UNLIMITED = Quotas()
 
 
 class Usage(msgspec.Struct, frozen=True):
-    """What is used of a key's quotas.
+    """The usage of a key's quotas.
 
     Attributes:
         open: campaigns that have not ended.
@@ -91,7 +91,7 @@ class Scope(StrEnum):
 
 
 class ApiKey(msgspec.Struct, frozen=True):
-    """A key, without its secret, which is shown once and kept by nobody but its holder.
+    """A key without its secret, which is shown once and not stored.
 
     Attributes:
         id: number of the key, the first part of what its holder sends.
@@ -119,7 +119,7 @@ class ApiKey(msgspec.Struct, frozen=True):
 
 
 class KeyRecord(msgspec.Struct, frozen=True):
-    """A key as it is stored: with the SHA-256 of its secret, in hexadecimal digits."""
+    """A key as stored: with the SHA-256 of its secret, in hexadecimal digits."""
 
     key: ApiKey
     digest: str

@@ -62,7 +62,7 @@ class Priority(StrEnum):
 
     @property
     def head_start_ms(self) -> int:
-        """In the queue it stands where it would, had it been queued so much earlier."""
+        """Time by which the campaign is moved ahead in the queue. [ms]"""
         return HEAD_STARTS_MS[self]
 
 
@@ -216,7 +216,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = Priority.NORMAL
 
     def is_like(self, other: "CampaignSpec") -> bool:
-        """Whether both ask for the same, at whatever priority."""
+        """Return whether both specs describe the same campaign, at any priority."""
         return msgspec.structs.replace(self, priority=other.priority) == other
 
     def setup(self) -> EpisodeSetup:
@@ -353,7 +353,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Overhead(msgspec.Struct, frozen=True):
-    """What a campaign's active time went into beside simulation, as the hub measured it.
+    """The parts of a campaign's active time other than simulation, as the hub measured them.
 
     Attributes:
         learning_s: no episode was with a worker, and the learner worked; its start included.

@@ -142,7 +142,7 @@ class Comparison(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
 
 
 class Peers(msgspec.Struct, frozen=True, kw_only=True):
-    """What campaigns have in common whose costs can be held against each other.
+    """The fields that campaigns with comparable costs have in common.
 
     Attributes:
         planner_settings: those that are not the planner's defaults.

@@ -30,7 +30,7 @@ NORMAL = NormalDist()
 
 
 def map_normal_to_t(z: float, nu: float) -> float:
-    """t(z), to about ten digits; what is no number counts as REACH."""
+    """Return t(z), to about ten digits; NaN counts as REACH."""
     size = min(REACH, abs(z))
     return copysign(size * exp(_log_stretch(nu)(size)), z)
 

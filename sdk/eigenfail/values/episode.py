@@ -1,4 +1,4 @@
-"""What is asked of an episode, and what comes of it."""
+"""Tasks and results of episodes."""
 
 import hashlib
 import struct
@@ -112,7 +112,7 @@ class EpisodeFault(msgspec.Struct, frozen=True):
 
 
 class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False):
-    """What came of one episode.
+    """The result of one episode.
 
     Attributes:
         measures: None if the episode errored.

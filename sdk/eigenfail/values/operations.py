@@ -139,7 +139,7 @@ class Check(msgspec.Struct, frozen=True):
 
 
 class Verification(msgspec.Struct, frozen=True):
-    """A database, held against what is promised of it.
+    """The result of checking a database against its invariants.
 
     Attributes:
         database: its address, without secrets.
@@ -157,7 +157,7 @@ class Verification(msgspec.Struct, frozen=True):
 
 
 class Backup(msgspec.Struct, frozen=True):
-    """A file with all that is in a database, or a database with all that is in a file.
+    """A backup of a database to a file, or a restoration from one.
 
     Attributes:
         bytes: size of the file.
@@ -209,7 +209,7 @@ class Weight(msgspec.Struct, frozen=True):
 
 
 class Pruning(msgspec.Struct, frozen=True, kw_only=True):
-    """What was taken from a campaign, by one command.
+    """The noise that one command removed from a campaign.
 
     Attributes:
         id: of the record.

@@ -11,7 +11,7 @@ from eigenfail.values.showing import Brief, Shown
 
 
 class ReplayKind(StrEnum):
-    """What is replayed of an analysis: one noise trajectory for each of its modes."""
+    """The kind of noise that is replayed for each mode of an analysis."""
 
     EIGENFAILURE = "eigenfailure"
     MEDOID = "medoid"
@@ -140,7 +140,7 @@ Path = tuple[tuple[float, float], ...]
 
 
 class ExplainedStep(msgspec.Struct, frozen=True):
-    """One step: what the planner says of it, and what was so.
+    """One step: the planner's account, and the true state.
 
     Attributes:
         acceleration_mps2: what the planner asked for; steering_rad likewise.
@@ -175,7 +175,7 @@ class ExplainedEpisode(msgspec.Struct, frozen=True, eq=False):
 
 
 class Replayed(msgspec.Struct, frozen=True):
-    """What was stored beside what came of it now.
+    """A stored result and the result of its replay.
 
     Attributes:
         differing: the versions under which it was run that are not those of now, where it is not

@@ -1,4 +1,4 @@
-"""What the store keeps beside campaigns, results and analyses."""
+"""Stored records other than campaigns, results and analyses."""
 
 from enum import StrEnum
 from typing import Annotated, Generic, TypeVar
@@ -197,7 +197,7 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
 
 
 class EpisodeDetail(EpisodeResult, frozen=True, eq=False, kw_only=True):
-    """A result with what outcome and measures say together, as the service tells it."""
+    """A result with its assessment from outcome and measures, as the service returns it."""
 
     assessed: Assessment = Assessment()
 

@@ -25,7 +25,7 @@ class Control(msgspec.Struct, frozen=True, gc=False):
 
 
 class Mission(msgspec.Struct, frozen=True):
-    """What a planner is told before it drives: the map and the task, nothing of the test.
+    """The planner's briefing before it drives: map and task, nothing about the test.
 
     Lanes are parallel to x; lane 0 has its centre at y = 0, the next at y = lane_width_m.
 

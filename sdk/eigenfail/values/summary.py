@@ -49,7 +49,7 @@ class Unresolved(msgspec.Struct, frozen=True):
     horizon_s: float | None = None
 
     def words(self, completed: int) -> str:
-        """In a sentence, of so many completed episodes; empty if there is nothing to tell."""
+        """Return sentences on episodes that ended before a sure collision; empty if there are none."""
         within = "" if self.horizon_s is None else f" within {self.horizon_s:g} s"
         sure = f"{self.count:,} of {completed:,} had no collision{within}, but ended while braking"
         perhaps = f"{self.not_known:,} of {completed:,} without a collision{within} may have ended"
@@ -137,7 +137,7 @@ class Summary(Shown, msgspec.Struct, frozen=True):
 
     @property
     def remark(self) -> str:
-        """What is to be known of the failure rate, in sentences; empty if there is nothing."""
+        """Return the remarks on the failure rate, as sentences; empty if there are none."""
         missed = f"No failure was found. {self.reach}" if self.reach else ""
         unresolved = self.unresolved.words(self.counts.completed)
         return " ".join(filter(None, (missed, unresolved, self.errored.words(self.counts))))
@@ -254,7 +254,7 @@ class SpendingTotals(msgspec.Struct, frozen=True):
 
 
 class CostPoint(msgspec.Struct, frozen=True, kw_only=True):
-    """What was found by the time that so much had been spent.
+    """The findings of a campaign up to an amount of money spent.
 
     Attributes:
         usd: price per instance-hour × instance-hours until then.

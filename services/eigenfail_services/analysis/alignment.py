@@ -19,7 +19,7 @@ class Alignment(Protocol):
     """Where an episode stands within the horizon."""
 
     def place(self, steps: int, horizon: int) -> slice:
-        """The rows that an episode of so many steps fills; the others hold no noise."""
+        """Return the rows that an episode of n steps fills; the others hold no noise."""
 
     def reference(self, steps: Sequence[int], horizon: int) -> int:
         """The number of steps that stands for all of these episodes."""

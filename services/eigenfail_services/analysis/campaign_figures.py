@@ -196,7 +196,7 @@ def _measure_discarded(kept_s: float, lost_s: float) -> float:
 
 
 def _split_idle(idle_s: float, overhead: Overhead) -> tuple[float, float]:
-    """Learning and waiting, of so much time without an episode at work."""
+    """Split time without a running episode into learning and waiting. [s]"""
     learning_s = min(overhead.learning_s, idle_s)
     return learning_s, idle_s - learning_s
 
@@ -219,7 +219,7 @@ def make_cost_curve(
 def _make_point(
     campaign: Campaign, active_s: float, found: tuple[int, int], modes: int | None
 ) -> CostPoint:
-    """What was found (episodes and failures) by an active time."""
+    """Return the numbers of episodes and failures up to an active time."""
     completed, failures = found
     return CostPoint(
         usd=estimate_usd(campaign, active_s),

@@ -86,7 +86,7 @@ class KMeansClusterer:
 
 
 class MixtureClusterer:
-    """Normal distributions, each with a covariance of its own: groups of different widths."""
+    """A mixture of normal distributions with full covariances: groups of different widths."""
 
     def choices(self, wanted: int | None) -> Sequence[int]:
         """As wanted, or 2 to 8."""
@@ -184,7 +184,7 @@ def noise_silhouette(scores: Scores, clusters: int | None, clusterer: Clusterer 
 
 
 def draw_without_groups(scores: Scores, generator: np.random.Generator) -> Scores:
-    """Rows as far from the centre as those of the scores, each in a direction of its own.
+    """Draw rows with the norms of the scores and uniformly random directions.
 
     Distances are counted in standard deviations of each component. So a shell is held against
     shells, and a blob against blobs: of a normal distribution this is another draw. Along a single
@@ -201,7 +201,7 @@ def draw_without_groups(scores: Scores, generator: np.random.Generator) -> Score
 
 
 def _split(scores: Scores, clusters: int, clusterer: Clusterer) -> Partition | None:
-    """The rows in so many groups; None if fewer than two show."""
+    """Return the labels of k groups; None if fewer than two are non-empty."""
     grouping = clusterer.fit(scores[draw_rows(len(scores), CLUSTERED_ROWS)], clusters)
     if grouping is None:
         return None
@@ -212,7 +212,7 @@ def _split(scores: Scores, clusters: int, clusterer: Clusterer) -> Partition | N
 
 
 def _compute_silhouette(scores: Scores, labels: Labels) -> float:
-    """The mean silhouette (Rousseeuw 1987); 0 where each row, or none, is a group of its own."""
+    """Return the mean silhouette (Rousseeuw 1987); 0 for a single group, or one per row."""
     rows = draw_rows(len(scores), SILHOUETTE_ROWS)
     if not 1 < len(np.unique(labels[rows])) < len(rows):
         return 0.0
@@ -220,7 +220,7 @@ def _compute_silhouette(scores: Scores, labels: Labels) -> float:
 
 
 def draw_rows(rows: int, most: int) -> NDArray[np.intp]:
-    """So many of the rows at most, drawn evenly, always the same ones."""
+    """Return at most `most` rows, sampled evenly with a fixed seed."""
     if rows <= most:
         return np.arange(rows)
     return np.random.default_rng(SEED).choice(rows, most, replace=False)

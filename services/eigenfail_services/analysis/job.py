@@ -37,7 +37,7 @@ LEAN = {"assume_finite": True, "skip_parameter_validation": True}
 
 
 def analyse(failures: Failures, horizon: int, settings: AnalysisSettings) -> AnalysisResult:
-    """`analyse_portions` of a single campaign, whose id is told as 1, without times.
+    """Analyse a single campaign, with id 1 and without times; see `analyse_portions`.
 
     Args:
         failures: z of each, shape (its steps, 2).

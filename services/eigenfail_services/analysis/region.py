@@ -1,4 +1,4 @@
-"""The failing region among a scenario's parameters: a small decision tree, told as boxes.
+"""The failing region among a scenario's parameters: the boxes of a small decision tree.
 
 The tree is grown on one half of the episodes (CART: Breiman, Friedman, Olshen and Stone 1984) and
 every figure comes from the other half, so that what the tree took from chance is not counted
@@ -162,7 +162,7 @@ class RegionQuestion(NamedTuple):
 
 
 def find_failing_region(asked: RegionQuestion) -> Region:
-    """The boxes in which episodes fail more often, or why none can be told."""
+    """Return the boxes with a raised failure rate, or the reason why there are none."""
     if problem := _find_obstacle(asked):
         return _make_empty_region(asked, problem)
     grown, held = split_in_halves(asked.failed)

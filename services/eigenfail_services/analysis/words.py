@@ -132,7 +132,7 @@ def _push(run: Sequence[tuple[int, float]]) -> Push:
 
 
 def _strong(noise: Floats) -> float:
-    """The level from which noise along an axis is told of."""
+    """Return the level above which noise along an axis is mentioned. [sigma]"""
     strongest = float(np.abs(noise).max(initial=0.0))
     return float("inf") if strongest < FAINT else TELLING * strongest
 
@@ -155,7 +155,7 @@ def _impulse(push: Push) -> float:
 
 
 def _weaker(count: int) -> str:
-    """That there is more than is told."""
+    """Return the phrase that counts the pushes left out of the sentence."""
     return f", and {count} that push less in all" if count > 0 else ""
 
 
@@ -224,7 +224,7 @@ def _describe_overrides(steps: Sequence[ExplainedStep], clock: Clock) -> Iterato
 
 
 def _describe_losses(steps: Sequence[ExplainedStep], clock: Clock) -> Iterator[str]:
-    """When it lost sight of somebody for the last time."""
+    """Describe when the planner lost a track for the last time."""
     lost = [_count(step, "lost_tracks") for step in steps]
     places = [place for place in range(1, len(lost)) if lost[place] > lost[place - 1]]
     if places:

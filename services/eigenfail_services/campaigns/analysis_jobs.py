@@ -245,7 +245,7 @@ class AnalysisJobs:
             self._store.jobs.renew(running.job, LEASE_S)
 
     def stop(self) -> None:
-        """End all running analyses; the next supervisor starts them anew."""
+        """End all running analyses; the next supervisor starts them again."""
         for running in self._running:
             kill_group(running.process)
             self._store.jobs.renew(running.job, 0.0)

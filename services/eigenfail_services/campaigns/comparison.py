@@ -321,7 +321,7 @@ def pick_campaigns(ids: Sequence[int], store: Store) -> tuple[Campaign, ...]:
 
 
 def group_by_seed(campaigns: Sequence[Campaign]) -> tuple[Group, ...]:
-    """Group campaigns that differ in name and seed alone; if all do, each is a group of its own."""
+    """Group campaigns that differ only in name and seed; if that is one group, each is alone."""
     found: dict[bytes, list[Campaign]] = {}
     for campaign in campaigns:
         alike = replace(fill_defaults(campaign.spec), name="alike", seed=0)

@@ -1,4 +1,4 @@
-"""What campaigns cost: each by itself, the methods beside each other, and figures of pages."""
+"""Costs of campaigns and of methods, and figures for pages."""
 
 from collections import defaultdict
 from collections.abc import Hashable, Iterator, Sequence
@@ -174,7 +174,7 @@ def _leave_out_default_settings(peers: Peers, name: str, field: PluginField) -> 
 
 
 def _complete_setting(value: Any, kind: Any) -> Any:
-    """Return a setting with the defaults inside it; a distribution is left as it is."""
+    """Return a setting with nested defaults filled in; distributions stay unchanged."""
     try:
         return msgspec.to_builtins(msgspec.convert(value, kind))
     except msgspec.ValidationError:

@@ -57,7 +57,7 @@ class WorkerLauncher(Protocol):
         """
 
     def tend(self, table: WorkerPool) -> Sequence[Notice]:
-        """Adjust the number of workers without waiting; return what is to be reported."""
+        """Adjust the number of workers without waiting; return the notices to report."""
 
     def stop(self) -> None:
         """Wait for the workers that are leaving, and end the others."""
@@ -145,7 +145,7 @@ class _LastingChange:
 
 
 class WorkerScale:
-    """Rises to what was needed for two seconds, and falls to what was enough for `idle_s`.
+    """Target number of workers: rises after two seconds of need, falls after `idle_s`.
 
     Whatever the work does, between a rise and the next fall there are at least `idle_s`, and
     between a fall and the next rise two seconds.

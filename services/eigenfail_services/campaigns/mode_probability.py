@@ -155,7 +155,7 @@ def _keep_mode(
 def estimate_by_known_proposal(
     store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
 ) -> ModeEstimates:
-    """Estimate each mode by a learner of its own, for which other failures are safe.
+    """Estimate each mode by its own learner, which takes all other failures as safe.
 
     Nothing is learnt from results, so that each proposes what was proposed.
     """

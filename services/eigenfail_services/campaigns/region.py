@@ -46,7 +46,7 @@ class ExaminedEpisodes(msgspec.Struct, frozen=True):
 
 
 class RegionQuery(msgspec.Struct, frozen=True):
-    """The input of a region, as it is sent to a process.
+    """The input of a region's computation in a separate process.
 
     Attributes:
         warnings: what keeps the region from saying more.

@@ -247,7 +247,7 @@ class Rounds:
         return min(wanted, 1) if depends_on_results(self._rules) else wanted
 
     def checkpoint(self) -> bytes:
-        """Return all that is needed to go on bit for bit, with open rounds and their policies."""
+        """Return the state from which learning continues bit for bit, open rounds included."""
         checkpoint = Checkpoint(
             format=FORMAT,
             campaign_seed=self._campaign_seed,

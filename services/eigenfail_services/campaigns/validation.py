@@ -134,7 +134,7 @@ def _check_named(method: ResolvedMethod, store: "Store") -> None:
 
 
 def _check_trajectories(campaign: ResolvedCampaign, store: "Store") -> None:
-    """Make sure that what is named for a replay is there.
+    """Check that the noise that a replay names exists.
 
     The failures of a whole campaign are not read: their number is not bounded.
 
@@ -203,7 +203,7 @@ INJECTION_CHECKS: Mapping[Injection, Callable[[ResolvedCampaign, "Store"], None]
 
 
 def list_varied(spec: CampaignSpec) -> tuple[str, ...]:
-    """Return the scenario parameters that each episode draws anew."""
+    """Return the scenario parameters that are drawn for each episode."""
     given = spec.scenario_parameters.items()
     return tuple(name for name, value in given if is_distribution(value))
 

@@ -90,7 +90,7 @@ class StoredKey(msgspec.Struct, frozen=True):
         return f"{encode_key(self.public)} {self.made_ms} {until}"
 
     def summarize(self) -> AllowedWorker:
-        """Return the key as it is listed."""
+        """Return the key without its public part, for lists."""
         return AllowedWorker(self.name, abbreviate_key(self.public), self.made_ms, self.until_ms)
 
 

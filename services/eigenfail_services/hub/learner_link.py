@@ -195,7 +195,7 @@ class LearnerLink:
                 self._unsent.popleft()
 
     def receive(self) -> Message | None:
-        """Return the learner's next message, if there is one; what is no message is trouble."""
+        """Return the learner's next message or None; malformed bytes become `Trouble`."""
         self._send_waiting()
         try:
             return check_numbers(read_learner_message(self.socket.recv(zmq.NOBLOCK)))

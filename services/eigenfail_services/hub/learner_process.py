@@ -63,7 +63,7 @@ class LearnerProcess:
         self._socket.connect(address)
 
     def serve(self) -> None:
-        """Create the learner, then observe one round after the other until told to stop."""
+        """Create the learner, then observe round after round until the hub stops the process."""
         start = self._receive()
         if not isinstance(start, Start):
             return
@@ -78,7 +78,7 @@ class LearnerProcess:
         self._socket.send(encode(message))
 
     def close(self) -> None:
-        """Send what is left and disconnect."""
+        """Send queued messages and disconnect."""
         self._socket.close(linger=1_000)
 
     def _receive(self) -> Message:

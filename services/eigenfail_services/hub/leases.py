@@ -269,7 +269,7 @@ class Leases:
         self.leave(worker)
 
     def disconnect(self, worker: bytes, until_s: float) -> None:
-        """End the session of a worker whose connection closed: all that it held waits again.
+        """End the session of a disconnected worker: its leases return to the queue.
 
         What it ran is suspected if it does not come back until then.
         """

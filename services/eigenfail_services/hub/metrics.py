@@ -253,7 +253,7 @@ class Timeout:
         self.restart()
 
     def restart(self, pause_s: float = 0.0) -> None:
-        """Begin to count anew, now or after a pause."""
+        """Start counting from zero, now or after a pause."""
         self._spent_s = -pause_s
         self._looked_s = self._clock()
 

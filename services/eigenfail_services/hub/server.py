@@ -1,4 +1,4 @@
-"""The hub: one ROUTER for all workers, in a thread of its own, that runs turn after turn."""
+"""The hub: one ROUTER socket for all workers, served by its own thread."""
 
 import contextlib
 import time

@@ -63,7 +63,7 @@ Send = Callable[[bytes, Message], None]
 
 
 class Draining:
-    """Workers that are to finish what they hold and then leave, and when each was told."""
+    """Workers that finish their leases and then leave, and when each was asked to."""
 
     def __init__(self) -> None:
         self._names: frozenset[str] = frozenset()
@@ -81,7 +81,7 @@ class Draining:
     def pop_ready(
         self, draining: list[bytes], sessions: Mapping[bytes, WorkerSession], now_s: float
     ) -> Iterator[bytes]:
-        """Yield the workers that hold nothing and are to be told now that they may leave.
+        """Yield the workers without leases that can now leave.
 
         Args:
             draining: workers that are to leave.
@@ -138,7 +138,7 @@ class WorkerSessions:
         }
 
     def handle(self, worker: bytes, data: bytes) -> None:
-        """Handle the bytes of a worker, whatever they are."""
+        """Handle any bytes of a worker."""
         try:
             message = read_worker_message(data)
         except ProtocolError as error:

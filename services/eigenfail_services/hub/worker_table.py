@@ -121,7 +121,7 @@ class WorkerSession:
         self.slowness += SMOOTHING * (bounded - self.slowness)
 
     def forget_campaign(self, campaign: int) -> None:
-        """Forget what was sent of a campaign that the worker is told to drop."""
+        """Forget the policies of a campaign that the worker is about to drop."""
         self.setups.discard(campaign)
         self._slots.pop(campaign, None)
         self.policies = {policy for policy in self.policies if policy[0] != campaign}

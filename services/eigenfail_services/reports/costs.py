@@ -102,7 +102,7 @@ def make_cost(material: Material) -> ReportPart:
 
 
 def notes(spent: Spent) -> Iterator[str]:
-    """What is approximate or missing."""
+    """Return the remarks on approximate and missing figures."""
     who = f"Campaign {spent.subject.id}"
     if spent.found.time.problem and spent.found.completed:
         yield f"{who}: {spent.found.time.problem}"

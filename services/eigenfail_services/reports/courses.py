@@ -79,7 +79,7 @@ def notes(subject: Subject) -> tuple[str, ...]:
 
 
 def measures(subject: Subject) -> list[tuple[Cell, ...]]:
-    """A row for each measure: what is counted, or measured over n episodes."""
+    """Return a row for each measure: a count, or statistics over n episodes."""
     found = subject.safety
     conflicts, collided = found.conflicts, subject.summary.counts.failures
     rows = (
@@ -137,13 +137,13 @@ def of(found: Rate | None) -> tuple[str, ...]:
 
 
 def beyond(found: Violations, unit: str) -> tuple[str, ...]:
-    """How often a threshold was passed, and what was measured."""
+    """Return how often a threshold was passed, and the median and worst value."""
     middle, worst = format_number(found.median), format_number(found.worst)
     return (*of(found.beyond), f"median {middle} {unit}, worst {worst} {unit} (n = {found.n:,})")
 
 
 def collisions(k: int, subject: Subject) -> tuple[str, ...]:
-    """So many of the collisions, if there are any."""
+    """Return k of the campaign's collisions as text; unknown if it has none."""
     count = subject.summary.counts.failures
     return (f"{k:,} of {count:,} collisions",) if count else (UNKNOWN,)
 

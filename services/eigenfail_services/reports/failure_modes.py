@@ -124,7 +124,7 @@ def make_modes(material: Material) -> ReportPart:
 
 
 def missing(material: Material, found: list[Analysed]) -> Iterator[str]:
-    """Of which campaigns no mode can be told, and why."""
+    """Return the campaigns without failure modes, with the reasons."""
     known = {each.subject.id for each in found}
     for subject in material.subjects:
         if subject.id not in known:

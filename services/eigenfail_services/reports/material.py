@@ -114,13 +114,13 @@ Item = TypeVar("Item")
 
 
 def evenly(items: Sequence[Item], most: int) -> list[Item]:
-    """At most so many of them, spread evenly."""
+    """Return at most `most` items, spread evenly."""
     taken = min(len(items), most)
     return [items[place * len(items) // taken] for place in range(taken)] if taken else []
 
 
 def in_groups(items: Sequence[Item], size: int) -> list[Sequence[Item]]:
-    """Neighbours, so many at a time."""
+    """Yield consecutive items in groups of a given size."""
     return [items[first : first + size] for first in range(0, len(items), size)]
 
 

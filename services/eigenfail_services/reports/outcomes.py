@@ -1,4 +1,4 @@
-"""What was asked for and what was found: results, set-up, and where the numbers come from."""
+"""The first sections of a report: results, set-up and provenance."""
 
 import platform
 from collections.abc import Iterator, Mapping
@@ -138,7 +138,7 @@ def cost_cells(subject: Subject) -> tuple[Cell, ...]:
 
 
 def probability_cells(subject: Subject) -> tuple[Cell, ...]:
-    """The failure probability, or why it is not told."""
+    """Return the failure probability, or the reason why there is none."""
     found = subject.summary.estimate
     if found is None:
         return (None,) * 9
@@ -235,7 +235,7 @@ class Setting(NamedTuple):
 
 
 def make_setup(material: Material) -> ReportPart:
-    """The settings side by side, and below them the defaults of what was used."""
+    """Return the settings of the campaigns side by side, followed by defaults."""
     found = {subject.id: dict(settings(subject.campaign)) for subject in material.subjects}
     rows = [(id_, name, value) for id_, of in found.items() for name, value in of.items()]
     unset = [*defaults([subject.campaign.spec for subject in material.subjects])]
@@ -255,7 +255,7 @@ def make_setup(material: Material) -> ReportPart:
 
 
 def settings(campaign: Campaign) -> Iterator[Setting]:
-    """All that was asked for, and what ended it."""
+    """Return the specification of a campaign, and why it ended."""
     spec = campaign.spec
     yield Setting("Scenario", spec.scenario)
     yield from list_given_settings("Scenario", spec.scenario_parameters)
@@ -360,7 +360,7 @@ WHOSE = (
 
 
 def make_provenance(material: Material) -> ReportPart:
-    """What is needed to trace the numbers back."""
+    """Return the facts by which the numbers can be traced back."""
     evidence = [*map(list_provenance, material.subjects)]
     section = ReportSection(
         name="provenance",
@@ -376,7 +376,7 @@ def make_provenance(material: Material) -> ReportPart:
 
 
 def list_provenance(subject: Subject) -> tuple[Cell, ...]:
-    """What tells the results of a campaign from all others."""
+    """Return the facts that identify the results of a campaign."""
     campaign = subject.campaign
     return (
         *(campaign.id, campaign.spec.name, campaign.spec.seed),

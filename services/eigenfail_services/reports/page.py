@@ -43,7 +43,7 @@ Draw = Callable[["Figure"], None]
 
 
 class Drawing(NamedTuple):
-    """What is drawn, on a figure of the usual width.
+    """Draws a picture on a figure of the usual width.
 
     Attributes:
         height_in: of the figure [inch].
@@ -54,7 +54,7 @@ class Drawing(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """How one of several things is drawn: told apart by line, marker and hatch, and by colour."""
+    """The style of one of several series: line, marker, hatch and colour."""
 
     colour: str
     line: tuple[int, tuple[float, ...]]
@@ -161,7 +161,7 @@ def draw(name: str, title: str, alternative: str, drawing: Drawing) -> str:
 
 @contextmanager
 def use_style(name: str) -> Iterator[None]:
-    """matplotlib in our style, used by nobody else meanwhile."""
+    """Use matplotlib with the style of reports, under a lock."""
     import matplotlib as mpl
 
     with _one_at_a_time, warnings.catch_warnings(), mpl.rc_context({**STYLE, "svg.hashsalt": name}):
@@ -418,7 +418,7 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def to_csv(table: ReportTable) -> bytes:
-    """UTF-8 with a header of column names; numbers as exact as they are, nothing for None.
+    """Return CSV in UTF-8 with a header; numbers in full precision, None as an empty field.
 
     Text that a spreadsheet would run as a formula has an apostrophe before it.
     """

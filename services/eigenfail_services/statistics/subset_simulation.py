@@ -344,7 +344,7 @@ def estimate_from_failures(
 def estimate_without_failures(
     levels: Sequence[SubsetLevel], end: SubsetEnd, evaluations: int
 ) -> SubsetEstimate:
-    """What is left to say where no failure was reached."""
+    """Return the estimate of simulations that reached no failure."""
     return SubsetEstimate(
         probability=None,
         variation=combine_variations(levels),

@@ -1,4 +1,4 @@
-"""Mean, VaR and CVaR of what was found (Rockafellar and Uryasev 2000, Journal of Risk 2, 21–41)."""
+"""Mean, VaR and CVaR of a sample (Rockafellar and Uryasev 2000, Journal of Risk 2, 21–41)."""
 
 from math import ceil, sqrt
 

@@ -38,7 +38,7 @@ DAY_MS = 24 * 3_600_000
 
 
 class Demand(NamedTuple):
-    """What a quota is held against.
+    """The amount of one quota that a request needs.
 
     Attributes:
         quota: its name.
@@ -89,7 +89,7 @@ def demands(quotas: Quotas, usage: Usage, episodes: Sequence[int]) -> Iterator[D
 
 
 def make_refusal(key: int, name: str, demand: Demand) -> QuotaExceeded:
-    """The refusal: which quota, its limit, what is used, and what to do."""
+    """Return the error of an exhausted quota: its name, limit and usage, and the remedy."""
     command = f"eigenfail key limit {key} --{demand.quota.replace('_', '-')} N"
     return QuotaExceeded(
         f"Key {key} '{name}' may have {demand.limit:,} {demand.what} ({demand.quota}); "

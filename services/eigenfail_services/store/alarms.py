@@ -1,4 +1,4 @@
-"""How a process that cannot write to a database tells all others that use it.
+"""Alarms of processes that cannot write to a database, for all others that use it.
 
 It cannot write that into the database. It can hold a lock, which every process on the database
 sees, and which is released when the process ends.
@@ -40,7 +40,7 @@ class FolderLock:
         self._handle: int | None = None
 
     def hold(self) -> None:
-        """Lock the folder: a file of its own might find no room in it."""
+        """Lock the folder; a separate lock file might not fit on a full disk."""
         if self._handle is not None:
             return
         with suppress(OSError):
@@ -109,7 +109,7 @@ class AdvisoryLock:
         self._connection: Connection | None = None
 
     def hold(self) -> None:
-        """Hold the lock as long as a connection of its own lasts."""
+        """Hold the lock while a dedicated connection lasts."""
         if self._lasts():
             return
         with suppress(SQLAlchemyError):

@@ -137,5 +137,5 @@ def hash_state(state: bytes) -> str:
 
 
 def is_whole(state: bytes, kept: str | None) -> bool:
-    """Return whether a state is what was saved; states of older releases have no hash, and pass."""
+    """Return whether a state matches its hash; states of older releases have none, and pass."""
     return kept is None or hash_state(state) == kept

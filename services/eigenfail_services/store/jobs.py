@@ -99,7 +99,7 @@ def enqueue(connection: Connection, kind: JobKind, subject: int) -> None:
 
 
 def withdraw(connection: Connection, kind: JobKind, subject: int) -> None:
-    """Remove the job of a subject from the queue, whoever holds it."""
+    """Remove the job of a subject from the queue, even if it is claimed."""
     connection.execute(delete(jobs).where(jobs.c.kind == kind, jobs.c.subject == subject))
 
 

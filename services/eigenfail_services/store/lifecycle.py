@@ -212,7 +212,7 @@ def claim_lost(claim: Job) -> ClaimLost:
 
 
 def damaged_checkpoint(campaign: int) -> ProtocolError:
-    """None of a campaign's checkpoints is what was saved."""
+    """Return the error that all checkpoints of a campaign are damaged."""
     return ProtocolError(
         f"The checkpoint of campaign {campaign} cannot be read: its SHA-256 does not match, and "
         "there is no older one that is whole.",

@@ -1,4 +1,4 @@
-"""A cache of what was computed from campaigns' results.
+"""Figures over campaigns and their episodes, and a cache of the expensive ones.
 
 Results are only ever added, so an answer holds as long as their number is the same.
 """
@@ -115,7 +115,7 @@ class CachedQueries:
         return self._answers.get(key, self._results([campaign]).get(campaign, 0), ask)
 
     def totals(self, campaigns: Sequence[int]) -> dict[int, Totals]:
-        """Return the totals of several campaigns; all that are not cached are read at once."""
+        """Return the totals of several campaigns; all uncached ones are read in one query."""
         counts = self._results(campaigns)
         known = {each: self._totals.known(each, counts.get(each, 0)) for each in campaigns}
         missing = [each for each, found in known.items() if found is None]

@@ -116,7 +116,7 @@ NOISE_PRUNED = and_(
 
 
 def select_pruned_ms() -> ScalarSelect[int]:
-    """Select when an episode lost its noise, beside its row; NULL if the noise is there."""
+    """Select the time when an episode lost its noise; NULL if the noise is stored."""
     return (
         select(func.min(prunings.c.pruned_ms))
         .where(NOISE_PRUNED)

@@ -427,7 +427,7 @@ def _size(path: Path) -> int:
 
 
 def _look(path: Path) -> OpenedFiles:
-    """Return what is at the paths of a database now."""
+    """Return the files at the paths of a database."""
     found: list[os.stat_result | None] = []
     for ending in ("", WAL_ENDING, SHM_ENDING):
         try:

@@ -221,7 +221,7 @@ _COMPLETED = episodes.c.outcome != Outcome.FAILED
 
 
 def sum_spending(connection: Connection, campaign: int, most: int) -> SpendingTotals:
-    """Return the worker time in all episodes, and at most `most` landings beside the last one."""
+    """Return the worker time of all episodes, and at most `most` landings plus the last one."""
     inside = episodes.c.campaign == campaign
     completed = connection.execute(select(func.count()).where(inside, _COMPLETED)).scalar_one()
     failed = select(episodes.c.wall_s).where(inside, ~_COMPLETED)

@@ -1,1 +1,1 @@
-"""What a database needs beside its service: it is checked, mended, backed up and restored."""
+"""Maintenance of a database: check, repair, backup, restoration and pruning."""

@@ -210,7 +210,7 @@ class SqliteBackups:
         self._path = sqlite_path(address)
 
     def holds(self, file: Path) -> bool:
-        """Return whether a path leads to the database file or one that SQLite keeps beside it."""
+        """Return whether a path leads to the database file or a companion file of SQLite."""
         path = self._path.resolve()
         return any(
             _is_same_file(file, path.with_name(path.name + ending)) for ending in FILE_SUFFIXES

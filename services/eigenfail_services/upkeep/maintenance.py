@@ -83,7 +83,7 @@ class SqliteVacuum:
         self._path = sqlite_path(address)
 
     def size(self) -> int:
-        """Return the size of the database file and of those that SQLite keeps beside it. [bytes]"""
+        """Return the size of the database file and of SQLite's companion files. [bytes]"""
         sizes = 0
         for ending in FILE_SUFFIXES:
             with suppress(FileNotFoundError):
@@ -262,7 +262,7 @@ class PruneSelection(msgspec.Struct, frozen=True):
 
 
 class CampaignPruning(msgspec.Struct, frozen=True):
-    """What is removed from a campaign, and whether other campaigns need the rest."""
+    """The noise to remove from a campaign, and whether other campaigns need the rest."""
 
     campaign: Campaign
     weight: Weight

@@ -1,4 +1,4 @@
-"""Verification of a database, and repair of what is safe to repair.
+"""Verification of a database, and repair of defects that are safe to repair.
 
 Each check is one statement whose rows are defects, so that a service may write meanwhile. Stored
 episodes are replayed in processes of their own, one for each campaign: what a planner changes in
@@ -245,7 +245,7 @@ def _check_checkpoints(connection: Connection) -> Iterator[Defect]:
 
 
 def _describe_damage(state: bytes, digest: str | None) -> str:
-    """Return what is wrong with a checkpoint; empty if a learner can start from it."""
+    """Return the damage of a checkpoint; empty if a learner can start from it."""
     if digest is not None and sha256(state).hexdigest() != digest:
         return "It is not what was saved: its SHA-256 does not match."
     try:
@@ -275,7 +275,7 @@ EVENT = "database.mended"
 
 
 def repair_database(database: Database) -> tuple[str, ...]:
-    """Repair what is safe to repair, all or nothing, and log an event.
+    """Repair all defects that are safe to repair, in one transaction, and log an event.
 
     A service may use the database meanwhile: a campaign is locked while it is counted.
 
@@ -457,7 +457,7 @@ def _read_stored(store: Store, campaign: int, index: int) -> tuple[EpisodeTask, 
 
 
 def _find_differences(store: Store, campaign: int, indices: Sequence[int]) -> Iterator[Defect]:
-    """Yield a defect for each episode whose second run is not what is stored."""
+    """Yield a defect for each episode whose second run differs from the stored result."""
     stored = [each for index in indices if (each := _read_stored(store, campaign, index))]
     waiting = [(f"episode {campaign}/{task.index}", digest) for task, digest in stored]
     again = replay_in_process(store.campaigns.get(campaign).spec, [task for task, _ in stored])

@@ -1,4 +1,4 @@
-"""Check the bridge at an address in a process of its own: `python -m eigenfail_workers.bridge`.
+"""Check the bridge at an address in a separate process: `python -m eigenfail_workers.bridge`.
 
 The address is read from standard input, and the results of the checks are written to standard
 output, as `eigenfail.processes` defines.

@@ -111,7 +111,7 @@ def _request(
 
 
 def _adapt(check: Callable[..., None]) -> Check:
-    """Return a check of bridges from a check of simulations that needs no planner of its own."""
+    """Return a check of bridges from a check of simulations that needs no planner."""
 
     def run(connection: Connection, start: SlotStart) -> None:
         check(lambda _planner: BridgeSimulation(connection, start))
@@ -145,7 +145,7 @@ def keeps_slots_apart(connection: Connection, start: SlotStart) -> None:
 def _run_side_by_side(
     connection: Connection, start: SlotStart, seeds: list[int]
 ) -> list[list[Observation]]:
-    """Run an episode for each seed in a slot of its own, with all steps in one request."""
+    """Run an episode for each seed in a separate slot, with all steps in one request."""
     starts = (replace(start, slot=slot, seed=seed) for slot, seed in enumerate(seeds))
     courses = [[read_start(seen)] for seen in _reset(connection, *starts)]
     dt_s = find_scenario(connection.welcome, start.scenario).dt_s

@@ -133,7 +133,7 @@ class BridgeEpisode:
         return replace(failed, wall_s=self._measure_wall_s(beside))
 
     def _measure_wall_s(self, beside: int) -> float:
-        """Share of this episode in the wall time so far: each interval counts 1/beside. [s]"""
+        """Share of this episode in the wall time, divided among open episodes. [s]"""
         now_s = perf_counter()
         self._wall_s += (now_s - self._measured_s) / beside
         self._measured_s = now_s

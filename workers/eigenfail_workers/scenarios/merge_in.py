@@ -65,7 +65,7 @@ class MergeInSituation(msgspec.Struct, frozen=True):
 
 
 class MergeIn:
-    """The scenario: the truck on a ramp that ends, two cars on the main lane beside it."""
+    """The scenario: the truck on a ramp that ends, two cars on the adjacent main lane."""
 
     Parameters = MergeInParameters
 

@@ -186,7 +186,7 @@ class InnerProcesses:
         return process.memory_mib() <= self._idle_mib
 
     def drop(self, campaign: int) -> None:
-        """Drop a campaign; a process of its own ends after it has closed what it opened."""
+        """Drop a campaign; its own process ends after closing its resources."""
         if campaign in self._idle:
             dropped = self._idle.pop(campaign)
             dropped.drop(campaign)

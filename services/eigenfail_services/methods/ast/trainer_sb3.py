@@ -22,7 +22,7 @@ KEPT = ("observations", "next_observations", "actions", "rewards", "dones")
 
 
 class SpaceHolder(gymnasium.Env[Array, Array]):
-    """Environment that only tells SAC the shapes; it is never stepped."""
+    """An environment that gives SAC its shapes, and is never stepped."""
 
     def __init__(self, states: int) -> None:
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (states,), np.float32)

@@ -267,7 +267,7 @@ class ChangingLane(PathFollower):
         self._can_turn_back = True
 
     def observe(self, tracks: Sequence[Track], ego: VehicleState, traffic: Traffic, /) -> Traffic:
-        """Return the traffic with the gap beside the truck, which may bring another lead."""
+        """Return the traffic with the gap next to the truck, which may have another lead."""
         gap = self._ramp.finder.find_beside(tracks, ego)
         lead = traffic.lead if gap.ahead is None else find_nearer(gap.ahead, traffic.lead)
         self._left_m = self._path.left_m(ego.x_m)

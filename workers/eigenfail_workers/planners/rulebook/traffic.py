@@ -200,7 +200,7 @@ class GapFinder:
         return track.is_trusted and track.age >= self._youngest
 
     def find_beside(self, tracks: Iterable[Track], ego: VehicleState) -> Gap:
-        """Return the gap beside the truck's centre."""
+        """Return the gap next to the truck's centre."""
         return self._between(*self._split(tracks, ego), ego)
 
     def _split(self, tracks: Iterable[Track], ego: VehicleState) -> Bounds:
