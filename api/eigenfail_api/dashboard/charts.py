@@ -9,13 +9,14 @@ import numpy as np
 from eigenfail.errors import NoisePruned
 from eigenfail.filters import Condition, Conditions, Operator, read_value
 from eigenfail.presentation.figures import (
+    UNKNOWN,
     count_noun,
     format_count,
     format_number,
     format_percent_interval,
     format_share,
 )
-from eigenfail.values import Campaign, Course, CourseBlock, NoiseTrajectory, Outcome
+from eigenfail.values import Campaign, Course, CourseBlock, NoiseTrajectory, Outcome, Rate
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import EpisodeSample
 from eigenfail_services.campaigns.cache import StoreCache
@@ -70,15 +71,15 @@ def curve_chart(course: Course) -> Chart:
         kind="curve",
         title=course.heading,
         caption=(
-            f"Failure rate by blocks of {count_noun(course.per, 'episode')}, with 95 % "
-            "intervals; the table holds likelihood and robustness, too."
+            f"Failure rate by blocks of {count_noun(course.per, 'episode')}"
+            f"{name_bounds(blocks)}; the table holds likelihood and robustness, too."
         ),
         data={
             "middle": [(block.first + block.last) / 2.0 for block in blocks],
             "span": [span(block) for block in blocks],
             "rate": round_values(100.0 * block.failure_rate.value for block in blocks),
-            "low": round_values(100.0 * block.failure_rate.interval.low for block in blocks),
-            "high": round_values(100.0 * block.failure_rate.interval.high for block in blocks),
+            "low": round_values(percent_ends(blocks, "low")),
+            "high": round_values(percent_ends(blocks, "high")),
         },
         columns=(
             *("Episodes", "Failures", "Completed", "Rate", "95 % interval"),
@@ -90,13 +91,32 @@ def curve_chart(course: Course) -> Chart:
                 format_count(block.failure_rate.k),
                 format_count(block.failure_rate.n),
                 format_share(block.failure_rate.value),
-                format_percent_interval(block.failure_rate.interval),
+                format_bounds(block.failure_rate),
                 format_number(block.log_probability_per_step),
                 format_number(block.median_robustness_m),
             )
             for block in blocks
         ),
     )
+
+
+def name_bounds(blocks: Sequence[CourseBlock]) -> str:
+    """Return what a caption says of the intervals of failure rates."""
+    if all(block.failure_rate.sampled for block in blocks):
+        return ", with 95 % intervals"
+    return " that the method chose: shares of these, not rates under p(x)"
+
+
+def percent_ends(blocks: Sequence[CourseBlock], end: str) -> Iterator[float | None]:
+    """Yield one end of the failure rates' intervals [%]; None for the episodes of a search."""
+    for block in blocks:
+        bounds = block.failure_rate.bounds
+        yield None if bounds is None else 100.0 * float(getattr(bounds, end))
+
+
+def format_bounds(rate: Rate) -> str:
+    """Return the interval of a failure rate, or a dash for the episodes of a search."""
+    return UNKNOWN if rate.bounds is None else format_percent_interval(rate.bounds)
 
 
 def span(block: CourseBlock) -> str:

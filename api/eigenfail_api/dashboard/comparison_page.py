@@ -11,7 +11,7 @@ from pydantic import Field
 
 from eigenfail.presentation.campaigns import tabulate_compared, tabulate_sides
 from eigenfail.presentation.figures import count_noun, format_number, format_signed, put_minus_signs
-from eigenfail.presentation.tables import Table, transpose
+from eigenfail.presentation.tables import OWN_EPISODES, Table, transpose
 from eigenfail.values import (
     Campaign,
     CampaignCost,
@@ -32,6 +32,7 @@ from eigenfail_services.campaigns.comparison import (
     Group,
     SettingValues,
     against_first,
+    are_sampled,
     compare,
     format_p_value,
     group_by_seed,
@@ -206,14 +207,12 @@ def difference(found: Comparison) -> str:
     """Of the failure rates."""
     if found.difference is None:
         return "no episode on a side"
-    told = (
-        ""
-        if found.difference.interval.low <= 0.0 <= found.difference.interval.high
-        else ", differs"
-    )
-    ends = (found.difference.interval.low, found.difference.interval.high)
-    interval = f"[{', '.join(format_signed(100.0 * end) for end in ends)}]"
-    return f"{format_signed(100.0 * found.difference.value)} % {interval}{told}"
+    value = f"{format_signed(100.0 * found.difference.value)} %"
+    if not are_sampled(found.a, found.b):
+        return f"{value} {OWN_EPISODES}"
+    low, high = found.difference.interval.low, found.difference.interval.high
+    interval = f"[{', '.join(format_signed(100.0 * end) for end in (low, high))}]"
+    return f"{value} {interval}{'' if low <= 0.0 <= high else ', differs'}"
 
 
 def pairs(found: Comparison) -> str:

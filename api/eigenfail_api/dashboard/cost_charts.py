@@ -12,7 +12,7 @@ from eigenfail.presentation.figures import (
     format_percent_interval,
     format_share,
 )
-from eigenfail.presentation.tables import format_cell
+from eigenfail.presentation.tables import OWN_EPISODES, format_cell
 from eigenfail.values import Cost, Rate, Summary
 from eigenfail.values.campaign import Settings
 from eigenfail.values.comparison import MethodCost, PeerCosts, Peers
@@ -35,6 +35,11 @@ def mark(price: Cost, **whose: object) -> dict[str, object]:
     return {**whose, "value": value, "low": low, "high": high, "at_least": at_least}
 
 
+def has_price(price: Cost) -> bool:
+    """Return whether there is a cost per failure, or a lower bound above zero."""
+    return bool(price.per_failure_usd or price.at_least_usd)
+
+
 def cells(price: Cost) -> tuple[str, str]:
     """The same as text, in the order of `COLUMNS`."""
     cell = format_cell(price)
@@ -48,7 +53,7 @@ REPLAY = "replay"
 def cost_chart(summaries: Sequence[Summary]) -> Chart | None:
     """Cost per failure of the newest campaigns that have one, or a bound above zero."""
     found = [summary for summary in summaries if summary.method != REPLAY]
-    priced = [summary for summary in found if summary.cost.at_least_usd]
+    priced = [summary for summary in found if has_price(summary.cost)]
     if not priced:
         return None
     shown = priced[:MOST_BARS]
@@ -57,9 +62,10 @@ def cost_chart(summaries: Sequence[Summary]) -> Chart | None:
         kind="cost",
         title="Cost per failure",
         caption=(
-            "USD per failure, log scale, with the 95 % interval that its failure rate gives: the "
-            "time billed is taken as it was, and training again may cost another. An arrow is the "
-            "lower bound of a campaign without failures. Replays find nothing new and are left out."
+            "USD per failure, log scale. Campaigns that draw noise from p(x) have the 95 % "
+            "interval that their failure rate gives; a search has none, since another seed may "
+            "cost another amount. An arrow is the lower bound of a campaign without failures. "
+            "Replays find nothing new and are left out."
         ),
         data={"campaigns": [cost_point(summary) for summary in shown]},
         columns=("Campaign", "Method", *COLUMNS, "Failures", "Episodes"),
@@ -129,7 +135,7 @@ def others(count: int) -> tuple[str, ...]:
 
 def has_cost(found: MethodCost) -> bool:
     """Whether it has a cost, or a bound above zero."""
-    return bool(found.cost.at_least_usd)
+    return has_price(found.cost)
 
 
 def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
@@ -141,8 +147,8 @@ def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
         kind="cost",
         title=f"Cost per failure by method: {name_of(group.peers)}",
         caption=(
-            "USD per failure over all campaigns of a method, log scale, with the 95 % interval of "
-            "its failure rate alone: the time billed is taken as it was; "
+            "USD per failure over all campaigns of a method, log scale. A method that draws noise "
+            "from p(x) has the 95 % interval that its failure rate gives, a search has none; "
             "an arrow is the lower bound of a method without failures. "
             f"{' '.join([alike(group.peers), *own])}"
         ),
@@ -206,6 +212,8 @@ def rate_of(rate: Rate | None) -> str:
     """The pooled failure rate."""
     if rate is None:
         return UNKNOWN
+    if rate.bounds is None:
+        return f"{format_share(rate.value)} {OWN_EPISODES}"
     if not rate.k:
-        return f"≤ {format_share(rate.interval.high)}"
-    return f"{format_share(rate.value)} ({format_percent_interval(rate.interval)})"
+        return f"≤ {format_share(rate.bounds.high)}"
+    return f"{format_share(rate.value)} ({format_percent_interval(rate.bounds)})"

@@ -10,12 +10,11 @@ from eigenfail.presentation.figures import (
     UNKNOWN,
     format_count,
     format_number,
-    format_percent_interval,
     format_share,
 )
 from eigenfail.values import Campaign, CampaignCost, CostPoint, Course, Outcome
 from eigenfail.values.records import EpisodeRow
-from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values, span
+from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, format_bounds, round_values, span
 
 STEPS = 10
 """Rows of the table."""
@@ -143,7 +142,7 @@ def rates(compared: Sequence[Compared]) -> Chart:
             one.name,
             span(block),
             format_share(block.failure_rate.value),
-            format_percent_interval(block.failure_rate.interval),
+            format_bounds(block.failure_rate),
         )
         for one in compared
         for block in one.course.blocks
@@ -152,7 +151,7 @@ def rates(compared: Sequence[Compared]) -> Chart:
         id="overlay-rate",
         kind="overlay",
         title="Failure rate over episodes",
-        caption="By blocks of episodes; the table holds the 95 % intervals.",
+        caption="By blocks of episodes; the table holds the 95 % intervals of random samples.",
         data=draw_lines("Episode", "Failure rate [%]", lines),
         columns=("Campaign", "Episodes", "Rate", "95 % interval"),
         rows=tuple(rows[:MOST_ROWS]),

@@ -13,6 +13,7 @@ from eigenfail.presentation.figures import (
     format_percent_interval,
     format_share,
 )
+from eigenfail.presentation.tables import OWN_EPISODES
 from eigenfail.values import Box, Campaign, Rate, Region
 from eigenfail_api.dashboard.rendering import Tile, page
 from eigenfail_api.parameters import CampaignId, Stored
@@ -106,7 +107,8 @@ def share(found: Rate | None) -> Tile:
     if found is None:
         return Tile(UNKNOWN, ("none of the half that is counted",))
     counted = f"{format_count(found.k)} of {format_count(found.n)}"
-    return Tile(format_share(found.value), (format_percent_interval(found.interval), counted))
+    bounds = OWN_EPISODES if found.bounds is None else format_percent_interval(found.bounds)
+    return Tile(format_share(found.value), (bounds, counted))
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

@@ -61,6 +61,10 @@ RESULTS = (
     *(RATE, LIKELIHOOD, SEVERITY, TableColumn("Episodes/s"), COST),
 )
 PARTS_OF_TIME = ("simulation_s", "learning_s", "waiting_s", "lost_s")
+SEARCHES = (
+    "A rate without an interval is a share of the episodes that a search chose: "
+    "no failure rate under p(x). The cost per failure rests on the same episodes."
+)
 STEPS_OF_COST = 10
 """Number of rows of the table of failures by cost."""
 
@@ -100,7 +104,9 @@ def note_results(summaries: Iterable[Summary]) -> tuple[str, ...]:
     """Return the remarks on failure rates and probabilities of campaigns."""
     found = list(summaries)
     bounds = (each.estimate.note for each in found if each.estimate and each.estimate.bound)
+    searches = [each for each in found if each.failure_rate and not each.failure_rate.sampled]
     return (
+        *((SEARCHES,) if searches else ()),
         *(f"Campaign {each.campaign}: {each.remark}" for each in found if each.remark),
         *(f"≥: {reason}" for reason in dict.fromkeys(bounds)),
     )
@@ -203,8 +209,10 @@ def describe_campaign(campaign: Campaign, summary: Summary) -> tuple[Block, ...]
 def _list_findings(summary: Summary) -> FactTable:
     n = f"n = {format_count(summary.counts.failures)}"
     rate = format_line(summary.failure_rate)
+    searched = summary.failure_rate is not None and not summary.failure_rate.sampled
+    chosen = ", chosen by the method" if searched else ""
     rows = (
-        ("failure rate", f"{rate} (n = {format_count(summary.counts.completed)})"),
+        ("failure rate", f"{rate} (n = {format_count(summary.counts.completed)}{chosen})"),
         *([("", summary.remark)] if summary.remark else []),
         ("log p per step", f"{format_number(summary.log_probability_per_step)} of failures ({n})"),
         ("severity", f"{format_number(summary.mean_severity)} m²/s², mean of failures ({n})"),
@@ -249,7 +257,8 @@ def tabulate_course(course: Course) -> tuple[Block, ...]:
         for block in course.blocks
     )
     heading = f"{course.heading} of campaign {course.campaign} ({course.method})"
-    return (heading, Table(course.heading, columns, rows))
+    searched = any(not block.failure_rate.sampled for block in course.blocks)
+    return (heading, Table(course.heading, columns, rows, (SEARCHES,) if searched else ()))
 
 
 def tabulate_safety_measures(found: Safety) -> Table:

@@ -16,6 +16,8 @@ from eigenfail.presentation.figures import UNKNOWN
 from eigenfail.values import Cost, Estimate, Figure, MeanTime, Rate
 
 NO_EPISODE = "no episode completed"
+NO_FAILURE = "no failure"
+OWN_EPISODES = "of the episodes that the method chose"
 
 _SENTENCE_CASE = re.compile(r"[A-Z][a-z]+\b")
 
@@ -192,10 +194,12 @@ def _(value: int) -> FormattedCell:
 @_format.register
 def _(value: Rate) -> FormattedCell:
     """A share with its interval; of no event, the upper bound, near 3 / n."""
+    if value.bounds is None:
+        return FormattedCell(figures.format_share(value.value), basis=(OWN_EPISODES,))
     if not value.k:
-        bound = f"≤ {figures.format_share(value.interval.high)}"
+        bound = f"≤ {figures.format_share(value.bounds.high)}"
         return FormattedCell(bound, sample=f"0 of {value.n:,}", basis=("95 % upper bound",))
-    interval = figures.format_interval(value.interval, 100.0)
+    interval = figures.format_interval(value.bounds, 100.0)
     return FormattedCell(figures.format_share(value.value), interval)
 
 
@@ -204,7 +208,7 @@ def _(value: Cost) -> FormattedCell:
     """The cost per failure in USD, or its lower bound where there is no failure."""
     if value.per_failure_usd is None:
         if value.at_least_usd is None:
-            return FormattedCell(UNKNOWN, basis=(NO_EPISODE,))
+            return FormattedCell(UNKNOWN, basis=(NO_FAILURE,))
         bound = f"≥ {figures.format_usd(value.at_least_usd)}"
         return FormattedCell(bound, basis=("95 % lower bound",))
     amount = figures.format_usd(value.per_failure_usd)

@@ -429,12 +429,24 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Rate(msgspec.Struct, frozen=True):
-    """k of n, with its interval."""
+    """k of n, with its interval.
+
+    Attributes:
+        interval: Wilson's 95 % interval, as if the n were a random sample.
+        sampled: whether they are one. The episodes of a search are not: it chose them, so that
+            their share estimates no probability, and has no interval.
+    """
 
     value: float
     k: int
     n: int
     interval: Interval
+    sampled: bool = True
+
+    @property
+    def bounds(self) -> Interval | None:
+        """The interval of a random sample; None for the episodes of a search."""
+        return self.interval if self.sampled else None
 
 
 class Cost(msgspec.Struct, frozen=True):

@@ -49,7 +49,7 @@ class Unresolved(msgspec.Struct, frozen=True):
     horizon_s: float | None = None
 
     def words(self, completed: int) -> str:
-        """Return sentences on episodes that ended before a sure collision; empty if there are none."""
+        """Return sentences on episodes that ended before a sure collision; empty if none did."""
         within = "" if self.horizon_s is None else f" within {self.horizon_s:g} s"
         sure = f"{self.count:,} of {completed:,} had no collision{within}, but ended while braking"
         perhaps = f"{self.not_known:,} of {completed:,} without a collision{within} may have ended"

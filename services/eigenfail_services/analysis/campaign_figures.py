@@ -1,10 +1,11 @@
 """Figures of a campaign over its episodes: learning curve, cost of failures, safety measures."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import ceil
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import traits_of
@@ -59,21 +60,40 @@ def course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> Cours
         method=campaign.spec.method,
         heading=heading(campaign.spec.method),
         per=per,
-        blocks=tuple(block(each, per, campaign.counts.planned) for each in totals),
+        blocks=tuple(
+            block(each, per, campaign.counts.planned, campaign.spec.method) for each in totals
+        ),
     )
 
 
-def block(totals: BlockTotals, per: int, planned: int) -> CourseBlock:
+def block(totals: BlockTotals, per: int, planned: int, method: str) -> CourseBlock:
     """One block; the last of a campaign may be shorter."""
     steps = totals.steps
     return CourseBlock(
         first=totals.first,
         last=min(totals.first + per, planned) - 1,
-        failure_rate=rate(totals.failures, totals.completed),
+        failure_rate=rate_episodes([method], totals.failures, totals.completed),
         log_probability_per_step=totals.log_probability / steps if steps else None,
         smallest_robustness_m=totals.smallest_robustness_m,
         median_robustness_m=totals.median_robustness_m,
     )
+
+
+def rate_episodes(methods: Iterable[str], k: int, n: int) -> Rate:
+    """Return k of n episodes, as a random sample only if all methods draw noise from p(x).
+
+    Raises:
+        InvalidValue: no episode, or not 0 <= k <= n.
+    """
+    sampled = all(traits_of(method).draws_from_prior for method in methods)
+    return replace(rate(k, n), sampled=sampled)
+
+
+def price_failures(methods: Iterable[str], found: Cost) -> Cost:
+    """Return the cost of failures, with bounds only if all methods draw noise from p(x)."""
+    if all(traits_of(method).draws_from_prior for method in methods):
+        return found
+    return replace(found, interval_usd=None, at_least_usd=None)
 
 
 def block_length(counts: Counts, wanted: int | None = None) -> int:
@@ -285,16 +305,17 @@ def safety(
     Raises:
         InvalidValue: the level is not between 0 and 1.
     """
+    method = campaign.spec.method
     return Safety(
         campaign=campaign.id,
         name=campaign.spec.name,
-        method=campaign.spec.method,
+        method=method,
         completed=totals.completed,
-        collisions=share(totals.failures, totals.completed),
-        near_misses=share(conflicts.near_misses, totals.completed),
+        collisions=share(method, totals.failures, totals.completed),
+        near_misses=share(method, conflicts.near_misses, totals.completed),
         conflicts=conflicts,
-        ttc=_count_violations(totals.ttc, NEAR_MISS_TTC_S, totals.completed),
-        drac=_count_violations(totals.drac, PEAK_BRAKING_MPS2, totals.completed),
+        ttc=_count_violations(method, totals.ttc, NEAR_MISS_TTC_S, totals.completed),
+        drac=_count_violations(method, totals.drac, PEAK_BRAKING_MPS2, totals.completed),
         severity=tail_risk(totals.severities, level),
         scatter=Scatter(totals.points, len(totals.severities), _correlate(totals.points)),
         unresolved=unresolved,
@@ -302,16 +323,18 @@ def safety(
     )
 
 
-def share(k: int, n: int) -> Rate | None:
-    """k of n with its interval; None of nothing."""
-    return rate(min(k, n), n) if n else None
+def share(method: str, k: int, n: int) -> Rate | None:
+    """Return k of n episodes of a method; None without an episode."""
+    return rate_episodes([method], min(k, n), n) if n else None
 
 
-def _count_violations(totals: MeasureTotals, threshold: float, completed: int) -> Violations:
+def _count_violations(
+    method: str, totals: MeasureTotals, threshold: float, completed: int
+) -> Violations:
     """A row of the table."""
     return Violations(
         threshold=threshold,
-        beyond=share(totals.violations, completed),
+        beyond=share(method, totals.violations, completed),
         n=totals.n,
         median=totals.median,
         worst=totals.worst,

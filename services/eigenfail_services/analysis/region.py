@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from scipy.stats import hypergeom
 from sklearn.tree import DecisionTreeClassifier
 
-from eigenfail.values import Box, Region
+from eigenfail.values import Box, Rate, Region
 from eigenfail.values.comparison import Bound
-from eigenfail_services.analysis.campaign_figures import share
-from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.analysis.campaign_figures import rate_episodes
 
 Table = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -151,6 +150,7 @@ class RegionQuestion(NamedTuple):
         values: of these, shape (episodes, parameters).
         failed: shape (episodes,).
         warnings: what is already known to speak against the answer.
+        methods: of the campaigns; shares of episodes that a search chose have no interval.
     """
 
     campaigns: tuple[int, ...]
@@ -159,6 +159,11 @@ class RegionQuestion(NamedTuple):
     values: Table
     failed: Flags
     warnings: tuple[str, ...] = ()
+    methods: frozenset[str] = frozenset()
+
+    def rate(self, k: int, n: int) -> Rate:
+        """Return k of n of the episodes."""
+        return rate_episodes(self.methods, k, n)
 
 
 def find_failing_region(asked: RegionQuestion) -> Region:
@@ -201,7 +206,9 @@ def _make_empty_region(asked: RegionQuestion, problem: str) -> Region:
         parameters=asked.names,
         episodes=len(asked.failed),
         failures=int(asked.failed.sum()),
-        failure_rate=share(int(asked.failed.sum()), len(asked.failed)),
+        failure_rate=asked.rate(int(asked.failed.sum()), len(asked.failed))
+        if len(asked.failed)
+        else None,
         problem=problem,
         warnings=asked.warnings,
     )
@@ -246,10 +253,10 @@ def _make_region(
         parameters=asked.names,
         episodes=len(failed),
         failures=int(failed.sum()),
-        failure_rate=rate(all_failures, len(held)),
+        failure_rate=asked.rate(all_failures, len(held)),
         boxes=tuple(sorted(boxes, key=lambda one: (-one.coverage.k, one.words))),
-        coverage=rate(k, all_failures),
-        precision=rate(k, n),
+        coverage=asked.rate(k, all_failures),
+        precision=asked.rate(k, n),
         p_value=p_value,
         warnings=asked.warnings,
     )
@@ -262,6 +269,6 @@ def _make_box(asked: RegionQuestion, leaf: _Leaf, rows: NDArray[np.intp], all_fa
     return Box(
         bounds=bounds,
         words=", ".join(each.words for each in bounds),
-        coverage=rate(k, all_failures),
-        precision=share(k, len(rows)),
+        coverage=asked.rate(k, all_failures),
+        precision=asked.rate(k, len(rows)) if len(rows) else None,
     )

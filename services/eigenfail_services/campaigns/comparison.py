@@ -20,7 +20,7 @@ from eigenfail.values import (
     Side,
 )
 from eigenfail.versions import describe_mixed
-from eigenfail_services.analysis.campaign_figures import cost
+from eigenfail_services.analysis.campaign_figures import cost, price_failures, rate_episodes
 from eigenfail_services.campaigns.drafts import fill_defaults
 from eigenfail_services.campaigns.pairing import (
     find_differing_fields,
@@ -32,7 +32,6 @@ from eigenfail_services.campaigns.pairing import (
 )
 from eigenfail_services.campaigns.summary import divide, find_failure_rate
 from eigenfail_services.statistics.comparison import LEAST_VALUES, difference, effect_size, mcnemar
-from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.store import Store
 
 SMALLEST_P = 1e-4
@@ -43,7 +42,7 @@ def _list_sentences(found: Comparison) -> tuple[str, ...]:
     a, b, pairs = found.a, found.b, found.pairs
     return (
         f"A {_describe_failures(a)}; B {_describe_failures(b)}.",
-        *([_compare_rates(found.difference)] if found.difference else []),
+        *([_compare_rates(found.difference)] if found.difference and are_sampled(a, b) else []),
         _describe_pairs(pairs) if pairs else f"Episodes are not paired: {found.unpaired_because}",
         f"A failure costs {_format_price(a.cost)} with A, {_format_price(b.cost)} with B.",
         *_compare_likelihood(a, b),
@@ -55,8 +54,15 @@ def _describe_failures(side: Side) -> str:
     rate = side.failure_rate
     if rate is None:
         return "has completed no episode"
-    share = f"{_format_percent(rate.value)} {_format_bounds(rate.interval)}"
+    if rate.bounds is None:
+        return f"fails in {rate.k} of the {rate.n} episodes that it chose"
+    share = f"{_format_percent(rate.value)} {_format_bounds(rate.bounds)}"
     return f"fails in {share} of {rate.n} episodes"
+
+
+def are_sampled(*sides: Side) -> bool:
+    """Return whether the episodes of all sides are random samples, whose rates can be compared."""
+    return all(side.failure_rate is not None and side.failure_rate.sampled for side in sides)
 
 
 def _compare_rates(found: Difference) -> str:
@@ -163,7 +169,9 @@ def _format_price(cost: Cost) -> str:
         return f"{_format_usd(cost.per_failure_usd)} USD [{_format_usd(low)}, {_format_usd(high)}]"
     if cost.at_least_usd is not None:
         return f"at least {_format_usd(cost.at_least_usd)} USD"
-    return "nobody knows what"
+    if cost.per_failure_usd is not None:
+        return f"{_format_usd(cost.per_failure_usd)} USD"
+    return "an unknown amount"
 
 
 def _format_usd(amount: float) -> str:
@@ -246,18 +254,19 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
     completed = sum(campaign.counts.completed for campaign in campaigns)
     failures = sum(campaign.counts.failures for campaign in campaigns)
     rates = [find_failure_rate(campaign) for campaign in campaigns]
+    methods = {campaign.spec.method for campaign in campaigns}
     severities = [each.severity for each in totals if each.severity is not None]
     return Side(
         campaigns=tuple(campaign.id for campaign in campaigns),
         completed=completed,
         failures=failures,
-        failure_rate=rate(failures, completed) if completed else None,
+        failure_rate=rate_episodes(methods, failures, completed) if completed else None,
         rates=tuple(each.value if each else None for each in rates),
         log_probability_per_step=divide(
             sum(each.log_probability for each in totals), sum(each.steps for each in totals)
         ),
         mean_severity=divide(sum(severities) if severities else None, failures),
-        cost=_sum_cost(campaigns, failures, completed),
+        cost=price_failures(methods, _sum_cost(campaigns, failures, completed)),
     )
 
 

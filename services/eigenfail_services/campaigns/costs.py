@@ -31,11 +31,12 @@ from eigenfail_services.analysis.campaign_figures import (
     KnownModes,
     cost,
     make_cost_curve,
+    price_failures,
+    rate_episodes,
     split_time,
     was_cut,
 )
 from eigenfail_services.campaigns.summary import divide, find_cost, find_safety, find_worker_shares
-from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.store import Store
 
 LOOKED_AT = 100
@@ -209,20 +210,23 @@ def _make_peer_costs(pools: Sequence[Pool]) -> PeerCosts:
 
 def _make_method_cost(pool: Pool) -> MethodCost:
     hours = pool.instance_hours
+    found = cost(
+        active_s=hours * SECONDS_PER_HOUR,
+        instances=1,
+        price_usd_per_hour=pool.total_usd / hours if hours else 0.0,
+        failures=pool.failures,
+        completed=pool.completed,
+    )
     return MethodCost(
         method=pool.method,
         campaigns=pool.campaigns,
         newest=pool.newest,
         completed=pool.completed,
         failures=pool.failures,
-        failure_rate=rate(pool.failures, pool.completed) if pool.completed else None,
-        cost=cost(
-            active_s=hours * SECONDS_PER_HOUR,
-            instances=1,
-            price_usd_per_hour=pool.total_usd / hours if hours else 0.0,
-            failures=pool.failures,
-            completed=pool.completed,
+        failure_rate=(
+            rate_episodes([pool.method], pool.failures, pool.completed) if pool.completed else None
         ),
+        cost=price_failures([pool.method], found),
     )
 
 

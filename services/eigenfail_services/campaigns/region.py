@@ -120,7 +120,15 @@ def compute_region(asked: RegionQuery) -> Region:
     failed = np.frombuffer(b"".join(one.failed for one in asked.tried), np.bool_)
     warnings = (*left_out, *asked.warnings)
     return find_failing_region(
-        RegionQuestion(asked.campaigns, asked.scenario, names, values, failed, warnings)
+        RegionQuestion(
+            campaigns=asked.campaigns,
+            scenario=asked.scenario,
+            names=names,
+            values=values,
+            failed=failed,
+            warnings=warnings,
+            methods=frozenset(one.spec.method for one in asked.tried),
+        )
     )
 
 

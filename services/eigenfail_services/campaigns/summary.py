@@ -30,13 +30,19 @@ from eigenfail.values.safety import LEVEL
 from eigenfail.values.suite import SuiteRow, SuiteTable, member_of
 from eigenfail.values.summary import Errored
 from eigenfail.worlds import world_of
-from eigenfail_services.analysis.campaign_figures import block_length, cost, course, safety
+from eigenfail_services.analysis.campaign_figures import (
+    block_length,
+    cost,
+    course,
+    price_failures,
+    rate_episodes,
+    safety,
+)
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.resolution import find_searching, resolve_method
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.hub.worker_table import WORKERS_LACKING, WORKERS_MET
 from eigenfail_services.methods import describe_reach
-from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.lifecycle import no_episode
@@ -148,18 +154,21 @@ def _find_horizon_s(text: bytes) -> float | None:
 def find_failure_rate(campaign: Campaign) -> Rate | None:
     """Return collisions within the horizon ÷ completed episodes; None before the first episode."""
     counts = campaign.counts
-    return rate(counts.failures, counts.completed) if counts.completed else None
+    if not counts.completed:
+        return None
+    return rate_episodes([campaign.spec.method], counts.failures, counts.completed)
 
 
 def find_cost(campaign: Campaign) -> Cost:
     """Return the cost of a campaign's instances while it was running."""
-    return cost(
+    found = cost(
         active_s=campaign.active_s,
         instances=campaign.spec.instances,
         price_usd_per_hour=campaign.spec.price_usd_per_hour,
         failures=campaign.counts.failures,
         completed=campaign.counts.completed,
     )
+    return price_failures([campaign.spec.method], found)
 
 
 def divide(amount: float | None, per: float) -> float | None:

@@ -7,17 +7,18 @@ from eigenfail.errors import Conflict, InputError
 from eigenfail.presentation.figures import (
     UNKNOWN,
     format_amount,
-    format_interval,
     format_number,
+    format_percent_interval,
     format_share,
 )
-from eigenfail.presentation.tables import format_cost
+from eigenfail.presentation.tables import OWN_EPISODES, format_cost
 from eigenfail.values import CampaignCost, CostPoint, MinimalFailure, Rate, Region
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.minimal_failures import METHOD, find_minimal_failure
 from eigenfail_services.campaigns.region import find_region
 from eigenfail_services.reports.material import Material, Subject
+from eigenfail_services.reports.outcomes import list_bounds
 from eigenfail_services.reports.page import (
     Drawing,
     Grid,
@@ -276,7 +277,7 @@ def rows(found: list[Region]) -> Iterator[tuple[Cell, ...]]:
     for region in found:
         for number, box in enumerate(region.boxes, start=1):
             rate = box.precision
-            inside = (rate.value, rate.interval.low, rate.interval.high) if rate else (None,) * 3
+            inside = (rate.value, *list_bounds(rate)) if rate else (None,) * 3
             for bound in box.bounds:
                 where = (bound.parameter, bound.low, bound.high, bound.unit)
                 yield (list_campaigns(region), number, *where, box.coverage.value, *inside)
@@ -297,8 +298,10 @@ def format_region_share(found: Rate | None) -> tuple[str, ...]:
     """A share with its interval and what it rests on."""
     if found is None:
         return (UNKNOWN,)
-    bounds = format_interval(found.interval, 100.0)
-    return (format_share(found.value), f"95 %: {bounds} %, {found.k:,} of {found.n:,}")
+    counted = f"{found.k:,} of {found.n:,}"
+    if found.bounds is None:
+        return (format_share(found.value), f"{counted} {OWN_EPISODES}")
+    return (format_share(found.value), f"95 %: {format_percent_interval(found.bounds)}, {counted}")
 
 
 MINIMAL_COLUMNS = (

@@ -3,11 +3,18 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from eigenfail.presentation.figures import UNKNOWN, format_interval, format_number, format_share
-from eigenfail.presentation.tables import NO_EPISODE
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    format_interval,
+    format_number,
+    format_percent_interval,
+    format_share,
+)
+from eigenfail.presentation.tables import NO_EPISODE, OWN_EPISODES
 from eigenfail.values import (
     CourseBlock,
     FailurePoint,
+    Interval,
     MeanTime,
     Rate,
     SeverityRisk,
@@ -20,6 +27,7 @@ from eigenfail.values.records import IN_WORDS
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
 from eigenfail.values.safety import LEVEL
 from eigenfail_services.reports.material import Material, Subject, sample_note
+from eigenfail_services.reports.outcomes import list_bounds
 from eigenfail_services.reports.page import (
     Drawing,
     ReportPart,
@@ -108,7 +116,7 @@ def format_safety_share(found: Rate | None) -> tuple[Cell, ...]:
     """k of n as a share with its interval."""
     if found is None:
         return (None, None, None, None, None, "share")
-    return (found.k, found.n, found.value, found.interval.low, found.interval.high, "share")
+    return (found.k, found.n, found.value, *list_bounds(found), "share")
 
 
 def count(k: int, n: int) -> tuple[Cell, ...]:
@@ -133,7 +141,9 @@ def of(found: Rate | None) -> tuple[str, ...]:
     """k of n, and the share."""
     if found is None:
         return (UNKNOWN, NO_EPISODE)
-    return (f"{found.k:,} of {found.n:,}", f"95 %: {format_interval(found.interval, 100.0)} %")
+    if found.bounds is None:
+        return (f"{found.k:,} of {found.n:,}", OWN_EPISODES)
+    return (f"{found.k:,} of {found.n:,}", f"95 %: {format_percent_interval(found.bounds)}")
 
 
 def beyond(found: Violations, unit: str) -> tuple[str, ...]:
@@ -351,7 +361,7 @@ def list_learning(subject: Subject, block: CourseBlock) -> tuple[Cell, ...]:
     rate = block.failure_rate
     return (
         *(subject.id, block.first, block.last, rate.n, rate.k),
-        *(rate.value, rate.interval.low, rate.interval.high),
+        *(rate.value, *list_bounds(rate)),
         *(block.log_probability_per_step, block.smallest_robustness_m, block.median_robustness_m),
     )
 
@@ -385,8 +395,10 @@ def draw_learning(group: tuple[Subject, ...]) -> Drawing:
             look, blocks = mark(subject.place), subject.course.blocks
             middle = [(block.first + block.last) / 2.0 for block in blocks]
             rates = [block.failure_rate for block in blocks]
-            down = [100.0 * (rate.value - rate.interval.low) for rate in rates]
-            up = [100.0 * (rate.interval.high - rate.value) for rate in rates]
+            bounds = [rate.bounds or Interval(rate.value, rate.value) for rate in rates]
+            pairs = list(zip(rates, bounds, strict=True))
+            down = [100.0 * (rate.value - each.low) for rate, each in pairs]
+            up = [100.0 * (each.high - rate.value) for rate, each in pairs]
             above.errorbar(
                 middle,
                 [100.0 * rate.value for rate in rates],

@@ -13,14 +13,14 @@ from eigenfail.presentation.figures import (
     UNKNOWN,
     format_amount,
     format_count,
-    format_interval,
     format_number,
+    format_percent_interval,
     format_share,
     format_utc,
 )
-from eigenfail.presentation.tables import format_cell, format_cost
+from eigenfail.presentation.tables import OWN_EPISODES, format_cell, format_cost
 from eigenfail.settings import defaults_of
-from eigenfail.values import Campaign, CampaignSpec
+from eigenfail.values import Campaign, CampaignSpec, Rate
 from eigenfail.values.report import Cell, ReportSection
 from eigenfail.worlds import describe_disturbance, world_of
 from eigenfail_services.campaigns.comparison import warn_of_seeds
@@ -122,10 +122,16 @@ def list_results(subject: Subject) -> tuple[Cell, ...]:
     )
 
 
+def list_bounds(rate: Rate) -> tuple[float | None, float | None]:
+    """Return both ends of the interval of a rate; None for the episodes of a search."""
+    bounds = rate.bounds
+    return (None, None) if bounds is None else (bounds.low, bounds.high)
+
+
 def rate_cells(subject: Subject) -> tuple[Cell, ...]:
     """The failure rate and its interval, within which time, and what ended too early to tell."""
     rate, ended = subject.summary.failure_rate, subject.summary.unresolved
-    bounds = (rate.value, rate.interval.low, rate.interval.high) if rate else (None,) * 3
+    bounds = (rate.value, *list_bounds(rate)) if rate else (None,) * 3
     return (*bounds, ended.horizon_s, ended.count, ended.not_known)
 
 
@@ -157,7 +163,10 @@ def sentence(subject: Subject) -> str:
         found = f"no failure in {rate.n:,} episodes; {price(subject)}."
         return f"{who}: {found} {summary.remark}".strip()
     found = f"{rate.k:,} failures in {rate.n:,} episodes"
-    share = f"{format_share(rate.value)} (95 %: {format_interval(rate.interval, 100.0)} %)"
+    sure = (
+        OWN_EPISODES if rate.bounds is None else f"(95 %: {format_percent_interval(rate.bounds)})"
+    )
+    share = f"{format_share(rate.value)} {sure}"
     return f"{who}: {found}, {share}; {price(subject)}. {summary.remark}".strip()
 
 
@@ -165,7 +174,9 @@ def price(subject: Subject) -> str:
     """What a failure cost, or costs at least."""
     cost = format_cost(subject.summary.cost)
     if subject.summary.counts.failures:
-        return f"a failure cost {cost.value} (95 %: {cost.interval})"
+        return f"a failure cost {cost.value}{f' (95 %: {cost.interval})' if cost.interval else ''}"
+    if subject.summary.cost.at_least_usd is None:
+        return f"{format_amount(subject.summary.cost.total_usd)} were spent"
     return f"a failure costs at least {cost.value.removeprefix('≥ ')} (95 %)"
 
 

@@ -72,5 +72,9 @@ def test_a_method_that_tells_none_has_no_tile(campaign):
 
 
 def test_no_failure_is_an_upper_bound(campaign):
-    figure = failures(summarise(campaign, Totals(0, 0.0, 0, 0.0)))
+    nothing = Totals(0, 0.0, 0, 0.0)
+    drawn = replace(campaign, spec=replace(campaign.spec, method="monte_carlo"))
+    figure = failures(summarise(drawn, nothing))
     assert figure == Tile("0 of 2,000", ("≤ 0.150 %", "95 % upper bound"))
+    chosen = failures(summarise(campaign, nothing))
+    assert chosen == Tile("0 of 2,000", ("0 %", "of the episodes that the method chose"))

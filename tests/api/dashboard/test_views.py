@@ -126,6 +126,10 @@ def test_bounds_of_nothing_are_not_drawn_on_a_log_axis():
     assert cost_chart([nothing]) is None
     (point,) = cost_chart([nothing, summarise(paid, totals(5))]).data["campaigns"]
     assert point["value"] == pytest.approx(0.2)
+    assert (point["low"], point["high"], point["at_least"]) == (None, None, None)
+    drawn = replace(paid, spec=replace(paid.spec, method="monte_carlo"))
+    (point,) = cost_chart([summarise(drawn, totals(5))]).data["campaigns"]
+    assert point["value"] == pytest.approx(0.2)
     assert point["low"] < 0.2 < point["high"]
 
 

@@ -119,13 +119,21 @@ def test_cost_per_failure_is_never_infinite_or_zero_for_want_of_failures(cost, t
     assert format_line(cost) == text
 
 
+@pytest.mark.parametrize(("k", "text"), [(347, "86.8 %"), (0, "0 %")])
+def test_a_share_of_the_episodes_of_a_search_has_no_interval(k, text):
+    share = Rate(k / 400, k, 400, Interval(0.0, 0.9), sampled=False)
+    assert share.bounds is None
+    assert format_cell(share).lines == (text, "of the episodes that the method chose")
+    assert Rate(k / 400, k, 400, Interval(0.0, 0.9)).bounds == Interval(0.0, 0.9)
+
+
 def test_a_cost_outside_a_table_has_its_unit():
     known = Cost(1.0, 1.0, 0.5, Interval(0.25, 1.0), 0.25)
     assert format_cost(known).lines == ("0.500 USD", "95 %: [0.250, 1.00] USD")
     bound = Cost(1.0, 1.0, None, None, 0.25)
     assert format_cost(bound).lines == ("≥ 0.250 USD", "95 % lower bound")
     nothing = Cost(0.0, 0.0, None, None, None)
-    assert format_cost(nothing).lines == ("–", "no episode completed")
+    assert format_cost(nothing).lines == ("–", "no failure")
 
 
 def test_times_are_in_utc():

@@ -1,6 +1,7 @@
 """The course of a campaign: blocks, their length, and what they are called."""
 
 import pytest
+from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import BlockTotals, Campaign, CampaignSpec, CampaignState, Counts
@@ -51,8 +52,8 @@ def test_blocks_by_hand() -> None:
         BlockTotals(0, 100, 0, 0.0, 0, 1.5, 4.0),
         BlockTotals(200, 53, 2, -300.0, 120, 0.0, None),
     ]
-    found = course(campaign("ast"), 100, totals)
-    assert (found.campaign, found.method, found.per) == (7, "ast", 100)
+    found = course(campaign("monte_carlo"), 100, totals)
+    assert (found.campaign, found.method, found.per) == (7, "monte_carlo", 100)
     first, second = found.blocks
     assert (first.first, first.last, first.failure_rate) == (0, 99, rate(0, 100))
     assert first.log_probability_per_step is None
@@ -60,6 +61,13 @@ def test_blocks_by_hand() -> None:
     assert (second.first, second.last, second.failure_rate) == (200, 249, rate(2, 53))
     assert second.log_probability_per_step == -2.5
     assert second.median_robustness_m is None
+
+
+def test_blocks_of_a_search_are_no_random_sample() -> None:
+    totals = [BlockTotals(0, 100, 7, -300.0, 120, 0.0, None)]
+    (drawn,), (chosen,) = (course(campaign(m), 100, totals).blocks for m in ("monte_carlo", "ast"))
+    assert drawn.failure_rate == rate(7, 100)
+    assert chosen.failure_rate == replace(rate(7, 100), sampled=False)
 
 
 @pytest.mark.parametrize(

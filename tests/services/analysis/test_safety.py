@@ -46,8 +46,9 @@ def point(index: int) -> FailurePoint:
 
 
 def test_the_paper_s_table() -> None:
-    found = safety(campaign(), totals([100.0] * 9, map(point, range(9))), PAPER, NOBODY)
-    assert (found.campaign, found.name, found.method, found.completed) == (7, "truck", "difs", 300)
+    of_chance = campaign("monte_carlo")
+    found = safety(of_chance, totals([100.0] * 9, map(point, range(9))), PAPER, NOBODY)
+    assert (found.campaign, found.name, found.completed) == (7, "truck", 300)
     assert found.collisions == rate(9, 300)
     assert found.near_misses == rate(10, 300)
     assert found.ttc.beyond == rate(19, 300)
@@ -66,6 +67,9 @@ def test_failures_that_a_search_chose_are_said_to_be_chosen() -> None:
         campaign("monte_carlo"), totals([1.0] * 9, map(point, range(9))), PAPER, Unresolved()
     ).notes
     assert "those that difs chose" in " ".join(chosen)
+    found = safety(campaign(), totals(), PAPER, NOBODY)
+    shares = (found.collisions, found.near_misses, found.ttc.beyond, found.drac.beyond)
+    assert [(share.k, share.sampled) for share in shares] == [(n, False) for n in (9, 10, 19, 4)]
     assert drawn == ()
 
 

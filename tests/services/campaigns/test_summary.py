@@ -21,9 +21,9 @@ from eigenfail_services.statistics.intervals import rate
 NOTHING = Totals(failures=0, log_probability=0.0, steps=0, severity=0.0)
 
 
-def campaign(counts: Counts, active_s: float = 0.0) -> Campaign:
+def campaign(counts: Counts, active_s: float = 0.0, method: str = "monte_carlo") -> Campaign:
     spec = CampaignSpec(
-        name="truck", method="ast", episodes=counts.planned, price_usd_per_hour=1.8, instances=2
+        name="truck", method=method, episodes=counts.planned, price_usd_per_hour=1.8, instances=2
     )
     return Campaign(
         id=7,
@@ -38,7 +38,7 @@ def campaign(counts: Counts, active_s: float = 0.0) -> Campaign:
 def test_a_campaign_with_failures() -> None:
     counts = Counts(planned=100, completed=80, failures=4, failed=2)
     row = summarise(campaign(counts, active_s=40.0), Totals(4, -600.0, 240, 500.0))
-    assert (row.campaign, row.name, row.method, row.counts) == (7, "truck", "ast", counts)
+    assert (row.campaign, row.name, row.method, row.counts) == (7, "truck", "monte_carlo", counts)
     assert row.failure_rate == rate(4, 80)
     assert row.mean_log_probability == -150.0
     assert row.log_probability_per_step == -2.5
@@ -53,6 +53,15 @@ def test_a_campaign_without_a_failure_has_no_means_but_a_price() -> None:
     assert row.mean_log_probability is row.log_probability_per_step is row.mean_severity is None
     assert row.failure_rate == rate(0, 80)
     assert row.cost.at_least_usd == pytest.approx(0.04 / (80 * row.failure_rate.interval.high))
+
+
+@pytest.mark.parametrize("failures", [0, 4])
+def test_the_share_of_a_search_has_no_interval_and_its_cost_neither(failures) -> None:
+    counts = Counts(planned=100, completed=80, failures=failures)
+    row = summarise(campaign(counts, active_s=40.0, method="ast"), NOTHING)
+    assert row.failure_rate == replace(rate(failures, 80), sampled=False)
+    assert row.cost.per_failure_usd == (0.01 if failures else None)
+    assert row.cost.interval_usd is row.cost.at_least_usd is None
 
 
 def test_a_campaign_that_has_not_begun_has_neither_rate_nor_speed() -> None:
@@ -115,7 +124,7 @@ def ended(counts: Counts, **spec: object) -> Campaign:
 
 def test_a_method_that_found_nothing_says_where_its_reach_ends() -> None:
     none = Counts(planned=100, completed=100)
-    assert summarise(ended(none), NOTHING).remark == (
+    assert summarise(ended(none, method="ast"), NOTHING).remark == (
         "No failure was found. The method explores disturbances of at most 2 sigma, held for 10 "
         "steps; failures beyond are out of its reach. Raise `amplitude`, or run cem, difs or "
         "subset."
@@ -131,7 +140,7 @@ def test_a_method_without_a_bounded_reach_says_nothing_of_one(method: str) -> No
 
 
 def test_reach_is_told_only_of_campaigns_that_ended_without_a_failure() -> None:
-    assert summarise(campaign(Counts(100, completed=80)), NOTHING).reach == ""
-    assert summarise(ended(Counts(100, failed=100)), NOTHING).reach == ""
+    assert summarise(campaign(Counts(100, completed=80), method="ast"), NOTHING).reach == ""
+    assert summarise(ended(Counts(100, failed=100), method="ast"), NOTHING).reach == ""
     found = Totals(4, -600.0, 240, 500.0)
-    assert summarise(ended(Counts(100, completed=80, failures=4)), found).reach == ""
+    assert summarise(ended(Counts(100, completed=80, failures=4), method="ast"), found).reach == ""

@@ -6,12 +6,12 @@ export function curve({ middle, span, rate, low, high }) {
   return {
     grid: grid(),
     xAxis: axis("Episode", { min: 0 }),
-    yAxis: yAxis("Failure rate [%]", { min: 0, max: Math.max(...high) > 80 ? 100 : null }),
+    yAxis: yAxis("Failure rate [%]", { min: 0, max: Math.max(...rate, ...high) > 80 ? 100 : null }),
     tooltip: tooltip(({ dataIndex: block }) => tip(`Episodes ${span[block]}`, [
-      `${compact(rate[block])} % (${compact(low[block])} – ${compact(high[block])} %)`,
+      low[block] === null ? `${compact(rate[block])} %` : `${compact(rate[block])} % (${compact(low[block])} – ${compact(high[block])} %)`,
     ])),
     series: [
-      strokes(middle.map((x, block) => [[x, low[block]], [x, high[block]]])),
+      strokes(middle.map((x, block) => [[x, low[block]], [x, high[block]]]).filter(([[, from]]) => from !== null)),
       {
         type: "line",
         data: middle.map((x, block) => [x, rate[block]]),

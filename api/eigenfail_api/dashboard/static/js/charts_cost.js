@@ -26,7 +26,7 @@ export function cost({ campaigns }, width) {
     }),
     tooltip: tooltip(({ data }) => tip(data.one.name, linesOf(data.one))),
     series: [
-      strokes(found.map((one) => [[one.low, one.row], [one.high, one.row]]), { width: 2 }),
+      strokes(found.filter((one) => one.low !== null).map((one) => [[one.low, one.row], [one.high, one.row]]), { width: 2 }),
       ...methods.map((method) => marks(method, [...found, ...bounds])),
     ],
   };
@@ -67,6 +67,6 @@ function decades(campaigns) {
 function linesOf(one) {
   const found = one.value === null
     ? `at least ${compact(one.at_least)} USD per failure (95 %)`
-    : `${compact(one.value)} USD per failure, ${compact(one.low)} – ${compact(one.high)}`;
+    : `${compact(one.value)} USD per failure${one.low === null ? "" : `, ${compact(one.low)} – ${compact(one.high)}`}`;
   return [one.method, found, `${one.failures} failures in ${one.completed} episodes`];
 }
