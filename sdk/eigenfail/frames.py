@@ -155,7 +155,8 @@ def to_pandas(value: object) -> "pd.DataFrame":
         import pandas as pd
     except ImportError as error:
         raise ServiceError(
-            "pandas is not installed.", "Run: pip install 'eigenfail[export]'; or use to_numpy()."
+            "pandas is not installed.",
+            "Run in a clone: pip install '.[export]'; or use to_numpy().",
         ) from error
     return pd.DataFrame(columns_of(records(value)))
 

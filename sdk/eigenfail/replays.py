@@ -220,5 +220,6 @@ def load_here(group: str) -> Any:
         return plugins.load(group, DEFAULT)
     except InvalidValue as error:
         raise ServiceError(
-            f"Episodes cannot be run here: {error.problem}", "Run: pip install 'eigenfail[worker]'"
+            f"Episodes cannot be run here: {error.problem}",
+            "Run in a clone: pip install '.[worker]'",
         ) from error

@@ -185,7 +185,7 @@ def require_pyarrow() -> None:
         raise InvalidValue(
             "format",
             "Parquet needs pyarrow, which is not installed where the service runs.",
-            "Run there: pip install 'eigenfail[export]'; csv and ndjson need nothing.",
+            "Run there, in a clone: pip install '.[export]'; csv and ndjson need nothing.",
         )
 
 

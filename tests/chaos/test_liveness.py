@@ -24,7 +24,7 @@ from eigenfail_services.campaigns.supervisor import LEASE_S, Supervisor
 from eigenfail_services.hub import open_rounds, worker_sessions
 from eigenfail_services.hub.worker_sessions import ADOPTION_GRACE_S, HEARTBEAT_S, SILENCE_LIMIT_S
 from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
-from eigenfail_services.store import Store, engine, open_store
+from eigenfail_services.store import Store, clock, open_store
 from eigenfail_workers.worker import child_process, parent
 from eigenfail_workers.worker.parent import HELLO_EVERY_S
 
@@ -211,8 +211,7 @@ def world(seed: int) -> Iterator[World]:
             worker_sessions,
             open_rounds,
             supervisor,
-            supervisor,
-            engine,
+            clock,
             parent,
             child_process,
         ):

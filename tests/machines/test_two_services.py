@@ -33,7 +33,7 @@ from eigenfail_services.campaigns import supervisor
 from eigenfail_services.campaigns.supervisor import LEASE_S, Supervisor
 from eigenfail_services.hub import open_rounds, worker_sessions
 from eigenfail_services.hub.server import FinishedRun
-from eigenfail_services.store import Store, engine, open_store
+from eigenfail_services.store import Store, clock, open_store
 
 EPISODES = 20
 SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=EPISODES)
@@ -164,9 +164,9 @@ def pair(request, tmp_path) -> Iterator[Pair]:
     played = SimpleNamespace(monotonic=lambda: now_s[0])
     leases = SimpleNamespace(monotonic_ns=lambda: round(now_s[0] * 1e9), time_ns=time.time_ns)
     with ExitStack() as stack:
-        for module in (worker_sessions, open_rounds, supervisor, supervisor):
+        for module in (worker_sessions, open_rounds, supervisor):
             stack.enter_context(patch.object(module, "time", played))
-        stack.enter_context(patch.object(engine, "time", leases))
+        stack.enter_context(patch.object(clock, "time", leases))
         stack.enter_context(played_learners())
         if request.param == "memory":
             stores = [open_store("memory://")] * 2

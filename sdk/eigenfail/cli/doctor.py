@@ -52,7 +52,7 @@ def list_versions() -> Iterator[Finding]:
         try:
             yield Finding(package, version(package))
         except PackageNotFoundError:
-            remedy = "needed to run the service here: pip install 'eigenfail[server,worker]'"
+            remedy = "needed to run the service here: pip install '.[server,worker]'"
             yield Finding(package, "not installed", remedy=remedy)
 
 

@@ -84,7 +84,7 @@ def load_server_app(name: str) -> typer.Typer:
     try:
         app: typer.Typer = plugins.load(plugins.COMMANDS, name)
     except InputError as error:
-        remedy = "Run: pip install 'eigenfail[server,worker]'"
+        remedy = "Run in a clone: pip install '.[server,worker]'"
         raise ServiceError("The service is not installed here.", remedy) from error
     return app
 

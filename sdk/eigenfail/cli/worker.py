@@ -262,7 +262,8 @@ def _run_worker(connect: str, options: Mapping[str, object], as_json: bool) -> N
         raise InvalidValue("--connect", problem, "`eigenfail up` prints the hub's address.")
     if find_spec("zmq") is None:
         raise ServiceError(
-            "The worker is not installed here.", "Run: pip install 'eigenfail[worker]'"
+            "The worker is not installed here.",
+            "Run in a clone: pip install '.[worker]'",
         )
     words = f"A worker for the hub at {connect}; Ctrl-C ends it."
     told = {"hub": connect, "name": options["--name"]}

@@ -241,7 +241,7 @@ def require_installed() -> None:
     if missing:
         raise ServiceError(
             f"The service is not installed here: {', '.join(missing)} missing.",
-            "Run: pip install 'eigenfail[server,worker]'; or use a service elsewhere with --url.",
+            "Run in a clone: pip install '.[server,worker]'; or use another one: --url.",
         )
 
 

@@ -124,7 +124,8 @@ class Postgres:
         """Refuse to go on without the driver, which comes with an extra."""
         if find_spec("psycopg") is None:
             raise StoreUnavailable(
-                "PostgreSQL's driver is not installed.", "Run: pip install 'eigenfail[postgres]'."
+                "PostgreSQL's driver is not installed.",
+                "Run in a clone: pip install '.[postgres]'.",
             )
 
     def lock_schema(self, connection: Connection) -> None:

@@ -83,9 +83,11 @@ def test_the_scene_of_the_replay_is_played_where_none_was_kept(
 
 def test_without_an_account_the_part_says_why(look, campaign, deliver, result, explained):
     deliver(campaign, result(0))
-    explained(ServiceError("Episodes cannot be run here.", "Run: pip install 'eigenfail[worker]'"))
+    explained(
+        ServiceError("Episodes cannot be run here.", "Run in a clone: pip install '.[worker]'")
+    )
     text = look(f"/campaigns/{campaign}/episodes/0/account")
-    assert "not to be had: Episodes cannot be run here. Run: pip install" in text
+    assert "not to be had: Episodes cannot be run here. Run in a clone: pip install" in text
 
 
 def test_an_account_that_others_hold_up_is_refused_for_now(

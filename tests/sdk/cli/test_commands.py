@@ -306,7 +306,7 @@ def test_a_replay_without_the_world_says_what_to_install(eigenfail, done, monkey
     monkeypatch.setattr(replays.plugins, "load", missing)
     replayed = eigenfail("episode", "replay", f"{done}/3")
     assert replayed.exit_code == 3
-    assert "pip install 'eigenfail[worker]'" in replayed.stderr
+    assert "pip install '.[worker]'" in replayed.stderr
 
 
 @pytest.mark.parametrize("wrong", ["3", "a/b", "1/", "/1", "1/-1", "1/2/3", "../etc"])

@@ -116,7 +116,7 @@ def test_without_the_world_it_says_what_to_install(eigenfail, crash, monkeypatch
     monkeypatch.setattr(replays.plugins, "load", missing)
     told = eigenfail("episode", "explain", crash)
     assert told.exit_code == 3
-    assert "pip install 'eigenfail[worker]'" in told.stderr
+    assert "pip install '.[worker]'" in told.stderr
 
 
 def result(outcome, **more):

@@ -89,9 +89,9 @@ def test_the_bare_distribution_has_nothing_heavy_and_works_without(bare, tmp_pat
 
     refused = run(bare / "eigenfail", "up", "--data", tmp_path / "data")
     assert refused.returncode == 3
-    assert "pip install 'eigenfail[server,worker]'" in refused.stderr
+    assert "pip install '.[server,worker]'" in refused.stderr
     assert "Traceback" not in refused.stderr
 
     worker = run(bare / "eigenfail", "worker", "--connect", "tcp://127.0.0.1:1")
     assert worker.returncode == 3
-    assert "pip install 'eigenfail[worker]'" in worker.stderr
+    assert "pip install '.[worker]'" in worker.stderr

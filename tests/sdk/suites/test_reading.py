@@ -37,10 +37,8 @@ PAPER_DEFAULTS = {
 PAPER_ROWS = [
     *(("alpha", value) for value in (500, 1000, 5000, 10_000)),
     *(("c_dist", value) for value in (100, 1000, 5000)),
-    *(("tau", value) for value in (0.001, 0.005, 0.01)),
     *(("learning_rate", value) for value in (0.001, 0.0001, 0.0003, 0.00005)),
     *(("batch_size", value) for value in (16, 64, 256)),
-    *(("buffer_size", value) for value in (10**4, 10**5, 10**6)),
 ]
 
 
@@ -109,16 +107,16 @@ def test_axes_that_end_alike_are_told_apart(read):
     assert names(suite) == ["base", "settings.seed=1", "seed=1"]
 
 
-def test_the_papers_sweep_is_all_of_its_table():
+def test_the_papers_sweep_is_its_table_without_rows_that_have_no_effect():
     suite = Suite.read(ROOT / "examples" / "sweep.toml")
     specs = [member.spec for member in suite.members]
     assert {(spec.method, spec.episodes) for spec in specs} == {("ast", 300)}
     wanted = [PAPER_DEFAULTS | {name: value} for name, value in PAPER_ROWS]
-    assert len(wanted) == 20
+    assert len(wanted) == 14
     different = [row for place, row in enumerate(wanted) if row not in wanted[:place]]
     found = [spec.settings for spec in specs]
     assert sorted(found, key=str) == sorted(different, key=str)
-    assert suite.episodes == 15 * 300
+    assert suite.episodes == 11 * 300
 
 
 @pytest.mark.parametrize(
