@@ -39,7 +39,6 @@ COLUMNS = {
 }
 PHRASES = (
     r"95 % (?:intervals?|upper bound|quantile)\b",
-    r"[Ii]ntervals? (?:are|of) 95 %",
     r"2\.5 % to 97\.5 % quantile",
     r"\[95 %\]",
     r"\(95 %\)",

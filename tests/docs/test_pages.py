@@ -71,7 +71,7 @@ NOT_RUN = {
     "eigenfail episode replay 3/115": "It replays an episode of a database from a pipeline.",
     "cp deploy/": CONTAINERS,
     "docker ": CONTAINERS,
-    "pip install 'eigenfail": INSTALLS,
+    "pip install '.[": INSTALLS,
     "pip install libsumo": INSTALLS,
     "cat *.log | jq": "It needs jq and the logs of a cluster.",
     "OTEL_": "It needs a collector of traces.",
@@ -82,6 +82,7 @@ OTHERWISE = {
     "docs/security.md": "It turns authentication on for good: tests/sdk/cli/test_key.py.",
     "docs/contributing.md": f"{SUITE} Its Python shows a mark: tests/docs/fault_table.py.",
     "docs/bridge_examples.md": "tests/examples/bridge builds and runs these bridges.",
+    "docs/fix_a_planner.md": "tests/sdk/cli/gate/test_story.py runs its commands in order.",
     "docs/sdk.md": "tests/sdk/cli/test_sdk_page.py runs its blocks in order, in one process.",
 }
 """Pages whose blocks run in another test, or not at all."""

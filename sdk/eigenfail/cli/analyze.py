@@ -99,8 +99,8 @@ def analyze(
 ) -> None:
     """Group the failures of a campaign into failure modes.
 
-    With --prove every eigenfailure and medoid is replayed, in the same scenario and in others, and
-    it is said how many fail again.
+    With --prove, eigenfailures and medoids are replayed in the same scenario and in its
+    neighbours, and the number that fail again is printed.
     """
     given = {
         "align": align.value,

@@ -65,7 +65,7 @@ def create(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Launch the campaign that a TOML file describes, and show it."""
+    """Launch the campaign that a TOML file describes, and print it."""
     spec = read_spec(file, episodes=episodes, seed=seed, priority=priority)
     with connect_to(context, url) as client:
         _show_launched(client.campaigns.create(spec), quiet, as_json)
@@ -81,7 +81,7 @@ def check(
     quiet: QuietCheck = False,
     as_json: AsJson = False,
 ) -> None:
-    """Say what the campaign that a TOML file describes would be, and launch nothing.
+    """Print the full specification of the campaign in a TOML file without launching it.
 
     Exits with 2 if it cannot be launched.
     """
@@ -114,7 +114,7 @@ def clone(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Launch a campaign like an earlier one, with other values, and show it."""
+    """Launch a copy of an earlier campaign with changed values, and print it."""
     given = {"name": name, "episodes": episodes, "seed": seed}
     changes = {field: value for field, value in given.items() if value is not None}
     with connect_to(context, url) as client:
@@ -139,9 +139,9 @@ def _add_launching(app: typer.Typer) -> None:
 Act = Callable[[Campaigns, int], Campaign]
 
 ACTS: dict[str, tuple[Act, str]] = {
-    "pause": (Campaigns.pause, "Pause a campaign; what is running is finished first."),
-    "resume": (Campaigns.resume, "Go on with a paused campaign, where it stopped."),
-    "cancel": (Campaigns.cancel, "End a campaign for good; its finished episodes are kept."),
+    "pause": (Campaigns.pause, "Pause a campaign after its running episodes have finished."),
+    "resume": (Campaigns.resume, "Resume a paused campaign."),
+    "cancel": (Campaigns.cancel, "Cancel a campaign; its finished episodes are kept."),
 }
 
 
@@ -168,7 +168,7 @@ def priority(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Give a campaign another share of the workers, and another place in the queue."""
+    """Change the priority of a campaign: its share of the workers and its place in the queue."""
     with connect_to(context, url) as client:
         found = client.campaigns.prioritise(campaign, wanted)
     show(found, as_json, lambda: render(list_campaign_facts(found)))
@@ -192,7 +192,7 @@ Method = Annotated[
 ]
 Search = Annotated[
     str | None,
-    typer.Option(help="Only campaigns whose name contains this, in small or large letters."),
+    typer.Option(help="Only campaigns whose name contains this text, ignoring case."),
 ]
 Level = Annotated[float, typer.Option(help="Level of VaR and CVaR of severity.")]
 Ids = Annotated[
@@ -238,7 +238,7 @@ def show_campaign(
     watched: Watched = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show a campaign as it stands: its settings, and its episodes by conflict class."""
+    """Show the settings, progress and results of a campaign."""
     with interruptible(), connect_to(context, url) as client:
         page = TerminalView(
             look=lambda: (client.campaigns.get(campaign), client.campaigns.summary(campaign)),
@@ -328,10 +328,9 @@ def region(
 def cost(
     context: typer.Context, campaigns: Ids, url: Url = DEFAULT_URL, as_json: AsJson = False
 ) -> None:
-    """Show what failures and modes cost, by when, and what the time went into, side by side.
+    """Show cost per failure and per failure mode, cost over time, and the use of time.
 
-    A campaign without a failure shows the least that one can cost (95 %): the bound that Monte
-    Carlo has to be held against.
+    A Monte Carlo campaign without a failure shows a lower bound of the cost per failure (95 %).
     """
     with connect_to(context, url) as client:
         found = [client.campaigns.cost(campaign) for campaign in campaigns]
@@ -345,7 +344,7 @@ def workers(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Show who ran the episodes of a campaign: how many, how quickly, and when last."""
+    """Show the workers that ran a campaign's episodes, with their number and speed."""
     with connect_to(context, url) as client:
         found = client.campaigns.workers(campaign)
     show(found, as_json, lambda: render(tabulate_workers(found)))

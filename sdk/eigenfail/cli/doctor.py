@@ -209,12 +209,11 @@ def doctor(
     bridge: BridgeAddress = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say what is installed, what answers and what is missing.
+    """Check the installation, the service and the database.
 
-    Exits with 3 if something is wrong. With --database: what `eigenfail db verify` finds, too, and
-    what it mends with --repair. With --planner or --scenario: check that plug-in alone; exits with
-    1 if it breaks its contract. With --bridge: run episodes on that bridge, and say whether it
-    keeps to the protocol.
+    Exits with 3 if something is wrong. --database also runs `eigenfail db verify`, and repairs with
+    --repair. --planner or --scenario checks only that plug-in, and exits with 1 if it breaks its
+    contract. --bridge runs episodes on that bridge, and checks that it keeps to the protocol.
     """
     of_database: dict[str, object] = {"--replay": replay, "--repair": repair}
     if bridge:

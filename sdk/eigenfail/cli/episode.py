@@ -49,9 +49,9 @@ def replay(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Run a stored episode again, here, and compare; exit with 1 if it differs.
+    """Replay a stored episode on this machine; exit with 1 if the result differs.
 
-    Where its noise was pruned, and follows from its seed, it is drawn again.
+    Noise that was pruned is drawn again if it follows from the episode's seed.
     """
     replayed = _run_again(context, url, episode)
     if not replayed.same:
@@ -84,7 +84,7 @@ def explain(
     until_s: To = inf,
     as_json: AsJson = False,
 ) -> None:
-    """Run a stored episode again, and let the planner say why it did what it did.
+    """Replay a stored episode, and print the planner's own account of each step.
 
     Exits with 1 if the run differs from the stored one.
     """
@@ -104,7 +104,7 @@ def shrink(
     replays: Replays = SHRINK_WITHIN,
     as_json: AsJson = False,
 ) -> None:
-    """Launch a campaign that finds how little noise a failure needs, and tell what it found."""
+    """Find the least noise that a failure needs, by a campaign of replays."""
     campaign, index = parse_episode_id(episode)
     with interruptible(), connect_to(context, url) as client:
         ended = follow(client, client.campaigns.shrink(campaign, index, replays).id)
@@ -154,7 +154,7 @@ def _explain_difference(replayed: Replayed) -> str:
 
 
 app = typer.Typer(
-    add_completion=False, no_args_is_help=True, help="Look at episodes, and run them again."
+    add_completion=False, no_args_is_help=True, help="Show, export, replay and explain episodes."
 )
 
 
@@ -180,7 +180,7 @@ Filter = Annotated[
 ]
 Sort = Annotated[str, typer.Option(help="A column, or -column for the largest first.")]
 Fields = Annotated[
-    str, typer.Option(show_default="all", help="Only these columns, with commas in between.")
+    str, typer.Option(show_default="all", help="Only these columns, separated by commas.")
 ]
 Output = Annotated[
     Path, typer.Option("--output", "-o", help="File to write; its suffix chooses the format.")

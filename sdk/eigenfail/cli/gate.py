@@ -291,8 +291,8 @@ def gate(
     """Judge a new version of a planner by the failures of an earlier one.
 
     Replays the baseline's known failures and runs its campaigns again, with the planners of the
-    suite. Exits with 1 if a failure is new, or an episode errors now. The same command goes on
-    where it stopped. Where it runs is decided as by `eigenfail run`.
+    suite. Exits with 1 if a failure is new, or an episode errors now. The same command resumes
+    an interrupted gate. Where it runs is decided as by `eigenfail run`.
     """
     suite = Suite.read(file)
     version = _check_version(planner_version) or _find_own_version(suite, url)

@@ -86,27 +86,28 @@ SECONDS = {"m": 60, "h": 3_600, "d": 86_400}
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="Make, list, limit and revoke keys; read who changed what.\n\n"
+    help="Create, list, limit and revoke API keys; show the audit log.\n\n"
     "From the first key on, everybody who asks the service needs one: EIGENFAIL_KEY. With "
     "--database, keys are tended on the database itself, and no key is asked for.",
 )
 
-Name = Annotated[str, typer.Argument(help="Who or what the key is for.")]
+Name = Annotated[str, typer.Argument(help="User or program that the key is for.")]
 Which = Annotated[Scope, typer.Option(help="Scope; each includes the one before.")]
 Expires = Annotated[
     str | None, typer.Option(help="Lifetime: 90d, 12h, 30m (default: until revoked).")
 ]
 MaxOpen = Annotated[
     str | None,
-    typer.Option(metavar="N", help="Limit of campaigns that have not ended; none: no limit."),
+    typer.Option(metavar="N", help="Maximum number of open campaigns; none: no limit."),
 ]
 MaxEpisodes = Annotated[
-    str | None, typer.Option(metavar="N", help="Limit of episodes in one campaign; none: no limit.")
+    str | None,
+    typer.Option(metavar="N", help="Maximum budget of one campaign; none: no limit. [episodes]"),
 ]
 MaxEpisodesPerDay = Annotated[
     str | None,
     typer.Option(
-        metavar="N", help="Limit of episodes in the campaigns of 24 hours; none: no limit."
+        metavar="N", help="Maximum sum of budgets within 24 hours; none: no limit. [episodes]"
     ),
 ]
 KeyId = Annotated[int, typer.Argument(metavar="ID", min=1, help="Id of a key.")]
@@ -125,7 +126,7 @@ def create(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Make a key, and print it: this once, it is kept nowhere."""
+    """Create a key and print it. It is shown only once."""
     with _open_keys(context, url, database) as keys:
         life = None if expires is None else parse_duration(expires)
         given = _change_quotas(UNLIMITED, max_open, max_episodes, max_episodes_per_day)
@@ -140,7 +141,7 @@ def list_keys(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """List keys, newest first; those that are no longer valid, too."""
+    """List keys, newest first, expired and revoked ones included."""
     with _open_keys(context, url, database) as keys:
         found = tuple(keys.list())
     show(found, as_json, lambda: _draw_keys(found))
@@ -157,7 +158,7 @@ def limit(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Change the quotas that are named; the others stay, and so does what was made before."""
+    """Change quotas of a key; other quotas and existing campaigns stay as they are."""
     with _open_keys(context, url, database) as keys:
         before = keys.get(key).quotas
         wanted = _change_quotas(before, max_open, max_episodes, max_episodes_per_day)
@@ -173,7 +174,7 @@ def revoke(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Revoke a key, for good."""
+    """Revoke a key permanently."""
     with _open_keys(context, url, database) as keys:
         found = keys.revoke(key)
     show(found, as_json, lambda: _draw_keys([found]))
@@ -187,7 +188,7 @@ def audit(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Show who changed what, newest first: when, from where, and how it ended."""
+    """Show the audit log: changes with time, user, address and result, newest first."""
     with _open_keys(context, url, database) as keys:
         found = keys.audit().first(limit)
     show(found, as_json, lambda: _draw_audit(found))
@@ -195,14 +196,14 @@ def audit(
 
 @app.command()
 def first(
-    name: Annotated[str, typer.Argument(help="Who or what the key is for.")],
+    name: Annotated[str, typer.Argument(help="User or program that the key is for.")],
     file: Annotated[Path, typer.Option("--file", help="File to which the key is written.")],
     database: Database = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make an administrator's key, and write it to a file, unless an administrator has one.
+    """Create an administrator's key in a file, unless there is one.
 
-    It needs --database, and works as often as it is called: for the start of a container.
+    Needs --database. It can be called at every start of a container.
     """
     if database is None:
         raise InvalidValue("--database", "is not given.", "Name the service's database.")

@@ -80,11 +80,11 @@ def margin(
     seed: Seed = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find by bisection how much noise a planner bears before it fails.
+    """Find by bisection the scale of noise at which a planner starts to fail.
 
     Each scale of the disturbance model is a campaign with the method of the file, which ends with
-    its first failure. What the service has tried before is not tried again, so that a search that
-    was interrupted goes on where it stopped. Where it runs is decided as by `eigenfail run`.
+    its first failure. Scales that the service has tried before are not tried again, so that the
+    same command resumes an interrupted search. Where it runs is decided as by `eigenfail run`.
     """
     searched = ScaleRange(low, high, tolerance)
     spec = read_spec(file, episodes=budget, seed=seed)

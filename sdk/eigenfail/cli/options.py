@@ -89,9 +89,7 @@ Replay = Annotated[
 ]
 Repair = Annotated[
     bool,
-    typer.Option(
-        "--repair", help="First recount what is miscounted, and remove jobs that are left over."
-    ),
+    typer.Option("--repair", help="First correct wrong counts, and remove orphaned jobs."),
 ]
 
 Bridge = Annotated[

@@ -16,7 +16,7 @@ CampaignIds = Annotated[
     list[int], typer.Argument(metavar="CAMPAIGN...", min=1, help="Ids of campaigns.")
 ]
 Output = Annotated[
-    Path, typer.Option("--output", "-o", help="Folder of the report; made if it is not there.")
+    Path, typer.Option("--output", "-o", help="Folder of the report; created if it does not exist.")
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace the report that is in the folder.")]
 
@@ -30,7 +30,7 @@ def report(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Write a report on campaigns: one HTML file that needs nothing else, and its data.
+    """Write a report on campaigns: one self-contained HTML file, and its data.
 
     The folder holds report.html, report.json, tables/*.csv and pictures/*.svg.
     """

@@ -1,4 +1,4 @@
-"""`eigenfail reproduce`: the experiments of the paper, beside the numbers of the paper."""
+"""`eigenfail reproduce`: the paper's experiments, and our numbers next to the paper's."""
 
 from collections.abc import Iterator
 from enum import StrEnum
@@ -101,10 +101,10 @@ def reproduce(
     workers: Workers = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Run the paper's experiments, and print its tables with our numbers beside them.
+    """Run the paper's experiments, and print our numbers next to the paper's.
 
-    What the service has done of them before is found and not done again. Ctrl-C pauses them; the
-    same command goes on.
+    Campaigns that the service has run before are not run again. Ctrl-C pauses them; the same
+    command resumes them.
     """
     suite = build_suite(scale, seed)
     if output is not None:

@@ -50,7 +50,7 @@ def run(
 
     Uses the service at --url, or one that runs on the data folder or, if no folder is named, at the
     default address; otherwise starts one on the folder for as long as the campaign takes.
-    Ctrl-C pauses the campaign and says how to go on.
+    Ctrl-C pauses the campaign and prints how to resume it.
     """
     stop = {
         "failures": stop_failures,

@@ -56,10 +56,10 @@ def run(
     gate: Gate = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run what is missing of a suite, follow it to its end, and print its table.
+    """Run the missing campaigns of a suite, wait for its end, and print its table.
 
-    What the service has done of it before is found and not done again. Ctrl-C pauses all of it;
-    the same command goes on. Where it runs is decided as by `eigenfail run`.
+    Campaigns that the service has run before are not run again. Ctrl-C pauses the suite; the
+    same command resumes it. Where it runs is decided as by `eigenfail run`.
     """
     suite = Suite.read(file)
     if dry_run:

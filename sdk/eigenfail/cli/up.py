@@ -70,8 +70,8 @@ def up(
 ) -> None:
     """Start the service on this machine, on an embedded database.
 
-    Prints its address when it is ready, and stays until Ctrl-C or SIGTERM; then everything that it
-    started is ended. Logs are files in the data folder.
+    Prints its address when it is ready, and runs until Ctrl-C or SIGTERM; then all of its processes
+    are stopped. Logs are files in the data folder.
     """
     if bridge:
         os.environ[ADDRESS_VARIABLE] = check_address(bridge)

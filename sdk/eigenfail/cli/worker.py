@@ -91,7 +91,7 @@ def list_workers(
     watched: Watched = False,
     as_json: AsJson = False,
 ) -> None:
-    """List who is connected, and who brought results lately; the latest results first."""
+    """List connected workers and those with recent results; latest results first."""
     with interruptible(), connect_to(context, url) as client:
         page: TerminalView[Seen] = TerminalView(
             look=lambda: _look(client, within_s),
@@ -160,7 +160,7 @@ def _draw_activity(workers: Sequence[WorkerActivity], within_s: int) -> Renderab
 ADDRESS = re.compile(r"tcp://(\[[0-9a-fA-F:.]+\]|[\w.-]+):[1-9]\d{0,4}")
 PROGRAM = "eigenfail_workers"
 
-KEY_HELP = "Make, renew, list and revoke the keys of workers."
+KEY_HELP = "Create, rotate, list and revoke keys of workers."
 
 
 class WorkerCommands(TyperGroup):
@@ -190,7 +190,7 @@ MemoryLimit = Annotated[
     float | None,
     typer.Option(
         envvar="EIGENFAIL_MEMORY_LIMIT_MIB",
-        help="Memory limit of simulator and planner, with all that they start. [MiB]",
+        help="Memory limit of simulator and planner, including their child processes. [MiB]",
     ),
 ]
 
@@ -206,7 +206,7 @@ OutputLimit = Annotated[
     float | None,
     typer.Option(
         envvar="EIGENFAIL_OUTPUT_LIMIT_KIB",
-        help="Output of an episode that is passed on; the rest is dropped. [KiB]",
+        help="Maximum output of an episode that is logged; the rest is dropped. [KiB]",
     ),
 ]
 
@@ -233,9 +233,9 @@ def worker(
     bridge: Bridge = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run one worker for a service that runs elsewhere, or list those that it has.
+    """Run one worker for a service, or list the workers of a service.
 
-    Ctrl-C or SIGTERM hands over what is finished and ends it.
+    Ctrl-C or SIGTERM stops the worker after it has delivered finished episodes.
     """
     if context.invoked_subcommand is None:
         options = {

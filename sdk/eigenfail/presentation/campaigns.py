@@ -62,8 +62,8 @@ RESULTS = (
 )
 PARTS_OF_TIME = ("simulation_s", "learning_s", "waiting_s", "lost_s")
 SEARCHES = (
-    "A rate without an interval is a share of the episodes that a search chose: "
-    "no failure rate under p(x). The cost per failure rests on the same episodes."
+    "A rate without an interval is a share of the episodes that the method chose, no failure rate "
+    "under p(x); the cost per failure rests on the same episodes."
 )
 STEPS_OF_COST = 10
 """Number of rows of the table of failures by cost."""

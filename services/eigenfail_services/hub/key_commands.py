@@ -37,7 +37,7 @@ CREATED, DONE = 201, 200
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="Make, renew, list and revoke the keys of workers.\n\n"
+    help="Create, rotate, list and revoke keys of workers.\n\n"
     "With keys, a hub speaks over encrypted connections (CURVE), with the workers alone whose keys "
     "it lets in. It needs them wherever other machines reach it. The first key is the beginning: "
     "a hub that runs without keys asks for them after its next start.",
@@ -54,15 +54,15 @@ Folder = Annotated[
 ]
 File = Annotated[
     Path | None,
-    typer.Option("--file", help="File to which the key is written; NAME.key if left out."),
+    typer.Option("--file", help="File to which the key is written (default: NAME.key)."),
 ]
 Expires = Annotated[
     str | None,
-    typer.Option(help="How long the key is valid: 90d, 12h, 30m; until revoked if left out."),
+    typer.Option(help="Lifetime: 90d, 12h, 30m (default: until revoked)."),
 ]
 KeepOld = Annotated[
     str | None,
-    typer.Option(help="How long the old key stays valid: 1d, 12h; no longer if left out."),
+    typer.Option(help="Time for which the old key stays valid: 1d, 12h (default: none)."),
 ]
 
 
@@ -75,9 +75,9 @@ def create(
     data: Data = DEFAULT_DATA,
     as_json: AsJson = False,
 ) -> None:
-    """Make a key, and write it to a file for one worker, or for several that are revoked together.
+    """Create a key, and write it to a file for one worker, or for several that share it.
 
-    The file is a secret: nothing else holds what is in it.
+    The file is secret, and the only copy of the key.
     """
     written = file or Path(f"{name}.key")
     until_ms = _end_of(expires)
@@ -97,7 +97,7 @@ def create(
 
 @app.command("list")
 def list_keys(folder: Folder = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
-    """List the keys that the hub lets in, by name; those that have ended, too."""
+    """List the keys that the hub accepts and expired ones, by name."""
     with _opened(data, folder) as keys:
         found = keys.list()
     show(found, as_json, lambda: _draw_keys(found))
@@ -113,9 +113,9 @@ def rotate(
     data: Data = DEFAULT_DATA,
     as_json: AsJson = False,
 ) -> None:
-    """Make another key of the same name, in the place of the old one.
+    """Replace a key by a new one of the same name.
 
-    Who works with the old one is cut off within seconds, or when --keep-old is over.
+    Workers with the old key are disconnected within seconds, or after --keep-old.
     """
     written = file or Path(f"{name}.key")
     keep_until_ms, until_ms = _end_of(keep_old), _end_of(expires)
@@ -128,9 +128,9 @@ def rotate(
 
 @app.command("rotate-hub")
 def rotate_hub(folder: Folder = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
-    """Make the hub another key, which it takes with its next start.
+    """Create a new key for the hub, which it uses after its next start.
 
-    Who is let in stays so, but knows the hub by its old key, until `worker key follow`.
+    Workers' keys stay valid, but need `worker key follow` to know the hub's new key.
     """
     with _opened(data, folder) as keys:
         made = keys.rotate_hub()
@@ -147,9 +147,9 @@ def follow(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="File of a worker's key.")],
     hub: Annotated[str, typer.Argument(metavar="HUB", help="The hub's new public key, efh_….")],
 ) -> None:
-    """Have a worker's key, in a file, know the hub by its new one; the worker is then restarted.
+    """Write the hub's new public key into a worker's key file; then restart the worker.
 
-    The hub's key is no secret, but take it from whoever made it: a worker works for that hub alone.
+    The hub's public key is no secret, but get it from a trusted source: it identifies the hub.
     """
     key = read_worker_key(read_private(file, "FILE"), "FILE")
     replace_private(file, key.following(read_hub_key(hub, "HUB")).text(), "FILE")
@@ -160,7 +160,7 @@ def follow(
 def revoke(
     name: Name, folder: Folder = None, data: Data = DEFAULT_DATA, as_json: AsJson = False
 ) -> None:
-    """Revoke a key, for good: who works with it is cut off within seconds."""
+    """Revoke a key permanently; its workers are disconnected within seconds."""
     with _opened(data, folder) as keys:
         revoked = keys.revoke(name)
     _note(data, folder, "DELETE", "/worker-keys/{name}", f"/worker-keys/{name}", DONE)

@@ -34,11 +34,11 @@ DEFECTS_FOUND = 1
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="Create, upgrade, check, back up, restore and thin out a database.",
+    help="Create, upgrade, verify, back up, restore and prune a database.",
 )
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The backup.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace existing data.")]
 KeepEvery = Annotated[
     int,
     typer.Option(
@@ -57,7 +57,8 @@ OlderThan = Annotated[
     float, typer.Option("--older-than", min=0.0, help="Days since the campaign ended.")
 ]
 Campaigns = Annotated[
-    list[int], typer.Option("--campaign", show_default="all", help="Only this one; repeatable.")
+    list[int],
+    typer.Option("--campaign", show_default="all", help="Only this campaign; repeatable."),
 ]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Report what would be removed, and end.")]
 To = Annotated[str, typer.Option("--to", help="The revision, such as 0014.")]
@@ -74,7 +75,7 @@ def _require_server() -> None:
 
 @app.command()
 def upgrade(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
-    """Create the schema, or bring it up to this program's."""
+    """Create the schema, or upgrade it to this release."""
     from eigenfail_services.store import migrate
 
     url = database or DataFolder(data).database
@@ -92,7 +93,7 @@ def current(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJso
 
 @app.command()
 def check(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
-    """Say whether the schema is this program's; exit with 3 if not."""
+    """Check whether the schema is that of this release; exit with 3 if not."""
     from eigenfail_services.store import open_store
 
     url = database or DataFolder(data).database
@@ -109,7 +110,7 @@ def verify(
     repair: Repair = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check all that is in a database; exit with 1 if there are defects.
+    """Verify the contents of a database; exit with 1 if there are defects.
 
     A service may use it meanwhile.
     """
@@ -129,10 +130,10 @@ def backup(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write all that is in a database to a file; a service may use it meanwhile.
+    """Back up a database to a file; a running service may use it meanwhile.
 
-    The file is there once it is whole and checked. SQLite gives a database file; PostgreSQL a dump
-    by pg_dump, which must be installed.
+    The file appears once it is complete and checked. SQLite gives a database file, PostgreSQL a
+    dump of pg_dump, which must be installed.
     """
     from eigenfail_services.upkeep import backup as backups
 
@@ -149,9 +150,9 @@ def restore(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Put a backup into an empty database, or with --force in the place of what is there.
+    """Restore a backup into an empty database, or with --force over an existing one.
 
-    All of it is restored, or nothing is changed. Nobody may use the database meanwhile.
+    Either everything is restored or nothing changes. Stop all services of the database first.
     """
     from eigenfail_services.upkeep import backup as backups
 
@@ -172,10 +173,10 @@ def prune(
     dry_run: DryRun = False,
     as_json: AsJson = False,
 ) -> None:
-    """Take away noise and scenes of episodes that did not fail, in campaigns that have ended.
+    """Remove noise and scenes of safe episodes in campaigns that have ended.
 
-    All rows stay, so that no figure changes; so do all failures. A service may use the database
-    meanwhile. What is free then is used again; `eigenfail db vacuum` gives it back.
+    Rows and failures stay, so that no figure changes. A running service may use the database
+    meanwhile. Freed space is reused; `eigenfail db vacuum` returns it to the disk.
     """
     from eigenfail_services.upkeep import maintenance
 
@@ -187,10 +188,10 @@ def prune(
 
 @app.command()
 def vacuum(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
-    """Give free room inside a database back to the disk.
+    """Return free space inside a database to the disk.
 
-    SQLite writes the file anew: stop the service first; there must be room for a second copy.
-    PostgreSQL works beside a service.
+    SQLite rewrites the file: stop the service first, and leave room for a second copy.
+    With PostgreSQL the service may keep running.
     """
     from eigenfail_services.upkeep import maintenance as vacuuming
 
@@ -209,9 +210,9 @@ def downgrade(
     force: Lose = False,
     as_json: AsJson = False,
 ) -> None:
-    """Take the schema back to an older revision, for an older program; make a backup first.
+    """Downgrade the schema for an older release; make a backup first.
 
-    Nobody may use the database meanwhile. `eigenfail db upgrade` is the way forward.
+    Stop all services of the database first. `eigenfail db upgrade` reverses it.
     """
     from eigenfail_services.upkeep import maintenance
 

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from contextlib import closing
 
 import httpx2
 import pytest
@@ -115,10 +116,15 @@ def working_service():
 
 
 @pytest.fixture
-def store():
-    store = open_store("memory://")
-    yield store
-    store.close()
+def empty_store():
+    with closing(open_store("memory://")) as store:
+        yield store
+
+
+@pytest.fixture
+def store(empty_store):
+    """The store of the service."""
+    return empty_store
 
 
 @pytest.fixture
