@@ -115,9 +115,9 @@ def listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         where = f"{host}:{port}"
         if error.errno == errno.EADDRINUSE:
-            remedy = "Stop what listens there, or choose another with --port."
+            remedy = "Stop the process that uses it, or choose another port with --port."
             raise PortTaken(f"Port {port} of {host} is taken.", remedy) from error
-        raise InvalidValue("host", f"{where} cannot be listened on: {error.strerror}.") from error
+        raise InvalidValue("host", f"Cannot listen on {where}: {error.strerror}.") from error
     # What it accepts inherits it. A body that waited for the acknowledgement of its headers would
     # come 40 ms late: asyncio itself sets it for sockets that name their protocol alone.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

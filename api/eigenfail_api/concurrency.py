@@ -43,7 +43,7 @@ class SerialExecutor:
         Raises:
             ServiceBusy: the queue is full, or the function did not start in time.
         """
-        busy = ServiceBusy("The service is busy with others of this kind.", REMEDY)
+        busy = ServiceBusy("The service is busy with other requests of this kind.", REMEDY)
         if self._waiting >= MOST_WAITING:
             raise busy
         self._waiting += 1
@@ -81,7 +81,7 @@ class ConcurrencyLimit:
             ServiceBusy: too many requests run and wait already.
         """
         if self._asked >= MOST_RUNNING + MOST_WAITING:
-            raise ServiceBusy(f"{self._asked} {self._kind} are being worked out.", REMEDY)
+            raise ServiceBusy(f"{self._asked} {self._kind} are in progress.", REMEDY)
         self._asked += 1
         try:
             async with self._places():

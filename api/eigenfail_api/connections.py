@@ -40,9 +40,9 @@ TIMED_OUT = 408
 BAD_REQUEST = 400
 BUSY = 503
 REMEDIES = {
-    BAD_REQUEST: "Send requests as RFC 9112 has them, and bodies in chunks of 64 bytes or more.",
+    BAD_REQUEST: "Send requests as in RFC 9112, and bodies in chunks of 64 bytes or more.",
     TIMED_OUT: "Send the whole request at once, faster than 4 kbit/s.",
-    BUSY: "Close connections that are not needed, or set EIGENFAIL_MAX_CONNECTIONS higher.",
+    BUSY: "Close unused connections, or raise EIGENFAIL_MAX_CONNECTIONS.",
 }
 
 Phase: TypeAlias = tuple[object, object]
@@ -96,7 +96,7 @@ def refuse_ambiguous_length(request: h11.Request) -> None:
     if b"content-length" in names:
         raise h11.RemoteProtocolError("Content-Length and Transfer-Encoding exclude each other.")
     if request.http_version < b"1.1":
-        raise h11.RemoteProtocolError("HTTP/1.0 has no Transfer-Encoding.")
+        raise h11.RemoteProtocolError("HTTP/1.0 does not support Transfer-Encoding.")
 
 
 def make_protocol(max_connections: int) -> "type[BoundedProtocol]":

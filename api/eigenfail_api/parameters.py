@@ -50,8 +50,8 @@ async def refuse_repeated_parameters(request: Request) -> None:
     times = Counter(name for name, _ in request.query_params.multi_items())
     for name, kind in _query_parameters(request.scope["route"].dependant):
         if times[name] > 1 and get_origin(kind) is not list:
-            problem = f"is given {times[name]} times, but it has one value."
-            raise InvalidValue(name, problem, "Leave out all but one of them.")
+            problem = f"is given {times[name]} times; only one value is allowed."
+            raise InvalidValue(name, problem, "Send it once.")
 
 
 async def refuse_other_media(request: Request) -> None:
@@ -65,10 +65,10 @@ async def refuse_other_media(request: Request) -> None:
         return
     sent, read = request.headers.get("content-type"), _media_read(route)
     if sent and read and _strip(sent) not in read:
-        raise HTTPException(415, f"The body is {_strip(sent)}; this address reads {_join(read)}.")
+        raise HTTPException(415, f"The body is {_strip(sent)}; this route accepts {_join(read)}.")
     accepted, written = request.headers.get("accept", "*/*"), _media_written(route)
     if written and not any(_accepts(accepted, kind) for kind in written):
-        raise HTTPException(406, f"This address writes {_join(written)}, not {accepted}.")
+        raise HTTPException(406, f"This route returns {_join(written)}, not {accepted}.")
 
 
 def _media_read(route: APIRoute) -> set[str]:
@@ -104,11 +104,11 @@ Stored = Annotated[Store, Depends(store_of)]
 MadeBy = Annotated[int | None, Depends(get_caller_key)]
 CampaignId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of a campaign.")]
 AnalysisId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of an analysis.")]
-EpisodeIndex = Annotated[int, Path(ge=0, le=LARGEST, description="Index in its campaign.")]
+EpisodeIndex = Annotated[int, Path(ge=0, le=LARGEST, description="Index within the campaign.")]
 Limit = Annotated[int, Query(ge=1, le=1000, description="Maximum number of items on a page.")]
 Before = Annotated[
     int | None,
-    Query(ge=1, le=LARGEST, description="Only ids below this one: `next` of a page."),
+    Query(ge=1, le=LARGEST, description="Only ids below this one (`next` of a page)."),
 ]
 IdempotencyKey = Annotated[
     str | None,
@@ -116,7 +116,7 @@ IdempotencyKey = Annotated[
         alias=IDEMPOTENCY_KEY,
         min_length=1,
         max_length=200,
-        description="Requests repeated with the same key are executed once and answered the same.",
+        description="Requests with the same key are executed once and get the same response.",
     ),
 ]
 

@@ -17,8 +17,8 @@ from eigenfail_api.parameters import FORMS
 
 PARAMETER_WORDS = {
     "missing": "is required.",
-    "int_parsing": "{input!r} is no whole number.",
-    "float_parsing": "{input!r} is no number.",
+    "int_parsing": "{input!r} is not an integer.",
+    "float_parsing": "{input!r} is not a number.",
     "bool_parsing": "{input!r} is neither true nor false.",
     "greater_than": "{input} is not above {gt:g}.",
     "greater_than_equal": "{input} is below {ge}.",
@@ -41,16 +41,16 @@ def _describe_error(error: Mapping[str, Any]) -> str:
     given = error["input"]
     shown = given if not isinstance(given, str) else given[:MOST_SHOWN]
     bounds = error.get("ctx", {})
-    form = FORMS.get(bounds.get("pattern", ""), "of the form that it must have")
+    form = FORMS.get(bounds.get("pattern", ""), "in the expected format")
     return words.format_map({**bounds, "input": shown, "form": form, "msg": error["msg"]})
 
 
 SOON_S = "1"
-WHAT_THERE_IS = "See /api, or /openapi.json, for what there is."
+WHAT_THERE_IS = "See /api or /openapi.json for the available routes."
 REMEDIES = {
-    406: "Ask for one of these in `Accept`, or leave `Accept` out.",
+    406: "Request one of these types in `Accept`, or omit `Accept`.",
     413: "Send many campaigns in several requests; EIGENFAIL_MAX_BODY_BYTES sets the limit.",
-    415: "Send one of these, and name it in `Content-Type`.",
+    415: "Send one of these types, and name it in `Content-Type`.",
 }
 """Remedies of errors that the framework describes."""
 
@@ -88,8 +88,8 @@ async def on_http_error(request: Request, error: HTTPException) -> Response:
     """Answer a request that the framework refuses."""
     path = request.url.path
     words = {
-        404: (f"There is nothing at {path}.", WHAT_THERE_IS),
-        405: (f"{path} does not know {request.method}.", WHAT_THERE_IS),
+        404: (f"{path} does not exist.", WHAT_THERE_IS),
+        405: (f"{path} does not support {request.method}.", WHAT_THERE_IS),
     }
     others = (error.detail, REMEDIES.get(error.status_code, ""))
     detail, remedy = words.get(error.status_code, others)
@@ -98,8 +98,8 @@ async def on_http_error(request: Request, error: HTTPException) -> Response:
 
 async def on_unexpected_error(request: Request, _error: Exception) -> Response:
     """Answer an unexpected error: details are in the log alone."""
-    detail = "The service failed at this request; its log says how."
-    remedy = "Try again; if it happens again, report it with the lines of the log."
+    detail = "Internal error; see the log of the service."
+    remedy = "Try again; if the error persists, report it with the log lines."
     return answer(make_untyped_problem(500, detail, request.url.path, remedy))
 
 

@@ -75,7 +75,7 @@ def refuse_open_door(settings: ApiSettings) -> None:
     if not (settings.is_private or settings.require_keys or settings.trust_network):
         raise InvalidValue(
             "host",
-            f"'{settings.host}' can be reached from other machines, and nobody has to show a key.",
+            f"'{settings.host}' is reachable from other machines, and authentication is off.",
             "Listen on 127.0.0.1, or make an administrator's key with `eigenfail key create` and "
             "set EIGENFAIL_REQUIRE_KEYS=1. EIGENFAIL_TRUST_NETWORK=1 vouches for a private "
             "network instead, and EIGENFAIL_HOSTS names what others call this machine.",
@@ -91,7 +91,7 @@ def refuse_without_keys(settings: ApiSettings, keys: KeyStore) -> None:
     if not (settings.is_private or settings.trust_network or keys.admins(now_ms())):
         raise InvalidValue(
             "host",
-            f"'{settings.host}' can be reached from other machines, and no administrator has a "
-            "valid key.",
+            f"'{settings.host}' is reachable from other machines, and no administrator has a valid "
+            "key.",
             "Make one: `eigenfail key create NAME --scope admin --database URL`.",
         )

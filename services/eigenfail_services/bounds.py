@@ -86,7 +86,7 @@ def campaigns_at_once(text: str) -> int:
     """
     most = most_campaigns(memory_mib())
     if not (text.isdecimal() and text.isascii() and int(text[:9])):
-        raise argparse.ArgumentTypeError(f"'{text[:20]}' is no whole number above 0")
+        raise argparse.ArgumentTypeError(f"'{text[:20]}' is not an integer above 0")
     if int(text[:9]) > most:
         needs = f"a learner takes {LEARNER_MIB:g} MiB before its first step"
         raise argparse.ArgumentTypeError(f"{text[:9]} are too many here, at most {most}: {needs}")
@@ -105,7 +105,7 @@ def positive(text: str) -> float:
         limit = 0.0
     if limit > 0.0:
         return limit
-    raise argparse.ArgumentTypeError(f"'{text}' is no number above 0; 'inf' is no limit at all")
+    raise argparse.ArgumentTypeError(f"'{text}' is not a number above 0; 'inf' is no limit at all")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

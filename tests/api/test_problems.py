@@ -275,7 +275,7 @@ def test_parameters_have_bounds(http, problem, query):
 def test_a_parameter_of_one_value_is_given_once(http, problem, asked):
     told = problem(http.get(f"/api/v1/{asked}"), 422)
     assert told["field"] == asked.partition("?")[2].partition("=")[0]
-    assert told["detail"] == f"{told['field']}: is given 2 times, but it has one value."
+    assert told["detail"] == f"{told['field']}: is given 2 times; only one value is allowed."
     assert told["remedy"]
 
 
@@ -287,7 +287,7 @@ def test_a_parameter_of_many_values_is_given_again_for_more(http, problem):
 @pytest.mark.parametrize(
     ("method", "path", "headers", "status", "words"),
     [
-        ("GET", "/api/v1/methods", {"Accept": "text/csv"}, 406, "leave `Accept` out"),
+        ("GET", "/api/v1/methods", {"Accept": "text/csv"}, 406, "omit `Accept`"),
         ("POST", "/api/v1/campaigns", {"Content-Type": "text/csv"}, 415, "`Content-Type`"),
         ("POST", "/api/v1/campaigns", JSON, 413, "several requests"),
         ("PATCH", "/api/v1/campaigns", {}, 405, "/openapi.json"),
@@ -347,7 +347,7 @@ def test_no_body_whatever_is_a_fault_of_ours(http, fields, wrong):
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ("campaigns/x", "campaign: 'x' is no whole number."),
+        ("campaigns/x", "campaign: 'x' is not an integer."),
         ("campaigns/0", "campaign: 0 is below 1."),
         ("campaigns?limit=2000", "limit: 2000 is above 1000."),
         ("campaigns?state=runing", "state: 'runing' is not one of 'queued', 'running',"),

@@ -60,7 +60,7 @@ def test_the_page_scrolls_down_only(visit, several, scheme, width):
 def test_the_switch_works_before_any_script_runs(visit, several):
     page = visit(several, java_script_enabled=False)
     expect(page.get_by_role("rowheader", name="simulator")).to_have_count(0)
-    page.get_by_role("switch", name="Only what differs").click()
+    page.get_by_role("switch", name="Only differences").click()
     expect(page.get_by_role("rowheader", name="simulator")).to_be_visible()
 
 
@@ -70,15 +70,15 @@ def test_campaigns_are_picked_without_a_mouse(visit, made):
         page.locator(f"input[value='{campaign}']").focus()
         page.keyboard.press("Space")
     page.keyboard.press("Enter")
-    expect(page.get_by_role("heading", name="Against the first")).to_be_visible()
+    expect(page.get_by_role("heading", name="Difference from the baseline")).to_be_visible()
 
 
 def test_what_is_chosen_is_changed_with_links_alone(visit, made, several):
     page = visit(several, java_script_enabled=False)
-    page.get_by_role("link", name=f"Make it the first: {made.difs}: DiFS <b>on</b> cut-in").click()
-    expect(page.get_by_text(f"The first: {made.difs}: DiFS")).to_be_visible()
+    page.get_by_role("link", name=f"Set as baseline: {made.difs}: DiFS <b>on</b> cut-in").click()
+    expect(page.get_by_text(f"Baseline: {made.difs}: DiFS")).to_be_visible()
     page.get_by_role("link", name=f"Remove {made.difs}: DiFS <b>on</b> cut-in").click()
-    expect(page.get_by_text(f"The first: {made.baseline}: Monte Carlo")).to_be_visible()
+    expect(page.get_by_text(f"Baseline: {made.baseline}: Monte Carlo")).to_be_visible()
     expect(page.locator("#chosen li")).to_have_count(3)
 
 

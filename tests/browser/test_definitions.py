@@ -18,7 +18,7 @@ def campaign_page(visit, made):
 
 
 def button(page, name):
-    return page.locator("#live .tiles").first.get_by_role("button", name=f"What {name} is")
+    return page.locator("#live .tiles").first.get_by_role("button", name=f"Definition of {name}")
 
 
 def test_a_click_tells_what_a_figure_is_and_another_one_closes_it(campaign_page):

@@ -49,7 +49,7 @@ def test_it_works_without_scripts_and_on_a_telephone(visit, made):
         viewport={"width": 375, "height": 800},
     )
     page.get_by_label("Filter", exact=True).fill("severity > 60")
-    page.get_by_role("button", name="Find").click()
+    page.get_by_role("button", name="Search").click()
     page.get_by_role("link", name="Severity").click()
     assert "filter=severity+%3E+60&sort=-severity" in page.url
     expect(page.get_by_role("columnheader", name="Severity")).to_have_attribute(

@@ -127,7 +127,7 @@ def test_an_analysis_is_launched_and_watched_until_its_modes_appear(launched, st
     further = (made.difs, made.replay)
     asked = AnalysisSettings(axes="longitudinal", clusters=2, bootstrap=5, campaigns=further)
     assert store.analyses.get(analysis).settings == asked
-    expect(page.get_by_text("waits for its turn")).to_be_visible()
+    expect(page.get_by_text("queued or running")).to_be_visible()
     run_analysis(store, analysis)
     expect(page.get_by_text("2 distinct modes")).to_be_visible()
     expect(page.get_by_text(f"more episodes were to come in campaign {made.difs}")).to_be_visible()
@@ -160,7 +160,7 @@ def test_a_proof_is_asked_for_and_followed_to_its_end(launched, store, replayed)
 
 def test_settings_that_do_not_go_together_are_refused_in_words(live, made):
     page = live(f"/campaigns/{made.ast}")
-    page.get_by_label("Modes found by").select_option("hdbscan")
+    page.get_by_label("Clustering").select_option("hdbscan")
     page.get_by_label("Modes", exact=True).fill("3")
     page.get_by_role("button", name="Analyse").click()
     expect(page.get_by_role("alert")).to_contain_text("hdbscan")
@@ -173,7 +173,7 @@ def test_measures_that_cannot_be_made_leave_the_page_as_it_was(visit, address, m
     page = visit("/")
     page.route("**/measures", lambda route: route.fulfill(status=500, body="{}"))
     page.goto(f"{address}/campaigns/{made.ast}")
-    expect(page.get_by_role("alert")).to_contain_text("could not be worked out")
+    expect(page.get_by_role("alert")).to_contain_text("could not be computed")
     expect(page.get_by_role("link", name="Safety and cost")).to_be_visible()
 
 

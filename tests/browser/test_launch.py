@@ -23,7 +23,7 @@ def test_a_campaign_is_launched_and_watched_to_its_end(visit, store, bring):
     fill(page)
     page.locator("#field-method").select_option("cem")
     page.locator("#field-settings-batch").fill("8")
-    page.get_by_label("distance_m, fixed or drawn").select_option("uniform")
+    page.get_by_label("distance_m, fixed or sampled").select_option("uniform")
     page.get_by_label("distance_m, smallest").fill("53")
     page.get_by_label("distance_m, largest").fill("60.5")
     page.get_by_role("button", name="Launch").click()
@@ -128,12 +128,12 @@ def test_a_check_tells_what_it_would_be_and_how_programs_ask(visit, store):
     page = visit("/launch")
     fill(page, "checked <b>only</b>")
     page.get_by_role("button", name="Check").click()
-    expect(page.get_by_text("In order: 40 episodes can be launched.")).to_be_visible()
+    expect(page.get_by_text("Valid: 40 episodes can be launched.")).to_be_visible()
     page.get_by_text("Full specification").click()
     expect(page.get_by_role("cell", name="planner_settings.tracker.gate")).to_be_visible()
     page.get_by_text("Copy as curl, Python or CLI").click()
     page.get_by_role("button", name="Copy").nth(1).click()
-    expect(page.get_by_role("alert").last).to_contain_text(re.compile("Copied|marked"))
+    expect(page.get_by_role("alert").last).to_contain_text(re.compile("Copied|selected"))
     assert store.campaigns.page(1).items[0].id == before
 
 
@@ -172,7 +172,7 @@ def test_the_form_works_without_a_mouse(visit, store):
     page.locator("#field-simulator").select_option("point_mass")
     page.locator("#field-name").focus()
     page.keyboard.press("Enter")
-    expect(page.get_by_text("In order: 12 episodes can be launched.")).to_be_visible()
+    expect(page.get_by_text("Valid: 12 episodes can be launched.")).to_be_visible()
     page.get_by_role("button", name="Launch").focus()
     page.keyboard.press("Enter")
     expect(page.locator("h1")).to_have_text("typed")
@@ -213,7 +213,7 @@ def test_what_is_too_large_is_told_in_words(visit):
     fill(page)
     page.locator("#field-name").fill("x" * 2_000_000)
     page.get_by_role("button", name="Launch").click()
-    expect(page.get_by_role("alert")).to_contain_text("more than the service takes")
+    expect(page.get_by_role("alert")).to_contain_text("exceeds the size limit")
     expect(page.locator("#field-episodes")).to_have_value("40")
 
 
@@ -224,10 +224,10 @@ def test_a_service_that_is_gone_is_told_in_words_and_may_come_back(visit):
     expect(page.locator("#launch")).to_have_attribute("data-key", "")
     page.route("**/launch/form", lambda route: route.abort())
     page.get_by_role("button", name="Check").click()
-    expect(page.get_by_role("alert")).to_contain_text("The service did not answer")
+    expect(page.get_by_role("alert")).to_contain_text("The service did not respond")
     page.unroute("**/launch/form")
     page.get_by_role("button", name="Check").click()
-    expect(page.get_by_text("In order: 40 episodes can be launched.")).to_be_visible()
+    expect(page.get_by_text("Valid: 40 episodes can be launched.")).to_be_visible()
 
 
 def test_pages_tell_programs_how_to_ask(visit, made):

@@ -21,7 +21,7 @@ def test_a_page_leads_to_the_form_and_the_form_to_the_page(bare_address, token, 
     expect(field).to_be_focused()
     field.fill("ef_1_wrong")
     field.press("Enter")
-    expect(page.get_by_role("alert").filter(has_text="not valid here")).to_be_visible()
+    expect(page.get_by_role("alert").filter(has_text="Invalid key")).to_be_visible()
     page.get_by_label("Key").fill(token)
     page.get_by_role("button", name="Sign in").click()
     expect(page).to_have_url(f"{bare_address}/suites?before=7")
@@ -61,7 +61,7 @@ def test_a_page_of_somebody_else_cannot_sign_anybody_out(bare_address, token, vi
     form = f'<form method="post" action="{bare_address}/logout"><button>Win</button></form>'
     page.goto(f"data:text/html,{form}")
     page.get_by_role("button", name="Win").click()
-    expect(page.get_by_text("may not ask here")).to_be_visible()
+    expect(page.get_by_text("are not allowed")).to_be_visible()
     page.goto(f"{bare_address}/suites")
     expect(page.get_by_text("signed in as")).to_be_visible()
 
@@ -72,8 +72,8 @@ def test_an_administrator_makes_a_key_and_revokes_it(bare_address, token, visit)
     page.get_by_role("button", name="Sign in").click()
     page.get_by_label("Owner").fill("ci <i>")
     page.get_by_label("Scope").select_option("runner")
-    page.locator("#new-key").get_by_label("Campaigns open at once").fill("0")
-    page.get_by_role("button", name="Make a key").click()
+    page.locator("#new-key").get_by_label("Max. open campaigns").fill("0")
+    page.get_by_role("button", name="Create key").click()
     expect(page.get_by_text("The key of ci <i>.")).to_be_visible()
     made = page.get_by_label("The new key").text_content()
     header = {"Authorization": f"Bearer {made}"}

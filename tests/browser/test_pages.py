@@ -98,7 +98,7 @@ def test_pages_can_be_read_before_any_script_runs(visit, made, monkeypatch):
     expect(page.get_by_role("button", name="Cancel")).to_be_hidden()
     expect(page.get_by_text(f"eigenfail campaign pause {made.queued}")).to_be_visible()
     page.get_by_role("link", name="Safety and cost").click()
-    expect(page.get_by_text("once an episode has ended")).to_be_visible()
+    expect(page.get_by_text("after the first episode")).to_be_visible()
 
 
 def test_names_are_shown_as_they_were_written(visit):

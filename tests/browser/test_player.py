@@ -51,7 +51,7 @@ def test_it_plays_steps_and_scrubs_by_buttons(crash):
     page = crash()
     scrub = page.locator("[data-scrub]")
     at(page, "0.0")
-    page.get_by_role("button", name="One step on").press("Enter")
+    page.get_by_role("button", name="One step forward").press("Enter")
     at(page, "0.1")
     page.get_by_role("button", name="One step back").click()
     at(page, "0.0")
@@ -230,7 +230,7 @@ def test_a_scaled_replay_is_a_campaign_of_its_own(visit, store, real):
     assert store.campaigns.get(campaign).spec.settings["scale"] == 0.75
 
 
-@pytest.mark.parametrize(("name", "file"), [("JSON", "json"), ("CSV of the steps", "csv")])
+@pytest.mark.parametrize(("name", "file"), [("JSON", "json"), ("Steps (CSV)", "csv")])
 def test_an_episode_is_downloaded(visit, real, name, file):
     page = visit(f"/campaigns/{real}/episodes/3")
     with page.expect_download() as download:

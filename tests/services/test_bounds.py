@@ -37,7 +37,7 @@ def test_what_is_no_limit_is_refused(text, capsys) -> None:
     with pytest.raises(SystemExit) as ended:
         services.parse(["--learner-limit", text])
     assert ended.value.code == 2
-    assert "is no number above 0" in capsys.readouterr().err
+    assert "is not a number above 0" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_how_many_campaigns_run_at_a_time(monkeypatch) -> None:
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        *((text, "is no whole number above 0") for text in ("0", "-1", "1.5", "four", "", "²")),
+        *((text, "is not an integer above 0") for text in ("0", "-1", "1.5", "four", "", "²")),
         ("11", "at most 10: a learner takes 300 MiB"),
         ("9" * 5_000, "are too many here"),
     ],

@@ -303,8 +303,8 @@ class Authenticator:
         # `OriginGuard` compares the Origin with the Host; here the Origin is required.
         if request.scope["method"] not in SAFE and "origin" not in request.headers:
             raise Forbidden(
-                "This request does not say from which page it comes.",
-                "Use the service's own pages, or send a key in `Authorization`.",
+                "The request does not state its origin.",
+                "Use the pages of this service, or send a key in `Authorization`.",
             )
         return caller_of_key(self._admit(key, at_ms), signed_in=True)
 

@@ -71,11 +71,11 @@ class OriginGuard:
         match = HOST.fullmatch(host.lower())
         if match is None or (self._hosts is not None and match["name"] not in self._hosts):
             detail = f"'{host}' is not a name of this service."
-            remedy = "Ask for 127.0.0.1 or localhost, or have its name in EIGENFAIL_HOSTS."
+            remedy = "Use 127.0.0.1 or localhost, or add the name to EIGENFAIL_HOSTS."
             return make_untyped_problem(400, detail, scope["path"], remedy)
         if origin is not None and _parse_origin(origin) != host.lower():
-            detail = f"Pages of '{origin}' may not ask here."
-            remedy = "Use the service's own pages, or a client that is no browser."
+            detail = f"Requests from pages of '{origin}' are not allowed."
+            remedy = "Use the pages of this service, or a client other than a browser."
             return make_untyped_problem(403, detail, scope["path"], remedy)
         return None
 
@@ -132,7 +132,7 @@ class AuthMiddleware:
         if caller.scope.allows(required):
             return self._app, caller
         refusal = Forbidden(
-            f"This needs a key of the scope '{required}'; that of '{caller.name}' is "
+            f"This needs a key with scope '{required}'; the key of '{caller.name}' has scope "
             f"'{caller.scope}'.",
             "Ask an administrator for such a key.",
         )
@@ -149,8 +149,8 @@ def _refuse_keys_in_address(scope: Asked) -> None:
     if SECRET.search(scope["path"]) or SECRET.search(unquote_plus(query)):
         raise InvalidValue(
             "address",
-            "A key must not stand in an address, which others can read.",
-            "Revoke that key, make another, and send it as `Authorization: Bearer ef_…`.",
+            "A key must not be part of a URL, which others can read.",
+            "Revoke that key, create another, and send it as `Authorization: Bearer ef_…`.",
         )
 
 

@@ -43,7 +43,7 @@ class RateLimiter:
     """A token bucket for each caller.
 
     Args:
-        per_s: requests a second. [1/s]
+        per_s: requests per second. [1/s]
         subject: of the sentence of a refusal, such as "This key".
     """
 
@@ -65,7 +65,7 @@ class RateLimiter:
                 bucket.tokens -= 1.0
                 return
             wait_s = str(ceil((1.0 - bucket.tokens) / self._per_s))
-        problem = f"{self._subject} sends more than {self._per_s:g} requests a second."
+        problem = f"{self._subject} sends more than {self._per_s:g} requests per second."
         raise HTTPException(429, problem, {"Retry-After": wait_s})
 
     def _fill(self, caller: int | str, at_ms: int) -> _Bucket:
@@ -146,7 +146,7 @@ class LoginThrottle:
             )
         if wait_ms:
             wait_s = str(-(-wait_ms // 1_000))
-            detail = "Too many wrong keys came from this address."
+            detail = "Too many failed login attempts from this address."
             raise HTTPException(429, detail, {"Retry-After": wait_s})
 
     def count_failure(self, address: str, key: str, at_ms: int) -> None:

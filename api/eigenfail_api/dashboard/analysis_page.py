@@ -50,7 +50,7 @@ def eigenfailure_chart(result: AnalysisResult) -> Chart:
         id="eigenfailure-chart",
         kind="eigenfailures",
         title="Eigenfailures",
-        caption="The centre of each mode, taken back to noise over time [sigma]."
+        caption="Cluster centroid of each mode, mapped back to noise over time [sigma]."
         + (" Bands: from 10 to 90 % of the noise of its failures at each step." if bands else ""),
         data={
             **{axis: [numbers(z[:, way]) for z in modes] for way, axis in enumerate(AXES)},
@@ -236,8 +236,8 @@ def describe_variance(result: AnalysisResult) -> Tile:
 
 
 def outliers(result: AnalysisResult) -> Tile:
-    """The failures that were put with their nearest neighbour."""
-    return Tile(format_share(result.outliers), ("put with their nearest neighbour",))
+    """The failures that were assigned to the mode of their nearest neighbour."""
+    return Tile(format_share(result.outliers), ("assigned to the mode of their nearest neighbour",))
 
 
 def grids(result: AnalysisResult) -> tuple[Table, ...]:
@@ -265,7 +265,7 @@ def mean_chart(intervals: Sequence[TrainingInterval]) -> Chart:
     return Chart(
         id="training-mean-chart",
         kind="training",
-        title="Mean disturbance through training",
+        title="Mean disturbance during the search",
         caption="Mean noise of the failures of each tenth of the episodes, over their steps "
         "[sigma]: the first tenth on top.",
         data=ridges(intervals, ("mean",), lambda interval: [interval.mean], "sigma"),
@@ -284,7 +284,7 @@ def component_chart(intervals: Sequence[TrainingInterval]) -> Chart:
     return Chart(
         id="training-components-chart",
         kind="training",
-        title="Components through training",
+        title="Components during the search",
         caption="The first components of the failures of each tenth alone, turned towards those "
         "of all; the legend shows the others. Likeness is |cosine| with the component of all "
         "failures: 1 is the same.",
@@ -296,7 +296,7 @@ def component_chart(intervals: Sequence[TrainingInterval]) -> Chart:
         ),
         columns=("Episodes", "Failures", "Component", "Explained", "Likeness"),
         rows=tuple(row for each in intervals for row in component_rows(each)),
-        note="By interval; each step by itself is in the API.",
+        note="By interval; single steps are in the API.",
     )
 
 

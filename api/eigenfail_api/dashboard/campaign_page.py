@@ -126,7 +126,7 @@ def mean(time: MeanTime) -> Tile:
     return Tile(f"{format_number(time.mean_s)} s", (f"mean of {format_count(time.n)}",))
 
 
-SEARCHED = "of the episodes that the method chose: no rate under p(x)"
+SEARCHED = "search rate, not a failure probability under p(x)"
 WISHES = {"pause": campaigns.PAUSE, "resume": campaigns.RESUME, "cancel": campaigns.CANCEL}
 
 
@@ -262,7 +262,7 @@ def tiles(now: StandingView, likelihood: Tile, *, is_sampled: bool) -> tuple[tup
         ("log p per step [nats]", likelihood),
         ("Mean severity [m²/s²]", now.severity),
         ("Episodes/s", now.speed),
-        ("Cost so far" if now.is_open else "Cost in all", now.total),
+        ("Cost so far" if now.is_open else "Total cost", now.total),
     )
 
 
@@ -287,7 +287,7 @@ def as_of(found: Findings) -> str:
     """How far the campaign was: its part below is worked out less often."""
     completed = count_noun(found.campaign.counts.completed, "completed episode")
     at = format_utc(found.at_ms)
-    return f"As of {completed}, {at}; means and charts may know a few more."
+    return f"As of {completed}, {at}; means and charts may include later episodes."
 
 
 def times(campaign: Campaign) -> tuple[tuple[str, str], ...]:

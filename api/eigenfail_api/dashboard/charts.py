@@ -153,7 +153,7 @@ def robustness_chart(
             )
             for block in course.blocks
         ),
-        note="By blocks of episodes; each episode by itself is in the API.",
+        note="By blocks of episodes; each episode is in the API.",
     )
 
 
@@ -183,7 +183,7 @@ def parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
     return Chart(
         id="parallel-chart",
         kind="parallel",
-        title="All measures at once",
+        title="Parallel coordinates",
         caption=(
             f"{describe_coverage(len(rows), is_all=is_all)} One line each. Draw along an axis to "
             "narrow the list below: it becomes a condition of the filter."

@@ -89,7 +89,7 @@ def picker(shown: Sequence[Campaign], ids: CampaignIds, wanted: str) -> Picker:
     """The list to pick from, those that are picked first, in the order that they have."""
     places = {each: place for place, each in enumerate(ids)}
     ordered = sorted(shown, key=lambda each: (places.get(each.id, len(ids)), -each.id))
-    words = f"{len(ids)} picked; {FEWEST} to {MOST} can be compared."
+    words = f"{len(ids)} selected; {FEWEST} to {MOST} can be compared."
     return Picker(choices=tuple(choice(each, ids) for each in ordered), wanted=wanted, words=words)
 
 
@@ -222,14 +222,14 @@ def pairs(found: Comparison) -> str:
     seen = found.pairs
     return (
         f"{count_noun(seen.n, 'pair')}: {seen.only_b} only here, {seen.only_a} only in the "
-        f"first, {format_p_value(seen.p_value)}"
+        f"baseline, {format_p_value(seen.p_value)}"
     )
 
 
 def effect(found: Comparison) -> str:
     """Over campaigns of several seeds."""
     if found.effect is None:
-        return "takes two seeds of each"
+        return "needs two seeds per group"
     return f"{format_number(found.effect.a12)}, {found.effect.magnitude}"
 
 
@@ -331,7 +331,7 @@ def costs(store: Store, side: Side) -> tuple[CampaignCost, ...]:
 
 
 def compared_view(store: Store, wished: Wish, service: Service) -> ComparedView:
-    """The page for the campaigns that were picked; with fewer than two it asks for more.
+    """The page for the campaigns that were selected; with fewer than two it asks for more.
 
     Raises:
         InvalidValue: too many were picked.

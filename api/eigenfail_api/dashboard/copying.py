@@ -217,7 +217,7 @@ def service_of(request: Request) -> Service:
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
-ApiPath = Annotated[str, Query(max_length=1_000, description="Below /api/v1, as it is asked for.")]
+ApiPath = Annotated[str, Query(max_length=1_000, description="Path below /api/v1.")]
 
 
 @router.get("/copies")
@@ -230,5 +230,5 @@ def show_copies(request: Request, path: ApiPath) -> HTMLResponse:
     try:
         found = copies(service_of(request), CopiedRequest(method="GET", path=path))
     except KeyError as error:
-        raise NotFound(f"Nothing is known of a request for '{path}'.") from error
+        raise NotFound(f"The request for '{path}' is unknown.") from error
     return page("copies.html", found)

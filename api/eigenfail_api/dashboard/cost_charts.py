@@ -130,7 +130,7 @@ def notes_of(groups: Sequence[PeerCosts]) -> list[str]:
 def others(count: int) -> tuple[str, ...]:
     """That there are more groups."""
     groups = count_noun(count, "older group")
-    return (f"In /api/v1/costs: {groups} of campaigns.",) if count > 0 else ()
+    return (f"{groups} of campaigns not shown; see /api/v1/costs.",) if count > 0 else ()
 
 
 def has_cost(found: MethodCost) -> bool:

@@ -138,13 +138,13 @@ def severity(value: float | None) -> str:
 
 
 SAME = "Same result, bit for bit."
-OTHER = "Another result."
+OTHER = "Different result."
 REPEATABLE = (
     "The digest is that of the stored episode: what happened follows from the noise, and can be "
     "shown again."
 )
 NOT_REPEATABLE = (
-    "Nothing was changed, so that it should be the same: planner, simulator or machine is not "
+    "Nothing was changed, so the result should be the same: planner, simulator or machine is not "
     "deterministic, or their versions differ. Use those that the campaign ran on."
 )
 WORLD = ("planner", "planner_settings", "scenario", "simulator", "disturbance")
@@ -188,7 +188,7 @@ def verdict(stored: Run, again: Run, differing: Sequence[str] = ()) -> ReplayVer
     if not changes:
         meaning = f"{told} {NOT_REPEATABLE}"
         return ReplayVerdict(words=OTHER, meaning=meaning, tone="is-doubtful", sign="!")
-    why = f"It need not be the same, with {' and '.join(changes)}."
+    why = f"The result may differ, with {' and '.join(changes)}."
     return ReplayVerdict(words=OTHER, meaning=f"{told} {why}", tone="", sign="≠")
 
 
@@ -297,7 +297,7 @@ def episode_view(
 def why_no_scene(campaign: Campaign, result: EpisodeResult) -> str:
     """Why there is nothing to play."""
     if not result.steps:
-        return "The episode ended before its first step: there is nothing to play."
+        return "The episode ended before its first step: there is no scene."
     if is_function(campaign):
         return "A function of the noise is under test: there is no scene, and no planner to ask."
     every = campaign.spec.scene_every

@@ -234,7 +234,7 @@ def describe_settings(settings: AnalysisSettings) -> Iterator[str]:
     yield "both axes" if both else f"the {settings.axes} axis alone"
     yield count_noun(settings.components, "component")
     yield CLUSTERERS[settings.clusterer]
-    yield "modes: by itself" if settings.clusters is None else f"modes: {settings.clusters}"
+    yield "modes: auto" if settings.clusters is None else f"modes: {settings.clusters}"
     yield f"bootstrap {settings.bootstrap}" if settings.bootstrap else "no bootstrap"
     if settings.campaigns:
         yield f"with campaigns {', '.join(map(str, settings.campaigns))}"
@@ -242,8 +242,8 @@ def describe_settings(settings: AnalysisSettings) -> Iterator[str]:
 
 EXAMPLES = {
     "outcome = collision and severity > 80": "hard collisions",
-    "class = planner_failure and ttc_lead_s > 1": "braking in time would have helped",
-    "class = near_miss and source != prior": "what the search came close to",
+    "class = planner_failure and ttc_lead_s > 1": "avoidable by braking in time",
+    "class = near_miss and source != prior": "near misses of the search",
     "outcome = errored": "episodes that errored",
 }
 
@@ -322,7 +322,7 @@ def found_view(
 
 def refused_view(campaign: Campaign, asked: EpisodeRequest, problem: str) -> FoundView:
     """The page where the filter cannot be read."""
-    empty = "Nothing was looked for: the filter cannot be read."
+    empty = "The filter is invalid: no episodes were searched."
     return msgspec.structs.replace(blank(campaign, asked), problem=problem, empty=empty)
 
 
@@ -357,7 +357,7 @@ def nothing(campaign: Campaign, asked: EpisodeRequest) -> str:
     if asked.after is not None:
         return "There are no further episodes."
     if asked.filter:
-        return "No episode matches the filter."
+        return "No episodes match this filter."
     return "No episode has ended yet." if may_grow(campaign) else "No episode was run."
 
 

@@ -40,9 +40,9 @@ REVOKED = Badge("revoked", "×", "ended")
 REFUSED = 400
 
 LIMITS = {
-    "max_open": "Campaigns open at once, at most",
-    "max_episodes": "Episodes in one, at most",
-    "max_episodes_per_day": "Episodes in 24 h, at most",
+    "max_open": "Max. open campaigns",
+    "max_episodes": "Max. episodes per campaign",
+    "max_episodes_per_day": "Max. episodes per 24 h",
 }
 
 
@@ -138,7 +138,7 @@ def quotas(given: Quotas, usage: Usage) -> Iterator[str]:
     if given.max_open is not None:
         yield f"{usage.open:,} of {given.max_open:,} campaigns open"
     if given.max_episodes is not None:
-        yield f"{given.max_episodes:,} episodes in one"
+        yield f"{given.max_episodes:,} episodes per campaign"
     if given.max_episodes_per_day is not None:
         yield f"{usage.episodes_of_day:,} of {given.max_episodes_per_day:,} episodes in 24 h"
 
@@ -226,7 +226,10 @@ def withheld(needed: str) -> Markup:
     caller = find_caller_without(Scope(needed))
     if caller is None:
         return Markup()
-    why = f"This needs a key of the scope '{needed}'; that of '{caller.name}' is '{caller.scope}'."
+    why = (
+        f"This needs a key with scope '{needed}'; the key of '{caller.name}' has scope "
+        f"'{caller.scope}'."
+    )
     return Markup(' disabled title="{}"').format(why)
 
 
@@ -248,7 +251,7 @@ async def sign_in(request: Request, store: Stored, authenticator: TheAuthenticat
     try:
         key = await run_sync(authenticator.verify_token, token, address_of(request))
     except Unauthorized:
-        return page("login.html", LoginView(wanted, problem="That key is not valid here."), 401)
+        return page("login.html", LoginView(wanted, problem="Invalid key."), 401)
     response = RedirectResponse(wanted, 303)
     set_cookie(request, response, authenticator.sessions.open(key.id, authenticator.clock()))
     change = describe_change(request, caller_of_key(key), LOGIN, 303)
@@ -282,7 +285,7 @@ def form_of(body: bytes) -> dict[str, str]:
     try:
         return dict(parse_qsl(body.decode(), max_num_fields=MOST_FIELDS))
     except ValueError:
-        raise HTTPException(400, "The form cannot be read.") from None
+        raise HTTPException(400, "The form is invalid.") from None
 
 
 def own(wanted: str) -> str:

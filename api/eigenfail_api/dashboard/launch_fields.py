@@ -16,7 +16,7 @@ WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
 EXPECTED = re.compile(r"Expected `(?P<kinds>[^`]+)`(?P<rest>[^.]*)")
 TYPE_NAMES = {
-    "int": "a whole number",
+    "int": "an integer",
     "float": "a number",
     "str": "text",
     "array": "a list",
@@ -272,13 +272,13 @@ def bounds(part: Schema, kind: str, schema: Schema) -> str:
     if kind == "list":
         inner = resolve_schema(part.get("items", {}), schema)
         words = ", ".join(map(str, inner.get("enum", ())))
-        return f"with commas in between: {words}" if words else "with commas in between"
+        return f"separated by commas: {words}" if words else "separated by commas"
     if kind == "table":
         return 'JSON, such as {"alpha": 100}'
     low = describe_bound(part, "at least", "minimum", "above", "exclusiveMinimum")
     high = describe_bound(part, "at most", "maximum", "below", "exclusiveMaximum")
     whole = ["whole"] if part.get("type") == "integer" else []
-    off = [f"“{NONE}” switches it off"] if kind == "optional" else []
+    off = [f"“{NONE}” turns it off"] if kind == "optional" else []
     return ", ".join([*whole, *low, *high, *off])
 
 

@@ -29,10 +29,10 @@ PROPERTIES: Mapping[str, Any] = SPEC["$defs"]["CampaignSpec"]["properties"]
 FIRST_METHOD = "monte_carlo"
 
 
-BRIDGE_NAME = "A name that the bridge of the workers knows: eigenfail doctor --bridge lists them."
+BRIDGE_NAME = "A name that the workers’ bridge knows; eigenfail doctor --bridge lists them."
 
 
-FUNCTION_PLANNER = "A function as module:function; workers look for it where they are started."
+FUNCTION_PLANNER = "A function as module:function, found from the directory that workers start in."
 
 
 SHAPES: Mapping[str, str] = SPEC["$defs"]["DisturbanceModel"]["properties"]["shape"][

@@ -218,7 +218,7 @@ def address(campaign: int, changes: Mapping[str, Any]) -> str:
 
 def checked_words(body: Mapping[str, Any]) -> str:
     """That it can be launched, and how large it is."""
-    return f"In order: {count_noun(int(body['episodes']), 'episode')} can be launched."
+    return f"Valid: {count_noun(int(body['episodes']), 'episode')} can be launched."
 
 
 def is_told(one: LaunchPage) -> bool:
@@ -260,7 +260,7 @@ async def show_form(request: Request, store: Stored) -> HTMLResponse:
     try:
         pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
     except ValueError as error:
-        raise HTTPException(400, f"The form cannot be read: {error}.") from None
+        raise HTTPException(400, f"The form is invalid: {error}.") from None
     view = await run_sync(launch_view, store, dict(pairs), service_of(request))
     return page("launch.html", view)
 
@@ -318,7 +318,7 @@ def origin_in(store: Store, typed: Mapping[str, str]) -> Campaign | None:
     if not named:
         return None
     if not (named.isascii() and named.isdecimal() and 1 <= int(named[:30]) <= LARGEST):
-        raise InvalidValue(FROM, f"'{named[:100]}' is no id of a campaign.", "Give a number.")
+        raise InvalidValue(FROM, f"'{named[:100]}' is not a campaign id.", "Enter a number.")
     return store.campaigns.get(int(named))
 
 

@@ -102,10 +102,10 @@ def coverage(scatter: Scatter) -> str:
 
 
 PARTS = {
-    "Simulation": ("simulation_s", "episodes were with a worker"),
-    "Learning": ("learning_s", "the learner worked, no episode was with a worker"),
+    "Simulation": ("simulation_s", "simulating on a worker"),
+    "Learning": ("learning_s", "learner busy, no episode on a worker"),
     "Waiting": ("waiting_s", "for workers or for the database"),
-    "Lost": ("lost_s", "results that were thrown away"),
+    "Lost": ("lost_s", "discarded results"),
 }
 
 
@@ -177,7 +177,7 @@ def per_failure(found: CampaignCost) -> Tile:
 def per_mode(found: CampaignCost) -> Tile:
     """Dashes where no modes are known."""
     if found.modes is None:
-        return Tile(UNKNOWN, ("no distinct modes are known",))
+        return Tile(UNKNOWN, ("no distinct modes found",))
     return Tile(
         f"{format_usd(found.per_mode_usd)} USD", (count_noun(found.modes, "distinct mode"),)
     )
@@ -189,7 +189,7 @@ def curve_chart(found: CampaignCost) -> Chart:
     return Chart(
         id="spending-chart",
         kind="spending",
-        title="Cost against what was found",
+        title="Failures and modes found against cost",
         caption=f"Failures{' and distinct modes' * known} found once so much was spent.",
         data={
             "usd": round_values(point.usd for point in points),
@@ -275,14 +275,14 @@ def basis(campaign: Campaign, completed: int, billed: int) -> str:
     """Of how many episodes these figures are: others on the page may be further on."""
     is_open = campaign.state not in FINAL_STATES
     if not completed and is_open:
-        return "Safety measures and cost are told once an episode has ended."
+        return "Safety measures and cost appear after the first episode."
     if not completed:
         return "No episode was completed: there are no safety measures, and no failure has a price."
     if is_open:
         so_many = count_noun(completed, "completed episode")
         further = f"; cost as of {format_count(billed)}" if billed != completed else ""
-        return f"As of {so_many}{further}: worked out less often than the figures above."
-    return f"Over all episodes that were completed: {format_count(completed)}."
+        return f"As of {so_many}{further}; updated less often than the figures above."
+    return f"Over all completed episodes: {format_count(completed)}."
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

@@ -61,7 +61,7 @@ def bill_chart(find: str, lines: Sequence[Line]) -> Chart:
         id=f"bill-{find}-chart",
         kind="bills",
         title=title,
-        caption=f"{FINDS[find]} found once so much was spent, a line for each campaign.",
+        caption=f"{FINDS[find]} found by accumulated cost, one line per campaign.",
         data={
             "what": FINDS[find],
             "lines": [
@@ -76,7 +76,7 @@ def bill_chart(find: str, lines: Sequence[Line]) -> Chart:
         },
         columns=("USD", *(line.name for line in lines)),
         rows=tuple(rows(find, lines)),
-        note="A dash: nothing more was spent.",
+        note="–: no further cost.",
     )
 
 
@@ -179,11 +179,11 @@ def costs(compared: Sequence[Compared]) -> Chart:
         id="overlay-cost",
         kind="overlay",
         title="Failures against cost",
-        caption="Failures found once so much was spent.",
+        caption="Failures found by accumulated cost.",
         data={**draw_lines("USD", "Failures", lines), "look": "steps"},
         columns=("USD", *(one.name for one in known)),
         rows=tuple(cost_rows(known)),
-        note="A dash: nothing more was spent.",
+        note="–: no further cost.",
     )
 
 
@@ -244,7 +244,7 @@ def distances(compared: Sequence[Compared]) -> Chart:
         id="overlay-robustness",
         kind="overlay",
         title="Distribution of robustness",
-        caption="Share of the episodes with at most so much robustness; 0 m is a failure.",
+        caption="Cumulative share of episodes by robustness; 0 m is a failure.",
         data=draw_lines("Robustness [m]", "Episodes [%]", lines),
         columns=("Campaign", "Episodes", *(f"{100 * share:.0f} %" for share in TOLD)),
         rows=tuple(
@@ -255,7 +255,7 @@ def distances(compared: Sequence[Compared]) -> Chart:
             )
             for one, found in known
         ),
-        note="Robustness [m] that so many episodes do not exceed.",
+        note="Quantiles of robustness [m].",
     )
 
 

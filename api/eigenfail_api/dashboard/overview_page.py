@@ -145,7 +145,7 @@ def overview(known: OverviewFacts, wanted: Wanted) -> Overview:
         newest=wanted.address(before=None) if wanted.before else None,
         older=wanted.address(before=known.page.next) if known.page.next else None,
         methods=tuple(known.methods),
-        any_method=f"any but {REPLAY}" if known.replays else "any",
+        any_method=f"any except {REPLAY}" if known.replays else "any",
         replays=fold_replays(known.replays, wanted),
         lines=lines,
         tiles=(
@@ -165,7 +165,7 @@ def fold_replays(count: int, wanted: Wanted) -> tuple[str, str] | None:
     """Return the number of hidden replays that match the filters, and the address of their list."""
     if wanted.method or not count:
         return None
-    among = "those like that among " if wanted.is_filtered else ""
+    among = "matches among " if wanted.is_filtered else ""
     words = f"{among}{count_noun(count, 'replay')}"
     return words, msgspec.structs.replace(wanted, method=REPLAY, before=None).address()
 

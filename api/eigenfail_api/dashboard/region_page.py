@@ -105,7 +105,7 @@ def box_line(box: Box) -> BoxLine:
 def share(found: Rate | None) -> Tile:
     """A share with its interval and what it is of."""
     if found is None:
-        return Tile(UNKNOWN, ("none of the half that is counted",))
+        return Tile(UNKNOWN, ("no episodes in the counted half",))
     counted = f"{format_count(found.k)} of {format_count(found.n)}"
     bounds = OWN_EPISODES if found.bounds is None else format_percent_interval(found.bounds)
     return Tile(format_share(found.value), (bounds, counted))

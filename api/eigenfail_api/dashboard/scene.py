@@ -137,7 +137,7 @@ def scene_chart(
         id=name,
         kind="player",
         title="Scene from above",
-        caption="Width and length are to the same scale; the view follows the ego.",
+        caption="Width and length have the same scale; the view follows the ego.",
         data={
             "dt": scene.dt_s,
             "vehicles": [rounded_rows(vehicles) for vehicles in scene.vehicles],
@@ -164,7 +164,7 @@ def scene_chart(
         rows=tuple(
             scene_row(scene, step, nearest[step], apart) for step in range(len(scene.vehicles))
         ),
-        note="The scene, step by step.",
+        note="The scene by step.",
     )
 
 

@@ -234,7 +234,7 @@ def without_seed(row: SuiteRow) -> dict[str, object]:
 def notes(table: SuiteTable) -> Iterator[str]:
     """What the table leaves out."""
     if not table.columns and len(table.members) > 1:
-        yield "The members differ in nothing but their names."
+        yield "The members differ only in their names."
     if table.earlier:
         yield f"Left out: {count_noun(table.earlier, 'earlier campaign')} of the same names."
     if table.left_out:

@@ -56,7 +56,7 @@ After = Annotated[
     Query(
         ge=0,
         le=LARGEST,
-        description="Only episodes behind this index in the order: `next` of a page.",
+        description="Only episodes after this index in the sort order (`next` of a page).",
     ),
 ]
 OnlyOutcome = Annotated[

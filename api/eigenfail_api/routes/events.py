@@ -97,11 +97,11 @@ After = Annotated[
     Query(
         ge=0,
         le=LARGEST,
-        description="Start behind this event; 0 starts with the oldest. Default: new events only.",
+        description="Start after this event; 0 starts with the oldest. Default: new events only.",
     ),
 ]
 Behind = Annotated[
-    int, Query(ge=0, le=LARGEST, description="Only events behind this one: `next` of a page.")
+    int, Query(ge=0, le=LARGEST, description="Only events after this one (`next` of a page).")
 ]
 LastEventId = Annotated[
     int | None,

@@ -72,7 +72,7 @@ class Readiness:
         except TimeoutError:
             raise StoreUnavailable(
                 f"The database did not answer within {PROBE_LIMIT_S:g} s.",
-                "Check that its disk or server answers; then the service goes on by itself.",
+                "Check its disk or server; the service recovers automatically.",
             ) from None
 
     def _current(self) -> Future[None]:
@@ -143,10 +143,10 @@ class CampaignCollector(Collector):
             hours[method] += bill.instance_hours
             usd[method] += bill.total_usd
         yield _make_family(GaugeMetricFamily, "campaigns", "Campaigns by state", "state", states)
-        yield _make_family(CounterMetricFamily, "episodes", "Episodes that are over", "end", ends)
+        yield _make_family(CounterMetricFamily, "episodes", "Episodes ended", "end", ends)
         yield _make_family(CounterMetricFamily, "failures", "Collisions found", "method", failures)
         yield _make_family(CounterMetricFamily, "instance_hours", "Instance-hours", "method", hours)
-        yield _make_family(CounterMetricFamily, "cost_usd", "What they cost", "method", usd)
+        yield _make_family(CounterMetricFamily, "cost_usd", "Total cost", "method", usd)
 
 
 def _make_family(

@@ -119,10 +119,10 @@ HELP_ITSELF = "NoArgsIsHelpError"
 JSON = "--json"
 
 FAULTS = {
-    "int_parsing": "is no whole number",
+    "int_parsing": "is not an integer",
     "int_parsing_size": "is too large",
-    "int_from_float": "is no whole number",
-    "float_parsing": "is no number",
+    "int_from_float": "is not an integer",
+    "float_parsing": "is not a number",
     "greater_than_equal": "is below {ge}",
     "less_than_equal": "is above {le}",
 }

@@ -360,7 +360,7 @@ def tabulate_time(found: Sequence[CampaignCost]) -> Table:
     parts = [TableColumn(name.removesuffix("_s").capitalize(), "share") for name in PARTS_OF_TIME]
     columns = (ID, *name_columns("Method"), TableColumn("Active", "s"), *parts)
     rows = tuple((str(each.campaign), each.method, *_list_time(each)) for each in found)
-    return Table("What the time went into", columns, rows)
+    return Table("Time breakdown", columns, rows)
 
 
 def _list_time(found: CampaignCost) -> Iterator[Cell]:

@@ -272,7 +272,7 @@ class CostPoint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
-    """What the time went into for which a campaign was billed; the four parts sum to `active_s`.
+    """Breakdown of the time for which a campaign was billed; the four parts sum to `active_s`.
 
     The parts are None where the hub did not measure: in campaigns of older releases.
 

@@ -58,7 +58,7 @@ def test_a_wrong_key_stays_at_the_form(browser, keys, clock):
     for _ in range(10):
         wrong = browser.post("/login", data={"key": "ef_1_x", "next": "/suites"}, headers=OURS)
         assert wrong.status_code == 401
-        assert "That key is not valid here." in wrong.text
+        assert "Invalid key." in wrong.text
         assert 'value="/suites"' in wrong.text
         assert "set-cookie" not in wrong.headers
         assert "ef_1_x" not in wrong.text
@@ -125,7 +125,7 @@ def test_pages_of_others_cannot_use_the_cookie(browser, sign_in, fields, problem
             browser.post("/login", data={"key": "x"}, headers={"Origin": origin}).status_code == 403
         )
     silent = problem(browser.post(CAMPAIGNS, json=fields), 403)
-    assert "from which page" in silent["detail"]
+    assert "state its origin" in silent["detail"]
     assert not store.campaigns.page(10).items
     assert browser.post(CAMPAIGNS, json=fields, headers=OURS).status_code == 201
 
@@ -169,4 +169,4 @@ def test_what_is_not_theirs_to_press_says_so(store, browser, sign_in, scope, rea
     buttons = BUTTONS.findall(page) + LAUNCH.findall(form)
     assert len(buttons) >= 3  # pause, cancel, launch
     assert {" disabled title=" in button for button in buttons} == {reads_only}
-    assert ("</b>, to read" in page) is reads_only
+    assert ("</b>, read only" in page) is reads_only

@@ -27,7 +27,7 @@ def test_who_asks_too_fast_has_to_wait(http, keys, show, clock):
     assert statuses == [200] * 10 + [429] * 2
     refused = http.get(CAMPAIGNS, headers=fast)
     assert refused.headers["Retry-After"] == "1"
-    assert "more than 2 requests a second" in refused.json()["detail"]
+    assert "more than 2 requests per second" in refused.json()["detail"]
     assert http.get(CAMPAIGNS, headers=other).status_code == 200
     clock.pass_s(float(refused.headers["Retry-After"]))
     assert http.get(CAMPAIGNS, headers=fast).status_code == 200
@@ -47,7 +47,9 @@ def test_who_needs_no_key_is_counted_by_address(app, clock, problem):
         statuses = [fast.get(CAMPAIGNS).status_code for _ in range(22)]
         assert statuses == [200] * 20 + [429] * 2
         refused = fast.post(CAMPAIGNS, json={})
-        assert "This address sends more than 4 requests a second" in problem(refused, 429)["detail"]
+        assert (
+            "This address sends more than 4 requests per second" in problem(refused, 429)["detail"]
+        )
         assert refused.headers["Retry-After"] == "1"
         assert fast.get("/healthz").status_code == 200
         assert other.get(CAMPAIGNS).status_code == 200

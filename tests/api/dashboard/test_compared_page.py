@@ -39,10 +39,10 @@ def test_it_begins_with_a_list_to_pick_from(look, make):
     text = look("/comparison")
     assert f"{one}: apples" in text
     assert f"{other}: pears" in text
-    assert "0 picked" in text
+    assert "0 selected" in text
     assert "pears" not in look("/comparison?q=APP")
     assert "No campaigns match this name" in look("/comparison?q=plums")
-    assert "1 picked; 2 to 12 can be compared" in look(address([one]))
+    assert "1 selected; 2 to 12 can be compared" in look(address([one]))
 
 
 def test_without_a_campaign_it_leads_to_the_form(look):
@@ -83,17 +83,17 @@ def test_everything_is_tested_against_the_first(look, make):
     first = make((1, 2))
     other = make((1, 2, 3, 4, 5, 6, 7, 8, 9), planner="rulebook")
     text = look(address([first, other]))
-    assert f"The first: {first}: first" in text
+    assert f"Baseline: {first}: first" in text
     assert "+70.0 % [+26.6, +86.5], differs" in text
-    assert "10 pairs: 7 only here, 0 only in the first, p = 0.0156" in text
-    assert "takes two seeds of each" in text
+    assert "10 pairs: 7 only here, 0 only in the baseline, p = 0.0156" in text
+    assert "needs two seeds per group" in text
 
 
 def test_seeds_are_one_group(look, make):
     seeds = [make((1,), seed=seed) for seed in range(2)]
     others = [make((1, 2, 3), seed=seed, planner="rulebook") for seed in range(2)]
     text = look(address([*seeds, *others]))
-    assert f"The first: {seeds[0]}: first; {seeds[1]}: first" in text
+    assert f"Baseline: {seeds[0]}: first; {seeds[1]}: first" in text
     assert "1.00, large" in text
     page = f"/comparison?a={seeds[0]},{seeds[1]}&b={others[0]},{others[1]}"
     assert "Side by side" in look(page)
@@ -102,7 +102,7 @@ def test_seeds_are_one_group(look, make):
 def test_campaigns_of_one_kind_are_compared_one_by_one(look, make):
     ids = [make((1,), seed=seed) for seed in range(3)]
     text = look(address(ids))
-    assert f"The first: {ids[0]}: first. " in text
+    assert f"Baseline: {ids[0]}: first. " in text
     assert text.count("not paired: their seeds differ") == 2
 
 
@@ -129,12 +129,12 @@ def test_campaigns_without_an_episode_can_be_compared_too(look, http, fields):
     ids = [http.post(URL, json={**fields, "seed": seed}).json()["id"] for seed in range(2)]
     text = look(address(ids))
     assert "no episode on a side" in text
-    assert "None of these has a completed episode" in text
+    assert "None of these campaigns has a completed episode" in text
 
 
 def test_the_same_twice_is_once(look, make):
     one = make()
-    assert "1 picked" in look(address([one, one]))
+    assert "1 selected" in look(address([one, one]))
 
 
 @pytest.mark.parametrize(
@@ -160,13 +160,13 @@ def test_each_that_is_chosen_can_be_made_the_first_or_left_out(http, look, make)
     one, two, three = make(name="a"), make(name="b", seed=1), make(name="c", planner="rulebook")
     page = http.get(address([one, two, three], q="b")).text
     chosen = unescape(page.split('id="chosen"')[1].split("</section>")[0])
-    firsts = re.findall(r'<a href="([^"]+)" aria-label="Make', chosen)
+    firsts = re.findall(r'<a href="([^"]+)" aria-label="Set', chosen)
     removals = re.findall(r'<a href="([^"]+)" aria-label="Remove', chosen)
     more = {"q": "b", "diff": "true"}
     assert firsts == [address([two, one, three], **more), address([three, one, two], **more)]
     assert removals == [address(pair, **more) for pair in ((two, three), (one, three), (one, two))]
-    assert f"The first: {three}: c" in look(firsts[1])
-    assert "Chosen" not in look("/comparison")
+    assert f"Baseline: {three}: c" in look(firsts[1])
+    assert "Selected campaigns" not in look("/comparison")
 
 
 def test_who_picks_more_keeps_the_order_of_what_is_picked(http, make):

@@ -14,8 +14,8 @@ def test_the_page_asks_for_campaigns_and_compares_them(http, fields, deliver, re
     for campaign, crashes in ((a, (1, 2)), (b, (1, 3, 4, 5))):
         made = (result(i, Outcome.COLLISION if i in crashes else Outcome.SAFE) for i in range(10))
         deliver(campaign, *made)
-    assert "Name one campaign on each side" in look("/comparison")
-    assert "Name one campaign on each side" in look(f"/comparison?a={a}")
+    assert "Enter one campaign for each side" in look("/comparison")
+    assert "Enter one campaign for each side" in look(f"/comparison?a={a}")
     text = look(f"/comparison?a={a}&b={b}")
     assert "A fails in 20.0 % [5.7, 51.0] of 10 episodes" in text
     assert "Both saw the same noise in 10 pairs" in text

@@ -159,8 +159,8 @@ def test_a_page_asks_for_its_texts(look, path):
 
 
 def test_nothing_is_known_of_other_requests(look):
-    assert "Nothing is known" in look("/copies?path=/nonsense", 404)
-    assert "Nothing is known" in look("/copies?path=/campaigns/x", 404)
+    assert "is unknown" in look("/copies?path=/nonsense", 404)
+    assert "is unknown" in look("/copies?path=/campaigns/x", 404)
 
 
 @pytest.mark.parametrize("way", WAYS)

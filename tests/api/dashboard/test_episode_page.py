@@ -77,7 +77,7 @@ def test_the_scene_of_the_replay_is_played_where_none_was_kept(
     deliver(campaign, result(0))
     explained(explanation(True, ACCOUNTS, result(1, Outcome.COLLISION).scene))
     text = look(f"/campaigns/{campaign}/episodes/0/account")
-    assert "run again just now" in text
+    assert "new run of the episode" in text
     assert "Distance to the nearest vehicle" in text
 
 
@@ -87,7 +87,9 @@ def test_without_an_account_the_part_says_why(look, campaign, deliver, result, e
         ServiceError("Episodes cannot be run here.", "Run in a clone: pip install '.[worker]'")
     )
     text = look(f"/campaigns/{campaign}/episodes/0/account")
-    assert "not to be had: Episodes cannot be run here. Run in a clone: pip install" in text
+    assert (
+        "No planner explanation: Episodes cannot be run here. Run in a clone: pip install" in text
+    )
 
 
 def test_an_account_that_others_hold_up_is_refused_for_now(
@@ -121,9 +123,9 @@ def test_a_clip_is_a_small_player(look, campaign, deliver, result):
 
 
 def test_a_replay_is_awaited_until_it_arrives_or_ends(look, store, campaign, deliver, result):
-    assert "opens here by itself" in look(f"/replays/{campaign}")
+    assert "opens the episode when it has ended" in look(f"/replays/{campaign}")
     deliver(campaign, result(0))
-    assert "The episode is in" in look(f"/replays/{campaign}")
+    assert "Open the replayed episode" in look(f"/replays/{campaign}")
 
 
 def test_a_replay_that_came_to_nothing_says_so(look, store, campaign):
@@ -133,7 +135,7 @@ def test_a_replay_that_came_to_nothing_says_so(look, store, campaign):
 
 def test_a_region_says_why_there_is_none(look, campaign, deliver, result):
     deliver(campaign, result(0))
-    assert "being worked out" in look(f"/campaigns/{campaign}/region")
+    assert "Computing the failing region" in look(f"/campaigns/{campaign}/region")
     text = look(f"/campaigns/{campaign}/region/boxes")
     assert "No scenario parameter took more than one value" in text
 
@@ -171,7 +173,8 @@ def test_a_replay_that_is_the_same_says_so_and_what_that_means(look, result, rep
 def test_a_replay_that_differs_is_doubted(look, http, result, replays):
     again = replays(result(0))
     text = look(f"/campaigns/{again}/episodes/0")
-    assert "Another result. Stored: collision after 4 steps; replayed: safe after 4 steps." in text
+    courses = "Stored: collision after 4 steps; replayed: safe after 4 steps."
+    assert f"Different result. {courses}" in text
     assert "not deterministic, or their versions differ" in text
     assert "verdict is-doubtful" in http.get(f"/replays/{again}").text
 
@@ -205,7 +208,7 @@ def test_of_a_worker_that_never_connected_nothing_is_known(http, campaign, deliv
 def test_a_replay_of_scaled_noise_is_expected_to_differ(look, http, result, replays):
     again = replays(result(0), scale=0.5)
     address = f"/campaigns/{again}/episodes/0"
-    assert "It need not be the same, with noise × 0.5." in look(address)
+    assert "The result may differ, with noise × 0.5." in look(address)
     assert "is-doubtful" not in http.get(address).text
 
 

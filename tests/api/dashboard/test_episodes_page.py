@@ -82,7 +82,7 @@ def test_pages_follow_each_other(http, filled, monkeypatch):
         following = re.search(r'<a href="([^"]*)" rel="next">', page)
         address = html.unescape(following[1]) if following else None
     assert found == [4, 3, 2, 1, 0, 8, 7, 6, 5]
-    assert "To the first" in page
+    assert "First page" in page
 
 
 def test_a_wrong_filter_is_told_in_words_beside_it(http, filled):
@@ -104,7 +104,7 @@ def test_an_order_that_there_is_not_is_a_problem(http, filled):
 
 
 def test_nothing_is_said_in_words(http, look, campaign, filled, fields):
-    assert "No episode matches the filter." in get(http, filled, filter="severity > 999")
+    assert "No episodes match this filter." in get(http, filled, filter="severity > 999")
     other = http.post("/api/v1/campaigns", json=fields).json()["id"]
     page = get(http, other)
     assert "No episode has ended yet." in page

@@ -106,7 +106,7 @@ def test_a_snapshot_says_so(found, show):
 def test_doubtful_modes_are_called_groups(found, show):
     text = show(found)
     assert "No distinct modes" in text
-    assert "Read what follows as a summary of the failures" in text
+    assert "Read the groups as a summary of the failures" in text
     assert "Group 1" in text
     assert "Mode 1" not in text.split("Proof by replay")[0]
 
@@ -174,7 +174,7 @@ def test_what_was_asked_for_in_words():
         describe_settings(AnalysisSettings(align="collision", axes="lateral", campaigns=(2, 3)))
     )
     assert words == (
-        "aligned at collision, the lateral axis alone, 3 components, K-means, modes: by itself, "
+        "aligned at collision, the lateral axis alone, 3 components, K-means, modes: auto, "
         "bootstrap 20, with campaigns 2, 3"
     )
     assert "no bootstrap" in tuple(describe_settings(AnalysisSettings(bootstrap=0)))
@@ -197,5 +197,5 @@ def test_a_failed_analysis_says_why(http, store, campaign, look):
     store.analyses.fail(analysis, "There is none to analyse.")
     text = look(f"/analyses/{analysis}")
     assert "There is none to analyse." in text
-    assert "Analyse otherwise" in text
+    assert "Run another analysis" in text
     assert "Proof by replay" not in text

@@ -66,7 +66,7 @@ def test_older_keys_are_on_further_pages(http, key_of, monkeypatch) -> None:
 
 
 def test_a_log_without_lines_says_so(look) -> None:
-    assert "Nobody has changed anything yet" in look("/audit")
+    assert "No changes recorded yet" in look("/audit")
 
 
 def test_the_log_tells_who_did_what_and_what_was_refused(http, look, key_of, campaign) -> None:

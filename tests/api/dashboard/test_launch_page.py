@@ -172,8 +172,8 @@ def test_numbers_are_read_as_typed(text, value):
     ("problem", "words"),
     [
         ("Expected `float` >= 0.0.", "A number of at least 0.0 is expected."),
-        ("Expected `int`, got `str`.", "A whole number is expected."),
-        ("Expected `int | null`, got `str`.", "A whole number is expected."),
+        ("Expected `int`, got `str`.", "An integer is expected."),
+        ("Expected `int | null`, got `str`.", "An integer is expected."),
         ("Expected `str` of length >= 1.", "Text of at least 1 is expected."),
         ("is required.", "Is required."),
     ],
@@ -203,8 +203,8 @@ def test_problems_stand_at_their_fields_and_what_was_typed_stays(http, typed, te
     text = text_of(response)
     assert "3 problems: nothing was launched" in text
     for name, words in {
-        "episodes": "A whole number is expected.",
-        "settings-batch": "A whole number of at least 2 is expected.",
+        "episodes": "An integer is expected.",
+        "settings-batch": "An integer of at least 2 is expected.",
         "scenario_parameters-distance_m": "[60, 53] is not an interval",
     }.items():
         (problem,) = re.findall(f'id="field-{name}-problem">(.*?)</p>', response.text)
@@ -217,7 +217,7 @@ def test_problems_stand_at_their_fields_and_what_was_typed_stays(http, typed, te
 
 def test_what_is_in_order_is_told_whole_and_has_a_key(http, typed, text_of, store):
     response = post(http, **typed, wish="check")
-    assert "In order: 10 episodes can be launched." in text_of(response)
+    assert "Valid: 10 episodes can be launched." in text_of(response)
     assert "planner_settings.tracker.gate 9.21" in text_of(response)
     body = msgspec.json.decode(html.unescape(BODY.search(response.text)[1]))
     assert body == {**typed, "episodes": 10}
@@ -234,7 +234,7 @@ def test_what_a_check_found_stands_beside_the_buttons_too(http, typed, text_of):
     assert 'href="#launch-word"' not in beside()
     assert "1 problem</a>" in beside(wish="check", episodes="many")
     assert "2 problems</a>" in beside(wish="launch", episodes="many", seed="-1")
-    assert "In order" in beside(wish="check")
+    assert "Valid" in beside(wish="check")
 
 
 def test_two_clicks_have_one_key_and_another_body_another(http, typed):
@@ -250,7 +250,7 @@ def test_an_address_is_a_form_that_works_without_scripts(look, http):
     assert "learning_rate" in look("/launch?method=ast")
     assert "learning_rate" not in look("/launch?method=monte_carlo")
     text = look("/launch?name=x&method=monte_carlo&episodes=5&simulator=point_mass&wish=check")
-    assert "In order: 5 episodes" in text
+    assert "Valid: 5 episodes" in text
     assert "eigenfail campaign create campaign.toml" in text
     assert "1 problem" in look("/launch?name=x&method=monte_carlo&wish=check")
 
@@ -265,8 +265,8 @@ def test_a_plug_in_that_is_not_known_is_a_problem_at_its_field(look):
     ("query", "status", "words"),
     [
         ("from=99", 404, "99"),
-        ("from=x", 422, "is no id of a campaign"),
-        ("from=" + "9" * 40, 422, "is no id of a campaign"),
+        ("from=x", 422, "is not a campaign id"),
+        ("from=" + "9" * 40, 422, "is not a campaign id"),
         ("bogus=1", 422, "'bogus' is not known"),
     ],
 )
@@ -328,9 +328,9 @@ def test_a_clone_with_another_method_leaves_its_settings_behind(http, learnt):
 def test_extending_is_a_new_campaign_and_the_page_says_so(look, learnt, store):
     text = look(f"/launch?from={learnt}&episodes=80")
     assert f"Extend campaign {learnt}" in text
-    assert "this makes a new one, and leaves that one as it is" in text
+    assert "this form creates a new one" in text
     assert "cem plans by its budget" in text
-    assert "Once it has ended, a method that learns can build on it." in text
+    assert "Once it has ended, a learning method can build on its results." in text
     store.campaigns.move(learnt, CampaignState.CANCELLED)
     assert "Use what it learnt, and learn no further." in look(f"/launch?from={learnt}")
 

@@ -61,7 +61,7 @@ def test_a_campaign_page_offers_every_form_in_which_its_results_can_be_had(http,
 
 def test_both_parts_say_as_of_when_they_are(look, store, driven):
     assert "As of 10 completed episodes, 20" in look(f"/campaigns/{driven}")
-    assert "As of 10 completed episodes: worked out less" in look(f"/campaigns/{driven}/measures")
+    assert "As of 10 completed episodes; updated less" in look(f"/campaigns/{driven}/measures")
     store.campaigns.move(driven, "done")
     assert "As of" not in look(f"/campaigns/{driven}")
 
@@ -85,12 +85,12 @@ def test_cost_and_time_sum_to_what_was_billed(look, driven):
     text = look(f"/campaigns/{driven}/measures")
     assert "Spent 1.00 USD 0.833 instance-hours at 1.20 USD/h × 1" in text
     assert "Per failure 0.333 USD 3 failures" in text
-    assert "Per distinct mode – no distinct modes are known" in text
+    assert "Per distinct mode – no distinct modes found" in text
     assert f"No analysis is done: `eigenfail analyze {driven}`, or Analyse on its page." in text
     assert "70.0 % 35 min" in text
     assert "20.0 % 10 min" in text
     assert "10.0 % 5 min" in text
-    assert "results that were thrown away 0 %" in text
+    assert "discarded results 0 %" in text
 
 
 def test_an_analysis_that_finds_distinct_modes_prices_them(look, store, driven, finished):
@@ -104,22 +104,22 @@ def test_an_analysis_that_finds_distinct_modes_prices_them(look, store, driven, 
 
 
 def test_without_an_episode_there_is_nothing_to_tell_now_or_ever(look, store, campaign):
-    assert "once an episode has ended" in look(f"/campaigns/{campaign}/measures")
+    assert "after the first episode" in look(f"/campaigns/{campaign}/measures")
     assert "appear with the first results" in look(f"/campaigns/{campaign}")
     store.campaigns.move(campaign, "cancelled")
     assert "No episode was completed: there are no" in look(f"/campaigns/{campaign}/measures")
     text = look(f"/campaigns/{campaign}")
-    assert "there is nothing to draw" in text
+    assert "there are no charts" in text
     assert "yet" not in text.split("Failures Search")[0]
 
 
 def test_figures_that_lag_say_of_how_many_episodes_they_are(look, store, driven):
     address = f"/campaigns/{driven}/measures"
-    assert "As of 10 completed episodes: worked out less often" in look(address)
+    assert "As of 10 completed episodes; updated less often" in look(address)
     assert "Cost so far" in look(f"/campaigns/{driven}")
     store.campaigns.move(driven, "done")
-    assert "Over all episodes that were completed: 10." in look(address)
-    assert "Cost in all" in look(f"/campaigns/{driven}")
+    assert "Over all completed episodes: 10." in look(address)
+    assert "Total cost" in look(f"/campaigns/{driven}")
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def test_replays_are_folded_away_and_one_click_from_the_searches(replay, names, 
     again, searched = replay
     assert names("/") == [searched]
     assert names("/?state=running&search=first") == [searched]
-    assert "Not listed: 1 replay of what was found before." in look("/")
+    assert "Not listed: 1 replay of earlier episodes." in look("/")
     assert 'href="/?method=replay"' in http.get("/", headers=HTML).text
     assert names("/?method=replay") == [again]
     assert "Not listed" not in look("/?method=replay")
@@ -121,14 +121,14 @@ def test_replays_are_folded_away_and_one_click_from_the_searches(replay, names, 
 def test_a_search_that_means_replays_leads_to_them(replay, names, http):
     text = http.get("/?search=replay+of&before=99", headers=HTML).text
     address = text.split('Not listed: <a href="')[1].split('"')[0].replace("&amp;", "&")
-    assert "those like that among 1 replay<" in text
+    assert "matches among 1 replay<" in text
     assert names(address) == [replay[0]]
 
 
 def test_without_replays_none_are_spoken_of(campaign, look):
     text = look("/")
     assert "Not listed" not in text
-    assert "any but replay" not in text
+    assert "any except replay" not in text
 
 
 def test_a_campaign_leads_to_its_replays_and_they_lead_back(replay, names, http):

@@ -303,7 +303,7 @@ def test_the_next_failure_is_one_click_away(http, campaign, deliver, result):
 
 def test_an_analysis_waits_fails_or_shows_its_modes(look, store, campaign, finished):
     waiting = store.analyses.create(campaign, store.analyses.get(finished(2)).settings).id
-    assert "waits for its turn" in look(f"/analyses/{waiting}")
+    assert "queued or running" in look(f"/analyses/{waiting}")
     store.analyses.fail(waiting, "There are no failures to analyse.")
     assert "There are no failures to analyse." in look(f"/analyses/{waiting}")
     text = look(f"/analyses/{finished(2)}")
@@ -317,7 +317,7 @@ def test_an_analysis_waits_fails_or_shows_its_modes(look, store, campaign, finis
         ("/campaigns/7", 404, "Not found"),
         ("/campaigns/seven", 422, "Invalid value"),
         ("/analyses/7", 404, "Not found"),
-        ("/nowhere", 404, "There is nothing at /nowhere."),
+        ("/nowhere", 404, "/nowhere does not exist."),
         ("/?bfore=3", 422, "before"),
     ],
 )
@@ -347,7 +347,7 @@ def test_a_fault_of_our_own_is_a_page_too(http, look, store, monkeypatch):
 
     monkeypatch.setattr(store.campaigns, "page", fail)
     text = look("/", 500)
-    assert "its log says how" in text
+    assert "Internal error" in text
     assert "secret" not in text
     policy = http.get("/", headers=HTML).headers["content-security-policy"]
     assert policy == http.get("/healthz").headers["content-security-policy"]
@@ -377,5 +377,5 @@ def test_an_episode_of_a_campaign_that_varies_shows_what_it_drew(
     campaign = http.post("/api/v1/campaigns", json=varied).json()["id"]
     deliver(campaign, result(3, Outcome.COLLISION))
     text = look(f"/campaigns/{campaign}/episodes/3")
-    assert "Scenario drawn distance_m 61.25" in text
+    assert "Sampled scenario parameters distance_m 61.25" in text
     assert "4 (0.400 s)" in text  # the time step is the scenario's, so it could be staged

@@ -55,7 +55,7 @@ def test_replays_are_counted_with_their_interval():
 
 def test_nothing_is_proven_before_somebody_asks(http, look, finished):
     analysis = finished(2)
-    assert "Not asked for yet." in look(f"/analyses/{analysis}")
+    assert "No proof yet." in look(f"/analyses/{analysis}")
     html = http.get(f"/analyses/{analysis}", headers=HTML).text
     assert f'action="/api/v1/analyses/{analysis}{BUTTON}"' in html
     assert 'data-open="false"' in html

@@ -41,8 +41,8 @@ def test_what_lasts_is_said_once_and_so_is_its_change_and_its_end() -> None:
 
 def test_who_gives_up_is_named_with_the_reason_once() -> None:
     placement = PlacementNotices()
-    refused = {"w.1": "The hub does not let in this worker's key."}
-    words = "Worker w.1 gave up: The hub does not let in this worker's key."
+    refused = {"w.1": "The hub rejects the key of this worker."}
+    words = "Worker w.1 gave up: The hub rejects the key of this worker."
     assert said(placement, 0.0, refused=refused) == [(REFUSED, words)]
     assert said(placement, 1.0, refused=refused) == []
 

@@ -23,7 +23,7 @@ async function send(form) {
     });
     settle(form, response.ok, await response.json());
   } catch {
-    tell("The service did not answer. Look whether it still runs, and try again.");
+    tell("The service did not respond. Check that it is running, and try again.");
   } finally {
     button.disabled = false;
   }

@@ -13,6 +13,6 @@ async function copy(pre) {
     tell("Copied.");
   } catch {
     getSelection().selectAllChildren(pre);
-    tell("The text is marked: copy it with Ctrl+C.");
+    tell("The text is selected: copy it with Ctrl+C.");
   }
 }

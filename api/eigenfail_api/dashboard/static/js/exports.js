@@ -7,7 +7,7 @@ const RUNNING = "running";
 export async function fetchFile(button) {
   button.disabled = true;
   try {
-    tell("The file is being made.");
+    tell("Creating the file …");
     const made = await finished(await asked(button.dataset.export));
     window.location.assign(`/api/v1/exports/${made.id}/file`);
   } catch (error) {
@@ -25,7 +25,7 @@ function asked(address) {
 async function finished({ id }) {
   for (;;) {
     const made = await answered(fetch(`/api/v1/exports/${id}`));
-    if (made.problem) throw new Error(`The file could not be made: ${made.problem}`);
+    if (made.problem) throw new Error(`The file could not be created: ${made.problem}`);
     if (made.state !== RUNNING) return made;
     await new Promise((done) => { setTimeout(done, LOOK_MS); });
   }

@@ -52,5 +52,5 @@ function wantAll(which) {
 function refused({ sourceElement: { id }, response }) {
   if (!parts.has(id)) return;
   if (response.status === BUSY) parts.get(id).want(id);
-  else tell("A part of this page could not be worked out. The log of the service says why.");
+  else tell("A part of this page could not be computed. See the log of the service.");
 }

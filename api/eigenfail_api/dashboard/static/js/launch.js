@@ -2,7 +2,7 @@
 // order goes to the public API under a key that makes one campaign of two clicks.
 import { tell } from "./notice.js";
 
-const UNANSWERED = "The service did not answer. Look whether it still runs, and try again.";
+const UNANSWERED = "The service did not respond. Check that it is running, and try again.";
 
 const TOO_LARGE = 413;
 
@@ -70,8 +70,8 @@ async function draw(wish) {
 function refused({ sourceElement, response }) {
   if (sourceElement.id !== "launch") return;
   tell(response.raw.status === TOO_LARGE
-    ? "What is typed is more than the service takes. Shorten it, or launch by the API."
-    : "The service could not read the form. Its log says why.");
+    ? "The form exceeds the size limit of the service. Shorten it, or launch through the API."
+    : "The service could not read the form. See its log.");
 }
 
 async function launch(body, key) {

@@ -36,7 +36,7 @@ async function copy(scrub) {
   const address = addressAt(Number.parseFloat(scrub.getAttribute("aria-valuetext")));
   try {
     await navigator.clipboard.writeText(address);
-    tell("The link to this moment is copied.");
+    tell("Link copied.");
   } catch {
     tell(`The link to this moment: ${address}`);
   }

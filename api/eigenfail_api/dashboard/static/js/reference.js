@@ -24,7 +24,7 @@ async function attempt(form) {
     const response = await fetch(url, { headers: { Accept: form.dataset.accept } });
     show(answer, `${response.status} ${response.statusText} · ${url}`, await textOf(response));
   } catch {
-    show(answer, `No answer · ${url}`, "Look whether the service still runs, and try again.");
+    show(answer, `No response · ${url}`, "Check that the service is running, and try again.");
   }
 }
 
