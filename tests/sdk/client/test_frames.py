@@ -145,6 +145,6 @@ def test_without_pandas_the_remedy_is_said(monkeypatch):
         return ordinary(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(ServiceError, match=r"pip install 'eigenfail\[export\]'"):
+    with pytest.raises(ServiceError, match=r"pip install '\.\[export\]'"):
         Rows(lambda: iter([ROW])).to_pandas()
     assert len(Rows(lambda: iter([ROW])).to_numpy()) == 1

@@ -4,6 +4,7 @@ from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
+from sklearn.cluster import HDBSCAN
 from sklearn.metrics import adjusted_rand_score
 
 from eigenfail.errors import InvalidValue
@@ -157,3 +158,18 @@ def test_a_single_mode_or_no_resamples_have_no_stability() -> None:
     assert clusters.measure_stability(data, np.zeros(150, np.intp), settings) is None
     labels = np.repeat(range(3), 50)
     assert clusters.measure_stability(data, labels, AnalysisSettings(bootstrap=0)) is None
+
+
+def test_what_is_in_no_dense_region_joins_its_one_nearest_neighbour() -> None:
+    generator = np.random.default_rng(0)
+    left, right = (generator.normal((x, 0.0), 0.5, (40, 2)) for x in (0.0, 4.0))
+    rows = np.concatenate([left, right, generator.uniform((1.0, -6.0), (3.0, 6.0), (24, 2))])
+    labels = HDBSCAN(min_cluster_size=clusters.FEWEST, copy=True).fit_predict(rows)
+    inside, strays = labels >= 0, np.flatnonzero(labels < 0)
+    distances = np.linalg.norm(rows[strays, None] - rows[None, inside], axis=2)
+    nearest, second = labels[inside][np.argsort(distances, axis=1)[:, :2]].T
+    assert (nearest != second).any(), "the two nearest neighbours of no stray differ"
+    grouping = CLUSTERERS["hdbscan"].fit(rows, 0)
+    assert grouping is not None
+    assert grouping.groups.predict(rows[strays]).tolist() == nearest.tolist()
+    assert grouping.outliers == pytest.approx(len(strays) / len(rows))

@@ -139,12 +139,14 @@ def test_two_campaigns_take_turns_by_the_slotful_and_share_alike(table: Table) -
 def test_what_needs_a_bridge_goes_to_who_has_one_and_holds_nobody_up(table: Table) -> None:
     table.leases.require_bridge(1)
     table.join(b"without", bridge=False)
+    assert table.leases.has_bridge() is False
     for campaign in (1, 2):
         table.leases.offer(campaign, tasks(0, 100))
     table.lend()
     assert {campaign for campaign, _ in table.held(b"without")} == {2}
     assert table.leases.list_unrunnable() == {1}
     table.join(b"with")
+    assert table.leases.has_bridge() is True
     assert not table.leases.list_unrunnable()
     for _ in range(20):
         table.lend()

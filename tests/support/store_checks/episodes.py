@@ -158,7 +158,8 @@ def refuses_what_does_not_fit(store: Store) -> None:
     for misfit in misfits:
         equal(deliver(store, campaign, misfit), [UNWANTED], f"A result like {misfit}")
     equal(deliver(store, campaign, misfits[0], result(1)), [UNWANTED, KEPT], "Its neighbour")
-    equal(counts(store, campaign), Counts(10, completed=1), "Counts")
+    equal(deliver(store, campaign, result(2, seed=0)), [KEPT], "The smallest seed")
+    equal(counts(store, campaign), Counts(10, completed=2), "Counts")
 
 
 def keeps_no_number_that_is_none(store: Store) -> None:
