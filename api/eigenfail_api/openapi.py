@@ -132,14 +132,14 @@ def document_route(
         status: of the answer.
         body: type of the request's body.
     """
-    told: dict[str, Any] = {
+    options: dict[str, Any] = {
         "status_code": status,
         "responses": {status: {"content": {JSON: schema(answer)}}, "default": problem_response()},
     }
     if body is not None:
         request = {"content": {JSON: schema(body)}, "required": bool(_required_fields(body))}
-        told["openapi_extra"] = {"requestBody": request}
-    return told
+        options["openapi_extra"] = {"requestBody": request}
+    return options
 
 
 def documented_plain(answer: Any, status: int, body: dict[str, Any]) -> dict[str, Any]:
@@ -150,8 +150,10 @@ def documented_plain(answer: Any, status: int, body: dict[str, Any]) -> dict[str
 
 def documented_stream() -> dict[str, Any]:
     """Return the same for a stream of events, which version 3.1 can only call text."""
-    told = "Server-sent events. The data of each is the JSON of an Event, its id the Event's id."
-    stream = {"schema": {"type": "string", "description": told}}
+    description = (
+        "Server-sent events. The data of each is the JSON of an Event, its id the Event's id."
+    )
+    stream = {"schema": {"type": "string", "description": description}}
     return {"responses": {200: {"content": {STREAM: stream}}, "default": problem_response()}}
 
 

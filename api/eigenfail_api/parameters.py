@@ -76,8 +76,10 @@ def _media_read(route: APIRoute) -> set[str]:
 
 
 def _media_written(route: APIRoute) -> set[str]:
-    successes = (told for status, told in route.responses.items() if str(status).startswith("2"))
-    return {_strip(kind) for told in successes for kind in told.get("content", {})}
+    successes = (
+        response for status, response in route.responses.items() if str(status).startswith("2")
+    )
+    return {_strip(kind) for response in successes for kind in response.get("content", {})}
 
 
 def _strip(kind: str) -> str:

@@ -325,9 +325,9 @@ def _explain(wanted: _ExplanationQuestion) -> Explanation:
     stored = wanted.stored
     replayed, episode = explain_episode(wanted.spec, stored)
     name = f"{wanted.campaign}/{stored.index}"
-    told = build_explanation(name, wanted.spec.planner, replayed, episode, WHOLE)
+    explanation = build_explanation(name, wanted.spec.planner, replayed, episode, WHOLE)
     has_news = replayed.same and stored.scene is None
-    return msgspec.structs.replace(told, scene=episode.result.scene if has_news else None)
+    return msgspec.structs.replace(explanation, scene=episode.result.scene if has_news else None)
 
 
 _MOST_MOMENTS = 12

@@ -72,10 +72,10 @@ def exit_status(process: Popen[bytes]) -> int | None:
     """
     if process.returncode is None:
         with suppress(ChildProcessError):  # somebody else has waited for it
-            told = os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-            if told is None:
+            status = os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+            if status is None:
                 return None
-            return told.si_status if told.si_code == os.CLD_EXITED else -told.si_status
+            return status.si_status if status.si_code == os.CLD_EXITED else -status.si_status
     return process.poll()
 
 
@@ -120,7 +120,7 @@ LAST_STEPS_S = 2.0
 LOG = "The log of the service says more."
 
 
-class Told(msgspec.Struct, frozen=True, tag=True):
+class Answered(msgspec.Struct, frozen=True, tag=True):
     """The answer."""
 
     answer: bytes
@@ -145,27 +145,27 @@ def ask(module: str, question: bytes, patience_s: float) -> bytes:
         ServiceError: it took too long, or ended without an answer.
     """
     try:
-        told = msgspec.msgpack.decode(
-            run_question(module, question, patience_s), type=Told | Refused
+        received = msgspec.msgpack.decode(
+            run_question(module, question, patience_s), type=Answered | Refused
         )
     except msgspec.DecodeError as error:
         raise ServiceError("The process that should answer was broken off.", LOG) from error
-    if isinstance(told, Refused):
-        raise make_error(told.problem)
-    return told.answer
+    if isinstance(received, Refused):
+        raise make_error(received.problem)
+    return received.answer
 
 
 def run_question(module: str, question: bytes, patience_s: float) -> bytes:
     """What a process of the module writes; see `ask`."""
-    told, write = os.pipe()
+    read, write = os.pipe()
     asked = subprocess.Popen(
         [sys.executable, "-m", module],
-        stdin=told,
+        stdin=read,
         stdout=subprocess.PIPE,
         env=os.environ | ONE_THREAD | as_parent(),
         process_group=0,
     )
-    os.close(told)
+    os.close(read)
     Thread(target=tell, args=(write, question), daemon=True).start()
     with asked:
         try:
@@ -213,10 +213,10 @@ def answer(reply: Callable[[bytes], bytes]) -> None:
         os.nice(GENTLENESS)
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    told: Told | Refused
+    reply_sent: Answered | Refused
     try:
-        told = Told(reply(sys.stdin.buffer.read()))
+        reply_sent = Answered(reply(sys.stdin.buffer.read()))
     except EigenfailError as error:
-        told = Refused(make_problem(error))
+        reply_sent = Refused(make_problem(error))
     with answers:
-        answers.write(msgspec.msgpack.encode(told))
+        answers.write(msgspec.msgpack.encode(reply_sent))

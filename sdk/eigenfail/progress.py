@@ -78,13 +78,13 @@ class Pace:
         if self.first is None:
             self.first = (now_s, seen.done)
         elapsed_s, done = now_s - self.first[0], seen.done - self.first[1]
-        told = f"{seen.failures} failure{'s' * (seen.failures != 1)}"
-        told += f", {seen.errored} errored" if seen.errored else ""
+        text = f"{seen.failures} failure{'s' * (seen.failures != 1)}"
+        text += f", {seen.errored} errored" if seen.errored else ""
         if done <= 0 or elapsed_s <= 0.0:
-            return told
+            return text
         rate = done / elapsed_s
         left = timedelta(seconds=round((seen.total - seen.done) / rate))
-        return f"{told}, {rate:.1f} episodes/s" + (f", {left} to go" if left else "")
+        return f"{text}, {rate:.1f} episodes/s" + (f", {left} to go" if left else "")
 
 
 class Bar:

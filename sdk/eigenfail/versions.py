@@ -79,13 +79,13 @@ def describe_mixed(campaign: Campaign) -> tuple[str, ...]:
     Nothing is said of a takeover before the first result: no result of other versions is in it.
     """
     earlier = (None, *campaign.parts)
-    told = [
+    sentences = [
         f"Campaign {campaign.id} went on with other versions after {now.results:,} "
         f"result{'s' * (now.results != 1)}: {_changes(before, now)}."
         for before, now in zip(earlier, campaign.parts, strict=False)
         if now.results
     ]
-    return (*told, NOT_OF_ONE_RELEASE) if told else ()
+    return (*sentences, NOT_OF_ONE_RELEASE) if sentences else ()
 
 
 NOT_OF_ONE_RELEASE = (

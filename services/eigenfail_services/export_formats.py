@@ -190,14 +190,14 @@ def require_pyarrow() -> None:
 
 
 def write_parquet(
-    path: Path, source: ExportSource, told: Callable[[int], None], *, noise: bool
+    path: Path, source: ExportSource, on_progress: Callable[[int], None], *, noise: bool
 ) -> None:
     """Write a file.
 
     Args:
         path: where to.
         source: the episodes, and which columns of them.
-        told: called with the number of rows written so far.
+        on_progress: called with the number of rows written so far.
         noise: whether their z comes along.
     """
     from pyarrow import table
@@ -214,7 +214,7 @@ def write_parquet(
             filled |= _read_noise(source, rows) if noise else {}
             writer.write_table(table(filled, schema=schema))
             done += len(rows)
-            told(done)
+            on_progress(done)
 
 
 def _choose_encodings(columns: tuple[str, ...], *, noise: bool) -> dict[str, list[str]]:
@@ -237,8 +237,8 @@ def _make_schema(columns: tuple[str, ...], origin: ExportOrigin, *, noise: bool)
         ColumnKind.TEXT: pa.string(),
         ColumnKind.FLAG: pa.bool_(),
     }
-    told = [COLUMNS[name] for name in columns]
-    fields = [pa.field(c.name, types[c.kind], metadata={"words": c.words}) for c in told]
+    described = [COLUMNS[name] for name in columns]
+    fields = [pa.field(c.name, types[c.kind], metadata={"words": c.words}) for c in described]
     each = pa.list_(pa.field("element", pa.float32()))
     axes = [pa.field(axis, each, metadata={"words": "z_t [sigma]"}) for axis in NOISE if noise]
     said = msgspec.json.encode(origin)

@@ -289,9 +289,9 @@ class ExportJobs:
                 del self._rows[export.id]
 
     def _write(self, export: Export) -> None:
-        def told(rows: int) -> None:
+        def report_progress(rows: int) -> None:
             self._rows[export.id] = rows
 
         source = ExportSource(self._store, export.campaign, parse_selection(export.request))
         with open_draft(self._shelf.home(export.id) / EPISODES_FILE) as part:
-            write_parquet(part, source, told, noise=export.request.noise)
+            write_parquet(part, source, report_progress, noise=export.request.noise)

@@ -149,8 +149,8 @@ def influence_chart(result: AnalysisResult) -> Chart:
 def draw_moment(found: Moment) -> dict[str, object]:
     """Return the JSON that the page's chart draws for a moment."""
     before_s = found.before_collision_s
-    told = "" if before_s is None else f"{format_number(before_s)} s before the collision"
-    return {"axis": found.axis, "step": found.step, "told": told}
+    text = "" if before_s is None else f"{format_number(before_s)} s before the collision"
+    return {"axis": found.axis, "step": found.step, "time": text}
 
 
 def places(result: AnalysisResult, campaign: int) -> list[str]:

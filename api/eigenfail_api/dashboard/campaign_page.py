@@ -369,8 +369,8 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
     measures = (
         measures_of(seen, read_figures(store, seen)) if begun and is_prefetched(begun) else None
     )
-    told = partial(find_staffing, store)
-    response = page("campaign.html", campaign_view(found), measures=measures, staffing=told)
+    staffing = partial(find_staffing, store)
+    response = page("campaign.html", campaign_view(found), measures=measures, staffing=staffing)
     response.background = BackgroundTask(wait_for_figures, begun)
     return response
 

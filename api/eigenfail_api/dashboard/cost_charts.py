@@ -113,12 +113,12 @@ class MethodCosts(msgspec.Struct, frozen=True, kw_only=True):
 
 def method_costs(groups: Sequence[PeerCosts]) -> MethodCosts:
     """The newest groups in which something was spent and run."""
-    told = [group for group in groups if any(has_cost(each) for each in group.methods)]
-    shown = told[:MOST_GROUPS]
+    priced = [group for group in groups if any(has_cost(each) for each in group.methods)]
+    shown = priced[:MOST_GROUPS]
     common = [note for note in notes_of(shown) if all(note in group.notes for group in shown)]
     return MethodCosts(
         charts=tuple(group_chart(place, group, common) for place, group in enumerate(shown)),
-        notes=(*common, *others(len(told) - len(shown))),
+        notes=(*common, *others(len(priced) - len(shown))),
     )
 
 
@@ -178,8 +178,8 @@ def alike(peers: Peers) -> str:
 
 def words(part: str, settings: Settings) -> str:
     """Settings in words."""
-    told = {name: msgspec.json.encode(value).decode() for name, value in settings.items()}
-    return ", ".join(f"{part}’s {name} = {value}" for name, value in told.items())
+    values = {name: msgspec.json.encode(value).decode() for name, value in settings.items()}
+    return ", ".join(f"{part}’s {name} = {value}" for name, value in values.items())
 
 
 def point(found: MethodCost) -> dict[str, object]:

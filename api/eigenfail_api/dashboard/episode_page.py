@@ -183,13 +183,13 @@ def verdict(stored: Run, again: Run, differing: Sequence[str] = ()) -> ReplayVer
     """The two results by their digests; `differing` are the versions that were not the same."""
     if stored.result.digest() == again.result.digest():
         return ReplayVerdict(words=SAME, meaning=REPEATABLE, tone="is-distinct", sign="✓")
-    told = f"Stored: {course(stored.result)}; replayed: {course(again.result)}."
+    courses = f"Stored: {course(stored.result)}; replayed: {course(again.result)}."
     changes = [*list_changes(stored, again), *(f"other versions ({each})" for each in differing)]
     if not changes:
-        meaning = f"{told} {NOT_REPEATABLE}"
+        meaning = f"{courses} {NOT_REPEATABLE}"
         return ReplayVerdict(words=OTHER, meaning=meaning, tone="is-doubtful", sign="!")
     why = f"The result may differ, with {' and '.join(changes)}."
-    return ReplayVerdict(words=OTHER, meaning=f"{told} {why}", tone="", sign="≠")
+    return ReplayVerdict(words=OTHER, meaning=f"{courses} {why}", tone="", sign="≠")
 
 
 def course(result: EpisodeResult) -> str:
@@ -379,14 +379,14 @@ async def show_account(store: Stored, campaign: CampaignId, index: EpisodeIndex)
     """What the planner says of an episode: its page asks for it once it stands."""
     seen = await run_sync(store.campaigns.get, campaign)
     try:
-        told = await EXPLAINING.do(EXPLANATIONS.of, store, campaign, index)
+        explanation = await EXPLAINING.do(EXPLANATIONS.of, store, campaign, index)
     except (NotFound, ServiceBusy):
         raise
     except EigenfailError as error:
         return page("account.html", no_account(campaign, seen.spec.name, index, error))
     stored = await run_sync(store.episodes.get, campaign, index)
     mission = await run_sync(mission_of, seen.spec, stored.seed)
-    return page("account.html", account_view(campaign, seen.spec.name, index, told, mission))
+    return page("account.html", account_view(campaign, seen.spec.name, index, explanation, mission))
 
 
 @router.get("/campaigns/{campaign}/episodes/{index}/clip")
@@ -401,8 +401,8 @@ def show_clip(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLR
 def show_replay(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """Where one waits for the only episode of a replay."""
     seen, result = store.campaigns.get(campaign), first(store, campaign)
-    told = judge_replay(store, Run(seen, result)) if result else None
-    return page("replay.html", replay_view(seen, told, has_arrived=result is not None))
+    judged = judge_replay(store, Run(seen, result)) if result else None
+    return page("replay.html", replay_view(seen, judged, has_arrived=result is not None))
 
 
 def first(store: Store, campaign: int) -> EpisodeResult | None:

@@ -206,8 +206,8 @@ def show_overview(
 ) -> HTMLResponse:
     """Campaigns, newest first."""
     wanted = Wanted(state or None, method or None, search.strip() or None, before)
-    told = partial(find_staffing, store)
-    return page("overview.html", overview(read_overview(store, wanted), wanted), staffing=told)
+    staffing = partial(find_staffing, store)
+    return page("overview.html", overview(read_overview(store, wanted), wanted), staffing=staffing)
 
 
 def read_overview(store: Store, wanted: Wanted) -> OverviewFacts:

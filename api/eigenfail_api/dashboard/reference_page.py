@@ -72,7 +72,7 @@ def words_of(schema: Node) -> str:
 
 def bounds(schema: Node) -> str:
     """The bounds of a number, the length of a text."""
-    told = [
+    phrases = [
         f"{sign} {schema[name]}"
         for name, sign in (
             ("minimum", "≥"),
@@ -83,8 +83,8 @@ def bounds(schema: Node) -> str:
         if abs(schema.get(name, LARGE)) < LARGE
     ]
     if "maxLength" in schema:
-        told.append(f"of at most {schema['maxLength']} characters")
-    return ", ".join(told)
+        phrases.append(f"of at most {schema['maxLength']} characters")
+    return ", ".join(phrases)
 
 
 def sample(schema: Node, schemas: Mapping[str, Node]) -> Any:
@@ -185,33 +185,33 @@ def reference(document: Node, address: str) -> ReferencePage:
         for tag in document["tags"]
     )
     schemas = document["components"]["schemas"]
-    told = tuple(schema_of(name, schemas[name]) for name in sorted(schemas))
-    return ReferencePage(tuple(groups), told, address)
+    described = tuple(schema_of(name, schemas[name]) for name in sorted(schemas))
+    return ReferencePage(tuple(groups), described, address)
 
 
 def operations_of(document: Node, address: str) -> Iterator[tuple[list[str], Operation]]:
     """All routes with their tags, by their paths."""
     for path, item in sorted(document["paths"].items()):
-        for verb, told in item.items():
-            yield told["tags"], operation_of(document, f"{verb.upper()} {path}", told, address)
+        for verb, node in item.items():
+            yield node["tags"], operation_of(document, f"{verb.upper()} {path}", node, address)
 
 
-def operation_of(document: Node, place: str, told: Node, address: str) -> Operation:
+def operation_of(document: Node, place: str, node: Node, address: str) -> Operation:
     """One route; its place is a verb and a path."""
     verb, _, path = place.partition(" ")
-    parameters = tuple(map(parameter_of, told.get("parameters", [])))
-    body = told.get("requestBody", {}).get("content", {}).get(JSON)
+    parameters = tuple(map(parameter_of, node.get("parameters", [])))
+    body = node.get("requestBody", {}).get("content", {}).get(JSON)
     refusals = document["components"]["responses"]
     answers = tuple(
         answer_of(status, refusals[each["$ref"].rpartition("/")[2]] if "$ref" in each else each)
-        for status, each in told["responses"].items()
+        for status, each in node["responses"].items()
     )
     accept = answers[0].contents[0][0] if answers[0].contents else ""
     return Operation(
-        id=told["operationId"],
+        id=node["operationId"],
         verb=verb,
         path=path,
-        words=told["description"],
+        words=node["description"],
         parameters=parameters,
         body=kind_of(body["schema"]) if body else None,
         answers=answers,
@@ -221,34 +221,36 @@ def operation_of(document: Node, place: str, told: Node, address: str) -> Operat
     )
 
 
-def parameter_of(told: Node) -> ReferenceField:
+def parameter_of(node: Node) -> ReferenceField:
     """A parameter of a route."""
-    kind, default = kind_of(told["schema"]), default_of(told["schema"])
-    words = told.get("description", "")
+    kind, default = kind_of(node["schema"]), default_of(node["schema"])
+    words = node.get("description", "")
     return ReferenceField(
-        told["name"], told["in"], kind, told.get("required", False), default, words
+        node["name"], node["in"], kind, node.get("required", False), default, words
     )
 
 
-def answer_of(status: str, told: Node) -> Answer:
+def answer_of(status: str, node: Node) -> Answer:
     """One of the answers of a route."""
-    contents = told.get("content", {}).items()
+    contents = node.get("content", {}).items()
     kinds = tuple((media, kind_of(each["schema"])) for media, each in contents)
     is_problem = any("problem" in media for media, _ in kinds)
     status = "other" if status == "default" else status
-    return Answer(status, told["description"], kinds, is_problem)
+    return Answer(status, node["description"], kinds, is_problem)
 
 
-def schema_of(name: str, told: Node) -> Schema:
+def schema_of(name: str, schema: Node) -> Schema:
     """A schema with its fields."""
-    needed = told.get("required", [])
+    needed = schema.get("required", [])
     fields = (
         ReferenceField(
-            each, "", kind_of(node), each in needed, default_of(node), node.get("description", "")
+            each, "", kind_of(part), each in needed, default_of(part), part.get("description", "")
         )
-        for each, node in told.get("properties", {}).items()
+        for each, part in schema.get("properties", {}).items()
     )
-    return Schema(name, " ".join(told.get("description", "").split()), kind_of(told), tuple(fields))
+    return Schema(
+        name, " ".join(schema.get("description", "").split()), kind_of(schema), tuple(fields)
+    )
 
 
 def default_of(schema: Node) -> str:

@@ -78,15 +78,15 @@ def tiles(found: Region) -> tuple[tuple[str, Tile], ...]:
     """What it rests on, and what all boxes have together."""
     episodes = f"of {count_noun(found.episodes, 'episode')}"
     names = ", ".join(found.parameters)
-    told = (
+    shown = (
         ("Failures", Tile(format_count(found.failures), (episodes,))),
         ("Parameters varied", Tile(format_count(len(found.parameters)), (names,))),
         ("Failure rate everywhere", share(found.failure_rate)),
     )
     if not found.boxes:
-        return told
+        return shown
     return (
-        *told,
+        *shown,
         ("Failure rate inside", share(found.precision)),
         ("Failures inside", share(found.coverage)),
     )

@@ -240,22 +240,22 @@ class AccountView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def account_view(
-    campaign: int, name: str, index: int, told: Explanation, mission: Mission | None
+    campaign: int, name: str, index: int, explanation: Explanation, mission: Mission | None
 ) -> AccountView:
     """The account of an episode."""
-    same = told.replayed.same
+    same, scene = explanation.replayed.same, explanation.scene
     return AccountView(
         campaign=campaign,
         campaign_name=name,
         index=index,
         is_same=same,
-        verdict=told.verdict,
-        note=told.note,
-        story=tuple(map(put_minus_signs, told.story)),
-        jumps=tuple(map(jump, find_moments(told.steps))) if same else (),
-        steps=for_player(told.steps) if same else None,
-        scene=scene_chart(told.scene, mission, told.replayed.outcome) if told.scene else None,
-        clearance=clearance_chart(told.scene) if told.scene else None,
+        verdict=explanation.verdict,
+        note=explanation.note,
+        story=tuple(map(put_minus_signs, explanation.story)),
+        jumps=tuple(map(jump, find_moments(explanation.steps))) if same else (),
+        steps=for_player(explanation.steps) if same else None,
+        scene=scene_chart(scene, mission, explanation.replayed.outcome) if scene else None,
+        clearance=clearance_chart(scene) if scene else None,
     )
 
 

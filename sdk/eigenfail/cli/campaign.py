@@ -224,7 +224,7 @@ def list_campaigns(
         page = TerminalView(
             look=lambda: client.campaigns.list(state, None, method, search).first(limit),
             campaigns=lambda seen: seen,
-            told=lambda seen: seen,
+            to_data=lambda seen: seen,
             draw=lambda seen: render(tabulate_campaigns(seen)),
         )
         page.watch(as_json) if watched else page.show(as_json)
@@ -243,7 +243,7 @@ def show_campaign(
         page = TerminalView(
             look=lambda: (client.campaigns.get(campaign), client.campaigns.summary(campaign)),
             campaigns=lambda seen: seen[:1],
-            told=lambda seen: seen[0],
+            to_data=lambda seen: seen[0],
             draw=lambda seen: render(
                 *describe_campaign(*seen),
                 *find_missing_workers(client, seen[0]),

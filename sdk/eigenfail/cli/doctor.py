@@ -105,8 +105,8 @@ def check_workers(client: Client) -> Finding:
         return Finding("workers", error.problem, remedy=error.remedy)
     if here:
         return Finding("workers", f"{len(here)} connected{_describe_versions(here)}")
-    told = "none is connected" + (", and campaigns wait" if waits else "")
-    return Finding("workers", f"{told}. {said}" if said else told, waits, NOBODY)
+    state = "none is connected" + (", and campaigns wait" if waits else "")
+    return Finding("workers", f"{state}. {said}" if said else state, waits, NOBODY)
 
 
 def list_unrunnable_campaigns(client: Client) -> Iterator[Finding]:
@@ -144,9 +144,9 @@ def check_database(database: str | None, replay: int, repair: bool) -> Iterator[
 
 def _list_database_checks(found: Verification) -> Iterator[Finding]:
     """Return the results of a database check: overall, repairs, and each check."""
-    told = f"{found.database}: {found.defects or 'no'} defects"
+    state = f"{found.database}: {found.defects or 'no'} defects"
     remedy = "eigenfail db verify tells them; --repair mends what is safe" if found.defects else ""
-    yield Finding("database", told, bool(found.defects), remedy)
+    yield Finding("database", state, bool(found.defects), remedy)
     yield from (Finding("database: mended", sentence) for sentence in found.mended)
     for check in found.checks:
         held = f"{check.promise} Defects: {check.defects or 'none'}."

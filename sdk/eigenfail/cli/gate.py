@@ -178,8 +178,8 @@ def _draw_parts(report: GateReport) -> Iterator[RenderableType]:
     if any(member.rerun for member in report.members):
         yield _draw_reruns(report)
         yield Text()
-    if told := list(_list_findings(report)):
-        yield _draw_findings(told)
+    if findings := list(_list_findings(report)):
+        yield _draw_findings(findings)
         yield Text()
     yield from map(Text, list_conclusions(report))
 
@@ -207,10 +207,10 @@ def _draw_reruns(report: GateReport) -> Table:
 def _make_rerun_row(rerun: Rerun) -> tuple[str, ...]:
     """Failures before and now, what became of them, and why."""
     sides = (_format_side(rerun.before), _format_side(rerun.now))
-    told = (GateVerdict.NEW, GateVerdict.FIXED, GateVerdict.STILL_FAILING)
+    counted = (GateVerdict.NEW, GateVerdict.FIXED, GateVerdict.STILL_FAILING)
     nothing = UNKNOWN if rerun.unpaired_because else "0"
-    counts = (str(rerun.counts.get(each, nothing)) for each in told)
-    return (*sides[0], *sides[1], *counts, rerun.verdict, rerun.told)
+    counts = (str(rerun.counts.get(each, nothing)) for each in counted)
+    return (*sides[0], *sides[1], *counts, rerun.verdict, rerun.summary)
 
 
 def _format_side(figures: RerunFigures) -> tuple[str, str]:
@@ -229,10 +229,10 @@ def _list_findings(report: GateReport) -> Iterator[tuple[str, GateFinding]]:
         yield from ((member.member, each) for each in closing[:SHOWN])
 
 
-def _draw_findings(told: list[tuple[str, GateFinding]]) -> Table:
+def _draw_findings(findings: list[tuple[str, GateFinding]]) -> Table:
     """Episodes to look at, one a row."""
     grid = start_grid("look at", "episode", "verdict", "replay", "page")
-    for member, found in told:
+    for member, found in findings:
         seen = (found.replay or found.problem, found.link)
         cells = (member, found.what, found.verdict, *seen)
         grid.add_row(*(escape(cell) for cell in cells))

@@ -43,10 +43,15 @@ def _draw_keys(keys: Iterable[ApiKey]) -> Table:
     )
     for key in keys:
         times = (key.created_ms, key.expires_ms, key.last_used_ms)
-        told = (UNKNOWN if each is None else format_utc(each) for each in times)
+        dates = (UNKNOWN if each is None else format_utc(each) for each in times)
         allowed = ", ".join(_format_quotas(key.quotas)) or UNKNOWN
         grid.add_row(
-            str(key.id), escape(key.name), key.scope, _describe_state(key, at_ms), allowed, *told
+            str(key.id),
+            escape(key.name),
+            key.scope,
+            _describe_state(key, at_ms),
+            allowed,
+            *dates,
         )
     return grid
 
@@ -73,8 +78,8 @@ def _draw_audit(entries: Iterable[AuditEntry]) -> Table:
     for entry in entries:
         key = UNKNOWN if entry.key is None else str(entry.key)
         what = f"{entry.method} {entry.route}"
-        told = (entry.who, key, what, entry.subject, entry.address or UNKNOWN)
-        grid.add_row(format_utc(entry.at_ms), *map(escape, told), str(entry.status))
+        cells = (entry.who, key, what, entry.subject, entry.address or UNKNOWN)
+        grid.add_row(format_utc(entry.at_ms), *map(escape, cells), str(entry.status))
     return grid
 
 

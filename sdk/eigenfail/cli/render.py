@@ -73,25 +73,25 @@ class TerminalView(Generic[Snapshot]):
     Attributes:
         look: what is to be seen now.
         campaigns: those in it; watching ends once all of them have ended or are paused.
-        told: it, for programs.
+        to_data: makes the data that `--json` prints.
         draw: it, for people.
     """
 
     look: Callable[[], Snapshot]
     campaigns: Callable[[Snapshot], Iterable[Campaign]]
-    told: Callable[[Snapshot], object]
+    to_data: Callable[[Snapshot], object]
     draw: Callable[[Snapshot], RenderableType]
 
     def show(self, as_json: bool) -> None:
         """Print it once."""
         seen = self.look()
-        show(self.told(seen), as_json, lambda: self.draw(seen))
+        show(self.to_data(seen), as_json, lambda: self.draw(seen))
 
     def watch(self, as_json: bool) -> None:
         """Show it again and again: in one place of a terminal, elsewhere what has changed."""
         screen = make_console()
         if as_json:
-            self.until_rest(_JsonChanges(self.told))
+            self.until_rest(_JsonChanges(self.to_data))
         elif screen.is_terminal:
             with Live(console=screen, auto_refresh=False) as live:
                 self.until_rest(lambda seen: live.update(self.draw(seen), refresh=True))
@@ -115,13 +115,13 @@ class TerminalView(Generic[Snapshot]):
 class _JsonChanges(Generic[Snapshot]):
     """Prints it as JSON on one line, whenever it is not what it was."""
 
-    def __init__(self, told: Callable[[Snapshot], object]) -> None:
-        self.told = told
+    def __init__(self, to_data: Callable[[Snapshot], object]) -> None:
+        self.to_data = to_data
         self.last = ""
 
     def __call__(self, seen: Snapshot) -> None:
         """Print it, if it has changed."""
-        now = to_json(self.told(seen), indent=0)
+        now = to_json(self.to_data(seen), indent=0)
         if now != self.last:
             typer.echo(now)
         self.last = now

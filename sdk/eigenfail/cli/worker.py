@@ -96,7 +96,7 @@ def list_workers(
         page: TerminalView[Seen] = TerminalView(
             look=lambda: _look(client, within_s),
             campaigns=lambda seen: seen[1],
-            told=lambda seen: seen[0],
+            to_data=lambda seen: seen[0],
             draw=lambda seen: _draw_activity(seen[0], within_s),
         )
         page.watch(as_json) if watched else page.show(as_json)
@@ -266,8 +266,8 @@ def _run_worker(connect: str, options: Mapping[str, object], as_json: bool) -> N
             "Run in a clone: pip install '.[worker]'",
         )
     words = f"A worker for the hub at {connect}; Ctrl-C ends it."
-    told = {"hub": connect, "name": options["--name"]}
-    typer.echo(to_json(told, indent=0) if as_json else words)
+    started = {"hub": connect, "name": options["--name"]}
+    typer.echo(to_json(started, indent=0) if as_json else words)
     given = {"--connect": connect, **options}
     sys.argv[1:] = [f"{option}={value}" for option, value in given.items() if value is not None]
     runpy.run_module(PROGRAM, run_name="__main__")

@@ -285,13 +285,13 @@ def add_modes(judged: Rerun, together: Analysis, now: RerunSide, pages: str) -> 
         return replace(judged, modes=words)
     counts, rows = judged.judges_modes, now.outcomes.collisions
     became = GateVerdict.NEW if counts else GateVerdict.UNPROVEN
-    told = [(one.words(counts), rows.get(one.episode)) for one in new]
-    sentence = f"{'; '.join(words for words, _ in told)}.".capitalize()
+    described = [(one.words(counts), rows.get(one.episode)) for one in new]
+    sentence = f"{'; '.join(words for words, _ in described)}.".capitalize()
     return replace(
         judged,
         verdict=GateVerdict.NEW if counts else judged.verdict,
         modes=sentence if counts else f"{sentence} {NOT_JUDGED.format(judged.method)}",
-        new_modes=tuple(make_finding(became, words, "", row, pages) for words, row in told),
+        new_modes=tuple(make_finding(became, words, "", row, pages) for words, row in described),
     )
 
 

@@ -186,14 +186,14 @@ def _list_cases(member: MemberReport) -> Iterator[_TestCase]:
 def _make_mode_case(rerun: Rerun, found: GateFinding) -> _TestCase:
     """A failure mode that is new: judged only where it counts."""
     verdict = found.verdict if rerun.judges_modes else None
-    told = f"{_format_details(found)}\n{rerun.modes}"
-    return _TestCase("new modes", found.what, verdict, told, found.wall_s)
+    text = f"{_format_details(found)}\n{rerun.modes}"
+    return _TestCase("new modes", found.what, verdict, text, found.wall_s)
 
 
 def _name_whole(rerun: Rerun) -> str:
     """Return the name of a rerun, with the replays of its failures."""
     return "\n".join(
-        [rerun.told, *(f"{each.what}: {_format_details(each)}" for each in rerun.findings)]
+        [rerun.summary, *(f"{each.what}: {_format_details(each)}" for each in rerun.findings)]
     )
 
 
@@ -268,13 +268,13 @@ def list_conclusions(report: GateReport) -> Iterator[str]:
 def describe_conclusion(report: GateReport) -> str:
     """Whether it is open, and why."""
     counts = ", ".join(f"{count} {each}" for each, count in report.counts.items())
-    told = counts or "no failure on either side"
+    text = counts or "no failure on either side"
     gate = report.gate
     if not gate.baseline:
         found = _describe_findings(report)
         return f"{gate.run} can be a baseline (--baseline {gate.version}): {found}."
     state = "open" if report.open else "closed"
-    return f"The gate of {gate.run} against {gate.baseline} is {state}: {told}."
+    return f"The gate of {gate.run} against {gate.baseline} is {state}: {text}."
 
 
 def _describe_findings(report: GateReport) -> str:
@@ -284,8 +284,8 @@ def _describe_findings(report: GateReport) -> str:
         sum(getattr(each, name) for each in seen) for name in ("failures", "completed")
     )
     counts = ", ".join(f"{count} {each}" for each, count in report.counts.items())
-    told = f"; of its known failures, replayed: {counts}" if counts else ""
-    return f"{failures} of {completed} episodes fail{told}"
+    known = f"; of its known failures, replayed: {counts}" if counts else ""
+    return f"{failures} of {completed} episodes fail{known}"
 
 
 def _list_caveats(report: GateReport) -> Iterator[str]:
@@ -293,10 +293,11 @@ def _list_caveats(report: GateReport) -> Iterator[str]:
     reruns = [each.rerun for each in report.members if each.rerun]
     if by_rate := [rerun for rerun in reruns if rerun.by is JudgedBy.RATE]:
         yield _describe_false_alarms(by_rate)
-    if told := sum(len(rerun.new_modes) for rerun in reruns if not rerun.judges_modes):
+    if new_modes := sum(len(rerun.new_modes) for rerun in reruns if not rerun.judges_modes):
         yield (
             f"Told, not judged: failure modes of searches that only {report.gate.version} has:"
-            f" {told}. Replay them; whether they come back, the same search from other seeds says."
+            f" {new_modes}. Replay them; whether they come back, the same search from other seeds"
+            " says."
         )
     if within := sum(_count_within_chance(member) for member in report.members):
         yield f"Within chance, yet new: {within} episodes that did not fail before."

@@ -101,7 +101,7 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
     wall_s: float = 0.0
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """Return the counts of a verdict, and the findings on modes."""
         return f"{self.words} {self.modes}".rstrip()
 

@@ -66,11 +66,11 @@ def format_number(column: PaperColumn, number: PaperNumber) -> str:
     """Return our number with its interval."""
     if number.value is None:
         return UNKNOWN
-    told = format_figure(column, number.value)
+    text = format_figure(column, number.value)
     if number.interval is None:
-        return told
+        return text
     ends = (format_figure(column, end) for end in (number.interval.low, number.interval.high))
-    return f"{told} [{', '.join(ends)}]"
+    return f"{text} [{', '.join(ends)}]"
 
 
 def format_paper_number(column: PaperColumn, number: PaperNumber) -> str:

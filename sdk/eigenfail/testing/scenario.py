@@ -76,9 +76,9 @@ def moves_actors_as_they_say(scenario: Scenario) -> None:
             expect(poses[0] == start, f"The script begins at {poses[0]}, the actor at {start}.")
             for before, after in pairwise(poses):
                 way = hypot(after.x_m - before.x_m, after.y_m - before.y_m)
-                told = 0.5 * (before.speed_mps + after.speed_mps) * dt_s
+                due = 0.5 * (before.speed_mps + after.speed_mps) * dt_s
                 same = (before.length_m, before.width_m) == (after.length_m, after.width_m)
-                expect(abs(way - told) <= TOLERANCE_M, f"{before} jumps to {after}.")
+                expect(abs(way - due) <= TOLERANCE_M, f"{before} jumps to {after}.")
                 expect(same, f"{before} changes its size to {after}.")
 
 

@@ -149,8 +149,8 @@ def disturbs_the_nearest(open_simulation: OpenSimulation) -> None:
         expect(shown.ego == before.ego, f"At step {before.step} the ego sees itself elsewhere.")
         expect(shown.others == expected, f"At step {before.step} the planner saw {shown.others}.")
         actor = expected[_nearest(before)]
-        told = after.perceived == (actor.x_m, actor.y_m)
-        expect(told, f"Step {after.step} tells {after.perceived} as the perceived position.")
+        agrees = after.perceived == (actor.x_m, actor.y_m)
+        expect(agrees, f"Step {after.step} tells {after.perceived} as the perceived position.")
 
 
 def leaves_the_truth_alone(open_simulation: OpenSimulation) -> None:
@@ -169,8 +169,8 @@ def obeys_the_planner(open_simulation: OpenSimulation) -> None:
     speeds = [observation.ego.speed_mps for observation in seen]
     expect(speeds[1] < speeds[0], "Braking does not slow the ego down.")
     expect(min(speeds) >= 0.0, "Braking makes the ego go backwards.")
-    told = all(observation.control == asked for observation in seen[1:])
-    expect(told, "The control told is not the one that the planner asked for.")
+    agrees = all(observation.control == asked for observation in seen[1:])
+    expect(agrees, "The control told is not the one that the planner asked for.")
 
 
 def blames_the_planner(open_simulation: OpenSimulation) -> None:

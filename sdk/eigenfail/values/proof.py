@@ -87,8 +87,8 @@ class ProvenScenario(msgspec.Struct, frozen=True, kw_only=True):
         """In what it differs from the one that was analysed, and which draw it is."""
         differs = ", ".join(f"{name} = {value}" for name, value in self.scenario_parameters.items())
         drawn = ", ".join(f"{name} = {_short(value)}" for name, value in self.drawn.items())
-        told = differs or "the same"
-        return f"{told} (drawn: {drawn})" if drawn else told
+        text = differs or "the same"
+        return f"{text} (drawn: {drawn})" if drawn else text
 
     @property
     def is_same(self) -> bool:

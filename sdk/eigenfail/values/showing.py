@@ -73,10 +73,10 @@ def brief(content: object) -> str:
         return f"<{content.dtype} {content.shape}>"
     if isinstance(content, tuple) and len(content) > MOST_ITEMS:
         first = ", ".join(map(brief, content[:MOST_ITEMS]))
-        told = f"({first}, … {len(content)} in all)"
+        text = f"({first}, … {len(content)} in all)"
     else:
-        told = repr(content)
-    if isinstance(content, Brief) or len(told) <= MOST_CHARACTERS:
-        return told
+        text = repr(content)
+    if isinstance(content, Brief) or len(text) <= MOST_CHARACTERS:
+        return text
     size = f", {len(content)} in all" if isinstance(content, Sized) else ""
-    return f"{told[:MOST_CHARACTERS]} … <{type(content).__name__}{size}>"
+    return f"{text[:MOST_CHARACTERS]} … <{type(content).__name__}{size}>"

@@ -53,11 +53,11 @@ class Unresolved(msgspec.Struct, frozen=True):
         within = "" if self.horizon_s is None else f" within {self.horizon_s:g} s"
         sure = f"{self.count:,} of {completed:,} had no collision{within}, but ended while braking"
         perhaps = f"{self.not_known:,} of {completed:,} without a collision{within} may have ended"
-        told = {
+        counts = {
             f"{sure} could not avoid one any more.": self.count,
             f"{perhaps} like that: an older release, which ran them, did not tell.": self.not_known,
         }
-        return " ".join(words for words, count in told.items() if count)
+        return " ".join(words for words, count in counts.items() if count)
 
 
 class Errored(msgspec.Struct, frozen=True):
@@ -87,12 +87,12 @@ class Errored(msgspec.Struct, frozen=True):
             return ""
         if counts.completed:
             total = self.count + counts.completed
-            told = f"{self.count:,} of {total:,} episodes errored and are not counted in the rate"
+            text = f"{self.count:,} of {total:,} episodes errored and are not counted in the rate"
         else:
             every = "The only episode" if self.count == 1 else f"All {self.count:,} episodes"
             so_far = " so far" if counts.open else ""
-            told = f"{every}{so_far} errored, so there is no result"
-        return f"{told}. {self.most_frequent}".strip()
+            text = f"{every}{so_far} errored, so there is no result"
+        return f"{text}. {self.most_frequent}".strip()
 
     @property
     def most_frequent(self) -> str:

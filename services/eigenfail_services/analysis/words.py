@@ -107,16 +107,16 @@ def pushes(noise: Floats, level: float) -> list[Push]:
         noise: shape (steps,). [sigma]
         level: steps below it are left out; noise of 0 always is.
     """
-    told = [
+    strengths = [
         (step, value) for step, value in enumerate(noise.tolist()) if value and abs(value) >= level
     ]
-    found = [_push(run) for run in _runs(told)]
+    found = [_push(run) for run in _runs(strengths)]
     return sorted(found, key=lambda push: (-_impulse(push), push.first))
 
 
-def _runs(told: Sequence[tuple[int, float]]) -> Iterator[list[tuple[int, float]]]:
+def _runs(strengths: Sequence[tuple[int, float]]) -> Iterator[list[tuple[int, float]]]:
     """Steps of one sign that are next to each other, or nearly."""
-    for _, same in groupby(told, key=lambda step: step[1] > 0.0):
+    for _, same in groupby(strengths, key=lambda step: step[1] > 0.0):
         run: list[tuple[int, float]] = []
         for step in same:
             if run and step[0] - run[-1][0] > JOINED + 1:
@@ -142,11 +142,11 @@ def _sentence(z: Floats, clock: Clock, levels: Sequence[float], most: int) -> st
     axes = z[: clock.impact].T
     found = [pushes(noise, level) for noise, level in zip(axes, levels, strict=True)]
     order = sorted(range(len(axes)), key=lambda axis: -sum(map(_impulse, found[axis])))
-    told = "; ".join(
+    text = "; ".join(
         _part(axis, axes[axis], found[axis][:most], clock) + _weaker(len(found[axis]) - most)
         for axis in order
     )
-    return f"{told[:1].upper()}{told[1:]}."
+    return f"{text[:1].upper()}{text[1:]}."
 
 
 def _impulse(push: Push) -> float:
@@ -166,8 +166,8 @@ def _part(axis: int, noise: Floats, found: Sequence[Push], clock: Clock) -> str:
     if not found:
         return f"{AXES[axis]} noise stays within {_within(noise)} sigma"
     in_time = sorted(found, key=lambda push: push.first)
-    told = ", ".join(_words(push, axis, clock) for push in in_time)
-    return f"{AXES[axis]} {told} before {clock.event}"
+    text = ", ".join(_words(push, axis, clock) for push in in_time)
+    return f"{AXES[axis]} {text} before {clock.event}"
 
 
 def _within(noise: Floats) -> str:
@@ -194,12 +194,12 @@ def describe_account(episode: ExplainedEpisode, clock: Clock) -> str:
     The names looked for in the account are those of `ExplainingPlanner`.
     """
     steps = episode.steps[: clock.impact]
-    told = [
+    phrases = [
         part
         for teller in (_describe_rules, _describe_overrides, _describe_losses)
         for part in teller(steps, clock)
     ]
-    return f"{'; '.join(told)}." if told else ""
+    return f"{'; '.join(phrases)}." if phrases else ""
 
 
 def _describe_rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[str]:

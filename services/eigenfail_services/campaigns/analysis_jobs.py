@@ -108,7 +108,7 @@ def _find_further(store: Store, campaign: int) -> Campaign:
 def _refuse_unlike(first: CampaignSpec, other: CampaignSpec, name: str) -> None:
     """Raises InvalidValue where the noise of two campaigns cannot stand side by side."""
     world, beside = world_of(first.simulator), world_of(other.simulator)
-    told = {
+    compared = {
         "episodes of another number of steps": (world.horizon(first), beside.horizon(other)),
         "steps of another duration": (world.step_s(first), beside.step_s(other)),
         "another disturbance model: one z is not the same noise in both": (
@@ -116,7 +116,7 @@ def _refuse_unlike(first: CampaignSpec, other: CampaignSpec, name: str) -> None:
             other.disturbance,
         ),
     }
-    for words, (one, another) in told.items():
+    for words, (one, another) in compared.items():
         if one != another:
             raise InvalidValue("campaigns", f"{name} has {words}.", "Analyse it by itself.")
 

@@ -220,7 +220,7 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         *warn_of_seeds([*ones, *others]),
         *_warn_of_errors("A", ones),
         *_warn_of_errors("B", others),
-        *(told for one in (*ones, *others) for told in describe_mixed(one)[:-1]),
+        *(note for one in (*ones, *others) for note in describe_mixed(one)[:-1]),
         *warn_of_unfinished([*ones, *others]),
     )
     return replace(found, sentences=_list_sentences(found), warnings=caveats)

@@ -131,12 +131,12 @@ class Explanations:
         asked = encode_question(campaign, spec, store.episodes.get(campaign, index))
         key = sha256(asked).digest()
         with self._making:
-            told = self._made.get(key) or self._explain(asked)
-            self._made[key] = told
+            explanation = self._made.get(key) or self._explain(asked)
+            self._made[key] = explanation
             self._made.move_to_end(key)
             while len(self._made) > KEPT:
                 self._made.popitem(last=False)
-        return told
+        return explanation
 
 
 NOISE = (
@@ -160,9 +160,9 @@ def write_steps(result: EpisodeResult) -> str:
     scene = result.scene
     writer.writerow((*NOISE, *(_list_columns(scene) if scene else ())))
     rows = _list_scene_rows(scene) if scene else iter([()] * result.steps)
-    told = _list_noise_rows(result)
+    noise = _list_noise_rows(result)
     writer.writerows(
-        (*(row[name] for name in NOISE), *more) for row, more in zip(told, rows, strict=True)
+        (*(row[name] for name in NOISE), *more) for row, more in zip(noise, rows, strict=True)
     )
     return text.getvalue()
 
@@ -264,8 +264,8 @@ def _describe_mode(
     shown = f"Its medoid is episode {campaign}/{mode.medoid}"
     setup = store.campaigns.get(campaign).spec.setup()
     account = _describe_account(setup, medoid, Clock(medoid.steps, step_s), until_s)
-    told = f"{shown}; {account}" if account else f"{shown}."
-    return f"{describe(mode.eigenfailure, clock)} {told}"
+    text = f"{shown}; {account}" if account else f"{shown}."
+    return f"{describe(mode.eigenfailure, clock)} {text}"
 
 
 def _describe_account(
@@ -282,12 +282,12 @@ def _describe_account(
         clock: its times.
         until_s: when `time.monotonic` says so, the planner is not waited for. [s]
     """
-    told: list[str] = []
+    accounts: list[str] = []
 
     def ask() -> None:
         explained = _explain_episode(setup, medoid)
         if explained is not None and explained.result.digest() == medoid.digest():
-            told.append(describe_account(explained, clock))
+            accounts.append(describe_account(explained, clock))
 
     left_s = until_s - time.monotonic()
     if left_s > 0.0:
@@ -298,7 +298,7 @@ def _describe_account(
         # What the planner has changed here must not change what this process goes on to compute.
         if before.changes():
             before.restore()
-    return told[0] if told else ""
+    return accounts[0] if accounts else ""
 
 
 def _explain_episode(setup: EpisodeSetup, stored: EpisodeResult) -> ExplainedEpisode | None:

@@ -94,10 +94,10 @@ def _describe_progress(facts: MinimalFacts, z: Floats, campaign: Campaign) -> st
         return f"{goes_on} at blocks of {facts.width} steps: less noise may do."
     if not z.any():
         return "It fails without any noise."
-    told = ["No step of one axis can be left out."]
+    sentences = ["No step of one axis can be left out."]
     if facts.low:
         share = f"{100.0 * facts.low / facts.high:.0f} %"
-        told.append(f"At {share} of its strength it is no failure.")
+        sentences.append(f"At {share} of its strength it is no failure.")
     if facts.not_run:
-        told.append(f"{facts.not_run} of the replays that show it could not be run.")
-    return " ".join(told)
+        sentences.append(f"{facts.not_run} of the replays that show it could not be run.")
+    return " ".join(sentences)

@@ -61,8 +61,8 @@ def add_probabilities(
     teller = ESTIMATORS.get(traits_of(first.spec.method).mode_probability)
     if others or teller is None or not teller.can(first) or not result.distinct:
         return result
-    told = _estimate_modes(teller, store, first, result)
-    modes = zip(result.modes, told, strict=True)
+    probabilities = _estimate_modes(teller, store, first, result)
+    modes = zip(result.modes, probabilities, strict=True)
     return replace(result, modes=tuple(replace(mode, probability=one) for mode, one in modes))
 
 

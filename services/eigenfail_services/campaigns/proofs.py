@@ -393,8 +393,10 @@ def _make_replay(
     analysis: Analysis, analysed: CampaignSpec, variation: Parameters, home: ReplayWorld
 ) -> CampaignSpec:
     spec = _put_parameters(home.spec, _leave_out_equal(home.spec, variation))
-    told = ", ".join(f"{name}={value}" for name, value in _list_differing(analysed, spec).items())
-    name = f"{analysed.name}: replay of analysis {analysis.id}" + (told and f", {told}")
+    differing = ", ".join(
+        f"{name}={value}" for name, value in _list_differing(analysed, spec).items()
+    )
+    name = f"{analysed.name}: replay of analysis {analysis.id}" + (differing and f", {differing}")
     settings = {"analysis": analysis.id, "what": [kind.value for kind in ReplayKind]}
     some = {"modes": [place + 1 for place in home.modes]} if list_varied(analysed) else {}
     return msgspec.structs.replace(

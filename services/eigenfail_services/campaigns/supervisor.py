@@ -133,7 +133,7 @@ class SupervisedCampaign:
         self._kept_s = kept_s
         self._billed_s = time.monotonic()
         self._unanswered: Bill | None = None
-        self.told: Counts | None = None
+        self.sent_counts: Counts | None = None
         self.halting = False
         self.lost = False
         self.spent = ""
@@ -407,8 +407,8 @@ class Supervisor:
     def _tell_progress(self, campaign: int, watch: SupervisedCampaign) -> None:
         """Append a progress event if the counts have changed."""
         counts = self._store.campaigns.get(campaign).counts
-        if counts != watch.told:
-            watch.told = counts
+        if counts != watch.sent_counts:
+            watch.sent_counts = counts
             finished = counts.completed + counts.failed
             progress = f"{finished} of {counts.planned} episodes, {counts.failures} failures."
             self._store.events.append("campaign.progress", progress, campaign)

@@ -239,8 +239,8 @@ def describe_stop_rules(campaign: ResolvedCampaign) -> Iterator[str]:
     if not rules:
         return
     several = len(rules) > 1
-    told = ", ".join(f"{name} = {limit:g}" for name, limit in rules.items())
-    subject = f"The rules {told} are" if several else f"The rule {told} is"
+    limits = ", ".join(f"{name} = {limit:g}" for name, limit in rules.items())
+    subject = f"The rules {limits} are" if several else f"The rule {limits} is"
     judged = f"{subject} judged after whole rounds"
     holds, pace = "one holds" if several else "it holds", find_pace(campaign)
     if pace is None:

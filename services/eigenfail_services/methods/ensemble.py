@@ -166,14 +166,14 @@ class Ensemble:
     def estimate(self) -> Estimate | None:
         """Return the pooled estimate of the members; None unless each has one."""
         found = [one.estimate() for one in self._members if isinstance(one, Estimator)]
-        told = [estimate for estimate in found if estimate is not None]
-        return pool_estimates(told) if len(told) == len(self._members) else None
+        estimates = [estimate for estimate in found if estimate is not None]
+        return pool_estimates(estimates) if len(estimates) == len(self._members) else None
 
     @property
     def trained_episodes(self) -> int | None:
         """Number of episodes that all members were trained with; None if one does not report it."""
-        told = [one.trained_episodes for one in self._members if isinstance(one, Trained)]
-        known = [count for count in told if count is not None]
+        counts = [one.trained_episodes for one in self._members if isinstance(one, Trained)]
+        known = [count for count in counts if count is not None]
         return sum(known) if len(known) == len(self._members) else None
 
     def state(self) -> bytes:

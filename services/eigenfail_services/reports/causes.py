@@ -301,7 +301,7 @@ def list_influence_steps(found: Analysed) -> Iterator[tuple[Cell, ...]]:
 def describe_influence_picture(found: Analysed) -> ReportPicture:
     """When noise matters, in words."""
     at, weights = places(found), found.result.influence
-    told = (
+    sentences = (
         f"{axis} influence is largest at "
         f"{moment(found, float(at[int(np.argmax(weights[:, way]))]))}"
         for way, axis in enumerate(AXES)
@@ -309,7 +309,7 @@ def describe_influence_picture(found: Analysed) -> ReportPicture:
     return ReportPicture(
         name=f"influence-{found.name}",
         title=f"Influence over time, campaign {found.subject.label}",
-        alternative=f"{'; '.join(told)}.".capitalize(),
+        alternative=f"{'; '.join(sentences)}.".capitalize(),
         table=INFLUENCE_TABLE,
         campaigns=(found.subject.id,),
     )

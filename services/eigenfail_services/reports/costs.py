@@ -160,7 +160,7 @@ def format_cost_share(value: float | None, of: float) -> tuple[str, ...]:
 
 def describe_cost_picture(name: str, group: list[Spent]) -> ReportPicture:
     """The picture of these campaigns, in words."""
-    told = (
+    sentences = (
         f"Campaign {each.subject.label}: {last.failures} failures for {format_amount(last.usd)}."
         for each in group
         for last in each.found.curve[-1:]
@@ -168,7 +168,7 @@ def describe_cost_picture(name: str, group: list[Spent]) -> ReportPicture:
     return ReportPicture(
         name=name,
         title="Failures found over cost",
-        alternative=" ".join(told),
+        alternative=" ".join(sentences),
         table=CURVE,
         campaigns=tuple(each.subject.id for each in group),
     )
@@ -328,11 +328,11 @@ def make_minimal(material: Material) -> ReportPart | None:
     found = [*shrunk(material)]
     if not found:
         return None
-    told = (f"Campaign {each.campaign}: {each.words} {each.because}" for each in found)
+    sentences = (f"Campaign {each.campaign}: {each.words} {each.because}" for each in found)
     section = ReportSection(
         name="minimal",
         title="Minimal failures",
-        words=(MINIMAL_WORDS, *told),
+        words=(MINIMAL_WORDS, *sentences),
         tables=(
             table("minimal", "Minimal failures", MINIMAL_COLUMNS, [*map(list_minimal, found)]),
         ),

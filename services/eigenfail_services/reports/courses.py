@@ -82,8 +82,8 @@ def notes(subject: Subject) -> tuple[str, ...]:
     """What the numbers of a campaign cannot know."""
     found = subject.safety
     problem = (found.severity.problem,) if found.severity.n else ()
-    told = (*found.notes, *filter(None, problem))
-    return tuple(f"Campaign {subject.id}: {note}" for note in told)
+    sentences = (*found.notes, *filter(None, problem))
+    return tuple(f"Campaign {subject.id}: {note}" for note in sentences)
 
 
 def measures(subject: Subject) -> list[tuple[Cell, ...]]:

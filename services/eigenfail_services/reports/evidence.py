@@ -216,7 +216,7 @@ def shares(found: Analysed) -> Iterator[tuple[Cell, ...]]:
 
 def describe_variance_picture(name: str, group: tuple[Analysed, ...]) -> ReportPicture:
     """The picture of these campaigns, in words."""
-    told = (
+    sentences = (
         f"Campaign {each.subject.label}: the first component explains "
         f"{format_share(float(each.result.explained[0]))}, all {len(each.result.explained)} "
         f"together {format_share(float(each.result.explained.sum()))}."
@@ -225,7 +225,7 @@ def describe_variance_picture(name: str, group: tuple[Analysed, ...]) -> ReportP
     return ReportPicture(
         name=name,
         title="Explained variance",
-        alternative=" ".join(told),
+        alternative=" ".join(sentences),
         table=VARIANCE_TABLE,
         campaigns=tuple(each.subject.id for each in group),
     )
@@ -314,14 +314,14 @@ def list_training_steps(found: Analysed) -> Iterator[tuple[Cell, ...]]:
 
 def describe_training_picture(found: Analysed) -> ReportPicture:
     """How the mean noise moved, in words."""
-    told = (
+    sentences = (
         f"{format_share(each.start)} to {format_share(each.end)}: {each.failures} failures"
         for each in found.result.training
     )
     return ReportPicture(
         name=f"training-{found.name}",
         title=f"Disturbances over the training, campaign {found.subject.label}",
-        alternative=f"Failures by interval: {'; '.join(told)}.",
+        alternative=f"Failures by interval: {'; '.join(sentences)}.",
         table=TRAINING_TABLE,
         campaigns=(found.subject.id,),
     )

@@ -303,13 +303,13 @@ def list_eigenfailures_steps(found: Analysed, bands: Bands) -> Iterator[tuple[Ce
         for step, z in enumerate(mode.eigenfailure.astype(float)):
             at_s = step * found.step_s if found.step_s else None
             figures = np.stack([z, of.mean[step], of.deviation[step]], axis=1).ravel()
-            told = (float(value) if np.isfinite(value) else None for value in figures)
-            yield (found.subject.id, number, step, at_s, int(of.reached[step]), *told)
+            finite = (float(value) if np.isfinite(value) else None for value in figures)
+            yield (found.subject.id, number, step, at_s, int(of.reached[step]), *finite)
 
 
 def describe_eigenfailures_picture(found: Analysed, bands: Bands) -> ReportPicture:
     """The eigenfailures of a campaign, in words."""
-    told = (
+    sentences = (
         f"mode {number}: {peak(found, mode.eigenfailure)}"
         for number, mode in enumerate(found.result.modes[:MOST_MODES], start=1)
     )
@@ -318,7 +318,7 @@ def describe_eigenfailures_picture(found: Analysed, bands: Bands) -> ReportPictu
     return ReportPicture(
         name=f"eigenfailures-{found.name}",
         title=f"Eigenfailures, campaign {found.subject.label}",
-        alternative=f"{'; '.join(told)}.".capitalize(),
+        alternative=f"{'; '.join(sentences)}.".capitalize(),
         table=EIGENFAILURES_TABLE,
         campaigns=(found.subject.id,),
         note=" ".join(filter(None, notes)),

@@ -105,7 +105,7 @@ def list_unfinished(material: Material) -> Iterator[str]:
         campaign = each.campaign
         if campaign.state not in FINAL_STATES:
             yield f"Campaign {each.id} is {campaign.state}: its figures may still change."
-        yield from (" ".join(told) for told in [describe_mixed(campaign)] if told)
+        yield from (" ".join(sentences) for sentences in [describe_mixed(campaign)] if sentences)
         if campaign.counts.failed:
             yield f"Campaign {each.id}: {each.summary.errored.words(campaign.counts)}"
 

@@ -259,9 +259,9 @@ def make_setup(material: Material) -> ReportPart:
             table(DEFAULTS, "Defaults of this release", DEFAULT_COLUMNS, unset),
         ),
     )
-    told = {id_: {name: (value,) for name, value in of.items()} for id_, of in found.items()}
+    facts = {id_: {name: (value,) for name, value in of.items()} for id_, of in found.items()}
     return ReportPart(
-        section, {SETUP: by_name(material.subjects, told)}, folded=frozenset({DEFAULTS})
+        section, {SETUP: by_name(material.subjects, facts)}, folded=frozenset({DEFAULTS})
     )
 
 

@@ -178,13 +178,13 @@ def tidy_svg(svg: str) -> str:
 
 def describe_svg(svg: str, name: str, title: str, alternative: str) -> str:
     """With title and text alternative, as the accessibility guidelines for SVG want them."""
-    told = (
+    description = (
         f'\n <title id="{name}-title">{escape(title)}</title>'
         f'\n <desc id="{name}-desc">{escape(alternative)}</desc>'
     )
     end = svg.index(">", svg.index("<svg"))
     names = f' role="img" aria-labelledby="{name}-title {name}-desc"'
-    return svg[:end] + names + svg[end : end + 1] + told + svg[end + 1 :]
+    return svg[:end] + names + svg[end : end + 1] + description + svg[end + 1 :]
 
 
 def inline(svg: str) -> str:
@@ -252,14 +252,14 @@ def side_by_side(
 
 
 def by_name(
-    subjects: Sequence[Subject], told: Mapping[int, Mapping[str, tuple[str, ...]]]
+    subjects: Sequence[Subject], facts: Mapping[int, Mapping[str, tuple[str, ...]]]
 ) -> tuple[Grid, ...]:
     """The same, of figures that are there: for each campaign by its id, then by name."""
 
     def value_of(name: str) -> Callable[[Subject], tuple[str, ...]]:
-        return lambda subject: told[subject.id].get(name, (UNKNOWN,))
+        return lambda subject: facts[subject.id].get(name, (UNKNOWN,))
 
-    names = dict.fromkeys(name for of in told.values() for name in of)
+    names = dict.fromkeys(name for of in facts.values() for name in of)
     return side_by_side(subjects, {name: value_of(name) for name in names})
 
 

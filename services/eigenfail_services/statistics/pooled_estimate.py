@@ -37,8 +37,10 @@ def pool_estimates(estimates: Sequence[Estimate]) -> Estimate:
             problem = f"Member {number}: {one.problem}"
             return Estimate(by=one.by, episodes=episodes, problem=problem)
     if disagree([(e.probability, e.cv) for e in estimates if e.probability and e.cv is not None]):
-        told = ", ".join(f"{one.probability:.1e}" for one in estimates)
-        problem = f"The members disagree: {told}. Each knows other failures; take method subset."
+        probabilities = ", ".join(f"{one.probability:.1e}" for one in estimates)
+        problem = (
+            f"The members disagree: {probabilities}. Each knows other failures; take method subset."
+        )
         return Estimate(by=estimates[0].by, episodes=episodes, problem=problem)
     found = [one.probability or 0.0 for one in estimates]
     weights = [one.episodes / episodes for one in estimates]

@@ -50,8 +50,8 @@ def tail_risk(values: Array, level: float) -> SeverityRisk:
         problem = _explain_too_few(risk, LEAST_BEYOND, "VaR and CVaR")
         return SeverityRisk(level=level, n=n, beyond=beyond, mean=middle, problem=problem)
     var, cvar = measure_tail(ordered, level)
-    told = beyond >= LEAST_FOR_INTERVAL - ROUNDING
-    spread = bootstrap_intervals(ordered, level) if told else (None, None)
+    has_interval = beyond >= LEAST_FOR_INTERVAL - ROUNDING
+    spread = bootstrap_intervals(ordered, level) if has_interval else (None, None)
     return SeverityRisk(
         level=level,
         n=n,
@@ -59,7 +59,9 @@ def tail_risk(values: Array, level: float) -> SeverityRisk:
         mean=middle,
         var=Figure(var, spread[0]),
         cvar=Figure(cvar, spread[1]),
-        problem="" if told else _explain_too_few(risk, LEAST_FOR_INTERVAL, "their intervals"),
+        problem=""
+        if has_interval
+        else _explain_too_few(risk, LEAST_FOR_INTERVAL, "their intervals"),
     )
 
 

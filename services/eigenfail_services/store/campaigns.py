@@ -463,8 +463,8 @@ class CampaignStore:
                 ours = update(campaigns).where(campaigns.c.id == campaign)
                 connection.execute(ours.values(parts=text))
                 if after.is_mixed:
-                    told = describe_mixed_releases(after)
-                    append_event(connection, "campaign.mixed_releases", told, campaign)
+                    sentence = describe_mixed_releases(after)
+                    append_event(connection, "campaign.mixed_releases", sentence, campaign)
         return after
 
     def add_active(

@@ -52,12 +52,12 @@ def to_json(value: AnalysisSettings | Estimate | tuple[RunPart, ...]) -> str:
 
 def spec_text(spec: CampaignSpec) -> str:
     """Return the canonical JSON text of a spec without its priority, which has a column."""
-    told = {
+    fields = {
         name: msgspec.Raw(msgspec.json.encode(getattr(spec, name), order="deterministic"))
         for name in spec.__struct_fields__
         if name != "priority"
     }
-    return msgspec.json.encode(told).decode()
+    return msgspec.json.encode(fields).decode()
 
 
 def spec_hash(spec: CampaignSpec) -> str:

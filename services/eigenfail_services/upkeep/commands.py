@@ -234,8 +234,8 @@ def _find_revision(url: str) -> str:
 
 
 def _show_revision(action: str, revision: str, words: str, as_json: bool) -> None:
-    told = {"action": action, "said": revision}
-    typer.echo(to_json(told) if as_json else words.format(revision))
+    answer = {"action": action, "said": revision}
+    typer.echo(to_json(answer) if as_json else words.format(revision))
 
 
 def _retention(keep_every: int, source: str) -> Retention:

@@ -143,7 +143,7 @@ def _select_miscounted() -> Select[Any]:
 def _check_counts(connection: Connection) -> Iterator[Defect]:
     """Yield campaigns whose counts differ from their rows."""
     for found in _iterate_rows(connection, _select_miscounted()):
-        told = f"{found.completed} completed, {found.failed} failed, {found.failures} failures"
+        stored = f"{found.completed} completed, {found.failed} failed, {found.failures} failures"
         there = (
             f"{found.rows_ended - found.rows_failed} completed, {found.rows_failed} failed, "
             f"{found.rows_failures} failures"
@@ -151,7 +151,7 @@ def _check_counts(connection: Connection) -> Iterator[Defect]:
         mendable = found.rows_ended <= found.planned
         yield Defect(
             f"campaign {found.id}",
-            f"It counts {told}, {found.cancelled} cancelled; its rows are {there}.",
+            f"It counts {stored}, {found.cancelled} cancelled; its rows are {there}.",
             f"Count anew: {REPAIR}." if mendable else f"More rows than planned. {RESTORE}",
         )
 
@@ -227,8 +227,8 @@ def _check_prunings(connection: Connection) -> Iterator[Defect]:
     )
     for found in _iterate_rows(connection, sums.group_by(prunings.c.campaign)):
         if found.recorded != found.silent:
-            told = f"{found.silent} episodes are without noise; {found.recorded} were pruned."
-            yield Defect(f"campaign {found.campaign}", told, RESTORE)
+            counts = f"{found.silent} episodes are without noise; {found.recorded} were pruned."
+            yield Defect(f"campaign {found.campaign}", counts, RESTORE)
 
 
 def _check_checkpoints(connection: Connection) -> Iterator[Defect]:

@@ -148,7 +148,7 @@ def test_modes_are_looked_at_only_where_they_would_change_the_verdict(judged):
 def test_a_new_mode_closes_with_its_replay(judged, side):
     told = add_modes(judged(), analysis(together((20, 0), (0, 20))), side, "http://here")
     assert told.verdict == "new"
-    assert told.told.startswith("So be it. New mode 2: 20 of 20 failures")
+    assert told.summary.startswith("So be it. New mode 2: 20 of 20 failures")
     (mode,) = told.new_modes
     assert mode.verdict == "new"
     assert mode.replay == "eigenfail episode replay 2/120"
@@ -160,7 +160,7 @@ def test_where_failures_are_not_independent_a_new_mode_is_told_and_not_judged(ju
     parted = analysis(together((20, 0), (0, 20)))
     told = add_modes(judged(method=method), parted, side, "http://here")
     assert told.verdict == "still failing"
-    assert told.told == (
+    assert told.summary == (
         "So be it. New mode 2: 20 of 20 failures are in it, before 0 of 20. That is told, not"
         f" judged: failures of {method} are not independent of each other, so that two runs of one"
         " planner may dwell in different modes."
@@ -176,6 +176,6 @@ def test_without_a_new_mode_or_without_modes_the_verdict_stays(judged, side):
     ):
         told = add_modes(judged(), analysis(result), side, "")
         assert (told.verdict, told.new_modes) == ("still failing", ())
-        assert words in told.told
+        assert words in told.summary
     broken = add_modes(judged(), analysis(problem="It broke off."), side, "")
-    assert broken.told.endswith("cannot be told: It broke off.")
+    assert broken.summary.endswith("cannot be told: It broke off.")

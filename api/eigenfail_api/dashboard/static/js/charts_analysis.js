@@ -120,6 +120,6 @@ function moments(name, position, values) {
     itemStyle: { color: mark(position) },
     data: values.moments
       .filter((moment) => moment.axis === name)
-      .map((moment) => [moment.step, values[name][moment.step], moment.told]),
+      .map((moment) => [moment.step, values[name][moment.step], moment.time]),
   };
 }

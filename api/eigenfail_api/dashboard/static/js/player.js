@@ -87,12 +87,12 @@ class Player {
     const whole = Math.floor(this.step);
     drawScene(this.canvas, this.scene, this.step, this.isMain ? planAt(whole) : null);
     if (this.isMain) showCursors(this.step * this.scene.dt);
-    if (whole !== this.told || isNews) this.tell(whole);
+    if (whole !== this.shown || isNews) this.tell(whole);
   }
 
   // Words change with the step, ten times a second; the drawing moves on in between.
   tell(whole) {
-    this.told = whole;
+    this.shown = whole;
     this.scrub.value = whole;
     this.scrub.setAttribute("aria-valuetext", `${this.time.toFixed(1)} s`);
     this.readout.textContent = wordsOf(this.scene, whole);
