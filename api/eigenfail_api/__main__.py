@@ -164,5 +164,5 @@ def status_of() -> int:
 
 
 if __name__ == "__main__":
-    # Who asked for what is still worked on aside has been let go; the work dies with this process.
+    # Requests whose work still runs in a thread were answered; the work ends with this process.
     end_now(status_of())

@@ -64,7 +64,7 @@ class StrictConnection(h11.Connection):
         """Return the next event, as h11 does.
 
         Raises:
-            h11.RemoteProtocolError: the peer sends what is not accepted here.
+            h11.RemoteProtocolError: the peer sends data that is not accepted here.
         """
         try:
             return self._checked(super().next_event())

@@ -22,7 +22,7 @@ class ApiSettings(BaseSettings):
         port: to listen on; 0 takes a free one.
         require_keys: ask for a key even before there is one; then, and with the key of an
             administrator, other machines may reach the address.
-        trust_network: listen for other machines although nobody has to show a key. For containers
+        trust_network: listen for other machines although no key is required. For containers
             behind a private network, and nothing else.
         hosts: names under which it may be asked, against DNS rebinding; see `names`.
         proxies: addresses of proxies before it, whose X-Forwarded-For and X-Forwarded-Proto say who
@@ -30,8 +30,8 @@ class ApiSettings(BaseSettings):
         max_body_bytes: largest body of a request.
         max_connections: open at a time; of more, those that idle longest are closed.
         max_requests_per_s: of one key, on average over five seconds; more is a 429.
-        max_keyless_requests_per_s: the same of one address, where nobody has to show a key.
-        poll_s: how often the event log is looked at while somebody follows it.
+        max_keyless_requests_per_s: the same for one address, where no key is required.
+        poll_s: interval at which the event log is read for open event streams.
     """
 
     model_config = SettingsConfigDict(env_prefix="EIGENFAIL_", frozen=True, extra="forbid")
@@ -59,7 +59,7 @@ class ApiSettings(BaseSettings):
         """Names under which it may be asked: those that were set, else those of this machine.
 
         None takes any, where other machines may reach it and everybody there shows a key: no page
-        of somebody else's has one to send.
+        of another origin has one to send.
         """
         if self.hosts is not None:
             return self.hosts
@@ -70,7 +70,7 @@ def refuse_open_door(settings: ApiSettings) -> None:
     """An address that strangers can reach.
 
     Raises:
-        InvalidValue: it is one, no key is asked for, and nobody vouched for the network.
+        InvalidValue: it is one, no key is required, and the network is not declared trusted.
     """
     if not (settings.is_private or settings.require_keys or settings.trust_network):
         raise InvalidValue(

@@ -16,7 +16,7 @@ PIPE = "ipc://"
 
 
 TRUST_VARIABLE = "EIGENFAIL_TRUST_NETWORK"
-"""Where it is "1", somebody vouches for the network beyond this machine."""
+"""Environment variable; "1" declares the network beyond this machine as trusted."""
 
 
 def is_loopback(host: str) -> bool:

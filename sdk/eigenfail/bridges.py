@@ -1,7 +1,7 @@
 """Any process as a system under test, simulator and planner in one; docs/bridge.md.
 
 A campaign has `simulator` "bridge"; `scenario` and `planner` are names that the bridge knows. Where
-the bridge is, a campaign cannot say: whoever starts a worker does.
+the bridge is, a campaign cannot say: the user who starts a worker does.
 """
 
 import os
@@ -42,7 +42,7 @@ def check_address(address: str) -> str:
     """The address, if a worker may connect to it.
 
     Raises:
-        InvalidValue: it is none; or it is on another machine, and nobody vouches for the network.
+        InvalidValue: no valid address; or on another machine, over a network not declared trusted.
     """
     if not ADDRESS.fullmatch(address):
         problem = f"'{address}' is no address of a bridge."
@@ -131,7 +131,7 @@ def read_plain(given: Mapping[str, Any], field: str) -> dict[str, Plain]:
         fits = {str: lambda text: len(text) <= LONGEST_TEXT, float: isfinite}
         if type(value) not in Plain.__args__ or not fits.get(type(value), lambda _: True)(value):
             problem = "is no finite number, no truth value and no short text."
-            raise InvalidValue(f"{field}.{name}", problem, "A bridge is told nothing else.")
+            raise InvalidValue(f"{field}.{name}", problem, "A bridge receives no other parameters.")
     return dict(given)
 
 
@@ -139,4 +139,4 @@ def refuse_too_many(given: Mapping[str, Any], field: str) -> None:
     """Raise InvalidValue for more parameters than a bridge can receive."""
     if len(given) > MOST_PARAMETERS:
         problem = f"there are {len(given)}."
-        raise InvalidValue(field, problem, f"A bridge is told {MOST_PARAMETERS} at most.")
+        raise InvalidValue(field, problem, f"A bridge receives at most {MOST_PARAMETERS}.")

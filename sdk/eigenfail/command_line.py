@@ -88,7 +88,7 @@ def checked_stdout() -> Iterator[None]:
 
     Raises:
         EigenfailError: it could not be written.
-        SystemExit: nobody reads it any more.
+        SystemExit: the reader of the output has closed it.
     """
     stream = sys.stdout
     if stream is None:  # it was closed before the program began

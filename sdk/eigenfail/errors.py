@@ -63,7 +63,7 @@ def clean_text(text: str, longest: int = LONGEST_TEXT) -> str:
 
     Args:
         text: any text.
-        longest: what is longer is cut off. [characters]
+        longest: maximum length; a longer text is cut off [characters].
     """
     plain = "".join((text[: longest + 1],))  # an exact str, also of a subclass
     if not plain.isprintable():

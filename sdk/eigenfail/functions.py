@@ -165,7 +165,7 @@ def allow(places: str) -> None:
 def allow_of(specs: Iterable[CampaignSpec]) -> None:
     """List the modules that campaigns name, for a service that is started for these alone.
 
-    Whoever starts that service chose the file of the campaigns; a list of theirs holds.
+    The user who starts that service chose the file of the campaigns; a list given there holds.
     """
     places = [spec.planner for spec in specs if spec.simulator == SIMULATOR]
     modules = sorted({place.partition(":")[0] for place in places if PLACE.fullmatch(place)})

@@ -15,7 +15,7 @@ from contextlib import suppress
 from typing import Any, TextIO
 
 from eigenfail.errors import InvalidValue
-from eigenfail.uncaught import tell_uncaught
+from eigenfail.uncaught import report_uncaught
 from eigenfail.values.access import redact
 
 VARIABLE = "EIGENFAIL_LOG_FORMAT"
@@ -24,7 +24,7 @@ VARIABLE = "EIGENFAIL_LOG_FORMAT"
 class LossyStderr:
     """Standard error without secrets; text that cannot be written is dropped.
 
-    A full disk must not end who complains of it, nor a stream that somebody has closed.
+    A full disk must not end the process that logs it, nor must a closed stream.
     """
 
     def write(self, text: str) -> int:
@@ -66,7 +66,7 @@ def configure(process: str) -> None:
         raise InvalidValue(VARIABLE, f"'{wanted}' is no format of logs.", "Take text or json.")
     FORMATS[wanted](process, stream)
     log = structlog.get_logger()
-    tell_uncaught(lambda error: log.error("nobody caught an error", exc_info=error))
+    report_uncaught(lambda error: log.error("uncaught error", exc_info=error))
 
 
 def _as_text(_process: str, stream: TextIO) -> None:

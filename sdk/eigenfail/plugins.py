@@ -65,7 +65,7 @@ def load(group: str, name: str) -> Any:
 
 
 def _describe_failure(error: BaseException) -> str:
-    # What is missing is named by the text alone; other errors are unclear without their type.
+    # The text alone names a missing module; other errors are unclear without their type.
     usual = isinstance(error, ImportError | AttributeError)
     return read_text(error) if usual else describe_error(error)
 

@@ -28,7 +28,7 @@ PARENT_VARIABLE = "EIGENFAIL_PARENT"
 
 
 END_S = 2.0
-"""A killed process with much memory takes a while to give it back; nobody waits for longer."""
+"""Maximum wait for a killed process, which takes a while to return much memory [s]."""
 
 
 LOOK_EVERY_S = 0.005
@@ -67,11 +67,11 @@ def adopt_orphans() -> None:
 def exit_status(process: Popen[bytes]) -> int | None:
     """None while it lives; negative if a signal ended it.
 
-    It is not waited for: until then its number is nobody else's, and `kill_group` finds by it what
+    It is not waited for: until then its number is not reused, and `kill_group` finds by it what
     it left behind.
     """
     if process.returncode is None:
-        with suppress(ChildProcessError):  # somebody else has waited for it
+        with suppress(ChildProcessError):  # another thread has waited for it
             status = os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
             if status is None:
                 return None
@@ -90,7 +90,7 @@ def status_within(process: Popen[bytes], patience_s: float) -> int | None:
 def kill_group(leader: Popen[bytes]) -> None:
     """Kill a process that leads a group, and its group with it.
 
-    Unless it was waited for: then the number of the group may be somebody else's by now.
+    Unless it was waited for: then the number of the group may belong to other processes by now.
     """
     if leader.returncode is None:
         with suppress(ProcessLookupError):
@@ -166,20 +166,20 @@ def run_question(module: str, question: bytes, patience_s: float) -> bytes:
         process_group=0,
     )
     os.close(read)
-    Thread(target=tell, args=(write, question), daemon=True).start()
+    Thread(target=write_question, args=(write, question), daemon=True).start()
     with asked:
         try:
             written = read_answer(asked, patience_s)
             status = status_within(asked, LAST_STEPS_S)
         finally:
-            # Before it is waited for: then what it left behind could no longer be told.
+            # Before it is waited for: afterwards its children could no longer be found.
             kill_group(asked)
     if not written:
         raise ServiceError(f"The process that should answer ended with code {status}.", LOG)
     return written
 
 
-def tell(descriptor: int, question: bytes) -> None:
+def write_question(descriptor: int, question: bytes) -> None:
     """Write the question while the process reads."""
     with suppress(BrokenPipeError), os.fdopen(descriptor, "wb") as pipe:
         pipe.write(question)

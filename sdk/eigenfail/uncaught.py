@@ -7,38 +7,38 @@ from collections.abc import Callable
 from contextlib import suppress
 from types import TracebackType
 
-Tell = Callable[[BaseException], None]
+Report = Callable[[BaseException], None]
 
 
 def print_uncaught(error: BaseException) -> None:
-    """As Python itself would, but for the secrets in it."""
+    """Print an error as Python does, without the secrets in it."""
     from eigenfail.values.access import redact  # all of the values, for which no command waits
 
     with suppress(OSError, ValueError):
         sys.stderr.write(redact("".join(traceback.format_exception(error))))
 
 
-def tell_uncaught(tell: Tell = print_uncaught) -> None:
+def report_uncaught(report: Report = print_uncaught) -> None:
     """Print uncaught errors of all threads without secrets; hooks set before are kept.
 
     Args:
-        tell: tells of an error.
+        report: reports an error.
     """
     if sys.excepthook is sys.__excepthook__:
-        sys.excepthook = _of_main(tell)
+        sys.excepthook = _make_hook(report)
     if threading.excepthook is threading.__excepthook__:
-        threading.excepthook = lambda found: _told(tell, found.exc_value)
+        threading.excepthook = lambda found: _report_error(report, found.exc_value)
     if sys.unraisablehook is sys.__unraisablehook__:
-        sys.unraisablehook = lambda found: _told(tell, found.exc_value)
+        sys.unraisablehook = lambda found: _report_error(report, found.exc_value)
 
 
-def _of_main(
-    tell: Tell,
+def _make_hook(
+    report: Report,
 ) -> Callable[[type[BaseException], BaseException, TracebackType | None], None]:
-    return lambda _kind, error, _trace: _told(tell, error)
+    return lambda _kind, error, _trace: _report_error(report, error)
 
 
-def _told(tell: Tell, error: BaseException | None) -> None:
+def _report_error(report: Report, error: BaseException | None) -> None:
     """Ignore SystemExit, which is no error."""
     if error is not None and not isinstance(error, SystemExit):
-        tell(error)
+        report(error)

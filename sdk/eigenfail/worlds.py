@@ -252,7 +252,7 @@ class BridgeWorld(CampaignWorld):
     """A process behind a bridge, simulator and planner in one; see `eigenfail.bridges`."""
 
     needs_bridge = True
-    unexplained = "a bridge explains nothing: what its planner thinks, it does not tell."
+    unexplained = "a bridge explains nothing: it does not report what its planner computes."
 
     def check(self, spec: CampaignSpec) -> None:
         """Read the parameters; whether the bridge knows them it says later."""

@@ -56,13 +56,13 @@ def revoke_key(store: Store, number: int) -> ApiKey:
 
     Raises:
         NotFound: there is no such key.
-        Conflict: without it no administrator could come in, and nobody could make another.
+        Conflict: it is the last administrator's key, without which no key could be created.
     """
     at_ms, key = now_ms(), store.keys.find(number).key
     is_admin = key.scope is Scope.ADMIN and key.is_valid(at_ms)
     if is_admin and store.keys.admins(at_ms) == 1:
         raise Conflict(
-            f"Key {number} is the last of an administrator: without it nobody could make keys.",
+            f"Key {number} is the last administrator's key: without it no key could be created.",
             "Make another administrator's key first, then revoke this one.",
         )
     return store.keys.revoke(number)
@@ -168,7 +168,7 @@ CREATED, DONE = 201, 200
 class DatabaseKeys:
     """The methods of `Client.keys` on a database itself; lists return the newest 1,000.
 
-    No key is asked for, and what is changed is noted in the audit log. Every method raises
+    No key is required, and each change is recorded in the audit log. Every method raises
     ServiceError or InputError where the database, or what was asked for, is not in order.
     """
 

@@ -172,7 +172,7 @@ def _find_units(columns: tuple[str, ...]) -> dict[str, str]:
 
 
 KEYS = ("eigenfail", "PANDAS_ATTRS")
-"""Where a file tells of itself, in JSON: for everybody, and where pandas looks for `attrs`."""
+"""Keys of a file's metadata, in JSON: eigenfail's own, and the one that pandas reads as `attrs`."""
 
 
 def require_pyarrow() -> None:

@@ -49,7 +49,7 @@ def restrict_folder(folder: Path) -> None:
     except FileNotFoundError:
         return
     if not stat.S_ISDIR(seen.st_mode) or seen.st_uid != os.geteuid():
-        problem = f"Exports cannot be kept in {folder}: it is a link, or belongs to somebody else."
+        problem = f"Exports cannot be kept in {folder}: it is a link, or belongs to another user."
         raise ServiceError(problem, "Remove it; the service makes a folder of its own.")
     if stat.S_IMODE(seen.st_mode) != PRIVATE_MODE:
         folder.chmod(PRIVATE_MODE)

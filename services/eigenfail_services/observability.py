@@ -27,7 +27,7 @@ def serve(address: str, registry: CollectorRegistry) -> Callable[[], None]:
     """Serve the figures at host:port, on a thread; what ends that.
 
     Raises:
-        InvalidValue: it is no address, or other machines reach it and nobody vouches for them.
+        InvalidValue: no valid address, or one that other machines reach over an untrusted network.
         PortTaken: it cannot be listened on.
     """
     host, port = split_address(address)
@@ -51,7 +51,7 @@ def split_address(address: str) -> tuple[str, int]:
     """Host and port.
 
     Raises:
-        InvalidValue: it is no address, or other machines reach it and nobody vouches for them.
+        InvalidValue: no valid address, or one that other machines reach over an untrusted network.
     """
     host, _, port = address.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
@@ -60,7 +60,7 @@ def split_address(address: str) -> tuple[str, int]:
     if not is_loopback(host) and os.environ.get(TRUST_VARIABLE) != "1":
         raise InvalidValue(
             "metrics",
-            f"'{address}' can be reached from other machines, and it asks nobody for a key.",
+            f"'{address}' can be reached from other machines, and it requires no key.",
             f"Listen on 127.0.0.1:PORT; on a private network, {TRUST_VARIABLE}=1 vouches for it.",
         )
     return host, int(port)

@@ -190,4 +190,4 @@ def test_every_program_has_its_logs_redacted():
         *(workers, actor, child),
     ):
         text = Path(module.__file__).read_text()
-        assert re.search(r"logs\.configure\(|tell_uncaught\(", text), module
+        assert re.search(r"logs\.configure\(|report_uncaught\(", text), module

@@ -87,7 +87,7 @@ def scores_chart(result: AnalysisResult, campaign: int) -> Chart:
         id="scores-chart",
         kind="scores",
         title="Failures in PCA space",
-        caption="Each failure by its first two scores; colour and shape tell the mode, + its mean.",
+        caption="Each failure by its first two scores; colour and shape show the mode, + its mean.",
         data={
             "episode": [addresses[row] for row in chosen],
             "mode": [result.labels[row] for row in chosen],
@@ -247,7 +247,7 @@ def grids(result: AnalysisResult) -> tuple[Table, ...]:
 
 
 MOST_STEPS = 200
-"""Points of a line: more cannot be told apart on a screen."""
+"""Points of a line: more cannot be distinguished on a screen."""
 
 DIGITS = 3
 
@@ -347,7 +347,7 @@ class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         words: what it is; of results of older releases its strongest noise.
-        probability: of a failure of this mode, or why it is not told; None where nobody asked.
+        probability: of a failure of this mode, or why it has none; None where it was not requested.
         clip: address of the medoid's player.
         strength: root mean square of its eigenfailure [sigma]; noise has 1.
         proof: what its eigenfailure and its medoid did in the replays.
@@ -369,7 +369,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     """The page of an analysis.
 
     Attributes:
-        notes: what is to be known of the failures that were put together, or that they collapsed.
+        notes: remarks on the failures that were pooled, or that they collapsed.
         proof: None before there is a result.
         asked: its settings, for another like it.
     """

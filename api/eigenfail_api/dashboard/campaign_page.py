@@ -168,7 +168,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         origin: words and address of what it replays; None if it is no replay.
         replays: where the replays of its episodes are listed.
-        wants_workers: whether there is work and nobody to do it.
+        wants_workers: whether episodes wait and no worker is connected.
         stranded: what was said of it, if no connected worker can run it.
         wishes: what a user may ask of it now: pause, resume, cancel.
         mixed: that services of other versions took it over, in sentences; empty if none did.
@@ -337,7 +337,7 @@ CAMPAIGNS_ON_A_PAGE = 50
 ANALYSES_ON_A_PAGE = 20
 EVENTS_SHOWN = 30
 
-# A form sends what is empty, too.
+# A form sends empty fields, too.
 State = Annotated[CampaignState | Literal[""], Query()]
 Words = Annotated[str, Query(max_length=200)]
 

@@ -26,7 +26,7 @@ class CopiedRequest(msgspec.Struct, frozen=True, kw_only=True):
         method: GET or POST.
         path: below /api/v1, with ids in it.
         query: its parameters.
-        body: what is sent, as plain data; None if nothing is.
+        body: content of the request, as plain data; None for none.
     """
 
     method: str
@@ -175,7 +175,7 @@ def cli(base: str, asked: CopiedRequest, words: Words, names: Mapping[str, str])
 
 
 def id_list(ids: str) -> str:
-    """Ids with commas in between, as a list."""
+    """Return comma-separated ids as a list."""
     return f"[{', '.join(ids.split(','))}]"
 
 

@@ -104,7 +104,7 @@ class MethodCosts(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         charts: one for each group of peers, the newest first.
-        notes: what is pooled, what was left out, and whatever else is so of all charts.
+        notes: which campaigns are pooled or left out, and remarks that hold for all charts.
     """
 
     charts: tuple[Chart, ...]

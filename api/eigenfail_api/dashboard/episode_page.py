@@ -264,7 +264,7 @@ def episode_view(
     next_failure: int | None,
     verdict: ReplayVerdict | None,
 ) -> EpisodeView:
-    """The page of an episode; the mission, where the scenario could tell it, gives the lanes."""
+    """Return the page of an episode; the mission, where the scenario has one, gives the lanes."""
     fault, scene, measures = result.fault, result.scene, result.measures
     dt_s = scene.dt_s if scene else mission.dt_s if mission else None
     return EpisodeView(

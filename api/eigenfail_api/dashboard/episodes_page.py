@@ -268,7 +268,7 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
     """The page.
 
     Attributes:
-        problem: what is wrong with the filter, in words; empty if nothing is.
+        problem: describes an invalid filter; empty if the filter is valid.
         chart: None where nothing was found.
         title: how many are shown of what.
         sorted: by what, in words.

@@ -233,7 +233,7 @@ def withheld(needed: str) -> Markup:
     return Markup(' disabled title="{}"').format(why)
 
 
-# The line at the head of every page that says who is signed in, and what is not theirs to press.
+# The line at the head of every page: who is signed in, and which actions their scope lacks.
 TEMPLATES.globals |= {"signed_in": get_signed_in_caller, "withheld": withheld}
 
 

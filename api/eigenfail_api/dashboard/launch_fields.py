@@ -10,7 +10,7 @@ import msgspec
 from eigenfail.suites import read_path, set_path
 
 NONE = "none"
-"""Switches off what is on unless something else is said."""
+"""Value that switches off an option which is on by default."""
 
 WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
@@ -46,7 +46,7 @@ def read_optional(text: str) -> int | float | str | None:
 
 
 def read_list(text: str) -> list[int | float | str]:
-    """Numbers or words with commas in between."""
+    """Comma-separated numbers or words."""
     return [read_number(part.strip()) for part in text.split(",") if part.strip()]
 
 
@@ -132,7 +132,7 @@ class LaunchField(msgspec.Struct, frozen=True, kw_only=True):
         least: smallest value that a browser is to take; empty where there is none.
         most: largest one.
         default: what holds if nothing is typed; empty where something must be.
-        bounds: what is taken, in words.
+        bounds: describes the valid values.
         options: of a choice.
     """
 
@@ -342,7 +342,7 @@ class LaunchEntry(msgspec.Struct, frozen=True, kw_only=True):
         text: as it was typed.
         how: fixed, or drawn from which distribution.
         low: smallest value of a uniform distribution; high: its largest.
-        choices: the values of a choice, with commas in between.
+        choices: the values of a choice, comma-separated.
     """
 
     text: str = ""

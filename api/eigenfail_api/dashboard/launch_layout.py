@@ -48,7 +48,7 @@ class LaunchPart(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         id: of its element.
-        fields: of the spec itself; a choice among them swaps what is below.
+        fields: of the spec itself; a choice among them replaces the sections below.
         summary: of the plug-in that is chosen, in a line.
         problem: why that plug-in cannot be used here; empty if it can.
         settings: of that plug-in; None where it has none.
@@ -152,7 +152,7 @@ def plugin_part(
     return LaunchPart(
         id=name,
         title=name.capitalize(),
-        # A name that is not known stays in the list, for its problem to be told.
+        # An unknown name stays in the list, so that its problem can be shown.
         fields=(choice(name, tuple(dict.fromkeys((*known, wanted))), wanted),),
         summary=found.summary,
         problem=found.problem,

@@ -92,10 +92,10 @@ class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         shown: by the name of the field.
-        body: what is launched.
+        body: the specification that is launched.
         checked: in words, once it was checked and is in order; empty otherwise.
         completed: all that it would be, by path; nothing before that.
-        key: tells this launch from others; empty while there is nothing to be launched.
+        key: idempotency key of this launch; empty while there is nothing to launch.
         token: of this page.
         copies: of the launch, for programs; None while there is nothing to be launched.
     """
@@ -311,7 +311,7 @@ def origin_in(store: Store, typed: Mapping[str, str]) -> Campaign | None:
     """The campaign that the form begins with.
 
     Raises:
-        InvalidValue: what is named is no id.
+        InvalidValue: the text is not an id.
         NotFound: there is no such campaign.
     """
     named = typed.get(FROM, "")

@@ -236,7 +236,7 @@ class MeasuresView(msgspec.Struct, frozen=True, kw_only=True):
     """A part of the campaign's page, and a page by itself.
 
     Attributes:
-        basis: of how many episodes it tells, or why there is nothing to tell.
+        basis: number of episodes it covers, or why it has no values.
         safety: None before the first episode, and where nothing drives.
         scatter: None without a failure of known severity.
         cost: None before the first episode.
@@ -257,7 +257,7 @@ class MeasuresView(msgspec.Struct, frozen=True, kw_only=True):
 def measures_view(
     campaign: Campaign, safety: Safety, cost: CampaignCost, crew: Table
 ) -> MeasuresView:
-    """All of it, as far as there is something to tell."""
+    """Return the whole page, without parts that have no values."""
     some = safety.completed > 0
     return MeasuresView(
         campaign=campaign.id,

@@ -104,7 +104,7 @@ MOST_POINTS = 600
 SHARES = np.linspace(0.0, 1.0, 101)
 
 
-TOLD = (0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0)
+QUANTILES = (0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0)
 
 
 class Compared(msgspec.Struct, frozen=True, kw_only=True):
@@ -246,12 +246,12 @@ def distances(compared: Sequence[Compared]) -> Chart:
         title="Distribution of robustness",
         caption="Cumulative share of episodes by robustness; 0 m is a failure.",
         data=draw_lines("Robustness [m]", "Episodes [%]", lines),
-        columns=("Campaign", "Episodes", *(f"{100 * share:.0f} %" for share in TOLD)),
+        columns=("Campaign", "Episodes", *(f"{100 * share:.0f} %" for share in QUANTILES)),
         rows=tuple(
             (
                 one.name,
                 format_count(len(found)),
-                *(format_number(float(each)) for each in np.quantile(found, TOLD)),
+                *(format_number(float(each)) for each in np.quantile(found, QUANTILES)),
             )
             for one, found in known
         ),

@@ -83,10 +83,10 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
         newest: the address of the first page of these campaigns; None on it.
         older: the address of the next one, if there is one.
         methods: those that some campaign has.
-        any_method: what is listed where no method is chosen.
+        any_method: label of the choice of all methods.
         replays: words and address of the replays that are not listed; None if there are none.
         panel: cost per failure by method.
-        wants_workers: whether there is work and nobody to do it.
+        wants_workers: whether episodes wait and no worker is connected.
         stranded: what was said of each campaign that no connected worker can run.
         latest: the newest event when the page was made, so that the feed goes on behind it.
     """
@@ -192,7 +192,7 @@ CAMPAIGNS_ON_A_PAGE = 50
 ANALYSES_ON_A_PAGE = 20
 EVENTS_SHOWN = 30
 
-# A form sends what is empty, too.
+# A form sends empty fields, too.
 State = Annotated[CampaignState | Literal[""], Query()]
 Words = Annotated[str, Query(max_length=200)]
 

@@ -38,7 +38,7 @@ from eigenfail_services.campaigns.summary import make_suite_table
 DEFAULT = "default"
 SEED = "seed"
 MOST_COMPARED = 100
-"""So many campaigns of a side can be named in an address."""
+"""Maximum number of campaigns of one side in an address."""
 
 
 class SuiteLine(msgspec.Struct, frozen=True):

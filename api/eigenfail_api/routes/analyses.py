@@ -110,7 +110,7 @@ Ids = Annotated[
     str,
     Query(
         pattern=IDS,
-        description="Ids of campaigns, one for each seed, with commas in between.",
+        description="Ids of campaigns, one for each seed, comma-separated.",
         examples=["1"],
     ),
 ]

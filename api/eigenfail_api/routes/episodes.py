@@ -84,7 +84,7 @@ SortBy = Annotated[
 Fields = Annotated[
     str,
     Query(
-        description="Names of columns with commas in between: each item holds these alone, and "
+        description="Comma-separated names of columns: each item holds these alone, and "
         "is no EpisodeRow."
     ),
 ]

@@ -51,7 +51,7 @@ Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print only the id of the launched campaign.")
 ]
 QuietCheck = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Print nothing; the exit code tells the result.")
+    bool, typer.Option("--quiet", "-q", help="Print nothing; the exit code gives the result.")
 ]
 
 

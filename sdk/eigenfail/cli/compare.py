@@ -46,7 +46,7 @@ def _parse_campaign_ids(side: str, text: str) -> tuple[int, ...]:
     """The ids of one side.
 
     Raises:
-        InvalidValue: they are not numbers with commas in between.
+        InvalidValue: the text is not a comma-separated list of numbers.
     """
     if not IDS.fullmatch(text):
         raise InvalidValue(side, f"'{text}' is not of the form 1 or 1,2,3.", "Give campaign ids.")

@@ -166,7 +166,7 @@ def open_place(
             again = f"eigenfail up --data {plan.data}{functions.up_option()}"
             yield Place(service.address.url, service.check, again)
         except ServiceUnreachable:
-            # Which of its processes ended, and why, says more than that nobody answers.
+            # Which of its processes ended, and why, says more than a connection that was refused.
             service.check()
             raise
 

@@ -29,7 +29,7 @@ from eigenfail.values.operations import Presence, Verification
 PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")
 GROUPS = (plugins.SCENARIOS, plugins.PLANNERS, plugins.SIMULATORS, plugins.METHODS)
 WORKING = (CampaignState.QUEUED, CampaignState.RUNNING)
-NOBODY = (
+NO_WORKER = (
     "do the services run (python -m eigenfail_services), and what does their log say? "
     "By hand: eigenfail worker --connect ADDRESS"
 )
@@ -106,7 +106,7 @@ def check_workers(client: Client) -> Finding:
     if here:
         return Finding("workers", f"{len(here)} connected{_describe_versions(here)}")
     state = "none is connected" + (", and campaigns wait" if waits else "")
-    return Finding("workers", f"{state}. {said}" if said else state, waits, NOBODY)
+    return Finding("workers", f"{state}. {said}" if said else state, waits, NO_WORKER)
 
 
 def list_unrunnable_campaigns(client: Client) -> Iterator[Finding]:
@@ -145,7 +145,7 @@ def check_database(database: str | None, replay: int, repair: bool) -> Iterator[
 def _list_database_checks(found: Verification) -> Iterator[Finding]:
     """Return the results of a database check: overall, repairs, and each check."""
     state = f"{found.database}: {found.defects or 'no'} defects"
-    remedy = "eigenfail db verify tells them; --repair mends what is safe" if found.defects else ""
+    remedy = "eigenfail db verify lists them; --repair mends safe ones" if found.defects else ""
     yield Finding("database", state, bool(found.defects), remedy)
     yield from (Finding("database: mended", sentence) for sentence in found.mended)
     for check in found.checks:

@@ -156,7 +156,7 @@ def _find_own_version(suite: Suite, url: str | None) -> str:
         raise InvalidValue(
             "planner-version",
             "is not given, and the code of a service elsewhere cannot be seen from here.",
-            "Name what is installed there, such as a commit.",
+            "Name the installed version, such as a commit.",
         )
     return fingerprint(suite)
 

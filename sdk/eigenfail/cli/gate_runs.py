@@ -162,7 +162,7 @@ def _find_by_version(client: Client, suite: Suite, run: str) -> Found:
 def make_resolver(client: Client) -> Resolve:
     """Return what has the service write out the defaults of a spec, which it knows by its plug-ins.
 
-    A spec that the service would refuse today stays as it is.
+    A spec that the service would refuse today is not changed.
     """
 
     def resolve(spec: CampaignSpec) -> CampaignSpec:

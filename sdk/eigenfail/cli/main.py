@@ -20,7 +20,7 @@ from typer.core import TyperCommand, TyperGroup
 from eigenfail import __version__, plugins
 from eigenfail.command_line import checked_stdout
 from eigenfail.errors import EigenfailError, InputError, InvalidValue, ServiceError
-from eigenfail.uncaught import print_uncaught, tell_uncaught
+from eigenfail.uncaught import print_uncaught, report_uncaught
 
 COMMANDS = {
     "up": "Start the service on this machine, on an embedded database.",
@@ -92,7 +92,7 @@ def load_server_app(name: str) -> typer.Typer:
 def _escape_help(command: Any) -> Any:
     """Return a command whose help is printed literally, with all of its subcommands.
 
-    Typer reads help as markup for terminals, in which a unit such as `[s]` is a style that nobody
+    Typer reads help as markup for terminals, in which a unit such as `[s]` is a style that nothing
     sees.
     """
     from rich.markup import escape
@@ -126,7 +126,7 @@ FAULTS = {
     "greater_than_equal": "is below {ge}",
     "less_than_equal": "is above {le}",
 }
-"""What is wrong with a number, by the type of the error that pydantic reports."""
+"""Descriptions of invalid numbers, by the type of the error that pydantic reports."""
 
 
 @contextmanager
@@ -149,7 +149,7 @@ def exit_on_error(as_json: bool) -> Iterator[None]:
 def _exit(error: EigenfailError, as_json: bool) -> NoReturn:
     from eigenfail.values.access import redact
 
-    with suppress(OSError):  # the exit code tells of it where nothing can be written
+    with suppress(OSError):  # the exit code reports it where nothing can be written
         typer.echo(redact(_encode(error) if as_json else f"eigenfail: {error}"), err=True)
     raise typer.Exit(error.exit_code) from error
 
@@ -268,7 +268,7 @@ def eigenfail(version: Version = False) -> None:
 
 def main() -> None:
     """The command line."""
-    tell_uncaught()
+    report_uncaught()
     try:
         with checked_stdout():
             app()

@@ -71,7 +71,7 @@ class TerminalView(Generic[Snapshot]):
     """What a command shows.
 
     Attributes:
-        look: what is to be seen now.
+        look: fetches the current state.
         campaigns: those in it; watching ends once all of them have ended or are paused.
         to_data: makes the data that `--json` prints.
         draw: it, for people.

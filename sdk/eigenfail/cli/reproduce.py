@@ -75,7 +75,7 @@ REPORTED = (
     *("monte_carlo rulebook", "monte_carlo idm", "ast", "ast evaluation", "ast_paper evaluation"),
     *("ast plus5", "ast minus5", "difs", "difs evaluation", "difs_paper evaluation"),
 )
-"""Members that the report tells of; the paper's tables tell of all."""
+"""Members that the report covers; the paper's tables cover all."""
 
 HowMuch = Annotated[
     Scale, typer.Option(help="full: the paper's episodes; small: a fifth, for a first look.")

@@ -34,9 +34,9 @@ from eigenfail.values.operations import ACTIVE_S, DAY_S, Presence, WorkerShare
 
 PACKAGE = "eigenfail"
 COUNTS = ("campaigns", "episodes", "failures", "errored")
-NOBODY = (
+NO_WORKER = (
     "No worker is connected, and none brought a result in the last {} s. "
-    "eigenfail doctor says what is missing."
+    "eigenfail doctor reports what is missing."
 )
 
 Within = Annotated[
@@ -154,7 +154,7 @@ def _draw_activity(workers: Sequence[WorkerActivity], within_s: int) -> Renderab
         counts = (len(each.campaigns), each.episodes, each.failures, each.failed)
         last = UNKNOWN if each.last_ms is None else format_local_time(each.last_ms)
         grid.add_row(*map(escape, cells), *map(str, counts), last)
-    return grid if workers else Group(Text(NOBODY.format(within_s)))
+    return grid if workers else Group(Text(NO_WORKER.format(within_s)))
 
 
 ADDRESS = re.compile(r"tcp://(\[[0-9a-fA-F:.]+\]|[\w.-]+):[1-9]\d{0,4}")

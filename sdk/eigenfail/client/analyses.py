@@ -98,7 +98,7 @@ class Analyses:
     def prove(self, analysis: int, variations: Sequence[Mapping[str, Any]] | None = None) -> Proof:
         """Have eigenfailures and medoids replayed, in a campaign for each scenario.
 
-        What is replayed there already is not replayed again. Wait for the end with
+        Failures that are replayed there already are not replayed again. Wait for the end with
         `wait_for_proof`.
 
         Args:

@@ -2,7 +2,7 @@
 
 There is one client, the blocking one: here each of its calls runs in a thread, and what is told of
 its verbs there holds here. A verb that gives rows or events is iterated with `async for`, every
-other one is awaited. Whoever stops waiting, because of a cancellation or a time-out, ends the call
+other one is awaited. Cancelling the wait, or a time-out of it, ends the call
 as well: a wait between two looks, a pause between two tries and a stream of events at once, a
 single request when its answer is in.
 """

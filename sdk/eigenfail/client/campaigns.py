@@ -68,7 +68,7 @@ class Campaigns:
 
         Args:
             specs: at most `MOST_AT_ONCE`.
-            key: what tells this request from others, for ever; None makes one for this call.
+            key: idempotency key of this request, for ever; None makes one for this call.
 
         Raises:
             UnknownName: one has a field, plug-in or setting that does not exist: `[2].settings`.
@@ -205,7 +205,7 @@ class Campaigns:
 
         Args:
             campaign: its id.
-            on_progress: told of the campaign at every look, the last one included.
+            on_progress: called with the campaign after every poll, the last one included.
             poll_s: time between two looks.
             timeout_s: give up after this time; None waits for ever.
             progress: show failures, rate and the time to go: a bar in a terminal or a notebook,
@@ -263,7 +263,7 @@ class Campaigns:
         return self._link.get(f"/campaigns/{campaign}/safety", Safety, {"level": str(level)})
 
     def prunings(self, campaign: int) -> tuple[Pruning, ...]:
-        """What noise was taken from it to make room: by which rule, when, by whom, how much.
+        """Return the prunings of its noise: by which rule, when, by whom, how much.
 
         Raises:
             NotFound: no such campaign.

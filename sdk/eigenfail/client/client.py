@@ -115,7 +115,7 @@ class Client:
         The folder has all of it or is not there: nothing is left half-written.
 
         Args:
-            campaigns: one, or several in the order in which they are told of.
+            campaigns: one, or several in the order of the report.
             folder: that is not there yet, or is empty.
             force: replace the report that is in the folder.
             also: further files for the folder, by name.

@@ -222,7 +222,7 @@ class Link:
     Args:
         base_url: of the service, without /api/v1.
         transport: instead of sockets.
-        key: what is shown to the service, if anything.
+        key: the API key sent with each request; None for none.
 
     Raises:
         InvalidValue: the address is none of HTTP.
@@ -277,8 +277,8 @@ class Link:
         Args:
             path: of the request.
             kind: of its answer.
-            body: what is sent.
-            key: what tells this request from others, for ever; None makes one for this call.
+            body: the content of the request.
+            key: idempotency key of this request, for ever; None makes one for this call.
         """
         headers = {http.IDEMPOTENCY_KEY: key or str(uuid4())}
         answer = self._repeatedly("POST", path, content=_encode_body(body), headers=headers)
@@ -327,7 +327,7 @@ class Link:
                 yield iter(source)
 
     def answers(self, path: str) -> bool:
-        """Whether a path outside the API is well, as far as one request can tell."""
+        """Whether a path outside the API is healthy, as far as one request can show."""
         return self.trouble(path) is None
 
     def trouble(self, path: str) -> EigenfailError | None:

@@ -79,7 +79,7 @@ class Suites:
 
         Args:
             suite: whose campaigns.
-            on_progress: told of them at every look, the last one included.
+            on_progress: called with each campaign after every poll, the last one included.
             poll_s: time between two looks.
             timeout_s: give up after this time; None waits for ever.
 
@@ -98,12 +98,12 @@ class Suites:
     ) -> Seen:
         """Start all of a suite, members that build upon others once these are done, and wait.
 
-        Where one of those is cancelled or dead, or paused by somebody, there is no campaign of a
+        Where one of those is cancelled or dead, or was paused by a user, there is no campaign of a
         member that builds upon it.
 
         Args:
             suite: whose campaigns.
-            on_progress: told of them at every look, the last one included.
+            on_progress: called with each campaign after every poll, the last one included.
             poll_s: time between two looks.
             timeout_s: give up after this time; None waits for ever.
 

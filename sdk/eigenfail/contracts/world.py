@@ -64,7 +64,7 @@ class Situation(Protocol):
     """A scenario with its parameters: everything that a simulator needs to stage it.
 
     Attributes:
-        mission: road and task, which the planner is told.
+        mission: road and task, which the planner is given.
         steps: horizon of an episode.
         ego: initial state of the ego.
         actors: initial states of the other vehicles.

@@ -18,7 +18,7 @@ MAY_DIFFER = frozenset(
 """Fields in which a baseline may differ: the planner itself, and what changes no episode."""
 
 
-NOBODY = 0
+UNKNOWN_CAMPAIGN = 0
 """No campaign has this number."""
 
 
@@ -89,7 +89,7 @@ def check_baseline(
     """Make sure that a baseline can be judged against.
 
     Args:
-        suite: what is to be gated.
+        suite: the suite that the gate reruns.
         found: the baseline's campaigns by the name of the member.
         baseline: as the user named it, for errors.
         resolve: writes out the defaults of a spec.
@@ -119,7 +119,7 @@ def check_same_question(
     A member that builds upon another asks the same if its baseline builds upon the other's.
     """
     ids = {name: campaign.id for name, campaign in found.items()}
-    asked = resolve_references(member.spec, lambda name: ids.get(name, NOBODY))
+    asked = resolve_references(member.spec, lambda name: ids.get(name, UNKNOWN_CAMPAIGN))
     if differing := list_differences(asked, before.spec, resolve):
         raise InvalidValue(
             f"member '{member.name}'",

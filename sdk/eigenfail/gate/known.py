@@ -34,7 +34,7 @@ class KnownFailure(msgspec.Struct, frozen=True):
     """Noise under which the baseline failed, or is thought to have: one of three kinds.
 
     An eigenfailure is the centre of a failure mode; a medoid is the real failure nearest to it; a
-    minimal failure is what is left of a failure that was shrunk.
+    minimal failure is the rest of a failure that was shrunk.
 
     Attributes:
         what: it is, in words.
@@ -115,7 +115,7 @@ def make_minimal_replay(
 def is_minimal_search(campaign: Campaign, before: Campaign, analysis: Analysis) -> bool:
     """Whether a campaign shrank a failure of another, or a mode of its analysis.
 
-    With the same planner: otherwise what is left of it is no failure of the baseline's.
+    With the same planner: otherwise the rest is no failure of the baseline's planner.
     """
     spec, planner = campaign.spec, (before.spec.planner, before.spec.planner_settings)
     named = {"campaign": before.id, "analysis": analysis.id}
@@ -222,10 +222,10 @@ NEW_MODE = 0.025
 campaign together, each tested at an equal part of it (Bonferroni)."""
 
 RARER = 10
-"""So many times as often as before must failures be in a mode for it to be called new."""
+"""Factor by which a mode's share of failures must have grown for the mode to be called new."""
 
 NOT_JUDGED = (
-    "That is told, not judged: failures of {} are not independent of each other, so that two runs"
+    "Reported, not judged: failures of {} are not independent of each other, so that two runs"
     " of one planner may dwell in different modes."
 )
 
@@ -278,7 +278,7 @@ def add_modes(judged: Rerun, together: Analysis, now: RerunSide, pages: str) -> 
     result = together.result
     if result is None or not result.distinct:
         reason = result.verdict if result else together.problem
-        return replace(judged, modes=f"Whether a failure mode is new cannot be told: {reason}")
+        return replace(judged, modes=f"Whether a failure mode is new cannot be decided: {reason}")
     new = [*find_new_modes(result, judged.before.campaign, judged.now.campaign)]
     if not new:
         words = f"None of {len(result.modes)} failure modes is new."

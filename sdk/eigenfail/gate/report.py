@@ -295,7 +295,7 @@ def _list_caveats(report: GateReport) -> Iterator[str]:
         yield _describe_false_alarms(by_rate)
     if new_modes := sum(len(rerun.new_modes) for rerun in reruns if not rerun.judges_modes):
         yield (
-            f"Told, not judged: failure modes of searches that only {report.gate.version} has:"
+            f"Reported, not judged: failure modes of searches that only {report.gate.version} has:"
             f" {new_modes}. Replay them; whether they come back, the same search from other seeds"
             " says."
         )

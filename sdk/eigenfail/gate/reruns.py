@@ -143,7 +143,7 @@ def make_finding(
 
 
 _MOST_FINDINGS = 20
-"""How many episodes of a rerun are told with their replays, of each verdict."""
+"""Maximum number of episodes of a rerun that are listed with their replays, for each verdict."""
 
 SAME = "A and B were asked for the same thing"
 """How a comparison warns of campaigns that differ in nothing but what it cannot see."""

@@ -22,7 +22,7 @@ class GateVerdict(StrEnum):
     """What became of a failure under the new planner.
 
     `new`: it fails, and the baseline did not. `still failing`: both fail. `fixed`: the baseline
-    failed. `safe`: it does not fail, and nobody knows that the baseline did, or it may have been
+    failed. `safe`: it does not fail, and is not known to fail in the baseline, or may have been
     chance. `unproven`: it fails, and what the baseline did is not known. `cannot be run`: the
     episode did not get to its end.
     """
@@ -113,7 +113,7 @@ def judge_rate(before: Campaign, now: Campaign, comparison: Comparison) -> GateV
 
 
 def has_new_errors(before: Counts, now: Counts) -> bool:
-    """Whether episodes error that the baseline completed, as far as counts can tell."""
+    """Whether episodes error that the baseline completed, as far as counts can show."""
     return now.all_errored or (bool(now.failed) and not before.failed)
 
 

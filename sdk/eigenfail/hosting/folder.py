@@ -89,7 +89,7 @@ class DataFolder:
             ) from error
 
     def publish(self, address: Address) -> None:
-        """Tell other commands where the service of this folder answers."""
+        """Write the address of this folder's service for other commands."""
         draft = self.address_file.with_suffix(".new")
         with open_private(draft, "wb") as file:
             file.write(msgspec.json.encode(address))

@@ -65,7 +65,7 @@ CHUNK = 1 << 20
 class Log:
     """A file to which processes append, and all of whose writers opened it to append.
 
-    It is never renamed: whoever writes goes on in the same file. What is written in the instant
+    It is never renamed: its writers go on in the same file. What is written in the instant
     between its last byte's copy and its emptying is lost.
     """
 
@@ -236,7 +236,7 @@ def _bears_mark(pid: int, owner: str) -> bool:
     """Whether the process was started with the owner's mark; raises OSError if it is not ours.
 
     Processes that rename themselves, as Ray's do, overwrite the beginning of their environment:
-    whoever parses it stops there, so the mark is looked for as it stands.
+    a parser stops there, so the mark is searched for as plain text.
     """
     mark = f"{OWNER_MARK}={owner}".encode()
     return mark in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")

@@ -42,7 +42,7 @@ class Span(msgspec.Struct, frozen=True):
     """Between which numbers of workers to choose, and how slowly to give them up.
 
     Attributes:
-        least: so many even with nothing to do.
+        least: minimum number of workers, idle ones included.
         most: never more.
         idle_s: how long fewer must have been enough before any is let go. [s]
     """
@@ -312,7 +312,7 @@ def register_planners(folder: Path, planners: Mapping[str, str]) -> tuple[Path, 
     Args:
         folder: to write to.
         planners: module:Class by the name that campaigns give; modules are found where this process
-            finds them, and what is in no file is refused.
+            finds them, and a function that is in no file is refused.
 
     Raises:
         InvalidValue: a name is taken, or there is nothing at a place.

@@ -221,7 +221,7 @@ def describe_explanation(explanation: Explanation) -> tuple[Block, ...]:
 def tabulate_steps(steps: Sequence[ExplainedStep]) -> Table:
     """Return the steps, one a row, without the columns that no step has a value for.
 
-    What a planner tells beside the usual has a column of its own.
+    Each additional value that a planner reports has a column of its own.
     """
     others = dict.fromkeys(name for step in steps for name in step.account)
     readings = {"Time": lambda step: step.time_s, **WORDS, **READINGS}

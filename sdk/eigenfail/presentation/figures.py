@@ -4,7 +4,7 @@ Digits: a measured number has three significant digits, between 0.001 and 1,000,
 of ten; larger numbers keep all digits before the point. A share is in percent with three
 significant digits (34.3 %, 4.17 %, 0.125 %). An amount of money has three significant digits and at
 least two decimals, and never a power of ten. A count is exact, with its thousands apart. A 95 %
-interval stands in brackets, with the digits of a number each. What is not known is a dash, never a
+interval stands in brackets, with the digits of a number each. An unknown value is a dash, never a
 zero. Programs read JSON, CSV and the REST API, which hold the numbers unrounded.
 """
 

@@ -117,7 +117,7 @@ class FactTable(NamedTuple):
 
 
 Block = Table | FactTable | str
-"""A part of what is shown; a text is a paragraph, an empty one a gap."""
+"""A part of a view: a table, or a text as a paragraph; an empty text is a gap."""
 
 
 def name_columns(*titles: str) -> tuple[TableColumn, ...]:

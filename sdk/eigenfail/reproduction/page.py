@@ -92,7 +92,7 @@ def format_figure(column: PaperColumn, value: float) -> str:
 
 def format_verdict(statement: PaperStatement) -> str:
     """Return whether the statement holds here, in words."""
-    return {True: "holds", False: "does not hold", None: "cannot be told"}[statement.holds]
+    return {True: "holds", False: "does not hold", None: "cannot be decided"}[statement.holds]
 
 
 OPENING = """# The paper's experiments, reproduced

@@ -26,7 +26,7 @@ SWEPT: Mapping[str, Any] = MappingProxyType(
         "buffer_size": 100_000,
     }
 )
-"""The defaults of the paper's sweep; all else as it is here by default."""
+"""Settings of the paper's sweep; all others have the defaults of this release."""
 
 SWEEP: Mapping[str, tuple[Any, ...]] = MappingProxyType(
     {

@@ -70,7 +70,7 @@ class PaperStatement(msgspec.Struct, frozen=True):
     """A statement of the paper, judged by our numbers.
 
     Attributes:
-        holds: None where our numbers cannot tell.
+        holds: None where our numbers cannot decide.
         figures: the numbers that decide it.
         why: what explains it where it does not hold; shown only there.
     """

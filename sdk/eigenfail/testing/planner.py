@@ -106,7 +106,7 @@ def leaves_its_input_alone(make: MakePlanner) -> None:
     drive(make(), perceptions, mission)
     unchanged = msgspec.msgpack.encode(perceptions) == before
     expect(unchanged, "The planner changed a perception that it was shown.")
-    expect(mission == MISSION, "The planner changed the mission that it was told.")
+    expect(mission == MISSION, "The planner changed the mission that it was given.")
 
 
 def decides_in_time(make: MakePlanner) -> None:
@@ -122,7 +122,7 @@ def decides_in_time(make: MakePlanner) -> None:
 def explains_without_a_trace(make: MakePlanner) -> None:
     """An explanation has plain words and numbers, and does not change how the planner drives.
 
-    The same for its path, if it tells one: pairs of finite numbers.
+    The same for its path, if it reports one: pairs of finite numbers.
     """
     asked = make()
     explain, path = getattr(asked, "explain", dict), getattr(asked, "path", tuple)

@@ -150,7 +150,7 @@ def disturbs_the_nearest(open_simulation: OpenSimulation) -> None:
         expect(shown.others == expected, f"At step {before.step} the planner saw {shown.others}.")
         actor = expected[_nearest(before)]
         agrees = after.perceived == (actor.x_m, actor.y_m)
-        expect(agrees, f"Step {after.step} tells {after.perceived} as the perceived position.")
+        expect(agrees, f"Step {after.step} reports {after.perceived} as the perceived position.")
 
 
 def leaves_the_truth_alone(open_simulation: OpenSimulation) -> None:
@@ -170,7 +170,7 @@ def obeys_the_planner(open_simulation: OpenSimulation) -> None:
     expect(speeds[1] < speeds[0], "Braking does not slow the ego down.")
     expect(min(speeds) >= 0.0, "Braking makes the ego go backwards.")
     agrees = all(observation.control == asked for observation in seen[1:])
-    expect(agrees, "The control told is not the one that the planner asked for.")
+    expect(agrees, "The reported control is not the one that the planner asked for.")
 
 
 def blames_the_planner(open_simulation: OpenSimulation) -> None:

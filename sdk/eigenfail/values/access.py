@@ -70,7 +70,7 @@ HIDDEN = (
         r"\1\2…\2",
     ),
 )
-"""What nobody is to read, and what stands there instead."""
+"""Names of secret fields, and the text that replaces their values."""
 
 
 LONGEST_LIFE_S = 10 * 366 * 86_400
@@ -145,7 +145,7 @@ class NewKey(msgspec.Struct, frozen=True):
     """A key that was just made.
 
     Attributes:
-        key: what is known of it from now on.
+        key: the stored key; the secret itself is not stored.
         token: what its holder sends, `ef_<id>_<secret>`: shown this once, and never again.
     """
 
@@ -179,7 +179,7 @@ class AuditEntry(Change, frozen=True, kw_only=True):
     Attributes:
         id: number of the line.
         at_ms: when it was answered, in milliseconds since 1970.
-        who: the key's name; `loopback` or `network` where nobody had to show one, `database` for
+        who: the key's name; `loopback` or `network` where no key was required, `database` for
             what was done on the database itself; the system's user for the keys of workers.
         key: id of the key.
         method: of the request.

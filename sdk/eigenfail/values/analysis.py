@@ -21,7 +21,7 @@ NARROW_SPREAD = 0.5
 class Diversity(msgspec.Struct, frozen=True, kw_only=True):
     """How the failures of a campaign spread over modes.
 
-    Where clusters cannot be told from those of noise, all failures count as one mode.
+    Where clusters cannot be distinguished from those of noise, all failures count as one mode.
 
     Attributes:
         failures: how many it rests on.
@@ -200,8 +200,8 @@ class FailureMode(Brief, msgspec.Struct, frozen=True, eq=False):
             start and ready to be injected; along an axis that was left out, the mean of its
             failures. [sigma]
         medoid_campaign: the campaign of the medoid; None: the one that was analysed.
-        probability: of a failure of this mode under p(x), where the campaign's method can tell;
-            None where it tells none.
+        probability: of a failure of this mode under p(x), where the campaign's method estimates it;
+            None otherwise.
         band: from the 10 % to the 90 % quantile of its failures' z at each step, of those that
             lasted so long, shape (2, steps, 2), aligned as `eigenfailure`; None in results of older
             releases. [sigma]
@@ -217,7 +217,7 @@ class FailureMode(Brief, msgspec.Struct, frozen=True, eq=False):
 
 
 class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
-    """What PCA and clustering found. What older releases did not tell has its default.
+    """What PCA and clustering found. Fields that older releases did not store have their default.
 
     Attributes:
         episodes: index of the episode in each row of the data.
@@ -242,7 +242,7 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
         training: ten intervals of the episodes, in order.
         sources: the campaigns, as they stood.
         words: what each mode is, in words; as many as there are modes.
-        notes: what is to be known of the failures that were put together.
+        notes: remarks on the failures that were pooled.
         digest: SHA-256 over all of it but words and bands: the same whenever the analysis is
             repeated.
     """
@@ -300,7 +300,7 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
         against = f"silhouette {self.silhouette:.2f}, on data without groups "
         against += f"{self.noise_silhouette:.2f}"
         if not self.above_noise:
-            return f"No distinct modes: they are not told apart from noise ({against})."
+            return f"No distinct modes: clusters cannot be distinguished from noise ({against})."
         if self.stability is None:
             return f"{len(self.modes)} distinct modes ({against})."
         again = f"under the bootstrap the adjusted Rand index is {self.stability.median:.2f}"
@@ -329,7 +329,7 @@ class MinimalFailure(msgspec.Struct, frozen=True, kw_only=True):
     """A failure, as far as a campaign of `minimal` has shrunk it.
 
     Attributes:
-        campaign: the one that shrank it; with `index` the episode whose noise is told.
+        campaign: the one that shrank it; with `index` the episode whose noise is described.
         done: whether the search came to its end: no step of one axis can be left out, and the whole
             cannot be weaker, without losing the failure.
         because: why the search is where it is, in words.

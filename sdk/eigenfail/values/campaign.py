@@ -22,16 +22,16 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """The first rule that holds ends the campaign; None is no rule.
 
     Those on results are judged at whole rounds in index order, so that a campaign stops at the
-    same episode whoever runs it. Those on time and cost are judged as it runs; they cannot be
+    same episode on any worker. Those on time and cost are judged as it runs; they cannot be
     repeated to the episode.
 
     Attributes:
-        failures: so many collisions were found. The rate of a campaign that stops at its first
+        failures: number of collisions. The rate of a campaign that stops at its first
             failures is too high on average, the more so the smaller its rounds are.
         half_width: half the width of the failure rate's 95 % Wilson interval fell to this, where
             episodes are drawn from one distribution.
         cv: the coefficient of variation of the failure probability, or of its lower bound, fell to
-            this, of methods that tell one.
+            this, for methods that estimate one.
         wall_s: it was running for so long; pauses do not count.
         cost_usd: its instances cost so much.
     """
@@ -262,7 +262,7 @@ class Counts(msgspec.Struct, frozen=True):
 
     `failures` counts the collisions among the completed episodes; `failed` counts the episodes
     that errored, which no rate counts; `cancelled` counts those that were left unrun when the
-    campaign ended, whoever ended it: a user, a stop rule, or a method with no more to propose;
+    campaign ended, by whatever cause: a user, a stop rule, or a method with no more to propose;
     `duplicates` counts results that came a second time.
     """
 
@@ -323,7 +323,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         by: how it was found: "subset simulation" or "importance sampling".
         episodes: how many it rests on.
-        probability: None where it cannot be told honestly; `problem` then says why.
+        probability: None where no honest estimate exists; `problem` then says why.
         bound: "lower" where `probability` is only a lower bound, which `note` explains; None
             where it is an estimate of the probability itself.
         cv: coefficient of variation: standard error ÷ probability. Of a lower bound it is the
@@ -389,8 +389,8 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
             otherwise.
         active_s: time during which it was running; pauses do not count.
         digest: over all results in index order, once the campaign is done.
-        estimate: of the failure probability; None where the method tells none, or none yet.
-        overhead: what of `active_s` was no simulation; None where nobody measured it.
+        estimate: of the failure probability; None where the method gives none, or none yet.
+        overhead: the part of `active_s` that was no simulation; None where it was not measured.
         trained_episodes: how many its learner was trained with so far; None where the method does
             not say.
         parts: the versions of the services that ran it, one after the other; empty where an older

@@ -202,7 +202,7 @@ class PeerCosts(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         methods: Monte Carlo first, then the cheapest first.
-        notes: what is pooled, and what the numbers cannot know.
+        notes: which campaigns are pooled, and what the numbers do not cover.
     """
 
     peers: Peers
@@ -233,7 +233,7 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
         parameter: its name in the scenario.
         low: smallest value inside; None where the box is open.
         high: largest value inside; None where the box is open.
-        unit: as its name tells; empty where it does not.
+        unit: taken from the end of the name; empty where the name has none.
         words: as people read it: "distance 52 to 55.9 m".
     """
 
@@ -270,10 +270,10 @@ class Region(msgspec.Struct, frozen=True, kw_only=True):
         episodes: looked at, both halves.
         failures: among them.
         failure_rate: of the half that the figures are of; None where nothing was tried.
-        boxes: the one with most of the failures first; empty where nothing can be told.
+        boxes: the one with most of the failures first; empty where nothing can be concluded.
         coverage: of all boxes together.
         precision: of all boxes together.
-        p_value: how likely chance alone puts so many failures into the boxes (Fisher's exact test,
+        p_value: probability of this many failures in the boxes by chance (Fisher's exact test,
             one-sided); None where there are none to test.
         problem: why there is no region, and what to do; empty otherwise.
         warnings: what keeps it from saying more.

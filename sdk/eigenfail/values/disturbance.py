@@ -288,7 +288,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Conversion:
     """Converts the noise of one episode, step by step from its start, in either direction.
 
-    Metres are added to what is perceived as the nearest vehicle's position; should another vehicle
+    Metres are added to the perceived position of the nearest vehicle; should another vehicle
     become the nearest, the noise goes on.
     """
 

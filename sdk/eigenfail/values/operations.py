@@ -26,7 +26,7 @@ MOST_VERSIONS, LONGEST_NAME = 200, 300
 
 
 ACTIVE_S = 60
-"""Who brought a result within so many seconds is at work."""
+"""A worker that brought a result within this time counts as busy [s]."""
 
 
 DAY_S = 86_400
@@ -44,7 +44,7 @@ class Arrival(msgspec.Struct, frozen=True, kw_only=True):
     """A worker that has come to a hub.
 
     Attributes:
-        worker: its name, as it told the hub.
+        worker: its name, as registered with the hub.
         host: the machine that it runs on.
         pid: its process there.
         versions: of what it runs with.
@@ -92,7 +92,7 @@ class WorkerShare(msgspec.Struct, frozen=True, kw_only=True):
     """What one worker did for one campaign.
 
     Attributes:
-        worker: its name, as it told the hub.
+        worker: its name, as registered with the hub.
         episodes: results of it that were stored.
         failures: collisions among them.
         failed: episodes among them that errored.
@@ -114,7 +114,7 @@ class Defect(msgspec.Struct, frozen=True):
 
     Attributes:
         where: campaign, episode, job or page.
-        found: what is there, and what should be.
+        found: the value in the database, and the expected one.
         remedy: what to do next.
     """
 
@@ -217,7 +217,7 @@ class Pruning(msgspec.Struct, frozen=True, kw_only=True):
         through: the index up to which it has come; it goes in index order.
         pruned_ms: when it began, in milliseconds since 1970.
         who: who gave the command.
-        weight: what is gone.
+        weight: amount of noise that was removed.
     """
 
     id: int

@@ -97,7 +97,7 @@ class ProvenScenario(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def _short(value: object) -> str:
-    """A value that was drawn: six digits tell it apart."""
+    """A value that was drawn, with six digits, which are enough to distinguish draws."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
@@ -149,7 +149,7 @@ class ExplainedStep(msgspec.Struct, frozen=True):
         gap_m: from the truck's front to the nearest vehicle's rear bumper along the road, in truth.
         closing_mps: speed at which this gap closes, in truth.
         path: where the planner means to drive from here, the present position first; empty for a
-            planner that tells none.
+            planner that reports none.
     """
 
     time_s: float

@@ -9,7 +9,7 @@ from eigenfail.values.campaign import Campaign
 from eigenfail.values.showing import Brief, Shown
 
 MOST_CAMPAIGNS = 20
-"""How many campaigns one report tells of at most."""
+"""Maximum number of campaigns in one report."""
 
 
 Cell = str | bool | int | float | None
@@ -55,7 +55,7 @@ class ReportPicture(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         name: one of its kind in the report; its SVG file is called so.
-        alternative: what is to be seen, for who does not see it.
+        alternative: description of the picture for readers who cannot see it.
         table: which holds its numbers.
         campaigns: whose rows of that table it shows.
         note: what it leaves out; empty if nothing.

@@ -63,7 +63,7 @@ class Observation(msgspec.Struct, frozen=True):
         ended: whether the episode is over, by a collision or at its horizon.
         perceived: position at which the ego saw the actor in the step just taken [m].
         control: what the planner asked for in the step just taken.
-        applied: what of it the truck could do; None if the simulator does not tell.
+        applied: the part of it that the truck could do; None if the simulator does not report it.
         off_road: whether the ego is beyond the edge or the end of its road.
     """
 

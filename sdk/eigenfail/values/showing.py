@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MOST_ITEMS = 6
-"""How many items of a sequence a repr tells."""
+"""Number of items of a sequence that a repr shows."""
 
 MOST_CHARACTERS = 300
-"""Length of what a repr tells of one field; the rest of longer content is left out."""
+"""Maximum length of one field in a repr; the rest of longer content is left out [characters]."""
 
 
 class Shown:
@@ -32,7 +32,7 @@ class Shown:
 class Brief:
     """A value with a short repr, so that the last line of a notebook's cell may be one.
 
-    Arrays are told by type and shape, long sequences and other large content by their beginning.
+    Arrays are shown by type and shape, long sequences and other large content by their beginning.
     """
 
     __slots__ = ()

@@ -55,7 +55,7 @@ class Unresolved(msgspec.Struct, frozen=True):
         perhaps = f"{self.not_known:,} of {completed:,} without a collision{within} may have ended"
         counts = {
             f"{sure} could not avoid one any more.": self.count,
-            f"{perhaps} like that: an older release, which ran them, did not tell.": self.not_known,
+            f"{perhaps} like that: their older release did not record it.": self.not_known,
         }
         return " ".join(words for words, count in counts.items() if count)
 
@@ -111,7 +111,7 @@ class Summary(Shown, msgspec.Struct, frozen=True):
         mean_log_probability: of the failures, summed over their steps.
         log_probability_per_step: of the failures: sum of log p over all their steps ÷ steps.
         mean_severity: of the failures [m²/s²].
-        estimate: of the failure probability under p(x); None where the method tells none, or none
+        estimate: of the failure probability under p(x); None where the method gives none, or none
             yet.
         unresolved: episodes that are no failures only because they ended.
         errored: episodes that could not be completed, with their most frequent reason.
@@ -314,7 +314,7 @@ class CampaignCost(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=T
         modes_in_words: how many there are and why, or why they are not known.
         curve: from nothing spent to everything, in order of time.
         time: what the time went into.
-        notes: what is approximate.
+        notes: which figures are approximate, and why.
     """
 
     campaign: int

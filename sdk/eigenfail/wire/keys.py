@@ -46,7 +46,7 @@ class NewWorkerKey(msgspec.Struct, frozen=True):
     """A new worker key.
 
     Attributes:
-        worker: the key as it is listed.
+        worker: the key as listed.
         new_hub: beginning of the hub's public key, if that was created at the same time.
     """
 

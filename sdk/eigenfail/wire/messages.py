@@ -82,7 +82,7 @@ class Hello(Message, frozen=True):
     Attributes:
         life: random name of the worker's process, the same on each of its connections.
         asked: number of the request. A worker repeats its hello until it is welcomed; repeated
-            ones have the same number and tell the hub nothing new.
+            ones have the same number and carry nothing new.
         claims: the episodes that it holds from before: leased and not begun, running, or finished
             and not acknowledged.
         versions: of the packages that run its episodes.

@@ -99,7 +99,7 @@ def price_failures(methods: Iterable[str], found: Cost) -> Cost:
 def block_length(counts: Counts, wanted: int | None = None) -> int:
     """How many indices a block spans, from the budget, so that blocks stay as episodes come in.
 
-    Unless told otherwise 100; so many more that there are at most 50 blocks, or so many fewer that
+    By default 100; so many more that there are at most 50 blocks, or so many fewer that
     there are ten. What a campaign left unrun when it ended does not count.
 
     Raises:
@@ -158,7 +158,7 @@ NOT_MEASURED = "An older release ran it, which did not measure what the time wen
 
 
 BY_CLOCK = (
-    "The curve tells an episode's time by when its result was stored; a mode is found with its "
+    "The curve takes an episode's time from when its result was stored; a mode is found with its "
     "failure of the lowest index."
 )
 

@@ -106,7 +106,7 @@ class DensityClusterer:
     """Dense regions of any form and number (Campello et al. 2013).
 
     A region counts from 5 % of the rows on, and at least 5. Rows that belong to none are put with
-    their nearest neighbour that does, so that every failure has its mode, and are told of.
+    their nearest neighbour that does, so that every failure has its mode, and are counted.
     """
 
     def choices(self, _wanted: int | None) -> Sequence[int]:
@@ -247,7 +247,7 @@ def order_by_size(labels: Labels, episodes: NDArray[np.int64]) -> Labels:
     return np.argsort(order)[np.searchsorted(names, labels)]
 
 
-# Of more failures, these many drawn ones are drawn again: what is stable with few is with many.
+# Of more failures, this many are drawn: modes that are stable with few are stable with many.
 ROWS = 2000
 
 

@@ -19,10 +19,10 @@ from eigenfail_services.analysis.alignment import BLOCK, Aligned
 Array = NDArray[np.float64]
 Data = Array | Floats
 
-# The data are float32: what is smaller than their rounding is no direction of theirs.
+# The data are float32: a component smaller than their rounding is no direction of theirs.
 ROUNDING = float(np.finfo(np.float32).eps)
 SMALL_ENTRIES = 2_000_000
-"""Of data with so many entries at most, the whole decomposition: 10,000 failures of 100 steps."""
+"""Maximum number of entries for a full decomposition: 10,000 failures of 100 steps."""
 WIDEST = 2_000
 """Columns above which large data are decomposed at random (Halko et al. 2011)."""
 SEED = 0

@@ -149,7 +149,7 @@ class RegionQuestion(NamedTuple):
         names: of the parameters that took more than one value.
         values: of these, shape (episodes, parameters).
         failed: shape (episodes,).
-        warnings: what is already known to speak against the answer.
+        warnings: known reasons to doubt the answer.
         methods: of the campaigns; shares of episodes that a search chose have no interval.
     """
 

@@ -72,7 +72,7 @@ def _summarize_interval(
 
 
 LEAST_FAILURES = 10
-"""Of fewer failures no share of 90 % can be told from one of 100 %."""
+"""With fewer failures a share of 90 % cannot be distinguished from one of 100 %."""
 
 REMEDY = "try `ensemble`, the reward `dissimilarity`, or a distribution of scenarios."
 

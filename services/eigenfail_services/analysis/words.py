@@ -1,6 +1,6 @@
 """Sentences about noise and about a planner's account of an episode, from plain templates.
 
-They say in which direction noise shifts what is perceived, how strongly, and when; and which rule
+They say in which direction noise shifts perceived values, how strongly, and when; and which rule
 of the planner decided, was overridden, or was lost. Times count back from the impact, the end of
 the last step: noise in the last step of 0.1 s acts from 0.1 to 0.0 s before it.
 """
@@ -16,7 +16,7 @@ from eigenfail.explanations import NOTHING, _read_word
 from eigenfail.values import AXES, ExplainedEpisode, ExplainedStep, Floats
 
 TELLING = 0.5
-"""Share of an axis's strongest noise from which a step is told of, where noise is everywhere."""
+"""Share of an axis's strongest noise above which a step is described, if noise is everywhere."""
 
 FAINT = 0.5
 """Noise that is everywhere but nowhere above this says nothing. [sigma]"""
@@ -26,7 +26,7 @@ JOINED = 3
 
 MOST_PUSHES = 3
 MOST_NEEDED = 8
-"""Pushes that are told of along an axis; of the others it is said that there are some."""
+"""Maximum number of pushes described along an axis; further ones are only mentioned."""
 
 WAYS = (("ahead", "back"), ("to the left", "to the right"))
 """Of positive and of negative noise along each axis: where the nearest vehicle seems to be."""

@@ -34,7 +34,7 @@ from eigenfail_services.hub.metrics import Timeout
 from eigenfail_services.store import Store
 
 WORLD_FIELDS = ("scenario", "scenario_parameters", "planner", "planner_settings", "simulator")
-"""What may differ between campaigns that are analysed together, and is told then."""
+"""Fields that may differ between campaigns that are analysed together, and are then reported."""
 
 
 class AnalysisBasis(NamedTuple):
@@ -150,7 +150,7 @@ LEASE_S = 30.0
 DATABASE_VARIABLE = "EIGENFAIL_DATABASE"
 
 LOOK = (
-    "services.log in the data folder tells how it came to that (in a container: its standard"
+    "services.log in the data folder shows the cause (in a container: its standard"
     " error). Launch it again."
 )
 

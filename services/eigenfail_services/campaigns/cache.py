@@ -41,7 +41,7 @@ class StoreCache(Generic[Value]):
 
         Args:
             store: that it is made of.
-            subject: what it tells of, such as an id.
+            subject: what the value belongs to, such as an id.
             state: whatever changes when the value does; read before the value is made.
             make: makes it.
         """

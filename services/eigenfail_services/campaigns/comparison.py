@@ -68,7 +68,7 @@ def are_sampled(*sides: Side) -> bool:
 def _compare_rates(found: Difference) -> str:
     if found.interval.low <= 0.0 <= found.interval.high:
         return (
-            "From the rates alone no difference can be told: B − A is "
+            "The rates alone show no difference: B − A is "
             f"{_format_percent(found.value, '+')} {_format_bounds(found.interval)} of the episodes."
         )
     word = "more" if found.value > 0.0 else "fewer"
@@ -78,7 +78,7 @@ def _compare_rates(found: Difference) -> str:
 
 
 def _describe_pairs(found: McNemar) -> str:
-    verdict = "tells them apart" if found.p_value < LEVEL else "does not tell them apart"
+    verdict = "distinguishes them" if found.p_value < LEVEL else "does not distinguish them"
     return (
         f"Both saw the same noise in {found.n} pairs of episodes: {found.only_b} where only B "
         f"failed, {found.only_a} where only A did, {found.both} where both did; McNemar's exact "

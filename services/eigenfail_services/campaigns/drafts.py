@@ -32,7 +32,7 @@ STAND_INS: Mapping[str, Any] = {
     "method": "monte_carlo",
     "episodes": MAX_EPISODES,
 }
-"""In place of what is required and wrong, while the rest is looked at; no budget is too small."""
+"""Replaces required values that are wrong while others are checked; no budget is too small."""
 
 COMPANIONS = {
     "method": "settings",
@@ -42,7 +42,7 @@ COMPANIONS = {
 """What means nothing without the plug-in that is named beside it."""
 
 WHOLE = (("scenario_parameters", 2), ("disturbance.shape", 2))
-"""Below these, so many words down, a value is taken out whole: a part of it is none."""
+"""Fields, with a depth below which a value is taken out whole, as a part of it is not valid."""
 
 TABLES = ("settings", "scenario_parameters", "planner_settings", "disturbance", "stop")
 """Fields of a clone whose values are put over the earlier ones, name by name."""
@@ -169,7 +169,7 @@ def fill_defaults(spec: CampaignSpec) -> CampaignSpec:
     """Return the spec with the defaults of its method, planner and scenario written out.
 
     Two specs that differ only in which defaults they write out become equal. A plug-in that is not
-    installed here, or that has changed since and refuses the settings, leaves its part as it is.
+    installed here, or that has changed since and refuses the settings, leaves its part unchanged.
     """
     world = world_of(spec.simulator)
     for fill in (_fill_method, world.fill_planner, world.fill_scenario):

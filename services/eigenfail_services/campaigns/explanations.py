@@ -197,7 +197,7 @@ def replay_episode(
         campaign: of the episode.
         index: of the episode.
         scale: of the noise; 1 injects it as it was.
-        made_by: id of the key of whoever asks.
+        made_by: id of the key of the request.
 
     Raises:
         NotFound: no such campaign, or the episode has no result yet.

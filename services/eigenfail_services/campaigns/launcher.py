@@ -50,7 +50,7 @@ class WorkerLauncher(Protocol):
         Args:
             hub: its address.
             key: what workers show there.
-            given_up: whether nobody waits for it any more: then it returns, with nothing started.
+            given_up: whether the caller has stopped waiting: then it returns, with nothing started.
 
         Raises:
             ClusterUnavailable: there is nowhere to start them.
@@ -95,7 +95,7 @@ class WorkerScaling:
         """Adjust the number of workers and store new notices, without waiting.
 
         Raises:
-            StoreUnavailable: what is to be said could not be written down; a later turn does.
+            StoreUnavailable: the state could not be written; a later turn writes it.
         """
         for notice in self._launcher.tend(self._table):
             log.warning(notice.message, kind=notice.kind)
@@ -165,7 +165,7 @@ class WorkerScale:
 
         Args:
             now_s: of a clock that only ever grows. [s]
-            need: as `count_needed` tells it, less those whom nobody here starts or ends.
+            need: as `count_needed` returns it, less the workers that users start and stop.
         """
         within = min(max(need, self._span.least), self._span.most)
         for spell, applies in (
@@ -187,7 +187,7 @@ def choose_surplus(
 ) -> list[str]:
     """Return up to n workers to end, newest first: absent ones, then ones without an episode.
 
-    Whoever holds an episode is never among them.
+    A worker that holds an episode is never among them.
     """
     newest = names[::-1]
     absent = [name for name in newest if name not in present]

@@ -1,4 +1,4 @@
-"""The probability of each mode, where the campaign's method can tell it; else none."""
+"""The probability of each mode, where the campaign's method estimates it."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -48,7 +48,7 @@ def add_probabilities(
 ) -> AnalysisResult:
     """Return the result with the probabilities of its modes.
 
-    None are told of modes that are not distinct, nor of several campaigns together: their episodes
+    Modes that are not distinct have none, nor have modes of several campaigns: their episodes
     are drawn from different proposals. Of a campaign that had not ended it is said why there is
     none: episodes go on to land, and their failures have no mode.
 
@@ -74,7 +74,7 @@ def _estimate_modes(
         return [Estimate(by=teller.by, episodes=0, problem=UNDERWAY)] * modes
     mode_of = dict(zip(result.episodes, result.labels, strict=True))
     try:
-        return teller.tell(store, campaign, mode_of, modes)
+        return teller.estimate(store, campaign, mode_of, modes)
     except NoisePruned as error:
         return [Estimate(by=teller.by, episodes=0, problem=str(error))] * modes
 
@@ -203,7 +203,7 @@ class ModeEstimator(NamedTuple):
     """A way to estimate the probability of each mode, its name, and the campaigns that it suits."""
 
     by: str
-    tell: Callable[[Store, Campaign, Mapping[int, int], int], ModeEstimates]
+    estimate: Callable[[Store, Campaign, Mapping[int, int], int], ModeEstimates]
     can: Callable[[Campaign], bool] = _has_probability
 
 

@@ -348,13 +348,13 @@ def launch_replays(
         analysis: that is done.
         variations: scenario parameters put over those in which the failures happened; None: that
             scenario and its neighbours.
-        made_by: id of the key of whoever asks.
+        made_by: id of the key of the request.
 
     Raises:
         Conflict: the analysis is not done, found no failure mode, or is of several worlds.
         UnknownName: a parameter that the scenario does not have.
         InvalidValue: a parameter outside its bounds, or a distribution.
-        QuotaExceeded: the key does not allow so many more campaigns; those before stay.
+        QuotaExceeded: the key's quota of campaigns is used up; those created before stay.
     """
     result = read_result(analysis)
     if not result.modes:
@@ -413,7 +413,7 @@ def _make_replay(
 def _launch_replay(store: Store, analysis: int, spec: CampaignSpec, made_by: int | None) -> None:
     """Queue a replay, unless there is an equal one that was neither cancelled nor dead.
 
-    Who asks twice, or at the same time as somebody else, gets one campaign: a replay is the same
+    Repeated or simultaneous requests get one campaign: a replay is the same
     whenever it is run, and its key is made of what it is.
     """
     before = [store.campaigns.get(each) for each in store.analyses.replays(analysis)]

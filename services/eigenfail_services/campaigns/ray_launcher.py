@@ -151,7 +151,7 @@ class RayLauncher:
             time.sleep(LOOK_EVERY_S)
 
     def tend(self, table: WorkerPool) -> Sequence[Notice]:
-        """Hear how Ray stands, bring it back if it is lost, and ask it for whom is needed."""
+        """Read the state of Ray, restart it if it is lost, and request the needed workers."""
         if (link := self._link) is None:
             self._try_again()
         elif lost := self._heard(link):
@@ -257,7 +257,7 @@ def no_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
     """Return a launcher that starts no workers.
 
     Raises:
-        InvalidValue: numbers of workers are given that somebody would have to see to.
+        InvalidValue: numbers of workers are given although none are started here.
     """
     refuse_scaling(arguments.min_workers, arguments.max_workers, arguments.idle_s)
     return NoLauncher()

@@ -32,7 +32,7 @@ class StartRay(msgspec.Struct, frozen=True):
 
     Attributes:
         hub: its address.
-        key: what workers show it, as it is carried; none if it asks for none.
+        key: the key that workers present, in its encoded form; none if none is required.
         cluster: address of a running Ray; none: start one on this machine.
         most: workers that there is to be room for on a Ray of one machine.
         folder: temporary folder of a Ray of one machine; its creator removes it.
@@ -79,7 +79,7 @@ class PipeReader(Generic[Message]):
 
     Args:
         descriptor: the end to read from.
-        decoder: of what is said there.
+        decoder: of the messages on it.
 
     Attributes:
         ended: whether nothing more can come.
@@ -157,7 +157,7 @@ class RayLink:
         if self._process.stdin is None or self._process.stdout is None:
             raise RuntimeError("pipes were asked for")
         self._wishes, self._words = self._process.stdin, self._process.stdout
-        with suppress(OSError):  # it ended at once: `trouble` tells
+        with suppress(OSError):  # it ended at once: `trouble` says why
             self._wishes.write(encode_line(replace(begin, folder=self._folder)))
         os.set_blocking(self._wishes.fileno(), False)
         self._lines = PipeReader(self._words.fileno(), msgspec.json.Decoder(Word))
@@ -166,7 +166,7 @@ class RayLink:
         self._unsent = b""
 
     def want(self, names: tuple[str, ...]) -> None:
-        """Tell it whom it is to have, if that is new; never waits: what has no room goes later."""
+        """Send the wanted workers if they changed; a message without room is sent later."""
         if not self._unsent and names != self._wanted:
             self._unsent, self._wanted = encode_line(WantedWorkers(names)), names
         with suppress(OSError):  # it ends, or does not read: then it is started anew

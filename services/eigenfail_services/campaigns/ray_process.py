@@ -57,7 +57,7 @@ def check_reachable(address: str | None) -> None:
     """Make sure that an address accepts connections: Ray itself would try for minutes.
 
     Raises:
-        OSError: nobody does.
+        OSError: no process listens there.
     """
     host, _, port = (address or "").rpartition(":")
     if host and port.isdecimal():
@@ -73,7 +73,7 @@ class RayCluster:
         folder: temporary folder of one that is started; Ray's own choice if it is empty.
 
     Raises:
-        ClusterUnavailable: Ray is not installed, or does not start, or nobody is at the address.
+        ClusterUnavailable: Ray is not installed, does not start, or does not answer.
     """
 
     def __init__(self, address: str | None, most: int, folder: str = "") -> None:

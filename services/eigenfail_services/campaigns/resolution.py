@@ -1,6 +1,6 @@
 """Campaigns with everything found that their specs name: plug-ins, settings, earlier campaigns.
 
-A spec is resolved once; whoever holds a `ResolvedCampaign` loads and reads nothing again.
+A spec is resolved once; with a `ResolvedCampaign` nothing is loaded or read again.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -159,7 +159,7 @@ class Rounds:
     """Asks a learner for rounds within its budget and lookahead, and has it observe them in order.
 
     A round is observed whole, in index order, exactly once; so the episodes of a campaign are the
-    same whoever runs them, and however late or mixed their results come.
+    same whichever workers run them, and however late or mixed their results come.
 
     Args:
         learner: fresh, or to be restored with `restore`.
@@ -307,7 +307,7 @@ class Rounds:
             EpisodeTask(index, episode_seed(self._campaign_seed, index), source)
             for index, source in enumerate(proposal.sources, self._episodes)
         )
-        # Whoever takes over after a crash has seen no earlier round: each brings its policy along.
+        # A worker that takes over after a crash has seen no earlier round: each carries its policy.
         needed = any(isinstance(source, PolicySource) for source in proposal.sources)
         return Round(self._number, tasks, self._policy if needed else None)
 

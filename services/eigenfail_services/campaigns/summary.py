@@ -223,7 +223,7 @@ LOOKED_AT = 200
 
 
 WORDS = frozenset({"workers.asked", "workers.refused", "ray.lost", "ray.back", "ray.machines"})
-"""Kinds of events that tell of workers which the services start."""
+"""Kinds of events about workers that the services start."""
 
 
 OUTLOOK = frozenset({WORKERS_LACKING, WORKERS_MET, "campaign.state", "campaign.progress"})
@@ -234,7 +234,7 @@ LATELY_S = 600
 
 
 PRESENT_S = 15
-"""Whom no hub has named for so many seconds is not there: hubs do so every few seconds."""
+"""A worker that no hub has reported for this time is absent; hubs report every few seconds [s]."""
 
 
 def find_worker_shares(store: Store, campaign: Campaign) -> tuple[WorkerShare, ...]:
@@ -260,7 +260,7 @@ def list_unrunnable(store: Store) -> tuple[Event, ...]:
 def find_staffing(store: Store) -> Staffing:
     """Return the number of workers, the newest event on workers to come, and unrunnable campaigns.
 
-    Where nobody works hardly anything else is said: few events are looked at.
+    Where no worker runs there are hardly any other events: few are read.
     """
     workers, lacking = len(count_present(store)), list_unrunnable(store)
     for event in store.events.latest(LOOKED_AT):

@@ -83,7 +83,7 @@ def find_place() -> str:
     """Return the name of this machine since its last start, and of its process namespace.
 
     Two containers may have one name; a restarted machine counts its processes anew. Where the
-    kernel does not tell, the name is this process's own, so that no other process shares it.
+    kernel does not report it, the name is this process's own, so that no other process shares it.
     """
     try:
         boot = (PROCESSES / "sys/kernel/random/boot_id").read_text("utf-8").strip()
@@ -121,8 +121,8 @@ class SupervisedCampaign:
     """A campaign that runs on this hub, the claimed job, and the time that is billed.
 
     Args:
-        job: our claim; nobody else bills the campaign as long as it holds.
-        priority: as the hub was told.
+        job: our claim; no other supervisor bills the campaign as long as it holds.
+        priority: the one last sent to the hub.
         kept_s: the campaign's active time as the store has it.
     """
 
@@ -161,7 +161,7 @@ class SupervisedCampaign:
 
         Raises:
             StoreUnavailable: it could not be added.
-            ClaimLost: the campaign is somebody else's by now, and so is its time.
+            ClaimLost: another supervisor has claimed the campaign, and bills its time.
         """
         self._look_up(store)
         # Taken before the clock is read, so that no part is more than the whole.
@@ -211,7 +211,7 @@ def find_spent_rule(campaign: Campaign) -> str:
 LEASE_S = 10.0
 RENEW_S = 2.0
 ROOM = {JobKind.CAMPAIGN: 4, JobKind.ANALYSIS: 2}
-"""How many at a time unless told otherwise; analyses never wait for campaigns."""
+"""Default number of analyses at a time; analyses never wait for campaigns."""
 
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
 
@@ -246,7 +246,7 @@ def set_aside_declined(campaign: Campaign, job: Job, store: Store, reason: str) 
 def _set_aside(campaign: Campaign, job: Job, store: Store, because: str) -> None:
     """Pause a campaign, or cancel it if a user asked for that.
 
-    In the queue it would be claimed again and again, until it is buried.
+    In the queue it would be claimed again and again, until it counts as dead.
     """
     move, state = store.campaigns.move, campaign.state
     try:

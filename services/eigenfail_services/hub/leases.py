@@ -23,7 +23,7 @@ class LeaseTable:
 
     Args:
         sessions: of the connected workers, which are kept up to date.
-        scheduler: is told of each change.
+        scheduler: notified of each change.
     """
 
     def __init__(self, sessions: dict[bytes, WorkerSession], scheduler: Scheduler) -> None:

@@ -128,7 +128,7 @@ class Metrics(Collector):
             "eigenfail_workers", "Workers that are connected", value=status.workers
         )
         for field, name, words in (
-            ("waiting", "episodes_waiting", "Episodes of running campaigns that nobody has"),
+            ("waiting", "episodes_waiting", "Episodes of running campaigns that no worker holds"),
             ("leased", "episodes_leased", "Episodes of running campaigns that workers have"),
             ("learner_s", "learner_busy_seconds", "For how long a learner has been learning"),
         ):

@@ -64,7 +64,7 @@ class CampaignRun:
     """Moves rounds from the learner to the leases, and complete rounds of results back.
 
     Args:
-        spec: what is to be run.
+        spec: specification of the campaign.
         store: where results and checkpoints are kept.
         leases: of all campaigns.
         bounds: of the learner, whose steps are to start, and to learn from a round.

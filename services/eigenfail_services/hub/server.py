@@ -52,7 +52,7 @@ class FinishedRun(msgspec.Struct, frozen=True):
         problem: why it failed; empty if it came to its end or was halted.
         stop_reason: why it came to its end; empty if it was halted.
         lost: whether it belongs to another process now.
-        declined: why a worker can run no episode of it as it is; empty if that did not happen.
+        declined: why a worker cannot run any of its episodes; empty if none declined.
     """
 
     campaign: int

@@ -207,7 +207,7 @@ class ZapAuthenticator:
         if name is None:
             self._refusals.add("its key is not accepted", key=key, address=address)
         else:
-            log.info("worker let in", named=name, key=key, address=address)
+            log.info("worker authenticated", named=name, key=key, address=address)
         return name is not None
 
 
@@ -244,11 +244,11 @@ def bind(address: str, keys: HubKeys | None = None) -> "zmq.Socket[bytes]":
     router = (
         ZapAuthenticator(keys).open_router() if keys else zmq.Context.instance().socket(zmq.ROUTER)
     )
-    # ZeroMQ allocates a frame as soon as its length is announced, whoever announces it.
+    # ZeroMQ allocates a frame as soon as its length is announced, before the peer is authenticated.
     router.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
     router.setsockopt(zmq.SNDHWM, HIGH_WATER_MARK)
     router.setsockopt(zmq.LINGER, 1_000)
-    # Without it, messages to a closed connection are dropped silently, and no probe could tell.
+    # Without it, messages to a closed connection are dropped silently, and no probe would notice.
     router.setsockopt(zmq.ROUTER_MANDATORY, 1)
     try:
         router.bind(address)

@@ -181,7 +181,7 @@ class WorkerSessions:
     def _decline(self, worker: bytes, campaign: int, reason: str) -> None:
         """Note that a worker can run no episode of a campaign, if it was sent the campaign's setup.
 
-        Without a setup the campaign was dropped since then, and the worker is told so again.
+        Without a setup the campaign was dropped since then, and the worker is notified again.
         """
         session = self._leases.sessions[worker]
         if campaign in session.setups:
@@ -249,7 +249,7 @@ class WorkerSessions:
             self._send(worker, Goodbye("It is not needed any more."))
 
     def acknowledge(self, judged: Iterable[JudgedResult]) -> None:
-        """Tell workers which of their results were judged: one message for each campaign."""
+        """Acknowledge the judged results to their workers: one message for each campaign."""
         indices: defaultdict[tuple[bytes, int], list[int]] = defaultdict(list)
         for each in judged:
             self._leases.release(each.campaign, each.result.index)
@@ -301,7 +301,7 @@ class WorkerSessions:
                 self._send(worker, PolicyUpdate(campaign, run.find_policy(version)))
 
     def dismiss_all(self) -> None:
-        """Tell all workers to leave."""
+        """Send all workers the request to leave."""
         for worker in self._leases.sessions:
             self._send(worker, Goodbye("The hub stops."))
 

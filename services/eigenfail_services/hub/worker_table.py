@@ -436,7 +436,7 @@ class UnrunnableCampaigns:
         events: are written to.
         list_unrunnable: returns the campaigns with waiting episodes that no worker can run.
         has_bridge: returns whether a worker with a bridge is connected. Without waiting episodes, a
-            campaign needs no worker, so only this tells that one has come.
+            campaign needs no worker, so only this shows that one has come.
     """
 
     def __init__(

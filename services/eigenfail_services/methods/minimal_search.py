@@ -113,7 +113,7 @@ class Search(msgspec.Struct, frozen=True, eq=False):
     """State of the search.
 
     Attributes:
-        phase: what is tried next.
+        phase: the kind of reduction that is tried next.
         z: noise that is known to fail, shape (steps, 2). [sigma]
         width: number of steps of a block.
         removable: in `TOGETHER`, numbers of the blocks that can be removed one by one.

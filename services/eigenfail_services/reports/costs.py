@@ -268,7 +268,7 @@ def describe_region(region: Region) -> Iterator[str]:
     yield f"{who}: {', '.join(region.parameters)} vary; {found}."
     if region.p_value is not None:
         p_value = format_number(region.p_value)
-        yield f"{who}: chance alone would put so many failures there with p = {p_value}."
+        yield f"{who}: chance alone would put this many failures there with p = {p_value}."
     yield from (f"{who}: {note}" for note in (region.problem, *region.warnings) if note)
 
 

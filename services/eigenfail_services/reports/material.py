@@ -197,7 +197,7 @@ class Band(NamedTuple):
     """The noise of a mode's members over time, where the eigenfailure lies.
 
     Attributes:
-        shown: how many members it rests on, of so many.
+        shown: number of members it rests on, and of all.
         reached: how many of them reached each step, shape (steps,).
         mean: of z, shape (steps, 2); NaN where no member is. [sigma]
         deviation: standard deviation (n − 1), likewise; NaN where fewer than two are.

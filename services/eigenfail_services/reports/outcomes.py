@@ -65,7 +65,7 @@ RESULTS_COLUMNS = (
     ("probability_cv", "Coefficient of variation"),
     ("probability_n", "Episodes it rests on"),
     ("probability_by", "Found by"),
-    ("probability_problem", "Why it is not told"),
+    ("probability_problem", "Why it is not given"),
     ("probability_note", "What it cannot know"),
     ("episodes_per_s", "Episodes per second", "1/s"),
     ("active_s", "Time running", "s"),
@@ -129,7 +129,7 @@ def list_bounds(rate: Rate) -> tuple[float | None, float | None]:
 
 
 def rate_cells(subject: Subject) -> tuple[Cell, ...]:
-    """The failure rate and its interval, within which time, and what ended too early to tell."""
+    """The failure rate with its interval and time limit, and episodes that ended too early."""
     rate, ended = subject.summary.failure_rate, subject.summary.unresolved
     bounds = (rate.value, *list_bounds(rate)) if rate else (None,) * 3
     return (*bounds, ended.horizon_s, ended.count, ended.not_known)

@@ -144,7 +144,7 @@ def draw(name: str, title: str, alternative: str, drawing: Drawing) -> str:
     Args:
         name: of the picture; one of its kind on a page, for the names inside it follow from it.
         title: what it shows.
-        alternative: what is to be seen, in words.
+        alternative: description of the picture in words.
         drawing: draws it.
     """
     with use_style(name):
@@ -293,7 +293,7 @@ class ShownTable(NamedTuple):
 
     Attributes:
         figures: whether each column holds numbers.
-        note: what is left out.
+        note: states what is left out.
     """
 
     name: str
@@ -342,7 +342,7 @@ def page(report: Report, parts: Sequence[ReportPart], drawn: Mapping[str, str]) 
     """The page.
 
     Args:
-        report: what it tells.
+        report: the content.
         parts: its sections, as people see them.
         drawn: the SVG of each picture, by name.
     """

@@ -95,7 +95,7 @@ def make(store: Store, campaigns: Sequence[int], made_ms: int) -> Made:
 
     Args:
         store: where they are.
-        campaigns: their ids, in the order in which they are told of.
+        campaigns: their ids, in the order of the report.
         made_ms: now.
 
     Raises:

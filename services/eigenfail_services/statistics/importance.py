@@ -4,7 +4,7 @@ P = E_q[w·1(failure)], w = p/q. Whatever q has learnt from the rounds before, a
 is not biased, nor is the mean over rounds (Owen and Zhou 2020, ACM TOMACS 30 (2)). In a finite
 sample it is: a proposal that has moved to one of several failure regions draws none of the others,
 and neither the variance of the weights nor their effective number shows that. On two equal regions
-the sum is half of the truth with a coefficient of variation of a few percent. So what is told is a
+the sum is half of the truth with a coefficient of variation of a few percent. So the result is a
 lower bound, without an interval.
 """
 
@@ -116,7 +116,7 @@ def _add_logs(logs: Sequence[float]) -> float:
 
 
 def explain_nothing_counted(seen: int, budget: int) -> Estimate | None:
-    """What there is to tell while no episode of a budget's second half is in; None of none at all.
+    """Return an estimate that says why it has no value before the budget's second half, or None.
 
     Args:
         seen: episodes observed so far.

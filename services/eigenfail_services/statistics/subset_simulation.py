@@ -44,7 +44,7 @@ class Chains(NamedTuple):
 Sampling = Generator[Array, Array, Chains]
 """Yields noise z, shape (n, steps, 2); is sent its robustness, shape (n,); returns a level.
 
-Where z could not be run its robustness is NaN. What is sampled then is the noise that can be run:
+Where z could not be run its robustness is NaN. The samples are then of the noise that can be run:
 draws are made anew, and a chain whose move could not be run stays where it is.
 """
 

@@ -12,10 +12,10 @@ from eigenfail_services.statistics.intervals import ERROR
 Array = NDArray[np.float64]
 
 LEAST_BEYOND = 5
-"""Values above VaR with fewer of which neither VaR nor CVaR is told."""
+"""Minimum number of values above VaR for which VaR and CVaR are given."""
 
 LEAST_FOR_INTERVAL = 15
-"""Values above VaR with fewer of which no interval is told: of normal, uniform, exponential and
+"""Minimum number of values above VaR for an interval: of normal, uniform, exponential and
 log-normal samples the bootstrap's 95 % interval of CVaR held the truth in 52 to 76 % of cases with
 2 or 3 above VaR, 78 to 86 % with 5, 86 to 91 % with 10, 88 % with 15 and 91 to 94 % with 20."""
 

@@ -74,7 +74,7 @@ def open_store(url: str, *, migrate: bool = True, wait_s: float = WAIT_S) -> Sto
         InvalidValue: it is no address of a database that is supported.
         StoreUnavailable: nothing can be read or written there, within about five seconds; or
             there is nothing and it may not be made.
-        SchemaMismatch: the schema is newer than this program, somebody else's, or may not be
+        SchemaMismatch: the schema is newer than this program, of another program, or may not be
             changed.
     """
     if url == MEMORY:

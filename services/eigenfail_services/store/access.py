@@ -43,8 +43,8 @@ class Demand(NamedTuple):
     Attributes:
         quota: its name.
         limit: how much it allows; None: everything.
-        used: what is used of it already.
-        more: what is asked for.
+        used: the part of the quota that is used.
+        more: the requested amount.
         what: what it counts, in words.
         remedy: what gives room.
     """

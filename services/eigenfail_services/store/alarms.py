@@ -16,7 +16,7 @@ from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import SQLAlchemyError
 
 LASTS_S = 5.0
-"""After the last write that failed; whoever has something to write tries again each second."""
+"""Time after the last failed write; writers try again each second."""
 
 
 class Signal(Protocol):

@@ -266,7 +266,7 @@ def _insert_queued(
     """Create campaigns with their jobs and their events.
 
     Raises:
-        QuotaExceeded: the key does not allow so many campaigns, or so many episodes in them.
+        QuotaExceeded: the key's quota of campaigns or episodes would be exceeded.
         NoisePruned: a spec names an episode whose noise was pruned.
     """
     hold_named_noise(connection, specs)
@@ -368,7 +368,7 @@ class CampaignStore:
             with self._database.writing() as connection:
                 return make(connection, asked, key, made_by)
         except IntegrityError:
-            # Somebody else used the key at the same time: now theirs can be seen.
+            # Another request used the key at the same time: now its campaigns can be read.
             with self._database.writing() as connection:
                 return make(connection, asked, key, made_by)
 
@@ -423,7 +423,7 @@ class CampaignStore:
     ) -> Campaign:
         """Change the state, and log the event.
 
-        A move to `queued` queues a job; a move to a final state counts what is still open as
+        A move to `queued` queues a job; a move to a final state counts open episodes as
         cancelled and, for `done`, stores the digest.
 
         Args:
@@ -482,7 +482,7 @@ class CampaignStore:
             NotFound: no such campaign.
             ClaimLost: the claim is no longer the campaign's; nothing is added.
         """
-        # Where nobody measured from the beginning on, NULL + x stays NULL.
+        # Where it was not measured from the beginning on, NULL + x stays NULL.
         more = {name: campaigns.c[name] + getattr(overhead, name) for name in OVERHEAD}
         statement = (
             update(campaigns)

@@ -82,7 +82,7 @@ BACKENDS: Mapping[str, Callable[[str, float], Backend]] = {
 
 ROOM = "Check that its disk has room and can be written; then it goes on by itself."
 WAIT_S = 10.0
-"""How long a statement waits for the lock of another program, unless told otherwise."""
+"""Default time that a statement waits for the lock of another program."""
 
 CHUNK = 500
 """Numbers that one statement names, and rows that are fetched at a time, at most."""
@@ -108,7 +108,7 @@ def find_backend(address: str, wait_s: float = WAIT_S) -> Backend:
     try:
         return BACKENDS[read_kind(address)](address, wait_s)
     except (exc.ArgumentError, KeyError, ValueError):
-        # The text itself may hold a password, in a place where nobody looks for one.
+        # The text itself may hold a password in an unexpected place.
         raise InvalidValue(
             "database", "The address cannot be read.", f"Write it as {FORMS}."
         ) from None
@@ -143,7 +143,7 @@ class Database:
                     self._backend.check(connection)
                     yield connection
                     self._backend.check(connection)
-                # Once more: only what is in the database after the commit may be acknowledged.
+                # Once more: only rows that the database holds after the commit are acknowledged.
                 self._backend.check(connection)
         except StoreUnwritable:
             self._alarm.begin()

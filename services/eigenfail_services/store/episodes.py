@@ -118,7 +118,7 @@ _DERIVED: dict[str, _Expression] = {
         _c.fault_kind + literal(": ") + func.coalesce(_c.fault_message, ""), Prose()
     ),
 }
-"""What is worked out from a row rather than stored in it."""
+"""Columns that are computed from a row rather than stored in it."""
 
 
 def _expression(column: str) -> _Expression:

@@ -52,7 +52,7 @@ def fence(connection: Connection, claim: Job | None) -> None:
     """
     if claim is None:
         return
-    # Nobody claims it or takes it away meanwhile; its lease may be renewed.
+    # No other process claims it or takes it away meanwhile; its lease may be renewed.
     theirs = select(jobs.c.id).where(holds_token(claim)).with_for_update(read=True, key_share=True)
     if connection.execute(theirs).first() is None:
         raise claim_lost(claim)
@@ -62,7 +62,7 @@ MAX_ATTEMPTS = 5
 """Claims of one job in a row without progress, before the job becomes a dead letter."""
 
 DEAD_LETTER_REASON = (
-    f"Whoever worked on it was lost {MAX_ATTEMPTS} times in a row before it got any further. "
+    f"The process that worked on it was lost {MAX_ATTEMPTS} times in a row without progress. "
     "The service's log says why; start it anew once that is put right."
 )
 

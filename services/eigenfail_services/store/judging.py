@@ -31,7 +31,7 @@ class Kept(msgspec.Struct, frozen=True, eq=False):
     """A result that becomes the stored result of its episode.
 
     Attributes:
-        result: as it is stored: numbers that are not finite are removed.
+        result: the stored form: numbers that are not finite are removed.
         digest: of the result as it was delivered.
     """
 

@@ -37,7 +37,7 @@ MOVES: Mapping[CampaignState, frozenset[CampaignState]] = {
 
 REPEATABLE = frozenset({S.QUEUED, S.PAUSING, S.PAUSED, S.CANCELLING, S.CANCELLED})
 """What users ask for may be asked twice. What the service reaches (running, done, dead) may not:
-whoever reaches it second was not alone, and must hear of it."""
+the second process to reach it must be refused."""
 
 
 WITHDRAWN = frozenset({S.PAUSED, S.CANCELLED})
@@ -205,9 +205,9 @@ def no_key(key: int) -> NotFound:
 def claim_lost(claim: Job) -> ClaimLost:
     """The job is no longer that of who wants to write."""
     return ClaimLost(
-        f"The {claim.kind} {claim.subject} is somebody else's by now: the lease ran out, or it "
+        f"The {claim.kind} {claim.subject} belongs to another process: the lease ran out, or it "
         "was paused, resumed or ended meanwhile.",
-        "Nothing is to be done: nothing was written, and whoever has claimed it goes on.",
+        "No action is needed: nothing was written, and the process that has claimed it goes on.",
     )
 
 

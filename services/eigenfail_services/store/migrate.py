@@ -37,7 +37,7 @@ def find_version(connection: Connection) -> str | None:
     """Return the version of a database's schema; None for a database without tables of eigenfail.
 
     Raises:
-        SchemaMismatch: somebody else's tables have the names of ours.
+        SchemaMismatch: tables of another program have the names of eigenfail's tables.
     """
     tables = set(inspect(connection).get_table_names())
     if VERSION_TABLE in tables:
@@ -147,7 +147,7 @@ def refuse_newer(version: str | None, label: str) -> None:
     if version is not None and version not in list_revisions():
         raise SchemaMismatch(
             f"The schema of {label} is {version}, newer than this program's {VERSION}.",
-            "Update eigenfail, or use another database; this one was left as it is.",
+            "Update eigenfail, or use another database; this one was not changed.",
         )
 
 

@@ -43,7 +43,7 @@ POOL_WAIT_S = 10.0
 # disk_full, io_error, read_only_sql_transaction
 UNWRITABLE = frozenset({"53100", "58030", "25006"})
 
-# Whoever stands still in the middle of a change holds what it has locked. Readers lock nothing.
+# A client that stops in the middle of a change keeps its locks. Readers lock nothing.
 # The first limit ends who does so between two statements; in the midst of one, as rows are handed
 # over, the second alone does, and servers know it from 17 on.
 LIMITS = {"idle_in_transaction_session_timeout": "10s", "transaction_timeout": "30s"}
@@ -90,7 +90,7 @@ class Postgres:
         self.label = f"postgresql://{host}/{url.database or ''}"
         shown = {name: value for name, value in query.items() if name != "password"}
         bare = URL.create("postgresql", url.username, None, url.host, url.port, url.database, shown)
-        # SQLAlchemy leaves a space as it is, or writes a + in a query; PostgreSQL's own programs
+        # SQLAlchemy leaves a space unquoted, or writes a + in a query; PostgreSQL's own programs
         # know %20 alone.
         place, mark, options = bare.render_as_string().partition("?")
         self.address = place.replace(" ", "%20") + mark + options.replace("+", "%20")

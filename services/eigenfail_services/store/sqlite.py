@@ -127,7 +127,7 @@ class Sqlite(_SqliteErrors):
         self._path = sqlite_path(url)
         self._wait_s = wait_s
         self._identity: Identity | None = None
-        # SQLite makes log and index anew when nobody has them open, and not before.
+        # SQLite recreates log and index when no process has them open, and not before.
         self._counting = Lock()
         self._open_connections = 0
         self._last_opened: OpenedFiles | None = None

@@ -39,7 +39,7 @@ HAS_ROWS: Mapping[str, str] = {
     for table in metadata.sorted_tables
     if table is not event_counter
 }
-"""SQL that tells whether a table has a row, for all tables that are empty in a new database."""
+"""SQL that checks whether a table has a row, for all tables that are empty in a new database."""
 
 
 def _explain_no_backup(file: Path, why: str) -> InvalidValue:
@@ -71,7 +71,7 @@ TABLE_LIST = ", ".join(f'"{name}"' for name in (*metadata.tables, VERSION_TABLE)
 DROP_TABLES = f"BEGIN; SET LOCAL client_min_messages = warning; DROP TABLE IF EXISTS {TABLE_LIST}"
 
 UNCHANGED_REMEDY = (
-    "The database was left as it is. Check the rights of its user, and the room on its disk."
+    "The database was not changed. Check the rights of its user, and the room on its disk."
 )
 
 COUNT_CONNECTIONS = text(
@@ -240,7 +240,7 @@ class SqliteBackups:
     def load(self, file: Path, *, force: bool) -> None:
         """Write all pages in one transaction."""
         with (
-            translate_sqlite_errors(f"{self._path} was left as it is"),
+            translate_sqlite_errors(f"{self._path} was not changed"),
             closing(open_sqlite(file, "ro")) as source,
             closing(open_sqlite(self._path, "rw", LOCK_TIMEOUT_S)) as target,
         ):

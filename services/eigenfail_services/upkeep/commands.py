@@ -223,7 +223,7 @@ def downgrade(
 
 
 def _claim(database: str | None, data: Path) -> AbstractContextManager[None]:
-    # Of a database that is named, other clients are the business of whoever named it.
+    # Other clients of a database that is named on the command line are the user's business.
     return nullcontext() if database else DataFolder(data).claimed()
 
 

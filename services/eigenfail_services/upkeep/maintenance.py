@@ -93,7 +93,7 @@ class SqliteVacuum:
     def sweep(self) -> None:
         """Rewrite the file, if no other program uses it: writers would wait in vain for minutes."""
         with (
-            translate_sqlite_errors(f"{self._path} was left as it is"),
+            translate_sqlite_errors(f"{self._path} was not changed"),
             closing(open_sqlite(self._path, "rw", LOCK_TIMEOUT_S)) as connection,
         ):
             # SQLite refuses to change the mode of a database that another program has open.
@@ -220,10 +220,10 @@ def _require_alone_in_file(address: str) -> None:
     """Raise ServiceError if another program has the file open."""
     path = sqlite_path(address)
     with (
-        translate_sqlite_errors(f"{path} was left as it is"),
+        translate_sqlite_errors(f"{path} was not changed"),
         closing(open_sqlite(path, "rw", LOCK_TIMEOUT_S)) as connection,
     ):
-        # Refused unless nobody else has it open; the next program turns it back.
+        # Refused if another process has it open; the next program turns it back.
         connection.execute("PRAGMA journal_mode = DELETE")
 
 

@@ -490,7 +490,7 @@ def verify(address: str, how_many_replays: int = 0, *, repair: bool = False) -> 
     Args:
         address: of the database; its schema must be this program's.
         how_many_replays: number of stored episodes to run again with the planners installed here.
-        repair: whether to repair first, in one transaction, what is safe to repair.
+        repair: whether to repair first, in one transaction, the defects that are safe to repair.
 
     Raises:
         InvalidValue: the address is invalid.

@@ -107,4 +107,4 @@ def test_a_verdict_says_which_test_failed():
     unstable = replace(modes, stability=Stability(20, 300, 0.5, Interval(0.1, 0.9)))
     assert (modes.distinct, unstable.distinct) == (True, False)
     assert "adjusted Rand index is 0.50, below 0.8" in unstable.verdict
-    assert "not told apart from noise" in replace(modes, noise_silhouette=0.6).verdict
+    assert "cannot be distinguished from noise" in replace(modes, noise_silhouette=0.6).verdict

@@ -88,7 +88,7 @@ def test_a_campaign_is_shown_with_rate_likelihood_severity_and_cost(eigenfail, d
 def test_an_analysis_says_how_diverse_the_failures_are(eigenfail, done):
     told = eigenfail("analyze", done, "--clusters", 2)
     words = " ".join(told.stdout.split())
-    assert "No distinct modes: they are not told apart from noise (silhouette 0." in words
+    assert "No distinct modes: clusters cannot be distinguished from noise (silhouette 0." in words
     assert "noise of p(x) does by 1." in words
     found = json.loads(eigenfail("analyze", done, "--clusters", 2, "--json").stdout)
     assert found["analysis"]["result"]["diversity"]["modes"] == 1

@@ -38,5 +38,5 @@ def test_help_is_printed_literally(name):
 
 def test_a_check_says_what_quiet_means_for_it():
     printed = text_of(CliRunner().invoke(app, ["campaign", "check", "--help"], env=WIDE).output)
-    assert "Print nothing; the exit code tells the result." in printed
+    assert "Print nothing; the exit code gives the result." in printed
     assert "launched campaign" not in printed

@@ -50,7 +50,7 @@ def test_a_new_mode_of_a_search_is_told_and_closes_nothing():
     found = gate_with(SEARCH, GateVerdict.STILL_FAILING)
     assert found.open
     said = " ".join(list_conclusions(found))
-    assert "Told, not judged: failure modes of searches that only v2 has: 1." in said
+    assert "Reported, not judged: failure modes of searches that only v2 has: 1." in said
 
 
 def test_nothing_is_left_unjudged_where_failures_are_independent():

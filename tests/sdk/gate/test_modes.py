@@ -172,10 +172,10 @@ def test_where_failures_are_not_independent_a_new_mode_is_told_and_not_judged(ju
 def test_without_a_new_mode_or_without_modes_the_verdict_stays(judged, side):
     for result, words in (
         (together((20, 20), (20, 20)), "None of 2 failure modes is new."),
-        (together((20, 0), (0, 20), silhouette=0.1), "cannot be told: No distinct modes"),
+        (together((20, 0), (0, 20), silhouette=0.1), "cannot be decided: No distinct modes"),
     ):
         told = add_modes(judged(), analysis(result), side, "")
         assert (told.verdict, told.new_modes) == ("still failing", ())
         assert words in told.summary
     broken = add_modes(judged(), analysis(problem="It broke off."), side, "")
-    assert broken.summary.endswith("cannot be told: It broke off.")
+    assert broken.summary.endswith("cannot be decided: It broke off.")

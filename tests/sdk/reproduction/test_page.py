@@ -60,5 +60,5 @@ def test_the_page_marks_each_number_and_sets_the_papers_beside_it(found):
     )
     assert "| monte_carlo rulebook | 0.0 %<!-- claim " in text
     assert text.count("| – |") == 1
-    assert "| AST fails more. | cannot be told | nobody knows |" in text
+    assert "| AST fails more. | cannot be decided | nobody knows |" in text
     assert "By step." in text

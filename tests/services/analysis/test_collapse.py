@@ -75,7 +75,9 @@ def test_past_ninety_percent_there_is_a_warning() -> None:
 def test_clusters_of_noise_are_one_mode_and_no_collapse() -> None:
     found = measure_diversity(failures(40), result([0] * 39 + [1], distinct=False), {1: 400})
     assert (found.modes, found.largest_share, found.effective_modes) == (1, 1.0, 1.0)
-    assert found.verdict.startswith("No distinct modes: they are not told apart from noise")
+    assert found.verdict.startswith(
+        "No distinct modes: clusters cannot be distinguished from noise"
+    )
     assert found.spread == pytest.approx(1.0, abs=0.1)
     assert found.warning == ""
 

@@ -111,8 +111,8 @@ def test_what_ended_too_early_to_tell_stands_beside_the_rate() -> None:
     assert row.unresolved == Unresolved(5, 2, 10.0)
     assert row.remark == (
         "5 of 300 had no collision within 10 s, but ended while braking could not avoid one any "
-        "more. 2 of 300 without a collision within 10 s may have ended like that: an older "
-        "release, which ran them, did not tell."
+        "more. 2 of 300 without a collision within 10 s may have ended like that: their "
+        "older release did not record it."
     )
     assert summarise(campaign(Counts(300, completed=300)), NOTHING).remark == ""
 

@@ -173,7 +173,7 @@ def test_a_folder_of_somebody_else_is_refused(known, monkeypatch):
     mine = os.geteuid()
     monkeypatch.setattr(os, "geteuid", lambda: mine + 1)
     for use in (ask, lambda: made.get(export), lambda: made.file(export)):
-        with pytest.raises(ServiceError, match=r"belongs to somebody else.*Remove it"):
+        with pytest.raises(ServiceError, match=r"belongs to another user.*Remove it"):
             use()
 
 

@@ -289,7 +289,7 @@ def test_a_restoration_into_postgresql_that_fails_changes_nothing(
     fill(prepared_postgres_url)
     backup(prepared_postgres_url, tmp_path / "backup")
     change(prepared_postgres_url, "CREATE VIEW mine AS SELECT id FROM campaigns")
-    with pytest.raises(ServiceError, match=r"psql failed: .*view mine.*left as it is"):
+    with pytest.raises(ServiceError, match=r"psql failed: .*view mine.*was not changed"):
         restore(prepared_postgres_url, tmp_path / "backup", force=True)
     assert completed(prepared_postgres_url) == 2
 
@@ -304,7 +304,7 @@ def test_a_dump_that_cannot_be_read_to_its_end_changes_nothing(
     halting.write_text(HALTING.format(whole))
     halting.chmod(0o700)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    with pytest.raises(ServiceError, match=r"pg_restore failed: .*left as it is"):
+    with pytest.raises(ServiceError, match=r"pg_restore failed: .*was not changed"):
         restore(prepared_postgres_url, tmp_path / "backup", force=True)
     assert completed(prepared_postgres_url) == 2
 

@@ -126,7 +126,7 @@ def disturbs_the_nearest(connection: Connection, start: SlotStart) -> None:
         disturbed, undisturbed = course(simulation, wave), course(simulation, calm)
     for before, after in pairwise(disturbed):
         due = disturb_position(before, wave(after.step))
-        said = f"Step {after.step} tells {after.perceived} as the perceived position, not {due}."
+        said = f"Step {after.step} reports {after.perceived} as the perceived position, not {due}."
         expect(after.perceived == due, said)
     moved = [each.ego for each in disturbed] != [each.ego for each in undisturbed]
     expect(moved, "Disturbances of metres change nothing: the planner is not shown them.")

@@ -20,7 +20,7 @@ def _import_parts(*names: str) -> list[Any]:
     """Modules of highway-env, imported without the package's own `__init__`.
 
     That registers environments, and loads pandas and matplotlib for them: it would take longer than
-    all the rest of a worker's start. Whoever imports highway-env later gets the whole of it.
+    all the rest of a worker's start. A later import of highway-env gets the whole of it.
     """
     spec = find_spec(PACKAGE)
     if PACKAGE in sys.modules or spec is None:

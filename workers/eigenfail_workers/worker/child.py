@@ -190,7 +190,7 @@ def main() -> None:
     """Serve until the parent closes the pipe, or until a fresh process is needed.
 
     A fresh process is needed when files that a planner has not closed use up the limit of open
-    files, or when an episode has changed process-wide state. The exit status tells the parent,
+    files, or when an episode has changed process-wide state. The exit status informs the parent,
     which starts a new process at once, even if threads still run in this one.
     """
     fork_under_guard()

@@ -265,7 +265,7 @@ class ChildProcess:
                 del self.running[place]
                 self.begun = max(self.begun - 1, 0)
                 return
-        raise ProtocolError("A result came from the child that nobody asked for.")
+        raise ProtocolError("The child sent a result that was not requested.")
 
     def is_overdue(self, limit_s: float) -> bool:
         """Whether the episode that runs, or loading its parts, has taken too long.

@@ -94,8 +94,8 @@ class HandshakeMonitor:
 
     def _handle_refusal(self) -> None:
         raise Unauthorized(
-            f"The hub at {self._address} does not let in this worker's key.",
-            "It may have been revoked: `eigenfail worker key list` tells, and `eigenfail worker "
+            f"The hub at {self._address} rejects this worker's key.",
+            "It may have been revoked: `eigenfail worker key list` shows it, and `eigenfail worker "
             "key create` makes another.",
         )
 
@@ -129,7 +129,7 @@ class HandshakeMonitor:
     def _give_up(self) -> None:
         """Raise, unless the hub has accepted this worker before.
 
-        A hub with other keys cannot be told from a tunnel without a hub behind it.
+        A hub with other keys cannot be distinguished from a tunnel without a hub behind it.
         """
         if self._was_accepted:
             return

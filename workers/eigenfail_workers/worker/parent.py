@@ -297,7 +297,7 @@ class Parent:
         return alive
 
     def _decline_campaigns(self, campaigns: Mapping[int, str]) -> None:
-        """Tell the hub at once, and with every heartbeat until it drops these campaigns."""
+        """Report to the hub at once, and with every heartbeat until it drops these campaigns."""
         for campaign in campaigns.keys() - self._declined.keys():
             log.warning("campaign declined", campaign=campaign, reason=campaigns[campaign])
         self._declined |= campaigns

@@ -1,6 +1,6 @@
 """Limits on what a child process and its descendants use: memory, threads, processor time, output.
 
-The kernel has no limit that fits memory. RLIMIT_AS counts what is only reserved: sixteen idle
+The kernel has no limit that fits memory. RLIMIT_AS counts reserved memory: sixteen idle
 threads beside torch reserve 1.1 GiB and use none of it. Neither it nor RLIMIT_DATA counts the
 processes that a planner starts, and RLIMIT_NPROC counts all processes of the user. Therefore the
 parent measures, and kills.

@@ -66,7 +66,7 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     schedule: Annotated[
         Literal["many_rounds", "paper"],
-        msgspec.Meta(description="how the episodes are divided, and what is trained on"),
+        msgspec.Meta(description="how the episodes are divided, and which train the network"),
     ] = "many_rounds"
     initial_share: Annotated[
         Share | None,
@@ -215,7 +215,7 @@ class TrialMemory:
     def select_elite(self, count: int, likely_share: float, kinds: Rows) -> Rows:
         """Return the best trajectories, equally many of each kind.
 
-        A few dozen failures do not tell which kind has more of p(z | failure), and a kind that has
+        A few dozen failures do not show which kind has more of p(z | failure), and a kind that has
         more by chance would soon displace the others.
 
         Args:

@@ -53,7 +53,7 @@ def test_a_new_mode_of_a_search_is_told_with_its_replay_and_closes_nothing(
     told = with_new_mode(done)
     for rerun in told:
         assert (rerun["verdict"], rerun["new_modes"][0]["verdict"]) == ("still failing", "unproven")
-        assert "told, not judged: failures of cem are not independent" in rerun["modes"]
+        assert "Reported, not judged: failures of cem are not independent" in rerun["modes"]
     cases = ET.fromstring(written.read_bytes()).findall(
         ".//testcase/skipped[@message='not judged']"
     )

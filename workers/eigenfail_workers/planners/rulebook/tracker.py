@@ -6,7 +6,7 @@ after that is assumed to drive as fast as the truck. White noise does not cause 
 
 Brake lights widen the uncertainty of a track: a vehicle that brakes may come to a stop, and its
 filter, which assumes nearly constant speed, would soon reject its positions. Lights are on or off:
-they tell no deceleration.
+they contain no deceleration.
 """
 
 from enum import StrEnum
