@@ -25,7 +25,7 @@ from eigenfail_api.dashboard import (
     region_page,
     suites_page,
 )
-from eigenfail_api.dashboard.rendering import STATIC, Assets, for_browsers
+from eigenfail_api.dashboard.rendering import STATIC, Assets, wrap_for_browsers
 from eigenfail_api.middleware import Disconnects, EntityTags, HeadRequests, SecurityHeaders
 from eigenfail_api.parameters import (
     Json,
@@ -108,7 +108,7 @@ def create_app(store: Store, settings: ApiSettings, clock: Clock = now_ms) -> Fa
         docs_url=None,
         redoc_url=None,
         default_response_class=Json,
-        exception_handlers=for_browsers(HANDLERS),
+        exception_handlers=wrap_for_browsers(HANDLERS),
         generate_unique_id_function=lambda route: route.name,
     )
     app.state.store = store

@@ -33,17 +33,17 @@ from eigenfail.values import (
     TrainingInterval,
 )
 from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values
-from eigenfail_api.dashboard.episodes_page import AnalysisLine, analysis_line
-from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, proof_view
-from eigenfail_api.dashboard.rendering import Tile, page, probability
+from eigenfail_api.dashboard.episodes_page import AnalysisLine, make_analysis_line
+from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, make_proof_view
+from eigenfail_api.dashboard.rendering import Tile, make_probability_tile, page
 from eigenfail_api.parameters import AnalysisId, Stored
 from eigenfail_services.campaigns.proofs import summarise_proof
 
 MOST_POINTS = 5_000
 
 
-def eigenfailure_chart(result: AnalysisResult) -> Chart:
-    """The noise that stands for each mode."""
+def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
+    """Return the chart of each mode's eigenfailure with its band."""
     modes = [mode.eigenfailure for mode in result.modes]
     bands = [mode.band for mode in result.modes if mode.band is not None]
     return Chart(
@@ -53,36 +53,38 @@ def eigenfailure_chart(result: AnalysisResult) -> Chart:
         caption="Cluster centroid of each mode, mapped back to noise over time [sigma]."
         + (" Bands: from 10 to 90 % of the noise of its failures at each step." if bands else ""),
         data={
-            **{axis: [numbers(z[:, way]) for z in modes] for way, axis in enumerate(AXES)},
-            "bands": {axis: limits(bands, way) for way, axis in enumerate(AXES)},
+            **{axis: [list_floats(z[:, way]) for z in modes] for way, axis in enumerate(AXES)},
+            "bands": {axis: list_band_limits(bands, way) for way, axis in enumerate(AXES)},
         },
         columns=(
             "Step",
             *(f"Mode {mode + 1} {axis}" for mode in range(len(modes)) for axis in AXES),
-            *band_columns(len(bands)),
+            *name_band_columns(len(bands)),
         ),
-        rows=by_step(np.concatenate([*modes, *(side for band in bands for side in band)], axis=1)),
+        rows=make_step_table(
+            np.concatenate([*modes, *(side for band in bands for side in band)], axis=1)
+        ),
     )
 
 
-def limits(bands: Iterable[Floats], way: int) -> list[list[list[float | None]]]:
-    """The lower and the upper limit of each mode's band along an axis."""
-    return [[numbers(side[:, way]) for side in band] for band in bands]
+def list_band_limits(bands: Iterable[Floats], way: int) -> list[list[list[float | None]]]:
+    """Return the lower and the upper limit of each mode's band along an axis."""
+    return [[list_floats(side[:, way]) for side in band] for band in bands]
 
 
-def band_columns(count: int) -> Iterator[str]:
+def name_band_columns(count: int) -> Iterator[str]:
     """Names of the columns of bands, in the order of their numbers."""
     for mode in range(count):
         for share in ("10 %", "90 %"):
             yield from (f"Mode {mode + 1} {axis} {share}" for axis in AXES)
 
 
-def scores_chart(result: AnalysisResult, campaign: int) -> Chart:
-    """The failures in PCA space; `campaign` is theirs unless the result names others."""
-    chosen = evenly(len(result.episodes), MOST_POINTS)
+def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
+    """Return the chart of failures in PCA space, of `campaign` unless the result names others."""
+    chosen = pick_evenly(len(result.episodes), MOST_POINTS)
     second = 1 if result.scores.shape[1] > 1 else 0
     centres = np.stack([mode.centre for mode in result.modes])
-    addresses = places(result, campaign)
+    addresses = list_episode_names(result, campaign)
     return Chart(
         id="scores-chart",
         kind="scores",
@@ -91,9 +93,9 @@ def scores_chart(result: AnalysisResult, campaign: int) -> Chart:
         data={
             "episode": [addresses[row] for row in chosen],
             "mode": [result.labels[row] for row in chosen],
-            "x": numbers(result.scores[chosen, 0]),
-            "y": numbers(result.scores[chosen, second]),
-            "centres": [numbers(centre[[0, second]]) for centre in centres],
+            "x": list_floats(result.scores[chosen, 0]),
+            "y": list_floats(result.scores[chosen, second]),
+            "centres": [list_floats(centre[[0, second]]) for centre in centres],
         },
         columns=("Episode", "Mode", "First score", "Second score"),
         rows=tuple(
@@ -109,8 +111,8 @@ def scores_chart(result: AnalysisResult, campaign: int) -> Chart:
     )
 
 
-def explained_chart(result: AnalysisResult) -> Chart:
-    """How much of the failures' variance the components keep."""
+def make_explained_chart(result: AnalysisResult) -> Chart:
+    """Return the chart of the variance that each component explains."""
     cumulated = np.cumsum(result.explained)
     return Chart(
         id="explained-chart",
@@ -118,8 +120,8 @@ def explained_chart(result: AnalysisResult) -> Chart:
         title="Explained variance",
         caption="Share of the variance by component, and cumulated.",
         data={
-            "share": numbers(100.0 * result.explained),
-            "cumulated": numbers(100.0 * cumulated),
+            "share": list_floats(100.0 * result.explained),
+            "cumulated": list_floats(100.0 * cumulated),
         },
         columns=("Component", "Share", "Cumulated"),
         rows=tuple(
@@ -129,8 +131,8 @@ def explained_chart(result: AnalysisResult) -> Chart:
     )
 
 
-def influence_chart(result: AnalysisResult) -> Chart:
-    """When noise matters."""
+def make_influence_chart(result: AnalysisResult) -> Chart:
+    """Return the chart of the influence of noise over time."""
     return Chart(
         id="influence-chart",
         kind="influence",
@@ -138,11 +140,11 @@ def influence_chart(result: AnalysisResult) -> Chart:
         caption="How much noise at each step matters: components weighted by explained variance. "
         "Marks: the moments of greatest influence.",
         data={
-            **{axis: numbers(result.influence[:, way]) for way, axis in enumerate(AXES)},
+            **{axis: list_floats(result.influence[:, way]) for way, axis in enumerate(AXES)},
             "moments": [draw_moment(each) for each in result.moments],
         },
         columns=("Step", *(axis.capitalize() for axis in AXES)),
-        rows=by_step(result.influence),
+        rows=make_step_table(result.influence),
     )
 
 
@@ -153,33 +155,33 @@ def draw_moment(found: Moment) -> dict[str, object]:
     return {"axis": found.axis, "step": found.step, "time": text}
 
 
-def places(result: AnalysisResult, campaign: int) -> list[str]:
-    """Each failure as campaign/episode."""
+def list_episode_names(result: AnalysisResult, campaign: int) -> list[str]:
+    """Return each failure's name, "campaign/episode"."""
     owners = result.campaigns or (campaign,) * len(result.episodes)
     return [f"{owner}/{index}" for owner, index in zip(owners, result.episodes, strict=True)]
 
 
-def by_step(columns: Floats) -> tuple[tuple[str, ...], ...]:
-    """A table with a row for each step."""
+def make_step_table(columns: Floats) -> tuple[tuple[str, ...], ...]:
+    """Return the rows of a table with one row for each step."""
     return tuple(
         (str(step), *(format_number(float(value)) for value in row))
         for step, row in enumerate(columns)
     )
 
 
-def evenly(count: int, most: int) -> list[int]:
+def pick_evenly(count: int, most: int) -> list[int]:
     """Return at most `most` of `count` positions, spread evenly."""
     taken = min(count, most)
     return [place * count // taken for place in range(taken)] if taken else []
 
 
-def numbers(values: Iterable[np.floating]) -> list[float | None]:
-    """Plain floats of an array."""
+def list_floats(values: Iterable[np.floating]) -> list[float | None]:
+    """Return an array as plain floats; None for values that are not finite."""
     return round_values(float(value) for value in values)
 
 
-def diversity_tiles(found: Diversity) -> tuple[tuple[str, Tile], ...]:
-    """The figures, each with what it rests on."""
+def make_diversity_tiles(found: Diversity) -> tuple[tuple[str, Tile], ...]:
+    """Return the tiles of the diversity figures, each with its basis."""
     of_all = (f"of {count_noun(found.failures, 'failure')}",)
     modes = f"of {found.modes}, clusters beyond noise"
     seen = ", ".join(map(str, found.coverage))
@@ -187,12 +189,15 @@ def diversity_tiles(found: Diversity) -> tuple[tuple[str, Tile], ...]:
         ("Effective modes", Tile(format_number(found.effective_modes), (modes,))),
         ("Largest mode", Tile(format_share(found.largest_share), of_all)),
         ("Spread [sigma]", Tile(format_number(found.spread), ("between failures; p(x) has 1",))),
-        ("All modes seen after", Tile(seen_after(found), (f"modes by tenths: {seen}",))),
+        (
+            "All modes seen after",
+            Tile(describe_last_new_mode(found), (f"modes by tenths: {seen}",)),
+        ),
     )
 
 
-def seen_after(found: Diversity) -> str:
-    """The part of the campaign after which no new mode came."""
+def describe_last_new_mode(found: Diversity) -> str:
+    """Return the share of the campaign after which no new mode was found."""
     tenths = 1 + sum(seen < found.modes for seen in found.coverage)
     return f"{10 * tenths} %"
 
@@ -200,14 +205,14 @@ def seen_after(found: Diversity) -> str:
 Tiles = tuple[tuple[str, Tile], ...]
 
 
-def finding_tiles(result: AnalysisResult) -> Tiles:
-    """The figures of an analysis, each with what it rests on."""
+def make_finding_tiles(result: AnalysisResult) -> Tiles:
+    """Return the tiles of an analysis's figures, each with its basis."""
     return (
         ("Failures analysed", count_failures(result)),
-        ("Adjusted Rand index", stability(result)),
+        ("Adjusted Rand index", make_stability_tile(result)),
         ("Variance explained", describe_variance(result)),
-        *((("Near no mode", outliers(result)),) if result.outliers else ()),
-        *(diversity_tiles(result.diversity) if result.diversity else ()),
+        *((("Near no mode", make_outlier_tile(result)),) if result.outliers else ()),
+        *(make_diversity_tiles(result.diversity) if result.diversity else ()),
     )
 
 
@@ -218,8 +223,8 @@ def count_failures(result: AnalysisResult) -> Tile:
     return Tile(count, (f"of {count_noun(episodes, 'episode')}",) if episodes else ())
 
 
-def stability(result: AnalysisResult) -> Tile:
-    """Whether the groups come back when the failures are drawn again."""
+def make_stability_tile(result: AnalysisResult) -> Tile:
+    """Return the tile of the modes' stability when failures are resampled."""
     found = result.stability
     if found is None:
         why = "no bootstrap" if len(result.modes) > 1 else "a single group"
@@ -235,12 +240,12 @@ def describe_variance(result: AnalysisResult) -> Tile:
     return Tile(format_share(float(np.sum(result.explained))), (f"by {by}",))
 
 
-def outliers(result: AnalysisResult) -> Tile:
-    """The failures that were assigned to the mode of their nearest neighbour."""
+def make_outlier_tile(result: AnalysisResult) -> Tile:
+    """Return the tile of failures that were assigned to the mode of their nearest neighbour."""
     return Tile(format_share(result.outliers), ("assigned to the mode of their nearest neighbour",))
 
 
-def grids(result: AnalysisResult) -> tuple[Table, ...]:
+def list_tables(result: AnalysisResult) -> tuple[Table, ...]:
     """Return the tables of moments, influence and sources that have rows."""
     found = (tabulate_moments(result), tabulate_influence(result), tabulate_sources(result))
     return tuple(grid for grid in found if grid.rows)
@@ -254,23 +259,23 @@ DIGITS = 3
 Lines = Callable[[TrainingInterval], Iterable[Floats]]
 
 
-def training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
-    """Mean and components; nothing in results of older releases."""
+def make_training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
+    """Return the charts over the training; none for results of older releases."""
     intervals = result.training
-    return (mean_chart(intervals), component_chart(intervals)) if intervals else ()
+    return (make_mean_chart(intervals), make_component_chart(intervals)) if intervals else ()
 
 
-def mean_chart(intervals: Sequence[TrainingInterval]) -> Chart:
-    """The mean disturbance of the failures."""
+def make_mean_chart(intervals: Sequence[TrainingInterval]) -> Chart:
+    """Return the chart of the mean disturbance of the failures."""
     return Chart(
         id="training-mean-chart",
         kind="training",
         title="Mean disturbance during the search",
         caption="Mean noise of the failures of each tenth of the episodes, over their steps "
         "[sigma]: the first tenth on top.",
-        data=ridges(intervals, ("mean",), lambda interval: [interval.mean], "sigma"),
-        columns=("Step", *(f"{axis} {span(each)}" for axis in AXES for each in intervals)),
-        rows=by_step(
+        data=make_ridges(intervals, ("mean",), lambda interval: [interval.mean], "sigma"),
+        columns=("Step", *(f"{axis} {format_span(each)}" for axis in AXES for each in intervals)),
+        rows=make_step_table(
             np.concatenate(
                 [each.mean[:, way : way + 1] for way in (0, 1) for each in intervals], axis=1
             )
@@ -278,8 +283,8 @@ def mean_chart(intervals: Sequence[TrainingInterval]) -> Chart:
     )
 
 
-def component_chart(intervals: Sequence[TrainingInterval]) -> Chart:
-    """The components of each interval by itself."""
+def make_component_chart(intervals: Sequence[TrainingInterval]) -> Chart:
+    """Return the chart of the components of each interval."""
     count = max(len(each.components) for each in intervals)
     return Chart(
         id="training-components-chart",
@@ -288,21 +293,21 @@ def component_chart(intervals: Sequence[TrainingInterval]) -> Chart:
         caption="The first components of the failures of each tenth alone, turned towards those "
         "of all; the legend shows the others. Likeness is |cosine| with the component of all "
         "failures: 1 is the same.",
-        data=ridges(
+        data=make_ridges(
             intervals,
             tuple(f"component {place + 1}" for place in range(count)),
             lambda interval: interval.components,
             unit="",
         ),
         columns=("Episodes", "Failures", "Component", "Explained", "Likeness"),
-        rows=tuple(row for each in intervals for row in component_rows(each)),
+        rows=tuple(row for each in intervals for row in list_component_rows(each)),
         note="By interval; single steps are in the API.",
     )
 
 
-def component_rows(interval: TrainingInterval) -> list[tuple[str, ...]]:
-    """A row for each component; one with dashes where there is none."""
-    head = (span(interval), format_count(interval.failures))
+def list_component_rows(interval: TrainingInterval) -> list[tuple[str, ...]]:
+    """Return a row for each component; with dashes for a missing component."""
+    head = (format_span(interval), format_count(interval.failures))
     rows: list[tuple[str, ...]] = [
         (*head, str(place), format_share(float(share)), format_number(float(likeness)))
         for place, (share, likeness) in enumerate(
@@ -312,19 +317,21 @@ def component_rows(interval: TrainingInterval) -> list[tuple[str, ...]]:
     return rows or [(*head, *[UNKNOWN] * 3)]
 
 
-def ridges(
+def make_ridges(
     intervals: Sequence[TrainingInterval], names: tuple[str, ...], lines: Lines, unit: str
 ) -> dict[str, object]:
-    """Lines [unit] by axis, interval and name; an interval without failures has none."""
-    steps = evenly(len(intervals[0].mean), MOST_STEPS)
+    """Return the lines [unit] by axis, interval and name; none for an interval without failures."""
+    steps = pick_evenly(len(intervals[0].mean), MOST_STEPS)
     return {
         "names": names,
         "unit": unit,
-        "spans": [span(each) for each in intervals],
+        "spans": [format_span(each) for each in intervals],
         "steps": steps,
         **{
             axis: [
-                [short(line[steps, way]) for line in lines(each)] if each.failures else []
+                [round_ridge_values(line[steps, way]) for line in lines(each)]
+                if each.failures
+                else []
                 for each in intervals
             ]
             for way, axis in enumerate(AXES)
@@ -332,13 +339,13 @@ def ridges(
     }
 
 
-def short(values: Floats) -> list[float]:
-    """With as many digits as a ridge can show."""
+def round_ridge_values(values: Floats) -> list[float]:
+    """Return the values with as many digits as a chart can show."""
     return [float(f"{value:.{DIGITS}g}") for value in np.asarray(values, np.float64)]
 
 
-def span(interval: TrainingInterval) -> str:
-    """From where to where in the episodes."""
+def format_span(interval: TrainingInterval) -> str:
+    """Return the first and the last episode of an interval as text."""
     return f"{100.0 * interval.start:.0f} – {100.0 * interval.end:.0f} %"
 
 
@@ -389,94 +396,97 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     asked: AnalysisSettings
 
 
-def analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | None) -> AnalysisView:
+def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | None) -> AnalysisView:
     """Return the page of an analysis, with the results of the replays that have ended."""
     result = analysis.result
     return AnalysisView(
-        line=analysis_line(analysis),
+        line=make_analysis_line(analysis),
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
-        is_open=analysis.state in {"queued", "running"} or replays(proof),
+        is_open=analysis.state in {"queued", "running"} or is_replaying(proof),
         verdict=result.verdict if result else "",
         is_distinct=result is not None and result.distinct,
-        notes=tuple(notes(result)) if result else (),
-        tiles=finding_tiles(result) if result else (),
-        modes=mode_cards(result, campaign.id, proof) if result else (),
-        grids=grids(result) if result else (),
-        charts=charts(result, campaign.id) if result and result.modes else (),
-        proof=proof_view(proof) if proof else None,
+        notes=tuple(list_notes(result)) if result else (),
+        tiles=make_finding_tiles(result) if result else (),
+        modes=make_mode_cards(result, campaign.id, proof) if result else (),
+        grids=list_tables(result) if result else (),
+        charts=make_charts(result, campaign.id) if result and result.modes else (),
+        proof=make_proof_view(proof) if proof else None,
         asked=analysis.settings,
     )
 
 
-def replays(proof: Proof | None) -> bool:
-    """Whether there are replays that have not ended."""
+def is_replaying(proof: Proof | None) -> bool:
+    """Whether the proof has replays that have not ended."""
     return proof is not None and bool(proof.scenarios) and not proof.done
 
 
-def notes(result: AnalysisResult) -> Iterator[str]:
+def list_notes(result: AnalysisResult) -> Iterator[str]:
     """Return the remarks below the verdict."""
     yield from result.notes
     if result.diversity and result.diversity.warning:
         yield result.diversity.warning
 
 
-def charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]:
+def make_charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]:
     """Return the charts of an analysis."""
     return (
-        eigenfailure_chart(result),
-        scores_chart(result, campaign),
-        explained_chart(result),
-        influence_chart(result),
-        *training_charts(result),
+        make_eigenfailure_chart(result),
+        make_scores_chart(result, campaign),
+        make_explained_chart(result),
+        make_influence_chart(result),
+        *make_training_charts(result),
     )
 
 
-def mode_cards(result: AnalysisResult, campaign: int, proof: Proof | None) -> tuple[ModeCard, ...]:
+def make_mode_cards(
+    result: AnalysisResult, campaign: int, proof: Proof | None
+) -> tuple[ModeCard, ...]:
     """Return a card for each mode, with the result of its proof."""
     proven = {each.mode: each for each in proof.modes} if proof and proof.scenarios else {}
     return tuple(
-        mode_card(place, result, campaign, proven.get(place)) for place in range(len(result.modes))
+        make_mode_card(place, result, campaign, proven.get(place))
+        for place in range(len(result.modes))
     )
 
 
-def mode_card(
+def make_mode_card(
     place: int, result: AnalysisResult, campaign: int, proven: ProvenMode | None
 ) -> ModeCard:
-    """One mode."""
+    """Return the card of a mode."""
     mode = result.modes[place]
     home = mode.medoid_campaign or campaign
     return ModeCard(
         number=place + 1,
         failures=mode.failures,
         share=format_share(mode.failures / len(result.episodes)),
-        words=words(result, place),
-        probability=probability(mode.probability),
+        words=describe_mode_card(result, place),
+        probability=make_probability_tile(mode.probability),
         medoid=mode.medoid,
         medoid_campaign=home,
         clip=f"/campaigns/{home}/episodes/{mode.medoid}/clip",
         strength=format_number(float(np.sqrt(np.mean(np.square(mode.eigenfailure))))),
-        proof=proof_of(proven) if proven else (),
+        proof=make_proof_tiles(proven) if proven else (),
     )
 
 
-def words(result: AnalysisResult, place: int) -> str:
-    """What a mode is; its number stands above it already."""
+def describe_mode_card(result: AnalysisResult, place: int) -> str:
+    """Return the description of a mode without its number, which the card's heading has."""
     if not result.words:
-        return f"Strongest noise: {peak(result.modes[place])}."
+        return f"Strongest noise: {describe_peak(result.modes[place])}."
     return put_minus_signs(result.words[place].removeprefix(f"Mode {place + 1}: "))
 
 
-def proof_of(proven: ProvenMode) -> tuple[tuple[str, Tile], ...]:
-    """What a mode's two trajectories did in all scenarios."""
+def make_proof_tiles(proven: ProvenMode) -> tuple[tuple[str, Tile], ...]:
+    """Return the tiles of the replays of a mode's two trajectories in all scenarios."""
     return (
         ("Eigenfailure reproduced", describe_reproduction(proven.eigenfailure)),
         ("Medoid reproduced", describe_reproduction(proven.medoid)),
     )
 
 
-def peak(mode: FailureMode) -> str:
-    """The strongest noise of an eigenfailure: which way, how much, when."""
+def describe_peak(mode: FailureMode) -> str:
+    """Return the axis, strength and time of an eigenfailure's strongest noise."""
     z = mode.eigenfailure
     step, axis = np.unravel_index(int(np.abs(z).argmax()), z.shape)
     value = float(z[step, axis])
@@ -492,4 +502,6 @@ def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
     """One analysis."""
     seen = store.analyses.get(analysis)
     proven = summarise_proof(store, seen) if seen.result else None
-    return page("analysis.html", analysis_view(seen, store.campaigns.get(seen.campaign), proven))
+    return page(
+        "analysis.html", make_analysis_view(seen, store.campaigns.get(seen.campaign), proven)
+    )

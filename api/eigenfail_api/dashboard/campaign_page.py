@@ -44,20 +44,20 @@ from eigenfail_api.dashboard.charts import (
     MOST_FAILURES,
     Chart,
     PriorReference,
-    curve_chart,
-    reference_of,
-    robustness_chart,
+    find_reference,
+    make_curve_chart,
+    make_robustness_chart,
 )
 from eigenfail_api.dashboard.cost_charts import REPLAY
 from eigenfail_api.dashboard.episodes_page import (
     AnalysisLine,
     EpisodeList,
-    analysis_line,
-    episode_list,
-    failures_of,
+    make_analysis_line,
+    make_episode_list,
+    read_failures,
 )
-from eigenfail_api.dashboard.measures_page import measures_of
-from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, page, standing
+from eigenfail_api.dashboard.measures_page import read_measures
+from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, make_standing, page
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_api.routes import campaigns
 from eigenfail_services.campaigns.costs import (
@@ -80,29 +80,29 @@ PARENTS = {"analysis": "/analyses/{}", "campaign": "/campaigns/{}"}
 """Settings of a replay, with the pages of what they name."""
 
 
-def origin(spec: CampaignSpec) -> tuple[str, str] | None:
+def find_origin(spec: CampaignSpec) -> tuple[str, str] | None:
     """Return name and address of the episode or analysis that a replay repeats; None otherwise."""
     if spec.method != REPLAY:
         return None
     named = ((kind, spec.settings.get(kind)) for kind in PARENTS)
-    return next((parent(kind, found) for kind, found in named if found is not None), None)
+    return next((make_origin_link(kind, found) for kind, found in named if found is not None), None)
 
 
-def parent(kind: str, number: int) -> tuple[str, str]:
-    """One that a replay names."""
+def make_origin_link(kind: str, number: int) -> tuple[str, str]:
+    """Return name and address of the episode or analysis that a replay repeats."""
     return f"{kind} {number}", PARENTS[kind].format(number)
 
 
-def replays_of(campaign: int) -> str:
-    """The list of the replays of single episodes of a campaign, which are called after these."""
+def make_replays_address(campaign: int) -> str:
+    """Return the address of the replays of a campaign's episodes."""
     return f"/?{urlencode({'method': REPLAY, 'search': f'replay of {campaign}/'})}"
 
 
 Tiles = tuple[tuple[str, Tile], ...]
 
 
-def conflict_tiles(summary: Summary) -> Tiles:
-    """As the paper counts them; nothing before the first episode has ended."""
+def make_conflict_tiles(summary: Summary) -> Tiles:
+    """Return the tiles of the conflict measures; none before the first episode has ended."""
     found, counts = summary.conflicts, summary.counts
     if not counts.completed:
         return ()
@@ -114,13 +114,13 @@ def conflict_tiles(summary: Summary) -> Tiles:
         ("Unavoidable", Tile(format_count(found.unavoidable), of_collisions)),
         ("Planner failures", Tile(format_count(found.planner_failures), of_collisions)),
         *((("Not classified", unclassified),) if found.unclassified else ()),
-        ("Lead time of MinTTC", mean(found.ttc_lead)),
-        ("Lead time of DRAC", mean(found.drac_lead)),
+        ("Lead time of MinTTC", make_mean_tile(found.ttc_lead)),
+        ("Lead time of DRAC", make_mean_tile(found.drac_lead)),
     )
 
 
-def mean(time: MeanTime) -> Tile:
-    """A mean, and what it rests on."""
+def make_mean_tile(time: MeanTime) -> Tile:
+    """Return the tile of a mean with its basis."""
     if time.mean_s is None:
         return Tile(UNKNOWN, ("no such collision",))
     return Tile(f"{format_number(time.mean_s)} s", (f"mean of {format_count(time.n)}",))
@@ -201,57 +201,64 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     latest: int
 
 
-def campaign_view(found: Findings) -> CampaignView:
-    """The page of a campaign."""
+def make_campaign_view(found: Findings) -> CampaignView:
+    """Return the page of a campaign."""
     campaign = found.campaign
-    now = standing(campaign, found.summary)
+    now = make_standing(campaign, found.summary)
     return CampaignView(
         standing=now,
-        origin=origin(campaign.spec),
-        replays=replays_of(campaign.id),
+        origin=find_origin(campaign.spec),
+        replays=make_replays_address(campaign.id),
         wants_workers=campaign.state in WORKING and not found.here,
         stranded=found.stranded,
         mixed=describe_mixed(campaign),
-        wishes=wishes(campaign.state),
-        tiles=tiles(
-            now, likelihood(found), is_sampled=traits_of(campaign.spec.method).draws_from_prior
+        wishes=list_actions(campaign.state),
+        tiles=make_tiles(
+            now,
+            make_likelihood_tile(found),
+            is_sampled=traits_of(campaign.spec.method).draws_from_prior,
         ),
-        conflicts=conflict_tiles(found.summary)
+        conflicts=make_conflict_tiles(found.summary)
         if world_of(campaign.spec.simulator).has_road
         else (),
-        charts=charts(found),
-        failures=episode_list(campaign, found.listed, None),
-        analyses=tuple(map(analysis_line, found.analyses)),
+        charts=make_charts(found),
+        failures=make_episode_list(campaign, found.listed, None),
+        analyses=tuple(map(make_analysis_line, found.analyses)),
         asked=AnalysisSettings(),
         events=found.events,
-        times=times(campaign),
-        priorities=priorities(campaign),
-        settings=settings(campaign),
+        times=list_times(campaign),
+        priorities=list_priorities(campaign),
+        settings=list_settings(campaign),
         digest=campaign.digest or "",
         as_of=as_of(found) if now.is_open else "",
         latest=found.latest,
     )
 
 
-def charts(found: Findings) -> tuple[Chart, ...]:
-    """What can be drawn of what there is."""
+def make_charts(found: Findings) -> tuple[Chart, ...]:
+    """Return the charts for which there are data."""
     course, rows = found.course, found.rows
-    drawn = (curve_chart(course), robustness_chart(rows, course, found.campaign.counts.completed))
+    drawn = (
+        make_curve_chart(course),
+        make_robustness_chart(rows, course, found.campaign.counts.completed),
+    )
     return drawn if rows else ()
 
 
-def wishes(state: CampaignState) -> tuple[str, ...]:
-    """What makes sense to ask of a campaign in this state."""
+def list_actions(state: CampaignState) -> tuple[str, ...]:
+    """Return the actions that are possible in a state of the campaign."""
     return tuple(name for name, wish in WISHES.items() if state in wish.steps)
 
 
-def priorities(campaign: Campaign) -> tuple[Priority, ...]:
+def list_priorities(campaign: Campaign) -> tuple[Priority, ...]:
     """Return the priorities that a campaign can change to; none once it has ended."""
     others = tuple(each for each in Priority if each is not campaign.spec.priority)
     return () if campaign.state in FINAL_STATES else others
 
 
-def tiles(now: StandingView, likelihood: Tile, *, is_sampled: bool) -> tuple[tuple[str, Tile], ...]:
+def make_tiles(
+    now: StandingView, likelihood: Tile, *, is_sampled: bool
+) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles at the top; a search's rate has the note that it is none under p(x)."""
     searched = () if is_sampled else (SEARCHED,)
     failures = msgspec.structs.replace(now.failures, notes=(*now.failures.notes, *searched))
@@ -266,7 +273,7 @@ def tiles(now: StandingView, likelihood: Tile, *, is_sampled: bool) -> tuple[tup
     )
 
 
-def likelihood(found: Findings) -> Tile:
+def make_likelihood_tile(found: Findings) -> Tile:
     """Return the tile of log p per step of the failures, and of noise drawn from p(x)."""
     counted = count_noun(found.campaign.counts.failures, "failure")
     value = format_number(found.summary.log_probability_per_step)
@@ -290,8 +297,8 @@ def as_of(found: Findings) -> str:
     return f"As of {completed}, {at}; means and charts may include later episodes."
 
 
-def times(campaign: Campaign) -> tuple[tuple[str, str], ...]:
-    """When what happened, and how urgent it is."""
+def list_times(campaign: Campaign) -> tuple[tuple[str, str], ...]:
+    """Return the times of the campaign's changes of state, and its priority."""
     return (
         ("Priority", campaign.spec.priority),
         ("Created", format_utc(campaign.created_ms)),
@@ -310,7 +317,7 @@ def describe_training(campaign: Campaign) -> Iterator[tuple[str, str]]:
         yield "Trained with", count_noun(campaign.trained_episodes, "episode")
 
 
-def settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
+def list_settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
     """Return the fields of the spec in groups, with a plug-in's defaults where nothing is given."""
     spec = campaign.spec
     general = {
@@ -318,16 +325,16 @@ def settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]
         **{f"stops at {name}": limit for name, limit in spec.stop.given().items()},
     }
     return (
-        ("Campaign", pairs(general)),
-        (f"Method {spec.method}", pairs(spec.settings)),
-        (f"Scenario {spec.scenario}", pairs(in_words(spec.scenario_parameters))),
-        (f"Planner {spec.planner}", pairs(spec.planner_settings)),
-        ("Disturbance model", pairs(describe_disturbance(spec))),
+        ("Campaign", list_pairs(general)),
+        (f"Method {spec.method}", list_pairs(spec.settings)),
+        (f"Scenario {spec.scenario}", list_pairs(in_words(spec.scenario_parameters))),
+        (f"Planner {spec.planner}", list_pairs(spec.planner_settings)),
+        ("Disturbance model", list_pairs(describe_disturbance(spec))),
     )
 
 
-def pairs(values: dict[str, Any]) -> tuple[tuple[str, str], ...]:
-    """Names and values as text."""
+def list_pairs(values: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Return names and values as text."""
     return tuple((name, str(value)) for name, value in values.items())
 
 
@@ -350,11 +357,11 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
     """Serve the page of a campaign; its slow second part is included only if it is cached."""
     latest, seen = store.events.last(), store.campaigns.get(campaign)
     begun = () if again else prefetch_figures(store, seen)
-    listed = failures_of(store, campaign, None)
+    listed = read_failures(store, campaign, None)
     first = [row.index for row in listed.items[:MOST_FAILURES]]
     found = Findings(
         campaign=seen,
-        summary=summary_of(store, seen),
+        summary=read_summary(store, seen),
         course=find_course(store, seen),
         rows=store.figures.samples(campaign),
         listed=listed,
@@ -363,18 +370,20 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
         latest=latest,
         here=count_present(store),
         stranded=tuple(each for each in list_unrunnable(store) if each.campaign == campaign),
-        reference=reference_of(store, campaign, first),
+        reference=find_reference(store, campaign, first),
         at_ms=now_ms(),
     )
     measures = (
-        measures_of(seen, read_figures(store, seen)) if begun and is_prefetched(begun) else None
+        read_measures(seen, read_figures(store, seen)) if begun and is_prefetched(begun) else None
     )
     staffing = partial(find_staffing, store)
-    response = page("campaign.html", campaign_view(found), measures=measures, staffing=staffing)
+    response = page(
+        "campaign.html", make_campaign_view(found), measures=measures, staffing=staffing
+    )
     response.background = BackgroundTask(wait_for_figures, begun)
     return response
 
 
-def summary_of(store: Store, campaign: Campaign) -> Summary:
-    """The figures of a campaign so far."""
+def read_summary(store: Store, campaign: Campaign) -> Summary:
+    """Return the summary of a campaign."""
     return summarise(campaign, store.episodes.totals(campaign.id))

@@ -58,13 +58,13 @@ def round_values(values: Iterable[float | None]) -> list[float | None]:
     return [None if value is None else float(f"{value:.{DIGITS}g}") for value in values]
 
 
-def rounded_rows(array: np.ndarray) -> list[list[float | None]]:
-    """The rows of a matrix, likewise."""
+def round_rows(array: np.ndarray) -> list[list[float | None]]:
+    """Return the rows of a matrix as rounded floats."""
     return [round_values(float(value) for value in row) for row in array]
 
 
-def curve_chart(course: Course) -> Chart:
-    """Failure rate over the course of the campaign."""
+def make_curve_chart(course: Course) -> Chart:
+    """Return the chart of the failure rate over the course of the campaign."""
     blocks = course.blocks
     return Chart(
         id="curve-chart",
@@ -76,10 +76,10 @@ def curve_chart(course: Course) -> Chart:
         ),
         data={
             "middle": [(block.first + block.last) / 2.0 for block in blocks],
-            "span": [span(block) for block in blocks],
+            "span": [format_span(block) for block in blocks],
             "rate": round_values(100.0 * block.failure_rate.value for block in blocks),
-            "low": round_values(percent_ends(blocks, "low")),
-            "high": round_values(percent_ends(blocks, "high")),
+            "low": round_values(list_percent_ends(blocks, "low")),
+            "high": round_values(list_percent_ends(blocks, "high")),
         },
         columns=(
             *("Episodes", "Failures", "Completed", "Rate", "95 % interval"),
@@ -87,7 +87,7 @@ def curve_chart(course: Course) -> Chart:
         ),
         rows=tuple(
             (
-                span(block),
+                format_span(block),
                 format_count(block.failure_rate.k),
                 format_count(block.failure_rate.n),
                 format_share(block.failure_rate.value),
@@ -107,7 +107,7 @@ def name_bounds(blocks: Sequence[CourseBlock]) -> str:
     return " that the method chose: shares of these, not rates under p(x)"
 
 
-def percent_ends(blocks: Sequence[CourseBlock], end: str) -> Iterator[float | None]:
+def list_percent_ends(blocks: Sequence[CourseBlock], end: str) -> Iterator[float | None]:
     """Yield one end of the failure rates' intervals [%]; None for the episodes of a search."""
     for block in blocks:
         bounds = block.failure_rate.bounds
@@ -119,15 +119,15 @@ def format_bounds(rate: Rate) -> str:
     return UNKNOWN if rate.bounds is None else format_percent_interval(rate.bounds)
 
 
-def span(block: CourseBlock) -> str:
-    """From which episode to which."""
+def format_span(block: CourseBlock) -> str:
+    """Return the first and the last episode of a block as text."""
     return f"{block.first} – {block.last}"
 
 
-def robustness_chart(
+def make_robustness_chart(
     rows: Sequence[EpisodeRow | EpisodeSample], course: Course, ended: int
 ) -> Chart:
-    """How near the ego came to another vehicle in each episode."""
+    """Return the chart of each episode's smallest distance to another vehicle."""
     measured = [row for row in rows if row.robustness_m is not None]
     return Chart(
         id="robustness-chart",
@@ -136,7 +136,7 @@ def robustness_chart(
         caption=(
             "Smallest distance between footprints in each episode [m], or a function's answer; "
             "0 is a failure. "
-            f"{coverage(rows, ended)}"
+            f"{describe_sample(rows, ended)}"
         ),
         data={
             "index": [row.index for row in measured],
@@ -146,7 +146,7 @@ def robustness_chart(
         columns=("Episodes", "Completed", "Smallest [m]", "Median [m]"),
         rows=tuple(
             (
-                span(block),
+                format_span(block),
                 format_count(block.failure_rate.n),
                 format_number(block.smallest_robustness_m),
                 format_number(block.median_robustness_m),
@@ -157,8 +157,8 @@ def robustness_chart(
     )
 
 
-def coverage(rows: Sequence[object], of: int) -> str:
-    """Whether all of them are drawn."""
+def describe_sample(rows: Sequence[object], of: int) -> str:
+    """Return how many of the episodes are drawn."""
     if len(rows) >= of:
         return ""
     return f"A sample of {format_count(len(rows))} of {format_count(of)}."
@@ -177,9 +177,9 @@ AXES = {
 ONE = "The only episode that matches."
 
 
-def parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
-    """One line for each episode."""
-    values = {name: [number(row, name) for row in rows] for name in AXES}
+def make_parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
+    """Return the parallel-coordinates chart, with a line for each episode."""
+    values = {name: [read_number(row, name) for row in rows] for name in AXES}
     return Chart(
         id="parallel-chart",
         kind="parallel",
@@ -199,7 +199,7 @@ def parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
             (
                 str(row.index),
                 row.outcome.word,
-                *(format_number(value) for value in (number(row, name) for name in AXES)),
+                *(format_number(value) for value in (read_number(row, name) for name in AXES)),
             )
             for row in rows[:MOST_ROWS]
         ),
@@ -207,8 +207,8 @@ def parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
     )
 
 
-def number(row: EpisodeRow, column: str) -> float | None:
-    """What a row has on an axis."""
+def read_number(row: EpisodeRow, column: str) -> float | None:
+    """Return a row's value on an axis."""
     value = read_value(row, column)
     return None if value is None else float(value)
 
@@ -239,7 +239,7 @@ def sample_episodes(store: Store, campaign: Campaign) -> list[EpisodeRow]:
     """All finished episodes or, beyond `MOST`, windows of neighbours spread evenly over them."""
     reach = count_ended(campaign)
     if reach <= MOST:
-        return list(first_rows(store, campaign.id))
+        return list(iterate_rows(store, campaign.id))
     windows = MOST // WINDOW
     found: dict[int, EpisodeRow] = {}
     for window in range(windows):
@@ -254,8 +254,8 @@ def count_ended(campaign: Campaign) -> int:
     return campaign.counts.completed + campaign.counts.failed
 
 
-def first_rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
-    """The first `MOST` rows, page by page."""
+def iterate_rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
+    """Yield the first `MOST` rows, page by page."""
     after: int | None = None
     for _ in range(MOST // PAGE):
         page = store.episodes.page(campaign, PAGE, after)
@@ -314,27 +314,27 @@ class PriorReference(msgspec.Struct, frozen=True):
 KNOWN: StoreCache[PriorReference | None] = StoreCache(MOST_CAMPAIGNS)
 
 
-def reference_of(store: Store, campaign: int, failures: Iterable[int]) -> PriorReference | None:
-    """Over the steps of failures by their indices; None without any, or where noise was pruned."""
+def find_reference(store: Store, campaign: int, failures: Iterable[int]) -> PriorReference | None:
+    """Return the reference over the steps of failures; None without any, or if pruned."""
     indices = tuple(failures)
     try:
-        return KNOWN.get(store, campaign, indices, lambda: looked_up(store, campaign, indices))
+        return KNOWN.get(store, campaign, indices, lambda: read_reference(store, campaign, indices))
     except NoisePruned:
         return None
 
 
-def looked_up(store: Store, campaign: int, failures: Iterable[int]) -> PriorReference | None:
-    """The same, from the noise that is stored.
+def read_reference(store: Store, campaign: int, failures: Iterable[int]) -> PriorReference | None:
+    """Return the same reference, computed from the stored noise.
 
     Raises:
         NoisePruned: it is not stored any more.
     """
     found = store.episodes.finished(campaign, failures)
-    return reference([result.noise for result in found if result.steps])
+    return make_reference([result.noise for result in found if result.steps])
 
 
-def reference(noises: list[NoiseTrajectory]) -> PriorReference | None:
-    """Over the steps of these; None of nothing."""
+def make_reference(noises: list[NoiseTrajectory]) -> PriorReference | None:
+    """Return the reference over the steps of noise trajectories; None for no trajectory."""
     steps = sum(len(noise.z) for noise in noises)
     if not steps:
         return None

@@ -21,9 +21,15 @@ from eigenfail.values import (
     Side,
 )
 from eigenfail_api.dashboard.charts import Chart, sample_episodes
-from eigenfail_api.dashboard.copying import CopiedRequest, Copies, Service, copies, service_of
-from eigenfail_api.dashboard.overlays import Compared, bill_charts, overlays
-from eigenfail_api.dashboard.rendering import Badge, campaign_badge, page
+from eigenfail_api.dashboard.copying import (
+    CopiedRequest,
+    Copies,
+    Service,
+    make_copies,
+    read_service,
+)
+from eigenfail_api.dashboard.overlays import Compared, make_bill_charts, make_overlays
+from eigenfail_api.dashboard.rendering import Badge, make_campaign_badge, page
 from eigenfail_api.parameters import IDS, LARGEST, Stored
 from eigenfail_api.routes.analyses import COMPARISONS, parse_ids
 from eigenfail_services.campaigns.comparison import (
@@ -85,30 +91,32 @@ class Chosen(msgspec.Struct, frozen=True, kw_only=True):
     without: str
 
 
-def picker(shown: Sequence[Campaign], ids: CampaignIds, wanted: str) -> Picker:
-    """The list to pick from, those that are picked first, in the order that they have."""
+def make_picker(shown: Sequence[Campaign], ids: CampaignIds, wanted: str) -> Picker:
+    """Return the list of campaigns to choose from, with the chosen ones first in their order."""
     places = {each: place for place, each in enumerate(ids)}
     ordered = sorted(shown, key=lambda each: (places.get(each.id, len(ids)), -each.id))
     words = f"{len(ids)} selected; {FEWEST} to {MOST} can be compared."
-    return Picker(choices=tuple(choice(each, ids) for each in ordered), wanted=wanted, words=words)
+    return Picker(
+        choices=tuple(make_listed_choice(each, ids) for each in ordered), wanted=wanted, words=words
+    )
 
 
-def choice(campaign: Campaign, ids: CampaignIds) -> CampaignChoice:
-    """One of them."""
+def make_listed_choice(campaign: Campaign, ids: CampaignIds) -> CampaignChoice:
+    """Return a campaign of the list."""
     return CampaignChoice(
         id=campaign.id,
         name=campaign.spec.name,
-        about=about(campaign.spec),
-        badge=campaign_badge(campaign.state, campaign.counts),
+        about=describe_spec(campaign.spec),
+        badge=make_campaign_badge(campaign.state, campaign.counts),
         is_picked=campaign.id in ids,
     )
 
 
-def all_chosen(campaigns: Sequence[Campaign], only: bool, wanted: str) -> tuple[Chosen, ...]:
-    """Those that are compared, on a page with such settings and such a search."""
+def list_chosen(campaigns: Sequence[Campaign], only: bool, wanted: str) -> tuple[Chosen, ...]:
+    """Return the campaigns that are compared, on a page with these settings and this search."""
     ids = [each.id for each in campaigns]
     return tuple(
-        make_choice(each, ids, lambda some: address(some, only, wanted)) for each in campaigns
+        make_choice(each, ids, lambda some: make_address(some, only, wanted)) for each in campaigns
     )
 
 
@@ -117,14 +125,14 @@ def make_choice(campaign: Campaign, ids: CampaignIds, at: Callable[[CampaignIds]
     others = [each for each in ids if each != campaign.id]
     return Chosen(
         name=name_column(campaign),
-        about=about(campaign.spec),
-        badge=campaign_badge(campaign.state, campaign.counts),
+        about=describe_spec(campaign.spec),
+        badge=make_campaign_badge(campaign.state, campaign.counts),
         first="" if campaign.id == ids[0] else at([campaign.id, *others]),
         without=at(others),
     )
 
 
-def about(spec: CampaignSpec) -> str:
+def describe_spec(spec: CampaignSpec) -> str:
     """Return the method, planner, scenario and seed of a campaign, for lists of equal names."""
     return f"{spec.method}, {spec.planner} in {spec.scenario}, seed {spec.seed}"
 
@@ -134,8 +142,8 @@ def name_column(campaign: Campaign) -> str:
     return f"{campaign.id}: {campaign.spec.name}"
 
 
-def address(campaigns: CampaignIds, only: bool, wanted: str) -> str:
-    """Of the page that compares them."""
+def make_address(campaigns: CampaignIds, only: bool, wanted: str) -> str:
+    """Return the address of the page that compares these campaigns."""
     query: list[tuple[str, str | int]] = [("campaign", each) for each in campaigns]
     query += [("q", wanted)] if wanted else []
     return f"/comparison?{urlencode([*query, ('diff', str(only).lower())])}"
@@ -180,13 +188,19 @@ class ComparedView(msgspec.Struct, frozen=True, kw_only=True):
     copies: Copies | None
 
 
-def verdicts(groups: Sequence[Group], found: Sequence[Comparison]) -> tuple[ComparisonVerdict, ...]:
-    """Every group against the first."""
+def list_verdicts(
+    groups: Sequence[Group], found: Sequence[Comparison]
+) -> tuple[ComparisonVerdict, ...]:
+    """Return the comparison of every group with the first."""
     return tuple(
         ComparisonVerdict(
             name=group_name(group),
-            cells=(put_minus_signs(difference(each)), pairs(each), effect(each)),
-            address=f"/comparison?a={ids(each.a)}&b={ids(each.b)}",
+            cells=(
+                put_minus_signs(describe_difference(each)),
+                describe_pairs(each),
+                describe_effect(each),
+            ),
+            address=f"/comparison?a={join_ids(each.a)}&b={join_ids(each.b)}",
             warnings=each.warnings,
         )
         for group, each in zip(groups[1:], found, strict=True)
@@ -198,13 +212,13 @@ def group_name(group: Group) -> str:
     return "; ".join(map(name_column, group))
 
 
-def ids(side: Side) -> str:
-    """The campaigns of a side, as an address names them."""
+def join_ids(side: Side) -> str:
+    """Return the ids of a side's campaigns as an address contains them."""
     return ",".join(map(str, side.campaigns))
 
 
-def difference(found: Comparison) -> str:
-    """Of the failure rates."""
+def describe_difference(found: Comparison) -> str:
+    """Return the difference of the failure rates as text."""
     if found.difference is None:
         return "no episode on a side"
     value = f"{format_signed(100.0 * found.difference.value)} %"
@@ -215,8 +229,8 @@ def difference(found: Comparison) -> str:
     return f"{value} {interval}{'' if low <= 0.0 <= high else ', differs'}"
 
 
-def pairs(found: Comparison) -> str:
-    """Under the same noise."""
+def describe_pairs(found: Comparison) -> str:
+    """Return the comparison of episodes with equal noise as text."""
     if found.pairs is None:
         return f"not paired: {found.unpaired_because}"
     seen = found.pairs
@@ -226,8 +240,8 @@ def pairs(found: Comparison) -> str:
     )
 
 
-def effect(found: Comparison) -> str:
-    """Over campaigns of several seeds."""
+def describe_effect(found: Comparison) -> str:
+    """Return the effect over campaigns of several seeds as text."""
     if found.effect is None:
         return "needs two seeds per group"
     return f"{format_number(found.effect.a12)}, {found.effect.magnitude}"
@@ -257,15 +271,15 @@ class Bills(msgspec.Struct, frozen=True):
     b: tuple[CampaignCost, ...]
 
 
-def comparison_view(found: Comparison, bills: Bills, a: str, b: str) -> ComparisonView:
-    """The page."""
+def make_comparison_view(found: Comparison, bills: Bills, a: str, b: str) -> ComparisonView:
+    """Return the page of a comparison."""
     return ComparisonView(
         a=a,
         b=b,
         sentences=found.sentences,
         warnings=found.warnings,
         sides=transpose(tabulate_sides(found, (bills.a, bills.b)), "Figure"),
-        charts=bill_charts(bills.a, bills.b),
+        charts=make_bill_charts(bills.a, bills.b),
         distinctions=found.distinctions,
     )
 
@@ -296,12 +310,12 @@ class Wish(NamedTuple):
     named: str
 
 
-def wish(
+def read_wish(
     campaign: Picked,
     diff: bool = True,  # a parameter of the address
     q: Wanted = "",
 ) -> Wish:
-    """What the address asks for."""
+    """Return the campaigns, settings and search that an address requests."""
     return Wish(campaign, diff, q)
 
 
@@ -309,29 +323,32 @@ def wish(
 def show_comparison(
     request: Request,
     store: Stored,
-    wished: Annotated[Wish, Depends(wish)],
+    wished: Annotated[Wish, Depends(read_wish)],
     a: Ids = None,
     b: Ids = None,
 ) -> HTMLResponse:
     """Serve the comparison of two groups of campaigns, or of all selected ones."""
     if a and b and not wished.campaigns:
         found = compare(store, parse_ids(a), parse_ids(b))
-        bills = Bills(costs(store, found.a), costs(store, found.b))
+        bills = Bills(list_costs(store, found.a), list_costs(store, found.b))
         asked = CopiedRequest(method="GET", path="/comparisons", query={"a": a, "b": b})
-        view = comparison_view(found, bills, a, b)
-        return page("comparison.html", view, copies=copies(service_of(request), asked))
+        view = make_comparison_view(found, bills, a, b)
+        return page("comparison.html", view, copies=make_copies(read_service(request), asked))
     return page(
-        "compared.html", compared_view(store, wished, service_of(request)), a=a or "", b=b or ""
+        "compared.html",
+        make_compared_view(store, wished, read_service(request)),
+        a=a or "",
+        b=b or "",
     )
 
 
-def costs(store: Store, side: Side) -> tuple[CampaignCost, ...]:
-    """What each campaign of a side cost."""
+def list_costs(store: Store, side: Side) -> tuple[CampaignCost, ...]:
+    """Return the cost of each campaign of a side."""
     return tuple(find_spending(store, store.campaigns.get(each)) for each in side.campaigns)
 
 
-def compared_view(store: Store, wished: Wish, service: Service) -> ComparedView:
-    """The page for the campaigns that were selected; with fewer than two it asks for more.
+def make_compared_view(store: Store, wished: Wish, service: Service) -> ComparedView:
+    """Return the page for the selected campaigns; fewer than two give the request to select more.
 
     Raises:
         InvalidValue: too many were picked.
@@ -339,7 +356,7 @@ def compared_view(store: Store, wished: Wish, service: Service) -> ComparedView:
     """
     campaigns, only = pick_campaigns(wished.campaigns, store), wished.only
     ids = [each.id for each in campaigns]
-    listed = picker([*campaigns, *matching(store, ids, wished.named)], ids, wished.named)
+    listed = make_picker([*campaigns, *find_matching(store, ids, wished.named)], ids, wished.named)
     is_enough = len(campaigns) >= FEWEST
     found = group_by_seed(campaigns) if is_enough else ()
     every = list_settings(campaigns) if is_enough else ()
@@ -347,25 +364,27 @@ def compared_view(store: Store, wished: Wish, service: Service) -> ComparedView:
     summaries = [summarise(each, store.episodes.totals(each.id)) for each in campaigns]
     return ComparedView(
         picker=listed,
-        chosen=all_chosen(campaigns, only, wished.named),
+        chosen=list_chosen(campaigns, only, wished.named),
         names=tuple(map(name_column, campaigns)),
         figures=tabulate_compared(campaigns, summaries) if is_enough else None,
         settings=tuple(each for each in every if each.differs or not only),
         only=only,
-        other=address(ids, not only, wished.named),
+        other=make_address(ids, not only, wished.named),
         first=group_name(found[0]) if found else "",
-        verdicts=verdicts(found, against_first(store, found)) if found else (),
-        charts=overlays(compared),
-        copies=copies_of(found, service),
+        verdicts=list_verdicts(found, against_first(store, found)) if found else (),
+        charts=make_overlays(compared),
+        copies=make_request_copies(found, service),
     )
 
 
-def copies_of(found: Sequence[tuple[Campaign, ...]], service: Service) -> Copies | None:
-    """The comparison of the first two groups, for programs."""
+def make_request_copies(found: Sequence[tuple[Campaign, ...]], service: Service) -> Copies | None:
+    """Return the request that compares the first two groups, for programs."""
     if len(found) < FEWEST:
         return None
     a, b = (",".join(str(each.id) for each in group) for group in found[:2])
-    return copies(service, CopiedRequest(method="GET", path="/comparisons", query={"a": a, "b": b}))
+    return make_copies(
+        service, CopiedRequest(method="GET", path="/comparisons", query={"a": a, "b": b})
+    )
 
 
 def read_compared(store: Store, campaign: Campaign) -> Compared:
@@ -378,19 +397,19 @@ def read_compared(store: Store, campaign: Campaign) -> Compared:
     )
 
 
-def matching(store: Store, besides: Sequence[int], wanted: str) -> list[Campaign]:
-    """The newest campaigns whose name contains the words, or whose id they are."""
+def find_matching(store: Store, besides: Sequence[int], wanted: str) -> list[Campaign]:
+    """Return the newest campaigns whose name contains the text, or whose id it is."""
     found = (
         each
-        for each in newest(store)
+        for each in iterate_newest(store)
         if each.id not in besides
         and (wanted.lower() in each.spec.name.lower() or wanted == str(each.id))
     )
     return [each for _, each in zip(range(LISTED), found, strict=False)]
 
 
-def newest(store: Store) -> Iterator[Campaign]:
-    """The newest campaigns, page by page."""
+def iterate_newest(store: Store) -> Iterator[Campaign]:
+    """Yield the newest campaigns, page by page."""
     before: int | None = None
     for _ in range(LOOKED_AT // 100):
         listed = store.campaigns.page(100, before)

@@ -76,13 +76,13 @@ class Words(msgspec.Struct, frozen=True):
     before: Callable[[CopiedRequest], str] = lambda _: ""
 
 
-def arguments(asked: CopiedRequest) -> str:
-    """The body as keyword arguments."""
+def format_arguments(asked: CopiedRequest) -> str:
+    """Return the body as keyword arguments."""
     return ", ".join(f"{name}={value!r}" for name, value in (asked.body or {}).items())
 
 
-def spec_file(asked: CopiedRequest) -> str:
-    """Writes the body to the file that a command reads."""
+def format_spec_file(asked: CopiedRequest) -> str:
+    """Return the shell command that writes the body to the file that a command reads."""
     return f"cat > campaign.toml <<'{MARK}'\n{to_toml(asked.body or {})}{MARK}\n"
 
 
@@ -90,8 +90,8 @@ WORDS: Mapping[tuple[str, str], Words] = {
     ("POST", "/campaigns"): Words(
         "client.campaigns.create({})",
         "campaign create campaign.toml",
-        call=arguments,
-        before=spec_file,
+        call=format_arguments,
+        before=format_spec_file,
     ),
     ("GET", "/campaigns"): Words("list(client.campaigns.list())", "campaign list"),
     ("GET", "/campaigns/{campaign}"): Words(
@@ -105,7 +105,7 @@ WORDS: Mapping[tuple[str, str], Words] = {
     ),
     ("GET", "/analyses/{analysis}"): Words("client.analyses.get({analysis})"),
     ("POST", "/keys"): Words(
-        "client.keys.create({})", "key create {name} --scope {scope}", call=arguments
+        "client.keys.create({})", "key create {name} --scope {scope}", call=format_arguments
     ),
     ("GET", "/suites"): Words("list(client.suites.list())", "suite list"),
     ("GET", "/suites/{suite}"): Words("client.suites.table({suite!r})", "suite show {suite}"),
@@ -114,18 +114,20 @@ WORDS: Mapping[tuple[str, str], Words] = {
 """By method and path."""
 
 
-def copies(service: Service, asked: CopiedRequest) -> Copies:
-    """A request to a service, in all three ways.
+def make_copies(service: Service, asked: CopiedRequest) -> Copies:
+    """Return a request to a service as curl, Python and command line.
 
     Raises:
         KeyError: nothing is known of such a request.
     """
     words, names = find_words(asked)
-    toml_fails = asked.body is not None and holds_none(asked.body)
+    toml_fails = asked.body is not None and has_none(asked.body)
     return Copies(
-        curl=curl(service, asked),
-        python=python(service.address, asked, words, names),
-        cli="" if toml_fails or not words.cli else cli(service.address, asked, words, names),
+        curl=format_curl(service, asked),
+        python=format_python(service.address, asked, words, names),
+        cli=""
+        if toml_fails or not words.cli
+        else format_command(service.address, asked, words, names),
     )
 
 
@@ -143,8 +145,8 @@ def as_regex(pattern: str) -> re.Pattern[str]:
     return re.compile(numbers.replace("{suite}", "(?P<suite>.+)"))
 
 
-def curl(service: Service, asked: CopiedRequest) -> str:
-    """For a shell; the key comes from the variable that the SDK and the command line read, too."""
+def format_curl(service: Service, asked: CopiedRequest) -> str:
+    """Return the request for a shell; the key comes from SDK's and command line's variable."""
     query = "&".join(f"{name}={value}" for name, value in asked.query.items())
     address = f"{service.address}{PREFIX}{asked.path}{'?' if query else ''}{query}"
     parts = [f"curl {shlex.quote(address)}"]
@@ -156,9 +158,9 @@ def curl(service: Service, asked: CopiedRequest) -> str:
     return " \\\n  ".join(parts)
 
 
-def python(base: str, asked: CopiedRequest, words: Words, names: Mapping[str, str]) -> str:
-    """With the SDK."""
-    given = {**names, **{name: id_list(value) for name, value in asked.query.items()}}
+def format_python(base: str, asked: CopiedRequest, words: Words, names: Mapping[str, str]) -> str:
+    """Return the request as a call of the SDK."""
+    given = {**names, **{name: list_ids(value) for name, value in asked.query.items()}}
     expression = words.python.replace("{}", words.call(asked).replace("{", "{{").replace("}", "}}"))
     return (
         "from eigenfail.client import Client\n\n"
@@ -167,50 +169,53 @@ def python(base: str, asked: CopiedRequest, words: Words, names: Mapping[str, st
     )
 
 
-def cli(base: str, asked: CopiedRequest, words: Words, names: Mapping[str, str]) -> str:
-    """With the command line."""
+def format_command(base: str, asked: CopiedRequest, words: Words, names: Mapping[str, str]) -> str:
+    """Return the request as a command."""
     given = {**names, **asked.query, **{n: str(v) for n, v in (asked.body or {}).items()}}
     command = words.cli.format(**{name: shlex.quote(text) for name, text in given.items()})
     return f"{words.before(asked)}eigenfail {command} --url {shlex.quote(base)}"
 
 
-def id_list(ids: str) -> str:
+def list_ids(ids: str) -> str:
     """Return comma-separated ids as a list."""
     return f"[{', '.join(ids.split(','))}]"
 
 
 def to_toml(table: Values) -> str:
     """A table of plain data as TOML, a line for each value; tables inside it are inline."""
-    return "".join(f"{key(name)} = {toml_value(value)}\n" for name, value in table.items())
+    return "".join(
+        f"{format_toml_key(name)} = {format_toml_value(value)}\n" for name, value in table.items()
+    )
 
 
-def toml_value(value: Any) -> str:
-    """A value as TOML; text is quoted as in JSON, which TOML reads as well."""
+def format_toml_value(value: Any) -> str:
+    """Return a value as TOML; text is quoted as in JSON, which TOML reads as well."""
     if isinstance(value, Mapping):
-        return (
-            f"{{{', '.join(f'{key(name)} = {toml_value(part)}' for name, part in value.items())}}}"
+        parts = (
+            f"{format_toml_key(name)} = {format_toml_value(part)}" for name, part in value.items()
         )
+        return f"{{{', '.join(parts)}}}"
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(toml_value, value))}]"
+        return f"[{', '.join(map(format_toml_value, value))}]"
     return msgspec.json.encode(value).decode()
 
 
-def key(name: str) -> str:
-    """A name, quoted where TOML wants that."""
+def format_toml_key(name: str) -> str:
+    """Return a name, quoted where TOML requires quotes."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else msgspec.json.encode(name).decode()
 
 
-def holds_none(value: Any) -> bool:
-    """Whether there is a null inside, of which TOML has none."""
+def has_none(value: Any) -> bool:
+    """Whether a value contains a null, which TOML does not have."""
     if isinstance(value, Mapping):
-        return any(map(holds_none, value.values()))
+        return any(map(has_none, value.values()))
     if isinstance(value, list | tuple):
-        return any(map(holds_none, value))
+        return any(map(has_none, value))
     return value is None
 
 
-def service_of(request: Request) -> Service:
-    """The service, by the address under which it was asked."""
+def read_service(request: Request) -> Service:
+    """Return the service by the address of the request."""
     address = str(request.base_url).rstrip("/")
     return Service(address, asks_for_key=request.app.state.authenticator.requires_keys())
 
@@ -228,7 +233,7 @@ def show_copies(request: Request, path: ApiPath) -> HTMLResponse:
         NotFound: no page shows such a thing.
     """
     try:
-        found = copies(service_of(request), CopiedRequest(method="GET", path=path))
+        found = make_copies(read_service(request), CopiedRequest(method="GET", path=path))
     except KeyError as error:
         raise NotFound(f"The request for '{path}' is unknown.") from error
     return page("copies.html", found)

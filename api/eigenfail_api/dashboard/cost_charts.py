@@ -40,8 +40,8 @@ def has_price(price: Cost) -> bool:
     return bool(price.per_failure_usd or price.at_least_usd)
 
 
-def cells(price: Cost) -> tuple[str, str]:
-    """The same as text, in the order of `COLUMNS`."""
+def format_cells(price: Cost) -> tuple[str, str]:
+    """Return the prices as text, in the order of `COLUMNS`."""
     cell = format_cell(price)
     return cell.value, cell.interval or " ".join(cell.basis)
 
@@ -50,8 +50,8 @@ MOST_BARS = 25
 REPLAY = "replay"
 
 
-def cost_chart(summaries: Sequence[Summary]) -> Chart | None:
-    """Cost per failure of the newest campaigns that have one, or a bound above zero."""
+def make_cost_chart(summaries: Sequence[Summary]) -> Chart | None:
+    """Return the chart of the newest campaigns' cost per failure, or its lower bound above zero."""
     found = [summary for summary in summaries if summary.method != REPLAY]
     priced = [summary for summary in found if has_price(summary.cost)]
     if not priced:
@@ -67,14 +67,14 @@ def cost_chart(summaries: Sequence[Summary]) -> Chart | None:
             "cost another amount. An arrow is the lower bound of a campaign without failures. "
             "Replays find nothing new and are left out."
         ),
-        data={"campaigns": [cost_point(summary) for summary in shown]},
+        data={"campaigns": [make_cost_point(summary) for summary in shown]},
         columns=("Campaign", "Method", *COLUMNS, "Failures", "Episodes"),
-        rows=tuple(cost_row(summary) for summary in shown),
+        rows=tuple(make_cost_row(summary) for summary in shown),
     )
 
 
-def cost_point(summary: Summary) -> dict[str, object]:
-    """A campaign's mark."""
+def make_cost_point(summary: Summary) -> dict[str, object]:
+    """Return a campaign's point in the chart."""
     return mark(
         summary.cost,
         id=summary.campaign,
@@ -85,12 +85,12 @@ def cost_point(summary: Summary) -> dict[str, object]:
     )
 
 
-def cost_row(summary: Summary) -> tuple[str, ...]:
-    """The same as text."""
+def make_cost_row(summary: Summary) -> tuple[str, ...]:
+    """Return a campaign's row in the table of the chart."""
     return (
         f"{summary.campaign}: {summary.name}",
         summary.method,
-        *cells(summary.cost),
+        *format_cells(summary.cost),
         format_count(summary.counts.failures),
         format_count(summary.counts.completed),
     )
@@ -111,24 +111,24 @@ class MethodCosts(msgspec.Struct, frozen=True, kw_only=True):
     notes: tuple[str, ...]
 
 
-def method_costs(groups: Sequence[PeerCosts]) -> MethodCosts:
-    """The newest groups in which something was spent and run."""
+def make_method_costs(groups: Sequence[PeerCosts]) -> MethodCosts:
+    """Return the charts of the newest groups with episodes and cost."""
     priced = [group for group in groups if any(has_cost(each) for each in group.methods)]
     shown = priced[:MOST_GROUPS]
-    common = [note for note in notes_of(shown) if all(note in group.notes for group in shown)]
+    common = [note for note in list_notes(shown) if all(note in group.notes for group in shown)]
     return MethodCosts(
         charts=tuple(group_chart(place, group, common) for place, group in enumerate(shown)),
-        notes=(*common, *others(len(priced) - len(shown))),
+        notes=(*common, *describe_omitted(len(priced) - len(shown))),
     )
 
 
-def notes_of(groups: Sequence[PeerCosts]) -> list[str]:
-    """All of them, each once."""
+def list_notes(groups: Sequence[PeerCosts]) -> list[str]:
+    """Return the notes of all groups, each once."""
     return list(dict.fromkeys(note for group in groups for note in group.notes))
 
 
-def others(count: int) -> tuple[str, ...]:
-    """That there are more groups."""
+def describe_omitted(count: int) -> tuple[str, ...]:
+    """Return the note that further groups are left out."""
     groups = count_noun(count, "older group")
     return (f"{groups} of campaigns not shown; see /api/v1/costs.",) if count > 0 else ()
 
@@ -150,14 +150,14 @@ def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
             "USD per failure over all campaigns of a method, log scale. A method that draws noise "
             "from p(x) has the 95 % interval that its failure rate gives, a search has none; "
             "an arrow is the lower bound of a method without failures. "
-            f"{' '.join([alike(group.peers), *own])}"
+            f"{' '.join([describe_shared(group.peers), *own])}"
         ),
-        data={"campaigns": [point(each) for each in methods]},
+        data={"campaigns": [make_method_point(each) for each in methods]},
         columns=(
             *("Method", *COLUMNS, "Failures", "Episodes", "Rate"),
             *("Spent [USD]", "Campaigns"),
         ),
-        rows=tuple(map(row, methods)),
+        rows=tuple(map(make_method_row, methods)),
     )
 
 
@@ -166,24 +166,24 @@ def name_of(peers: Peers) -> str:
     return f"{peers.planner} in {peers.scenario}"
 
 
-def alike(peers: Peers) -> str:
-    """What else the campaigns have in common."""
+def describe_shared(peers: Peers) -> str:
+    """Return the other settings that the campaigns have in common."""
     given = {
         "planner": peers.planner_settings,
         "scenario": peers.scenario_parameters,
     }
-    settings = [words(name, settings) for name, settings in given.items() if settings]
+    settings = [describe_settings(name, settings) for name, settings in given.items() if settings]
     return f"In common: {', '.join([f'simulator {peers.simulator}', *settings])}."
 
 
-def words(part: str, settings: Settings) -> str:
-    """Settings in words."""
+def describe_settings(part: str, settings: Settings) -> str:
+    """Return settings as text."""
     values = {name: msgspec.json.encode(value).decode() for name, value in settings.items()}
     return ", ".join(f"{part}’s {name} = {value}" for name, value in values.items())
 
 
-def point(found: MethodCost) -> dict[str, object]:
-    """A method's mark; it leads to its newest campaign."""
+def make_method_point(found: MethodCost) -> dict[str, object]:
+    """Return a method's point, which links to its newest campaign."""
     return mark(
         found.cost,
         id=found.newest,
@@ -195,11 +195,11 @@ def point(found: MethodCost) -> dict[str, object]:
     )
 
 
-def row(found: MethodCost) -> tuple[str, ...]:
-    """The same as text."""
+def make_method_row(found: MethodCost) -> tuple[str, ...]:
+    """Return a method's row in the table of the chart."""
     return (
         found.method,
-        *cells(found.cost),
+        *format_cells(found.cost),
         format_count(found.failures),
         format_count(found.completed),
         rate_of(found.failure_rate),

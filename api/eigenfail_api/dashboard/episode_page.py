@@ -36,19 +36,19 @@ from eigenfail.values import (
 from eigenfail.values.variation import read_variation
 from eigenfail.versions import differences
 from eigenfail.worlds import drawn_for, world_of
-from eigenfail_api.dashboard.charts import Chart, reference
+from eigenfail_api.dashboard.charts import Chart, make_reference
 from eigenfail_api.dashboard.cost_charts import REPLAY
 from eigenfail_api.dashboard.episodes_page import FAILURE_CONDITIONS as FAILURES
-from eigenfail_api.dashboard.rendering import OUTCOME_BADGES, Badge, campaign_badge, page
+from eigenfail_api.dashboard.rendering import OUTCOME_BADGES, Badge, make_campaign_badge, page
 from eigenfail_api.dashboard.scene import (
     Jump,
-    account_view,
-    clearance_chart,
-    clip_view,
-    jumps,
-    no_account,
-    noise_chart,
-    scene_chart,
+    list_jumps,
+    make_account_view,
+    make_clearance_chart,
+    make_clip_view,
+    make_missing_account_view,
+    make_noise_chart,
+    make_scene_chart,
 )
 from eigenfail_api.parameters import CampaignId, EpisodeIndex, Stored
 from eigenfail_api.routes.episodes import EXPLAINING, EXPLANATIONS
@@ -60,24 +60,24 @@ Facts = tuple[tuple[str, str], ...]
 NOT_CLASSIFIED = "not classified"
 
 
-def facts(result: EpisodeResult, dt_s: float | None) -> Facts:
-    """What the episode was, and where it came from."""
+def list_facts(result: EpisodeResult, dt_s: float | None) -> Facts:
+    """Return the facts on an episode: its outcome, origin and versions."""
     measures, steps = result.measures, result.steps
     lasted = f" ({format_number(steps * dt_s)} s)" if dt_s else ""
     assessed = assess(result.outcome, measures)
     return (
         ("Steps", f"{steps}{lasted}"),
-        *(danger(measures, assessed) if measures else ()),
-        *likelihood(result),
+        *(list_danger(measures, assessed) if measures else ()),
+        *list_likelihood(result),
         ("Disturbance source", result.source),
         ("Seed", str(result.seed)),
         ("Computed in", format_duration(result.wall_s)),
     )
 
 
-def likelihood(result: EpisodeResult) -> Facts:
-    """log p of the noise, and of typical noise over the same steps; nothing before the first."""
-    held_against = reference([result.noise])
+def list_likelihood(result: EpisodeResult) -> Facts:
+    """Return log p of the noise and of typical noise; nothing before the first step."""
+    held_against = make_reference([result.noise])
     if held_against is None:
         return ()
     total, steps = result.noise.log_probability, result.steps
@@ -92,12 +92,12 @@ def likelihood(result: EpisodeResult) -> Facts:
     )
 
 
-def danger(measures: Measures, assessed: Assessment) -> Facts:
-    """How near it came to a collision."""
+def list_danger(measures: Measures, assessed: Assessment) -> Facts:
+    """Return the measures of how near the episode came to a collision."""
     return (
         ("Class", assessed.words or NOT_CLASSIFIED),
         ("Robustness", format_quantity(measures.robustness_m, "m")),
-        ("Severity", severity(measures.severity)),
+        ("Severity", format_severity(measures.severity)),
     )
 
 
@@ -110,7 +110,7 @@ IN_OTHER_PLACES = frozenset(
 """Measures that stand among the facts of the episode or in the table of thresholds."""
 
 
-def ride(result: EpisodeResult) -> Facts:
+def list_ride(result: EpisodeResult) -> Facts:
     """Return all further measures; none where the release that ran the episode had none of them."""
     measures = result.measures
     if measures is None or measures.clipped_steps is None:
@@ -130,8 +130,8 @@ def _format_measure(measure: Measure, value: Any) -> tuple[str, str]:
     return measure.label.capitalize(), format_quantity(value, measure.unit)
 
 
-def severity(value: float | None) -> str:
-    """Severity, and the relative speed that it is the square of."""
+def format_severity(value: float | None) -> str:
+    """Return severity and the relative speed of which it is the square, as text."""
     if value is None:
         return UNKNOWN
     return f"{format_number(value)} m²/s² (relative speed {format_number(sqrt(value))} m/s)"
@@ -171,19 +171,21 @@ class ReplayVerdict(msgspec.Struct, frozen=True, kw_only=True):
     sign: str
 
 
-def source_of(spec: CampaignSpec, index: int) -> tuple[int, int] | None:
-    """Campaign and index of the episode whose noise one repeats; None if of no episode."""
+def find_source(spec: CampaignSpec, index: int) -> tuple[int, int] | None:
+    """Return campaign and index of the episode whose noise is repeated; None if of no episode."""
     campaign, episodes = (spec.settings.get(name) for name in ("campaign", "episodes"))
     if spec.method != REPLAY or not campaign or not episodes:
         return None
     return campaign, episodes[index % len(episodes)]
 
 
-def verdict(stored: Run, again: Run, differing: Sequence[str] = ()) -> ReplayVerdict:
-    """The two results by their digests; `differing` are the versions that were not the same."""
+def make_replay_verdict(stored: Run, again: Run, differing: Sequence[str] = ()) -> ReplayVerdict:
+    """Compare two results by their digests; `differing` lists the versions that differ."""
     if stored.result.digest() == again.result.digest():
         return ReplayVerdict(words=SAME, meaning=REPEATABLE, tone="is-distinct", sign="✓")
-    courses = f"Stored: {course(stored.result)}; replayed: {course(again.result)}."
+    courses = (
+        f"Stored: {describe_course(stored.result)}; replayed: {describe_course(again.result)}."
+    )
     changes = [*list_changes(stored, again), *(f"other versions ({each})" for each in differing)]
     if not changes:
         meaning = f"{courses} {NOT_REPEATABLE}"
@@ -192,7 +194,7 @@ def verdict(stored: Run, again: Run, differing: Sequence[str] = ()) -> ReplayVer
     return ReplayVerdict(words=OTHER, meaning=f"{courses} {why}", tone="", sign="≠")
 
 
-def course(result: EpisodeResult) -> str:
+def describe_course(result: EpisodeResult) -> str:
     """Return the outcome and the number of steps, as text."""
     after = count_noun(result.steps, "step")
     return f"{OUTCOME_BADGES[result.outcome].word} after {after}"
@@ -207,12 +209,12 @@ def list_changes(stored: Run, again: Run) -> Iterator[str]:
     for name in WORLD:
         if getattr(before, name) != getattr(now, name):
             yield f"another {name.replace('_', ' ').replace('settings', 'setting')}"
-    if parameters(stored) != parameters(again):
+    if draw_parameters(stored) != draw_parameters(again):
         yield "other scenario parameters"
 
 
-def parameters(run: Run) -> dict[str, Any]:
-    """The scenario parameters, as the episode drew them."""
+def draw_parameters(run: Run) -> dict[str, Any]:
+    """Return the scenario parameters that the episode drew."""
     spec = run.campaign.spec
     return {**spec.scenario_parameters, **drawn_for(spec, run.result.seed)}
 
@@ -257,7 +259,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     verdict: ReplayVerdict | None
 
 
-def episode_view(
+def make_episode_view(
     campaign: Campaign,
     result: EpisodeResult,
     mission: Mission | None,
@@ -272,30 +274,30 @@ def episode_view(
         campaign_name=campaign.spec.name,
         index=result.index,
         badge=OUTCOME_BADGES[result.outcome],
-        facts=facts(result, dt_s),
+        facts=list_facts(result, dt_s),
         varied=list_drawn_parameters(campaign, result),
-        ride=ride(result),
+        ride=list_ride(result),
         thresholds=tabulate_thresholds(measures, assess(result.outcome, measures))
         if measures
         else None,
         problem=f"{fault.kind}: {fault.message}" if fault else "",
         digest=result.digest(),
-        noise=noise_chart(result.noise, dt_s) if result.steps else None,
-        scene=scene_chart(scene, mission, result.outcome) if scene else None,
-        clearance=clearance_chart(scene) if scene else None,
-        why_no_scene="" if scene else why_no_scene(campaign, result),
+        noise=make_noise_chart(result.noise, dt_s) if result.steps else None,
+        scene=make_scene_chart(scene, mission, result.outcome) if scene else None,
+        clearance=make_clearance_chart(scene) if scene else None,
+        why_no_scene="" if scene else explain_missing_scene(campaign, result),
         stage="The noise" if is_function(campaign) else "Scene from above",
         can_replay=result.steps > 0,
         has_account=result.steps > 0 and not is_function(campaign),
-        jumps=jumps(result),
+        jumps=list_jumps(result),
         next_failure=next_failure,
-        replayed=source_of(campaign.spec, result.index),
+        replayed=find_source(campaign.spec, result.index),
         verdict=verdict,
     )
 
 
-def why_no_scene(campaign: Campaign, result: EpisodeResult) -> str:
-    """Why there is nothing to play."""
+def explain_missing_scene(campaign: Campaign, result: EpisodeResult) -> str:
+    """Return the reason why there is no scene to play."""
     if not result.steps:
         return "The episode ended before its first step: there is no scene."
     if is_function(campaign):
@@ -344,7 +346,7 @@ def replay_view(
     return ReplayView(
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
-        badge=campaign_badge(campaign.state, campaign.counts),
+        badge=make_campaign_badge(campaign.state, campaign.counts),
         has_arrived=has_arrived,
         is_open=not has_arrived and campaign.state not in FINAL_STATES,
         because=campaign.stopped_because,
@@ -368,9 +370,11 @@ def show_episode(
     """One episode."""
     seen = store.campaigns.get(campaign)
     result = store.episodes.get(campaign, index)
-    mission = mission_of(seen.spec, result.seed)
-    following = next_failure(store, campaign, index)
-    view = episode_view(seen, result, mission, following, judge_replay(store, Run(seen, result)))
+    mission = find_mission(seen.spec, result.seed)
+    following = find_next_failure(store, campaign, index)
+    view = make_episode_view(
+        seen, result, mission, following, judge_replay(store, Run(seen, result))
+    )
     return page("episode.html", view)
 
 
@@ -383,10 +387,14 @@ async def show_account(store: Stored, campaign: CampaignId, index: EpisodeIndex)
     except (NotFound, ServiceBusy):
         raise
     except EigenfailError as error:
-        return page("account.html", no_account(campaign, seen.spec.name, index, error))
+        return page(
+            "account.html", make_missing_account_view(campaign, seen.spec.name, index, error)
+        )
     stored = await run_sync(store.episodes.get, campaign, index)
-    mission = await run_sync(mission_of, seen.spec, stored.seed)
-    return page("account.html", account_view(campaign, seen.spec.name, index, explanation, mission))
+    mission = await run_sync(find_mission, seen.spec, stored.seed)
+    return page(
+        "account.html", make_account_view(campaign, seen.spec.name, index, explanation, mission)
+    )
 
 
 @router.get("/campaigns/{campaign}/episodes/{index}/clip")
@@ -394,19 +402,19 @@ def show_clip(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLR
     """A small player of an episode: other pages ask for it when it is opened."""
     seen = store.campaigns.get(campaign)
     result = store.episodes.get(campaign, index)
-    return page("clip.html", clip_view(seen, result, mission_of(seen.spec, result.seed)))
+    return page("clip.html", make_clip_view(seen, result, find_mission(seen.spec, result.seed)))
 
 
 @router.get("/replays/{campaign}")
 def show_replay(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """Where one waits for the only episode of a replay."""
-    seen, result = store.campaigns.get(campaign), first(store, campaign)
+    seen, result = store.campaigns.get(campaign), find_first_result(store, campaign)
     judged = judge_replay(store, Run(seen, result)) if result else None
     return page("replay.html", replay_view(seen, judged, has_arrived=result is not None))
 
 
-def first(store: Store, campaign: int) -> EpisodeResult | None:
-    """The first episode of a campaign, once it is in."""
+def find_first_result(store: Store, campaign: int) -> EpisodeResult | None:
+    """Return the first episode of a campaign; None before it has ended."""
     try:
         return store.episodes.get(campaign, 0)
     except NotFound:
@@ -415,7 +423,7 @@ def first(store: Store, campaign: int) -> EpisodeResult | None:
 
 def judge_replay(store: Store, again: Run) -> ReplayVerdict | None:
     """Whether a replay gave the result that is stored; None if it repeats none that is kept."""
-    source = source_of(again.campaign.spec, again.result.index)
+    source = find_source(again.campaign.spec, again.result.index)
     if source is None:
         return None
     campaign, index = source
@@ -425,14 +433,14 @@ def judge_replay(store: Store, again: Run) -> ReplayVerdict | None:
         return None
     if not stored:
         return None
-    differing = versions_apart(store, source, (again.campaign.id, again.result.index))
-    return verdict(Run(store.campaigns.get(campaign), stored[0]), again, differing)
+    differing = list_differing_versions(store, source, (again.campaign.id, again.result.index))
+    return make_replay_verdict(Run(store.campaigns.get(campaign), stored[0]), again, differing)
 
 
-def versions_apart(
+def list_differing_versions(
     store: Store, first: tuple[int, int], second: tuple[int, int]
 ) -> tuple[str, ...]:
-    """In which versions two episodes were run differently, where both are known."""
+    """Return the versions that differ between two episodes, where both are known."""
     try:
         then, now = (find_worker(store, *each).versions for each in (first, second))
     except NotFound:
@@ -440,13 +448,13 @@ def versions_apart(
     return differences(then, now)
 
 
-def next_failure(store: Store, campaign: int, index: int) -> int | None:
-    """Index of the next collision of the campaign, if there is one."""
+def find_next_failure(store: Store, campaign: int, index: int) -> int | None:
+    """Return the index of the campaign's next collision; None if there is none."""
     following = store.episodes.page(campaign, 1, index, FAILURES).items
     return following[0].index if following else None
 
 
-def mission_of(spec: CampaignSpec, seed: int) -> Mission | None:
+def find_mission(spec: CampaignSpec, seed: int) -> Mission | None:
     """Return lanes and time step of a scenario; None if it is not installed here."""
     try:
         plugin = plugins.load(plugins.SCENARIOS, spec.scenario)

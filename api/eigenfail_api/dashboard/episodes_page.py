@@ -34,7 +34,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import EpisodeRow
 from eigenfail.wire.http import PREFIX
-from eigenfail_api.dashboard.charts import Chart, parallel_chart, spread
+from eigenfail_api.dashboard.charts import Chart, make_parallel_chart, spread
 from eigenfail_api.dashboard.rendering import (
     ANALYSIS_BADGES,
     CLUSTERERS,
@@ -130,15 +130,15 @@ class AnalysisLine(msgspec.Struct, frozen=True):
     problem: str
 
 
-def episode_list(
+def make_episode_list(
     campaign: Campaign, page: Page[EpisodeRow], after: int | None = None
 ) -> EpisodeList:
-    """The failures of a page that begins behind `after`."""
+    """Return the list of failures that begins after a cursor."""
     return EpisodeList(
         campaign=campaign.id,
-        every=address(campaign.id, FAILURES),
-        headings=headings(campaign.id, FAILURES, None),
-        lines=tuple(map(episode_line, page.items)),
+        every=make_address(campaign.id, FAILURES),
+        headings=make_headings(campaign.id, FAILURES, None),
+        lines=tuple(map(make_episode_line, page.items)),
         next=page.next,
         last=page.items[-1].index if page.items else after,
         is_open=may_grow(campaign),
@@ -147,31 +147,31 @@ def episode_list(
 
 
 def may_grow(campaign: Campaign) -> bool:
-    """Whether results may still come in."""
+    """Whether results may still arrive."""
     return campaign.ended_ms is None and campaign.counts.open > 0
 
 
-def episode_line(row: EpisodeRow) -> EpisodeLine:
-    """One episode."""
+def make_episode_line(row: EpisodeRow) -> EpisodeLine:
+    """Return the line of an episode."""
     return EpisodeLine(
         campaign=row.campaign,
         index=row.index,
         badge=OUTCOME_BADGES[row.outcome],
-        conflict=conflict_words(row),
-        cells=tuple(cell(row, column) for column, *_ in FIGURES),
+        conflict=describe_conflict(row),
+        cells=tuple(format_cell(row, column) for column, *_ in FIGURES),
         has_scene=row.has_scene,
     )
 
 
-def conflict_words(row: EpisodeRow) -> str:
-    """The class, where it says more than the outcome."""
+def describe_conflict(row: EpisodeRow) -> str:
+    """Return the conflict class where it says more than the outcome."""
     known = row.assessed.conflict
     words = "" if known in {None, ConflictClass.NONE} else str(known).replace("_", " ")
     return row.assessed.beside(words)
 
 
-def cell(row: EpisodeRow, column: str) -> str:
-    """A figure of an episode."""
+def format_cell(row: EpisodeRow, column: str) -> str:
+    """Return a figure of an episode as text."""
     value = read_value(row, column)
     return str(value) if isinstance(value, int) else format_number(measure(value))
 
@@ -181,8 +181,10 @@ def measure(value: Value | None) -> float | None:
     return value if isinstance(value, float) else None
 
 
-def address(campaign: int, conditions: str, sort: str = "index", after: int | None = None) -> str:
-    """Where a list of episodes is."""
+def make_address(
+    campaign: int, conditions: str, sort: str = "index", after: int | None = None
+) -> str:
+    """Return the address of a list of episodes."""
     asked = {"filter": conditions, "sort": sort, "after": after}
     usual = {"filter": "", "sort": "index", "after": None}
     given = {name: value for name, value in asked.items() if value != usual[name]}
@@ -190,15 +192,17 @@ def address(campaign: int, conditions: str, sort: str = "index", after: int | No
     return f"{path}?{urlencode(given)}" if given else path
 
 
-def headings(campaign: int, conditions: str, now: SortOrder | None) -> tuple[Heading, ...]:
-    """The heads of the figures; what a list is sorted by turns its order round."""
+def make_headings(campaign: int, conditions: str, now: SortOrder | None) -> tuple[Heading, ...]:
+    """Return the column heads; the one that sorts the list links to the reverse order."""
     return tuple(
         Heading(
             column=column,
             label=label,
             unit=unit,
             is_minor=is_minor,
-            address=address(campaign, conditions, str(turn_order(SortOrder(column, first), now))),
+            address=make_address(
+                campaign, conditions, str(turn_order(SortOrder(column, first), now))
+            ),
             order=order(now) if now and now.column == column else "",
         )
         for column, label, unit, is_minor, first in FIGURES
@@ -215,8 +219,8 @@ def order(sort: SortOrder) -> str:
     return "descending" if sort.descending else "ascending"
 
 
-def analysis_line(analysis: Analysis) -> AnalysisLine:
-    """One analysis."""
+def make_analysis_line(analysis: Analysis) -> AnalysisLine:
+    """Return the line of an analysis."""
     return AnalysisLine(
         id=analysis.id,
         is_done=analysis.state is AnalysisState.DONE,
@@ -300,34 +304,34 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
     empty: str = ""
 
 
-def found_view(
+def make_found_view(
     campaign: Campaign, asked: EpisodeRequest, page: Page[EpisodeRow], chart: Chart | None
 ) -> FoundView:
     """Return the page with the results of a search for episodes."""
     here, conditions, sort = campaign.id, asked.filter, str(asked.sort)
     return msgspec.structs.replace(
-        blank(campaign, asked),
+        make_blank_view(campaign, asked),
         chart=chart,
-        title=title(page, asked),
-        command=command(here, asked),
-        exports=exports(here, asked),
-        headings=headings(here, conditions, asked.sort),
-        lines=tuple(map(episode_line, page.items)),
+        title=make_title(page, asked),
+        command=format_export_command(here, asked),
+        exports=list_exports(here, asked),
+        headings=make_headings(here, conditions, asked.sort),
+        lines=tuple(map(make_episode_line, page.items)),
         per_page=len(page.items),
-        first="" if asked.after is None else address(here, conditions, sort),
-        next="" if page.next is None else address(here, conditions, sort, page.next),
-        empty=nothing(campaign, asked),
+        first="" if asked.after is None else make_address(here, conditions, sort),
+        next="" if page.next is None else make_address(here, conditions, sort, page.next),
+        empty=explain_empty_list(campaign, asked),
     )
 
 
-def refused_view(campaign: Campaign, asked: EpisodeRequest, problem: str) -> FoundView:
-    """The page where the filter cannot be read."""
+def make_refused_view(campaign: Campaign, asked: EpisodeRequest, problem: str) -> FoundView:
+    """Return the page with the problem of an invalid filter."""
     empty = "The filter is invalid: no episodes were searched."
-    return msgspec.structs.replace(blank(campaign, asked), problem=problem, empty=empty)
+    return msgspec.structs.replace(make_blank_view(campaign, asked), problem=problem, empty=empty)
 
 
-def blank(campaign: Campaign, asked: EpisodeRequest) -> FoundView:
-    """The page before anything is looked for."""
+def make_blank_view(campaign: Campaign, asked: EpisodeRequest) -> FoundView:
+    """Return the page before the first search."""
     return FoundView(
         campaign=campaign.id,
         name=campaign.spec.name,
@@ -335,15 +339,16 @@ def blank(campaign: Campaign, asked: EpisodeRequest) -> FoundView:
         sort=str(asked.sort),
         sorted=f"{asked.sort.column}, {order(asked.sort)}",
         examples=tuple(
-            Example(text, address(campaign.id, text), words) for text, words in EXAMPLES.items()
+            Example(text, make_address(campaign.id, text), words)
+            for text, words in EXAMPLES.items()
         ),
         columns=tuple(COLUMNS.values()),
         title="Episodes",
     )
 
 
-def title(page: Page[EpisodeRow], asked: EpisodeRequest) -> str:
-    """How many are shown, and whether these are all."""
+def make_title(page: Page[EpisodeRow], asked: EpisodeRequest) -> str:
+    """Return the number of episodes shown, and whether these are all."""
     shown = len(page.items)
     if page.next is None and asked.after is None:
         return count_noun(shown, "episode")
@@ -352,8 +357,8 @@ def title(page: Page[EpisodeRow], asked: EpisodeRequest) -> str:
     return f"The first {shown} episodes"
 
 
-def nothing(campaign: Campaign, asked: EpisodeRequest) -> str:
-    """Why the list is empty."""
+def explain_empty_list(campaign: Campaign, asked: EpisodeRequest) -> str:
+    """Return the reason why the list is empty."""
     if asked.after is not None:
         return "There are no further episodes."
     if asked.filter:
@@ -361,15 +366,15 @@ def nothing(campaign: Campaign, asked: EpisodeRequest) -> str:
     return "No episode has ended yet." if may_grow(campaign) else "No episode was run."
 
 
-def exports(campaign: int, asked: EpisodeRequest) -> tuple[tuple[str, str], ...]:
-    """Where the same episodes are as files."""
+def list_exports(campaign: int, asked: EpisodeRequest) -> tuple[tuple[str, str], ...]:
+    """Return links to the same episodes as files."""
     query = urlencode({"filter": asked.filter, "sort": str(asked.sort)})
     path = f"{PREFIX}/campaigns/{campaign}/episodes"
     return tuple((word, f"{path}.{word.lower()}?{query}") for word in ("CSV", "NDJSON"))
 
 
-def command(campaign: int, asked: EpisodeRequest) -> str:
-    """The command that writes the same episodes as Parquet."""
+def format_export_command(campaign: int, asked: EpisodeRequest) -> str:
+    """Return the command that writes the same episodes as Parquet."""
     words = ["eigenfail", "episode", "export", str(campaign), "-o", "episodes.parquet"]
     words += ["--filter", asked.filter] if asked.filter else []
     words += ["--sort", str(asked.sort)] if asked.sort != BY_INDEX else []
@@ -400,21 +405,21 @@ def show_episodes(
     try:
         where = parse_filter(asked.filter)
     except InputError as error:
-        return page("episodes.html", refused_view(seen, asked, str(error)), error.http_status)
+        return page("episodes.html", make_refused_view(seen, asked, str(error)), error.http_status)
     listed = store.episodes.page(campaign, EPISODES_ON_A_PAGE, after, where, asked.sort)
     drawn = spread(store, seen, where)
-    chart = parallel_chart(drawn.rows, is_all=drawn.is_all) if drawn.rows else None
-    return page("episodes.html", found_view(seen, asked, listed, chart))
+    chart = make_parallel_chart(drawn.rows, is_all=drawn.is_all) if drawn.rows else None
+    return page("episodes.html", make_found_view(seen, asked, listed, chart))
 
 
 @router.get("/campaigns/{campaign}/failures")
 def show_failures(store: Stored, campaign: CampaignId, after: After = None) -> HTMLResponse:
     """Rows of the list of failures: a piece of a page."""
     seen = store.campaigns.get(campaign)
-    view = episode_list(seen, failures_of(store, campaign, after), after)
+    view = make_episode_list(seen, read_failures(store, campaign, after), after)
     return page("failures.html", view)
 
 
-def failures_of(store: Store, campaign: int, after: int | None) -> Page[EpisodeRow]:
-    """The next failures of the list."""
+def read_failures(store: Store, campaign: int, after: int | None) -> Page[EpisodeRow]:
+    """Return the next page of the list of failures."""
     return store.episodes.page(campaign, FAILURES_ON_A_PAGE, after, FAILURE_CONDITIONS)

@@ -26,8 +26,8 @@ from eigenfail_api.access.authentication import (
     get_signed_in_caller,
 )
 from eigenfail_api.access.middleware import append_change, describe_change
-from eigenfail_api.dashboard.copying import CopiedRequest, copies, service_of
-from eigenfail_api.dashboard.rendering import TEMPLATES, Badge, Pager, page, pager
+from eigenfail_api.dashboard.copying import CopiedRequest, make_copies, read_service
+from eigenfail_api.dashboard.rendering import TEMPLATES, Badge, Pager, make_pager, page
 from eigenfail_api.parameters import Before, Stored, read_within
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -100,7 +100,7 @@ class AuditView(msgspec.Struct, frozen=True, kw_only=True):
     pages: Pager
 
 
-def keys_view(
+def make_keys_view(
     listed: Page[ApiKey],
     usage: Mapping[int, Usage],
     before: int | None,
@@ -108,32 +108,32 @@ def keys_view(
     *,
     is_locked: bool,
 ) -> KeysView:
-    """The page of keys at a moment."""
+    """Return the page of keys at a time."""
     return KeysView(
-        lines=tuple(key_line(key, usage[key.id], at_ms) for key in listed.items),
-        pages=pager("/keys", before, listed.next),
+        lines=tuple(make_key_line(key, usage[key.id], at_ms) for key in listed.items),
+        pages=make_pager("/keys", before, listed.next),
         is_locked=is_locked,
         limits=tuple(LIMITS.items()),
     )
 
 
-def key_line(key: ApiKey, usage: Usage, at_ms: int) -> KeyLine:
-    """One of them."""
+def make_key_line(key: ApiKey, usage: Usage, at_ms: int) -> KeyLine:
+    """Return the line of a key."""
     return KeyLine(
         id=key.id,
         name=key.name,
         scope=key.scope,
-        badge=badge_of(key, at_ms),
+        badge=make_badge(key, at_ms),
         made=format_utc(key.created_ms),
         used=format_utc(key.last_used_ms),
-        quotas=tuple(quotas(key.quotas, usage)),
+        quotas=tuple(list_quotas(key.quotas, usage)),
         limits=tuple((name, words, getattr(key.quotas, name)) for name, words in LIMITS.items()),
         ends=format_utc(key.revoked_ms or key.expires_ms),
         can_revoke=key.is_valid(at_ms),
     )
 
 
-def quotas(given: Quotas, usage: Usage) -> Iterator[str]:
+def list_quotas(given: Quotas, usage: Usage) -> Iterator[str]:
     """Return each quota of a key with its usage."""
     if given.max_open is not None:
         yield f"{usage.open:,} of {given.max_open:,} campaigns open"
@@ -143,23 +143,23 @@ def quotas(given: Quotas, usage: Usage) -> Iterator[str]:
         yield f"{usage.episodes_of_day:,} of {given.max_episodes_per_day:,} episodes in 24 h"
 
 
-def badge_of(key: ApiKey, at_ms: int) -> Badge:
-    """Whether it opens anything, and why not."""
+def make_badge(key: ApiKey, at_ms: int) -> Badge:
+    """Return the badge that says whether a key is valid, and why not."""
     if key.is_valid(at_ms):
         return VALID
     return REVOKED if key.revoked_ms else EXPIRED
 
 
-def audit_view(listed: Page[AuditEntry], before: int | None) -> AuditView:
-    """The page of the audit log."""
+def make_audit_view(listed: Page[AuditEntry], before: int | None) -> AuditView:
+    """Return the page of the audit log."""
     return AuditView(
-        lines=tuple(map(change_line, listed.items)),
-        pages=pager("/audit", before, listed.next),
+        lines=tuple(map(make_change_line, listed.items)),
+        pages=make_pager("/audit", before, listed.next),
     )
 
 
-def change_line(entry: AuditEntry) -> ChangeLine:
-    """One of them."""
+def make_change_line(entry: AuditEntry) -> ChangeLine:
+    """Return the line of an entry of the audit log."""
     return ChangeLine(
         at=format_utc(entry.at_ms),
         who=entry.who if entry.key is None else f"{entry.who} ({entry.key})",
@@ -185,17 +185,17 @@ def show_keys(
     """Keys, the form for a new one, and a button that revokes each."""
     listed = store.keys.page(KEYS_ON_A_PAGE, before)
     usage = store.keys.usage([key.id for key in listed.items])
-    view = keys_view(
+    view = make_keys_view(
         listed, usage, before, authenticator.clock(), is_locked=authenticator.requires_keys()
     )
     asked = CopiedRequest(method="POST", path="/keys", body={"name": "ci", "scope": "runner"})
-    return page("keys.html", view, copies=copies(service_of(request), asked))
+    return page("keys.html", view, copies=make_copies(read_service(request), asked))
 
 
 @router.get("/audit")
 def show_changes(store: Stored, before: Before = None) -> HTMLResponse:
     """The audit log."""
-    return page("audit.html", audit_view(store.audit.page(CHANGES_ON_A_PAGE, before), before))
+    return page("audit.html", make_audit_view(store.audit.page(CHANGES_ON_A_PAGE, before), before))
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ Wanted = Annotated[str, Query(alias="next", max_length=2_000)]
 TheAuthenticator = Annotated[Authenticator, Depends(authenticator_of)]
 
 
-def withheld(needed: str) -> Markup:
+def disable_without_scope(needed: str) -> Markup:
     """Return the attributes that disable a button if the key's scope is too low."""
     caller = find_caller_without(Scope(needed))
     if caller is None:
@@ -234,20 +234,22 @@ def withheld(needed: str) -> Markup:
 
 
 # The line at the head of every page: who is signed in, and which actions their scope lacks.
-TEMPLATES.globals |= {"signed_in": get_signed_in_caller, "withheld": withheld}
+TEMPLATES.globals |= {"signed_in": get_signed_in_caller, "withheld": disable_without_scope}
 
 
 @router.get(LOGIN)
 def show_login(authenticator: TheAuthenticator, wanted: Wanted = HOME) -> HTMLResponse:
     """The form for a key."""
-    return page("login.html", LoginView(own(wanted), needs_key=authenticator.requires_keys()))
+    return page(
+        "login.html", LoginView(keep_own_address(wanted), needs_key=authenticator.requires_keys())
+    )
 
 
 @router.post(LOGIN)
 async def sign_in(request: Request, store: Stored, authenticator: TheAuthenticator) -> Response:
     """A cookie for a key; the key itself is kept nowhere."""
-    fields = form_of(await read_within(request))
-    wanted, token = own(fields.get("next", HOME)), fields.get("key", "").strip()
+    fields = read_form(await read_within(request))
+    wanted, token = keep_own_address(fields.get("next", HOME)), fields.get("key", "").strip()
     try:
         key = await run_sync(authenticator.verify_token, token, address_of(request))
     except Unauthorized:
@@ -276,8 +278,8 @@ async def sign_out(request: Request, authenticator: TheAuthenticator) -> Respons
     return response
 
 
-def form_of(body: bytes) -> dict[str, str]:
-    """The fields of a form.
+def read_form(body: bytes) -> dict[str, str]:
+    """Return the fields of a form.
 
     Raises:
         HTTPException: 400, it is none.
@@ -288,7 +290,7 @@ def form_of(body: bytes) -> dict[str, str]:
         raise HTTPException(400, "The form is invalid.") from None
 
 
-def own(wanted: str) -> str:
-    """An address of this service, without its name; the first page instead of any other."""
+def keep_own_address(wanted: str) -> str:
+    """Return an address within this service; the first page instead of any other."""
     is_own = wanted.startswith("/") and not wanted.startswith("//")
     return wanted if is_own and wanted.isprintable() and "\\" not in wanted else HOME

@@ -79,8 +79,8 @@ def format_field(value: Any) -> str:
     return msgspec.json.encode(value).decode()
 
 
-def humane(problem: str) -> str:
-    """A complaint about a type or a bound, in words: "A number of at most 1.0 is expected"."""
+def describe_problem(problem: str) -> str:
+    """Return a problem of type or bound as text: "A number of at most 1.0 is expected"."""
     match = EXPECTED.search(problem)
     if match is None:
         return problem[:1].upper() + problem[1:]
@@ -195,7 +195,7 @@ def group_of(schema: Schema, name: str, title: str, varied: bool = False) -> Lau
     """
     node, defs = resolve_schema(schema, schema), schema.get("$defs", {})
     about = inspect.cleandoc(node.get("description", ""))
-    helps = dict(entries(about))
+    helps = dict(parse_attributes(about))
     fields, groups = list[LaunchField](), list[LaunchGroup]()
     for label, part in node.get("properties", {}).items():
         path, inner = f"{name}.{label}", {**resolve_schema(part, schema), "$defs": defs}
@@ -204,19 +204,23 @@ def group_of(schema: Schema, name: str, title: str, varied: bool = False) -> Lau
         else:
             merged = {"description": helps.get(label, ""), **part}
             required = label in node.get("required", ())
-            fields.append(field_of(path, merged, schema, required, varied))
+            fields.append(make_field(path, merged, schema, required, varied))
     return LaunchGroup(
-        name=name, title=title, about=summary(about), fields=tuple(fields), groups=tuple(groups)
+        name=name,
+        title=title,
+        about=parse_summary(about),
+        fields=tuple(fields),
+        groups=tuple(groups),
     )
 
 
-def field_of(
+def make_field(
     name: str, part: Schema, schema: Schema, required: bool = False, varied: bool = False
 ) -> LaunchField:
-    """The field of one value."""
-    plain = optional(part, schema)
+    """Return the form field of a value."""
+    plain = unwrap_optional(part, schema)
     label = name.rpartition(".")[2]
-    help_text, unit = without_unit(label, part.get("description", "").replace("`", ""))
+    help_text, unit = split_unit(label, part.get("description", "").replace("`", ""))
     kind = "choice" if "enum" in plain else KINDS.get(plain.get("type", ""), "text")
     is_number = kind == "number"
     # A number that is off unless it is given needs no word for that; one that is on does.
@@ -229,8 +233,8 @@ def field_of(
         step="1" if plain.get("type") == "integer" else "any",
         least=format_field(plain["minimum"]) if "minimum" in plain else "",
         most=format_field(plain["maximum"]) if "maximum" in plain else "",
-        default=default_of(part),
-        bounds=bounds(plain, kind, schema),
+        default=read_default(part),
+        bounds=describe_bounds(plain, kind, schema),
         unit=unit,
         help=help_text,
         options=tuple(map(str, plain.get("enum", ()))),
@@ -238,8 +242,8 @@ def field_of(
     )
 
 
-def default_of(part: Schema) -> str:
-    """What holds if nothing is typed."""
+def read_default(part: Schema) -> str:
+    """Return the value that holds if nothing is entered."""
     value = part.get("default")
     return "" if "default" not in part or value in ([], {}) else format_field(value)
 
@@ -253,21 +257,21 @@ def resolve_schema(part: Schema, schema: Schema) -> Schema:
     return found
 
 
-def optional(part: Schema, schema: Schema) -> Schema:
+def unwrap_optional(part: Schema, schema: Schema) -> Schema:
     """Return the schema of an optional field's value, without null."""
     kinds = [each for each in part.get("anyOf", ()) if each.get("type") != "null"]
     return resolve_schema(kinds[0] if kinds else part, schema)
 
 
-def without_unit(label: str, description: str) -> tuple[str, str]:
-    """The description, and the unit: in brackets at its end, or at the end of the name."""
+def split_unit(label: str, description: str) -> tuple[str, str]:
+    """Return the description and the unit, from its brackets or from the end of the name."""
     if match := IN_BRACKETS.search(description):
         return description[: match.start()].rstrip("."), match["unit"]
     ends = (unit for end, unit in UNITS.items() if label.endswith(end))
     return description.rstrip("."), next(ends, "")
 
 
-def bounds(part: Schema, kind: str, schema: Schema) -> str:
+def describe_bounds(part: Schema, kind: str, schema: Schema) -> str:
     """Return the accepted values of a field as text."""
     if kind == "list":
         inner = resolve_schema(part.get("items", {}), schema)
@@ -289,17 +293,17 @@ def describe_bound(
     if abs(part.get(inclusive, 0)) > WORTH_TELLING:
         return []
     if inclusive in part:
-        return [f"{closed} {number(part[inclusive])}"]
-    return [f"{opened} {number(part[exclusive])}"] if exclusive in part else []
+        return [f"{closed} {format_bound(part[inclusive])}"]
+    return [f"{opened} {format_bound(part[exclusive])}"] if exclusive in part else []
 
 
-def number(value: float) -> str:
-    """A bound as people write it."""
+def format_bound(value: float) -> str:
+    """Return a bound as text."""
     return f"{int(value):,}" if value == int(value) else f"{value:g}"
 
 
-def entries(about: str) -> Iterator[tuple[str, str]]:
-    """What a docstring says of each attribute."""
+def parse_attributes(about: str) -> Iterator[tuple[str, str]]:
+    """Yield each attribute of a docstring with its description."""
     name, words = "", list[str]()
     for line in about.partition("Attributes:\n")[2].splitlines():
         if match := ENTRY.match(line):
@@ -312,8 +316,8 @@ def entries(about: str) -> Iterator[tuple[str, str]]:
         yield name, " ".join(words)
 
 
-def summary(about: str) -> str:
-    """What a docstring says before it turns to attributes."""
+def parse_summary(about: str) -> str:
+    """Return the part of a docstring before its attributes."""
     return about.partition("Attributes:")[0].strip()
 
 
@@ -397,18 +401,18 @@ def as_entry(value: Any) -> LaunchEntry:
     return LaunchEntry(text=format_field(value))
 
 
-def body_of(fields: Iterable[LaunchField], texts: Texts) -> dict[str, Any]:
+def make_body(fields: Iterable[LaunchField], texts: Texts) -> dict[str, Any]:
     """Return the fields of a campaign as the body of a launch request, without empty ones."""
     body: dict[str, Any] = {}
     for field in fields:
-        given = value_of(field, texts.entry(field))
+        given = parse_value(field, texts.entry(field))
         if given:
             body = set_path(body, tuple(field.name.split(".")), given[0])
     return body
 
 
-def value_of(field: LaunchField, entry: LaunchEntry) -> tuple[Any, ...]:
-    """The value of a field; nothing where nothing is typed."""
+def parse_value(field: LaunchField, entry: LaunchEntry) -> tuple[Any, ...]:
+    """Return the value of a field as a tuple of one; an empty tuple where nothing is entered."""
     if entry.how == UNIFORM:
         return ({"uniform": [read_number(entry.low), read_number(entry.high)]},)
     if entry.how == CHOICE:
@@ -418,8 +422,8 @@ def value_of(field: LaunchField, entry: LaunchEntry) -> tuple[Any, ...]:
     return (READERS[field.kind](entry.text),)
 
 
-def in_words(entry: LaunchEntry) -> str:
-    """What stands in a field, for comparison with what it began with."""
+def format_entry(entry: LaunchEntry) -> str:
+    """Return the content of a field as text, for comparison with its first content."""
     if entry.how == UNIFORM:
         return f"uniform {entry.low} … {entry.high}"
     return f"one of {entry.choices}" if entry.how == CHOICE else entry.text

@@ -15,8 +15,8 @@ from eigenfail_api.dashboard.launch_fields import (
     LaunchField,
     LaunchGroup,
     Texts,
-    field_of,
     group_of,
+    make_field,
 )
 from eigenfail_api.routes.plugins import describe_plugin, parameters_of, settings_of
 
@@ -62,18 +62,23 @@ class LaunchPart(msgspec.Struct, frozen=True, kw_only=True):
     settings: LaunchGroup | None = None
 
 
-def layout(texts: Texts) -> tuple[LaunchPart, ...]:
+def make_layout(texts: Texts) -> tuple[LaunchPart, ...]:
     """Return all parts of the form for the present choices."""
     return (
         LaunchPart(
-            id="campaign", title=Section.CAMPAIGN, fields=own(*_list_fields(Section.CAMPAIGN))
+            id="campaign",
+            title=Section.CAMPAIGN,
+            fields=make_own_fields(*_list_fields(Section.CAMPAIGN)),
         ),
-        plugin_part(
+        make_plugin_part(
             "method", plugins.METHODS, settings_of, choose_plugin(texts, "method", FIRST_METHOD)
         ),
-        *world(texts),
+        *make_world_parts(texts),
         LaunchPart(
-            id="disturbance", title="Disturbance model", fields=(), settings=disturbance(texts)
+            id="disturbance",
+            title="Disturbance model",
+            fields=(),
+            settings=make_disturbance_group(texts),
         ),
         LaunchPart(
             id="stop", title="Stop rules", fields=(), settings=group("StopRules", "stop", "Rules")
@@ -81,7 +86,7 @@ def layout(texts: Texts) -> tuple[LaunchPart, ...]:
         LaunchPart(
             id="records",
             title=Section.RECORDS,
-            fields=own(*_list_fields(Section.RECORDS)),
+            fields=make_own_fields(*_list_fields(Section.RECORDS)),
         ),
     )
 
@@ -90,61 +95,66 @@ def _list_fields(section: Section) -> Iterator[str]:
     return (name for name, field in SPEC_FIELDS.items() if field.section is section)
 
 
-def world(texts: Texts) -> tuple[LaunchPart, ...]:
-    """Scenario and planner; a function under test is both in one."""
+def make_world_parts(texts: Texts) -> tuple[LaunchPart, ...]:
+    """Return the parts for scenario and planner; a function under test is both in one."""
     simulator = choose_plugin(texts, "simulator", PROPERTIES["simulator"]["default"])
     known = tuple(dict.fromkeys((*list_simulators(), simulator)))
-    swapping = choice("simulator", known, simulator)
+    swapping = make_choice_field("simulator", known, simulator)
     if make_parts := PARTS_WITHOUT_PLUGINS.get(simulator):
         return make_parts(swapping)
     scenario, planner = (choose_plugin(texts, name, PROPERTIES[name]["default"]) for name in WORLD)
-    part = plugin_part("scenario", plugins.SCENARIOS, parameters_of, scenario)
+    part = make_plugin_part("scenario", plugins.SCENARIOS, parameters_of, scenario)
     return (
         replace(part, fields=(swapping, *part.fields)),
-        plugin_part("planner", plugins.PLANNERS, settings_of, planner),
+        make_plugin_part("planner", plugins.PLANNERS, settings_of, planner),
     )
 
 
 WORLD = ("scenario", "planner")
 
 
-def function_parts(swapping: LaunchField) -> tuple[LaunchPart, ...]:
-    """What a function of a noise trajectory is asked with."""
+def make_function_parts(swapping: LaunchField) -> tuple[LaunchPart, ...]:
+    """Return the part for a function of a noise trajectory."""
     schema = msgspec.json.schema(functions.FunctionParameters)
     parameters = group_of(schema, "scenario_parameters", "Parameters")
-    only = choice("scenario", (functions.SCENARIO,), functions.SCENARIO)
-    planner = replace(own("planner")[0], default="", help=FUNCTION_PLANNER, required=True)
+    only = make_choice_field("scenario", (functions.SCENARIO,), functions.SCENARIO)
+    planner = replace(
+        make_own_fields("planner")[0], default="", help=FUNCTION_PLANNER, required=True
+    )
     return (
         LaunchPart(id="scenario", title="Scenario", fields=(swapping, only), settings=parameters),
         LaunchPart(id="planner", title="Planner", fields=(planner,)),
     )
 
 
-def bridge_parts(swapping: LaunchField) -> tuple[LaunchPart, ...]:
-    """What a bridge is asked with; what parameters and settings it has, it alone knows."""
+def make_bridge_parts(swapping: LaunchField) -> tuple[LaunchPart, ...]:
+    """Return the part for a bridge, whose parameters and settings are known only to itself."""
     scenario, planner = (
-        replace(own(name)[0], default="", help=BRIDGE_NAME, required=True) for name in WORLD
+        replace(make_own_fields(name)[0], default="", help=BRIDGE_NAME, required=True)
+        for name in WORLD
     )
     return (
         LaunchPart(
             id="scenario",
             title="Scenario",
-            fields=(swapping, scenario, *own("scenario_parameters")),
+            fields=(swapping, scenario, *make_own_fields("scenario_parameters")),
         ),
-        LaunchPart(id="planner", title="Planner", fields=(planner, *own("planner_settings"))),
+        LaunchPart(
+            id="planner", title="Planner", fields=(planner, *make_own_fields("planner_settings"))
+        ),
     )
 
 
 PARTS_WITHOUT_PLUGINS: Mapping[str, Callable[[LaunchField], tuple[LaunchPart, ...]]] = {
-    functions.SIMULATOR: function_parts,
-    bridges.SIMULATOR: bridge_parts,
+    functions.SIMULATOR: make_function_parts,
+    bridges.SIMULATOR: make_bridge_parts,
 }
 
 
-def plugin_part(
+def make_plugin_part(
     name: str, entry_points: str, kind: Callable[[Any], Any], wanted: str
 ) -> LaunchPart:
-    """The choice of a plug-in, and the settings of the one that is chosen."""
+    """Return the choice of a plug-in with the settings of the chosen one."""
     known = plugins.names(entry_points)
     found = describe_plugin(entry_points, wanted, kind) if wanted in known else PluginInfo(wanted)
     field = "scenario_parameters" if name == "scenario" else SETTINGS[name]
@@ -153,7 +163,7 @@ def plugin_part(
         id=name,
         title=name.capitalize(),
         # An unknown name stays in the list, so that its problem can be shown.
-        fields=(choice(name, tuple(dict.fromkeys((*known, wanted))), wanted),),
+        fields=(make_choice_field(name, tuple(dict.fromkeys((*known, wanted))), wanted),),
         summary=found.summary,
         problem=found.problem,
         settings=group_of(found.settings, field, title, varied=name == "scenario")
@@ -170,16 +180,16 @@ def choose_plugin(texts: Texts, name: str, default: str) -> str:
     return texts.typed.get(name, "") or texts.base.get(name, "") or default
 
 
-def choice(name: str, options: tuple[str, ...], wanted: str) -> LaunchField:
-    """A field of the spec with a list to choose from."""
-    return replace(own(name)[0], kind="choice", options=options, default=wanted)
+def make_choice_field(name: str, options: tuple[str, ...], wanted: str) -> LaunchField:
+    """Return a field of the spec with a list of options."""
+    return replace(make_own_fields(name)[0], kind="choice", options=options, default=wanted)
 
 
-def own(*names: str) -> tuple[LaunchField, ...]:
-    """Fields of the spec itself."""
+def make_own_fields(*names: str) -> tuple[LaunchField, ...]:
+    """Return the fields of the spec itself."""
     required = SPEC["$defs"]["CampaignSpec"]["required"]
     return tuple(
-        field_of(
+        make_field(
             name,
             {"description": SPEC_FIELDS[name].help, **PROPERTIES[name]},
             SPEC,
@@ -194,8 +204,8 @@ def group(kind: str, name: str, title: str) -> LaunchGroup:
     return group_of({"$ref": f"#/$defs/{kind}", "$defs": SPEC["$defs"]}, name, title)
 
 
-def disturbance(texts: Texts) -> LaunchGroup:
-    """The disturbance model, with the settings of the shape that is chosen."""
+def make_disturbance_group(texts: Texts) -> LaunchGroup:
+    """Return the disturbance model with the settings of the chosen shape."""
     kind = f"{SHAPE}.kind"
     base = texts.base.get("disturbance", {}).get("shape", {})
     wanted = texts.typed.get(kind, "") or base.get("kind", "") or next(iter(SHAPES))

@@ -13,17 +13,23 @@ from fastapi.responses import HTMLResponse
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.presentation.figures import count_noun
 from eigenfail.values import Campaign, CampaignSpec
-from eigenfail_api.dashboard.copying import CopiedRequest, Copies, Service, copies, service_of
+from eigenfail_api.dashboard.copying import (
+    CopiedRequest,
+    Copies,
+    Service,
+    make_copies,
+    read_service,
+)
 from eigenfail_api.dashboard.launch_fields import (
     LaunchEntry,
     LaunchField,
     LaunchGroup,
     Texts,
-    body_of,
-    humane,
-    in_words,
+    describe_problem,
+    format_entry,
+    make_body,
 )
-from eigenfail_api.dashboard.launch_layout import LaunchPart, layout
+from eigenfail_api.dashboard.launch_layout import LaunchPart, make_layout
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import LARGEST, Stored, read_within
 from eigenfail_services.campaigns.drafts import (
@@ -121,8 +127,8 @@ class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
         return any(is_told(self.shown[field.name]) for field in group.all_fields())
 
 
-def fields_of(parts: Sequence[LaunchPart]) -> tuple[LaunchField, ...]:
-    """All fields of the form, in its order."""
+def list_fields(parts: Sequence[LaunchPart]) -> tuple[LaunchField, ...]:
+    """Return all fields of the form, in its order."""
     return tuple(
         field
         for part in parts
@@ -130,31 +136,34 @@ def fields_of(parts: Sequence[LaunchPart]) -> tuple[LaunchField, ...]:
     )
 
 
-def troubles_of(
+def list_troubles(
     problems: Sequence[InputError], fields: Sequence[LaunchField]
 ) -> tuple[LaunchTrouble, ...]:
-    """Each problem with its field: the one of that path, or the nearest above it."""
+    """Return each problem with its field: the field of its path, or the nearest above it."""
     by_name = {field.name: field for field in fields}
     return tuple(
-        LaunchTrouble(words_of(each), nearest(by_name, find_path(each))) for each in problems
+        LaunchTrouble(describe_error(each), find_nearest_field(by_name, find_path(each)))
+        for each in problems
     )
 
 
-def nearest(by_name: Mapping[str, LaunchField], path: tuple[str, ...]) -> LaunchField | None:
-    """The field at a path, or at the longest part of it that has one."""
+def find_nearest_field(
+    by_name: Mapping[str, LaunchField], path: tuple[str, ...]
+) -> LaunchField | None:
+    """Return the field at a path, or at the longest part of the path that has one."""
     for length in range(len(path), 0, -1):
         if found := by_name.get(".".join(path[:length])):
             return found
     return None
 
 
-def words_of(error: InputError) -> str:
-    """A problem without its path, which the field says, and what to do."""
+def describe_error(error: InputError) -> str:
+    """Return a problem without its path, which the field shows, and the remedy."""
     problem = error.problem.removeprefix(f"{error.field}: ")
-    return f"{humane(problem)} {error.remedy}".strip()
+    return f"{describe_problem(problem)} {error.remedy}".strip()
 
 
-def shown_fields(
+def make_shown_fields(
     fields: Sequence[LaunchField],
     texts: Texts,
     troubles: Sequence[LaunchTrouble],
@@ -172,33 +181,33 @@ def shown_fields(
             field=field,
             entry=texts.entry(field),
             problem=words.get(field.name, ""),
-            before=before_of(field, texts, began),
+            before=find_changed_text(field, texts, began),
             swaps=field.name in SWAPS,
         )
         for field in fields
     }
 
 
-def before_of(field: LaunchField, texts: Texts, began: Texts | None) -> str | None:
-    """What stood in a field in the earlier campaign; None if nothing else did."""
+def find_changed_text(field: LaunchField, texts: Texts, began: Texts | None) -> str | None:
+    """Return the earlier campaign's text in a field; None if it is the same."""
     if began is None:
         return None
-    now, before = in_words(texts.entry(field)), in_words(began.entry(field))
-    return None if now == before else before or f"its default{default_words(field)}"
+    now, before = format_entry(texts.entry(field)), format_entry(began.entry(field))
+    return None if now == before else before or f"its default{describe_default(field)}"
 
 
-def default_words(field: LaunchField) -> str:
-    """The default in brackets, where there is one."""
+def describe_default(field: LaunchField) -> str:
+    """Return the default in brackets, if there is one."""
     return f" ({field.default})" if field.default else ""
 
 
-def origin_of(campaign: Campaign, body: Mapping[str, Any]) -> LaunchOrigin:
-    """The campaign that the form began with, and what can be built on it."""
+def make_origin(campaign: Campaign, body: Mapping[str, Any]) -> LaunchOrigin:
+    """Return the campaign that the form began with, and what can be built on it."""
     episodes = body.get("episodes")
     extends = isinstance(episodes, int) and episodes > campaign.spec.episodes
     budget = {"episodes": episodes} if extends else {}
     links = (
-        LaunchLink(each.words, address(campaign.id, {**budget, **each.changes}))
+        LaunchLink(each.words, make_address(campaign.id, {**budget, **each.changes}))
         for each in list_continuations(campaign)
     )
     return LaunchOrigin(
@@ -211,26 +220,26 @@ def origin_of(campaign: Campaign, body: Mapping[str, Any]) -> LaunchOrigin:
     )
 
 
-def address(campaign: int, changes: Mapping[str, Any]) -> str:
-    """Of the form that begins with a campaign and some changes."""
+def make_address(campaign: int, changes: Mapping[str, Any]) -> str:
+    """Return the address of the form that begins with a campaign and some changes."""
     return f"/launch?{urlencode({'from': campaign, **changes})}"
 
 
-def checked_words(body: Mapping[str, Any]) -> str:
-    """That it can be launched, and how large it is."""
+def describe_checked(body: Mapping[str, Any]) -> str:
+    """Return that the spec can be launched, and how large the campaign is."""
     return f"Valid: {count_noun(int(body['episodes']), 'episode')} can be launched."
 
 
 def is_told(one: LaunchPage) -> bool:
     """Whether a field holds more than its default."""
-    return bool(in_words(one.entry) or one.problem or one.before)
+    return bool(format_entry(one.entry) or one.problem or one.before)
 
 
-def leaves(value: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
-    """Every value of a spec by its path, as text."""
+def iterate_leaves(value: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    """Yield every value of a spec by its path, as text."""
     for name, part in value.items():
         if isinstance(part, dict) and part and not {"uniform", "choice"} & part.keys():
-            yield from leaves(part, f"{above}{name}.")
+            yield from iterate_leaves(part, f"{above}{name}.")
         else:
             yield f"{above}{name}", part if isinstance(part, str) else as_text(part)
 
@@ -250,7 +259,9 @@ KNOWN = frozenset({FROM, WISH, TOKEN, *CampaignSpec.__struct_fields__})
 @router.get("/launch")
 def show_launch(request: Request, store: Stored) -> HTMLResponse:
     """The form: empty, or as its address says; `from` begins with an earlier campaign."""
-    return page("launch.html", launch_view(store, dict(request.query_params), service_of(request)))
+    return page(
+        "launch.html", launch_view(store, dict(request.query_params), read_service(request))
+    )
 
 
 @router.post("/launch/form")
@@ -261,7 +272,7 @@ async def show_form(request: Request, store: Stored) -> HTMLResponse:
         pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
     except ValueError as error:
         raise HTTPException(400, f"The form is invalid: {error}.") from None
-    view = await run_sync(launch_view, store, dict(pairs), service_of(request))
+    view = await run_sync(launch_view, store, dict(pairs), read_service(request))
     return page("launch.html", view)
 
 
@@ -274,27 +285,27 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
         NotFound: there is no such campaign.
     """
     refuse_strangers(typed)
-    origin = origin_in(store, typed)
-    texts = Texts(typed, base_of(origin, typed))
-    parts = layout(texts)
-    fields = fields_of(parts)
-    body = body_of(fields, texts)
+    origin = find_origin(store, typed)
+    texts = Texts(typed, make_base(origin, typed))
+    parts = make_layout(texts)
+    fields = list_fields(parts)
+    body = make_body(fields, texts)
     wished = typed.get(WISH, "") != ""
     problems = find_problems(body, store) if wished else ()
-    troubles = troubles_of(problems, fields)
+    troubles = list_troubles(problems, fields)
     in_order = wished and not problems
     token = typed.get(TOKEN, "") or str(uuid4())
     return LaunchView(
         parts=parts,
-        shown=shown_fields(fields, texts, troubles, origin),
+        shown=make_shown_fields(fields, texts, troubles, origin),
         troubles=troubles,
-        origin=origin_of(origin, body) if origin else None,
+        origin=make_origin(origin, body) if origin else None,
         body=body,
-        checked=checked_words(body) if in_order else "",
-        completed=whole(body, store) if in_order else (),
-        key=key_of(token, body) if in_order else "",
+        checked=describe_checked(body) if in_order else "",
+        completed=list_full_spec(body, store) if in_order else (),
+        key=make_key(token, body) if in_order else "",
         token=token,
-        copies=copies(service, CopiedRequest(method="POST", path="/campaigns", body=body))
+        copies=make_copies(service, CopiedRequest(method="POST", path="/campaigns", body=body))
         if in_order
         else None,
     )
@@ -307,8 +318,8 @@ def refuse_strangers(typed: Mapping[str, str]) -> None:
             raise UnknownName("query", name[:100], KNOWN)
 
 
-def origin_in(store: Store, typed: Mapping[str, str]) -> Campaign | None:
-    """The campaign that the form begins with.
+def find_origin(store: Store, typed: Mapping[str, str]) -> Campaign | None:
+    """Return the campaign that the form begins with.
 
     Raises:
         InvalidValue: the text is not an id.
@@ -322,20 +333,20 @@ def origin_in(store: Store, typed: Mapping[str, str]) -> Campaign | None:
     return store.campaigns.get(int(named))
 
 
-def base_of(origin: Campaign | None, typed: Mapping[str, str]) -> dict[str, Any]:
-    """The fields that the form begins with; settings of a plug-in that was replaced are gone."""
+def make_base(origin: Campaign | None, typed: Mapping[str, str]) -> dict[str, Any]:
+    """Return the fields that the form begins with; settings of a replaced plug-in are dropped."""
     if origin is None:
         return {}
     chosen = {name: typed[name] for name in COMPANIONS if typed.get(name)}
     return change_fields(msgspec.to_builtins(origin.spec), chosen)
 
 
-def whole(body: Mapping[str, Any], store: Store) -> tuple[tuple[str, str], ...]:
+def list_full_spec(body: Mapping[str, Any], store: Store) -> tuple[tuple[str, str], ...]:
     """Return the full specification of a campaign, including defaults, by path."""
-    return tuple(leaves(msgspec.to_builtins(fill_defaults(read_draft(body, store).spec))))
+    return tuple(iterate_leaves(msgspec.to_builtins(fill_defaults(read_draft(body, store).spec))))
 
 
-def key_of(token: str, body: Mapping[str, Any]) -> str:
-    """A second click on one page has the same key; with other fields it has another."""
+def make_key(token: str, body: Mapping[str, Any]) -> str:
+    """Return the idempotency key of a form: the same for equal fields of one page."""
     plain = msgspec.json.encode(body, order="sorted").decode()
     return str(uuid5(NAMESPACE_URL, f"{token} {plain}"))

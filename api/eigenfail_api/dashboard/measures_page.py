@@ -49,8 +49,8 @@ class SafetyView(msgspec.Struct, frozen=True, kw_only=True):
     remarks: tuple[str, ...]
 
 
-def safety_view(found: Safety) -> SafetyView:
-    """Table, severity, and remarks on both."""
+def make_safety_view(found: Safety) -> SafetyView:
+    """Return the view of the safety measures: table, severity and notes."""
     remarks = (found.severity.problem, *found.notes)
     return SafetyView(
         table=tabulate_safety_measures(found),
@@ -59,8 +59,8 @@ def safety_view(found: Safety) -> SafetyView:
     )
 
 
-def scatter_chart(scatter: Scatter) -> Chart:
-    """How likely the failures are, and how bad."""
+def make_scatter_chart(scatter: Scatter) -> Chart:
+    """Return the chart of the failures' likelihood and severity."""
     points = scatter.points
     return Chart(
         id="likelihood-chart",
@@ -68,34 +68,34 @@ def scatter_chart(scatter: Scatter) -> Chart:
         title="Likelihood and severity of failures",
         caption=(
             "Each failure: log-probability of its noise per step, and severity [m²/s²]. Up and to "
-            f"the right are the likely and severe ones. {coverage(scatter)}"
+            f"the right are the likely and severe ones. {describe_coverage(scatter)}"
         ),
         data={
             "index": [point.index for point in points],
             "likelihood": round_values(point.log_probability_per_step for point in points),
             "severity": round_values(point.severity for point in points),
-            "kind": [kind(point) for point in points],
+            "kind": [describe_kind(point) for point in points],
         },
         columns=("Episode", "log p per step", "Severity [m²/s²]", "Class"),
-        rows=tuple(map(point_row, points[:MOST_ROWS])),
+        rows=tuple(map(make_point_row, points[:MOST_ROWS])),
         note=f"The first {MOST_ROWS}." if len(points) > MOST_ROWS else "",
     )
 
 
-def point_row(point: FailurePoint) -> tuple[str, ...]:
-    """One failure."""
+def make_point_row(point: FailurePoint) -> tuple[str, ...]:
+    """Return the row of a failure."""
     figures = (point.log_probability_per_step, point.severity)
-    return (str(point.index), *map(format_number, figures), kind(point))
+    return (str(point.index), *map(format_number, figures), describe_kind(point))
 
 
-def kind(point: FailurePoint) -> str:
-    """Whose failure it is."""
+def describe_kind(point: FailurePoint) -> str:
+    """Return the campaign whose failure a point is."""
     words = IN_WORDS[point.conflict] if point.conflict else NOT_CLASSIFIED
     return words.removeprefix(COLLISION)
 
 
-def coverage(scatter: Scatter) -> str:
-    """Whether all of them are drawn."""
+def describe_coverage(scatter: Scatter) -> str:
+    """Return how many of the failures are drawn."""
     if len(scatter.points) >= scatter.of:
         return ""
     return f"{format_count(len(scatter.points))} of {format_count(scatter.of)}."
@@ -143,13 +143,13 @@ class SpendingView(msgspec.Struct, frozen=True, kw_only=True):
     notes: tuple[str, ...]
 
 
-def spending_view(found: CampaignCost) -> SpendingView:
-    """Bill, curve and time."""
+def make_spending_view(found: CampaignCost) -> SpendingView:
+    """Return the view of the spending: bill, curve and time."""
     return SpendingView(
-        tiles=cost_tiles(found),
+        tiles=make_cost_tiles(found),
         analysis=found.analysis,
         modes=found.modes_in_words,
-        chart=curve_chart(found) if len(found.curve) > 1 else None,
+        chart=make_curve_chart(found) if len(found.curve) > 1 else None,
         parts=time_parts(found.time),
         active=format_duration(found.time.active_s),
         problem=found.time.problem,
@@ -157,25 +157,25 @@ def spending_view(found: CampaignCost) -> SpendingView:
     )
 
 
-def cost_tiles(found: CampaignCost) -> tuple[tuple[str, Tile], ...]:
+def make_cost_tiles(found: CampaignCost) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of total cost and of cost per failure."""
     hours = f"{format_number(found.cost.instance_hours)} instance-hours"
     price = f"at {format_usd(found.price_usd_per_hour)} USD/h × {found.instances}"
     return (
         ("Spent", Tile(f"{format_usd(found.cost.total_usd)} USD", (hours, price))),
-        ("Per failure", per_failure(found)),
-        ("Per distinct mode", per_mode(found)),
+        ("Per failure", make_failure_cost_tile(found)),
+        ("Per distinct mode", make_mode_cost_tile(found)),
     )
 
 
-def per_failure(found: CampaignCost) -> Tile:
-    """With its interval, or the least that one costs."""
+def make_failure_cost_tile(found: CampaignCost) -> Tile:
+    """Return the tile of the cost per failure, with its interval or lower bound."""
     price, basis = format_cost(found.cost), count_noun(found.failures, "failure")
     return Tile(price.value, (basis, *price.notes) if found.completed else ())
 
 
-def per_mode(found: CampaignCost) -> Tile:
-    """Dashes where no modes are known."""
+def make_mode_cost_tile(found: CampaignCost) -> Tile:
+    """Return the tile of the cost per mode; dashes where no modes are known."""
     if found.modes is None:
         return Tile(UNKNOWN, ("no distinct modes found",))
     return Tile(
@@ -183,8 +183,8 @@ def per_mode(found: CampaignCost) -> Tile:
     )
 
 
-def curve_chart(found: CampaignCost) -> Chart:
-    """Failures and modes by the money spent until then."""
+def make_curve_chart(found: CampaignCost) -> Chart:
+    """Return the chart of failures and modes over the money spent."""
     points, known = found.curve, found.modes is not None
     return Chart(
         id="spending-chart",
@@ -254,7 +254,7 @@ class MeasuresView(msgspec.Struct, frozen=True, kw_only=True):
     crew: Table
 
 
-def measures_view(
+def make_measures_view(
     campaign: Campaign, safety: Safety, cost: CampaignCost, crew: Table
 ) -> MeasuresView:
     """Return the whole page, without parts that have no values."""
@@ -262,17 +262,19 @@ def measures_view(
     return MeasuresView(
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
-        basis=basis(campaign, safety.completed, cost.completed),
-        safety=safety_view(safety) if some and world_of(campaign.spec.simulator).has_road else None,
-        scatter=scatter_chart(safety.scatter) if safety.scatter.points else None,
-        cost=spending_view(cost) if some else None,
+        basis=describe_basis(campaign, safety.completed, cost.completed),
+        safety=make_safety_view(safety)
+        if some and world_of(campaign.spec.simulator).has_road
+        else None,
+        scatter=make_scatter_chart(safety.scatter) if safety.scatter.points else None,
+        cost=make_spending_view(cost) if some else None,
         varies=some and bool(list_varied(campaign.spec)),
         crew=crew,
     )
 
 
-def basis(campaign: Campaign, completed: int, billed: int) -> str:
-    """Of how many episodes these figures are: others on the page may be further on."""
+def describe_basis(campaign: Campaign, completed: int, billed: int) -> str:
+    """Return the number of episodes behind the figures; the page's others may have more."""
     is_open = campaign.state not in FINAL_STATES
     if not completed and is_open:
         return "Safety measures and cost appear after the first episode."
@@ -292,10 +294,10 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 def show_measures(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """Safety, cost and workers of a campaign: its page asks for them once it stands."""
     seen = store.campaigns.get(campaign)
-    return page("measures.html", measures_of(seen, find_figures(store, seen)))
+    return page("measures.html", read_measures(seen, find_figures(store, seen)))
 
 
-def measures_of(campaign: Campaign, found: CampaignFigures) -> MeasuresView:
-    """Safety, cost and workers of a campaign."""
+def read_measures(campaign: Campaign, found: CampaignFigures) -> MeasuresView:
+    """Return safety, cost and workers of a campaign."""
     workers = tabulate_workers(found.workers, format_utc, MOST_LINES)
-    return measures_view(campaign, found.safety, found.cost, workers)
+    return make_measures_view(campaign, found.safety, found.cost, workers)

@@ -14,7 +14,13 @@ from eigenfail.presentation.figures import (
 )
 from eigenfail.values import Campaign, CampaignCost, CostPoint, Course, Outcome
 from eigenfail.values.records import EpisodeRow
-from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, format_bounds, round_values, span
+from eigenfail_api.dashboard.charts import (
+    MOST_ROWS,
+    Chart,
+    format_bounds,
+    format_span,
+    round_values,
+)
 
 STEPS = 10
 """Rows of the table."""
@@ -41,11 +47,11 @@ class Line(msgspec.Struct, frozen=True):
         return f"{SIDES[self.side]}: {self.cost.campaign} {self.cost.method}"
 
 
-def bill_charts(*sides: Sequence[CampaignCost]) -> tuple[Chart, ...]:
-    """Failures, and modes where any are known, against the money spent."""
+def make_bill_charts(*sides: Sequence[CampaignCost]) -> tuple[Chart, ...]:
+    """Return the charts of failures, and of modes if any are known, over the money spent."""
     lines = [Line(side, cost) for side, costs in enumerate(sides) for cost in costs]
     known = {find: [line for line in lines if has_curve(line, find)] for find in FINDS}
-    return tuple(bill_chart(find, some) for find, some in known.items() if some)
+    return tuple(make_bill_chart(find, some) for find, some in known.items() if some)
 
 
 def has_curve(line: Line, find: str) -> bool:
@@ -54,8 +60,8 @@ def has_curve(line: Line, find: str) -> bool:
     return len(curve) > 1 and getattr(curve[-1], find) is not None
 
 
-def bill_chart(find: str, lines: Sequence[Line]) -> Chart:
-    """One of them."""
+def make_bill_chart(find: str, lines: Sequence[Line]) -> Chart:
+    """Return the chart of one kind of finding over the money spent."""
     title = f"{FINDS[find]} against cost"
     return Chart(
         id=f"bill-{find}-chart",
@@ -75,21 +81,21 @@ def bill_chart(find: str, lines: Sequence[Line]) -> Chart:
             ],
         },
         columns=("USD", *(line.name for line in lines)),
-        rows=tuple(rows(find, lines)),
+        rows=tuple(iterate_bill_rows(find, lines)),
         note="–: no further cost.",
     )
 
 
-def rows(find: str, lines: Sequence[Line]) -> Iterator[tuple[str, ...]]:
-    """What each had found by equal steps of money."""
+def iterate_bill_rows(find: str, lines: Sequence[Line]) -> Iterator[tuple[str, ...]]:
+    """Yield the findings of each campaign at equal steps of money."""
     most = max(line.cost.cost.total_usd for line in lines)
     for step in range(1, STEPS + 1):
         usd = most * step / STEPS
-        yield (format_number(usd), *(found_by(find, line.cost, usd) for line in lines))
+        yield (format_number(usd), *(count_found(find, line.cost, usd) for line in lines))
 
 
-def found_by(find: str, cost: CampaignCost, usd: float) -> str:
-    """What one had found by an amount; a dash once nothing more was spent."""
+def count_found(find: str, cost: CampaignCost, usd: float) -> str:
+    """Return the number that a campaign had found at a cost; a dash once nothing more was spent."""
     if usd > cost.cost.total_usd * (1.0 + ROUNDING):
         return UNKNOWN
     spent = [point.usd for point in cost.curve]
@@ -125,22 +131,31 @@ class Compared(msgspec.Struct, frozen=True, kw_only=True):
         return f"{self.campaign.id}: {self.campaign.spec.name}"
 
 
-def overlays(compared: Sequence[Compared]) -> tuple[Chart, ...]:
-    """What can be drawn of what there is."""
-    charts = (rates(compared), costs(compared), severities(compared), distances(compared))
+def make_overlays(compared: Sequence[Compared]) -> tuple[Chart, ...]:
+    """Return the charts for which there are data."""
+    charts = (
+        make_rate_chart(compared),
+        make_cost_chart(compared),
+        make_severity_chart(compared),
+        make_distance_chart(compared),
+    )
     return tuple(chart for chart in charts if chart.rows)
 
 
-def rates(compared: Sequence[Compared]) -> Chart:
-    """Failure rate over episodes."""
+def make_rate_chart(compared: Sequence[Compared]) -> Chart:
+    """Return the chart of the failure rate over episodes."""
     lines = [
-        line(one, [(block.first + block.last) / 2.0 for block in one.course.blocks], percents(one))
+        make_line(
+            one,
+            [(block.first + block.last) / 2.0 for block in one.course.blocks],
+            list_percents(one),
+        )
         for one in compared
     ]
     rows = [
         (
             one.name,
-            span(block),
+            format_span(block),
             format_share(block.failure_rate.value),
             format_bounds(block.failure_rate),
         )
@@ -155,20 +170,20 @@ def rates(compared: Sequence[Compared]) -> Chart:
         data=draw_lines("Episode", "Failure rate [%]", lines),
         columns=("Campaign", "Episodes", "Rate", "95 % interval"),
         rows=tuple(rows[:MOST_ROWS]),
-        note=left_out(len(rows)),
+        note=describe_left_out(len(rows)),
     )
 
 
-def percents(one: Compared) -> list[float]:
-    """Failure rates by block."""
+def list_percents(one: Compared) -> list[float]:
+    """Return the failure rates by block [%]."""
     return [100.0 * block.failure_rate.value for block in one.course.blocks]
 
 
-def costs(compared: Sequence[Compared]) -> Chart:
-    """Failures by the money that was spent until then."""
+def make_cost_chart(compared: Sequence[Compared]) -> Chart:
+    """Return the chart of failures over the money spent."""
     known = [one for one in compared if len(one.cost.curve) > 1]
     lines = [
-        line(
+        make_line(
             one,
             [point.usd for point in one.cost.curve],
             [float(point.failures) for point in one.cost.curve],
@@ -182,24 +197,24 @@ def costs(compared: Sequence[Compared]) -> Chart:
         caption="Failures found by accumulated cost.",
         data={**draw_lines("USD", "Failures", lines), "look": "steps"},
         columns=("USD", *(one.name for one in known)),
-        rows=tuple(cost_rows(known)),
+        rows=tuple(iterate_cost_rows(known)),
         note="–: no further cost.",
     )
 
 
-def cost_rows(known: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
-    """What each had found by equal steps of money."""
+def iterate_cost_rows(known: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
+    """Yield the failures of each campaign at equal steps of money."""
     most = max((one.cost.cost.total_usd for one in known), default=0.0)
     for step in range(1, STEPS + 1) if most else ():
         usd = most * step / STEPS
-        yield (format_number(usd), *(found_by("failures", one.cost, usd) for one in known))
+        yield (format_number(usd), *(count_found("failures", one.cost, usd) for one in known))
 
 
-def severities(compared: Sequence[Compared]) -> Chart:
-    """How likely the failures are, and how bad."""
-    points = [(one, failures(one)) for one in compared]
+def make_severity_chart(compared: Sequence[Compared]) -> Chart:
+    """Return the chart of the failures' likelihood and severity."""
+    points = [(one, list_failures(one)) for one in compared]
     lines = [
-        line(
+        make_line(
             one,
             [row.log_probability / max(row.steps, 1) for row in found],
             [row.severity or 0.0 for row in found],
@@ -216,28 +231,28 @@ def severities(compared: Sequence[Compared]) -> Chart:
         ),
         data={**draw_lines("log p per step", "Severity [m²/s²]", lines), "look": "marks"},
         columns=("Campaign", "Failures drawn", "Median log p per step", "Median severity [m²/s²]"),
-        rows=tuple(severity_row(one, found) for one, found in points if found),
+        rows=tuple(make_severity_row(one, found) for one, found in points if found),
     )
 
 
-def failures(one: Compared) -> list[EpisodeRow]:
-    """Failures of the sample, thinned evenly."""
+def list_failures(one: Compared) -> list[EpisodeRow]:
+    """Return failures of the sample, thinned evenly."""
     found = [row for row in one.rows if row.outcome is Outcome.COLLISION and row.severity]
     return found[:: -(-len(found) // MOST_POINTS) or 1]
 
 
-def severity_row(one: Compared, found: Sequence[EpisodeRow]) -> tuple[str, ...]:
-    """The middle of a campaign's failures."""
+def make_severity_row(one: Compared, found: Sequence[EpisodeRow]) -> tuple[str, ...]:
+    """Return the medians of a campaign's failures."""
     likely = float(np.median([row.log_probability / max(row.steps, 1) for row in found]))
     severe = float(np.median([row.severity or 0.0 for row in found]))
     return one.name, format_count(len(found)), format_number(likely), format_number(severe)
 
 
-def distances(compared: Sequence[Compared]) -> Chart:
-    """How the robustness of episodes is distributed."""
-    known = [(one, measured) for one in compared if (measured := robustness(one))]
+def make_distance_chart(compared: Sequence[Compared]) -> Chart:
+    """Return the chart of the distribution of robustness."""
+    known = [(one, measured) for one in compared if (measured := list_robustness(one))]
     lines = [
-        line(one, np.quantile(found, SHARES).tolist(), (100.0 * SHARES).tolist())
+        make_line(one, np.quantile(found, SHARES).tolist(), (100.0 * SHARES).tolist())
         for one, found in known
     ]
     return Chart(
@@ -259,13 +274,13 @@ def distances(compared: Sequence[Compared]) -> Chart:
     )
 
 
-def robustness(one: Compared) -> list[float]:
-    """Of the episodes of the sample, where it was measured."""
+def list_robustness(one: Compared) -> list[float]:
+    """Return the robustness of the episodes of the sample, where it was measured [m]."""
     return [row.robustness_m for row in one.rows if row.robustness_m is not None]
 
 
-def line(one: Compared, x: Sequence[float], y: Sequence[float]) -> dict[str, object]:
-    """A campaign's part of a chart."""
+def make_line(one: Compared, x: Sequence[float], y: Sequence[float]) -> dict[str, object]:
+    """Return a campaign's line of a chart."""
     return {"name": one.name, "id": one.campaign.id, "x": round_values(x), "y": round_values(y)}
 
 
@@ -274,6 +289,6 @@ def draw_lines(x: str, y: str, lines: list[dict[str, object]]) -> dict[str, obje
     return {"x": x, "y": y, "look": "lines", "lines": lines}
 
 
-def left_out(rows: int) -> str:
-    """That a table ends early."""
+def describe_left_out(rows: int) -> str:
+    """Return the note that a table ends early."""
     return f"The first {MOST_ROWS} of {rows} rows." if rows > MOST_ROWS else ""

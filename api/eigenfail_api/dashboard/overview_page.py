@@ -15,8 +15,13 @@ from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.operations import ACTIVE_S, Presence, WorkerShare
 from eigenfail_api.dashboard.charts import Chart
-from eigenfail_api.dashboard.cost_charts import REPLAY, MethodCosts, cost_chart, method_costs
-from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, page, standing
+from eigenfail_api.dashboard.cost_charts import (
+    REPLAY,
+    MethodCosts,
+    make_cost_chart,
+    make_method_costs,
+)
+from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, make_standing, page
 from eigenfail_api.parameters import Before, Stored
 from eigenfail_services.campaigns.costs import compare_peers, list_methods
 from eigenfail_services.campaigns.summary import (
@@ -31,10 +36,10 @@ from eigenfail_services.store import Store
 MOST_LINES = 100
 
 
-def crew_tiles(
+def make_worker_tiles(
     here: Sequence[Presence], lately: Sequence[WorkerShare], within_s: int
 ) -> tuple[tuple[str, Tile], ...]:
-    """How many are there now, and how quickly they work: by the results of the last seconds."""
+    """Return the tiles of the connected workers and of their speed over the last seconds."""
     at_work = {share.worker for share in lately}
     names = {presence.worker for presence in here} | at_work
     episodes = sum(share.episodes for share in lately)
@@ -136,9 +141,9 @@ class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
     latest: int
 
 
-def overview(known: OverviewFacts, wanted: Wanted) -> Overview:
-    """The page."""
-    lines = tuple(map(standing, known.page.items, known.summaries))
+def make_overview(known: OverviewFacts, wanted: Wanted) -> Overview:
+    """Return the page of all campaigns."""
+    lines = tuple(map(make_standing, known.page.items, known.summaries))
     return Overview(
         wanted=wanted,
         address=wanted.address(),
@@ -149,11 +154,11 @@ def overview(known: OverviewFacts, wanted: Wanted) -> Overview:
         replays=fold_replays(known.replays, wanted),
         lines=lines,
         tiles=(
-            *tiles(known.page.items, known.summaries),
-            *crew_tiles(known.here, known.lately, known.within_s),
+            *make_tiles(known.page.items, known.summaries),
+            *make_worker_tiles(known.here, known.lately, known.within_s),
         ),
-        panel=method_costs(known.groups),
-        costs=cost_chart(known.summaries),
+        panel=make_method_costs(known.groups),
+        costs=make_cost_chart(known.summaries),
         is_open=any(line.is_open for line in lines),
         wants_workers=not known.here and any(c.state in WORKING for c in known.page.items),
         stranded=known.stranded,
@@ -170,10 +175,10 @@ def fold_replays(count: int, wanted: Wanted) -> tuple[str, str] | None:
     return words, msgspec.structs.replace(wanted, method=REPLAY, before=None).address()
 
 
-def tiles(
+def make_tiles(
     campaigns: Sequence[Campaign], summaries: Sequence[Summary]
 ) -> tuple[tuple[str, Tile], ...]:
-    """Sums over the campaigns of the page."""
+    """Return the tiles of sums over the campaigns of the page."""
     running = sum(campaign.state == "running" for campaign in campaigns)
     completed = sum(campaign.counts.completed for campaign in campaigns)
     failures = sum(campaign.counts.failures for campaign in campaigns)
@@ -207,7 +212,9 @@ def show_overview(
     """Campaigns, newest first."""
     wanted = Wanted(state or None, method or None, search.strip() or None, before)
     staffing = partial(find_staffing, store)
-    return page("overview.html", overview(read_overview(store, wanted), wanted), staffing=staffing)
+    return page(
+        "overview.html", make_overview(read_overview(store, wanted), wanted), staffing=staffing
+    )
 
 
 def read_overview(store: Store, wanted: Wanted) -> OverviewFacts:

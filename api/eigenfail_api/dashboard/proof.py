@@ -70,8 +70,8 @@ class ProofView(msgspec.Struct, frozen=True, kw_only=True):
     replays: tuple[ReplayLine, ...]
 
 
-def proof_view(found: Proof) -> ProofView:
-    """How things stand."""
+def make_proof_view(found: Proof) -> ProofView:
+    """Return the view of an analysis's replays."""
     replays = [replay for scenario in found.scenarios for replay in scenario.replays]
     cut_off = any(scenario.state in CAME_TO_NOTHING for scenario in found.scenarios)
     return ProofView(
@@ -79,14 +79,14 @@ def proof_view(found: Proof) -> ProofView:
         planned=len(replays),
         is_done=found.done,
         may_ask=not found.scenarios or cut_off,
-        tallies=tallies(found),
-        scenarios=tuple(map(scenario_line, found.scenarios)),
+        tallies=make_tallies(found),
+        scenarios=tuple(map(make_scenario_line, found.scenarios)),
         replays=tuple(line for scenario in found.scenarios for line in replay_lines(scenario)),
     )
 
 
-def tallies(found: Proof) -> tuple[tuple[str, Tile], ...]:
-    """In the same scenario, and in all of them where there are several."""
+def make_tallies(found: Proof) -> tuple[tuple[str, Tile], ...]:
+    """Return the tiles of replays in the same scenario, and in all if there are several."""
     same = (("Eigenfailures, same scenario", describe_reproduction(found.reproduced)),)
     count = len(found.scenarios)
     if count < 2:
@@ -109,18 +109,18 @@ def describe_reproduction(found: Reproduction) -> Tile:
     )
 
 
-def scenario_line(scenario: ProvenScenario) -> ScenarioLine:
-    """One scenario."""
+def make_scenario_line(scenario: ProvenScenario) -> ScenarioLine:
+    """Return the line of a scenario."""
     return ScenarioLine(
         words=scenario.words,
         campaign=scenario.campaign,
-        badge=scenario_badge(scenario),
+        badge=make_scenario_badge(scenario),
         eigenfailures=describe_reproduction(scenario.eigenfailures),
         medoids=describe_reproduction(scenario.medoids),
     )
 
 
-def scenario_badge(scenario: ProvenScenario) -> Badge:
+def make_scenario_badge(scenario: ProvenScenario) -> Badge:
     """Return the badge of the campaign that replays: errored if every replay of it errored."""
     ended = [replay.outcome for replay in scenario.replays if replay.outcome is not None]
     is_errored = bool(ended) and all(outcome is Outcome.FAILED for outcome in ended)

@@ -36,42 +36,42 @@ class Kind(NamedTuple):
     sample: str
 
 
-def kind_of(schema: Node) -> Kind:
-    """The kind of value that a schema describes."""
+def find_kind(schema: Node) -> Kind:
+    """Return the kind of value that a schema describes."""
     value = sample(schema, {})
     text = ",".join(map(str, value)) if isinstance(value, list) else str(value)
-    return Kind(words_of(schema), reference_of(schema), text)
+    return Kind(describe_schema(schema), find_reference(schema), text)
 
 
-def reference_of(schema: Node) -> str:
-    """The first schema that is named in another, if there is one."""
+def find_reference(schema: Node) -> str:
+    """Return the name of the first schema that a schema refers to; empty if there is none."""
     if "$ref" in schema:
         return str(schema["$ref"]).rpartition("/")[2]
-    inner = [*schema.get("anyOf", []), item_of(schema)]
-    return next(filter(None, map(reference_of, filter(None, inner))), "")
+    inner = [*schema.get("anyOf", []), find_item(schema)]
+    return next(filter(None, map(find_reference, filter(None, inner))), "")
 
 
-def item_of(schema: Node) -> Node:
-    """What the items of an array are; of a fixed number of them, what the first is."""
+def find_item(schema: Node) -> Node:
+    """Return the schema of an array's items; of the first item for a fixed number of items."""
     first: Node = [*schema.get("prefixItems", []), schema.get("items") or {}][0]
     return first
 
 
-def words_of(schema: Node) -> str:
-    """A schema in words."""
+def describe_schema(schema: Node) -> str:
+    """Return a schema as text."""
     if "$ref" in schema:
-        return reference_of(schema)
+        return find_reference(schema)
     if "anyOf" in schema:
-        return " or ".join(map(words_of, schema["anyOf"]))
+        return " or ".join(map(describe_schema, schema["anyOf"]))
     if "enum" in schema:
         return " | ".join(map(json.dumps, schema["enum"]))
     if schema.get("type") == "array":
-        return f"list of {words_of(item_of(schema))}"
-    return " ".join(filter(None, [schema.get("type", "anything"), bounds(schema)]))
+        return f"list of {describe_schema(find_item(schema))}"
+    return " ".join(filter(None, [schema.get("type", "anything"), describe_bounds(schema)]))
 
 
-def bounds(schema: Node) -> str:
-    """The bounds of a number, the length of a text."""
+def describe_bounds(schema: Node) -> str:
+    """Return the bounds of a number, or the length of a text."""
     phrases = [
         f"{sign} {schema[name]}"
         for name, sign in (
@@ -90,7 +90,7 @@ def bounds(schema: Node) -> str:
 def sample(schema: Node, schemas: Mapping[str, Node]) -> Any:
     """A small value that is in order; a schema that is not among the named ones is any object."""
     if "$ref" in schema:
-        return sample(schemas.get(reference_of(schema), {"type": "object"}), schemas)
+        return sample(schemas.get(find_reference(schema), {"type": "object"}), schemas)
     given = [schema[name] for name in ("default", "const") if name in schema]
     for value in [*schema.get("examples", []), *given, *schema.get("enum", [])]:
         return value
@@ -105,7 +105,7 @@ def sample_of_type(schema: Node, schemas: Mapping[str, Node]) -> Any:
     if inner:
         return {name: sample(inner[name], schemas) for name in schema.get("required", [])}
     if schema.get("minItems"):
-        return [sample(item_of(schema), schemas)]
+        return [sample(find_item(schema), schemas)]
     return schema.get("minimum", SAMPLES[schema.get("type", "object")])
 
 
@@ -173,9 +173,9 @@ class ReferencePage(NamedTuple):
     address: str
 
 
-def reference(document: Node, address: str) -> ReferencePage:
-    """The page of a document whose service answers at an address."""
-    operations = [*operations_of(document, address)]
+def make_reference(document: Node, address: str) -> ReferencePage:
+    """Return the reference page of a document whose service has an address."""
+    operations = [*iterate_operations(document, address)]
     groups = (
         ReferenceGroup(
             tag["name"],
@@ -185,25 +185,25 @@ def reference(document: Node, address: str) -> ReferencePage:
         for tag in document["tags"]
     )
     schemas = document["components"]["schemas"]
-    described = tuple(schema_of(name, schemas[name]) for name in sorted(schemas))
+    described = tuple(make_schema(name, schemas[name]) for name in sorted(schemas))
     return ReferencePage(tuple(groups), described, address)
 
 
-def operations_of(document: Node, address: str) -> Iterator[tuple[list[str], Operation]]:
-    """All routes with their tags, by their paths."""
+def iterate_operations(document: Node, address: str) -> Iterator[tuple[list[str], Operation]]:
+    """Yield all routes with their tags, in the order of their paths."""
     for path, item in sorted(document["paths"].items()):
         for verb, node in item.items():
-            yield node["tags"], operation_of(document, f"{verb.upper()} {path}", node, address)
+            yield node["tags"], make_operation(document, f"{verb.upper()} {path}", node, address)
 
 
-def operation_of(document: Node, place: str, node: Node, address: str) -> Operation:
-    """One route; its place is a verb and a path."""
+def make_operation(document: Node, place: str, node: Node, address: str) -> Operation:
+    """Return a route; its place is a verb and a path."""
     verb, _, path = place.partition(" ")
-    parameters = tuple(map(parameter_of, node.get("parameters", [])))
+    parameters = tuple(map(make_parameter, node.get("parameters", [])))
     body = node.get("requestBody", {}).get("content", {}).get(JSON)
     refusals = document["components"]["responses"]
     answers = tuple(
-        answer_of(status, refusals[each["$ref"].rpartition("/")[2]] if "$ref" in each else each)
+        make_answer(status, refusals[each["$ref"].rpartition("/")[2]] if "$ref" in each else each)
         for status, each in node["responses"].items()
     )
     accept = answers[0].contents[0][0] if answers[0].contents else ""
@@ -213,61 +213,66 @@ def operation_of(document: Node, place: str, node: Node, address: str) -> Operat
         path=path,
         words=node["description"],
         parameters=parameters,
-        body=kind_of(body["schema"]) if body else None,
+        body=find_kind(body["schema"]) if body else None,
         answers=answers,
-        curl=curl(verb, address + path, parameters, body_example(document, body)),
+        curl=format_curl(verb, address + path, parameters, make_body_example(document, body)),
         accept=accept,
         can_try=verb == "GET" and accept != STREAM,
     )
 
 
-def parameter_of(node: Node) -> ReferenceField:
-    """A parameter of a route."""
-    kind, default = kind_of(node["schema"]), default_of(node["schema"])
+def make_parameter(node: Node) -> ReferenceField:
+    """Return a parameter of a route."""
+    kind, default = find_kind(node["schema"]), read_default(node["schema"])
     words = node.get("description", "")
     return ReferenceField(
         node["name"], node["in"], kind, node.get("required", False), default, words
     )
 
 
-def answer_of(status: str, node: Node) -> Answer:
-    """One of the answers of a route."""
+def make_answer(status: str, node: Node) -> Answer:
+    """Return a response of a route."""
     contents = node.get("content", {}).items()
-    kinds = tuple((media, kind_of(each["schema"])) for media, each in contents)
+    kinds = tuple((media, find_kind(each["schema"])) for media, each in contents)
     is_problem = any("problem" in media for media, _ in kinds)
     status = "other" if status == "default" else status
     return Answer(status, node["description"], kinds, is_problem)
 
 
-def schema_of(name: str, schema: Node) -> Schema:
-    """A schema with its fields."""
+def make_schema(name: str, schema: Node) -> Schema:
+    """Return a schema with its fields."""
     needed = schema.get("required", [])
     fields = (
         ReferenceField(
-            each, "", kind_of(part), each in needed, default_of(part), part.get("description", "")
+            each,
+            "",
+            find_kind(part),
+            each in needed,
+            read_default(part),
+            part.get("description", ""),
         )
         for each, part in schema.get("properties", {}).items()
     )
     return Schema(
-        name, " ".join(schema.get("description", "").split()), kind_of(schema), tuple(fields)
+        name, " ".join(schema.get("description", "").split()), find_kind(schema), tuple(fields)
     )
 
 
-def default_of(schema: Node) -> str:
-    """What stands for a value that is not sent, as JSON; empty if there is no such thing."""
+def read_default(schema: Node) -> str:
+    """Return the value of a parameter that is not sent, as JSON; empty if there is none."""
     return json.dumps(schema["default"]) if "default" in schema else ""
 
 
-def body_example(document: Node, body: Node | None) -> str:
-    """A small body that is in order, as JSON; empty if there is none."""
+def make_body_example(document: Node, body: Node | None) -> str:
+    """Return a small valid body, as JSON; empty if there is none."""
     if body is None:
         return ""
     found = body.get("example", sample(body["schema"], document["components"]["schemas"]))
     return json.dumps(found)
 
 
-def curl(verb: str, url: str, parameters: tuple[ReferenceField, ...], body: str) -> str:
-    """A command line that asks for it, with sample ids in the place of path parameters."""
+def format_curl(verb: str, url: str, parameters: tuple[ReferenceField, ...], body: str) -> str:
+    """Return the shell command of a request, with sample ids for path parameters."""
     for parameter in parameters:
         if parameter.where == "path":
             url = url.replace(f"{{{parameter.name}}}", parameter.kind.sample)
@@ -282,7 +287,7 @@ def curl(verb: str, url: str, parameters: tuple[ReferenceField, ...], body: str)
 def show_api(request: Request) -> HTMLResponse:
     """All routes with their parameters, answers and an example; those that read can be tried."""
     address = str(request.base_url).rstrip("/")
-    return page("api.html", reference(request.app.openapi(), address))
+    return page("api.html", make_reference(request.app.openapi(), address))
 
 
 @router.get("/glossary")

@@ -55,55 +55,55 @@ class RegionView(msgspec.Struct, frozen=True, kw_only=True):
     p_value: str = ""
 
 
-def region_to_come(campaign: Campaign) -> RegionView:
-    """The page while the region is worked out."""
+def make_pending_region_view(campaign: Campaign) -> RegionView:
+    """Return the page while the region is computed."""
     return RegionView(campaign=campaign.id, campaign_name=campaign.spec.name, is_made=False)
 
 
-def region_view(campaign: Campaign, found: Region) -> RegionView:
-    """The page with the region."""
+def make_region_view(campaign: Campaign, found: Region) -> RegionView:
+    """Return the page with the region."""
     return RegionView(
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
         is_made=True,
-        tiles=tiles(found),
-        boxes=tuple(map(box_line, found.boxes)),
+        tiles=make_tiles(found),
+        boxes=tuple(map(make_box_line, found.boxes)),
         problem=found.problem,
         warnings=found.warnings,
         p_value="" if found.p_value is None else format_number(found.p_value, 2),
     )
 
 
-def tiles(found: Region) -> tuple[tuple[str, Tile], ...]:
-    """What it rests on, and what all boxes have together."""
+def make_tiles(found: Region) -> tuple[tuple[str, Tile], ...]:
+    """Return the tiles of the region's basis and of the sums over its boxes."""
     episodes = f"of {count_noun(found.episodes, 'episode')}"
     names = ", ".join(found.parameters)
     shown = (
         ("Failures", Tile(format_count(found.failures), (episodes,))),
         ("Parameters varied", Tile(format_count(len(found.parameters)), (names,))),
-        ("Failure rate everywhere", share(found.failure_rate)),
+        ("Failure rate everywhere", make_share_tile(found.failure_rate)),
     )
     if not found.boxes:
         return shown
     return (
         *shown,
-        ("Failure rate inside", share(found.precision)),
-        ("Failures inside", share(found.coverage)),
+        ("Failure rate inside", make_share_tile(found.precision)),
+        ("Failures inside", make_share_tile(found.coverage)),
     )
 
 
-def box_line(box: Box) -> BoxLine:
-    """One part."""
+def make_box_line(box: Box) -> BoxLine:
+    """Return the line of a box."""
     return BoxLine(
         bounds=tuple(bound.words for bound in box.bounds),
-        coverage=share(box.coverage),
-        inside=share(box.precision),
+        coverage=make_share_tile(box.coverage),
+        inside=make_share_tile(box.precision),
         percent=100.0 * box.precision.value if box.precision else 0.0,
     )
 
 
-def share(found: Rate | None) -> Tile:
-    """A share with its interval and what it is of."""
+def make_share_tile(found: Rate | None) -> Tile:
+    """Return the tile of a share with its interval and its basis."""
     if found is None:
         return Tile(UNKNOWN, ("no episodes in the counted half",))
     counted = f"{format_count(found.k)} of {format_count(found.n)}"
@@ -117,7 +117,7 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 @router.get("/campaigns/{campaign}/region")
 def show_region(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """The page on which the failing region of a campaign appears."""
-    return page("region.html", region_to_come(store.campaigns.get(campaign)))
+    return page("region.html", make_pending_region_view(store.campaigns.get(campaign)))
 
 
 @router.get("/campaigns/{campaign}/region/boxes")
@@ -125,4 +125,4 @@ async def show_boxes(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """The failing region of a campaign: its page asks for it once it stands."""
     found = await REGIONS.do(find_region_in_process, store, (campaign,))
     seen = await run_sync(store.campaigns.get, campaign)
-    return page("region.html", region_view(seen, found))
+    return page("region.html", make_region_view(seen, found))

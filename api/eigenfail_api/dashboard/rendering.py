@@ -155,8 +155,8 @@ def list_charted_methods() -> str:
 
 
 @cache
-def modules_of(script: str) -> list[str]:
-    """The scripts that one needs, itself included: a browser would find out bit by bit."""
+def list_modules(script: str) -> list[str]:
+    """Return a script and all scripts that it imports, so that a browser can load them at once."""
     found, new = set[str](), {script}
     while new:
         found |= new
@@ -165,8 +165,8 @@ def modules_of(script: str) -> list[str]:
     return sorted(found)
 
 
-def environment() -> Environment:
-    """Where the templates live, and what they can say."""
+def make_environment() -> Environment:
+    """Return the environment of the templates with its filters and functions."""
     made = Environment(
         loader=FileSystemLoader(FOLDER / "templates"),
         autoescape=True,
@@ -178,14 +178,14 @@ def environment() -> Environment:
     made.globals |= {
         "version": __version__,
         "clusterers": CLUSTERERS,
-        "modules_of": modules_of,
+        "modules_of": list_modules,
         "charted_methods": list_charted_methods,
         "term_of": find_term,
     }
     return made
 
 
-TEMPLATES = environment()
+TEMPLATES = make_environment()
 
 
 def page(template: str, view: object, status: int = 200, **more: Any) -> HTMLResponse:
@@ -206,8 +206,8 @@ KEPT = ("allow", "retry-after", "content-security-policy")
 KEPT_PREFIXES = ("x-", "referrer-")
 
 
-def for_browsers(handlers: Handlers) -> dict[int | type[Exception], Handler]:
-    """The handlers, answering in HTML where HTML was asked for."""
+def wrap_for_browsers(handlers: Handlers) -> dict[int | type[Exception], Handler]:
+    """Return the handlers, answering in HTML where HTML was requested."""
     return {kind: show_problems(handler) for kind, handler in handlers.items()}
 
 
@@ -222,7 +222,7 @@ def show_problems(handler: Handler) -> Handler:
 
 
 def wants_page(request: Request) -> bool:
-    """Whether a person is looking; programs ask the API, or do not ask for HTML."""
+    """Whether the request accepts HTML; programs use the API or do not ask for HTML."""
     accepts = request.headers.get("accept", "")
     return "text/html" in accepts and not request.url.path.startswith(f"{PREFIX}/")
 
@@ -267,7 +267,7 @@ CAMPAIGN_BADGES = {
 ERRORED_BADGE = Badge(ERRORED, "!", "bad")
 
 
-def campaign_badge(state: CampaignState, counts: Counts) -> Badge:
+def make_campaign_badge(state: CampaignState, counts: Counts) -> Badge:
     """Return the badge of a campaign: red, and not green, if all of its episodes errored."""
     is_errored = state_word(state, counts) == ERRORED
     return ERRORED_BADGE if is_errored else CAMPAIGN_BADGES[state]
@@ -342,8 +342,8 @@ class StandingView(msgspec.Struct, frozen=True, kw_only=True):
     speed: Tile
 
 
-def standing(campaign: Campaign, summary: Summary) -> StandingView:
-    """A campaign and its summary as text."""
+def make_standing(campaign: Campaign, summary: Summary) -> StandingView:
+    """Return a campaign and its summary as text."""
     spec, counts = campaign.spec, campaign.counts
     return StandingView(
         id=campaign.id,
@@ -352,18 +352,18 @@ def standing(campaign: Campaign, summary: Summary) -> StandingView:
         planner=spec.planner,
         scenario=spec.scenario,
         simulator=spec.simulator,
-        badge=campaign_badge(campaign.state, campaign.counts),
+        badge=make_campaign_badge(campaign.state, campaign.counts),
         is_open=campaign.state not in FINAL_STATES,
         because=campaign.stopped_because,
         ended=counts.completed + counts.failed,
         planned=counts.planned,
         wanted=counts.planned - counts.cancelled,
-        remaining=remaining(campaign, summary),
+        remaining=describe_remaining(campaign, summary),
         errored=summary.errored.words(counts),
-        failures=failures(summary),
-        probability=probability(summary.estimate),
-        cost=cost(summary),
-        total=total(campaign, summary),
+        failures=make_failure_tile(summary),
+        probability=make_probability_tile(summary.estimate),
+        cost=make_cost_tile(summary),
+        total=make_total_tile(campaign, summary),
         likelihood=Tile(format_number(summary.log_probability_per_step), ("of the failures",)),
         severity=Tile(format_number(summary.mean_severity), ("of the failures",)),
         speed=Tile(
@@ -372,8 +372,8 @@ def standing(campaign: Campaign, summary: Summary) -> StandingView:
     )
 
 
-def remaining(campaign: Campaign, summary: Summary) -> str:
-    """How long the open episodes take at the pace so far, or how many were left unrun."""
+def describe_remaining(campaign: Campaign, summary: Summary) -> str:
+    """Return the remaining time at the speed so far, or the number of episodes left unrun."""
     if campaign.counts.cancelled:
         return f"{format_count(campaign.counts.cancelled)} not run"
     if campaign.state != "running" or not summary.episodes_per_s:
@@ -381,8 +381,8 @@ def remaining(campaign: Campaign, summary: Summary) -> str:
     return f"about {format_duration(campaign.counts.open / summary.episodes_per_s)} left"
 
 
-def failures(summary: Summary) -> Tile:
-    """How many, and at what rate."""
+def make_failure_tile(summary: Summary) -> Tile:
+    """Return the tile of the number and share of failures."""
     rate = summary.failure_rate
     if rate is None:
         nothing_yet = () if summary.remark else NOTHING_YET
@@ -405,7 +405,7 @@ def mark_of(summary: Summary) -> tuple[str, str]:
     return ", ".join(words for words, _ in found), found[0][1] if found else ""
 
 
-def probability(estimate: Estimate | None) -> Tile | None:
+def make_probability_tile(estimate: Estimate | None) -> Tile | None:
     """Return the failure probability or the reason why there is none; None for other methods."""
     if estimate is None:
         return None
@@ -413,22 +413,22 @@ def probability(estimate: Estimate | None) -> Tile | None:
     return Tile(value, tuple(notes))
 
 
-def cost(summary: Summary) -> Tile:
-    """What a failure cost, from how many failures, and how sure that is."""
+def make_cost_tile(summary: Summary) -> Tile:
+    """Return the tile of the cost per failure with its basis."""
     price, counts = format_cost(summary.cost), summary.counts
     n = "n = 0 in " if not counts.failures else "n = "
     basis = (f"{n}{format_count(counts.failures or counts.completed)}",) if counts.completed else ()
     return Tile(price.value, (*basis, *price.notes))
 
 
-def speed(campaign: Campaign, summary: Summary) -> Tile:
-    """Episodes per second of the time that it was running."""
+def make_speed_tile(campaign: Campaign, summary: Summary) -> Tile:
+    """Return the tile of episodes per second while the campaign ran."""
     lasted = format_duration(campaign.active_s)
     return Tile(format_number(summary.episodes_per_s), (f"in {lasted}",))
 
 
-def total(campaign: Campaign, summary: Summary) -> Tile:
-    """What all of it cost."""
+def make_total_tile(campaign: Campaign, summary: Summary) -> Tile:
+    """Return the tile of the campaign's total cost."""
     hours = format_number(summary.cost.instance_hours)
     price = format_number(campaign.spec.price_usd_per_hour)
     return Tile(f"{format_usd(summary.cost.total_usd)} USD", (f"{hours} h × {price} USD/h",))
@@ -448,8 +448,8 @@ class Pager(NamedTuple):
     older: str | None
 
 
-def pager(address: str, before: int | None, following: int | None) -> Pager:
-    """Of the page that begins below a cursor, and the cursor of the next one."""
+def make_pager(address: str, before: int | None, following: int | None) -> Pager:
+    """Return the pager of the page below a cursor, with the cursor of the next page."""
     return Pager(
         page_of(address, before),
         page_of(address, None) if before else None,

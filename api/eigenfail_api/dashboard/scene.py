@@ -25,7 +25,7 @@ from eigenfail.values import (
     Outcome,
     Scene,
 )
-from eigenfail_api.dashboard.charts import Chart, round_values, rounded_rows
+from eigenfail_api.dashboard.charts import Chart, round_rows, round_values
 from eigenfail_api.dashboard.rendering import OUTCOME_BADGES, Badge
 from eigenfail_services.campaigns.explanations import measure_clearances
 
@@ -38,12 +38,12 @@ class Jump(msgspec.Struct, frozen=True):
     tone: str = ""
 
 
-def jumps(result: EpisodeResult) -> tuple[Jump, ...]:
+def list_jumps(result: EpisodeResult) -> tuple[Jump, ...]:
     """Return links to the notable moments of an episode, in order of time."""
     found = [*find_threshold_moments(result.measures)] if result.measures else []
     if result.scene and not result.is_failure:
-        found.append(NotableMoment(nearest_moment(result.scene), "nearest"))
-    return tuple(map(jump, sorted(found, key=lambda each: each.time_s)))
+        found.append(NotableMoment(find_nearest_moment(result.scene), "nearest"))
+    return tuple(map(make_jump, sorted(found, key=lambda each: each.time_s)))
 
 
 def find_threshold_moments(measures: Measures) -> Iterator[NotableMoment]:
@@ -53,7 +53,7 @@ def find_threshold_moments(measures: Measures) -> Iterator[NotableMoment]:
             yield NotableMoment(time_s, measure.event)
 
 
-def jump(found: NotableMoment) -> Jump:
+def make_jump(found: NotableMoment) -> Jump:
     """Return the link to a moment."""
     tone = "bad" if found.words == "collision" else ""
     return Jump(f"{found.time_s:.1f}", found.words, tone)
@@ -62,7 +62,7 @@ def jump(found: NotableMoment) -> Jump:
 CONVENTIONAL_LANE_M = 3.5
 
 
-def noise_chart(noise: NoiseTrajectory, dt_s: float | None) -> Chart:
+def make_noise_chart(noise: NoiseTrajectory, dt_s: float | None) -> Chart:
     """Return the chart of the noise on the perceived position, step by step."""
     metres, standardised = noise.metres, noise.standardised
     times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
@@ -99,8 +99,8 @@ def noise_chart(noise: NoiseTrajectory, dt_s: float | None) -> Chart:
     )
 
 
-def clearance_chart(scene: Scene) -> Chart:
-    """How far the nearest vehicle was; the smallest of it is the robustness."""
+def make_clearance_chart(scene: Scene) -> Chart:
+    """Return the chart of the distance to the nearest vehicle; its minimum is the robustness."""
     nearest = measure_clearances(scene).min(axis=1)
     times = [step * scene.dt_s for step in range(len(nearest))]
     return Chart(
@@ -122,16 +122,16 @@ def clearance_chart(scene: Scene) -> Chart:
     )
 
 
-def nearest_moment(scene: Scene) -> float:
-    """When the ego was nearest to any other vehicle [s]."""
+def find_nearest_moment(scene: Scene) -> float:
+    """Return the time at which the ego was nearest to another vehicle [s]."""
     return float(measure_clearances(scene).min(axis=1).argmin()) * scene.dt_s
 
 
-def scene_chart(
+def make_scene_chart(
     scene: Scene, mission: Mission | None, outcome: Outcome, name: str = "scene"
 ) -> Chart:
-    """The course of the episode, from above, with the moment at which it ended."""
-    nearest = nearest_actor(scene)
+    """Return the chart of the episode from above, with the moment at which it ended."""
+    nearest = find_nearest_actors(scene)
     apart = measure_clearances(scene).min(axis=1)
     return Chart(
         id=name,
@@ -140,9 +140,9 @@ def scene_chart(
         caption="Width and length have the same scale; the view follows the ego.",
         data={
             "dt": scene.dt_s,
-            "vehicles": [rounded_rows(vehicles) for vehicles in scene.vehicles],
-            "sizes": rounded_rows(scene.sizes),
-            "perceived": rounded_rows(scene.perceived),
+            "vehicles": [round_rows(vehicles) for vehicles in scene.vehicles],
+            "sizes": round_rows(scene.sizes),
+            "perceived": round_rows(scene.perceived),
             "nearest": nearest,
             "apart": round_values(map(float, apart)),
             "collides": outcome is Outcome.COLLISION,
@@ -162,21 +162,21 @@ def scene_chart(
             "Distance [m]",
         ),
         rows=tuple(
-            scene_row(scene, step, nearest[step], apart) for step in range(len(scene.vehicles))
+            make_scene_row(scene, step, nearest[step], apart) for step in range(len(scene.vehicles))
         ),
         note="The scene by step.",
     )
 
 
-def nearest_actor(scene: Scene) -> list[int]:
-    """At each moment, the vehicle whose centre is nearest to the ego's."""
+def find_nearest_actors(scene: Scene) -> list[int]:
+    """Return for each step the vehicle whose centre is nearest to the ego's."""
     places = scene.vehicles[:, :, :2].astype(np.float64)
     apart = np.hypot(*np.moveaxis(places[:, 1:] - places[:, :1], -1, 0))
     return [1 + int(nearest) for nearest in apart.argmin(axis=1)]
 
 
-def scene_row(scene: Scene, step: int, actor: int, apart: Floats) -> tuple[str, ...]:
-    """One moment as text; in the last one nothing is perceived or done any more."""
+def make_scene_row(scene: Scene, step: int, actor: int, apart: Floats) -> tuple[str, ...]:
+    """Return a step as text; the last step has no perception and no control."""
     ego, other = scene.vehicles[step, 0], scene.vehicles[step, actor]
     is_over = step >= min(len(scene.perceived), len(scene.controls))
     asked = () if is_over else (*scene.perceived[step], scene.controls[step, 0])
@@ -198,15 +198,17 @@ class ClipView(msgspec.Struct, frozen=True, kw_only=True):
     scene: Chart | None
 
 
-def clip_view(campaign: Campaign, result: EpisodeResult, mission: Mission | None) -> ClipView:
-    """The player of an episode."""
+def make_clip_view(campaign: Campaign, result: EpisodeResult, mission: Mission | None) -> ClipView:
+    """Return the player of an episode."""
     name = f"clip-{campaign.id}-{result.index}-scene"
     return ClipView(
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
         index=result.index,
         badge=OUTCOME_BADGES[result.outcome],
-        scene=scene_chart(result.scene, mission, result.outcome, name) if result.scene else None,
+        scene=make_scene_chart(result.scene, mission, result.outcome, name)
+        if result.scene
+        else None,
     )
 
 
@@ -239,10 +241,10 @@ class AccountView(msgspec.Struct, frozen=True, kw_only=True):
     clearance: Chart | None = None
 
 
-def account_view(
+def make_account_view(
     campaign: int, name: str, index: int, explanation: Explanation, mission: Mission | None
 ) -> AccountView:
-    """The account of an episode."""
+    """Return the planner's explanation of an episode."""
     same, scene = explanation.replayed.same, explanation.scene
     return AccountView(
         campaign=campaign,
@@ -252,23 +254,25 @@ def account_view(
         verdict=explanation.verdict,
         note=explanation.note,
         story=tuple(map(put_minus_signs, explanation.story)),
-        jumps=tuple(map(jump, find_moments(explanation.steps))) if same else (),
-        steps=for_player(explanation.steps) if same else None,
-        scene=scene_chart(scene, mission, explanation.replayed.outcome) if scene else None,
-        clearance=clearance_chart(scene) if scene else None,
+        jumps=tuple(map(make_jump, find_moments(explanation.steps))) if same else (),
+        steps=make_player_columns(explanation.steps) if same else None,
+        scene=make_scene_chart(scene, mission, explanation.replayed.outcome) if scene else None,
+        clearance=make_clearance_chart(scene) if scene else None,
     )
 
 
-def no_account(campaign: int, name: str, index: int, error: EigenfailError) -> AccountView:
-    """Why there is none."""
+def make_missing_account_view(
+    campaign: int, name: str, index: int, error: EigenfailError
+) -> AccountView:
+    """Return the reason why there is no explanation."""
     problem = f"{error.problem} {error.remedy}".strip()
     return AccountView(campaign=campaign, campaign_name=name, index=index, problem=problem)
 
 
-def for_player(steps: Sequence[ExplainedStep]) -> dict[str, object]:
-    """Columns by name, a value for each step: words, figures, and the path as x, y, x, y …"""
+def make_player_columns(steps: Sequence[ExplainedStep]) -> dict[str, object]:
+    """Return columns with a value for each step: texts, figures, the path as x, y, x, y …"""
     words = {name: [str(step.account.get(name, "")) for step in steps] for name in WORDS}
-    figures = {name: round_values(figure(step, name) for step in steps) for name in FIGURES}
+    figures = {name: round_values(read_figure(step, name) for step in steps) for name in FIGURES}
     truth = {
         "true_gap_m": round_values(step.gap_m for step in steps),
         "true_closing_mps": round_values(step.closing_mps for step in steps),
@@ -277,7 +281,7 @@ def for_player(steps: Sequence[ExplainedStep]) -> dict[str, object]:
     return {**words, **figures, **truth, "path": paths}
 
 
-def figure(step: ExplainedStep, name: str) -> float | None:
-    """A figure of the account; None where it has none of that name."""
+def read_figure(step: ExplainedStep, name: str) -> float | None:
+    """Return a figure of the explanation; None where it has none of that name."""
     value = step.account.get(name)
     return value if isinstance(value, float) else None

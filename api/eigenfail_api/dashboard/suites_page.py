@@ -21,16 +21,16 @@ from eigenfail.values.suite import SuiteRow, SuiteStanding, SuiteTable
 from eigenfail.values.variation import in_words
 from eigenfail_api.dashboard import rendering
 from eigenfail_api.dashboard.charts import Chart
-from eigenfail_api.dashboard.cost_charts import cost_chart
+from eigenfail_api.dashboard.cost_charts import make_cost_chart
 from eigenfail_api.dashboard.rendering import (
     CAMPAIGN_BADGES,
     ERRORED_BADGE,
     Badge,
     Pager,
     Tile,
-    campaign_badge,
+    make_campaign_badge,
+    make_pager,
     page,
-    pager,
 )
 from eigenfail_api.parameters import Before, Stored
 from eigenfail_services.campaigns.summary import make_suite_table
@@ -105,23 +105,23 @@ class SuiteView(msgspec.Struct, frozen=True, kw_only=True):
     is_open: bool
 
 
-def suites_view(page: Page[SuiteStanding], before: int | None) -> SuitesView:
-    """The list."""
-    lines = tuple(map(suite_line, page.items))
+def make_suites_view(page: Page[SuiteStanding], before: int | None) -> SuitesView:
+    """Return the list of suites."""
+    lines = tuple(map(make_suite_line, page.items))
     is_open = any(suite.states.keys() - FINAL_STATES for suite in page.items)
     return SuitesView(
         lines=lines,
-        pages=pager("/suites", before, page.next),
+        pages=make_pager("/suites", before, page.next),
         is_open=is_open,
     )
 
 
-def suite_line(suite: SuiteStanding) -> SuiteLine:
-    """One of them."""
+def make_suite_line(suite: SuiteStanding) -> SuiteLine:
+    """Return the line of a suite."""
     return SuiteLine(
         name=suite.name,
-        address=address_of(suite.name),
-        badges=tuple((count, badge_of(word)) for word, count in suite.state_words.items()),
+        address=make_suite_address(suite.name),
+        badges=tuple((count, make_badge(word)) for word, count in suite.state_words.items()),
         campaigns=suite.campaigns,
         ended=suite.completed,
         planned=suite.planned,
@@ -129,35 +129,35 @@ def suite_line(suite: SuiteStanding) -> SuiteLine:
     )
 
 
-def badge_of(word: str) -> Badge:
-    """The badge of a state as people read it."""
+def make_badge(word: str) -> Badge:
+    """Return the badge of a state's label."""
     return ERRORED_BADGE if word == ERRORED else CAMPAIGN_BADGES[CampaignState(word)]
 
 
-def address_of(suite: str) -> str:
-    """The page of a suite."""
+def make_suite_address(suite: str) -> str:
+    """Return the address of a suite's page."""
     return f"/suites/{quote(suite, safe='')}"
 
 
-def suite_view(table: SuiteTable) -> SuiteView:
-    """The page of a suite."""
+def make_suite_view(table: SuiteTable) -> SuiteView:
+    """Return the page of a suite."""
     found = [msgspec.structs.replace(row.summary, name=row.member) for row in table.members]
     return SuiteView(
         name=table.suite,
-        address=address_of(table.suite),
-        tiles=tiles(table),
+        address=make_suite_address(table.suite),
+        tiles=make_tiles(table),
         columns=table.columns,
-        lines=tuple(member_line(table, row) for row in table.members),
+        lines=tuple(make_member_line(table, row) for row in table.members),
         first=table.members[0].member,
         tells_probability=any(summary.estimate for summary in found),
-        costs=cost_chart(found),
-        notes=tuple(notes(table)),
+        costs=make_cost_chart(found),
+        notes=tuple(list_notes(table)),
         is_open=any(row.state not in FINAL_STATES for row in table.members),
     )
 
 
-def tiles(table: SuiteTable) -> tuple[tuple[str, Tile], ...]:
-    """Sums over the members."""
+def make_tiles(table: SuiteTable) -> tuple[tuple[str, Tile], ...]:
+    """Return the tiles of sums over the members."""
     counts = [row.summary.counts for row in table.members]
     running = sum(row.state is CampaignState.RUNNING for row in table.members)
     spent = sum(row.summary.cost.total_usd for row in table.members)
@@ -173,32 +173,32 @@ def tiles(table: SuiteTable) -> tuple[tuple[str, Tile], ...]:
     )
 
 
-def member_line(table: SuiteTable, row: SuiteRow) -> MemberLine:
-    """A member's row."""
+def make_member_line(table: SuiteTable, row: SuiteRow) -> MemberLine:
+    """Return the line of a member."""
     summary, counts = row.summary, row.summary.counts
-    said = setting_words(row)
+    said = describe_settings(row)
     left = f"{format_count(counts.cancelled)} not run" if counts.cancelled else ""
     return MemberLine(
         name=row.member,
         campaign=row.campaign,
-        badge=campaign_badge(row.state, summary.counts),
+        badge=make_campaign_badge(row.state, summary.counts),
         because=row.stopped_because,
         ended=counts.completed + counts.failed,
         planned=counts.planned,
         wanted=counts.planned - counts.cancelled,
         remaining=left,
         settings=tuple(said.get(column, DEFAULT) for column in table.columns),
-        failures=rendering.failures(summary),
-        cost=rendering.cost(summary),
+        failures=rendering.make_failure_tile(summary),
+        cost=rendering.make_cost_tile(summary),
         likelihood=format_number(summary.log_probability_per_step),
         severity=format_number(summary.mean_severity),
-        probability=rendering.probability(summary.estimate),
-        comparison=comparison(table, row),
+        probability=rendering.make_probability_tile(summary.estimate),
+        comparison=make_comparison_address(table, row),
     )
 
 
-def setting_words(row: SuiteRow) -> dict[str, str]:
-    """A member's settings as people read them, by column."""
+def describe_settings(row: SuiteRow) -> dict[str, str]:
+    """Return a member's settings as text, by column."""
     drawn = in_words({name: each for name, each in row.settings.items() if isinstance(each, dict)})
     return {
         name: drawn.get(name) or (UNKNOWN if each is None else format_value(each))
@@ -206,10 +206,10 @@ def setting_words(row: SuiteRow) -> dict[str, str]:
     }
 
 
-def comparison(table: SuiteTable, row: SuiteRow) -> str:
+def make_comparison_address(table: SuiteTable, row: SuiteRow) -> str:
     """Return the address that compares a member with the first one, all seeds of each included."""
     first = table.members[0]
-    if alike(first, row):
+    if differ_by_seed(first, row):
         return ""
     a, b = (group(table.members, each) for each in (first, row))
     return f"/comparison?a={a}&b={b}"
@@ -217,22 +217,22 @@ def comparison(table: SuiteTable, row: SuiteRow) -> str:
 
 def group(members: Iterable[SuiteRow], like: SuiteRow) -> str:
     """The campaigns that differ from one in their seeds alone, as an address names them."""
-    found = [str(each.campaign) for each in members if alike(each, like)]
+    found = [str(each.campaign) for each in members if differ_by_seed(each, like)]
     return ",".join(found[:MOST_COMPARED])
 
 
-def alike(one: SuiteRow, other: SuiteRow) -> bool:
+def differ_by_seed(one: SuiteRow, other: SuiteRow) -> bool:
     """Whether two members differ in their seeds alone."""
-    return without_seed(one) == without_seed(other)
+    return drop_seed(one) == drop_seed(other)
 
 
-def without_seed(row: SuiteRow) -> dict[str, object]:
-    """A member's settings but for its seed."""
+def drop_seed(row: SuiteRow) -> dict[str, object]:
+    """Return a member's settings without its seed."""
     return {name: each for name, each in row.settings.items() if name != SEED}
 
 
-def notes(table: SuiteTable) -> Iterator[str]:
-    """What the table leaves out."""
+def list_notes(table: SuiteTable) -> Iterator[str]:
+    """Return the notes on what the table leaves out."""
     if not table.columns and len(table.members) > 1:
         yield "The members differ only in their names."
     if table.earlier:
@@ -250,10 +250,10 @@ SUITES_ON_A_PAGE = 50
 def show_suites(store: Stored, before: Before = None) -> HTMLResponse:
     """All suites, those with the newest campaigns first."""
     listed = store.campaigns.suites(SUITES_ON_A_PAGE, before)
-    return page("suites.html", suites_view(listed, before))
+    return page("suites.html", make_suites_view(listed, before))
 
 
 @router.get("/suites/{suite:path}")
 def show_suite(store: Stored, suite: str) -> HTMLResponse:
     """One suite."""
-    return page("suite.html", suite_view(make_suite_table(store, suite)))
+    return page("suite.html", make_suite_view(make_suite_table(store, suite)))

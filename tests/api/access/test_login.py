@@ -7,7 +7,7 @@ from starlette.testclient import TestClient
 
 from eigenfail.values import CampaignSpec
 from eigenfail_api.access.authentication import MOST_SESSIONS, SESSION_COOKIE, Sessions
-from eigenfail_api.dashboard.keys_page import own
+from eigenfail_api.dashboard.keys_page import keep_own_address
 
 OURS = {"Origin": "http://127.0.0.1:8440", "Accept": "*/*"}
 CAMPAIGNS = "/api/v1/campaigns"
@@ -83,13 +83,13 @@ def test_a_wrong_key_stays_at_the_form(browser, keys, clock):
     ],
 )
 def test_what_comes_next_is_one_of_our_own_pages(wanted, sign_in):
-    assert own(wanted) == "/"
+    assert keep_own_address(wanted) == "/"
     assert sign_in("viewer", wanted).headers["location"] == "/"
 
 
 @pytest.mark.parametrize("wanted", ["/", "/suites?before=3", "/campaigns/1?next=//x"])
 def test_our_own_pages_come_next(wanted):
-    assert own(wanted) == wanted
+    assert keep_own_address(wanted) == wanted
 
 
 def test_whoever_signs_out_is_out(browser, sign_in):

@@ -8,7 +8,7 @@ from store_checks.examples import deliver, running
 
 from eigenfail.testing.examples import collision
 from eigenfail_api.dashboard import campaign_page
-from eigenfail_api.dashboard.rendering import STATIC, modules_of
+from eigenfail_api.dashboard.rendering import STATIC, list_modules
 from eigenfail_services.campaigns import costs
 
 HTML = {"Accept": "text/html"}
@@ -19,7 +19,7 @@ def test_all_that_a_page_imports_is_named_in_its_head(http, address) -> None:
     text = http.get(address, headers=HTML).text
     named = set(re.findall(r'rel="modulepreload" href="/static/js/([\w.]+)"', text))
     entry = re.search(r'src="/static/js/([\w.]+)" type="module"', text)[1]
-    assert named == set(modules_of(entry)) == imported(entry)
+    assert named == set(list_modules(entry)) == imported(entry)
     assert ("echarts.min.js" in text) == ("charts.js" in named)
 
 

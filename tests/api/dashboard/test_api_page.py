@@ -4,7 +4,12 @@ import shlex
 
 import pytest
 
-from eigenfail_api.dashboard.reference_page import kind_of, reference, sample, words_of
+from eigenfail_api.dashboard.reference_page import (
+    describe_schema,
+    find_kind,
+    make_reference,
+    sample,
+)
 
 ADDRESS = "http://127.0.0.1:8440"
 
@@ -16,7 +21,7 @@ def document(app):
 
 @pytest.fixture
 def view(document):
-    return reference(document, ADDRESS)
+    return make_reference(document, ADDRESS)
 
 
 @pytest.fixture
@@ -85,12 +90,12 @@ def test_streams_are_not_tried(operations):
     ],
 )
 def test_schemas_in_words(schema, words):
-    assert words_of(schema) == words
+    assert describe_schema(schema) == words
 
 
 def test_a_kind_knows_which_schema_it_names():
     inner = {"anyOf": [{"type": "null"}, {"type": "array", "items": {"$ref": "#/x/Mode"}}]}
-    assert kind_of(inner).reference == "Mode"
+    assert find_kind(inner).reference == "Mode"
 
 
 def test_samples_are_of_what_is_required():

@@ -4,7 +4,7 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.values import AnalysisSettings, Diversity, Outcome, Overhead
-from eigenfail_api.dashboard.overlays import bill_charts
+from eigenfail_api.dashboard.overlays import make_bill_charts
 from eigenfail_services.campaigns.costs import find_spending
 
 
@@ -54,13 +54,13 @@ def test_the_curves_tell_what_each_had_found_by_then(store, seeds):
     for campaign, seconds in ((long, 3000.0), (short, 1500.0)):
         store.campaigns.add_active(campaign, seconds)
     costs = [find_spending(store, store.campaigns.get(each)) for each in (long, short)]
-    (chart,) = bill_charts(costs[:1], costs[1:])
+    (chart,) = make_bill_charts(costs[:1], costs[1:])
     assert [line["side"] for line in chart.data["lines"]] == [0, 1]
     assert chart.columns == ("USD", f"A: {long} monte_carlo", f"B: {short} monte_carlo")
     assert chart.rows[4][2] == chart.rows[9][1] == "4"
     assert chart.rows[5][2] == "–"
     nothing = store.campaigns.create(store.campaigns.get(unpaid).spec)
-    assert bill_charts([find_spending(store, nothing)], []) == ()
+    assert make_bill_charts([find_spending(store, nothing)], []) == ()
 
 
 def test_what_cannot_be_compared_is_a_problem_for_people(look, campaign):

@@ -17,7 +17,7 @@ from eigenfail.values import CampaignSpec
 from eigenfail.values.access import KeyRequest, Scope
 from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
-from eigenfail_api.dashboard.copying import WORDS, CopiedRequest, Service, copies, to_toml
+from eigenfail_api.dashboard.copying import WORDS, CopiedRequest, Service, make_copies, to_toml
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.access import make_key
 
@@ -84,7 +84,9 @@ WAYS = {"curl": in_shell, "Python": in_python, "CLI": in_shell}
 def test_each_text_launches_the_campaign_that_the_form_launches(address, store, tmp_path, way):
     if way == "curl" and shutil.which("curl") is None:
         pytest.skip("there is no curl here")
-    found = copies(Service(address), CopiedRequest(method="POST", path="/campaigns", body=BODY))
+    found = make_copies(
+        Service(address), CopiedRequest(method="POST", path="/campaigns", body=BODY)
+    )
     WAYS[way](dict(found.texts)[way], tmp_path)
     (campaign,) = store.campaigns.page(10).items
     assert campaign.spec == msgspec.convert(BODY, CampaignSpec)
@@ -113,23 +115,27 @@ def test_each_text_of_each_view_gets_what_it_shows(address, pair, tmp_path, way)
     if way == "curl" and shutil.which("curl") is None:
         pytest.skip("there is no curl here")
     for path, words in paths.items():
-        text = dict(copies(Service(address), CopiedRequest(method="GET", path=path)).texts)[way]
+        text = dict(make_copies(Service(address), CopiedRequest(method="GET", path=path)).texts)[
+            way
+        ]
         assert words in WAYS[way](text, tmp_path), text
     query = {"a": str(one), "b": str(other)}
-    compared = copies(
+    compared = make_copies(
         Service(address), CopiedRequest(method="GET", path="/comparisons", query=query)
     )
     assert "completed" in WAYS[way](dict(compared.texts)[way], tmp_path)
 
 
 def test_an_analysis_can_be_asked_for(address, finished, campaign, tmp_path):
-    found = copies(Service(address), CopiedRequest(method="GET", path=f"/analyses/{finished()}"))
+    found = make_copies(
+        Service(address), CopiedRequest(method="GET", path=f"/analyses/{finished()}")
+    )
     assert found.cli == ""
     assert "explained" in in_python(found.python, tmp_path)
 
 
 def test_names_of_suites_cannot_break_out(tmp_path):
-    found = copies(
+    found = make_copies(
         Service("http://h"), CopiedRequest(method="GET", path="/suites/x'%3B%20touch%20y%20%23")
     )
     assert "touch%20y" in found.curl
@@ -139,7 +145,9 @@ def test_names_of_suites_cannot_break_out(tmp_path):
 
 def test_what_toml_cannot_say_has_no_text_for_the_command_line():
     body = {**BODY, "settings": {"converged_share": None}}
-    found = copies(Service("http://h"), CopiedRequest(method="POST", path="/campaigns", body=body))
+    found = make_copies(
+        Service("http://h"), CopiedRequest(method="POST", path="/campaigns", body=body)
+    )
     assert [name for name, _ in found.texts] == ["curl", "Python"]
 
 
@@ -172,7 +180,7 @@ def test_each_text_shows_the_key_that_lies_in_the_environment(
     admin = make_key(store, KeyRequest("ada", Scope.ADMIN))
     monkeypatch.setenv("EIGENFAIL_KEY", admin.token)
     body = {"name": "ci's", "scope": "runner"}
-    found = copies(
+    found = make_copies(
         Service(address, asks_for_key=True), CopiedRequest(method="POST", path="/keys", body=body)
     )
     assert admin.token not in str(found)

@@ -19,10 +19,10 @@ from eigenfail.values import (
 )
 from eigenfail_api.dashboard.analysis_page import (
     MOST_STEPS,
-    finding_tiles,
-    grids,
-    scores_chart,
-    training_charts,
+    list_tables,
+    make_finding_tiles,
+    make_scores_chart,
+    make_training_charts,
 )
 from eigenfail_api.dashboard.episodes_page import describe_settings
 
@@ -63,34 +63,36 @@ def interval(place, failures, steps=4, components=2):
 
 def test_modes_that_come_back_are_told_with_their_interval(found):
     stability = Stability(resamples=20, rows=40, median=0.91, interval=Interval(0.75, 1.0))
-    tile = dict(finding_tiles(replace(found, stability=stability)))["Adjusted Rand index"]
+    tile = dict(make_finding_tiles(replace(found, stability=stability)))["Adjusted Rand index"]
     assert (tile.value, *tile.notes[:2]) == ("0.910", "[0.750, 1.00]", "20 draws of 40 failures")
 
 
 def test_why_there_is_no_stability(found):
-    tiles = dict(finding_tiles(found))
+    tiles = dict(make_finding_tiles(found))
     assert tiles["Adjusted Rand index"].notes == ("not tried: no bootstrap",)
     single = replace(found, modes=found.modes[:1])
-    assert dict(finding_tiles(single))["Adjusted Rand index"].notes == (
+    assert dict(make_finding_tiles(single))["Adjusted Rand index"].notes == (
         "not tried: a single group",
     )
 
 
 def test_outliers_stand_there_only_if_there_are_any(found):
-    assert "Near no mode" not in dict(finding_tiles(found))
-    assert dict(finding_tiles(replace(found, outliers=0.125)))["Near no mode"].value == "12.5 %"
+    assert "Near no mode" not in dict(make_finding_tiles(found))
+    assert (
+        dict(make_finding_tiles(replace(found, outliers=0.125)))["Near no mode"].value == "12.5 %"
+    )
 
 
 def test_moments_are_told_in_seconds_or_in_steps(found):
     moments = (Moment("lateral", 3, 0.8, 0.25), Moment("longitudinal", 1, None, 0.125))
-    (grid,) = grids(replace(found, moments=moments))
+    (grid,) = list_tables(replace(found, moments=moments))
     assert grid.rows[0] == ("Lateral", "0.800 s before the collision", 0.25)
     assert grid.rows[1] == ("Longitudinal", "at step 1", 0.125)
 
 
 def test_the_share_of_the_last_seconds_stands_beside_that_of_the_time(found):
     share = InfluenceShare(seconds=2.0, time=0.25, longitudinal=0.5, lateral=None, both=0.5)
-    (grid,) = grids(replace(found, before_collision=(share,)))
+    (grid,) = list_tables(replace(found, before_collision=(share,)))
     (cells,) = grid.cells
     assert [cell.line for cell in cells] == ["Last 2 s", "25.0 %", "50.0 %", "–", "50.0 %"]
 
@@ -140,14 +142,14 @@ def test_a_result_of_an_older_release_has_its_peak_for_words(show, found):
 
 
 def test_failures_of_several_campaigns_lead_to_their_own(found):
-    chart = scores_chart(replace(found, campaigns=(4, 5)), 4)
+    chart = make_scores_chart(replace(found, campaigns=(4, 5)), 4)
     assert chart.data["episode"] == ["4/0", "5/1"]
-    assert scores_chart(found, 3).data["episode"] == ["3/0", "3/1"]
+    assert make_scores_chart(found, 3).data["episode"] == ["3/0", "3/1"]
 
 
 def test_training_is_drawn_by_interval_with_its_table(found):
     intervals = (interval(0, 0), *(interval(place, 3) for place in range(1, 10)))
-    mean, components = training_charts(replace(found, training=intervals))
+    mean, components = make_training_charts(replace(found, training=intervals))
     assert mean.data["lateral"][0] == []
     assert mean.data["lateral"][3] == [[3.0] * 4]
     assert mean.columns[:2] == ("Step", "longitudinal 0 – 10 %")
@@ -160,13 +162,13 @@ def test_training_is_drawn_by_interval_with_its_table(found):
 
 def test_long_episodes_are_thinned_for_the_screen(found):
     long = tuple(interval(place, 3, steps=5_000) for place in range(10))
-    mean, _ = training_charts(replace(found, training=long))
+    mean, _ = make_training_charts(replace(found, training=long))
     assert len(mean.data["steps"]) == len(mean.data["lateral"][0][0]) == MOST_STEPS
     assert len(mean.rows) == 5_000
 
 
 def test_nothing_is_drawn_of_training_that_was_not_looked_at(found):
-    assert training_charts(found) == ()
+    assert make_training_charts(found) == ()
 
 
 def test_what_was_asked_for_in_words():

@@ -14,13 +14,13 @@ from eigenfail_api.dashboard import launch_page
 from eigenfail_api.dashboard.launch_fields import (
     LaunchEntry,
     Texts,
-    body_of,
+    describe_problem,
     group_of,
-    humane,
+    make_body,
     read_number,
 )
-from eigenfail_api.dashboard.launch_layout import layout
-from eigenfail_api.dashboard.launch_page import fields_of, words_of
+from eigenfail_api.dashboard.launch_layout import make_layout
+from eigenfail_api.dashboard.launch_page import describe_error, list_fields
 
 FORM = "/launch/form"
 KEY = re.compile(r'data-key="([^"]*)"')
@@ -38,7 +38,7 @@ def typed():
 
 
 def names(texts):
-    return [field.name for field in fields_of(layout(texts))]
+    return [field.name for field in list_fields(make_layout(texts))]
 
 
 @pytest.mark.parametrize("method", plugins.names(plugins.METHODS))
@@ -96,7 +96,7 @@ def test_fields_tell_bounds_units_defaults_and_what_they_mean():
 
 
 def test_what_docstrings_say_of_fields_is_their_help():
-    fields = {field.name: field for field in fields_of(layout(Texts({}, {})))}
+    fields = {field.name: field for field in list_fields(make_layout(Texts({}, {})))}
     assert "that reappears" in fields["planner_settings.tracker.again_speed_sd_mps"].help
     assert fields["planner_settings.tracker.again_speed_sd_mps"].unit == "m/s"
     assert "Wilson interval" in fields["stop.half_width"].help
@@ -141,7 +141,7 @@ SPECS = [
 def test_a_campaign_comes_out_of_the_form_as_it_went_in(given):
     spec = msgspec.convert({"name": "n", "method": "cem", "episodes": 5} | given, CampaignSpec)
     texts = Texts({}, msgspec.to_builtins(spec))
-    body = body_of(fields_of(layout(texts)), texts)
+    body = make_body(list_fields(make_layout(texts)), texts)
     assert msgspec.convert(body, CampaignSpec) == spec
     # Types as well: 23 stays 23, and 60.5 stays a float.
     again = msgspec.convert(body, CampaignSpec)
@@ -179,12 +179,12 @@ def test_numbers_are_read_as_typed(text, value):
     ],
 )
 def test_complaints_are_in_words(problem, words):
-    assert humane(problem) == words
+    assert describe_problem(problem) == words
 
 
 def test_the_field_is_not_said_twice():
     error = InvalidValue("settings.alpha", "Expected `float` <= 1.0.", "Do so.")
-    assert words_of(error) == "A number of at most 1.0 is expected. Do so."
+    assert describe_error(error) == "A number of at most 1.0 is expected. Do so."
 
 
 def test_problems_stand_at_their_fields_and_what_was_typed_stays(http, typed, text_of):
@@ -345,7 +345,11 @@ def test_campaigns_can_be_cloned_extended_and_compared_from_their_pages(http, ca
 def test_an_empty_entry_is_nothing():
     assert (
         Texts({}, {"stop": {"cv": None}}).entry(
-            next(field for field in fields_of(layout(Texts({}, {}))) if field.name == "stop.cv")
+            next(
+                field
+                for field in list_fields(make_layout(Texts({}, {})))
+                if field.name == "stop.cv"
+            )
         )
         == LaunchEntry()
     )

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from eigenfail.errors import NoisePruned
 from eigenfail.values import NoiseTrajectory, Outcome
-from eigenfail_api.dashboard.charts import reference, reference_of
+from eigenfail_api.dashboard.charts import find_reference, make_reference
 
 SIGMA = (2.0, 0.5)
 PEAK = -log(2.0 * pi * SIGMA[0] * SIGMA[1])
@@ -20,7 +20,7 @@ def noise(z):
 
 
 def test_typical_noise_is_one_nat_a_step_below_none():
-    found = reference([noise([(3.0, 0.0), (0.0, -1.0)]), noise([(0.5, 0.5)])])
+    found = make_reference([noise([(3.0, 0.0), (0.0, -1.0)]), noise([(0.5, 0.5)])])
     assert found.failures == 2
     assert found.none == pytest.approx(PEAK)
     assert found.typical == pytest.approx(PEAK - 1.0)
@@ -30,12 +30,12 @@ def test_longer_episodes_weigh_more():
     wide = NoiseTrajectory(np.zeros((3, 2), np.float32), np.full((3, 2), np.e, np.float32))
     narrow = NoiseTrajectory(np.zeros((1, 2), np.float32), np.ones((1, 2), np.float32))
     expected = (3 * (-log(2.0 * pi) - 2.0) - log(2.0 * pi)) / 4
-    assert reference([wide, narrow]).none == pytest.approx(expected, rel=1e-6)
+    assert make_reference([wide, narrow]).none == pytest.approx(expected, rel=1e-6)
 
 
 def test_of_nothing_there_is_no_reference(store, campaign):
-    assert reference([]) is None
-    assert reference_of(store, campaign, []) is None
+    assert make_reference([]) is None
+    assert find_reference(store, campaign, []) is None
 
 
 def test_a_campaign_tells_its_likelihood_with_unit_n_and_reference(look, campaign, deliver, result):
@@ -56,7 +56,7 @@ def test_where_noise_was_pruned_there_is_no_reference(store, campaign, monkeypat
         raise NoisePruned("Its noise was pruned.")
 
     monkeypatch.setattr(store.episodes, "finished", pruned)
-    assert reference_of(store, campaign, [0]) is None
+    assert find_reference(store, campaign, [0]) is None
 
 
 def test_the_noise_of_the_same_failures_is_read_once(store, campaign, deliver, result, monkeypatch):
@@ -65,9 +65,9 @@ def test_the_noise_of_the_same_failures_is_read_once(store, campaign, deliver, r
     monkeypatch.setattr(
         store.episodes, "finished", lambda of, which: read.append(which) or finished(of, which)
     )
-    first = reference_of(store, campaign, [0, 1])
+    first = find_reference(store, campaign, [0, 1])
     assert first.failures == 2
-    assert reference_of(store, campaign, [0, 1]) == first
+    assert find_reference(store, campaign, [0, 1]) == first
     assert len(read) == 1
-    assert reference_of(store, campaign, [0, 1, 2]).failures == 3
+    assert find_reference(store, campaign, [0, 1, 2]).failures == 3
     assert len(read) == 2

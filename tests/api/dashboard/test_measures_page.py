@@ -16,7 +16,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.safety import FailurePoint, Scatter, SeverityRisk
 from eigenfail_api.dashboard import campaign_page
-from eigenfail_api.dashboard.measures_page import kind, scatter_chart
+from eigenfail_api.dashboard.measures_page import describe_kind, make_scatter_chart
 from eigenfail_services.campaigns.summary import find_safety
 
 HTML = {"Accept": "text/html"}
@@ -168,8 +168,8 @@ def test_a_figure_has_its_interval_or_says_that_it_has_none():
 
 def test_the_scatter_tells_classes_and_what_it_leaves_out():
     points = (FailurePoint(3, -2.5, 25.0, None), FailurePoint(5, -2.0, 9.0, "unavoidable"))
-    assert [kind(point) for point in points] == ["not classified", "unavoidable"]
-    chart = scatter_chart(Scatter(points, 40))
+    assert [describe_kind(point) for point in points] == ["not classified", "unavoidable"]
+    chart = make_scatter_chart(Scatter(points, 40))
     assert chart.caption.endswith("2 of 40.")
     assert chart.rows[1] == ("5", "−2.00", "9.00", "unavoidable")
 

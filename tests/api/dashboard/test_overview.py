@@ -5,7 +5,7 @@ import pytest
 
 from eigenfail.values import Outcome
 from eigenfail.values.operations import Arrival
-from eigenfail_api.dashboard.campaign_page import origin
+from eigenfail_api.dashboard.campaign_page import find_origin
 
 HTML = {"Accept": "text/html"}
 
@@ -144,9 +144,9 @@ def test_a_campaign_leads_to_its_replays_and_they_lead_back(replay, names, http)
 
 def test_a_proof_leads_back_to_its_analysis(store, campaign):
     spec = store.campaigns.get(campaign).spec
-    assert origin(spec) is None
+    assert find_origin(spec) is None
     proof = msgspec.structs.replace(spec, method="replay", settings={"analysis": 7})
-    assert origin(proof) == ("analysis 7", "/analyses/7")
+    assert find_origin(proof) == ("analysis 7", "/analyses/7")
 
 
 def test_an_analysis_that_is_done_leads_to_its_replays(campaign, finished, http):

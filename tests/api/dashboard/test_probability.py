@@ -12,8 +12,8 @@ from eigenfail.values import (
     Interval,
 )
 from eigenfail.values.records import Totals
-from eigenfail_api.dashboard.campaign_page import tiles
-from eigenfail_api.dashboard.rendering import Tile, failures, standing
+from eigenfail_api.dashboard.campaign_page import make_tiles
+from eigenfail_api.dashboard.rendering import Tile, make_failure_tile, make_standing
 from eigenfail_services.campaigns.summary import summarise
 
 TOLD = Estimate(
@@ -44,8 +44,8 @@ def campaign() -> Campaign:
 
 def shown(campaign):
     summary = summarise(campaign, Totals(0, 0.0, 0, 0.0))
-    now = standing(campaign, summary)
-    return dict(tiles(now, now.likelihood, is_sampled=True))
+    now = make_standing(campaign, summary)
+    return dict(make_tiles(now, now.likelihood, is_sampled=True))
 
 
 def test_a_probability_has_its_interval_beside_it(campaign):
@@ -74,7 +74,7 @@ def test_a_method_that_tells_none_has_no_tile(campaign):
 def test_no_failure_is_an_upper_bound(campaign):
     nothing = Totals(0, 0.0, 0, 0.0)
     drawn = replace(campaign, spec=replace(campaign.spec, method="monte_carlo"))
-    figure = failures(summarise(drawn, nothing))
+    figure = make_failure_tile(summarise(drawn, nothing))
     assert figure == Tile("0 of 2,000", ("≤ 0.150 %", "95 % upper bound"))
-    chosen = failures(summarise(campaign, nothing))
+    chosen = make_failure_tile(summarise(campaign, nothing))
     assert chosen == Tile("0 of 2,000", ("0 %", "of the episodes that the method chose"))

@@ -5,7 +5,7 @@ import pytest
 
 from eigenfail.presentation.figures import UNKNOWN
 from eigenfail.values import Outcome, Scene
-from eigenfail_api.dashboard.scene import scene_chart
+from eigenfail_api.dashboard.scene import make_scene_chart
 
 STEPS = 4
 
@@ -22,7 +22,7 @@ def scene(perceived, controls):
 
 @pytest.mark.parametrize(("perceived", "controls"), [(4, 4), (2, 4), (4, 2), (0, 0), (2, 3)])
 def test_steps_of_which_nothing_was_perceived_or_done_are_shown(perceived, controls):
-    chart = scene_chart(scene(perceived, controls), None, Outcome.COLLISION)
+    chart = make_scene_chart(scene(perceived, controls), None, Outcome.COLLISION)
     known = [row[6] != UNKNOWN for row in chart.rows]
     told = min(perceived, controls)
     assert known == [True] * told + [False] * (STEPS + 1 - told)

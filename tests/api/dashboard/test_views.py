@@ -20,12 +20,12 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import EpisodeRow, Totals
 from eigenfail_api.dashboard import charts
-from eigenfail_api.dashboard.analysis_page import diversity_tiles, evenly, peak
-from eigenfail_api.dashboard.campaign_page import settings, times
-from eigenfail_api.dashboard.charts import curve_chart, robustness_chart
-from eigenfail_api.dashboard.cost_charts import cost_chart
-from eigenfail_api.dashboard.rendering import standing
-from eigenfail_api.dashboard.scene import nearest_actor
+from eigenfail_api.dashboard.analysis_page import describe_peak, make_diversity_tiles, pick_evenly
+from eigenfail_api.dashboard.campaign_page import list_settings, list_times
+from eigenfail_api.dashboard.charts import make_curve_chart, make_robustness_chart
+from eigenfail_api.dashboard.cost_charts import make_cost_chart
+from eigenfail_api.dashboard.rendering import make_standing
+from eigenfail_api.dashboard.scene import find_nearest_actors
 from eigenfail_services.campaigns.summary import summarise
 from eigenfail_services.statistics.intervals import rate
 
@@ -72,7 +72,7 @@ def blocks(*counts):
 
 
 def test_the_curve_draws_the_course():
-    chart = curve_chart(blocks(0, 53))
+    chart = make_curve_chart(blocks(0, 53))
     assert chart.title == "Learning curve"
     assert (chart.data["middle"], chart.data["rate"]) == ([49.5, 149.5], [0.0, 53.0])
     assert chart.data["low"][1] < 53.0 < chart.data["high"][1]
@@ -83,8 +83,10 @@ def test_the_curve_draws_the_course():
 
 def test_what_is_left_out_is_said():
     course = blocks(0)
-    assert "A sample of 2 of 9,000." in robustness_chart([row(0), row(1)], course, 9000).caption
-    whole = robustness_chart([row(0), row(1)], course, 2)
+    assert (
+        "A sample of 2 of 9,000." in make_robustness_chart([row(0), row(1)], course, 9000).caption
+    )
+    whole = make_robustness_chart([row(0), row(1)], course, 2)
     assert "sample" not in whole.caption
     assert whole.rows == (("0 – 99", "100", "0.250", "4.50"),)
 
@@ -123,12 +125,12 @@ def test_bounds_of_nothing_are_not_drawn_on_a_log_axis():
     unpaid = campaign(Counts(10, completed=10))
     paid = campaign(Counts(10, completed=10, failures=5), active_s=3000.0)
     nothing = summarise(unpaid, totals(0))
-    assert cost_chart([nothing]) is None
-    (point,) = cost_chart([nothing, summarise(paid, totals(5))]).data["campaigns"]
+    assert make_cost_chart([nothing]) is None
+    (point,) = make_cost_chart([nothing, summarise(paid, totals(5))]).data["campaigns"]
     assert point["value"] == pytest.approx(0.2)
     assert (point["low"], point["high"], point["at_least"]) == (None, None, None)
     drawn = replace(paid, spec=replace(paid.spec, method="monte_carlo"))
-    (point,) = cost_chart([summarise(drawn, totals(5))]).data["campaigns"]
+    (point,) = make_cost_chart([summarise(drawn, totals(5))]).data["campaigns"]
     assert point["value"] == pytest.approx(0.2)
     assert point["low"] < 0.2 < point["high"]
 
@@ -138,7 +140,7 @@ def test_what_a_replay_cost_is_no_price_of_finding_failures():
     replay = campaign(counts, method="replay", active_s=3000.0)
     found = campaign(counts, active_s=3000.0)
     summaries = [summarise(each, totals(5)) for each in (replay, found)]
-    (point,) = cost_chart(summaries).data["campaigns"]
+    (point,) = make_cost_chart(summaries).data["campaigns"]
     assert point["method"] == found.spec.method
 
 
@@ -156,7 +158,7 @@ def test_how_diverse_failures_are_in_figures():
         coverage=(0, 1, 1, 2, 2, 2, 2, 2, 2, 2),
         verdict="2 modes",
     )
-    told = {name: (figure.value, *figure.notes) for name, figure in diversity_tiles(found)}
+    told = {name: (figure.value, *figure.notes) for name, figure in make_diversity_tiles(found)}
     assert told["Effective modes"] == ("1.75", "of 2, clusters beyond noise")
     assert told["Largest mode"] == ("75.0 %", "of 40 failures")
     assert told["All modes seen after"][0] == "40 %"
@@ -166,7 +168,7 @@ def test_the_peak_of_an_eigenfailure_in_words():
     z = np.zeros((50, 2), np.float32)
     z[10, 0], z[38, 1] = 1.0, -2.345
     mode = FailureMode(3, 7, np.zeros(1, np.float32), z)
-    assert peak(mode) == "2.3 sigma towards −y at step 38"
+    assert describe_peak(mode) == "2.3 sigma towards −y at step 38"
 
 
 def test_the_nearest_vehicle_may_change():
@@ -174,12 +176,12 @@ def test_the_nearest_vehicle_may_change():
     places[0, 1:, 0] = [10.0, -4.0]
     places[1, 1:, 0] = [3.0, -4.0]
     sizes, pair = np.ones((3, 2), np.float32), np.zeros((1, 2), np.float32)
-    assert nearest_actor(Scene(0.1, places, sizes, pair, pair)) == [2, 1]
+    assert find_nearest_actors(Scene(0.1, places, sizes, pair, pair)) == [2, 1]
 
 
 @pytest.mark.parametrize(("count", "most"), [(0, 5), (3, 5), (12, 5)])
 def test_evenly_spread_positions_are_distinct(count, most):
-    chosen = evenly(count, most)
+    chosen = pick_evenly(count, most)
     assert len(chosen) == len(set(chosen)) == min(count, most)
     assert all(0 <= place < count for place in chosen)
 
@@ -187,7 +189,7 @@ def test_evenly_spread_positions_are_distinct(count, most):
 def test_a_campaign_that_stopped_early_is_full_and_says_what_was_left_unrun():
     counts = Counts(400, completed=36, failures=10, failed=1, cancelled=363)
     stopped = campaign(counts, CampaignState.DONE, active_s=10.0)
-    now = standing(stopped, summarise(stopped, Totals(10, -1.0, 1, 1.0)))
+    now = make_standing(stopped, summarise(stopped, Totals(10, -1.0, 1, 1.0)))
     assert (now.ended, now.planned, now.wanted) == (37, 400, 37)
     assert now.remaining == "363 not run"
 
@@ -196,17 +198,19 @@ def test_what_varies_in_the_scenario_stands_in_words():
     given = {"distance_m": {"uniform": [53, 63]}, "actor_speed_mps": {"choice": [12.0, 16.0]}}
     asked = campaign(Counts(5))
     asked = replace(asked, spec=replace(asked.spec, scenario_parameters=given))
-    words = dict(settings(asked))[f"Scenario {asked.spec.scenario}"]
+    words = dict(list_settings(asked))[f"Scenario {asked.spec.scenario}"]
     assert dict(words) == {"distance_m": "uniform 53 … 63", "actor_speed_mps": "one of 12.0, 16.0"}
 
 
 def test_how_many_episodes_were_trained_with_stands_where_it_is_known():
     silent = campaign(Counts(5))
-    assert dict(times(replace(silent, trained_episodes=1170)))["Trained with"] == "1,170 episodes"
-    assert "Trained with" not in dict(times(silent))
+    assert (
+        dict(list_times(replace(silent, trained_episodes=1170)))["Trained with"] == "1,170 episodes"
+    )
+    assert "Trained with" not in dict(list_times(silent))
 
 
 def test_stop_rules_stand_among_the_settings():
     asked = campaign(Counts(5))
     asked = replace(asked, spec=replace(asked.spec, stop=StopRules(failures=10)))
-    assert ("stops at failures", "10") in dict(settings(asked))["Campaign"]
+    assert ("stops at failures", "10") in dict(list_settings(asked))["Campaign"]

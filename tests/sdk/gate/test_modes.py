@@ -161,7 +161,7 @@ def test_where_failures_are_not_independent_a_new_mode_is_told_and_not_judged(ju
     told = add_modes(judged(method=method), parted, side, "http://here")
     assert told.verdict == "still failing"
     assert told.summary == (
-        "So be it. New mode 2: 20 of 20 failures are in it, before 0 of 20. That is told, not"
+        "So be it. New mode 2: 20 of 20 failures are in it, before 0 of 20. Reported, not"
         f" judged: failures of {method} are not independent of each other, so that two runs of one"
         " planner may dwell in different modes."
     )
