@@ -173,3 +173,32 @@ def test_files_are_used_up_before_the_last_is_open() -> None:
         [sys.executable, "-c", kept + tried], capture_output=True, check=True, stdin=subprocess.PIPE
     )
     assert 20 < int(told.stdout) < 40
+
+
+WITHOUT_FILES = """
+import psutil, resource
+from eigenfail_workers.limits import Limits
+from eigenfail_workers.worker import resources
+
+process = psutil.Process()
+monitor = resources.ResourceMonitor(process.pid, Limits())
+resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3))
+measured = [
+    resources.resident_mib(process),
+    resources.processor_time_s([process]),
+    len(resources.list_process_tree(process.pid)),
+]
+print(measured, repr(monitor.find_excess()))
+"""
+
+
+@pytest.mark.fault(
+    "worker without a free file descriptor",
+    group="processes",
+    outcome="Limits are not checked until a file can be opened again; the worker goes on.",
+)
+def test_a_worker_that_cannot_open_a_file_measures_nothing_and_goes_on() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_FILES], capture_output=True, text=True, check=False
+    )
+    assert (done.stdout.split(), done.stderr) == (["[0.0,", "0.0,", "0]", "''"], "")

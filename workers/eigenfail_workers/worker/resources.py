@@ -35,6 +35,8 @@ CHUNK_BYTES = 1 << 16
 CHILDREN_FILE = Path("/proc/self/task") / str(os.getpid()) / "children"
 """Exists only where the kernel was built with CONFIG_PROC_CHILDREN."""
 UNRECLAIMABLE = ("Pss_Anon:", "Pss_Shmem:", "SwapPss:")
+UNREADABLE = (psutil.Error, OSError)
+"""The process has ended, or this process has no file descriptor left to read its figures with."""
 
 log = structlog.get_logger()
 
@@ -141,19 +143,19 @@ def list_process_tree(pid: int) -> list[psutil.Process]:
     found: list[psutil.Process] = []
     pids = [pid]
     for each in pids:
-        with contextlib.suppress(psutil.Error, OSError):
+        with contextlib.suppress(*UNREADABLE):
             found.append(psutil.Process(each))
             for children in Path(f"/proc/{each}/task").glob("*/children"):
                 pids.extend(map(int, children.read_text().split()))
     if not CHILDREN_FILE.exists():  # psutil searches all processes of the machine, which is slower
-        with contextlib.suppress(psutil.Error, IndexError):
+        with contextlib.suppress(*UNREADABLE, IndexError):
             found += found[0].children(recursive=True)
     return found
 
 
 def resident_mib(process: psutil.Process) -> float:
     """Resident memory of a process, shared pages included; 0 if it has ended. [MiB]"""
-    with contextlib.suppress(psutil.Error):
+    with contextlib.suppress(*UNREADABLE):
         return float(process.memory_info().rss) / MIB
     return 0.0
 
@@ -168,7 +170,7 @@ def _proportional_mib(process: psutil.Process) -> float:
 
 
 def _count_threads(process: psutil.Process) -> int:
-    with contextlib.suppress(psutil.Error):
+    with contextlib.suppress(*UNREADABLE):
         return int(process.num_threads())
     return 0
 
@@ -180,7 +182,7 @@ def processor_time_s(processes: Iterable[psutil.Process]) -> float:
     """
     total_s = 0.0
     for process in processes:
-        with contextlib.suppress(psutil.Error):
+        with contextlib.suppress(*UNREADABLE):
             times = process.cpu_times()
             total_s += times.user + times.system + times.children_user + times.children_system
     return total_s
