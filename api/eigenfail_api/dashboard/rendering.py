@@ -421,12 +421,6 @@ def make_cost_tile(summary: Summary) -> Tile:
     return Tile(price.value, (*basis, *price.notes))
 
 
-def make_speed_tile(campaign: Campaign, summary: Summary) -> Tile:
-    """Return the tile of episodes per second while the campaign ran."""
-    lasted = format_duration(campaign.active_s)
-    return Tile(format_number(summary.episodes_per_s), (f"in {lasted}",))
-
-
 def make_total_tile(campaign: Campaign, summary: Summary) -> Tile:
     """Return the tile of the campaign's total cost."""
     hours = format_number(summary.cost.instance_hours)
