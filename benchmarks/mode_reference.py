@@ -167,7 +167,7 @@ def modes(failures: Sequence[Floats], shown: int) -> Reference:
     partition = clusters.divide(space.scores, None)
     names = np.unique(partition.labels)
     centres = np.array([space.scores[partition.labels == name].mean(axis=0) for name in names])
-    noise = clusters.noise_silhouette(space.scores, None)
+    noise = clusters.compute_noise_silhouette(space.scores, None)
     return Reference(len(failures), space, centres, partition.silhouette, noise)
 
 

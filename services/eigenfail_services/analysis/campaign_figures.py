@@ -47,8 +47,8 @@ INTERVALS = 10
 BLOCKS_SHOWN = 50
 
 
-def course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> Course:
-    """How failures, their likelihood and robustness moved.
+def make_course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> Course:
+    """Return the course of failures, their likelihood and robustness.
 
     Args:
         campaign: as it stands.
@@ -58,16 +58,16 @@ def course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> Cours
     return Course(
         campaign=campaign.id,
         method=campaign.spec.method,
-        heading=heading(campaign.spec.method),
+        heading=title_course(campaign.spec.method),
         per=per,
         blocks=tuple(
-            block(each, per, campaign.counts.planned, campaign.spec.method) for each in totals
+            make_block(each, per, campaign.counts.planned, campaign.spec.method) for each in totals
         ),
     )
 
 
-def block(totals: BlockTotals, per: int, planned: int, method: str) -> CourseBlock:
-    """One block; the last of a campaign may be shorter."""
+def make_block(totals: BlockTotals, per: int, planned: int, method: str) -> CourseBlock:
+    """Return a block; the last of a campaign may be shorter."""
     steps = totals.steps
     return CourseBlock(
         first=totals.first,
@@ -96,8 +96,8 @@ def price_failures(methods: Iterable[str], found: Cost) -> Cost:
     return replace(found, interval_usd=None, at_least_usd=None)
 
 
-def block_length(counts: Counts, wanted: int | None = None) -> int:
-    """How many indices a block spans, from the budget, so that blocks stay as episodes come in.
+def choose_block_length(counts: Counts, wanted: int | None = None) -> int:
+    """Return the number of indices of a block, from the budget, so that blocks do not change.
 
     By default 100; so many more that there are at most 50 blocks, or so many fewer that
     there are ten. What a campaign left unrun when it ended does not count.
@@ -115,15 +115,15 @@ def block_length(counts: Counts, wanted: int | None = None) -> int:
     return wanted
 
 
-def heading(method: str) -> str:
-    """What the course of such a campaign shows."""
+def title_course(method: str) -> str:
+    """Return the heading of a campaign's course."""
     return "Learning curve" if traits_of(method).learns else "Failures over episodes"
 
 
 SECONDS_PER_HOUR = 3600.0
 
 
-def cost(
+def price_campaign(
     active_s: float, instances: int, price_usd_per_hour: float, failures: int, completed: int
 ) -> Cost:
     """Price per instance-hour × instance-hours ÷ failures, with the interval of the failure rate.
@@ -286,14 +286,14 @@ def _find_longest_gap(gaps_s: Sequence[float], total_s: float) -> float:
     return float("inf")
 
 
-def safety(
+def make_safety(
     campaign: Campaign,
     totals: SafetyTotals,
     conflicts: Conflicts,
     unresolved: Unresolved,
     level: float = LEVEL,
 ) -> Safety:
-    """The table of a campaign, from what the store made of its completed episodes.
+    """Return the safety table of a campaign, from the sums over its completed episodes.
 
     Args:
         campaign: as it stands.
@@ -311,8 +311,8 @@ def safety(
         name=campaign.spec.name,
         method=method,
         completed=totals.completed,
-        collisions=share(method, totals.failures, totals.completed),
-        near_misses=share(method, conflicts.near_misses, totals.completed),
+        collisions=make_share(method, totals.failures, totals.completed),
+        near_misses=make_share(method, conflicts.near_misses, totals.completed),
         conflicts=conflicts,
         ttc=_count_violations(method, totals.ttc, NEAR_MISS_TTC_S, totals.completed),
         drac=_count_violations(method, totals.drac, PEAK_BRAKING_MPS2, totals.completed),
@@ -323,7 +323,7 @@ def safety(
     )
 
 
-def share(method: str, k: int, n: int) -> Rate | None:
+def make_share(method: str, k: int, n: int) -> Rate | None:
     """Return k of n episodes of a method; None without an episode."""
     return rate_episodes([method], min(k, n), n) if n else None
 
@@ -334,7 +334,7 @@ def _count_violations(
     """A row of the table."""
     return Violations(
         threshold=threshold,
-        beyond=share(method, totals.violations, completed),
+        beyond=make_share(method, totals.violations, completed),
         n=totals.n,
         median=totals.median,
         worst=totals.worst,
@@ -342,7 +342,7 @@ def _count_violations(
 
 
 def _correlate(points: Sequence[FailurePoint]) -> Figure | None:
-    """How severity goes with likelihood, over the points that are shown."""
+    """Return the correlation of severity and likelihood over the points that are shown."""
     return rank_correlation(
         np.array([point.log_probability_per_step for point in points]),
         np.array([point.severity for point in points]),

@@ -171,7 +171,9 @@ def divide(scores: Scores, clusters: int | None, clusterer: Clusterer = KMEANS) 
     return max(found, key=lambda partition: partition.silhouette or 0.0, default=single)
 
 
-def noise_silhouette(scores: Scores, clusters: int | None, clusterer: Clusterer = KMEANS) -> float:
+def compute_noise_silhouette(
+    scores: Scores, clusters: int | None, clusterer: Clusterer = KMEANS
+) -> float:
     """The largest silhouette that `divide` reaches on several draws of data without groups.
 
     Scores of components are uncorrelated, so their spreads are all of their covariance. One

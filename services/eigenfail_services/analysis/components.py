@@ -105,13 +105,13 @@ def _find_directions(data: Data, mean: Array, count: int) -> Directions:
 
 
 def _decompose(data: Data, count: int, **solver: str | int) -> Directions:
-    """By the singular value decomposition of scikit-learn."""
+    """Return the directions from scikit-learn's singular value decomposition."""
     pca = PCA(n_components=count, **solver).fit(data.astype(np.float64))
     return Directions(pca.components_, pca.singular_values_)
 
 
 def _accumulate(data: Data, mean: Array, count: int) -> Directions:
-    """By the eigenvectors of (D − mu)^T (D − mu), whose eigenvalues are S², summed over blocks."""
+    """Return the directions from the eigenvectors of (D − mu)^T (D − mu), summed over blocks."""
     squares = np.zeros((data.shape[1], data.shape[1]))
     for block in iterate_blocks(data):
         centred = block - mean
@@ -122,7 +122,7 @@ def _accumulate(data: Data, mean: Array, count: int) -> Directions:
 
 
 def iterate_blocks(data: Data) -> Iterator[Array]:
-    """The rows in double precision, some at a time."""
+    """Yield the rows in double precision, in blocks."""
     for first in range(0, len(data), BLOCK):
         yield data[first : first + BLOCK].astype(np.float64)
 
@@ -134,7 +134,7 @@ def _make_flat_space(data: Data, mean: Array) -> ComponentSpace:
 
 
 def fix_signs(components: Array) -> Array:
-    """The same directions, each with its largest entry positive; of equal ones the first."""
+    """Return the directions, each with its largest entry positive; of equal ones the first."""
     sizes = np.abs(components)
     largest = np.argmax(sizes >= (1.0 - ROUNDING) * sizes.max(axis=1, keepdims=True), axis=1)
     signs = np.sign(np.take_along_axis(components, largest[:, None], axis=1))

@@ -24,9 +24,9 @@ from eigenfail_services.analysis.alignment import (
 )
 from eigenfail_services.analysis.clusters import (
     CLUSTERERS,
+    compute_noise_silhouette,
     divide,
     measure_stability,
-    noise_silhouette,
     order_by_size,
 )
 from eigenfail_services.analysis.components import describe_modes, fit_components, measure_influence
@@ -116,7 +116,7 @@ def _make_result(
         influence=weighed,
         silhouette=partition.silhouette,
         noise_silhouette=(
-            None if single else noise_silhouette(space.scores, settings.clusters, clusterer)
+            None if single else compute_noise_silhouette(space.scores, settings.clusters, clusterer)
         ),
         campaigns=tuple(failures.campaigns[order].tolist()),
         stability=measure_stability(data, labels, settings),

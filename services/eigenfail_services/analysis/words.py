@@ -84,8 +84,8 @@ def describe(z: Floats, clock: Clock) -> str:
         z: shape (steps, 2). [sigma]
         clock: when the impact is.
     """
-    levels = tuple(_strong(noise) for noise in z[: clock.impact].T)
-    return _sentence(z, clock, levels, MOST_PUSHES)
+    levels = tuple(_choose_level(noise) for noise in z[: clock.impact].T)
+    return _describe_axes(z, clock, levels, MOST_PUSHES)
 
 
 def describe_needed(z: Floats, clock: Clock) -> str:
@@ -97,11 +97,11 @@ def describe_needed(z: Floats, clock: Clock) -> str:
     """
     if not z[: clock.impact].any():
         return "It needs no noise at all."
-    return _sentence(z, clock, (0.0, 0.0), MOST_NEEDED)
+    return _describe_axes(z, clock, (0.0, 0.0), MOST_NEEDED)
 
 
-def pushes(noise: Floats, level: float) -> list[Push]:
-    """The moments along one axis in which noise reaches a level, the strongest first.
+def find_pushes(noise: Floats, level: float) -> list[Push]:
+    """Return the moments along one axis in which noise reaches a level, the strongest first.
 
     Args:
         noise: shape (steps,). [sigma]
@@ -110,12 +110,12 @@ def pushes(noise: Floats, level: float) -> list[Push]:
     strengths = [
         (step, value) for step, value in enumerate(noise.tolist()) if value and abs(value) >= level
     ]
-    found = [_push(run) for run in _runs(strengths)]
-    return sorted(found, key=lambda push: (-_impulse(push), push.first))
+    found = [_push(run) for run in _split_runs(strengths)]
+    return sorted(found, key=lambda push: (-_sum_push(push), push.first))
 
 
-def _runs(strengths: Sequence[tuple[int, float]]) -> Iterator[list[tuple[int, float]]]:
-    """Steps of one sign that are next to each other, or nearly."""
+def _split_runs(strengths: Sequence[tuple[int, float]]) -> Iterator[list[tuple[int, float]]]:
+    """Yield the steps of one sign that are adjacent, or nearly."""
     for _, same in groupby(strengths, key=lambda step: step[1] > 0.0):
         run: list[tuple[int, float]] = []
         for step in same:
@@ -131,52 +131,53 @@ def _push(run: Sequence[tuple[int, float]]) -> Push:
     return Push(run[0][0], run[-1][0], len(run), float(np.mean(values)), max(values, key=abs))
 
 
-def _strong(noise: Floats) -> float:
+def _choose_level(noise: Floats) -> float:
     """Return the level above which noise along an axis is mentioned. [sigma]"""
     strongest = float(np.abs(noise).max(initial=0.0))
     return float("inf") if strongest < FAINT else TELLING * strongest
 
 
-def _sentence(z: Floats, clock: Clock, levels: Sequence[float], most: int) -> str:
-    """Both axes, the one that pushes more first."""
+def _describe_axes(z: Floats, clock: Clock, levels: Sequence[float], most: int) -> str:
+    """Return a sentence on both axes, the one with the stronger push first."""
     axes = z[: clock.impact].T
-    found = [pushes(noise, level) for noise, level in zip(axes, levels, strict=True)]
-    order = sorted(range(len(axes)), key=lambda axis: -sum(map(_impulse, found[axis])))
+    found = [find_pushes(noise, level) for noise, level in zip(axes, levels, strict=True)]
+    order = sorted(range(len(axes)), key=lambda axis: -sum(map(_sum_push, found[axis])))
     text = "; ".join(
-        _part(axis, axes[axis], found[axis][:most], clock) + _weaker(len(found[axis]) - most)
+        _describe_axis(axis, axes[axis], found[axis][:most], clock)
+        + _count_weaker(len(found[axis]) - most)
         for axis in order
     )
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def _impulse(push: Push) -> float:
-    """How much it pushes in all."""
+def _sum_push(push: Push) -> float:
+    """Return the sum of a push's noise."""
     return abs(push.mean) * push.steps
 
 
-def _weaker(count: int) -> str:
+def _count_weaker(count: int) -> str:
     """Return the phrase that counts the pushes left out of the sentence."""
     return f", and {count} that push less in all" if count > 0 else ""
 
 
-def _part(axis: int, noise: Floats, found: Sequence[Push], clock: Clock) -> str:
-    """What noise does along one axis."""
+def _describe_axis(axis: int, noise: Floats, found: Sequence[Push], clock: Clock) -> str:
+    """Return the description of the noise along one axis."""
     if not noise.any():
         return f"{AXES[axis]} noise plays no part"
     if not found:
-        return f"{AXES[axis]} noise stays within {_within(noise)} sigma"
+        return f"{AXES[axis]} noise stays within {_format_bound(noise)} sigma"
     in_time = sorted(found, key=lambda push: push.first)
-    text = ", ".join(_words(push, axis, clock) for push in in_time)
+    text = ", ".join(_describe_push(push, axis, clock) for push in in_time)
     return f"{AXES[axis]} {text} before {clock.event}"
 
 
-def _within(noise: Floats) -> str:
-    """Rounded up, so that it is true."""
+def _format_bound(noise: Floats) -> str:
+    """Return a bound on the noise, rounded up."""
     return f"{np.ceil(10.0 * float(np.abs(noise).max())) / 10.0:.1f}"
 
 
-def _words(push: Push, axis: int, clock: Clock) -> str:
-    """One push; its strongest moment only where that says more than its mean."""
+def _describe_push(push: Push, axis: int, clock: Clock) -> str:
+    """Return the description of a push; its strongest moment only if it differs from its mean."""
     way = WAYS[axis][push.mean < 0.0]
     mean, peak = f"{push.mean:+.1f}", f"{push.peak:+.1f}"
     length = push.last - push.first + 1

@@ -20,7 +20,11 @@ from eigenfail.values import (
     Side,
 )
 from eigenfail.versions import describe_mixed
-from eigenfail_services.analysis.campaign_figures import cost, price_failures, rate_episodes
+from eigenfail_services.analysis.campaign_figures import (
+    price_campaign,
+    price_failures,
+    rate_episodes,
+)
 from eigenfail_services.campaigns.drafts import fill_defaults
 from eigenfail_services.campaigns.pairing import (
     find_differing_fields,
@@ -276,7 +280,7 @@ def _sum_cost(campaigns: Sequence[Campaign], failures: int, completed: int) -> C
     paid = sum(seconds * price for seconds, price in zip(instance_s, prices, strict=True))
     active_s = sum(instance_s)
     price = paid / active_s if active_s else 0.0
-    return cost(active_s, 1, price, failures, completed)
+    return price_campaign(active_s, 1, price, failures, completed)
 
 
 def _find_difference(a: Side, b: Side) -> Difference | None:

@@ -29,8 +29,8 @@ from eigenfail_services.analysis.campaign_figures import (
     PAUSED,
     SECONDS_PER_HOUR,
     KnownModes,
-    cost,
     make_cost_curve,
+    price_campaign,
     price_failures,
     rate_episodes,
     split_time,
@@ -210,7 +210,7 @@ def _make_peer_costs(pools: Sequence[Pool]) -> PeerCosts:
 
 def _make_method_cost(pool: Pool) -> MethodCost:
     hours = pool.instance_hours
-    found = cost(
+    found = price_campaign(
         active_s=hours * SECONDS_PER_HOUR,
         instances=1,
         price_usd_per_hour=pool.total_usd / hours if hours else 0.0,

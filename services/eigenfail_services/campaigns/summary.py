@@ -31,12 +31,12 @@ from eigenfail.values.suite import SuiteRow, SuiteTable, member_of
 from eigenfail.values.summary import Errored
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.campaign_figures import (
-    block_length,
-    cost,
-    course,
+    choose_block_length,
+    make_course,
+    make_safety,
+    price_campaign,
     price_failures,
     rate_episodes,
-    safety,
 )
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.resolution import find_searching, resolve_method
@@ -45,7 +45,7 @@ from eigenfail_services.hub.worker_table import WORKERS_LACKING, WORKERS_MET
 from eigenfail_services.methods import describe_reach
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.lifecycle import no_episode
+from eigenfail_services.store.lifecycle import make_episode_error
 
 MOST_SPECS = 1_000
 
@@ -161,7 +161,7 @@ def find_failure_rate(campaign: Campaign) -> Rate | None:
 
 def find_cost(campaign: Campaign) -> Cost:
     """Return the cost of a campaign's instances while it was running."""
-    found = cost(
+    found = price_campaign(
         active_s=campaign.active_s,
         instances=campaign.spec.instances,
         price_usd_per_hour=campaign.spec.price_usd_per_hour,
@@ -194,7 +194,7 @@ def find_safety(store: Store, campaign: Campaign, level: float = LEVEL) -> Safet
         store,
         (campaign.id, level),
         (campaign.counts, totals, measured.completed),
-        lambda: safety(
+        lambda: make_safety(
             campaign,
             measured,
             summarise_conflicts(totals.conflicts),
@@ -215,8 +215,8 @@ def find_course(store: Store, campaign: Campaign, per: int | None = None) -> Cou
     Raises:
         InvalidValue: so short blocks would be too many.
     """
-    length = block_length(campaign.counts, per)
-    return course(campaign, length, store.episodes.course(campaign.id, length))
+    length = choose_block_length(campaign.counts, per)
+    return make_course(campaign, length, store.episodes.course(campaign.id, length))
 
 
 LOOKED_AT = 200
@@ -279,7 +279,7 @@ def find_worker(store: Store, campaign: int, index: int) -> Presence:
     """
     row = next(iter(store.episodes.page(campaign, 1, index - 1 if index else None).items), None)
     if row is None or row.index != index:
-        raise no_episode(campaign, index)
+        raise make_episode_error(campaign, index)
     if (found := store.roster.last(row.worker, row.finished_ms)) is None:
         problem = f"Nothing is known of the worker '{row.worker}' of episode {campaign}/{index}."
         raise NotFound(problem, "Workers are written down when they connect to a hub.")

@@ -17,9 +17,9 @@ from eigenfail_services.reports.page import (
     Drawing,
     Mark,
     ReportPart,
-    legend,
+    draw_legend,
+    make_table,
     mark,
-    table,
 )
 
 if TYPE_CHECKING:
@@ -99,17 +99,21 @@ class Crash(NamedTuple):
 
 def make_collisions(material: Material) -> ReportPart | None:
     """The medoids' collisions of every campaign that was analysed."""
-    found = {each.name: (each, crashes(each)) for each in list_analysed(material)}
+    found = {each.name: (each, find_crashes(each)) for each in list_analysed(material)}
     shown = {name: (each, of) for name, (each, of) in found.items() if of}
     if not shown:
         return None
-    rows = [row for each, of in shown.values() for crash in of for row in moments(each, crash)]
+    rows = [
+        row for each, of in shown.values() for crash in of for row in list_moment_rows(each, crash)
+    ]
     section = ReportSection(
         name="collisions",
         title="A collision of each mode",
         words=(COLLISIONS_WORDS,),
         tables=(
-            table(COLLISIONS_TABLE, "The end of the medoids' episodes", COLLISIONS_COLUMNS, rows),
+            make_table(
+                COLLISIONS_TABLE, "The end of the medoids' episodes", COLLISIONS_COLUMNS, rows
+            ),
         ),
         pictures=tuple(describe_collisions_picture(each, of) for each, of in shown.values()),
     )
@@ -118,23 +122,25 @@ def make_collisions(material: Material) -> ReportPart | None:
     )
 
 
-def crashes(found: Analysed) -> tuple[Crash, ...]:
-    """The medoids of the largest modes, as far as their scenes were kept."""
+def find_crashes(found: Analysed) -> tuple[Crash, ...]:
+    """Return the medoids of the largest modes whose scenes were kept."""
     medoids = enumerate(found.medoids[:MOST_MODES], start=1)
     return tuple(
-        crash(mode, medoid, medoid.scene) for mode, medoid in medoids if medoid.scene is not None
+        make_crash(mode, medoid, medoid.scene)
+        for mode, medoid in medoids
+        if medoid.scene is not None
     )
 
 
-def crash(mode: int, medoid: EpisodeResult, scene: Scene) -> Crash:
-    """The end of an episode."""
+def make_crash(mode: int, medoid: EpisodeResult, scene: Scene) -> Crash:
+    """Return the end of an episode."""
     gaps = np.linalg.norm(scene.vehicles[-1, 1:, :2] - scene.vehicles[-1, 0, :2], axis=1)
     first = max(0, medoid.steps - round(SHOWN_S / scene.dt_s))
     return Crash(mode, medoid.index, scene, 1 + int(np.argmin(gaps)), first)
 
 
-def moments(found: Analysed, of: Crash) -> Iterator[tuple[Cell, ...]]:
-    """A row for each step shown."""
+def list_moment_rows(found: Analysed, of: Crash) -> Iterator[tuple[Cell, ...]]:
+    """Yield a row for each step of the influence table."""
     vehicles, perceived = of.scene.vehicles, of.scene.perceived
     last = len(vehicles) - 1
     for step in range(of.first, last + 1):
@@ -185,8 +191,8 @@ def draw_collisions(of: tuple[Crash, ...]) -> Drawing:
 
 def strip(axes: "Axes", of: Crash) -> None:
     """One collision."""
-    footprint(axes, of.box(0), MARKS[0], "truck")
-    footprint(axes, of.box(of.struck), MARKS[1], "vehicle struck")
+    draw_footprint(axes, of.box(0), MARKS[0], "truck")
+    draw_footprint(axes, of.box(of.struck), MARKS[1], "vehicle struck")
     for other in range(1, len(of.scene.sizes)):
         if other != of.struck:
             axes.fill(*of.box(other).T, facecolor="none", edgecolor=MUTED, linestyle=":")
@@ -204,8 +210,8 @@ def strip(axes: "Axes", of: Crash) -> None:
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def footprint(axes: "Axes", corners: NDArray[np.float64], look: Mark, name: str) -> None:
-    """A vehicle at the collision."""
+def draw_footprint(axes: "Axes", corners: NDArray[np.float64], look: Mark, name: str) -> None:
+    """Draw a vehicle at the collision."""
     style: dict[str, Any] = {"edgecolor": look.colour, "hatch": look.hatch}
     axes.fill(*corners.T, facecolor="white", label=name, **style)
 
@@ -240,7 +246,7 @@ def make_influence(material: Material) -> ReportPart | None:
             INFLUENCE_WORDS,
             *(sentence for each in found for sentence in describe_influence(each)),
         ),
-        tables=(table(INFLUENCE_TABLE, "Influence of each step", INFLUENCE_COLUMNS, rows),),
+        tables=(make_table(INFLUENCE_TABLE, "Influence of each step", INFLUENCE_COLUMNS, rows),),
         pictures=tuple(map(describe_influence_picture, found)),
     )
     return ReportPart(
@@ -251,7 +257,7 @@ def make_influence(material: Material) -> ReportPart | None:
 
 def describe_influence(found: Analysed) -> Iterator[str]:
     """The moments that matter most, in seconds before the collision."""
-    moments = [*filter(None, (when(found, axis) for axis in AXES))]
+    moments = [*filter(None, (describe_moments(found, axis) for axis in AXES))]
     if moments:
         yield f"Campaign {found.subject.id}, seconds before the collision: {'; '.join(moments)}."
     shares = [
@@ -263,8 +269,8 @@ def describe_influence(found: Analysed) -> Iterator[str]:
         yield f"Campaign {found.subject.id}, before the collision: {'; '.join(shares)}."
 
 
-def when(found: Analysed, axis: str) -> str:
-    """The moments of an axis; empty if none is known."""
+def describe_moments(found: Analysed, axis: str) -> str:
+    """Return the moments of an axis as text; empty if none is known."""
     known = [
         format_number(each.before_collision_s)
         for each in found.result.moments
@@ -273,8 +279,8 @@ def when(found: Analysed, axis: str) -> str:
     return f"{axis} noise matters most at {', '.join(known)}" if known else ""
 
 
-def places(found: Analysed) -> NDArray[np.float64]:
-    """The time of each step, or its number where no time is known.
+def list_positions(found: Analysed) -> NDArray[np.float64]:
+    """Return the time of each step [s], or its number where the duration of a step is unknown.
 
     From the start, or to the collision if the failures stand side by side there.
     """
@@ -283,8 +289,8 @@ def places(found: Analysed) -> NDArray[np.float64]:
     return (steps - origin) * (found.step_s or 1.0)
 
 
-def axis_title(found: Analysed) -> str:
-    """What the places are."""
+def title_axis(found: Analysed) -> str:
+    """Return the title of the time axis."""
     unit = "time [s]" if found.step_s else "step"
     return f"{unit}; 0 is the collision" if found.at_collision else unit
 
@@ -292,7 +298,7 @@ def axis_title(found: Analysed) -> str:
 def list_influence_steps(found: Analysed) -> Iterator[tuple[Cell, ...]]:
     """A row for each step."""
     for step, (at, weights) in enumerate(
-        zip(places(found), found.result.influence.astype(float), strict=True)
+        zip(list_positions(found), found.result.influence.astype(float), strict=True)
     ):
         time_s = float(at) if found.step_s else None
         yield (found.subject.id, step, time_s, *(float(weight) for weight in weights))
@@ -300,10 +306,10 @@ def list_influence_steps(found: Analysed) -> Iterator[tuple[Cell, ...]]:
 
 def describe_influence_picture(found: Analysed) -> ReportPicture:
     """When noise matters, in words."""
-    at, weights = places(found), found.result.influence
+    at, weights = list_positions(found), found.result.influence
     sentences = (
         f"{axis} influence is largest at "
-        f"{moment(found, float(at[int(np.argmax(weights[:, way]))]))}"
+        f"{describe_position(found, float(at[int(np.argmax(weights[:, way]))]))}"
         for way, axis in enumerate(AXES)
     )
     return ReportPicture(
@@ -315,8 +321,8 @@ def describe_influence_picture(found: Analysed) -> ReportPicture:
     )
 
 
-def moment(found: Analysed, at: float) -> str:
-    """A place on the axis, in words."""
+def describe_position(found: Analysed, at: float) -> str:
+    """Return a position on the time axis as text."""
     return f"{format_number(at)} s" if found.step_s else f"step {at:g}"
 
 
@@ -328,10 +334,12 @@ def draw_influence(found: Analysed) -> Drawing:
         for way, axis in enumerate(AXES):
             look = mark(way)
             weights = found.result.influence[:, way]
-            axes.plot(places(found), weights, color=look.colour, linestyle=look.line, label=axis)
-        axes.set_xlabel(axis_title(found))
+            axes.plot(
+                list_positions(found), weights, color=look.colour, linestyle=look.line, label=axis
+            )
+        axes.set_xlabel(title_axis(found))
         axes.set_ylabel("influence")
         axes.set_ylim(bottom=0.0)
-        legend(axes, 2)
+        draw_legend(axes, 2)
 
     return Drawing(draw, 2.8)

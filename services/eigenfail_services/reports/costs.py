@@ -23,11 +23,11 @@ from eigenfail_services.reports.page import (
     Drawing,
     Grid,
     ReportPart,
-    by_name,
-    groups,
-    legend,
+    draw_legend,
+    group_subjects,
+    make_named_grids,
+    make_table,
     mark,
-    table,
 )
 
 if TYPE_CHECKING:
@@ -83,26 +83,30 @@ def make_cost(material: Material) -> ReportPart:
     store = material.store
     spent = [Spent(each, find_spending(store, each.campaign)) for each in material.subjects]
     begun = {each.subject.id: each for each in spent if each.found.curve}
-    drawn = [*groups([each.subject for each in begun.values()], CURVE)]
+    drawn = [*group_subjects([each.subject for each in begun.values()], CURVE)]
     pictures = {name: [begun[subject.id] for subject in group] for name, group in drawn}
     section = ReportSection(
         name="cost",
         title="Cost",
-        words=(COST_WORDS, *dict.fromkeys(note for each in spent for note in notes(each))),
+        words=(COST_WORDS, *dict.fromkeys(note for each in spent for note in list_notes(each))),
         tables=(
-            table(COST, "Cost of the campaigns", COST_COLUMNS, [*map(list_cost, spent)]),
-            table(CURVE, "Failures over cost", CURVE_COLUMNS, [*points(spent)]),
+            make_table(COST, "Cost of the campaigns", COST_COLUMNS, [*map(list_cost, spent)]),
+            make_table(CURVE, "Failures over cost", CURVE_COLUMNS, [*list_curve_rows(spent)]),
         ),
         pictures=tuple(describe_cost_picture(name, group) for name, group in pictures.items()),
     )
     return ReportPart(
         section,
-        {COST: by_name(material.subjects, {s.id: dict(figures(of)) for s, of in spent})},
+        {
+            COST: make_named_grids(
+                material.subjects, {s.id: dict(list_figures(of)) for s, of in spent}
+            )
+        },
         {name: draw_cost(group) for name, group in pictures.items()},
     )
 
 
-def notes(spent: Spent) -> Iterator[str]:
+def list_notes(spent: Spent) -> Iterator[str]:
     """Return the remarks on approximate and missing figures."""
     who = f"Campaign {spent.subject.id}"
     if spent.found.time.problem and spent.found.completed:
@@ -120,42 +124,42 @@ def list_cost(spent: Spent) -> tuple[Cell, ...]:
     )
 
 
-def points(spent: list[Spent]) -> Iterator[tuple[Cell, ...]]:
-    """The numbers of the curves."""
+def list_curve_rows(spent: list[Spent]) -> Iterator[tuple[Cell, ...]]:
+    """Yield the rows of the cost curves."""
     for each in spent:
         for at in each.found.curve:
             yield (each.subject.id, at.usd, at.active_s, at.completed, at.failures, at.modes)
 
 
-def figures(found: CampaignCost) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """What people read of a campaign's cost."""
+def list_figures(found: CampaignCost) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield the names and values of a campaign's costs."""
     price, time = format_amount(found.price_usd_per_hour), found.time
     hours = f"{format_number(found.cost.instance_hours)} instance-hours"
     yield "Cost", (format_amount(found.cost.total_usd), f"{hours} at {price}")
     yield "Cost per failure", format_cost(found.cost).lines
-    yield "Cost per distinct mode", (format_amount(found.per_mode_usd), modes(found))
-    yield "Time running", (seconds(time.active_s),)
+    yield "Cost per distinct mode", (format_amount(found.per_mode_usd), describe_modes(found))
+    yield "Time running", (format_seconds(time.active_s),)
     yield "Simulation", format_cost_share(time.simulation_s, time.active_s)
     yield "Learning", format_cost_share(time.learning_s, time.active_s)
     yield "Waiting", format_cost_share(time.waiting_s, time.active_s)
     yield "Lost", format_cost_share(time.lost_s, time.active_s)
 
 
-def modes(found: CampaignCost) -> str:
-    """How many distinct modes there are, or that they are not known."""
+def describe_modes(found: CampaignCost) -> str:
+    """Return the number of distinct modes, or that it is unknown."""
     return "modes are not known" if found.modes is None else f"{found.modes} distinct modes"
 
 
-def seconds(value: float | None) -> str:
-    """A time."""
+def format_seconds(value: float | None) -> str:
+    """Return a duration as text."""
     return UNKNOWN if value is None else f"{format_number(value)} s"
 
 
 def format_cost_share(value: float | None, of: float) -> tuple[str, ...]:
     """A part of the time."""
     if value is None or not of:
-        return (seconds(value),)
-    return (seconds(value), format_share(value / of))
+        return (format_seconds(value),)
+    return (format_seconds(value), format_share(value / of))
 
 
 def describe_cost_picture(name: str, group: list[Spent]) -> ReportPicture:
@@ -191,7 +195,7 @@ def draw_cost(group: list[Spent]) -> Drawing:
         axes.set_xlabel("cost so far [USD]")
         axes.set_ylabel("failures found")
         axes.set_xlim(left=0.0)
-        legend(axes)
+        draw_legend(axes)
 
     return Drawing(draw, 3.0 + 0.16 * len(group))
 
@@ -225,7 +229,7 @@ HEADER = ("Campaigns", "Where", "Share of the failures inside", "Failure rate in
 
 def make_region(material: Material) -> ReportPart | None:
     """The failing regions of campaigns on one planner in one scenario."""
-    found = [region for region in regions(material) if region.parameters]
+    found = [region for region in find_regions(material) if region.parameters]
     if not found:
         return None
     section = ReportSection(
@@ -236,15 +240,20 @@ def make_region(material: Material) -> ReportPart | None:
             *(sentence for region in found for sentence in describe_region(region)),
         ),
         tables=(
-            table(REGION_TABLE, "Parts of the failing region", REGION_COLUMNS, [*rows(found)]),
+            make_table(
+                REGION_TABLE,
+                "Parts of the failing region",
+                REGION_COLUMNS,
+                [*list_region_rows(found)],
+            ),
         ),
     )
     lines = tuple(line for region in found for line in describe_parts(region))
     return ReportPart(section, {REGION_TABLE: (Grid(HEADER, lines),)} if lines else {})
 
 
-def regions(material: Material) -> Iterator[Region]:
-    """One for each planner in each scenario, as far as that scenario is here."""
+def find_regions(material: Material) -> Iterator[Region]:
+    """Yield a region for each planner in each scenario that is installed here."""
     together: dict[tuple[str, ...], list[int]] = {}
     for subject in material.subjects:
         spec = subject.campaign.spec
@@ -272,8 +281,8 @@ def describe_region(region: Region) -> Iterator[str]:
     yield from (f"{who}: {note}" for note in (region.problem, *region.warnings) if note)
 
 
-def rows(found: list[Region]) -> Iterator[tuple[Cell, ...]]:
-    """A row for each bound of each part."""
+def list_region_rows(found: list[Region]) -> Iterator[tuple[Cell, ...]]:
+    """Yield a row for each bound of each box."""
     for region in found:
         for number, box in enumerate(region.boxes, start=1):
             rate = box.precision
@@ -325,7 +334,7 @@ MINIMAL_WORDS = (
 
 def make_minimal(material: Material) -> ReportPart | None:
     """The minimal failures that campaigns came to."""
-    found = [*shrunk(material)]
+    found = [*find_minimal_failures(material)]
     if not found:
         return None
     sentences = (f"Campaign {each.campaign}: {each.words} {each.because}" for each in found)
@@ -334,14 +343,14 @@ def make_minimal(material: Material) -> ReportPart | None:
         title="Minimal failures",
         words=(MINIMAL_WORDS, *sentences),
         tables=(
-            table("minimal", "Minimal failures", MINIMAL_COLUMNS, [*map(list_minimal, found)]),
+            make_table("minimal", "Minimal failures", MINIMAL_COLUMNS, [*map(list_minimal, found)]),
         ),
     )
     return ReportPart(section)
 
 
-def shrunk(material: Material) -> Iterator[MinimalFailure]:
-    """Those of the campaigns that shrink failures, as far as there is one."""
+def find_minimal_failures(material: Material) -> Iterator[MinimalFailure]:
+    """Yield the minimal failures of the campaigns that shrink failures."""
     for subject in material.subjects:
         if subject.campaign.spec.method == METHOD:
             try:

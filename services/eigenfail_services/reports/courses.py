@@ -31,11 +31,11 @@ from eigenfail_services.reports.outcomes import list_bounds
 from eigenfail_services.reports.page import (
     Drawing,
     ReportPart,
-    groups,
-    legend,
+    draw_legend,
+    group_subjects,
+    make_comparison_grids,
+    make_table,
     mark,
-    side_by_side,
-    table,
 )
 
 if TYPE_CHECKING:
@@ -66,27 +66,27 @@ HOW_TO_READ = (
 def make_safety(material: Material) -> ReportPart:
     """The measures side by side."""
     subjects = material.subjects
-    rows = [row for subject in subjects for row in measures(subject)]
+    rows = [row for subject in subjects for row in list_measure_rows(subject)]
     section = ReportSection(
         name="safety",
         title="Safety measures",
-        words=(HOW_TO_READ, *(note for subject in subjects for note in notes(subject))),
+        words=(HOW_TO_READ, *(note for subject in subjects for note in list_notes(subject))),
         tables=(
-            table("safety", "Safety measures of all completed episodes", SAFETY_COLUMNS, rows),
+            make_table("safety", "Safety measures of all completed episodes", SAFETY_COLUMNS, rows),
         ),
     )
-    return ReportPart(section, {"safety": side_by_side(subjects, FIGURES)})
+    return ReportPart(section, {"safety": make_comparison_grids(subjects, FIGURES)})
 
 
-def notes(subject: Subject) -> tuple[str, ...]:
-    """What the numbers of a campaign cannot know."""
+def list_notes(subject: Subject) -> tuple[str, ...]:
+    """Return the limits of a campaign's figures."""
     found = subject.safety
     problem = (found.severity.problem,) if found.severity.n else ()
     sentences = (*found.notes, *filter(None, problem))
     return tuple(f"Campaign {subject.id}: {note}" for note in sentences)
 
 
-def measures(subject: Subject) -> list[tuple[Cell, ...]]:
+def list_measure_rows(subject: Subject) -> list[tuple[Cell, ...]]:
     """Return a row for each measure: a count, or statistics over n episodes."""
     found = subject.safety
     conflicts, collided = found.conflicts, subject.summary.counts.failures
@@ -103,11 +103,17 @@ def measures(subject: Subject) -> list[tuple[Cell, ...]]:
         ("collisions unavoidable", *count(conflicts.unavoidable, collided)),
         ("collisions by the planner", *count(conflicts.planner_failures, collided)),
         ("collisions not classified", *count(conflicts.unclassified, collided)),
-        ("mean lead time of MinTTC", *mean(conflicts.ttc_lead)),
-        ("mean lead time of DRAC", *mean(conflicts.drac_lead)),
-        ("severity mean", *severity(found.severity, found.severity.mean)),
-        (f"severity VaR {found.severity.level:g}", *severity(found.severity, found.severity.var)),
-        (f"severity CVaR {found.severity.level:g}", *severity(found.severity, found.severity.cvar)),
+        ("mean lead time of MinTTC", *make_mean_row(conflicts.ttc_lead)),
+        ("mean lead time of DRAC", *make_mean_row(conflicts.drac_lead)),
+        ("severity mean", *make_severity_row(found.severity, found.severity.mean)),
+        (
+            f"severity VaR {found.severity.level:g}",
+            *make_severity_row(found.severity, found.severity.var),
+        ),
+        (
+            f"severity CVaR {found.severity.level:g}",
+            *make_severity_row(found.severity, found.severity.cvar),
+        ),
     )
     return [(subject.id, *row) for row in rows]
 
@@ -124,21 +130,21 @@ def count(k: int, n: int) -> tuple[Cell, ...]:
     return (k, n, None, None, None, "")
 
 
-def mean(found: MeanTime) -> tuple[Cell, ...]:
-    """A mean time."""
+def make_mean_row(found: MeanTime) -> tuple[Cell, ...]:
+    """Return the row of a mean time."""
     return (None, found.n, found.mean_s, None, None, "s")
 
 
-def severity(risk: SeverityRisk, found: Number | None) -> tuple[Cell, ...]:
-    """A figure of the failures' severity with its interval."""
+def make_severity_row(risk: SeverityRisk, found: Number | None) -> tuple[Cell, ...]:
+    """Return the row of a figure of the failures' severity with its interval."""
     bounds = found.interval if found else None
     value = found.value if found else None
     ends = (bounds.low, bounds.high) if bounds else (None, None)
     return (None, risk.n, value, *ends, "m²/s²")
 
 
-def of(found: Rate | None) -> tuple[str, ...]:
-    """k of n, and the share."""
+def format_count(found: Rate | None) -> tuple[str, ...]:
+    """Return k of n, and the share."""
     if found is None:
         return (UNKNOWN, NO_EPISODE)
     if found.bounds is None:
@@ -146,27 +152,30 @@ def of(found: Rate | None) -> tuple[str, ...]:
     return (f"{found.k:,} of {found.n:,}", f"95 %: {format_percent_interval(found.bounds)}")
 
 
-def beyond(found: Violations, unit: str) -> tuple[str, ...]:
+def format_exceedance(found: Violations, unit: str) -> tuple[str, ...]:
     """Return how often a threshold was passed, and the median and worst value."""
     middle, worst = format_number(found.median), format_number(found.worst)
-    return (*of(found.beyond), f"median {middle} {unit}, worst {worst} {unit} (n = {found.n:,})")
+    return (
+        *format_count(found.beyond),
+        f"median {middle} {unit}, worst {worst} {unit} (n = {found.n:,})",
+    )
 
 
-def collisions(k: int, subject: Subject) -> tuple[str, ...]:
+def format_collisions(k: int, subject: Subject) -> tuple[str, ...]:
     """Return k of the campaign's collisions as text; unknown if it has none."""
     count = subject.summary.counts.failures
     return (f"{k:,} of {count:,} collisions",) if count else (UNKNOWN,)
 
 
-def lead(found: MeanTime) -> tuple[str, ...]:
-    """A mean lead time, and what it rests on."""
+def format_lead(found: MeanTime) -> tuple[str, ...]:
+    """Return a mean lead time with its number of failures."""
     if found.mean_s is None:
         return (UNKNOWN, "no such collision")
     return (f"{format_number(found.mean_s)} s", f"mean of {found.n:,}")
 
 
-def risk(subject: Subject, found: Number | None) -> tuple[str, ...]:
-    """A figure of severity with its interval."""
+def format_risk(subject: Subject, found: Number | None) -> tuple[str, ...]:
+    """Return a figure of severity with its interval as text."""
     n = f"n = {subject.safety.severity.n:,}"
     if found is None:
         return (UNKNOWN, n)
@@ -175,21 +184,25 @@ def risk(subject: Subject, found: Number | None) -> tuple[str, ...]:
 
 
 FIGURES = {
-    "Collisions": lambda s: of(s.safety.collisions),
-    "Near misses": lambda s: of(s.safety.near_misses),
+    "Collisions": lambda s: format_count(s.safety.collisions),
+    "Near misses": lambda s: format_count(s.safety.near_misses),
     "Unresolved at the horizon": lambda s: (
         f"{s.safety.unresolved.count:,} of {s.safety.completed:,}",
     ),
-    "MinTTC below 1.5 s": lambda s: beyond(s.safety.ttc, "s"),
-    "DRAC above 7.0 m/s²": lambda s: beyond(s.safety.drac, "m/s²"),
-    "Unavoidable": lambda s: collisions(s.safety.conflicts.unavoidable, s),
-    "Planner's failures": lambda s: collisions(s.safety.conflicts.planner_failures, s),
-    "Not classified": lambda s: collisions(s.safety.conflicts.unclassified, s),
-    "Lead time of MinTTC": lambda s: lead(s.safety.conflicts.ttc_lead),
-    "Lead time of DRAC": lambda s: lead(s.safety.conflicts.drac_lead),
-    "Mean severity [m²/s²]": lambda s: risk(s, s.safety.severity.mean),
-    f"Severity, VaR at {100.0 * LEVEL:g} % [m²/s²]": lambda s: risk(s, s.safety.severity.var),
-    f"Severity, CVaR at {100.0 * LEVEL:g} % [m²/s²]": lambda s: risk(s, s.safety.severity.cvar),
+    "MinTTC below 1.5 s": lambda s: format_exceedance(s.safety.ttc, "s"),
+    "DRAC above 7.0 m/s²": lambda s: format_exceedance(s.safety.drac, "m/s²"),
+    "Unavoidable": lambda s: format_collisions(s.safety.conflicts.unavoidable, s),
+    "Planner's failures": lambda s: format_collisions(s.safety.conflicts.planner_failures, s),
+    "Not classified": lambda s: format_collisions(s.safety.conflicts.unclassified, s),
+    "Lead time of MinTTC": lambda s: format_lead(s.safety.conflicts.ttc_lead),
+    "Lead time of DRAC": lambda s: format_lead(s.safety.conflicts.drac_lead),
+    "Mean severity [m²/s²]": lambda s: format_risk(s, s.safety.severity.mean),
+    f"Severity, VaR at {100.0 * LEVEL:g} % [m²/s²]": lambda s: format_risk(
+        s, s.safety.severity.var
+    ),
+    f"Severity, CVaR at {100.0 * LEVEL:g} % [m²/s²]": lambda s: format_risk(
+        s, s.safety.severity.cvar
+    ),
 }
 
 
@@ -223,18 +236,20 @@ def make_likelihood(material: Material) -> ReportPart:
     rows = [
         list_likelihood(each.id, point) for each in failing for point in each.safety.scatter.points
     ]
-    notes = " ".join(filter(None, map(left_out, failing)))
+    notes = " ".join(filter(None, map(describe_left_out, failing)))
     section = ReportSection(
         name="likelihood",
         title="Likelihood and severity of failures",
-        words=(LIKELIHOOD_WORDS, *correlations(failing)) if failing else (NONE_FOUND,),
-        tables=(table(LIKELIHOOD_TABLE, "Failures", LIKELIHOOD_COLUMNS, rows, notes),),
+        words=(LIKELIHOOD_WORDS, *list_correlations(failing)) if failing else (NONE_FOUND,),
+        tables=(make_table(LIKELIHOOD_TABLE, "Failures", LIKELIHOOD_COLUMNS, rows, notes),),
         pictures=tuple(
-            describe_likelihood_picture(name, group) for name, group in groups(failing, PICTURE)
+            describe_likelihood_picture(name, group)
+            for name, group in group_subjects(failing, PICTURE)
         ),
     )
     return ReportPart(
-        section, drawings={name: draw_likelihood(of) for name, of in groups(failing, PICTURE)}
+        section,
+        drawings={name: draw_likelihood(of) for name, of in group_subjects(failing, PICTURE)},
     )
 
 
@@ -244,15 +259,15 @@ def list_likelihood(campaign: int, point: FailurePoint) -> tuple[Cell, ...]:
     return (campaign, point.index, point.log_probability_per_step, point.severity, conflict)
 
 
-def left_out(subject: Subject) -> str:
-    """Whether all of its failures are there."""
+def describe_left_out(subject: Subject) -> str:
+    """Return whether all failures of a campaign are shown."""
     scatter = subject.safety.scatter
     note = sample_note(len(scatter.points), scatter.of, "failures")
     return f"Campaign {subject.id}: {note}" if note else ""
 
 
-def correlations(failing: list[Subject]) -> Iterator[str]:
-    """Whether the severe failures are the rarer ones."""
+def list_correlations(failing: list[Subject]) -> Iterator[str]:
+    """Yield whether severe failures are less likely, for each campaign with failures."""
     for subject in failing:
         found, n = subject.safety.scatter.rank_correlation, len(subject.safety.scatter.points)
         if found is not None:
@@ -272,7 +287,7 @@ def describe_likelihood_picture(name: str, group: tuple[Subject, ...]) -> Report
         alternative=" ".join(map(describe_likelihood, group)),
         table=LIKELIHOOD_TABLE,
         campaigns=tuple(subject.id for subject in group),
-        note=" ".join(filter(None, map(left_out, group))),
+        note=" ".join(filter(None, map(describe_left_out, group))),
     )
 
 
@@ -308,7 +323,7 @@ def draw_likelihood(group: tuple[Subject, ...]) -> Drawing:
         axes.set_xlabel("log p per step [nat]")
         axes.set_ylabel("severity ‖Δv‖² [m²/s²]")
         axes.set_ylim(bottom=0.0)
-        legend(axes)
+        draw_legend(axes)
 
     return Drawing(draw, 3.4 + 0.16 * len(group))
 
@@ -343,16 +358,17 @@ def make_learning(material: Material) -> ReportPart:
     begun = [subject for subject in material.subjects if subject.course.blocks]
     rows = [list_learning(subject, block) for subject in begun for block in subject.course.blocks]
     pictures = tuple(
-        describe_learning_picture(name, group) for name, group in groups(begun, LEARNING_TABLE)
+        describe_learning_picture(name, group)
+        for name, group in group_subjects(begun, LEARNING_TABLE)
     )
     section = ReportSection(
         name="learning",
         title="Learning curve",
         words=(LEARNING_WORDS,) if begun else ("No episode has ended yet.",),
-        tables=(table(LEARNING_TABLE, "Failures over episodes", LEARNING_COLUMNS, rows),),
+        tables=(make_table(LEARNING_TABLE, "Failures over episodes", LEARNING_COLUMNS, rows),),
         pictures=pictures,
     )
-    drawings = {name: draw_learning(group) for name, group in groups(begun, LEARNING_TABLE)}
+    drawings = {name: draw_learning(group) for name, group in group_subjects(begun, LEARNING_TABLE)}
     return ReportPart(section, drawings=drawings)
 
 
@@ -415,6 +431,6 @@ def draw_learning(group: tuple[Subject, ...]) -> Drawing:
         above.set_ylabel("failure rate [%]")
         below.set_ylabel("log p per step [nat]")
         below.set_xlabel("episode")
-        legend(above)
+        draw_legend(above)
 
     return Drawing(draw, 4.0 + 0.16 * len(group))

@@ -9,7 +9,7 @@ from eigenfail.presentation.figures import format_interval, format_share
 from eigenfail.values import AXES, Proof, ReplayedNoise, Reproduction
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
 from eigenfail_services.campaigns.proofs import summarise_proof
-from eigenfail_services.reports.material import Analysed, Material, in_groups, list_analysed
+from eigenfail_services.reports.material import Analysed, Material, list_analysed, split_into_groups
 from eigenfail_services.reports.page import (
     BESIDE,
     INK,
@@ -17,9 +17,9 @@ from eigenfail_services.reports.page import (
     Drawing,
     Grid,
     ReportPart,
-    legend,
+    draw_legend,
+    make_table,
     mark,
-    table,
 )
 
 if TYPE_CHECKING:
@@ -88,11 +88,13 @@ def make_proof(material: Material) -> ReportPart | None:
         title="Proof by replay",
         words=(PROOF_WORDS, *map(describe_proof, proven)),
         tables=(
-            table(SCENARIOS, "Replays by scenario", SCENARIO_COLUMNS, [*scenario_rows(proven)]),
-            table(REPLAYS, "Each replay", REPLAY_COLUMNS, [*replay_rows(proven)]),
+            make_table(
+                SCENARIOS, "Replays by scenario", SCENARIO_COLUMNS, [*list_scenario_rows(proven)]
+            ),
+            make_table(REPLAYS, "Each replay", REPLAY_COLUMNS, [*replay_rows(proven)]),
         ),
     )
-    rows = tuple(row for each in proven for row in lines(each))
+    rows = tuple(row for each in proven for row in list_scenario_texts(each))
     return ReportPart(section, {SCENARIOS: (Grid(HEADER, rows),)}, folded=frozenset({REPLAYS}))
 
 
@@ -101,35 +103,35 @@ def describe_proof(proven: Proven) -> str:
     here, everywhere = proven.proof.reproduced, proven.proof.eigenfailures
     unfinished = "" if proven.proof.done else " Replays are still running."
     return (
-        f"Campaign {proven.found.subject.id}: of its eigenfailures {in_line(here)} failed "
-        f"again in the same scenario, and {in_line(everywhere)} over all scenarios."
+        f"Campaign {proven.found.subject.id}: of its eigenfailures {describe_reproduced(here)} "
+        f"failed again in the same scenario, {describe_reproduced(everywhere)} over all scenarios."
         f"{unfinished}"
     )
 
 
-def of(found: Reproduction) -> tuple[str, ...]:
-    """How many failed again, of those tried."""
+def format_reproduced(found: Reproduction) -> tuple[str, ...]:
+    """Return how many of the replays failed again."""
     if found.rate is None:
         return ("none tried",)
     bounds = format_interval(found.rate.interval, 100.0)
     return (f"{found.rate.k} of {found.rate.n}", f"95 %: {bounds} %")
 
 
-def in_line(found: Reproduction) -> str:
-    """The same within a sentence."""
-    count, *bounds = of(found)
+def describe_reproduced(found: Reproduction) -> str:
+    """Return the same within a sentence."""
+    count, *bounds = format_reproduced(found)
     return f"{count} ({', '.join(bounds)})" if bounds else count
 
 
-def lines(proven: Proven) -> Iterator[tuple[tuple[str, ...], ...]]:
-    """A row for each scenario, in words."""
+def list_scenario_texts(proven: Proven) -> Iterator[tuple[tuple[str, ...], ...]]:
+    """Yield a row of texts for each scenario."""
     for each in proven.proof.scenarios:
         who = ((str(proven.found.subject.id),), (each.words,))
-        yield (*who, of(each.eigenfailures), of(each.medoids))
+        yield (*who, format_reproduced(each.eigenfailures), format_reproduced(each.medoids))
 
 
-def scenario_rows(proven: list[Proven]) -> Iterator[tuple[Cell, ...]]:
-    """Two rows for each scenario."""
+def list_scenario_rows(proven: list[Proven]) -> Iterator[tuple[Cell, ...]]:
+    """Yield two rows for each scenario."""
     for found, proof_of in proven:
         for each in proof_of.scenarios:
             who = (found.subject.id, each.words, each.campaign)
@@ -183,14 +185,16 @@ def make_variance(material: Material) -> ReportPart | None:
     found = [each for each in list_analysed(material) if len(each.result.explained)]
     if not found:
         return None
-    named = dict(zip(names(len(found)), in_groups(found, BESIDE), strict=True))
-    rows = [row for each in found for row in shares(each)]
+    named = dict(zip(name_pictures(len(found)), split_into_groups(found, BESIDE), strict=True))
+    rows = [row for each in found for row in list_component_rows(each)]
     section = ReportSection(
         name="variance",
         title="Explained variance",
         words=(VARIANCE_WORDS,),
         tables=(
-            table(VARIANCE_TABLE, "Variance explained by the components", VARIANCE_COLUMNS, rows),
+            make_table(
+                VARIANCE_TABLE, "Variance explained by the components", VARIANCE_COLUMNS, rows
+            ),
         ),
         pictures=tuple(
             describe_variance_picture(name, tuple(group)) for name, group in named.items()
@@ -201,14 +205,14 @@ def make_variance(material: Material) -> ReportPart | None:
     )
 
 
-def names(count: int) -> Iterator[str]:
-    """A name for each picture."""
+def name_pictures(count: int) -> Iterator[str]:
+    """Yield a name for each picture."""
     yield VARIANCE_TABLE
     yield from (f"{VARIANCE_TABLE}-{number}" for number in range(2, -(-count // BESIDE) + 1))
 
 
-def shares(found: Analysed) -> Iterator[tuple[Cell, ...]]:
-    """A row for each component."""
+def list_component_rows(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+    """Yield a row for each component."""
     explained = found.result.explained.astype(float)
     for number, (share, so_far) in enumerate(zip(explained, np.cumsum(explained), strict=True), 1):
         yield (found.subject.id, number, float(share), float(so_far))
@@ -254,7 +258,7 @@ def draw_variance(group: tuple[Analysed, ...]) -> Drawing:
         axes.set_xlabel("component")
         axes.set_ylabel("share of the variance [%]")
         axes.set_ylim(0.0, 100.0)
-        legend(axes)
+        draw_legend(axes)
 
     return Drawing(draw, 2.9 + 0.16 * len(group))
 
@@ -294,7 +298,9 @@ def make_training(material: Material) -> ReportPart | None:
         title="Disturbances over the training",
         words=(TRAINING_WORDS,),
         tables=(
-            table(TRAINING_TABLE, "Mean noise of the failures by interval", TRAINING_COLUMNS, rows),
+            make_table(
+                TRAINING_TABLE, "Mean noise of the failures by interval", TRAINING_COLUMNS, rows
+            ),
         ),
         pictures=tuple(map(describe_training_picture, found)),
     )

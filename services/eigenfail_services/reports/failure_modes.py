@@ -14,9 +14,9 @@ from eigenfail_services.reports.material import (
     Band,
     Material,
     Subject,
-    band,
-    evenly,
     list_analysed,
+    make_band,
+    pick_evenly,
     sample_note,
 )
 from eigenfail_services.reports.page import (
@@ -24,10 +24,10 @@ from eigenfail_services.reports.page import (
     MUTED,
     Drawing,
     ReportPart,
-    legend,
+    draw_legend,
     list_probability,
+    make_table,
     mark,
-    table,
 )
 
 if TYPE_CHECKING:
@@ -96,16 +96,24 @@ def make_modes(material: Material) -> ReportPart:
     """The modes of every campaign that was analysed."""
     found = [*list_analysed(material)]
     tables = (
-        table(MODES, "Failure modes", MODE_COLUMNS, [row for each in found for row in modes(each)]),
-        table(
+        make_table(
+            MODES,
+            "Failure modes",
+            MODE_COLUMNS,
+            [row for each in found for row in list_mode_rows(each)],
+        ),
+        make_table(
             SCORES,
             "Failures in the space of the components",
             SCORE_COLUMNS,
-            [row for each in found for row in scores(each)],
-            " ".join(filter(None, map(left_out, found))),
+            [row for each in found for row in list_score_rows(each)],
+            " ".join(filter(None, map(describe_left_out, found))),
         ),
-        table(
-            WORDS, "The modes in words", WORD_COLUMNS, [row for of in found for row in words(of)]
+        make_table(
+            WORDS,
+            "The modes in words",
+            WORD_COLUMNS,
+            [row for of in found for row in list_description_rows(of)],
         ),
     )
     section = ReportSection(
@@ -114,7 +122,7 @@ def make_modes(material: Material) -> ReportPart:
         words=(
             *((HOW_TO_READ,) if found else ()),
             *(sentence for each in found for sentence in describe_modes(each)),
-            *missing(material, found),
+            *list_missing(material, found),
         ),
         tables=tables if found else (),
         pictures=tuple(map(describe_modes_picture, found)),
@@ -123,16 +131,16 @@ def make_modes(material: Material) -> ReportPart:
     return ReportPart(section, drawings=drawings, folded=frozenset({WORDS}))
 
 
-def missing(material: Material, found: list[Analysed]) -> Iterator[str]:
+def list_missing(material: Material, found: list[Analysed]) -> Iterator[str]:
     """Return the campaigns without failure modes, with the reasons."""
     known = {each.subject.id for each in found}
     for subject in material.subjects:
         if subject.id not in known:
-            yield f"Campaign {subject.id}: {why(subject)}"
+            yield f"Campaign {subject.id}: {explain_no_modes(subject)}"
 
 
-def why(subject: Subject) -> str:
-    """Why there is no mode."""
+def explain_no_modes(subject: Subject) -> str:
+    """Return the reason why a campaign has no modes."""
     if not subject.summary.counts.failures:
         return "no failure, so there is no mode."
     return f"not analysed; run `eigenfail analyze {subject.id}` and make the report again."
@@ -148,44 +156,52 @@ def describe_modes(found: Analysed) -> Iterator[str]:
     yield from (f"{who}: {note}" for note in result.notes)
 
 
-def modes(found: Analysed) -> Iterator[tuple[Cell, ...]]:
-    """A row for each mode, counted from 1."""
+def list_mode_rows(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+    """Yield a row for each mode, counted from 1."""
     for number, mode in enumerate(found.result.modes, start=1):
         share = mode.failures / len(found.result.episodes)
         who = (found.subject.id, found.analysis.id, number)
         likely = list_probability(mode.probability)
-        yield (*who, mode.failures, share, mode.medoid, strength(mode), *peaks(mode), *likely)
+        yield (
+            *who,
+            mode.failures,
+            share,
+            mode.medoid,
+            measure_strength(mode),
+            *list_peak_cells(mode),
+            *likely,
+        )
 
 
-def words(found: Analysed) -> Iterator[tuple[Cell, ...]]:
-    """What each mode is, as the analysis says."""
+def list_description_rows(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+    """Yield the analysis's description of each mode."""
     for number, told_of_it in enumerate(found.result.words, start=1):
         yield (found.subject.id, number, told_of_it)
 
 
-def strength(mode: FailureMode) -> float:
-    """Root mean square of the eigenfailure; noise of p(x) has 1. [sigma]"""
+def measure_strength(mode: FailureMode) -> float:
+    """Return the root mean square of the eigenfailure; noise of p(x) has 1. [sigma]"""
     return float(np.sqrt(np.mean(np.square(mode.eigenfailure.astype(np.float64)))))
 
 
-def peaks(mode: FailureMode) -> Iterator[Cell]:
-    """The largest disturbance along each axis, and its step."""
+def list_peak_cells(mode: FailureMode) -> Iterator[Cell]:
+    """Yield the largest disturbance along each axis, and its step."""
     for axis in range(len(AXES)):
         step = int(np.argmax(np.abs(mode.eigenfailure[:, axis])))
         yield float(mode.eigenfailure[step, axis])
         yield step
 
 
-def scores(found: Analysed) -> Iterator[tuple[Cell, ...]]:
-    """A row for each failure, or for a sample of them."""
+def list_score_rows(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+    """Yield a row for each failure, or for a sample of the failures."""
     result = found.result
-    for row in evenly(range(len(result.episodes)), MOST_SCORES):
+    for row in pick_evenly(range(len(result.episodes)), MOST_SCORES):
         first, second = (float(x) for x in np.pad(result.scores[row].astype(float), (0, 2))[:2])
         yield (found.subject.id, result.episodes[row], result.labels[row] + 1, first, second)
 
 
-def left_out(found: Analysed) -> str:
-    """Whether all failures are there."""
+def describe_left_out(found: Analysed) -> str:
+    """Return whether all failures are shown."""
     count = len(found.result.episodes)
     note = sample_note(min(count, MOST_SCORES), count, "failures")
     return f"Campaign {found.subject.id}: {note}" if note else ""
@@ -202,20 +218,20 @@ def describe_modes_picture(found: Analysed) -> ReportPicture:
         alternative=f"{len(found.result.episodes)} failures: {sizes}. {CENTRES}",
         table=SCORES,
         campaigns=(found.subject.id,),
-        note=left_out(found),
+        note=describe_left_out(found),
     )
 
 
-def centre(mode: FailureMode) -> tuple[float, float]:
-    """Of a mode, by its first two scores."""
+def find_centre(mode: FailureMode) -> tuple[float, float]:
+    """Return the centre of a mode in its first two scores."""
     first, second = np.pad(mode.centre.astype(float), (0, 2))[:2]
     return (float(first), float(second))
 
 
 def draw_modes(found: Analysed) -> Drawing:
     """A mark for each failure, by its mode."""
-    rows = [*scores(found)]
-    centres = [centre(mode) for mode in found.result.modes]
+    rows = [*list_score_rows(found)]
+    centres = [find_centre(mode) for mode in found.result.modes]
 
     def draw(figure: "Figure") -> None:
         axes = figure.subplots()
@@ -233,7 +249,7 @@ def draw_modes(found: Analysed) -> Drawing:
             axes.annotate(str(mode + 1), middle, ha="center", va="center", bbox=PLATE)
         axes.set_xlabel("first score [sigma]")
         axes.set_ylabel("second score [sigma]")
-        legend(axes, LEGEND_COLUMNS)
+        draw_legend(axes, LEGEND_COLUMNS)
 
     return Drawing(draw, 3.8)
 
@@ -274,7 +290,7 @@ def make_eigenfailures(material: Material) -> ReportPart | None:
     found = [*list_analysed(material)]
     if not found:
         return None
-    bands = [bands_of(material, each) for each in found]
+    bands = [make_bands(material, each) for each in found]
     each_with = [*zip(found, bands, strict=True)]
     rows = [row for each, of in each_with for row in list_eigenfailures_steps(each, of)]
     section = ReportSection(
@@ -282,7 +298,7 @@ def make_eigenfailures(material: Material) -> ReportPart | None:
         title="Eigenfailures",
         words=(EIGENFAILURES_WORDS,),
         tables=(
-            table(EIGENFAILURES_TABLE, "Eigenfailures over time", EIGENFAILURES_COLUMNS, rows),
+            make_table(EIGENFAILURES_TABLE, "Eigenfailures over time", EIGENFAILURES_COLUMNS, rows),
         ),
         pictures=tuple(describe_eigenfailures_picture(each, of) for each, of in each_with),
     )
@@ -292,9 +308,9 @@ def make_eigenfailures(material: Material) -> ReportPart | None:
     return ReportPart(section, drawings=drawings)
 
 
-def bands_of(material: Material, found: Analysed) -> Bands:
-    """The band of each mode."""
-    return tuple(band(material.store, found, mode) for mode in range(len(found.result.modes)))
+def make_bands(material: Material, found: Analysed) -> Bands:
+    """Return the band of each mode."""
+    return tuple(make_band(material.store, found, mode) for mode in range(len(found.result.modes)))
 
 
 def list_eigenfailures_steps(found: Analysed, bands: Bands) -> Iterator[tuple[Cell, ...]]:
@@ -310,7 +326,7 @@ def list_eigenfailures_steps(found: Analysed, bands: Bands) -> Iterator[tuple[Ce
 def describe_eigenfailures_picture(found: Analysed, bands: Bands) -> ReportPicture:
     """The eigenfailures of a campaign, in words."""
     sentences = (
-        f"mode {number}: {peak(found, mode.eigenfailure)}"
+        f"mode {number}: {describe_peak(found, mode.eigenfailure)}"
         for number, mode in enumerate(found.result.modes[:MOST_MODES], start=1)
     )
     of = sum(each.of for each in bands)
@@ -325,17 +341,17 @@ def describe_eigenfailures_picture(found: Analysed, bands: Bands) -> ReportPictu
     )
 
 
-def peak(found: Analysed, z: Floats) -> str:
-    """The largest disturbance along each axis, in words."""
+def describe_peak(found: Analysed, z: Floats) -> str:
+    """Return the largest disturbance along each axis as text."""
     largest = ((axis, int(np.argmax(np.abs(z[:, way]))), way) for way, axis in enumerate(AXES))
     return ", ".join(
-        f"{axis} {format_number(float(z[step, way]))} sigma at {moment(found, step)}"
+        f"{axis} {format_number(float(z[step, way]))} sigma at {describe_moment(found, step)}"
         for axis, step, way in largest
     )
 
 
-def moment(found: Analysed, step: int) -> str:
-    """When a step is, in words."""
+def describe_moment(found: Analysed, step: int) -> str:
+    """Return the time of a step as text."""
     return f"{format_number(step * found.step_s)} s" if found.step_s else f"step {step}"
 
 
@@ -347,7 +363,7 @@ def draw_eigenfailures(found: Analysed, bands: Bands) -> Drawing:
         grid = figure.subplots(len(modes), 2, sharex=True, sharey=True, squeeze=False)
         for number, row in enumerate(grid):
             for way, axis in enumerate(AXES):
-                one(row[way], found, bands[number], number, way)
+                draw_mode(row[way], found, bands[number], number, way)
                 row[way].set_title(f"mode {number + 1}, {axis}")
             row[0].set_ylabel("noise [sigma]")
         for axes in grid[-1]:
@@ -356,8 +372,8 @@ def draw_eigenfailures(found: Analysed, bands: Bands) -> Drawing:
     return Drawing(draw, 0.6 + 1.7 * len(modes))
 
 
-def one(axes: "Axes", found: Analysed, of: Band, mode: int, way: int) -> None:
-    """One mode along one axis."""
+def draw_mode(axes: "Axes", found: Analysed, of: Band, mode: int, way: int) -> None:
+    """Draw a mode along one axis."""
     z = found.result.modes[mode].eigenfailure[:, way]
     at = np.arange(len(z)) * (found.step_s or 1.0)
     low, high = of.mean[:, way] - of.deviation[:, way], of.mean[:, way] + of.deviation[:, way]

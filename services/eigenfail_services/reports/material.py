@@ -64,8 +64,8 @@ class Material(NamedTuple):
     subjects: tuple[Subject, ...]
 
 
-def gather(store: Store, campaigns: Sequence[int]) -> Material:
-    """What there is by now.
+def gather_material(store: Store, campaigns: Sequence[int]) -> Material:
+    """Return the material of a report on campaigns as they are now.
 
     Raises:
         InvalidValue: no campaign, too many, or one that is named twice.
@@ -73,7 +73,9 @@ def gather(store: Store, campaigns: Sequence[int]) -> Material:
     """
     check(campaigns)
     numbered = enumerate(campaigns)
-    return Material(store, tuple(subject(store, campaign, place) for place, campaign in numbered))
+    return Material(
+        store, tuple(make_subject(store, campaign, place) for place, campaign in numbered)
+    )
 
 
 def check(campaigns: Sequence[int]) -> None:
@@ -86,8 +88,8 @@ def check(campaigns: Sequence[int]) -> None:
             raise InvalidValue("campaign", f"{campaign} is named twice.", "Name each one once.")
 
 
-def subject(store: Store, campaign: int, place: int) -> Subject:
-    """One campaign, as it stands."""
+def make_subject(store: Store, campaign: int, place: int) -> Subject:
+    """Return a campaign as it is now."""
     seen = store.campaigns.get(campaign)
     return Subject(
         campaign=seen,
@@ -113,13 +115,13 @@ def list_unfinished(material: Material) -> Iterator[str]:
 Item = TypeVar("Item")
 
 
-def evenly(items: Sequence[Item], most: int) -> list[Item]:
+def pick_evenly(items: Sequence[Item], most: int) -> list[Item]:
     """Return at most `most` items, spread evenly."""
     taken = min(len(items), most)
     return [items[place * len(items) // taken] for place in range(taken)] if taken else []
 
 
-def in_groups(items: Sequence[Item], size: int) -> list[Sequence[Item]]:
+def split_into_groups(items: Sequence[Item], size: int) -> list[Sequence[Item]]:
     """Yield consecutive items in groups of a given size."""
     return [items[first : first + size] for first in range(0, len(items), size)]
 
@@ -181,12 +183,12 @@ def list_analysed(material: Material) -> Iterator[Analysed]:
                 material.store.episodes.get(mode.medoid_campaign or subject.id, mode.medoid)
                 for mode in analysis.result.modes
             )
-            duration = known_step_s(subject.campaign.spec)
+            duration = find_step_s(subject.campaign.spec)
             yield Analysed(subject, analysis, analysis.result, medoids, duration)
 
 
-def known_step_s(spec: CampaignSpec) -> float | None:
-    """The duration of a step; None of a scenario that is not here any more. [s]"""
+def find_step_s(spec: CampaignSpec) -> float | None:
+    """Return the duration of a step [s]; None for a scenario that is not installed here."""
     try:
         return world_of(spec.simulator).step_s(spec)
     except InputError:
@@ -210,21 +212,21 @@ class Band(NamedTuple):
     deviation: NDArray[np.float64]
 
 
-def band(store: Store, found: Analysed, mode: int) -> Band:
-    """The noise of a mode's members, each at its first step or, if so aligned, at its collision."""
+def make_band(store: Store, found: Analysed, mode: int) -> Band:
+    """Return the noise of a mode's members, aligned at their first step or at their collision."""
     members = found.members(mode)
-    chosen = evenly(members, MOST_MEMBERS)
+    chosen = pick_evenly(members, MOST_MEMBERS)
     noise = [
         result.noise.z
         for campaign in dict.fromkeys(campaign for campaign, _ in chosen)
         for result in store.episodes.finished(campaign, [e for c, e in chosen if c == campaign])
     ]
-    rows = side_by_side(noise, len(found.result.modes[mode].eigenfailure), found.at_collision)
+    rows = stack_noise(noise, len(found.result.modes[mode].eigenfailure), found.at_collision)
     return Band(len(noise), len(members), *spread(rows))
 
 
-def side_by_side(noise: list[Floats], steps: int, at_collision: bool) -> NDArray[np.float64]:
-    """Noise trajectories in rows of one length, NaN where there is none.
+def stack_noise(noise: list[Floats], steps: int, at_collision: bool) -> NDArray[np.float64]:
+    """Return noise trajectories as rows of one length, with NaN where there is none.
 
     Args:
         noise: z of each, shape (its steps, 2).

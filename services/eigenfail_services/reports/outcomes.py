@@ -27,10 +27,10 @@ from eigenfail_services.campaigns.comparison import warn_of_seeds
 from eigenfail_services.reports.material import Material, Subject
 from eigenfail_services.reports.page import (
     ReportPart,
-    by_name,
     list_probability,
-    side_by_side,
-    table,
+    make_comparison_grids,
+    make_named_grids,
+    make_table,
 )
 from eigenfail_services.store.schema import VERSION
 
@@ -88,12 +88,12 @@ def make_results(material: Material) -> ReportPart:
         name="results",
         title="Results",
         words=(
-            *map(sentence, subjects),
+            *map(describe_outcome, subjects),
             *warn_of_seeds([s.campaign for s in subjects]),
             HOW_TO_READ,
         ),
         tables=(
-            table(
+            make_table(
                 "results",
                 "Results of the campaigns",
                 RESULTS_COLUMNS,
@@ -101,7 +101,7 @@ def make_results(material: Material) -> ReportPart:
             ),
         ),
     )
-    return ReportPart(section, {"results": side_by_side(subjects, FIGURES)})
+    return ReportPart(section, {"results": make_comparison_grids(subjects, FIGURES)})
 
 
 def list_results(subject: Subject) -> tuple[Cell, ...]:
@@ -112,11 +112,11 @@ def list_results(subject: Subject) -> tuple[Cell, ...]:
         *(campaign.id, spec.name, spec.method, spec.planner, spec.scenario, campaign.state_word),
         *(summary.counts.completed, summary.counts.failures),
         *rate_cells(subject),
-        *cost_cells(subject),
+        *make_cost_cells(subject),
         summary.log_probability_per_step,
         summary.mean_log_probability,
         summary.mean_severity,
-        *probability_cells(subject),
+        *make_probability_cells(subject),
         summary.episodes_per_s,
         campaign.active_s,
     )
@@ -135,15 +135,15 @@ def rate_cells(subject: Subject) -> tuple[Cell, ...]:
     return (*bounds, ended.horizon_s, ended.count, ended.not_known)
 
 
-def cost_cells(subject: Subject) -> tuple[Cell, ...]:
-    """What a failure cost, and all of them."""
+def make_cost_cells(subject: Subject) -> tuple[Cell, ...]:
+    """Return the cost per failure and the total cost."""
     cost = subject.summary.cost
     bounds = (cost.interval_usd.low, cost.interval_usd.high) if cost.interval_usd else (None, None)
     per_failure = (cost.per_failure_usd, *bounds, cost.at_least_usd)
     return (*per_failure, cost.total_usd, cost.instance_hours)
 
 
-def probability_cells(subject: Subject) -> tuple[Cell, ...]:
+def make_probability_cells(subject: Subject) -> tuple[Cell, ...]:
     """Return the failure probability, or the reason why there is none."""
     found = subject.summary.estimate
     if found is None:
@@ -152,8 +152,8 @@ def probability_cells(subject: Subject) -> tuple[Cell, ...]:
     return (*list_probability(found), *basis)
 
 
-def sentence(subject: Subject) -> str:
-    """What a campaign found, in a sentence."""
+def describe_outcome(subject: Subject) -> str:
+    """Return the findings of a campaign as a sentence."""
     summary, spec = subject.summary, subject.campaign.spec
     who = f"Campaign {subject.id}, {spec.name} ({spec.method}, {spec.planner} in {spec.scenario})"
     rate = summary.failure_rate
@@ -180,8 +180,8 @@ def price(subject: Subject) -> str:
     return f"a failure costs at least {cost.value.removeprefix('≥ ')} (95 %)"
 
 
-def basis(subject: Subject) -> str:
-    """How many failures a mean rests on."""
+def describe_basis(subject: Subject) -> str:
+    """Return the number of failures behind a mean."""
     return f"n = {format_count(subject.summary.counts.failures)}"
 
 
@@ -198,11 +198,11 @@ FIGURES = {
     ),
     "log p per step of the failures [nat]": lambda s: (
         format_number(s.summary.log_probability_per_step),
-        basis(s),
+        describe_basis(s),
     ),
     "Mean severity of the failures [m²/s²]": lambda s: (
         format_number(s.summary.mean_severity),
-        basis(s),
+        describe_basis(s),
     ),
     "Failure probability under p(x)": lambda s: format_cell(s.summary.estimate).lines,
     "Episodes per second": lambda s: (format_number(s.summary.episodes_per_s),),
@@ -247,25 +247,25 @@ class Setting(NamedTuple):
 
 def make_setup(material: Material) -> ReportPart:
     """Return the settings of the campaigns side by side, followed by defaults."""
-    found = {subject.id: dict(settings(subject.campaign)) for subject in material.subjects}
+    found = {subject.id: dict(list_settings(subject.campaign)) for subject in material.subjects}
     rows = [(id_, name, value) for id_, of in found.items() for name, value in of.items()]
-    unset = [*defaults([subject.campaign.spec for subject in material.subjects])]
+    unset = [*list_default_rows([subject.campaign.spec for subject in material.subjects])]
     section = ReportSection(
         name="setup",
         title="Set-up",
         words=(MEANING,),
         tables=(
-            table(SETUP, "What was asked for", SETUP_COLUMNS, rows),
-            table(DEFAULTS, "Defaults of this release", DEFAULT_COLUMNS, unset),
+            make_table(SETUP, "What was asked for", SETUP_COLUMNS, rows),
+            make_table(DEFAULTS, "Defaults of this release", DEFAULT_COLUMNS, unset),
         ),
     )
     facts = {id_: {name: (value,) for name, value in of.items()} for id_, of in found.items()}
     return ReportPart(
-        section, {SETUP: by_name(material.subjects, facts)}, folded=frozenset({DEFAULTS})
+        section, {SETUP: make_named_grids(material.subjects, facts)}, folded=frozenset({DEFAULTS})
     )
 
 
-def settings(campaign: Campaign) -> Iterator[Setting]:
+def list_settings(campaign: Campaign) -> Iterator[Setting]:
     """Return the specification of a campaign, and why it ended."""
     spec = campaign.spec
     yield Setting("Scenario", spec.scenario)
@@ -288,12 +288,12 @@ def settings(campaign: Campaign) -> Iterator[Setting]:
 
 def list_given_settings(group: str, values: Mapping[str, Any]) -> Iterator[Setting]:
     """The settings of a plug-in that a user gave."""
-    for name, value in leaves(values):
+    for name, value in iterate_leaves(values):
         yield Setting(f"{group}: {name}", value)
 
 
-def defaults(specs: list[CampaignSpec]) -> Iterator[tuple[Cell, ...]]:
-    """The defaults of every plug-in that was used, each plug-in once."""
+def list_default_rows(specs: list[CampaignSpec]) -> Iterator[tuple[Cell, ...]]:
+    """Yield the defaults of every plug-in that was used, each plug-in once."""
     used = dict.fromkeys(
         (kind, str(getattr(spec, kind)))
         for kind in KINDS
@@ -301,12 +301,12 @@ def defaults(specs: list[CampaignSpec]) -> Iterator[tuple[Cell, ...]]:
         if kind == "method" or kind in world_of(spec.simulator).plugin_fields
     )
     for kind, plugin in used:
-        for name, value in leaves(plugin_defaults(kind, plugin)):
+        for name, value in iterate_leaves(find_plugin_defaults(kind, plugin)):
             yield (kind, plugin, name, value)
 
 
-def plugin_defaults(kind: str, plugin: str) -> dict[str, Any]:
-    """What the settings of a plug-in are unless they are given; nothing if it is not here."""
+def find_plugin_defaults(kind: str, plugin: str) -> dict[str, Any]:
+    """Return the default settings of a plug-in; none if it is not installed here."""
     group, attribute = KINDS[kind]
     try:
         return defaults_of(getattr(plugins.load(group, plugin), attribute))
@@ -314,11 +314,11 @@ def plugin_defaults(kind: str, plugin: str) -> dict[str, Any]:
         return {}
 
 
-def leaves(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
-    """Every plain value inside nested settings as it would be written; a dot goes deeper."""
+def iterate_leaves(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    """Yield each value of nested settings with its dotted name, as text."""
     for name, value in values.items():
         if isinstance(value, dict) and value:
-            yield from leaves(value, f"{above}{name}.")
+            yield from iterate_leaves(value, f"{above}{name}.")
         else:
             yield f"{above}{name}", format_setting(value)
 
@@ -378,9 +378,11 @@ def make_provenance(material: Material) -> ReportPart:
         title="Provenance",
         words=(REPEATABLE, WHOSE),
         tables=(
-            table("evidence", "Campaigns", EVIDENCE_COLUMNS, evidence),
-            table("times", "When they ran", TIME_COLUMNS, [*map(times, material.subjects)]),
-            table("programs", "Programs", PROGRAM_COLUMNS, [*programs()]),
+            make_table("evidence", "Campaigns", EVIDENCE_COLUMNS, evidence),
+            make_table(
+                "times", "When they ran", TIME_COLUMNS, [*map(list_time_cells, material.subjects)]
+            ),
+            make_table("programs", "Programs", PROGRAM_COLUMNS, [*list_programs()]),
         ),
     )
     return ReportPart(section)
@@ -396,15 +398,15 @@ def list_provenance(subject: Subject) -> tuple[Cell, ...]:
     )
 
 
-def times(subject: Subject) -> tuple[Cell, ...]:
-    """When what happened."""
+def list_time_cells(subject: Subject) -> tuple[Cell, ...]:
+    """Return the times of the campaign's changes of state."""
     campaign = subject.campaign
     moments = (campaign.created_ms, campaign.started_ms, campaign.ended_ms)
     return (campaign.id, *map(format_utc, moments), campaign.active_s)
 
 
-def programs() -> tuple[tuple[Cell, ...], ...]:
-    """Names and versions."""
+def list_programs() -> tuple[tuple[Cell, ...], ...]:
+    """Return names and versions of the programs."""
     return (
         ("eigenfail", __version__),
         ("schema of the database", VERSION),

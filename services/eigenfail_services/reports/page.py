@@ -26,7 +26,7 @@ from eigenfail.values.report import (
     ReportSection,
     ReportTable,
 )
-from eigenfail_services.reports.material import Subject, in_groups
+from eigenfail_services.reports.material import Subject, split_into_groups
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -171,7 +171,7 @@ def use_style(name: str) -> Iterator[None]:
 
 
 def tidy_svg(svg: str) -> str:
-    """Without document type, fixed size, and names that nothing refers to."""
+    """Return the SVG without document type, fixed size, and unused ids."""
     bare = SIZE.sub('<svg xmlns:xlink="http://www.w3.org/1999/xlink"', HEAD.sub("", svg))
     return NAME.sub(lambda found: found[0] if f"#{found[1]}" in bare else "", bare)
 
@@ -187,13 +187,13 @@ def describe_svg(svg: str, name: str, title: str, alternative: str) -> str:
     return svg[:end] + names + svg[end : end + 1] + description + svg[end + 1 :]
 
 
-def inline(svg: str) -> str:
-    """The same as an element of an HTML page, which needs no namespaces and has a style sheet."""
+def inline_svg(svg: str) -> str:
+    """Return the SVG as an element of an HTML page, without namespaces and styles of its own."""
     return NAMESPACES.sub("", STYLE_ELEMENT.sub("", svg, count=1)).replace("xlink:href", "href")
 
 
-def legend(axes: "Axes", columns: int = 1) -> None:
-    """Above the drawing, where it hides nothing."""
+def draw_legend(axes: "Axes", columns: int = 1) -> None:
+    """Draw the legend above the drawing, where it hides nothing."""
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2)
 
 
@@ -224,22 +224,22 @@ class ReportPart(NamedTuple):
     folded: frozenset[str] = frozenset()
 
 
-def table(
+def make_table(
     name: str,
     title: str,
     columns: Sequence[tuple[str, ...]],
     rows: Sequence[tuple[Cell, ...]],
     note: str = "",
 ) -> ReportTable:
-    """A table of columns given as (name, title, unit), the unit left out where there is none."""
+    """Return a table of columns given as (name, title, unit) or (name, title)."""
     made = tuple(ReportColumn(*column) for column in columns)
     return ReportTable(name=name, title=title, columns=made, rows=tuple(rows), note=note)
 
 
-def side_by_side(
+def make_comparison_grids(
     subjects: Sequence[Subject], figures: Mapping[str, Callable[[Subject], tuple[str, ...]]]
 ) -> tuple[Grid, ...]:
-    """A row for each figure, a column for each campaign."""
+    """Return grids with a row for each figure and a column for each campaign."""
     return tuple(
         Grid(
             header=("", *(each.label for each in group)),
@@ -247,25 +247,27 @@ def side_by_side(
                 ((title,), *(figure(each) for each in group)) for title, figure in figures.items()
             ),
         )
-        for group in in_groups(subjects, BESIDE)
+        for group in split_into_groups(subjects, BESIDE)
     )
 
 
-def by_name(
+def make_named_grids(
     subjects: Sequence[Subject], facts: Mapping[int, Mapping[str, tuple[str, ...]]]
 ) -> tuple[Grid, ...]:
-    """The same, of figures that are there: for each campaign by its id, then by name."""
+    """Return the same grids for given figures: by campaign id, then by name."""
 
     def value_of(name: str) -> Callable[[Subject], tuple[str, ...]]:
         return lambda subject: facts[subject.id].get(name, (UNKNOWN,))
 
     names = dict.fromkeys(name for of in facts.values() for name in of)
-    return side_by_side(subjects, {name: value_of(name) for name in names})
+    return make_comparison_grids(subjects, {name: value_of(name) for name in names})
 
 
-def groups(subjects: Sequence[Subject], name: str) -> Iterator[tuple[str, tuple[Subject, ...]]]:
-    """The campaigns that share a picture, and its name."""
-    for number, group in enumerate(in_groups(subjects, BESIDE), start=1):
+def group_subjects(
+    subjects: Sequence[Subject], name: str
+) -> Iterator[tuple[str, tuple[Subject, ...]]]:
+    """Yield the campaigns that share a picture, and its name."""
+    for number, group in enumerate(split_into_groups(subjects, BESIDE), start=1):
         yield (name if number == 1 else f"{name}-{number}"), tuple(group)
 
 
@@ -324,8 +326,8 @@ class ReportView(NamedTuple):
 
 
 @cache
-def templates() -> Environment:
-    """Where the template lives; everything is escaped unless we drew it ourselves."""
+def make_environment() -> Environment:
+    """Return the environment of the template; text is escaped unless this package has drawn it."""
     made = Environment(
         loader=PackageLoader("eigenfail_services.reports"),
         autoescape=True,
@@ -346,12 +348,14 @@ def page(report: Report, parts: Sequence[ReportPart], drawn: Mapping[str, str]) 
         parts: its sections, as people see them.
         drawn: the SVG of each picture, by name.
     """
-    views = tuple(view(part, drawn) for part in parts)
-    return templates().get_template("report.html").render(report=report, views=views).encode()
+    views = tuple(make_section_view(part, drawn) for part in parts)
+    return (
+        make_environment().get_template("report.html").render(report=report, views=views).encode()
+    )
 
 
-def view(part: ReportPart, drawn: Mapping[str, str]) -> ReportView:
-    """A section as people see it."""
+def make_section_view(part: ReportPart, drawn: Mapping[str, str]) -> ReportView:
+    """Return the view of a section."""
     section, tables = part.section, {table.name: table for table in part.section.tables}
     elsewhere = {*part.grids, *(picture.table for picture in section.pictures)}
     plain = [each for each in section.tables if each.rows and each.name not in elsewhere]
@@ -364,14 +368,18 @@ def view(part: ReportPart, drawn: Mapping[str, str]) -> ReportView:
         folded=tuple(show_rows(each, each.rows) for each in plain if each.name in part.folded),
         pictures=tuple(
             # Drawn by us, with every text in it escaped.
-            (picture, Markup(inline(drawn[picture.name])), behind(picture, tables[picture.table]))  # noqa: S704
+            (
+                picture,
+                Markup(inline_svg(drawn[picture.name])),  # noqa: S704
+                make_shown_table(picture, tables[picture.table]),
+            )
             for picture in section.pictures
         ),
     )
 
 
-def behind(picture: ReportPicture, table: ReportTable) -> ShownTable:
-    """The numbers that a picture shows."""
+def make_shown_table(picture: ReportPicture, table: ReportTable) -> ShownTable:
+    """Return the numbers behind a picture."""
     place = [column.name for column in table.columns].index("campaign")
     return show_rows(table, [row for row in table.rows if row[place] in picture.campaigns])
 
@@ -383,15 +391,15 @@ def show_rows(table: ReportTable, rows: Sequence[tuple[Cell, ...]]) -> ShownTabl
     return ShownTable(
         name=table.name,
         title=table.title,
-        header=tuple(map(header, table.columns)),
+        header=tuple(map(title_column, table.columns)),
         figures=tuple(is_figure(place, kept) for place in range(len(table.columns))),
-        rows=tuple(tuple(cells(table, row)) for row in kept),
+        rows=tuple(tuple(format_rows(table, row)) for row in kept),
         note=" ".join(filter(None, (most, table.note))),
     )
 
 
-def header(column: ReportColumn) -> str:
-    """What stands above a column."""
+def title_column(column: ReportColumn) -> str:
+    """Return the heading of a column."""
     plain = column.unit in {"", "share"}
     return column.title if plain else f"{column.title} [{column.unit}]"
 
@@ -402,8 +410,8 @@ def is_figure(place: int, rows: Sequence[tuple[Cell, ...]]) -> bool:
     return kinds <= {int, float, type(None)}
 
 
-def cells(table: ReportTable, row: tuple[Cell, ...]) -> Iterator[tuple[str, ...]]:
-    """A row as people read it."""
+def format_rows(table: ReportTable, row: tuple[Cell, ...]) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of a table as text."""
     for column, cell in zip(table.columns, row, strict=True):
         # The numbers of campaigns and episodes are names, whose digits stand together.
         is_number = isinstance(cell, (float, bool))

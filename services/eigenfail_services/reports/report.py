@@ -102,11 +102,11 @@ def make(store: Store, campaigns: Sequence[int], made_ms: int) -> Made:
         InvalidValue: no campaign, too many, or one that is named twice.
         NotFound: no such campaign.
     """
-    material = materials.gather(store, campaigns)
+    material = materials.gather_material(store, campaigns)
     parts = tuple(part for make_part in PARTS if (part := make_part(material)) is not None)
     ids = " ".join(map(str, campaigns))
     report = Report(
-        title=title(material),
+        title=title_report(material),
         made_ms=made_ms,
         command=f"eigenfail report {ids}",
         warnings=tuple(materials.list_unfinished(material)),
@@ -116,7 +116,7 @@ def make(store: Store, campaigns: Sequence[int], made_ms: int) -> Made:
     return Made(report, parts)
 
 
-def title(material: materials.Material) -> str:
-    """What the report is on."""
+def title_report(material: materials.Material) -> str:
+    """Return the title of the report."""
     names = [subject.campaign.spec.name for subject in material.subjects]
     return f"Search for failures: {names[0] if len(names) == 1 else f'{len(names)} campaigns'}"

@@ -31,7 +31,7 @@ from eigenfail.values.access import (
 )
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.lifecycle import no_key
+from eigenfail_services.store.lifecycle import make_key_error
 from eigenfail_services.store.schema import audit, campaigns, keys
 
 DAY_MS = 24 * 3_600_000
@@ -65,13 +65,13 @@ def refuse_beyond(
     Raises:
         QuotaExceeded: it would be more than the key allows; it names the quota.
     """
-    for demand in demands(quotas, usage, [spec.episodes for spec in specs]):
+    for demand in list_demands(quotas, usage, [spec.episodes for spec in specs]):
         if demand.limit is not None and demand.used + demand.more > demand.limit:
             raise make_refusal(key, name, demand)
 
 
-def demands(quotas: Quotas, usage: Usage, episodes: Sequence[int]) -> Iterator[Demand]:
-    """What campaigns of such budgets ask of each quota."""
+def list_demands(quotas: Quotas, usage: Usage, episodes: Sequence[int]) -> Iterator[Demand]:
+    """Yield the demand of campaigns with these budgets on each quota."""
     yield Demand(
         *("max_episodes", quotas.max_episodes, 0, max(episodes, default=0)),
         *("episodes in one campaign", "Ask for fewer episodes"),
@@ -184,7 +184,7 @@ class KeyStore:
         with self._database.reading() as connection:
             found = connection.execute(select(keys).where(keys.c.id == key)).mappings().first()
         if found is None:
-            raise no_key(key)
+            raise make_key_error(key)
         values = dict(found)
         digest = values.pop("digest")
         return KeyRecord(_to_key(values), digest)
@@ -222,7 +222,7 @@ class KeyStore:
         with self._database.writing() as connection:
             found = connection.execute(change).mappings().first()
         if found is None:
-            raise no_key(key)
+            raise make_key_error(key)
         return _to_key(found)
 
     def used(self, key: int, at_ms: int) -> None:

@@ -13,8 +13,8 @@ from eigenfail_services.store.codec import pack, to_analysis_result, to_json, to
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import append_event, describe_analysis
 from eigenfail_services.store.jobs import enqueue
-from eigenfail_services.store.judging import finite
-from eigenfail_services.store.lifecycle import no_analysis
+from eigenfail_services.store.judging import keep_finite
+from eigenfail_services.store.lifecycle import make_analysis_error
 from eigenfail_services.store.references import hold_noise
 from eigenfail_services.store.schema import analyses, replays
 
@@ -71,7 +71,7 @@ class AnalysisStore:
         with self._database.reading() as connection:
             found = connection.execute(query).mappings().one_or_none()
         if found is None:
-            raise no_analysis(analysis)
+            raise make_analysis_error(analysis)
         return _analysis(found)
 
     def page(
@@ -99,8 +99,8 @@ class AnalysisStore:
             "state": AnalysisState.DONE,
             "failures": len(result.episodes),
             "modes": len(result.modes),
-            "silhouette": finite(result.silhouette),
-            "noise_silhouette": finite(result.noise_silhouette),
+            "silhouette": keep_finite(result.silhouette),
+            "noise_silhouette": keep_finite(result.noise_silhouette),
             "result": pack(result),
         }
         with self._database.writing() as connection:
@@ -150,12 +150,12 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
         _log(connection, _analysis(changed))
         return
     if connection.execute(select(analyses.c.id).where(analyses.c.id == analysis)).first() is None:
-        raise no_analysis(analysis)
+        raise make_analysis_error(analysis)
 
 
 def _replays(connection: Connection, analysis: int) -> tuple[int, ...]:
     if connection.execute(select(analyses.c.id).where(analyses.c.id == analysis)).first() is None:
-        raise no_analysis(analysis)
+        raise make_analysis_error(analysis)
     linked = select(replays.c.campaign).where(replays.c.analysis == analysis)
     return tuple(connection.execute(linked.order_by(replays.c.campaign)).scalars())
 

@@ -58,9 +58,9 @@ from eigenfail_services.store.lifecycle import (
     MOVES,
     WITHDRAWN,
     begin_part,
-    key_used,
+    make_campaign_error,
+    make_reuse_error,
     move_campaign,
-    no_campaign,
     set_priority,
 )
 from eigenfail_services.store.references import hold_named_noise, refuse_pruned
@@ -88,7 +88,7 @@ def read_campaign(
     """
     found = connection.execute(row, {"campaign": campaign}).mappings().one_or_none()
     if found is None:
-        raise no_campaign(campaign)
+        raise make_campaign_error(campaign)
     return to_campaign(found)
 
 
@@ -291,7 +291,7 @@ def _find_made_with(
     known = {row.key: row for row in connection.execute(query)}
     for row in known.values():
         if row.spec_hash != asked:
-            raise key_used(row.campaign)
+            raise make_reuse_error(row.campaign)
     return tuple(read_campaign(connection, known[key].campaign) for key in keys if key in known)
 
 

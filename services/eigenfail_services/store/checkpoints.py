@@ -13,7 +13,7 @@ from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import append_event, describe_damage
 from eigenfail_services.store.jobs import fence
-from eigenfail_services.store.lifecycle import damaged_checkpoint
+from eigenfail_services.store.lifecycle import make_checkpoint_error
 from eigenfail_services.store.schema import checkpoints
 
 log = structlog.get_logger()
@@ -115,7 +115,7 @@ def _find_newest(connection: Connection, campaign: int) -> NewestCheckpoint:
             return NewestCheckpoint(kept.state, tuple(damaged))
         damaged.append(number)
     if damaged:
-        raise damaged_checkpoint(campaign)
+        raise make_checkpoint_error(campaign)
     return NewestCheckpoint(None, ())
 
 

@@ -68,8 +68,8 @@ from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_blob, to_floats, to_result, to_row
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.events import append_event, describe_alarm
-from eigenfail_services.store.judging import Kept, columns_of, judge
-from eigenfail_services.store.lifecycle import no_episode, noise_pruned
+from eigenfail_services.store.judging import Kept, judge, make_columns
+from eigenfail_services.store.lifecycle import make_episode_error, make_pruned_error
 from eigenfail_services.store.query_cache import CachedQueries
 from eigenfail_services.store.references import select_pruned_ms
 from eigenfail_services.store.schema import (
@@ -247,7 +247,7 @@ def _insert_results(connection: Connection, campaign: int, kept: Sequence[Kept])
     if not kept:
         return
     at_ms = now_ms()
-    rows = [columns_of(campaign, one, at_ms) | _fault(one.result) for one in kept]
+    rows = [make_columns(campaign, one, at_ms) | _fault(one.result) for one in kept]
     connection.execute(_INSERT_EPISODES, rows)
     connection.execute(
         _INSERT_TRAJECTORIES, [_key(campaign, one) | _blobs(one.result) for one in kept]
@@ -348,7 +348,7 @@ class EpisodeStore:
             read_campaign(connection, campaign)
             found = connection.execute(query).mappings().one_or_none()
         if found is None or not _has_result(found):
-            raise no_episode(campaign, index)
+            raise make_episode_error(campaign, index)
         return to_result(found, found["scene"])
 
     def page(
@@ -463,7 +463,9 @@ def _has_result(found: RowMapping) -> bool:
         NoisePruned: the episode's noise was pruned.
     """
     if found["z"] is None and found["pruned_ms"] is not None:
-        raise noise_pruned(found["campaign"], found["index"], found["source"], found["pruned_ms"])
+        raise make_pruned_error(
+            found["campaign"], found["index"], found["source"], found["pruned_ms"]
+        )
     return found["z"] is not None
 
 

@@ -145,10 +145,10 @@ def _finite_measures(measures: Measures | None) -> Measures | None:
 
 def _valid_measure(number: float | None) -> float | None:
     # Distances, times, and magnitudes of speed, deceleration and jerk are never negative.
-    return finite(number) if number is not None and number >= 0.0 else None
+    return keep_finite(number) if number is not None and number >= 0.0 else None
 
 
-def finite(number: float | None) -> float | None:
+def keep_finite(number: float | None) -> float | None:
     """Return the number if it is finite, and no larger than anything that is measured."""
     return number if number is not None and abs(number) <= MAX_MAGNITUDE else None
 
@@ -158,7 +158,7 @@ def valid_count(number: int | None) -> int | None:
     return number if number is not None and 0 <= number <= MAX_STEPS else None
 
 
-def columns_of(campaign: int, kept: Kept, at_ms: int) -> dict[str, Any]:
+def make_columns(campaign: int, kept: Kept, at_ms: int) -> dict[str, Any]:
     """Return the columns of a stored result; an invalid log-probability becomes 0."""
     result, measures = kept.result, kept.result.measures
     return {
@@ -169,7 +169,7 @@ def columns_of(campaign: int, kept: Kept, at_ms: int) -> dict[str, Any]:
         "steps": result.steps,
         "source": result.source,
         "worker": kept.worker,
-        "log_probability": finite(result.noise.log_probability) or 0.0,
+        "log_probability": keep_finite(result.noise.log_probability) or 0.0,
         "wall_s": result.wall_s,
         "finished_ms": at_ms,
         "digest": kept.digest,

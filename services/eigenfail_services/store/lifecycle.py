@@ -149,21 +149,21 @@ def _end_campaign(campaign: Campaign, to: CampaignState, because: str, at_ms: in
     )
 
 
-def no_campaign(campaign: int) -> NotFound:
-    """No campaign has the id."""
+def make_campaign_error(campaign: int) -> NotFound:
+    """Return the error that no campaign has the id."""
     return NotFound(f"There is no campaign {campaign}.", "`eigenfail campaign list` lists them.")
 
 
-def no_episode(campaign: int, index: int) -> NotFound:
-    """The episode has no result."""
+def make_episode_error(campaign: int, index: int) -> NotFound:
+    """Return the error that the episode has no result."""
     return NotFound(
         f"Episode {index} of campaign {campaign} has no result.",
         "It is still open, was cancelled, or is beyond the campaign's budget.",
     )
 
 
-def noise_pruned(campaign: int, index: int, source: str, at_ms: int) -> NoisePruned:
-    """The noise of an episode was taken away at a time."""
+def make_pruned_error(campaign: int, index: int, source: str, at_ms: int) -> NoisePruned:
+    """Return the error that the noise of an episode was pruned."""
     day = datetime.fromtimestamp(at_ms / 1_000, UTC).date()
     drawn = (
         f"It follows from the episode's seed: `eigenfail episode replay {campaign}/{index}` draws "
@@ -176,29 +176,29 @@ def noise_pruned(campaign: int, index: int, source: str, at_ms: int) -> NoisePru
     )
 
 
-def not_ended(campaign: Campaign) -> Conflict:
-    """Noise of a campaign is needed as long as it has not ended."""
+def make_running_error(campaign: Campaign) -> Conflict:
+    """Return the error that noise of a campaign is needed until it has ended."""
     return Conflict(
         f"Campaign {campaign.id} is {campaign.state}: its noise cannot be pruned.",
         f"Wait for its end (`eigenfail campaign watch {campaign.id}`), or cancel it.",
     )
 
 
-def still_needed(campaign: int) -> Conflict:
-    """Noise of a campaign is needed by others."""
+def make_needed_error(campaign: int) -> Conflict:
+    """Return the error that noise of a campaign is needed by others."""
     return Conflict(
         f"A campaign or an analysis that has not ended needs the noise of campaign {campaign}.",
         "Wait for its end, or cancel it.",
     )
 
 
-def no_analysis(analysis: int) -> NotFound:
-    """No analysis has the id."""
+def make_analysis_error(analysis: int) -> NotFound:
+    """Return the error that no analysis has the id."""
     return NotFound(f"There is no analysis {analysis}.", "`eigenfail analyze` starts one.")
 
 
-def no_key(key: int) -> NotFound:
-    """No key has the id."""
+def make_key_error(key: int) -> NotFound:
+    """Return the error that no key has the id."""
     return NotFound(f"There is no key {key}.", "`eigenfail key list` lists them.")
 
 
@@ -211,7 +211,7 @@ def claim_lost(claim: Job) -> ClaimLost:
     )
 
 
-def damaged_checkpoint(campaign: int) -> ProtocolError:
+def make_checkpoint_error(campaign: int) -> ProtocolError:
     """Return the error that all checkpoints of a campaign are damaged."""
     return ProtocolError(
         f"The checkpoint of campaign {campaign} cannot be read: its SHA-256 does not match, and "
@@ -220,8 +220,8 @@ def damaged_checkpoint(campaign: int) -> ProtocolError:
     )
 
 
-def key_used(campaign: int) -> IdempotencyMismatch:
-    """The key was used for another spec."""
+def make_reuse_error(campaign: int) -> IdempotencyMismatch:
+    """Return the error that the idempotency key was used for another spec."""
     return IdempotencyMismatch(
         f"This Idempotency-Key was used for campaign {campaign}, which asks for something else.",
         "Use a new key for a new campaign.",

@@ -25,7 +25,7 @@ from eigenfail.values import (
     Outcome,
 )
 from eigenfail_services.store.engine import chunks
-from eigenfail_services.store.lifecycle import noise_pruned
+from eigenfail_services.store.lifecycle import make_pruned_error
 from eigenfail_services.store.schema import (
     MAX_NUMBER,
     analyses,
@@ -137,4 +137,4 @@ def refuse_pruned(connection: Connection, specs: Iterable[CampaignSpec]) -> None
         for some in chunks(indices):
             for index, source, at_ms in connection.execute(query.where(episode_index.in_(some))):
                 if at_ms is not None:
-                    raise noise_pruned(campaign or 0, index, source, at_ms)
+                    raise make_pruned_error(campaign or 0, index, source, at_ms)

@@ -19,7 +19,7 @@ from eigenfail_services.store.campaigns import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import append_event, describe_pruning
-from eigenfail_services.store.lifecycle import not_ended, still_needed
+from eigenfail_services.store.lifecycle import make_needed_error, make_running_error
 from eigenfail_services.store.references import find_noise_in_use
 from eigenfail_services.store.schema import episode_index, episodes, prunings, scenes, trajectories
 
@@ -81,9 +81,9 @@ class RetentionStore:
         with self._database.writing() as connection:
             subject = lock_campaign(connection, campaign)
             if subject.state not in FINAL_STATES:
-                raise not_ended(subject)
+                raise make_running_error(subject)
             if campaign in find_noise_in_use(connection, campaign):
-                raise still_needed(campaign)
+                raise make_needed_error(campaign)
             found = _next_slice(connection, campaign, rule, begun)
             if not found:
                 return None

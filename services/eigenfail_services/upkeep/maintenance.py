@@ -21,7 +21,7 @@ from eigenfail.values.operations import PrunedCampaign, PruneReport, Retention, 
 from eigenfail_services.store import Store, migrate, open_store
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, find_backend, read_kind, translate_errors
-from eigenfail_services.store.lifecycle import not_ended
+from eigenfail_services.store.lifecycle import make_running_error
 from eigenfail_services.store.schema import metadata
 from eigenfail_services.upkeep.backup import (
     COUNT_CONNECTIONS,
@@ -360,7 +360,7 @@ def _find_named(store: Store, wanted: tuple[int, ...]) -> Iterator[Campaign]:
     for number in wanted:
         campaign = store.campaigns.get(number)
         if campaign.state not in FINAL_STATES:
-            raise not_ended(campaign)
+            raise make_running_error(campaign)
         if traits_of(campaign.spec.method).is_evidence:
             problem = f"{number} is one of {campaign.spec.method}: its noise is a proof."
             raise InvalidValue("campaign", problem, "Its few episodes are kept whole.")

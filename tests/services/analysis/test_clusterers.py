@@ -13,9 +13,9 @@ from eigenfail_services.analysis import clusters
 from eigenfail_services.analysis.alignment import check_clusterer
 from eigenfail_services.analysis.clusters import (
     CLUSTERERS,
+    compute_noise_silhouette,
     divide,
     draw_without_groups,
-    noise_silhouette,
 )
 
 NAMES = sorted(CLUSTERERS)
@@ -48,7 +48,7 @@ def test_groups_are_found(name: str) -> None:
     found = divide(scores, None, CLUSTERERS[name])
     assert adjusted_rand_score(labels, found.labels) > 0.95
     assert found.silhouette is not None
-    assert found.silhouette > noise_silhouette(scores, 3, CLUSTERERS[name])
+    assert found.silhouette > compute_noise_silhouette(scores, 3, CLUSTERERS[name])
 
 
 @pytest.mark.parametrize("name", ["kmeans", "gaussian_mixture"])
@@ -105,7 +105,7 @@ def test_a_shell_is_held_against_shells() -> None:
         found = divide(scores, 4).silhouette
         assert found is not None
         assert found > 0.29
-        above += found > noise_silhouette(scores, 4)
+        above += found > compute_noise_silhouette(scores, 4)
     assert above <= 1
 
 

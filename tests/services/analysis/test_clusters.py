@@ -10,10 +10,10 @@ from eigenfail_services.analysis import clusters
 from eigenfail_services.analysis.clusters import (
     _compute_silhouette,
     _count_different,
+    compute_noise_silhouette,
     divide,
     draw_rows,
     draw_without_groups,
-    noise_silhouette,
     order_by_size,
 )
 
@@ -38,7 +38,7 @@ def test_the_silhouette_finds_how_many_groups_there_are(count: int) -> None:
     found = divide(scores, None)
     assert same_groups(found.labels, labels)
     assert found.silhouette is not None
-    assert found.silhouette > noise_silhouette(scores, None)
+    assert found.silhouette > compute_noise_silhouette(scores, None)
 
 
 def test_a_number_that_is_given_is_kept() -> None:
@@ -105,7 +105,7 @@ def test_noise_is_drawn_as_wide_as_the_scores() -> None:
     generator = np.random.default_rng(0)
     flat = generator.standard_normal((60, 3)) * [10.0, 0.01, 0.01]
     round_ = generator.standard_normal((60, 3))
-    assert noise_silhouette(flat, 2) > noise_silhouette(round_, 2) + 0.1
+    assert compute_noise_silhouette(flat, 2) > compute_noise_silhouette(round_, 2) + 0.1
 
 
 @pytest.mark.parametrize("components", [2, 3])

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
-from eigenfail_services.analysis.campaign_figures import cost
+from eigenfail_services.analysis.campaign_figures import price_campaign
 
 
 def seconds(clock: str) -> float:
@@ -27,27 +27,27 @@ def seconds(clock: str) -> float:
     ],
 )
 def test_it_is_the_paper_s(run_time: str, completed: int, failures: int, usd: float) -> None:
-    found = cost(seconds(run_time), 1, 1.20, failures, completed)
+    found = price_campaign(seconds(run_time), 1, 1.20, failures, completed)
     assert found.per_failure_usd is not None
     assert round(found.per_failure_usd, 3) == usd
 
 
 def test_ast_in_training_to_four_digits() -> None:
-    found = cost(seconds("08:55:50"), 1, 1.20, 877, 1000)
+    found = price_campaign(seconds("08:55:50"), 1, 1.20, 877, 1000)
     assert found.per_failure_usd == pytest.approx(0.0122, abs=5e-5)
     assert found.total_usd == pytest.approx(10.7167, abs=1e-4)
     assert found.instance_hours == pytest.approx(8.9306, abs=1e-4)
 
 
 def test_monte_carlo_without_a_failure_cost_at_least_10_5_usd_for_one() -> None:
-    found = cost(seconds("26:14:29"), 1, 1.20, 0, 2000)
+    found = price_campaign(seconds("26:14:29"), 1, 1.20, 0, 2000)
     assert found.at_least_usd == pytest.approx(10.5, abs=0.05)
     assert found.per_failure_usd is None
     assert found.interval_usd is None
 
 
 def test_nine_of_300_by_hand() -> None:
-    found = cost(3600.0, 2, 3.0, 9, 300)
+    found = price_campaign(3600.0, 2, 3.0, 9, 300)
     assert (found.instance_hours, found.total_usd) == (2.0, 6.0)
     assert found.per_failure_usd == pytest.approx(6.0 / 9.0)
     assert found.interval_usd is not None
@@ -57,19 +57,19 @@ def test_nine_of_300_by_hand() -> None:
 
 
 def test_before_the_first_episode_only_the_bill_is_known() -> None:
-    found = cost(1800.0, 4, 1.5, 0, 0)
+    found = price_campaign(1800.0, 4, 1.5, 0, 0)
     assert found.total_usd == 3.0
     assert found.per_failure_usd is found.interval_usd is found.at_least_usd is None
 
 
 def test_what_is_free_costs_nothing() -> None:
-    found = cost(1800.0, 4, 0.0, 2, 10)
+    found = price_campaign(1800.0, 4, 0.0, 2, 10)
     assert found.total_usd == found.per_failure_usd == found.at_least_usd == 0.0
 
 
 def test_more_failures_than_episodes_are_refused() -> None:
     with pytest.raises(InvalidValue, match="3 of 2"):
-        cost(1.0, 1, 1.0, 3, 2)
+        price_campaign(1.0, 1, 1.0, 3, 2)
 
 
 @st.composite
@@ -88,7 +88,7 @@ def campaigns(draw: st.DrawFn) -> tuple[float, int, float, int, int]:
 def test_a_completed_episode_gives_a_finite_lower_bound(
     campaign: tuple[float, int, float, int, int],
 ) -> None:
-    found = cost(*campaign)
+    found = price_campaign(*campaign)
     assert found.at_least_usd is not None
     assert 0.0 < found.at_least_usd < math.inf
     assert (found.per_failure_usd is None) == (found.interval_usd is None) == (campaign[3] == 0)
@@ -96,7 +96,7 @@ def test_a_completed_episode_gives_a_finite_lower_bound(
 
 @given(campaigns().filter(lambda campaign: campaign[3] > 0))
 def test_the_interval_holds_the_cost(campaign: tuple[float, int, float, int, int]) -> None:
-    found = cost(*campaign)
+    found = price_campaign(*campaign)
     assert found.interval_usd is not None
     assert found.per_failure_usd is not None
     assert found.interval_usd.low == found.at_least_usd

@@ -5,7 +5,7 @@ from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import BlockTotals, Campaign, CampaignSpec, CampaignState, Counts
-from eigenfail_services.analysis.campaign_figures import block_length, course
+from eigenfail_services.analysis.campaign_figures import choose_block_length, make_course
 from eigenfail_services.statistics.intervals import rate
 
 
@@ -28,16 +28,16 @@ def test_blocks_are_of_100_unless_they_would_be_too_few_or_too_many(
     planned, cancelled, per
 ) -> None:
     counts = Counts(planned, cancelled=cancelled)
-    assert block_length(counts) == per
+    assert choose_block_length(counts) == per
     assert -(-(planned - cancelled) // per) <= 50
 
 
 def test_a_length_that_is_given_is_kept_within_reason() -> None:
-    assert block_length(Counts(10_000), 10) == 10
+    assert choose_block_length(Counts(10_000), 10) == 10
     with pytest.raises(InvalidValue, match="at least 10"):
-        block_length(Counts(10_000), 9)
+        choose_block_length(Counts(10_000), 9)
     with pytest.raises(InvalidValue, match="at least 1"):
-        block_length(Counts(10), 0)
+        choose_block_length(Counts(10), 0)
 
 
 def campaign(method: str) -> Campaign:
@@ -52,7 +52,7 @@ def test_blocks_by_hand() -> None:
         BlockTotals(0, 100, 0, 0.0, 0, 1.5, 4.0),
         BlockTotals(200, 53, 2, -300.0, 120, 0.0, None),
     ]
-    found = course(campaign("monte_carlo"), 100, totals)
+    found = make_course(campaign("monte_carlo"), 100, totals)
     assert (found.campaign, found.method, found.per) == (7, "monte_carlo", 100)
     first, second = found.blocks
     assert (first.first, first.last, first.failure_rate) == (0, 99, rate(0, 100))
@@ -65,7 +65,9 @@ def test_blocks_by_hand() -> None:
 
 def test_blocks_of_a_search_are_no_random_sample() -> None:
     totals = [BlockTotals(0, 100, 7, -300.0, 120, 0.0, None)]
-    (drawn,), (chosen,) = (course(campaign(m), 100, totals).blocks for m in ("monte_carlo", "ast"))
+    (drawn,), (chosen,) = (
+        make_course(campaign(m), 100, totals).blocks for m in ("monte_carlo", "ast")
+    )
     assert drawn.failure_rate == rate(7, 100)
     assert chosen.failure_rate == replace(rate(7, 100), sampled=False)
 
@@ -81,4 +83,4 @@ def test_blocks_of_a_search_are_no_random_sample() -> None:
     ],
 )
 def test_only_what_learns_has_a_learning_curve(method, heading) -> None:
-    assert course(campaign(method), 100, []).heading == heading
+    assert make_course(campaign(method), 100, []).heading == heading

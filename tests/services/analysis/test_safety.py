@@ -16,7 +16,7 @@ from eigenfail.values import (
     SafetyTotals,
     Unresolved,
 )
-from eigenfail_services.analysis.campaign_figures import safety
+from eigenfail_services.analysis.campaign_figures import make_safety
 from eigenfail_services.statistics.intervals import rate
 
 PAPER = Conflicts(4, 5, 0, 10, MeanTime(2.24, 9), MeanTime(0.23, 4))
@@ -47,7 +47,7 @@ def point(index: int) -> FailurePoint:
 
 def test_the_paper_s_table() -> None:
     of_chance = campaign("monte_carlo")
-    found = safety(of_chance, totals([100.0] * 9, map(point, range(9))), PAPER, NOBODY)
+    found = make_safety(of_chance, totals([100.0] * 9, map(point, range(9))), PAPER, NOBODY)
     assert (found.campaign, found.name, found.completed) == (7, "truck", 300)
     assert found.collisions == rate(9, 300)
     assert found.near_misses == rate(10, 300)
@@ -62,19 +62,19 @@ def test_the_paper_s_table() -> None:
 
 
 def test_failures_that_a_search_chose_are_said_to_be_chosen() -> None:
-    chosen = safety(campaign(), totals([1.0] * 9, map(point, range(9))), PAPER, NOBODY).notes
-    drawn = safety(
+    chosen = make_safety(campaign(), totals([1.0] * 9, map(point, range(9))), PAPER, NOBODY).notes
+    drawn = make_safety(
         campaign("monte_carlo"), totals([1.0] * 9, map(point, range(9))), PAPER, Unresolved()
     ).notes
     assert "those that difs chose" in " ".join(chosen)
-    found = safety(campaign(), totals(), PAPER, NOBODY)
+    found = make_safety(campaign(), totals(), PAPER, NOBODY)
     shares = (found.collisions, found.near_misses, found.ttc.beyond, found.drac.beyond)
     assert [(share.k, share.sampled) for share in shares] == [(n, False) for n in (9, 10, 19, 4)]
     assert drawn == ()
 
 
 def test_what_is_left_out_is_said() -> None:
-    found = safety(
+    found = make_safety(
         campaign("monte_carlo"), totals([1.0] * 7, map(point, range(4))), PAPER, Unresolved()
     )
     assert found.scatter.of == 7
@@ -85,13 +85,13 @@ def test_what_is_left_out_is_said() -> None:
 
 
 def test_severe_failures_that_are_rarer_show() -> None:
-    found = safety(campaign(), totals([1.0] * 12, map(point, range(12)), 12), PAPER, NOBODY)
+    found = make_safety(campaign(), totals([1.0] * 12, map(point, range(12)), 12), PAPER, NOBODY)
     assert found.scatter.rank_correlation.value == pytest.approx(-1.0)
 
 
 def test_before_the_first_episode_nothing_is_known() -> None:
     nothing = SafetyTotals(0, 0, MeasureTotals(), MeasureTotals(), np.zeros(0), ())
-    found = safety(campaign(), nothing, Conflicts(), NOBODY)
+    found = make_safety(campaign(), nothing, Conflicts(), NOBODY)
     assert found.collisions is found.near_misses is found.ttc.beyond is found.drac.median is None
     assert found.severity.problem == "There is no failure."
     assert found.notes == ()
@@ -99,7 +99,7 @@ def test_before_the_first_episode_nothing_is_known() -> None:
 
 def test_who_ended_before_a_collision_is_said_first() -> None:
     ended = Unresolved(5, 0, 10.0)
-    found = safety(campaign("monte_carlo"), totals(failures=0), Conflicts(), ended)
+    found = make_safety(campaign("monte_carlo"), totals(failures=0), Conflicts(), ended)
     assert found.unresolved == ended
     (words,) = found.notes
     assert words.startswith("5 of 300 had no collision within 10 s, but ended while braking")

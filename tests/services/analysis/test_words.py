@@ -25,7 +25,7 @@ from eigenfail_services.analysis.words import (
     describe,
     describe_account,
     describe_needed,
-    pushes,
+    find_pushes,
 )
 
 STEPS = 40
@@ -86,10 +86,10 @@ def test_no_noise_is_said_to_be_none():
 def test_pushes_of_one_sign_are_joined_over_a_short_pause_and_no_further():
     noise = np.zeros(STEPS, np.float32)
     noise[[5, 5 + JOINED + 1]] = 1.0
-    (joined,) = pushes(noise, 0.0)
+    (joined,) = find_pushes(noise, 0.0)
     assert (joined.first, joined.last, joined.steps) == (5, 5 + JOINED + 1, 2)
     noise[5 + JOINED + 1], noise[5 + JOINED + 2] = 0.0, 1.0
-    assert len(pushes(noise, 0.0)) == 2
+    assert len(find_pushes(noise, 0.0)) == 2
 
 
 def agrees(sentence, z, levels, most):

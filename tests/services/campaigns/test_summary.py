@@ -14,7 +14,7 @@ from eigenfail.values import (
     Unresolved,
 )
 from eigenfail.values.records import ConflictTotals, Totals
-from eigenfail_services.analysis.campaign_figures import cost
+from eigenfail_services.analysis.campaign_figures import price_campaign
 from eigenfail_services.campaigns.summary import summarise
 from eigenfail_services.statistics.intervals import rate
 
@@ -44,7 +44,7 @@ def test_a_campaign_with_failures() -> None:
     assert row.log_probability_per_step == -2.5
     assert row.mean_severity == 125.0
     assert row.episodes_per_s == 2.0
-    assert row.cost == cost(40.0, 2, 1.8, 4, 80)
+    assert row.cost == price_campaign(40.0, 2, 1.8, 4, 80)
     assert row.cost.total_usd == pytest.approx(0.04)
 
 

@@ -10,7 +10,7 @@ from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
 from eigenfail_services.campaigns.proofs import launch_replays, summarise_proof
 from eigenfail_services.campaigns.region import find_region
-from eigenfail_services.reports.material import Material, gather
+from eigenfail_services.reports.material import Material, gather_material
 from eigenfail_services.reports.page import ReportPart
 from eigenfail_services.reports.report import costs, evidence
 from eigenfail_services.store import Store, open_store
@@ -35,7 +35,7 @@ def store(run: Callable[..., int], finish: Callable[..., int]) -> Store:
 
 @pytest.fixture(scope="module")
 def material(store: Store) -> Material:
-    return gather(store, (1, 2))
+    return gather_material(store, (1, 2))
 
 
 def rows(part: ReportPart, name: str) -> list[dict[str, Any]]:
@@ -87,6 +87,6 @@ def test_the_region_is_the_one_that_was_found(material: Material, store: Store) 
 def test_nothing_is_said_where_there_is_nothing(run: Callable[..., int]) -> None:
     store = open_store("memory://")
     run(store, name="Plain", first=3)
-    material = gather(store, (1,))
+    material = gather_material(store, (1,))
     for make in (evidence.make_proof, costs.make_minimal, costs.make_region):
         assert make(material) is None

@@ -5,16 +5,22 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.values import Estimate, Interval
-from eigenfail_services.reports.material import evenly, in_groups, sample_note, side_by_side, spread
+from eigenfail_services.reports.material import (
+    pick_evenly,
+    sample_note,
+    split_into_groups,
+    spread,
+    stack_noise,
+)
 from eigenfail_services.reports.page import (
     INK,
     MARKS,
     MUTED,
     Drawing,
     draw,
-    inline,
+    inline_svg,
     list_probability,
-    templates,
+    make_environment,
 )
 
 
@@ -32,7 +38,7 @@ def contrast(one, other):
 def test_everything_stands_out_from_what_it_lies_on():
     for colour in (INK, MUTED, *(mark.colour for mark in MARKS)):
         assert contrast(colour, "#ffffff") >= 4.5
-    source, _, _ = templates().loader.get_source(templates(), "report.css")
+    source, _, _ = make_environment().loader.get_source(make_environment(), "report.css")
     css = dict(
         line.strip(" ;").removeprefix("--").split(": ")
         for line in source.splitlines()
@@ -61,7 +67,7 @@ def test_a_picture_is_the_same_every_time_and_tells_what_it_shows():
     assert '<desc id="a-picture-desc">Say &quot;so&quot;</desc>' in svg
     assert "<metadata" not in svg
     assert 'xmlns="http://www.w3.org/2000/svg"' in svg
-    assert "http" not in inline(svg)
+    assert "http" not in inline_svg(svg)
 
 
 def test_names_inside_pictures_do_not_meet():
@@ -75,10 +81,10 @@ def test_names_inside_pictures_do_not_meet():
 def test_noise_stands_side_by_side_at_the_start_or_at_the_median_collision():
     short, long = np.array([[1.0, 0.0], [2.0, 0.0]]), np.full((4, 2), 9.0)
     noise = [short, short, long]
-    start = side_by_side(noise, 5, at_collision=False)
+    start = stack_noise(noise, 5, at_collision=False)
     assert start[0, :, 0].tolist()[:2] == [1.0, 2.0]
     assert np.isnan(start[0, 2:]).all()
-    end = side_by_side(noise, 5, at_collision=True)
+    end = stack_noise(noise, 5, at_collision=True)
     assert end[0, :2, 0].tolist() == [1.0, 2.0]
     assert end[2, :2, 0].tolist() == [9.0, 9.0]
     assert np.isnan(end[2, 2:]).all()
@@ -94,10 +100,10 @@ def test_mean_and_deviation_count_only_those_that_are_there():
 
 
 def test_samples_are_even_and_say_so():
-    assert evenly(range(10), 5) == [0, 2, 4, 6, 8]
-    assert evenly(range(3), 5) == [0, 1, 2]
-    assert evenly([], 5) == []
-    assert [list(group) for group in in_groups([1, 2, 3], 2)] == [[1, 2], [3]]
+    assert pick_evenly(range(10), 5) == [0, 2, 4, 6, 8]
+    assert pick_evenly(range(3), 5) == [0, 1, 2]
+    assert pick_evenly([], 5) == []
+    assert [list(group) for group in split_into_groups([1, 2, 3], 2)] == [[1, 2], [3]]
     assert sample_note(5, 5, "failures") == ""
     assert sample_note(2000, 12345, "failures").startswith("A sample of 2,000 of 12,345 failures")
 
