@@ -16,7 +16,7 @@ PROCESSES ?= 3
 REQUESTS ?= 25000
 
 .DEFAULT_GOAL := help
-.PHONY: help image-steps setup chromium headers tools demo test coverage lint format bench volume claims intervals pictures openapi faults screens vendor soak explore hostile overload lock clean
+.PHONY: help image-steps setup chromium headers tools demo test coverage lint format bench volume claims intervals pictures site openapi faults screens vendor soak explore hostile overload lock clean
 
 help: ## this list
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -88,6 +88,10 @@ intervals: setup ## how often the failure probabilities that methods print hold 
 
 pictures: setup ## draw docs/pictures
 	$(BIN)/python benchmarks/pictures.py
+
+site: setup ## the documents as a site that can be searched, in .site/; needs no network
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
+	@echo "Open .site/index.html, or serve it: $(BIN)/python -m http.server --directory .site"
 
 openapi: setup ## write docs/openapi.json and the tables of routes, measures and columns in docs
 	$(BIN)/python tests/docs/rest_table.py

@@ -1,7 +1,12 @@
 """Every setting, every error and every document is where its reader looks for it."""
 
 import argparse
+import json
+import os
 import re
+import shutil
+import subprocess
+import sys
 from http import HTTPStatus
 
 import pytest
@@ -134,3 +139,40 @@ def test_files_of_the_deployment_are_told(root):
     names = {file.name for file in (root / "deploy").iterdir() if file.is_file()}
     names -= {"Dockerfile.dockerignore", ".env"}
     assert {name for name in names if f"deploy/{name}`" not in text} == set()
+
+
+def build_site(sources, target):
+    """What mkdocs says, and its exit code."""
+    command = [sys.executable, "-m", "mkdocs", "build", "--site-dir", str(target)]
+    plain = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    return subprocess.run(
+        command, cwd=sources, env=plain, capture_output=True, text=True, check=False
+    )
+
+
+def test_the_site_is_built_and_asks_no_other_machine(root, tmp_path):
+    built = build_site(root, tmp_path)
+    assert built.returncode == 0, built.stderr
+    for page in tmp_path.glob("*.html"):
+        text = page.read_text()
+        loaded = re.findall(r'<(?:script|img|link)[^>]+(?:src|href)="(https?:[^"]+)"', text)
+        assert loaded == [], page.name
+    found = json.loads((tmp_path / "search" / "search_index.json").read_text())["docs"]
+    assert "Quickstart" in {entry["title"] for entry in found}
+    assert (tmp_path / "source/examples/my_planner.py").exists()
+
+
+@pytest.mark.parametrize(
+    "line", ["[x](nowhere.md)", "[x](faq.md#nowhere)", "[x](../examples/nowhere.toml)"]
+)
+def test_a_link_that_leads_nowhere_breaks_the_site(root, tmp_path, line):
+    for name in ("docs", "deploy", "mkdocs.yml", "examples", "tests/workers/bridge/golden"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).symlink_to(root / name)
+    (tmp_path / "docs").unlink()
+    shutil.copytree(root / "docs", tmp_path / "docs")
+    with (tmp_path / "docs" / "faq.md").open("a") as page:
+        page.write(f"\n{line}\n")
+    built = build_site(tmp_path, tmp_path / "site")
+    assert built.returncode == 1
+    assert "nowhere" in built.stderr

@@ -1,0 +1,38 @@
+"""A hook of mkdocs: files outside docs/ to which pages link become part of the site.
+
+On disk a page links `../examples/ast.toml`, which a reader of a clone can follow. In the site such
+a file stands under source/, as it is. A link to a folder becomes plain text.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).parents[1]
+OUTSIDE = re.compile(r"\[(?P<text>[^\]]*)\]\(\.\./(?P<path>[^)\s#]+)\)")
+
+
+def on_files(files: Files, *, config: MkDocsConfig) -> Files:
+    """Add the linked files; mkdocs reports links to files that do not exist."""
+    pages = (Path(page.abs_src_path or "") for page in files.documentation_pages())
+    linked = {
+        found["path"] for page in pages for found in OUTSIDE.finditer(page.read_text("utf-8"))
+    }
+    for path in sorted(linked):
+        if (ROOT / path).is_file():
+            added = File.generated(config, f"source/{path}", content=(ROOT / path).read_bytes())
+            files.append(added)
+    return files
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Let links outside docs/ lead to the added files."""
+
+    def replace(link: re.Match[str]) -> str:
+        is_folder = (ROOT / link["path"]).is_dir()
+        return link["text"] if is_folder else f"[{link['text']}](source/{link['path']})"
+
+    return OUTSIDE.sub(replace, markdown)
