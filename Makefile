@@ -97,7 +97,7 @@ openapi: setup ## write docs/openapi.json and the tables of routes, measures and
 	$(BIN)/python tests/docs/rest_table.py
 	$(BIN)/python tests/docs/measure_tables.py
 
-faults: setup ## write the tables of faults in docs/reliability.md from the marks of the tests
+faults: setup ## write the tables of faults in docs/faults.md from the marks of the tests
 	$(BIN)/python tests/docs/fault_table.py
 	$(BIN)/python benchmarks/claims.py --only faults.kinds
 

@@ -14,6 +14,9 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).parents[1]
 OUTSIDE = re.compile(r"\[(?P<text>[^\]]*)\]\(\.\./(?P<path>[^)\s#]+)\)")
 
+# Python-Markdown takes a table for text if the line above it is a comment.
+COMMENT = re.compile(r"^<!--.*-->$", re.MULTILINE)
+
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
     """Add the linked files; mkdocs reports links to files that do not exist."""
@@ -35,4 +38,4 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
         is_folder = (ROOT / link["path"]).is_dir()
         return link["text"] if is_folder else f"[{link['text']}](source/{link['path']})"
 
-    return OUTSIDE.sub(replace, markdown)
+    return COMMENT.sub("", OUTSIDE.sub(replace, markdown))

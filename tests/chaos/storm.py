@@ -162,7 +162,7 @@ CAUSES: Mapping[str, Callable[[Storm], bool]] = MappingProxyType(
 SERVER_SHUTDOWN = "immediate shutdown of PostgreSQL"
 WRITE_LOCK = "write lock of another program on the SQLite file"
 KINDS = (*CAUSES, SERVER_SHUTDOWN, WRITE_LOCK)
-"""The kinds of faults that a storm injects, as the tables of docs/reliability.md name them."""
+"""The kinds of faults that a storm injects, as the tables of docs/faults.md name them."""
 
 
 def hold_write_lock(url: str, random: Random) -> bool:

@@ -1,4 +1,4 @@
-"""Write the tables of faults into docs/reliability.md: `python tests/docs/fault_table.py`.
+"""Write the tables of faults into docs/faults.md: `python tests/docs/fault_table.py`.
 
 Each row is a kind of fault, read from the marks of the tests that inject it:
 
@@ -21,7 +21,7 @@ sys.path.append(str(Path(__file__).parents[1] / "chaos"))
 from storm import KINDS as STORM_KINDS
 
 TESTS = Path(__file__).parents[1]
-PAGE = TESTS.parent / "docs" / "reliability.md"
+PAGE = TESTS.parent / "docs" / "faults.md"
 GROUPS = ("processes", "time", "messages", "storage", "plug-ins", "api")
 CLAIM = re.compile(r"\d+(<!-- claim faults\.kinds -->)")
 LEAST_KINDS = 40

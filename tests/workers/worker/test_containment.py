@@ -105,8 +105,8 @@ COSTS = {
 @pytest.mark.fault(
     "planner that leaks memory, threads or processes",
     group="plug-ins",
-    outcome="Its inner process is killed at the [limit](#8-bounds), three times; then the "
-    "episode is errored, kind `infrastructure`, and the message names limit and "
+    outcome="Its inner process is killed at the [limit](reliability.md#bounds), three times; "
+    "then the episode is errored, kind `infrastructure`, and the message names limit and "
     "setting.",
 )
 @pytest.mark.fault(
@@ -244,8 +244,8 @@ def test_the_guard_is_killed_last_of_all_or_takes_the_planner_with_it(busy, even
 @pytest.mark.fault(
     "planner that leaves threads or processes spinning",
     group="plug-ins",
-    outcome="Its inner process is killed at the [limit](#8-bounds) of processor time; an "
-    "episode that ran then is tried again, three times at most.",
+    outcome="Its inner process is killed at the [limit](reliability.md#bounds) of processor "
+    "time; an episode that ran then is tried again, three times at most.",
 )
 def test_what_a_planner_leaves_spinning_is_ended_though_its_episodes_were_quick(
     hub, start_worker, tmp_path, eventually

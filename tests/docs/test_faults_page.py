@@ -1,4 +1,4 @@
-"""docs/reliability.md names tests and modules that are there, and every fault that tests inject."""
+"""docs/faults.md names tests and modules that are there, and every fault that tests inject."""
 
 import re
 import sys
@@ -16,7 +16,7 @@ UPDATE = "Run `make faults`."
 
 @pytest.fixture(scope="module")
 def page(root):
-    return (root / "docs" / "reliability.md").read_text()
+    return (root / "docs" / "faults.md").read_text()
 
 
 def test_every_test_that_it_names_is_there(page, root):
@@ -25,6 +25,18 @@ def test_every_test_that_it_names_is_there(page, root):
     for path, test in named:
         text = (root / path).read_text()
         assert not test or re.search(rf"^(async )?def {test}\b", text, re.MULTILINE), (path, test)
+
+
+def test_reliability_is_one_page_of_promises_that_faults_explain_and_test(page, root):
+    promises = (root / "docs" / "reliability.md").read_text()
+    assert len(promises.splitlines()) <= 150
+    assert "tests/" not in promises
+    kept = re.findall(r"^### (\d)\. .*?(?=^### |^## )", page, re.MULTILINE | re.DOTALL)
+    numbers = re.findall(r"^\| (\d) \| \*\*", promises, re.MULTILINE)
+    assert kept == numbers == list("123456789")
+    sections = re.split(r"^##+ ", page, flags=re.MULTILINE)
+    promised = [section for section in sections if section[:1].isdigit()]
+    assert all("**Tested by**" in section for section in promised)
 
 
 def test_every_file_that_it_names_is_there(page, root):
