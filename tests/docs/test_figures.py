@@ -11,14 +11,21 @@ tables (STATISTICS). What is found must be one of these:
 - in a phrase that belongs to intervals, not to a result (PHRASES)
 - marked `10 %<!-- by definition -->`: a setting, a threshold, a bound, or what a formula gives; or
   `94.6 %<!-- paper -->`: what others measured. On the line above a table such a mark covers its
-  plain numbers. "By definition" never excuses an interval, a count of cases or a rate of failure.
+  plain numbers. docs/marks.json has the other marks (claim_marks.py). "By definition" never
+  excuses an interval, a count of cases or a rate of failure.
 """
 
 import re
+import sys
 from itertools import groupby
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+
+sys.path.append(str(Path(__file__).parent))
+
+from claim_marks import read_pages
 
 WHOLE_PAGES = {
     "docs/reproduction.md": "test_reproduction_page.py",
@@ -149,10 +156,8 @@ def unmarked(name, text):
 
 
 @pytest.fixture
-def pages(root):
-    paths = (root / "README.md", *sorted((root / "docs").glob("*.md")))
-    found = {str(path.relative_to(root)): path.read_text() for path in paths}
-    return {name: text for name, text in found.items() if name not in WHOLE_PAGES}
+def pages():
+    return {name: text for name, text in read_pages().items() if name not in WHOLE_PAGES}
 
 
 def test_every_measured_figure_is_held_against_a_measurement(pages):
