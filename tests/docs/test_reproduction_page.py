@@ -24,6 +24,16 @@ def test_the_page_is_that_of_the_kept_run(benchmark, root):
         assert "<svg" in (root / "docs" / "reproduction" / f"{name}.svg").read_text()
 
 
+def test_every_statement_that_does_not_hold_says_why(root):
+    page = (
+        (root / "docs" / "reproduction.md").read_text().partition("## Statements of the paper")[2]
+    )
+    rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| ")][1:]
+    why = [row[-1].strip(" |") for row in rows if row[1] != "holds"]
+    assert len(why) == 15
+    assert all(sentence.endswith(".") for sentence in why)
+
+
 def test_it_is_a_run_at_full_scale(benchmark):
     found = benchmark.read()
     assert found.scale == "full"
