@@ -48,7 +48,7 @@ def test_what_needs_no_words_has_none():
 
 
 def test_what_the_concepts_call_a_finding_is_defined():
-    part = CONCEPTS.read_text().partition("### What is found")[2].partition("###")[0]
+    part = CONCEPTS.read_text().partition("### Results")[2].partition("###")[0]
     names = set(re.findall(r"^\| ([^|]+?) \|", part, re.MULTILINE)) - {"word"} - NO_FIGURES
     known = {name.lower() for term in list_terms() for name in (term.name, *term.labels)}
     assert {name for name in names if name.lower() not in known} == set()
