@@ -78,7 +78,7 @@ def refuse_open_door(settings: ApiSettings) -> None:
             f"'{settings.host}' is reachable from other machines, and authentication is off.",
             "Listen on 127.0.0.1, or make an administrator's key with `eigenfail key create` and "
             "set EIGENFAIL_REQUIRE_KEYS=1. EIGENFAIL_TRUST_NETWORK=1 vouches for a private "
-            "network instead, and EIGENFAIL_HOSTS names what others call this machine.",
+            "network instead, and EIGENFAIL_HOSTS lists the host names of this machine.",
         )
 
 
@@ -93,5 +93,5 @@ def refuse_without_keys(settings: ApiSettings, keys: KeyStore) -> None:
             "host",
             f"'{settings.host}' is reachable from other machines, and no administrator has a valid "
             "key.",
-            "Make one: `eigenfail key create NAME --scope admin --database URL`.",
+            "Create one: `eigenfail key create NAME --scope admin --database URL`.",
         )

@@ -76,7 +76,7 @@ def sqlite_path(url: str) -> Path:
         )
     name = unquote_to_bytes(text)
     if name in {b"", b":memory:"} or b"\0" in name:
-        raise InvalidValue("database", "The address names no file.", FORM)
+        raise InvalidValue("database", "The address does not contain a file name.", FORM)
     return Path(os.fsdecode(name)).absolute()
 
 

@@ -45,13 +45,13 @@ def check_address(address: str) -> str:
         InvalidValue: no valid address; or on another machine, over a network not declared trusted.
     """
     if not ADDRESS.fullmatch(address):
-        problem = f"'{address}' is no address of a bridge."
+        problem = f"'{address}' is not a valid bridge address."
         remedy = "Write it as tcp://127.0.0.1:PORT or ipc://PATH."
         raise InvalidValue(ADDRESS_OPTION, problem, remedy)
     if not is_own_endpoint(address) and os.environ.get(TRUST_VARIABLE) != "1":
         raise InvalidValue(
             ADDRESS_OPTION,
-            f"'{address}' is on another machine, and a bridge has no keys.",
+            f"'{address}' is on another machine, and bridges do not support authentication.",
             f"Run the bridge beside the worker. On a private network, {TRUST_VARIABLE}=1 does "
             "without keys and encryption.",
         )
@@ -104,7 +104,7 @@ def parameters_kind(given: Mapping[str, Any]) -> type[msgspec.Struct]:
     others = [str(name) for name in given if name not in OWN]
     for name in others:
         if not name.isidentifier():
-            problem = "is no name of a parameter."
+            problem = "is not a valid parameter name."
             raise InvalidValue(f"scenario_parameters.{name}", problem, "Use letters, digits and _.")
     return msgspec.defstruct(
         "BridgeParameters",
@@ -130,7 +130,7 @@ def read_plain(given: Mapping[str, Any], field: str) -> dict[str, Plain]:
     for name, value in given.items():
         fits = {str: lambda text: len(text) <= LONGEST_TEXT, float: isfinite}
         if type(value) not in Plain.__args__ or not fits.get(type(value), lambda _: True)(value):
-            problem = "is no finite number, no truth value and no short text."
+            problem = "is not a finite number, a Boolean or a short string."
             raise InvalidValue(f"{field}.{name}", problem, "A bridge receives no other parameters.")
     return dict(given)
 

@@ -68,7 +68,7 @@ class CheckedOutput:
         except OSError as error:
             self._failure = EigenfailError(
                 f"Standard output cannot be written: {error.strerror or error}.",
-                "Make room on the disk, or let the output go to another place.",
+                "Free disk space, or redirect the output.",
             )
         if self._failure is not None:
             self._discard()

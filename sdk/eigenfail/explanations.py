@@ -68,7 +68,7 @@ def _find_blindness(episode: ExplainedEpisode) -> Iterator[_Event]:
     spans = _find_spans(
         episode.steps, lambda step: _has_word("heeds", "nobody", step) and _is_vehicle_ahead(step)
     )
-    yield from _describe_spans(spans, "it heeded nobody ahead")
+    yield from _describe_spans(spans, "it ignored the vehicle ahead")
 
 
 def _find_misjudged_speeds(episode: ExplainedEpisode) -> Iterator[_Event]:
@@ -129,13 +129,13 @@ def _describe_collision(result: EpisodeResult) -> str:
 def _describe_safe_end(result: EpisodeResult) -> str:
 
     nearest_m = result.measures.robustness_m if result.measures else None
-    return f"No collision: never nearer than {_format_number(nearest_m, 1)} m"
+    return f"No collision: smallest distance {_format_number(nearest_m, 1)} m"
 
 
 def _describe_error(result: EpisodeResult) -> str:
 
-    why = result.fault.message.rstrip(".") if result.fault else "no reason was kept"
-    return f"After {result.steps} steps the episode could not go on: {why}"
+    why = result.fault.message.rstrip(".") if result.fault else "no reason was stored"
+    return f"After {result.steps} steps the episode was aborted: {why}"
 
 
 _END_DESCRIPTIONS: dict[Outcome, Callable[[EpisodeResult], str]] = {
@@ -248,7 +248,7 @@ def build_explanation(
         planner=planner,
         replayed=replayed,
         verdict=describe_replay(replayed),
-        note=f"The planner '{planner}' explains nothing: {NO_ACCOUNT}" if silent else "",
+        note=f"The planner '{planner}' provides no explanation: {NO_ACCOUNT}" if silent else "",
         steps=window.select(explained.steps),
         story=tuple(tell_story(explained)),
     )

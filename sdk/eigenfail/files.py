@@ -84,7 +84,7 @@ def _written(path: Path, field: str) -> Iterator[None]:
         yield
     except OSError as error:
         problem = f"'{path}' cannot be written: {error.strerror}."
-        raise InvalidValue(field, problem, "Name another, or take that one away.") from error
+        raise InvalidValue(field, problem, "Choose another file, or remove this one.") from error
 
 
 def read_private(path: Path, field: str) -> str:
@@ -98,10 +98,10 @@ def read_private(path: Path, field: str) -> str:
             mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
             text = file.read().strip()
     except (OSError, UnicodeDecodeError) as error:
-        problem = f"'{path}' cannot be read: {getattr(error, 'strerror', 'it is no text')}."
-        raise InvalidValue(field, problem, "Name the file that holds the key.") from error
+        problem = f"'{path}' cannot be read: {getattr(error, 'strerror', 'it is not a text file')}."
+        raise InvalidValue(field, problem, "Specify the file that contains the key.") from error
     if mode & OTHERS:
-        problem = f"every user of this machine can reach '{path}' (mode {mode:o})."
+        problem = f"other users of this machine can access '{path}' (mode {mode:o})."
         raise InvalidValue(field, problem, f"Run: chmod 600 {path}; if others had it, revoke it.")
     return text
 

@@ -90,7 +90,7 @@ _COLUMNS = (
     Column("class", T, "conflict class", tuple(ConflictClass)),
     Column("steps", W, "steps until it ended"),
     Column("source", T, "where its disturbances come from: prior, trajectory or policy"),
-    Column("worker", T, "who ran it"),
+    Column("worker", T, "worker that ran it"),
     *_list_measures(),
     Column("wall_s", N, "time that the worker spent on it [s]"),
     Column("finished_ms", W, "when its result was stored [ms since 1970]"),
@@ -212,7 +212,7 @@ def _read_whole_number(column: Column, word: str, place: _Place) -> Value:
 
     value = _read_number(column, word, place)
     if value != int(value):
-        problem = f"{column.name} is a whole number, which {word} is not."
+        problem = f"{column.name} is a integer, but {word} is not."
         raise InvalidValue(place.field, problem, "Omit the fraction.")
     # A float would not hold every digit of a seed.
     exact = int(word) if word.lstrip("+-").isdecimal() else int(value)

@@ -45,7 +45,7 @@ def records(value: object) -> Iterator[Record]:
     if isinstance(value, msgspec.Struct):
         return iter([flat(value)])
     problem = f"there is no table in a {type(value).__name__}."
-    raise InvalidValue("value", problem, "Give a list, or a value of ours.")
+    raise InvalidValue("value", problem, "Pass a list or an eigenfail object.")
 
 
 @records.register
@@ -116,7 +116,7 @@ def result_of(analysis: Analysis) -> AnalysisResult:
     """
     if analysis.result is None:
         why = analysis.problem or f"analysis {analysis.id} is {analysis.state}."
-        raise InvalidValue("analysis", why, "Take one that is done: client.analyses.wait(id).")
+        raise InvalidValue("analysis", why, "Wait for it with client.analyses.wait(id).")
     return analysis.result
 
 

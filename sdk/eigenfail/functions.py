@@ -87,7 +87,7 @@ def check(spec: CampaignSpec) -> FunctionParameters:
         InvalidValue: a value outside its bounds, or one that means nothing to a function.
     """
     if spec.scenario != SCENARIO:
-        problem = f"'{spec.scenario}' is no scenario of the simulator '{SIMULATOR}'."
+        problem = f"'{spec.scenario}' is not a scenario of the simulator '{SIMULATOR}'."
         raise InvalidValue("scenario", problem, f'Write scenario = "{SCENARIO}".')
     if not PLACE.fullmatch(spec.planner):
         problem = f"'{spec.planner}' is not of the form module:function."
@@ -96,7 +96,7 @@ def check(spec: CampaignSpec) -> FunctionParameters:
         raise UnknownName("planner_settings", next(iter(spec.planner_settings)), ())
     if replace(spec.disturbance, scale=1.0, shape=White()) != DisturbanceModel():
         remedy = "Set `scale` and `shape` alone: there is no distance that sigma could grow with."
-        raise InvalidValue("disturbance", "slopes and bases mean nothing to a function.", remedy)
+        raise InvalidValue("disturbance", "slopes and bases do not apply to functions.", remedy)
     return read_settings(FunctionParameters, spec.scenario_parameters, "scenario_parameters")
 
 
@@ -126,7 +126,7 @@ def refuse_unlisted(place: str, remedy: str = "") -> None:
     """
     if not is_listed(place):
         module = place.partition(":")[0]
-        problem = f"'{module}' is none of the modules whose functions may be run here."
+        problem = f"'{module}' is not in the list of modules whose functions may be run here."
         of_service = (
             f"Start the service with `eigenfail up --functions {module}`, or it and its workers "
             f"with {ALLOWED_VARIABLE}={module}."
@@ -153,11 +153,11 @@ def allow(places: str) -> None:
         places: modules and packages, with commas.
 
     Raises:
-        InvalidValue: one of them is no name of a module.
+        InvalidValue: one of them is not a valid module name.
     """
     for name in places.split(","):
         if not all(part.isidentifier() for part in name.strip().split(".")):
-            problem = f"'{name.strip()}' is no name of a module."
+            problem = f"'{name.strip()}' is not a valid module name."
             raise InvalidValue("--functions", problem, "Write --functions my_module,my_package.")
     os.environ[ALLOWED_VARIABLE] = places
 

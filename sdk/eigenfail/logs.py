@@ -63,7 +63,7 @@ def configure(process: str) -> None:
     stream: TextIO = LossyStderr()  # type: ignore[assignment]
     wanted = os.environ.get(VARIABLE) or "text"
     if wanted not in FORMATS:
-        raise InvalidValue(VARIABLE, f"'{wanted}' is no format of logs.", "Take text or json.")
+        raise InvalidValue(VARIABLE, f"'{wanted}' is not a valid log format.", "Use text or json.")
     FORMATS[wanted](process, stream)
     log = structlog.get_logger()
     report_uncaught(lambda error: log.error("uncaught error", exc_info=error))

@@ -149,7 +149,7 @@ def _describe_verdict(margin: Margin) -> str:
             " the margin may be larger. Search higher, or with another method."
         )
     if safe is None or failing is None:
-        return "Nothing was tried."
+        return "No scale was tested."
     return _describe_gap(safe, failing)
 
 

@@ -60,7 +60,7 @@ def load(group: str, name: str) -> Any:
         raise
     except (Exception, SystemExit) as error:
         problem = f"'{name}' cannot be loaded: {_describe_failure(error)}."
-        remedy = "Install what it needs, or take its package out."
+        remedy = "Install its dependencies, or uninstall its package."
         raise InvalidValue(field, problem, remedy) from error
 
 

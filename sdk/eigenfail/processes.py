@@ -117,7 +117,7 @@ LAST_STEPS_S = 2.0
 """Between its last word and its end; threads that a planner left behind are not waited for."""
 
 
-LOG = "The log of the service says more."
+LOG = "See the log of the service."
 
 
 class Answered(msgspec.Struct, frozen=True, tag=True):
@@ -149,7 +149,7 @@ def ask(module: str, question: bytes, patience_s: float) -> bytes:
             run_question(module, question, patience_s), type=Answered | Refused
         )
     except msgspec.DecodeError as error:
-        raise ServiceError("The process that should answer was broken off.", LOG) from error
+        raise ServiceError("The subprocess was terminated.", LOG) from error
     if isinstance(received, Refused):
         raise make_error(received.problem)
     return received.answer
@@ -175,7 +175,7 @@ def run_question(module: str, question: bytes, patience_s: float) -> bytes:
             # Before it is waited for: afterwards its children could no longer be found.
             kill_group(asked)
     if not written:
-        raise ServiceError(f"The process that should answer ended with code {status}.", LOG)
+        raise ServiceError(f"The subprocess exited with code {status}.", LOG)
     return written
 
 

@@ -36,7 +36,7 @@ def read_settings(kind: type[Kind], given: Mapping[str, Any], field: str) -> Kin
         raise
     except Exception as error:  # a plug-in's `__post_init__` may raise anything
         problem = f"The settings are refused with {describe_error(error)}."
-        raise InvalidValue(field, problem, "Look into the settings of the plug-in.") from error
+        raise InvalidValue(field, problem, "Check the settings of the plug-in.") from error
 
 
 def defaults_of(kind: type[msgspec.Struct]) -> dict[str, Any]:

@@ -265,8 +265,8 @@ def order_members(specs: Mapping[str, CampaignSpec], where: str) -> tuple[str, .
         return tuple(TopologicalSorter(needs).static_order())
     except CycleError as error:
         circle = " → ".join(f"'{name}'" for name in reversed(error.args[1]))
-        problem = f"has members that wait for each other: {circle}."
-        raise InvalidValue(where, problem, "Let one of them name none of the others.") from None
+        problem = f"has members that depend on each other: {circle}."
+        raise InvalidValue(where, problem, "Remove one of these references.") from None
 
 
 def _holders(settings: Table) -> Iterator[tuple[KeyPath, Any]]:
@@ -286,7 +286,7 @@ def _numbered(value: Any, numbers: Callable[[str], int]) -> Any:
     return numbers(value) if isinstance(value, str) else value
 
 
-LIKE = "Name a TOML file with a suite, such as examples/suite.toml."
+LIKE = "Specify a TOML file with a suite, such as examples/suite.toml."
 
 
 class SuiteMember(msgspec.Struct, frozen=True):

@@ -211,7 +211,7 @@ class FunctionWorld(CampaignWorld):
     """A Python function of the noise; see `eigenfail.functions`."""
 
     has_road = False
-    unexplained = "a function explains nothing: there is no planner, and no controls."
+    unexplained = "functions have no planner or controls to explain."
 
     def check(self, spec: CampaignSpec) -> None:
         """Read the parameters, and hold the function against the list of what may be run."""

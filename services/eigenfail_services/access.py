@@ -42,8 +42,9 @@ def make_key(store: Store, request: KeyRequest) -> NewKey:
     if request.scope is not Scope.ADMIN and not store.keys.admins(at_ms):
         raise InvalidValue(
             "scope",
-            "no administrator has a valid key yet, and from the first key on everybody needs one.",
-            "Make a key with the scope admin first.",
+            "no administrator has a valid key yet, and the first key makes keys required for all "
+            "requests.",
+            "Create a key with the scope admin first.",
         )
     secret = secrets.token_urlsafe(SECRET_BYTES)
     expires_ms = None if request.expires_s is None else at_ms + 1_000 * request.expires_s
@@ -111,7 +112,7 @@ def digest(secret: str) -> str:
 def no_valid_key() -> Unauthorized:
     """Return the refusal of a request without a valid key."""
     return Unauthorized(
-        "This service answers only those who show a valid key.",
+        "This service requires a valid key.",
         "Send `Authorization: Bearer ef_…`: set EIGENFAIL_KEY, or sign in at /login. "
         "`eigenfail key create` makes keys.",
     )
@@ -156,7 +157,7 @@ def _is_empty(file: Path) -> bool:
         return False
     except (OSError, UnicodeDecodeError) as error:
         problem = f"'{file}' cannot be read: {getattr(error, 'strerror', 'it is no text')}."
-        raise InvalidValue(FIELD, problem, "Name another, or take that one away.") from error
+        raise InvalidValue(FIELD, problem, "Choose another file, or remove this one.") from error
 
 
 MAX_ROWS = 1_000

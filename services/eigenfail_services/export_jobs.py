@@ -151,7 +151,8 @@ class ExportFolder:
         home = self.home(export)
         if (asked := _read_bytes(home / REQUEST_FILE)) is None:
             raise NotFound(
-                f"There is no export {export}.", f"The last {MAX_EXPORTS} are kept; ask anew."
+                f"Export {export} does not exist.",
+                f"The last {MAX_EXPORTS} are kept; create a new export.",
             )
         known = msgspec.json.decode(asked, type=Export)
         if (ended := _measure_parquet(home / EPISODES_FILE)) is not None:

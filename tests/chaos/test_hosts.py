@@ -92,7 +92,7 @@ class Site:
 
 
 @pytest.mark.fault(
-    "host of a worker cut off, slow, late or gone",
+    "host of a worker disconnected, slow, late or gone",
     group="messages",
     outcome="Its episodes go to others after 10 s. Results that it finished count when it is "
     "back; the campaign keeps its digest.",

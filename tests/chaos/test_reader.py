@@ -41,7 +41,7 @@ def fill(url: str) -> None:
     deliver(store, half, result(0), result(1))
     store.checkpoints.save(half.id, checkpoint(half.spec.seed, half.spec.episodes))
     deliver(store, dead, result(0), result(1))
-    store.campaigns.move(dead.id, CampaignState.DEAD, "It could not go on.")
+    store.campaigns.move(dead.id, CampaignState.DEAD, "It could not continue.")
     ar1 = Correlated()
     shaped = running(store, disturbance=DisturbanceModel(shape=ar1))
     plain = result(0)

@@ -1,4 +1,4 @@
-"""Migration 0015: what was taken away."""
+"""Migration 0015: what was removed."""
 
 import pytest
 from sqlalchemy import inspect

@@ -55,7 +55,7 @@ def test_the_longest_episode_is_the_horizon() -> None:
         ({"steps": 9, "gap_m": [1.0]}, "scenario_parameters.gap_m: Expected"),
         ({"steps": 9, "gap_m": None}, "scenario_parameters.gap_m: Expected"),
         ({"steps": 9, "kind": "v" * 201}, "scenario_parameters.kind: is no finite number"),
-        ({"steps": 9, "gap m": 1.0}, "scenario_parameters.gap m: is no name of a parameter."),
+        ({"steps": 9, "gap m": 1.0}, "scenario_parameters.gap m: is not a valid parameter name."),
         ({"steps": 9, "gap_m": {"uniform": [2.0, 1.0]}}, "gap_m.uniform: .* is not an interval"),
         ({"steps": 9} | {f"p{n}": 1.0 for n in range(64)}, "scenario_parameters: there are 65."),
     ],

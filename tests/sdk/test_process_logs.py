@@ -79,5 +79,5 @@ def test_a_format_that_there_is_not_is_refused_by_name(monkeypatch):
     done = subprocess.run(command, capture_output=True, check=False, text=True)
     assert done.returncode == 2
     assert "EIGENFAIL_LOG_FORMAT" in done.stderr
-    assert "Take text or json." in done.stderr
+    assert "Use text or json." in done.stderr
     assert "Traceback" not in done.stderr

@@ -134,7 +134,7 @@ class AuthMiddleware:
         refusal = Forbidden(
             f"This needs a key with scope '{required}'; the key of '{caller.name}' has scope "
             f"'{caller.scope}'.",
-            "Ask an administrator for such a key.",
+            "Request such a key from an administrator.",
         )
         return _refuse(request, refusal), caller
 

@@ -118,7 +118,7 @@ def make_explained_chart(result: AnalysisResult) -> Chart:
         id="explained-chart",
         kind="explained",
         title="Explained variance",
-        caption="Share of the variance by component, and cumulated.",
+        caption="Share of the variance by component, and cumulative.",
         data={
             "share": list_floats(100.0 * result.explained),
             "cumulated": list_floats(100.0 * cumulated),

@@ -301,7 +301,7 @@ def explain_missing_scene(campaign: Campaign, result: EpisodeResult) -> str:
     if not result.steps:
         return "The episode ended before its first step: there is no scene."
     if is_function(campaign):
-        return "A function of the noise is under test: there is no scene, and no planner to ask."
+        return "The system under test is a function of the noise: it has no scene and no planner."
     every = campaign.spec.scene_every
     sample = "" if every == 1 else f" and every {format_count(every)}th of the others"
     return (

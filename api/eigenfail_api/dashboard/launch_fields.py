@@ -282,7 +282,7 @@ def describe_bounds(part: Schema, kind: str, schema: Schema) -> str:
     low = describe_bound(part, "at least", "minimum", "above", "exclusiveMinimum")
     high = describe_bound(part, "at most", "maximum", "below", "exclusiveMaximum")
     whole = ["whole"] if part.get("type") == "integer" else []
-    off = [f"“{NONE}” turns it off"] if kind == "optional" else []
+    off = [f"“{NONE}” disables it"] if kind == "optional" else []
     return ", ".join([*whole, *low, *high, *off])
 
 

@@ -190,7 +190,7 @@ def make_curve_chart(found: CampaignCost) -> Chart:
         id="spending-chart",
         kind="spending",
         title="Failures and modes found against cost",
-        caption=f"Failures{' and distinct modes' * known} found once so much was spent.",
+        caption=f"Failures{' and distinct modes' * known} found by amount spent.",
         data={
             "usd": round_values(point.usd for point in points),
             "failures": [point.failures for point in points],

@@ -120,7 +120,7 @@ def _take_step(store: Store, campaign: int, action: SteeringAction) -> Campaign:
             f"Campaign {campaign} is {found.state} and cannot be {action.participle}.",
             f"Only one that is {' or '.join(action.steps)} can.",
         )
-    return store.campaigns.move(campaign, target, "A user asked for it.")
+    return store.campaigns.move(campaign, target, "Requested by a user.")
 
 
 router = APIRouter(prefix=f"{PREFIX}/campaigns", tags=["campaigns"])

@@ -182,7 +182,7 @@ def _add_steering(app: typer.Typer) -> None:
 
 
 app = typer.Typer(
-    add_completion=False, no_args_is_help=True, help="Create, follow and steer campaigns."
+    add_completion=False, no_args_is_help=True, help="Create, monitor and control campaigns."
 )
 
 State = Annotated[CampaignState | None, typer.Option(help="Only campaigns in this state.")]

@@ -29,7 +29,7 @@ def find_shell(named: str) -> str:
         return detect_shell()
     if named not in SHELLS:
         remedy = f"Name one of {', '.join(SHELLS)}."
-        raise InvalidValue("shell", f"There is no completion for {named!r}.", remedy)
+        raise InvalidValue("shell", f"Completion is not available for {named!r}.", remedy)
     return named
 
 
@@ -46,7 +46,7 @@ def detect_shell() -> str:
     except shellingham.ShellDetectionFailure:
         raise InvalidValue(
             "shell",
-            "No shell was found among the parent processes.",
+            "The shell could not be detected.",
             "Name the shell, as in `eigenfail --show-completion bash`.",
         ) from None
 

@@ -157,7 +157,7 @@ def open_place(
     if url:
         raise ServiceUnreachable(
             f"No eigenfail service answers at {url}.",
-            "Start one with 'eigenfail up', or leave --url out and one is started for this run.",
+            "Start one with 'eigenfail up', or omit --url to start one for this run.",
         )
     functions.allow_of([spec])
     check_plugins(spec)

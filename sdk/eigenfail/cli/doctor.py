@@ -31,7 +31,7 @@ GROUPS = (plugins.SCENARIOS, plugins.PLANNERS, plugins.SIMULATORS, plugins.METHO
 WORKING = (CampaignState.QUEUED, CampaignState.RUNNING)
 NO_WORKER = (
     "do the services run (python -m eigenfail_services), and what does their log say? "
-    "By hand: eigenfail worker --connect ADDRESS"
+    "To start a worker: eigenfail worker --connect ADDRESS"
 )
 
 
@@ -105,7 +105,7 @@ def check_workers(client: Client) -> Finding:
         return Finding("workers", error.problem, remedy=error.remedy)
     if here:
         return Finding("workers", f"{len(here)} connected{_describe_versions(here)}")
-    state = "none is connected" + (", and campaigns wait" if waits else "")
+    state = "no workers are connected" + (", and campaigns are waiting" if waits else "")
     return Finding("workers", f"{state}. {said}" if said else state, waits, NO_WORKER)
 
 
@@ -132,7 +132,7 @@ def check_database(database: str | None, replay: int, repair: bool) -> Iterator[
     """
     if database is None:
         if replay or repair:
-            raise InvalidValue("database", "None is named.", "Give --database, too.")
+            raise InvalidValue("database", "No database is specified.", "Give --database, too.")
         return
     try:
         found: Verification = load_database_tool("verify")(database, replay, repair=repair)
@@ -147,7 +147,7 @@ def _list_database_checks(found: Verification) -> Iterator[Finding]:
     state = f"{found.database}: {found.defects or 'no'} defects"
     remedy = "eigenfail db verify lists them; --repair mends safe ones" if found.defects else ""
     yield Finding("database", state, bool(found.defects), remedy)
-    yield from (Finding("database: mended", sentence) for sentence in found.mended)
+    yield from (Finding("database: repaired", sentence) for sentence in found.mended)
     for check in found.checks:
         held = f"{check.promise} Defects: {check.defects or 'none'}."
         yield Finding(f"database: {check.name}", held, bool(check.defects))
@@ -244,8 +244,8 @@ def _refuse_besides(alone: str, others: Mapping[str, object]) -> None:
     """
     for name, given in others.items():
         if given:
-            problem = f"does nothing beside {alone}, which is checked alone."
-            raise InvalidValue(name, problem, "Run the two one after the other.")
+            problem = f"cannot be combined with {alone}."
+            raise InvalidValue(name, problem, "Run two separate commands.")
 
 
 def _check_plugins(planner: str | None, scenario: str | None, as_json: bool) -> None:

@@ -149,7 +149,7 @@ def _list_replay_facts(episode: str, replayed: Replayed) -> FactTable:
 def _explain_difference(replayed: Replayed) -> str:
     """What may be the cause of a difference."""
     if replayed.differing is None:
-        return "the versions that it was run with are not known"
+        return "the versions of the original run are not known"
     return "; ".join(replayed.differing) or "the versions are the same, something is left to chance"
 
 
@@ -164,7 +164,7 @@ def _parse_outcome(word: str) -> Outcome:
         return Outcome(word)
     except ValueError:
         known = ", ".join(each.word for each in Outcome)
-        raise typer.BadParameter(f"'{word}' is no outcome. Known: {known}.") from None
+        raise typer.BadParameter(f"'{word}' is not a valid outcome. Outcomes: {known}.") from None
 
 
 OUTCOMES = "|".join(each.word for each in Outcome)
@@ -246,7 +246,7 @@ def export(
     if as_json:
         typer.echo(to_json({"file": str(output), "size_bytes": output.stat().st_size}))
         return
-    typer.echo(f"{output} is written.", err=True)
+    typer.echo(f"Wrote {output}.", err=True)
 
 
 @app.command("show")

@@ -37,7 +37,7 @@ from eigenfail.worlds import world_of
 def _check_folder(junit: Path | None) -> None:
     """Raises InvalidValue, before anything is run, if no report can be written there."""
     if junit and not junit.parent.is_dir():
-        raise InvalidValue("junit", f"There is no folder {junit.parent}.", "Make it first.")
+        raise InvalidValue("junit", f"Folder {junit.parent} does not exist.", "Create it first.")
 
 
 def _write_junit(file: Path, content: bytes) -> None:
@@ -127,7 +127,7 @@ def _find_baseline_version(baseline: str | None) -> str:
         InvalidValue: the name is empty, as that of a variable that was never set.
     """
     if baseline is not None and not baseline.strip():
-        raise InvalidValue("baseline", "is empty.", "Name one, or leave --baseline out.")
+        raise InvalidValue("baseline", "is empty.", "Specify a baseline, or omit --baseline.")
     return baseline or ""
 
 
@@ -140,7 +140,7 @@ def _check_version(version: str) -> str:
     if version and not VERSION.fullmatch(version):
         raise InvalidValue(
             "planner-version",
-            f"'{version}' is not of letters, digits and any of . _ + / - alone, at most 80.",
+            f"'{version}' is not a valid version: use up to 80 letters, digits and . _ + / -.",
             "Give a commit or a tag.",
         )
     return version
@@ -155,7 +155,7 @@ def _find_own_version(suite: Suite, url: str | None) -> str:
     if url:
         raise InvalidValue(
             "planner-version",
-            "is not given, and the code of a service elsewhere cannot be seen from here.",
+            "is not given, and the code of a remote service cannot be read.",
             "Name the installed version, such as a commit.",
         )
     return fingerprint(suite)
@@ -267,7 +267,7 @@ ByOption = Annotated[
     typer.Option(help="Where noise is the same: judge single episodes, or the failure rate."),
 ]
 Strict = Annotated[
-    bool, typer.Option("--strict", help="Also fail on failures that the baseline has.")
+    bool, typer.Option("--strict", help="Also fail if known failures of the baseline persist.")
 ]
 JUnit = Annotated[
     Path | None, typer.Option("--junit", metavar="FILE", help="Write a report as JUnit XML.")
@@ -315,7 +315,7 @@ def _run_and_write(runner: Runner, suite: Suite, asked: GateRun) -> GateReport:
     try:
         return runner.run(suite, asked)
     except KeyboardInterrupt:
-        typer.echo(f"Interrupted. To go on: {this_command()}", err=True)
+        typer.echo(f"Interrupted. To continue, run: {this_command()}", err=True)
         raise typer.Exit(INTERRUPTED) from None
 
 
@@ -328,7 +328,7 @@ def _exit_by_verdict(report: GateReport) -> None:
     if report.in_trouble:
         raise ServiceError(
             f"The gate of {report.gate.run} proves nothing: {next(report.problems(), '')}",
-            "Look after the workers, then give another --planner-version.",
+            "Check the workers, then use a different --planner-version.",
         )
     if not report.open:
         raise typer.Exit(CLOSED)

@@ -382,5 +382,5 @@ def _require_done(campaign: Campaign) -> None:
             f"Campaign {campaign.id} is {campaign.state}, so its gate proves nothing."
             f" {campaign.stopped_because}".rstrip(),
             f"See why: eigenfail campaign show {campaign.id};"
-            " to start anew, give another --planner-version.",
+            " to start again, use a different --planner-version.",
         )

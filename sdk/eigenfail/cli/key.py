@@ -29,7 +29,7 @@ def _describe_new_key(made: NewKey) -> str:
     key = made.key
     ends = "it is revoked" if key.expires_ms is None else f"{format_utc(key.expires_ms)}"
     return (
-        f"Key {key.id} for '{key.name}', {key.scope}, until {ends}. It is shown this once:\n\n"
+        f"Key {key.id} for '{key.name}', {key.scope}, until {ends}. It is shown only once:\n\n"
         f"{made.token}\n\n"
         "Put it into EIGENFAIL_KEY for commands and programs, or sign in with it at /login."
     )
@@ -92,8 +92,8 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     help="Create, list, limit and revoke API keys; show the audit log.\n\n"
-    "From the first key on, everybody who asks the service needs one: EIGENFAIL_KEY. With "
-    "--database, keys are tended on the database itself, and no key is asked for.",
+    "From the first key on, every request needs one, set in EIGENFAIL_KEY. With "
+    "--database, keys are managed directly in the database, and no key is required.",
 )
 
 Name = Annotated[str, typer.Argument(help="User or program that the key is for.")]
@@ -211,11 +211,11 @@ def first(
     Needs --database. It can be called at every start of a container.
     """
     if database is None:
-        raise InvalidValue("--database", "is not given.", "Name the service's database.")
+        raise InvalidValue("--database", "is not given.", "Specify the service's database.")
     answer = load_database_tool("keys")(database).create_first(name, file)
     words = f"An administrator's key is in {answer.file}."
     if answer.made is None:
-        words = "An administrator has a valid key already; none was made."
+        words = "A valid administrator key already exists; no key was created."
     typer.echo(to_json(answer) if as_json else words)
 
 
@@ -237,7 +237,8 @@ def parse_duration(life: str) -> int:
     """
     match = LIFE.fullmatch(life)
     if match is None:
-        raise InvalidValue("expires", f"'{life}' is no time.", "Write it like 90d, 12h or 30m.")
+        problem = f"'{life}' is not a valid duration."
+        raise InvalidValue("expires", problem, "Write it like 90d, 12h or 30m.")
     return int(match["count"]) * SECONDS[match["unit"]]
 
 
@@ -261,5 +262,6 @@ def _parse_limit(name: str, text: str) -> int | None:
     if text == NO_LIMIT:
         return None
     if not (text.isascii() and text.isdecimal() and len(text) <= LONGEST_LIMIT):
-        raise InvalidValue(name, f"'{text[:40]}' is no limit.", f"Give a number, or {NO_LIMIT}.")
+        problem = f"'{text[:40]}' is not a valid limit."
+        raise InvalidValue(name, problem, f"Give a number, or {NO_LIMIT}.")
     return int(text)

@@ -1,6 +1,6 @@
 """`eigenfail`: every command.
 
-Exit codes: 0 done, 1 failures found (with --gate), 2 wrong usage, 3 service trouble, 130
+Exit codes: 0 done, 1 failures found (with --gate), 2 usage error, 3 service error, 130
 interrupted. Commands are loaded when they are called, not when they are listed: `eigenfail --help`
 and shell completion must answer at once, and numpy and the HTTP client take longer.
 """
@@ -25,13 +25,13 @@ from eigenfail.uncaught import print_uncaught, report_uncaught
 COMMANDS = {
     "up": "Start the service on this machine, on an embedded database.",
     "run": "Run the campaign that a TOML file describes, and print its results.",
-    "campaign": "Create, follow and steer campaigns.",
+    "campaign": "Create, monitor and control campaigns.",
     "suite": "Run many campaigns as one: a sweep, a grid, or a list of them.",
     "episode": "Show, export, replay and explain episodes.",
     "analyze": "Group the failures of a campaign into failure modes.",
-    "margin": "Find by bisection the scale of noise at which a planner starts to fail.",
+    "margin": "Find the noise scale at which a planner starts to fail, by bisection.",
     "compare": "Compare two campaigns, or several seeds of each.",
-    "gate": "Judge a new version of a planner by the failures of an earlier one.",
+    "gate": "Check a new version of a planner against the failures of an earlier one.",
     "report": "Write a report on campaigns: one self-contained HTML file, and its data.",
     "reproduce": "Run the paper's experiments, and print our numbers next to the paper's.",
     "worker": "Run one worker for a service, or list the workers of a service.",
@@ -243,7 +243,7 @@ class Commands(TyperGroup):
 EPILOG = (
     "To begin: eigenfail doctor, eigenfail up and, in another terminal, eigenfail run FILE.toml. "
     "Every command takes --json. Exit codes: 0 done, 1 failures found or something differs, "
-    "2 wrong usage, 3 service trouble, 130 interrupted."
+    "2 usage error, 3 service error, 130 interrupted."
 )
 
 app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False, epilog=EPILOG)

@@ -107,7 +107,7 @@ def _measure(client: Client, place: Place, spec: CampaignSpec, scale: float) -> 
         ServiceError: it came to nothing.
     """
     suite = build_step_suite(spec, scale)
-    (campaign,) = run_suite(client, suite, place.check, "the same command again")
+    (campaign,) = run_suite(client, suite, place.check, "rerun the same command")
     return read_step(client, campaign)
 
 

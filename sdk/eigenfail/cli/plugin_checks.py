@@ -89,8 +89,8 @@ SCENARIO = Contract(plugins.SCENARIOS, "Parameters", SCENARIO_CHECKS, _make_scen
 
 PATIENCE_S = 60.0
 """No check is waited for longer; a planner that just keeps its time needs half of it."""
-ENDLESS = "It did not come to an end within {:g} s."
-SKIPPED = "Not checked: put the one above right first."
+ENDLESS = "It did not finish within {:g} s."
+SKIPPED = "Not checked: fix the previous error first."
 
 
 class CheckVerdict(StrEnum):
@@ -192,7 +192,7 @@ class Complaint:
 
 def draw_checks(checks: list[CheckResult]) -> Table:
     """One row a check."""
-    grid = start_grid("", "plug-in", "check", "what holds, or what breaks it")
+    grid = start_grid("", "plug-in", "check", "result or violation")
     for check in checks:
         cells = (check.verdict, check.plugin, check.check, check.said)
         grid.add_row(*(escape(cell) for cell in cells))

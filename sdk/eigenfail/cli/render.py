@@ -251,7 +251,7 @@ def _describe_pause(campaign: Campaign, again: str) -> str:
     if campaign.state in FINAL_STATES:
         return came
     first = f"start the service with '{again}', then " if again else ""
-    return f"{came} To go on: {first}eigenfail campaign resume {campaign.id}"
+    return f"{came} To continue: {first}eigenfail campaign resume {campaign.id}"
 
 
 Snapshots = Sequence[Campaign | None]
@@ -277,7 +277,7 @@ def run_suite(
         return _follow_suite(client, suite, check)
     except KeyboardInterrupt:
         seen = _pause_suite(client, suite)
-        typer.echo(f"{describe_suite(suite.name, seen)}. To go on: {command}", err=True)
+        typer.echo(f"{describe_suite(suite.name, seen)}. To continue: {command}", err=True)
         raise typer.Exit(INTERRUPTED) from None
 
 
@@ -377,14 +377,14 @@ def judge(campaign: Campaign, gate: bool, summary: Summary | None = None) -> Non
         raise typer.Exit(FAILURES_FOUND)
     if gate and campaign.state is not CampaignState.DONE:
         raise ServiceError(
-            f"Campaign {campaign.id} is {campaign.state}, so its gate proves nothing.",
-            "Start one like it anew."
+            f"Campaign {campaign.id} is {campaign.state}, so its gate is inconclusive.",
+            "Launch a copy of it."
             if campaign.state in FINAL_STATES
-            else f"Let it end: eigenfail campaign resume {campaign.id}",
+            else f"Resume it: eigenfail campaign resume {campaign.id}",
         )
     if gate and not counts.completed:
         raise ServiceError(
-            f"Campaign {campaign.id} completed no episode, so its gate proves nothing.",
+            f"Campaign {campaign.id} completed no episode, so its gate is inconclusive.",
             f"See why: eigenfail episode list {campaign.id} --outcome errored",
         )
 
@@ -395,7 +395,7 @@ def make_errored_error(campaign: Campaign, summary: Summary | None) -> ServiceEr
     first = 0 if errored.first is None else errored.first
     return ServiceError(
         f"Campaign {campaign.id}: {errored.words(campaign.counts)}",
-        f"Look at an episode: eigenfail episode show {campaign.id}/{first}; all of them: "
+        f"Show one episode: eigenfail episode show {campaign.id}/{first}; all of them: "
         f"eigenfail episode list {campaign.id} --outcome errored",
     )
 

@@ -17,7 +17,7 @@ from eigenfail.values.variation import read_variation
 from eigenfail.wire.http import CampaignCheck, refuse_unknown_fields
 from eigenfail.worlds import world_of
 
-LIKE = "Name a TOML file with the fields of a campaign, as in examples/."
+LIKE = "Specify a TOML file with the fields of a campaign; see examples/."
 
 PLUGIN_FIELDS = {
     "method": (plugins.METHODS, "settings", "Settings"),

@@ -134,7 +134,7 @@ def _judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: SuiteResult)
         if campaign.is_errored:
             # A suite that is run again takes up its campaigns where they stopped, also this one.
             error = make_errored_error(campaign, summary)
-            again = "Once the cause is mended, run the suite under another name."
+            again = "After fixing the cause, run the suite under a different name."
             raise ServiceError(error.problem, f"{error.remedy}. {again}")
         judge(campaign, gate, summary)
 

@@ -104,7 +104,7 @@ def _announce_stop() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        typer.echo("Stopping; what was running goes on at the next start.", err=True)
+        typer.echo("Stopping. Running campaigns continue at the next start.", err=True)
         raise
 
 

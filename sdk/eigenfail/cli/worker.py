@@ -35,7 +35,7 @@ from eigenfail.values.operations import ACTIVE_S, DAY_S, Presence, WorkerShare
 PACKAGE = "eigenfail"
 COUNTS = ("campaigns", "episodes", "failures", "errored")
 NO_WORKER = (
-    "No worker is connected, and none brought a result in the last {} s. "
+    "No worker is connected, and no results arrived in the last {} s. "
     "eigenfail doctor reports what is missing."
 )
 
@@ -206,7 +206,7 @@ OutputLimit = Annotated[
     float | None,
     typer.Option(
         envvar="EIGENFAIL_OUTPUT_LIMIT_KIB",
-        help="Maximum output of an episode that is logged; the rest is dropped. [KiB]",
+        help="Maximum logged output per episode; further output is dropped. [KiB]",
     ),
 ]
 

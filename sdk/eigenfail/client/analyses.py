@@ -192,7 +192,7 @@ def write_report(
         _write_all({**files, **also}, folder)
     except OSError as error:
         problem = f"The report cannot be written to {folder}: {error.strerror}."
-        raise ServiceError(problem, "Name a folder that you may write.") from error
+        raise ServiceError(problem, "Choose a folder that you can write to.") from error
     return report
 
 
@@ -205,17 +205,17 @@ def check_folder(folder: Path, force: bool) -> None:
     if folder.is_dir() and not any(folder.iterdir()):
         return
     if folder.exists() and (alien := _find_foreign(folder)):
-        problem = f"{folder} is there already, and holds what no report does: {alien}."
-        raise InvalidValue("output", problem, "Name a folder that is not there yet.")
+        problem = f"{folder} already exists and contains files of no report: {alien}."
+        raise InvalidValue("output", problem, "Choose a folder that does not exist.")
     if folder.exists() and not force:
-        problem = f"{folder} holds a report already."
-        raise InvalidValue("output", problem, "Name another folder, or give --force.")
+        problem = f"{folder} already contains a report."
+        raise InvalidValue("output", problem, "Choose another folder, or use --force.")
 
 
 def _find_foreign(folder: Path) -> str:
     """Return the name of a file that no report wrote; empty if there is none."""
     if not folder.is_dir():
-        return "it is no folder"
+        return "it is not a folder"
     files = (path for path in folder.rglob("*") if not path.is_dir())
     names = (path.relative_to(folder).as_posix() for path in files)
     return next((name for name in names if not (FILE.fullmatch(name) or name in ALSO)), "")
@@ -251,15 +251,15 @@ def _check_names(names: Sequence[str]) -> None:
     if len(names) > MAX_FILES:
         raise ProtocolError(f"The archive has more than {MAX_FILES} files.", UNUSUAL)
     if len(set(names)) < len(names):
-        raise ProtocolError("The archive has a file twice.", AGAIN)
+        raise ProtocolError("The archive contains a duplicate file.", AGAIN)
     for name in names:
         if not FILE.fullmatch(name):
-            problem = f"The archive holds {name[:200]!r}, which is no file of a report."
+            problem = f"The archive holds {name[:200]!r}, which is not part of a report."
             raise ProtocolError(problem, UNUSUAL)
 
 
 def _not_a_report() -> ProtocolError:
-    return ProtocolError("The answer is no report.", "Use one version of eigenfail on both sides.")
+    return ProtocolError("The response is not a report.", "Use one release on both sides.")
 
 
 def _write_all(files: Mapping[str, bytes], folder: Path) -> None:

@@ -282,8 +282,7 @@ def find_token(given: str | None) -> str | None:
     if token and TOKEN.fullmatch(token) is None:
         raise InvalidValue(
             "key",
-            "what was given is not of the form ef_ID_SECRET.",
-            f"Look at {KEY_VARIABLE}, or at what was given as `key`; "
-            "`eigenfail key create` makes keys.",
+            "the value is not of the form ef_ID_SECRET.",
+            f"Check {KEY_VARIABLE} or the argument `key`; `eigenfail key create` makes keys.",
         )
     return token or None

@@ -199,7 +199,7 @@ class Exports:
         """Write a file, all of it or nothing."""
         chosen = _choose_format(path, form)
         if request.noise and chosen is not ExportFormat.PARQUET:
-            raise InvalidValue("noise", f"{chosen} holds no noise.", "Ask for parquet.")
+            raise InvalidValue("noise", f"{chosen} holds no noise.", "Use the format parquet.")
         _write_whole(path, self._writers[chosen](campaign, request))
         return path
 
@@ -254,4 +254,4 @@ def _write_whole(path: Path, chunks: Iterator[bytes]) -> None:
                 part.unlink(missing_ok=True)
     except OSError as error:
         problem = f"{path} cannot be written: {error.strerror or error}."
-        raise ServiceError(problem, "Name a file in a folder that can be written.") from error
+        raise ServiceError(problem, "Choose a file in a writable folder.") from error

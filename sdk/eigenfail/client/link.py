@@ -91,8 +91,8 @@ def wait_until(
     while not is_over(seen):
         if monotonic() >= latest_s:
             raise ServiceError(
-                f"It is not over after {timeout_s:g} s, and goes on.",
-                "Wait longer, or look at the service's log if nothing moves.",
+                f"The operation is still running after {timeout_s:g} s.",
+                "Increase the timeout, or check the service's log if there is no progress.",
             )
         waiter.get().rest(poll_s)
         seen = _look_until_back(look, poll_s, min(latest_s, monotonic() + AWAY_S))
@@ -108,7 +108,7 @@ def _look_until_back(look: Callable[[], Kind], poll_s: float, until_s: float) ->
             if monotonic() >= until_s:
                 raise
             if not tries:
-                log.warning("%s It was there a moment ago: waiting.", error.problem)
+                log.warning("%s The connection was lost; waiting for the service.", error.problem)
         waiter.get().rest(poll_s)
     raise AssertionError("counting has no end")
 
@@ -235,7 +235,7 @@ class Link:
         key: str | None = None,
     ) -> None:
         if not base_url.startswith(SCHEMES):
-            raise InvalidValue("url", f"'{base_url}' is not an address.", f"Write it like {LIKE}.")
+            raise InvalidValue("url", f"'{base_url}' is not an address.", f"Use the form {LIKE}.")
         self.base_url = base_url
         self._http = httpx2.Client(
             base_url=base_url,
@@ -364,7 +364,7 @@ class Link:
         """Turn what the transport raises into what users are promised."""
         if self._http.is_closed:
             problem = f"This client of {self.base_url} is closed, maybe with its service."
-            raise ServiceUnreachable(problem, "Make another one.")
+            raise ServiceUnreachable(problem, "Create a new client.")
         try:
             yield
         except httpx2.HTTPStatusError as error:
@@ -379,7 +379,7 @@ def read_refusal(response: httpx2.Response) -> EigenfailError:
         return make_error(msgspec.json.decode(response.content, type=Problem))
     except msgspec.DecodeError:
         status = response.status_code
-        detail = f"{response.url} answered with status {status} and no reason."
+        detail = f"{response.url} answered with status {status} without an error description."
         remedy = "Make sure that an eigenfail service of this version listens there."
         untold = Problem(type=UNTYPED, title="", status=status, detail=detail, remedy=remedy)
         return make_error(untold)
@@ -401,7 +401,7 @@ def _refuse_zeromq(request: httpx2.Request) -> None:
                 connection.settimeout(FIRST_BYTE_S)
                 if connection.recv(1, MSG_PEEK) == ZEROMQ_GREETING:
                     raise ServiceUnreachable(
-                        f"What listens at {request.url.netloc.decode()} speaks ZeroMQ, as a hub "
+                        f"The server at {request.url.netloc.decode()} speaks ZeroMQ, as a hub "
                         "does to workers.",
                         "Give the address of the service itself, http://…; `eigenfail up` prints "
                         "both.",

@@ -100,7 +100,7 @@ def check_baseline(
     """
     if not found:
         members = ", ".join(member.name for member in suite.members[:5])
-        problem = f"'{baseline}' holds none of the members of {suite.name} ({members})."
+        problem = f"'{baseline}' contains no members of {suite.name} ({members})."
         raise InvalidValue("baseline", problem, WAYS_TO_NAME)
     for member in suite.members:
         if before := found.get(member.name):
@@ -132,7 +132,7 @@ def check_done(before: Campaign) -> None:
     """Raises Conflict if a baseline's campaign says nothing yet, or nothing at all."""
     if before.state is not CampaignState.DONE:
         problem = f"Campaign {before.id} of the baseline is {before.state}."
-        raise Conflict(problem, f"Let it end: eigenfail campaign show {before.id}")
+        raise Conflict(problem, f"Wait for it to end: eigenfail campaign show {before.id}")
     if not before.counts.completed:
         problem = f"Campaign {before.id} of the baseline completed no episode."
         raise Conflict(problem, f"See why: eigenfail episode list {before.id} --outcome errored")

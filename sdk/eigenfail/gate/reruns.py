@@ -128,7 +128,7 @@ def make_finding(
         pages: address of the service's pages.
     """
     if row is None:
-        return GateFinding(verdict=found, what=what, was=was, problem="It was never run.")
+        return GateFinding(verdict=found, what=what, was=was, problem="It was not run.")
     episode = f"{row.campaign}/{row.index}"
     return GateFinding(
         verdict=found,

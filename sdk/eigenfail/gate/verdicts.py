@@ -151,7 +151,7 @@ def find_change(before: Estimate | None, now: Estimate | None, comparison: Compa
 
 RATE_WORDS = {
     GateVerdict.NEW: "more than chance explains",
-    GateVerdict.STILL_FAILING: "no more and no less than chance explains",
+    GateVerdict.STILL_FAILING: "consistent with chance",
     GateVerdict.FIXED: "fewer than chance explains",
     GateVerdict.SAFE: "none on either side",
     GateVerdict.CANNOT_RUN: "and some episodes errored, which the baseline completed",
@@ -184,7 +184,7 @@ def describe_rates(
     was, counts = before.counts, now.counts
     shares = f"{counts.failures} of {counts.completed} fail, {was.failures} of {was.completed} did"
     if verdict is GateVerdict.NEW and not was.failures:
-        return f"{shares}: the baseline found none, so whatever is found is new."
+        return f"{shares}: the baseline had no failures, so every failure is new."
     if verdict is GateVerdict.SAFE and was.failures:
         interval = _describe_interval(comparison)
         return f"{shares}: none now, though no fewer than chance explains{interval}."

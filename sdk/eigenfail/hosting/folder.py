@@ -65,7 +65,7 @@ class DataFolder:
             if not _lock(lock):
                 raise ServiceError(
                     f"A service runs on {self.path} already{self.where()}.",
-                    "Use that one, stop it, or name another folder with --data.",
+                    "Use that service, stop it, or choose another folder with --data.",
                 )
             self.address_file.unlink(missing_ok=True)
             try:

@@ -75,8 +75,8 @@ def span_of(workers: int | None, least: int | None, most: int | None, idle_s: fl
         _refuse_half(least, idle_s)
         return _make_fixed(workers)
     if workers is not None:
-        problem = "is a number that stays, and --max-workers has it follow the work."
-        raise InvalidValue("--workers", problem, "Give one of them.")
+        problem = "sets a fixed number of workers and cannot be combined with --max-workers."
+        raise InvalidValue("--workers", problem, "Use only one of them.")
     return _make_scaled(least or 0, most, IDLE_S if idle_s is None else idle_s)
 
 
@@ -101,15 +101,15 @@ def _refuse_half(least: int | None, idle_s: float | None) -> None:
     """Raises InvalidValue if a bound of scaling is given, and nothing is to be scaled."""
     for option, given in (("--min-workers", least), ("--idle-s", idle_s)):
         if given is not None:
-            remedy = "Add --max-workers; --workers is a number that stays."
-            raise InvalidValue(option, "says how to scale, and nothing is scaled.", remedy)
+            remedy = "Add --max-workers; --workers sets a fixed number."
+            raise InvalidValue(option, "requires automatic scaling, which is off.", remedy)
 
 
 def refuse_scaling(least: int | None, most: int | None, idle_s: float | None) -> None:
     """Raise InvalidValue if workers are to scale, and this service starts none."""
     for option, given in (("--max-workers", most), ("--min-workers", least), ("--idle-s", idle_s)):
         if given is not None:
-            remedy = f"Leave {option} away, or have Ray start workers: --launcher ray."
+            remedy = f"Omit {option}, or let Ray start workers: --launcher ray."
             raise InvalidValue(option, "scales workers, and --launcher none starts none.", remedy)
 
 
@@ -258,7 +258,7 @@ def free_port(port: int) -> int:
         except OSError as error:
             raise PortTaken(
                 f"Port {port} on {HOST} cannot be used: {error.strerror}.",
-                "Stop what listens there, or choose another with --port.",
+                "Stop the process that uses it, or choose another port with --port.",
             ) from error
         return int(probe.getsockname()[1])
 
@@ -292,7 +292,7 @@ def wait_until_ready(parts: Sequence[ServicePart], port: int) -> Address:
             time.sleep(POLL_S)
     raise ServiceError(
         f"The service was not ready after {READY_WITHIN_S:.0f} s.",
-        f"Look into {controller.log} and {services.log}.",
+        f"Check {controller.log} and {services.log}.",
     )
 
 
@@ -322,7 +322,7 @@ def register_planners(folder: Path, planners: Mapping[str, str]) -> tuple[Path, 
     for name, place in planners.items():
         if not name.isidentifier() or name in plugins.names(plugins.PLANNERS):
             remedy = "Choose another name, of letters, digits and underscores."
-            raise InvalidValue("planners", f"'{name}' is no name, or is taken.", remedy)
+            raise InvalidValue("planners", f"'{name}' is not a valid name, or is in use.", remedy)
         plugins.load_class(place)
     listed = "\n".join(f"{name} = {place}" for name, place in planners.items())
     notes = folder / NAME

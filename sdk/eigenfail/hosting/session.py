@@ -69,7 +69,7 @@ class Local(AbstractContextManager[Client]):
             ServiceError: it runs already, a part is not installed, or did not come up.
         """
         if self._service is not None:
-            raise ServiceError(f"This service runs already, at {self.url}.", "Use its client.")
+            raise ServiceError(f"This service is already running at {self.url}.", "Use its client.")
         with ExitStack() as stack:
             data = self.data or self._temporary(stack)
             path = register_planners(data / "plugins", self._planners)
@@ -113,7 +113,7 @@ class Local(AbstractContextManager[Client]):
     def _running(self) -> LocalService:
         if self._service is None:
             raise ServiceError(
-                "This service does not run.", "Call its start(), or use it in a with block."
+                "This service is not running.", "Call start(), or use the object in a with block."
             )
         return self._service
 

@@ -78,7 +78,7 @@ LONGEST_LIFE_S = 10 * 366 * 86_400
 
 
 class Scope(StrEnum):
-    """What a key allows; each allows what stands before it, too."""
+    """Scope of a key; each scope includes the previous ones."""
 
     VIEWER = "viewer"
     RUNNER = "runner"
@@ -95,13 +95,13 @@ class ApiKey(msgspec.Struct, frozen=True):
 
     Attributes:
         id: number of the key, the first part of what its holder sends.
-        name: who or what it is for.
+        name: user or program that the key is for.
         scope: what it allows: viewer reads, runner also starts and steers, admin does everything.
         created_ms: when it was made, in milliseconds since 1970.
-        expires_ms: from when on it is not valid any more; null if it does not end by itself.
+        expires_ms: time of expiry; null if the key does not expire.
         revoked_ms: when it was revoked.
         last_used_ms: when it was last used, to the minute.
-        quotas: how much may be done with it.
+        quotas: quotas of the key.
     """
 
     id: int
@@ -126,13 +126,13 @@ class KeyRecord(msgspec.Struct, frozen=True):
 
 
 class KeyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a new key is to be.
+    """Settings of a new key.
 
     Attributes:
-        name: who or what it is for.
+        name: user or program that the key is for.
         scope: what it allows: viewer, runner or admin.
-        expires_s: for how long it is valid [s]; null: until it is revoked.
-        quotas: how much may be done with it.
+        expires_s: lifetime [s]; null: valid until revoked.
+        quotas: quotas of the key.
     """
 
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=100, pattern=r"^\S(.*\S)?$")]
@@ -142,7 +142,7 @@ class KeyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class NewKey(msgspec.Struct, frozen=True):
-    """A key that was just made.
+    """A newly created key with its secret.
 
     Attributes:
         key: the stored key; the secret itself is not stored.

@@ -32,7 +32,7 @@ class Diversity(msgspec.Struct, frozen=True, kw_only=True):
         spread: how much the failures differ: root mean square over steps and axes of the standard
             deviation of z between failures; 1 for noise of p(x), None of a single failure. [sigma]
         coverage: how many of the modes had been seen after each tenth of the campaign's episodes.
-        verdict: what all of it says.
+        verdict: summary in one sentence.
         warning: that the modes have collapsed, and what to try; empty otherwise.
     """
 
@@ -165,7 +165,7 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         clusters: number of failure modes; None chooses 2 to 8 by silhouette. `hdbscan` finds the
             number itself and takes none.
         axes: of the noise that is analysed: both together, or one apart.
-        clusterer: what finds the modes.
+        clusterer: clustering algorithm.
         campaigns: further ones, whose failures are analysed with those of the first.
         bootstrap: how often the failures are drawn again to see whether the modes come back; 0
             leaves it out.
@@ -181,7 +181,7 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class AnalysisState(StrEnum):
-    """Where an analysis job is."""
+    """State of an analysis."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -310,7 +310,7 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
 
 
 class Analysis(Brief, Shown, Tabular, msgspec.Struct, frozen=True, eq=False):
-    """An analysis as it stands.
+    """Current state of an analysis.
 
     Attributes:
         problem: why it failed, with the remedy; empty otherwise.

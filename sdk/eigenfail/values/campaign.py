@@ -32,8 +32,8 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
             episodes are drawn from one distribution.
         cv: the coefficient of variation of the failure probability, or of its lower bound, fell to
             this, for methods that estimate one.
-        wall_s: it was running for so long; pauses do not count.
-        cost_usd: its instances cost so much.
+        wall_s: maximum running time, without pauses.
+        cost_usd: maximum cost of its instances.
     """
 
     failures: Annotated[int, Meta(ge=1, le=10_000_000)] | None = None
@@ -81,7 +81,7 @@ HEAD_STARTS_MS: Mapping[Priority, int] = {
 
 
 class PriorityChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a campaign's priority is to be from now on."""
+    """New priority of a campaign."""
 
     priority: Priority
 
@@ -123,11 +123,11 @@ class SpecField(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a user asks for.
+    """Specification of a campaign as requested by the user.
 
     Attributes:
         episodes: the budget; every simulated episode counts.
-        stop: what ends it before that.
+        stop: stop rules, which may end the campaign before its budget is spent.
         price_usd_per_hour: of one instance.
         instances: how many instances the campaign occupies while it runs.
         scene_every: besides all collisions, keep the scene of every n-th episode.
@@ -138,10 +138,10 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     name: Annotated[
         Name,
         SpecField(
-            help="What it is called in lists.", section=Section.CAMPAIGN, changes_episodes=False
+            help="Name of the campaign in lists.", section=Section.CAMPAIGN, changes_episodes=False
         ),
     ]
-    method: Annotated[Name, SpecField(help="How disturbances are chosen.")]
+    method: Annotated[Name, SpecField(help="Search method that chooses the disturbances.")]
     episodes: Annotated[
         int,
         msgspec.Meta(ge=1, le=MAX_EPISODES),
@@ -382,7 +382,7 @@ class RunPart(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
-    """A campaign as it stands.
+    """Current state of a campaign.
 
     Attributes:
         stopped_because: why it is in its final state, or why the service paused it, in words; empty

@@ -126,8 +126,8 @@ class Comparison(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
         unpaired_because: why not, in words; empty where they are.
         effect: None with fewer than two campaigns on a side.
         distinctions: in what the sides differ.
-        sentences: what all of it says.
-        warnings: what keeps it from saying more.
+        sentences: summary of the comparison, one sentence per finding.
+        warnings: limitations of the result.
     """
 
     a: Side
@@ -198,7 +198,7 @@ class MethodCost(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PeerCosts(msgspec.Struct, frozen=True, kw_only=True):
-    """What a failure cost among some peers, method by method.
+    """Cost per failure by method among comparable campaigns.
 
     Attributes:
         methods: Monte Carlo first, then the cheapest first.
@@ -276,7 +276,7 @@ class Region(msgspec.Struct, frozen=True, kw_only=True):
         p_value: probability of this many failures in the boxes by chance (Fisher's exact test,
             one-sided); None where there are none to test.
         problem: why there is no region, and what to do; empty otherwise.
-        warnings: what keeps it from saying more.
+        warnings: limitations of the result.
     """
 
     campaigns: tuple[int, ...]

@@ -57,13 +57,13 @@ class Arrival(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Presence(Arrival, frozen=True, kw_only=True):
-    """A worker, from its arrival until it left.
+    """Connection period of a worker.
 
     Attributes:
         id: number of the arrival.
         arrived_ms: when it came; milliseconds since 1970.
         heard_ms: when its hub last said that it is there, which it does every few seconds.
-        left_ms: when it left or was given up; null as long as neither is known.
+        left_ms: time at which the worker left or was given up; null as long as neither is known.
     """
 
     id: int
@@ -76,7 +76,7 @@ class Staffing(msgspec.Struct, frozen=True, kw_only=True):
     """How many workers there are, and what the services said last of those that they start.
 
     Attributes:
-        workers: that are connected now, at work or not.
+        workers: number of connected workers, idle or busy.
         said: such as that workers were asked of Ray and none was placed yet; empty if nothing.
         said_ms: when that was; milliseconds since 1970.
         stranded: what was said of each campaign that no connected worker can run.
@@ -89,7 +89,7 @@ class Staffing(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class WorkerShare(msgspec.Struct, frozen=True, kw_only=True):
-    """What one worker did for one campaign.
+    """Results of one worker for one campaign.
 
     Attributes:
         worker: its name, as registered with the hub.
@@ -178,7 +178,7 @@ DRAWN_AGAIN: Final = "prior"
 
 
 class Retention(msgspec.Struct, frozen=True):
-    """What stays of a campaign: its rows, all failures, and of the others every so-manyth.
+    """What stays of a campaign: its rows, all failures, and every N-th other episode.
 
     Attributes:
         keep_every: of the indices; an episode whose index is a multiple keeps noise and scene.

@@ -21,7 +21,7 @@ class ReplayedNoise(msgspec.Struct, frozen=True, kw_only=True):
     """One noise trajectory, injected again.
 
     Attributes:
-        what: which of its mode's two it is.
+        what: kind of noise: eigenfailure or medoid.
         mode: position in `AnalysisResult.modes`, from 0.
         campaign: the replay's; with `index` its episode.
         outcome: None while it is not in.
@@ -50,7 +50,7 @@ class ReplayedNoise(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Reproduction(msgspec.Struct, frozen=True):
-    """How many of some replays failed again.
+    """Share of replays that failed again.
 
     Attributes:
         rate: failed again ÷ tried, with Wilson's interval; None before the first result. A replay
@@ -115,7 +115,7 @@ class ProvenMode(msgspec.Struct, frozen=True):
 
 
 class Proof(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
-    """How far replays bear an analysis out, with the results that are in.
+    """Proof of an analysis by replay, with the results so far.
 
     Attributes:
         done: whether there are replays, and all have ended.

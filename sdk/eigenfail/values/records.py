@@ -18,7 +18,7 @@ PEAK_BRAKING_MPS2 = 7.0
 
 
 class ConflictClass(StrEnum):
-    """How dangerous an episode was, and whose failure a collision is.
+    """Conflict class of an episode.
 
     `unavoidable`: a collision that peak braking could not avoid once it showed, or that never
     showed before the contact. `planner_failure`: a collision that was not shown to be

@@ -24,8 +24,8 @@ class ReportColumn(msgspec.Struct, frozen=True):
     """A column of a table.
 
     Attributes:
-        name: in CSV and in code; one of its kind in the table.
-        title: what people read.
+        name: name in CSV and in code; unique within the table.
+        title: column heading.
         unit: empty where there is none; a "share" is of one.
     """
 
@@ -38,7 +38,7 @@ class ReportTable(msgspec.Struct, frozen=True, kw_only=True):
     """Numbers of a report.
 
     Attributes:
-        name: one of its kind in the report; its CSV file is called so.
+        name: unique name within the report; also the name of its CSV file.
         rows: a cell for each column.
         note: what the table leaves out; empty if nothing.
     """
@@ -54,10 +54,10 @@ class ReportPicture(msgspec.Struct, frozen=True, kw_only=True):
     """A picture of a report, in words.
 
     Attributes:
-        name: one of its kind in the report; its SVG file is called so.
+        name: unique name within the report; also the name of its SVG file.
         alternative: description of the picture for readers who cannot see it.
-        table: which holds its numbers.
-        campaigns: whose rows of that table it shows.
+        table: name of the table with the plotted values.
+        campaigns: ids of the campaigns that it shows.
         note: what it leaves out; empty if nothing.
     """
 
@@ -88,9 +88,9 @@ class Report(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         made_ms: when; the only thing that differs between two reports on the same results.
-        command: what makes it again.
-        warnings: what keeps its figures from saying more.
-        campaigns: all that was asked for, and what became of it.
+        command: command that regenerates the report.
+        warnings: limitations of the figures.
+        campaigns: settings and results of each campaign in the report.
     """
 
     title: str
@@ -115,7 +115,7 @@ class ExportFormat(StrEnum):
 
 
 class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a file is to hold; see docs/episodes.md.
+    """Contents of an export; see docs/episodes.md.
 
     Attributes:
         filter: conditions on its episodes.
@@ -131,7 +131,7 @@ class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ExportState(StrEnum):
-    """How far a file is."""
+    """Progress of an export."""
 
     RUNNING = "running"
     DONE = "done"
@@ -142,7 +142,7 @@ class Export(msgspec.Struct, frozen=True, kw_only=True):
     """A Parquet file of episodes.
 
     Attributes:
-        id: what it is asked for by.
+        id: identifier of the export.
         rows: how many episodes are written so far.
         size_bytes: of the file; None until it is done.
         problem: why it failed; empty unless it did.

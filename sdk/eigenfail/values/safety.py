@@ -72,7 +72,7 @@ class Violations(msgspec.Struct, frozen=True, kw_only=True):
     """A measure over the completed episodes that have one; a row of the paper's table.
 
     Attributes:
-        threshold: beyond it lies danger: below it for MinTTC, above it for DRAC.
+        threshold: limit of a violation: values below it for MinTTC, above it for DRAC.
         beyond: episodes beyond it ÷ completed episodes; None before the first one.
         n: how many episodes have the measure; median and worst are over these.
         worst: the smallest MinTTC, or the largest DRAC.

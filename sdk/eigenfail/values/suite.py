@@ -40,8 +40,8 @@ class SuiteStanding(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         newest: id of its newest campaign.
-        campaigns: how many campaigns have its name, those of earlier runs included.
-        states: how many of them are in each state that any is in.
+        campaigns: number of campaigns of the suite, including earlier runs.
+        states: number of campaigns by state.
         planned: episodes of all of them; `completed` likewise.
         failures: collisions among the completed ones.
         errored: how many of the campaigns that are done are errored: no episode was completed.
@@ -70,7 +70,7 @@ class SuiteRow(msgspec.Struct, frozen=True, kw_only=True):
     """A member of a suite and its newest campaign.
 
     Attributes:
-        member: what it is called in the suite.
+        member: name of the member in the suite.
         settings: what it has in the columns of its table; what it leaves to the default is absent.
     """
 
@@ -89,7 +89,7 @@ class SuiteTable(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
         columns: the fields of a campaign in which members differ, by their last word where that
             tells them apart, else by their whole path.
         members: in the order in which they were first created.
-        earlier: campaigns that a newer one of the same name stands for.
+        earlier: number of earlier campaigns that are replaced by a newer one of the same name.
         left_out: members beyond the most that a table holds, the oldest ones.
     """
 

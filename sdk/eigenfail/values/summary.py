@@ -19,7 +19,7 @@ class Conflicts(msgspec.Struct, frozen=True):
 
     Attributes:
         unavoidable: collisions that braking could not avoid once they showed.
-        planner_failures: collisions that it could.
+        planner_failures: collisions that braking could have avoided.
         unclassified: collisions of which too little was measured to class them.
         near_misses: MinTTC < 1.5 s without a collision.
         ttc_lead: from the first violation of MinTTC to the collision.
@@ -300,7 +300,7 @@ class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CampaignCost(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
-    """What a campaign cost, and what that bought.
+    """Cost of a campaign, with the failures and modes found.
 
     Attributes:
         price_usd_per_hour: of one instance.

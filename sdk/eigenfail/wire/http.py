@@ -215,7 +215,7 @@ def decode(data: bytes, kind: type[Kind]) -> Kind:
         return msgspec.json.decode(data, type=kind, dec_hook=decode_array)
     except (msgspec.DecodeError, RecursionError, ValueError) as error:
         raise ProtocolError(
-            f"The answer is not what was asked for: {error}.",
+            f"The response has an unexpected format: {error}.",
             "Use one version of eigenfail on both sides.",
         ) from error
 

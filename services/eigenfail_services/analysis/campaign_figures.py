@@ -154,7 +154,7 @@ def price_campaign(
     return Cost(total_usd, hours, total_usd / failures, interval_usd, at_least_usd)
 
 
-NOT_MEASURED = "An older release ran it, which did not measure what the time went into."
+NOT_MEASURED = "It was run by an older release that did not record the time breakdown."
 
 
 BY_CLOCK = (

@@ -163,7 +163,7 @@ def _count_weaker(count: int) -> str:
 def _describe_axis(axis: int, noise: Floats, found: Sequence[Push], clock: Clock) -> str:
     """Return the description of the noise along one axis."""
     if not noise.any():
-        return f"{AXES[axis]} noise plays no part"
+        return f"{AXES[axis]} noise has no effect"
     if not found:
         return f"{AXES[axis]} noise stays within {_format_bound(noise)} sigma"
     in_time = sorted(found, key=lambda push: push.first)

@@ -260,7 +260,7 @@ def run_analysis(store: Store, analysis_id: int) -> None:
     except InputError as error:
         store.analyses.fail(analysis_id, read_text(error))
     except Exception as error:
-        problem = f"The analysis broke off with {describe_error(error)}."
+        problem = f"The analysis failed with {describe_error(error)}."
         store.analyses.fail(analysis_id, f"{problem} {LOOK}")
         raise
 

@@ -114,8 +114,8 @@ def _list_confounders(differing: Sequence[str]) -> Iterator[str]:
     """
     if len(differing) > 1:
         yield (
-            f"A and B differ in more than one thing ({', '.join(differing)}): what is found cannot "
-            "be laid to one of them alone."
+            f"A and B differ in more than one thing ({', '.join(differing)}): a difference cannot "
+            "be attributed to one of them alone."
         )
     if not differing:
         yield "A and B were asked for the same thing: only their seeds can differ."
@@ -138,7 +138,7 @@ def warn_of_seeds(campaigns: Sequence[Campaign]) -> Iterator[str]:
     if learning:
         yield (
             f"Episodes of {' and '.join(learning)} depend on what was learnt: intervals know "
-            "the luck of the episodes, not that of the training seed. Compare several seeds."
+            "variation between episodes, not between training seeds. Compare several seeds."
         )
 
 
@@ -248,7 +248,7 @@ def _refuse_repeats(a: Sequence[int], b: Sequence[int]) -> None:
         if named.count(campaign) > 1:
             raise InvalidValue(
                 "campaigns",
-                f"{campaign} is named twice.",
+                f"Campaign {campaign} is listed twice.",
                 "Name each campaign once, on one side.",
             )
 
@@ -329,7 +329,7 @@ def pick_campaigns(ids: Sequence[int], store: Store) -> tuple[Campaign, ...]:
     different = tuple(dict.fromkeys(ids))
     if len(different) > MOST:
         problem = f"{len(different)} campaigns are named; {FEWEST} to {MOST} can be compared."
-        raise InvalidValue("campaign", problem, "Leave some of them out.")
+        raise InvalidValue("campaign", problem, "Specify fewer campaigns.")
     return tuple(map(store.campaigns.get, different))
 
 

@@ -121,7 +121,7 @@ POOLED = (
     "are those of the pooled failure rate. Campaigns of one method may differ in its settings."
 )
 LEFT_OUT = "Replays, shrunk failures and evaluated policies are left out: they find nothing new."
-NO_BASELINE = "There is no Monte Carlo campaign to hold these against."
+NO_BASELINE = "There is no Monte Carlo campaign to compare with."
 AT_LEAST = (
     "Monte Carlo has found no failure: its figure is the least that one can cost there (95 %)."
 )

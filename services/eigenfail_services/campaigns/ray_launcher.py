@@ -194,7 +194,7 @@ class RayLauncher:
             self._pause_s = FIRST_PAUSE_S
         self._link, self._standing, self._placement = None, None, PlacementNotices()
         if not self._was_lost:
-            what = "It is connected to anew." if self._cluster else "Another one is started."
+            what = "The services reconnect to it." if self._cluster else "Another is started."
             self._say(LOST, f"Ray is lost. {lost.problem} {what} What its workers ran runs again.")
         self._was_lost = True
         self._again_s = self._clock() + self._pause_s

@@ -185,7 +185,7 @@ def _list_caveats(campaigns: Sequence[Campaign], episodes: int) -> Iterator[str]
     learning = list_unpairable(campaigns)
     if learning and len(campaigns) > 1:
         yield (
-            f"Campaigns of {' and '.join(learning)} also differ by the luck of what each learnt, "
+            f"Campaigns of {' and '.join(learning)} also vary between training runs, "
             "of which the p-value knows nothing."
         )
     completed = sum(campaign.counts.completed for campaign in campaigns)

@@ -244,7 +244,7 @@ def _read_last_state(before: Campaign, field: str, store: "Store") -> bytes:
     except ProtocolError as error:
         raise InvalidValue(field, f"campaign {before.id}: {error.problem}", error.remedy) from error
     problem = f"campaign {before.id} ended before its first round and has no checkpoint."
-    raise InvalidValue(field, problem, "Start one like it anew, and name that.")
+    raise InvalidValue(field, problem, "Launch a copy of it, and use its id.")
 
 
 def leave_out_births(method: str, settings: Mapping[str, Any]) -> dict[str, Any]:

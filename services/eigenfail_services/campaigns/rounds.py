@@ -141,7 +141,7 @@ def read_checkpoint(data: bytes) -> Checkpoint:
         checkpoint = _decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ProtocolError(
-            f"The campaign's checkpoint cannot be read: {error}.", "Start the campaign anew."
+            f"The campaign's checkpoint cannot be read: {error}.", "Launch the campaign again."
         ) from error
     if not 1 <= checkpoint.format <= FORMAT:
         raise ProtocolError(

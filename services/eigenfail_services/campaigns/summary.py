@@ -281,7 +281,7 @@ def find_worker(store: Store, campaign: int, index: int) -> Presence:
     if row is None or row.index != index:
         raise make_episode_error(campaign, index)
     if (found := store.roster.last(row.worker, row.finished_ms)) is None:
-        problem = f"Nothing is known of the worker '{row.worker}' of episode {campaign}/{index}."
+        problem = f"No record exists of the worker '{row.worker}' of episode {campaign}/{index}."
         raise NotFound(problem, "Workers are written down when they connect to a hub.")
     return found
 

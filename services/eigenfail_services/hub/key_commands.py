@@ -89,7 +89,7 @@ def create(
     if made.new_hub:
         typer.echo(
             f"The hub had no key in {keys.path}: a new one was made there, {made.new_hub}. "
-            "Workers of another hub do not get in with theirs.",
+            "Workers with keys for another hub are refused.",
             err=True,
         )
     typer.echo(to_json(made.worker) if as_json else _describe_new_key(made.worker, written))
@@ -164,7 +164,7 @@ def revoke(
     with _opened(data, folder) as keys:
         revoked = keys.revoke(name)
     _note(data, folder, "DELETE", "/worker-keys/{name}", f"/worker-keys/{name}", DONE)
-    words = f"Key {revoked.key} of '{name}' is revoked; who works with it is cut off."
+    words = f"Key {revoked.key} of '{name}' is revoked; workers that use it are disconnected."
     typer.echo(to_json(revoked) if as_json else words)
 
 
@@ -220,7 +220,7 @@ def _end_of(life: str | None) -> int | None:
 def _describe_new_key(made: AllowedWorker, written: Path) -> str:
     until = "" if made.until_ms is None else f", until {format_utc(made.until_ms)}"
     return (
-        f"Key {made.key} for '{made.name}' is in {written}{until}. Carry that file to the worker's "
+        f"Key {made.key} for '{made.name}' is in {written}{until}. Copy this file to the worker's "
         "machine, then there:\n\n"
         f"eigenfail worker --connect tcp://HOST:PORT --key-file {written.name}"
     )

@@ -36,7 +36,7 @@ KEY_VARIABLE = "EIGENFAIL_LEARNER_KEY"
 """Environment variable with the hub's public key, which no other user of the machine can read."""
 
 DIVERGENCE_REMEDY = (
-    "Lower the method's learning rate, if it has one, and start a campaign like it anew; of a "
+    "Lower the method's learning rate, if it has one, and launch a copy of the campaign; of a "
     "method of your own, let it raise LearnerDiverged where that happens."
 )
 
@@ -81,7 +81,7 @@ def describe_exit(status: int) -> LearnerFailure:
     return LearnerFailure(
         FailureKind.DIED,
         f"The learner process died with exit status {status}.",
-        "Its log says why, and memory is the usual reason; start a campaign like it anew.",
+        "Its log says why, and memory is the usual reason; launch a copy of the campaign.",
     )
 
 
@@ -91,7 +91,7 @@ def describe_timeout(limit_s: float) -> LearnerFailure:
         FailureKind.HUNG,
         f"The learner took more than {limit_s:g} s over one step, and was killed.",
         "If its settings ask for so much training, start the services with a larger "
-        "--learner-limit; else correct the method. Then start a campaign like it anew.",
+        "--learner-limit; else correct the method. Then launch a copy of the campaign.",
     )
 
 
@@ -120,7 +120,7 @@ class LearnerRestarts:
         is_tolerated = self._counts[failure.kind] + 1 < MAX_FAILURES[failure.kind]
         if is_tolerated and times < max(MAX_FAILURES.values()):
             return ""
-        again = f"The learner was lost {times} times in a row, from one checkpoint."
+        again = f"The learner failed {times} times in a row from the same checkpoint."
         return f"{failure.problem} {again} {failure.remedy}".strip()
 
 

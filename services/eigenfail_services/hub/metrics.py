@@ -98,8 +98,8 @@ class Metrics(Collector):
         self.status = HubStatus()
         self.registry = registry or CollectorRegistry()
         self.results = self._counter("results", "Results that were judged", "verdict")
-        self.workers_lost = self._counter("workers_lost", "Workers that fell silent")
-        self.leases_expired = self._counter("leases_expired", "Leases of workers that fell silent")
+        self.workers_lost = self._counter("workers_lost", "Workers lost after missed heartbeats")
+        self.leases_expired = self._counter("leases_expired", "Leases lost after missed heartbeats")
         self.learners_lost = self._counter("learners_lost", "Learners that were lost", "kind")
         self.commit_s = self._histogram("commit_seconds", "Transactions of results", SHORT_S)
         self.result_s = self._histogram(

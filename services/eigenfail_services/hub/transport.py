@@ -106,7 +106,7 @@ class AuthenticatedRouter(zmq.Socket[bytes]):
             return [frame.bytes for frame in frames]
         if sender not in self.cut_off:
             self.cut_off.add(sender)
-            log.warning("worker cut off", key=key[:KEY_DIGITS])
+            log.warning("worker disconnected", key=key[:KEY_DIGITS])
         return [sender, CUT_OFF]
 
     def send_multipart(self, parts: Sequence[bytes], flags: int = 0, **_: Any) -> None:  # type: ignore[override]

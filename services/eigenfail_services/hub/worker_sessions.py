@@ -246,7 +246,7 @@ class WorkerSessions:
             self._leases.retire(worker)
         for worker in draining.pop_ready(leaving, sessions, time.monotonic()):
             log.info("worker dismissed", worker=sessions[worker].name)
-            self._send(worker, Goodbye("It is not needed any more."))
+            self._send(worker, Goodbye("The worker is no longer needed."))
 
     def acknowledge(self, judged: Iterable[JudgedResult]) -> None:
         """Acknowledge the judged results to their workers: one message for each campaign."""

@@ -89,7 +89,7 @@ def wrap_errors(kind: str) -> Iterator[None]:
     except (ValueError, KeyError, TypeError, RuntimeError) as error:
         raise ProtocolError(
             f"These bytes are not a state of {kind} version {VERSION}: {error}.",
-            "Restore with the method and settings that made them, or start the campaign anew.",
+            "Restore with the method and settings that made them, or launch the campaign again.",
         ) from error
 
 

@@ -41,7 +41,7 @@ def wrap_memory_errors() -> Iterator[None]:
         raise LearnerDiverged(
             f"The learner ran out of memory on its device: {reason}",
             "Set device to cpu, or lower batch_size or width, or end what else uses the GPU; then "
-            "start a campaign like it anew.",
+            "launch a copy of the campaign.",
         ) from error
 
 

@@ -327,7 +327,7 @@ MINIMAL_COLUMNS = (
 
 
 MINIMAL_WORDS = (
-    "A failing noise trajectory with everything taken away that it does not need in order to fail. "
+    "A failing noise trajectory reduced to the noise that is necessary for the failure. "
     "Each step along one axis counts as one; energy is the sum of z²."
 )
 

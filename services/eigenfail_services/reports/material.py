@@ -85,7 +85,9 @@ def check(campaigns: Sequence[int]) -> None:
         raise InvalidValue("campaign", problem, f"Name 1 to {MOST_CAMPAIGNS}.")
     for campaign in campaigns:
         if campaigns.count(campaign) > 1:
-            raise InvalidValue("campaign", f"{campaign} is named twice.", "Name each one once.")
+            raise InvalidValue(
+                "campaign", f"Campaign {campaign} is listed twice.", "List each once."
+            )
 
 
 def make_subject(store: Store, campaign: int, place: int) -> Subject:

@@ -66,7 +66,7 @@ RESULTS_COLUMNS = (
     ("probability_n", "Episodes it rests on"),
     ("probability_by", "Found by"),
     ("probability_problem", "Why it is not given"),
-    ("probability_note", "What it cannot know"),
+    ("probability_note", "Limitations"),
     ("episodes_per_s", "Episodes per second", "1/s"),
     ("active_s", "Time running", "s"),
 )
@@ -74,7 +74,7 @@ RESULTS_COLUMNS = (
 
 HOW_TO_READ = (
     "A failure rate is the share of completed episodes with a collision within the horizon. "
-    "Intervals hold the true value in 95 % of all cases. Severity is ‖v_ego − v_actor‖² at the "
+    "Intervals are 95 % confidence intervals. Severity is ‖v_ego − v_actor‖² at the "
     "collision. log p is the log-density of the injected noise; per step it can be compared "
     "between episodes of different length, and higher is likelier. Cost is that of computing, not "
     "of collisions."

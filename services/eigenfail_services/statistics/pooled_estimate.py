@@ -99,7 +99,7 @@ FEW_SAMPLES = 2000
 """On each level; with no more, on a world with rare lineages, the truth was missed 300-fold."""
 
 MORE = "Give it more episodes."
-BLIND = "It knows nothing of a kind of failure of which no sample showed the beginning."
+BLIND = "It does not include failure types that no sample came near."
 
 
 def pool_simulations(found: Sequence[SubsetEstimate], samples: int) -> Estimate:
@@ -173,7 +173,7 @@ def estimate_unfinished(
 
 def _describe_depth(levels: Sequence[SubsetLevel]) -> str:
     if not levels:
-        return "There was no level to go down to."
+        return "No intermediate level was reached."
     return (
         f"Robustness falls to {levels[-1].threshold:.3g} m with a probability of about "
         f"{_multiply_shares(levels):.1e}; failures are rarer."

@@ -63,7 +63,7 @@ MAX_ATTEMPTS = 5
 
 DEAD_LETTER_REASON = (
     f"The process that worked on it was lost {MAX_ATTEMPTS} times in a row without progress. "
-    "The service's log says why; start it anew once that is put right."
+    "The service's log says why; launch it again after fixing the cause."
 )
 
 SUBJECTS: Mapping[JobKind, Table] = {JobKind.CAMPAIGN: campaigns, JobKind.ANALYSIS: analyses}

@@ -66,7 +66,7 @@ STORIES: Mapping[CampaignState, str] = {
 REASONS: Mapping[CampaignState, str] = {
     S.CANCELLED: "It was cancelled.",
     S.DONE: "It ran all the episodes that its method asked for.",
-    S.DEAD: "It could not go on.",
+    S.DEAD: "It could not continue.",
 }
 
 
@@ -81,7 +81,7 @@ def _check_move(source: CampaignState, target: CampaignState, who: str = "The ca
     allowed = ", ".join(sorted(MOVES[source]))
     raise IllegalTransition(
         f"{who} {STORIES[source]}: it cannot go from {source} to {target}.",
-        f"From {source} it can become: {allowed}." if allowed else "Start a campaign like it anew.",
+        f"From {source} it can become: {allowed}." if allowed else "Launch a copy of the campaign.",
     )
 
 
@@ -116,7 +116,7 @@ def set_priority(campaign: Campaign, priority: Priority) -> Campaign:
     """
     if campaign.state in FINAL_STATES:
         raise IllegalTransition(
-            f"Campaign {campaign.id} {STORIES[campaign.state]}: no priority can change that.",
+            f"Campaign {campaign.id} {STORIES[campaign.state]}: its priority cannot be changed.",
             "Only one that is queued, at work or paused can be given another priority.",
         )
     if campaign.spec.priority is priority:
@@ -151,7 +151,7 @@ def _end_campaign(campaign: Campaign, to: CampaignState, because: str, at_ms: in
 
 def make_campaign_error(campaign: int) -> NotFound:
     """Return the error that no campaign has the id."""
-    return NotFound(f"There is no campaign {campaign}.", "`eigenfail campaign list` lists them.")
+    return NotFound(f"Campaign {campaign} does not exist.", "`eigenfail campaign list` lists them.")
 
 
 def make_episode_error(campaign: int, index: int) -> NotFound:
@@ -194,12 +194,12 @@ def make_needed_error(campaign: int) -> Conflict:
 
 def make_analysis_error(analysis: int) -> NotFound:
     """Return the error that no analysis has the id."""
-    return NotFound(f"There is no analysis {analysis}.", "`eigenfail analyze` starts one.")
+    return NotFound(f"Analysis {analysis} does not exist.", "`eigenfail analyze` starts one.")
 
 
 def make_key_error(key: int) -> NotFound:
     """Return the error that no key has the id."""
-    return NotFound(f"There is no key {key}.", "`eigenfail key list` lists them.")
+    return NotFound(f"Key {key} does not exist.", "`eigenfail key list` lists them.")
 
 
 def claim_lost(claim: Job) -> ClaimLost:
@@ -216,7 +216,7 @@ def make_checkpoint_error(campaign: int) -> ProtocolError:
     return ProtocolError(
         f"The checkpoint of campaign {campaign} cannot be read: its SHA-256 does not match, and "
         "there is no older one that is whole.",
-        "Start the campaign anew.",
+        "Launch the campaign again.",
     )
 
 

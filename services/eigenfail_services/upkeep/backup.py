@@ -44,8 +44,8 @@ HAS_ROWS: Mapping[str, str] = {
 
 def _explain_no_backup(file: Path, why: str) -> InvalidValue:
     """Return the error for a file that is not a backup."""
-    remedy = "Name one that `eigenfail db backup` made from the same kind of database."
-    return InvalidValue("file", f"'{file}' is no backup of eigenfail: {why}.", remedy)
+    remedy = "Specify a file created by `eigenfail db backup` from the same type of database."
+    return InvalidValue("file", f"'{file}' is not an eigenfail backup: {why}.", remedy)
 
 
 def _explain_not_empty(database: str) -> Conflict:

@@ -152,7 +152,7 @@ def _check_counts(connection: Connection) -> Iterator[Defect]:
         yield Defect(
             f"campaign {found.id}",
             f"It counts {stored}, {found.cancelled} cancelled; its rows are {there}.",
-            f"Count anew: {REPAIR}." if mendable else f"More rows than planned. {RESTORE}",
+            f"Recount: {REPAIR}." if mendable else f"More rows than planned. {RESTORE}",
         )
 
 
@@ -191,7 +191,7 @@ def _check_jobs(connection: Connection) -> Iterator[Defect]:
             yield Defect(
                 f"job {found.id}",
                 f"It is for {kind} {found.subject}, which has ended or is no more.",
-                f"The next service takes it away; so does {REPAIR}.",
+                f"It is removed at the next start of a service, or by {REPAIR}.",
             )
 
 
@@ -240,7 +240,7 @@ def _check_checkpoints(connection: Connection) -> Iterator[Defect]:
         this = and_(checkpoints.c.campaign == campaign, checkpoints.c.number == number)
         found = connection.execute(whole.where(this)).one_or_none()
         if found and (problem := _describe_damage(found.state, found.sha256)):
-            remedy = "An older one is used if it is whole; else start the campaign anew."
+            remedy = "An older one is used if it is intact; otherwise launch the campaign again."
             yield Defect(f"campaign {campaign}, checkpoint {number}", problem, remedy)
 
 
@@ -285,7 +285,7 @@ def repair_database(database: Database) -> tuple[str, ...]:
     with database.writing() as connection:
         done = (*_recount_campaigns(connection), *_delete_jobs(connection))
         if done:
-            append_event(connection, EVENT, f"The database was mended. {' '.join(done)}")
+            append_event(connection, EVENT, f"The database was repaired. {' '.join(done)}")
     return done
 
 
@@ -305,7 +305,7 @@ def _recount_campaigns(connection: Connection) -> Iterator[str]:
         change = update(campaigns).where(campaigns.c.id == suspect)
         connection.execute(change.values(**count_columns(counts)))
         yield (
-            f"Campaign {suspect} was counted anew: {counts.completed} completed, "
+            f"Campaign {suspect} was recounted: {counts.completed} completed, "
             f"{counts.failed} failed, {counts.failures} failures, {counts.cancelled} cancelled."
         )
 
@@ -336,7 +336,7 @@ def _delete_jobs(connection: Connection) -> Iterator[str]:
     for kind in ENDED_STATES:
         removal = delete(jobs).where(_is_left_over(kind)).returning(jobs.c.id, jobs.c.subject)
         for job, subject in connection.execute(removal):
-            yield f"Job {job} for {kind} {subject} was taken away."
+            yield f"Job {job} for {kind} {subject} was removed."
 
 
 FINE = "ok"

@@ -186,7 +186,7 @@ def test_what_never_ends_is_not_waited_for(examine, monkeypatch):
     monkeypatch.setattr(plugin_checks, "PATIENCE_S", 0.1)
     code, checks = examine(Endless)
     assert code == 1
-    assert said(checks) == {"leaves its process alone": "It did not come to an end within 0.1 s."}
+    assert said(checks) == {"leaves its process alone": "It did not finish within 0.1 s."}
     assert len(said(checks, "skipped")) == len(PLANNER_CHECKS) - 1
 
 

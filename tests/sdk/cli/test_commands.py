@@ -263,7 +263,7 @@ def test_a_replay_that_differs_exits_with_1(eigenfail, done, monkeypatch):
     monkeypatch.setattr(replays, "load_engine", lambda: lambda setup: Shifted(load()(setup)))
     replayed = eigenfail("episode", "replay", f"{done}/3")
     assert replayed.exit_code == 1
-    assert "DIFFERENT: the versions that it was run with are not known" in replayed.stdout
+    assert "DIFFERENT: the versions of the original run are not known" in replayed.stdout
 
 
 @pytest.mark.parametrize(
@@ -458,10 +458,16 @@ ASKED = "4 workers asked of Ray, none placed yet."
 @pytest.mark.parametrize(
     ("here", "states", "said", "found", "wrong"),
     [
-        ((), (), "", "none is connected", False),
-        ((), ("queued",), "", "none is connected, and campaigns wait", True),
-        ((), ("running",), "", "none is connected, and campaigns wait", True),
-        ((), ("running",), ASKED, f"none is connected, and campaigns wait. {ASKED}", True),
+        ((), (), "", "no workers are connected", False),
+        ((), ("queued",), "", "no workers are connected, and campaigns are waiting", True),
+        ((), ("running",), "", "no workers are connected, and campaigns are waiting", True),
+        (
+            (),
+            ("running",),
+            ASKED,
+            f"no workers are connected, and campaigns are waiting. {ASKED}",
+            True,
+        ),
         ((there("1.0.0"),), ("running",), ASKED, "1 connected", False),
         (
             (there("1.0.0"), there("1.0.1"), there("1.0.0")),

@@ -61,7 +61,7 @@ def test_what_is_wrong_is_said_with_the_way_out_and_mended_if_asked(eigenfail, t
 
     mended = eigenfail("db", "verify", "--data", tmp_path, "--repair")
     assert mended.exit_code == 0
-    assert mended.stdout.startswith("Campaign 1 was counted anew: 2 completed")
+    assert mended.stdout.startswith("Campaign 1 was recounted: 2 completed")
     found = json.loads(eigenfail("db", "verify", "--data", tmp_path, "--json").stdout)
     assert [check["defects"] for check in found["checks"]] == [0] * len(found["checks"])
 

@@ -63,7 +63,7 @@ def test_accounts_are_checked_and_mended_if_asked(doctor, folder):
     assert "--repair mends" in found["database"]["remedy"]
     code, found = doctor("--repair")
     assert (code, wrong(found)) == (0, set())
-    assert found["database: mended"]["found"].startswith("Campaign 1 was counted anew: 4 completed")
+    assert found["database: repaired"]["found"].startswith("Campaign 1 was recounted: 4 completed")
     assert doctor()[0] == 0
 
 

@@ -136,8 +136,8 @@ def tell(accounts, ended=None, accelerations=None):
 
 
 def test_a_plain_drive_is_told_in_one_sentence():
-    assert tell([{}] * 3) == ["No collision: never nearer than 4.2 m."]
-    assert tell([]) == ["No collision: never nearer than 4.2 m."]
+    assert tell([{}] * 3) == ["No collision: smallest distance 4.2 m."]
+    assert tell([]) == ["No collision: smallest distance 4.2 m."]
 
 
 def test_a_loss_is_told_once():
@@ -186,5 +186,5 @@ def test_the_hardest_braking_and_a_broken_end_are_told():
     broken = result(Outcome.FAILED, fault=fault)
     assert tell([{}] * 3, broken, [-1.0, -4.5, -2.0]) == [
         "At 1.0 s it braked hardest: 4.50 m/s².",
-        "After 10 steps the episode could not go on: The planner raised KeyError.",
+        "After 10 steps the episode was aborted: The planner raised KeyError.",
     ]

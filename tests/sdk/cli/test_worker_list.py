@@ -22,7 +22,7 @@ def test_that_nobody_works_is_said_with_what_to_do(eigenfail):
     told = eigenfail("worker", "list", "--within-s", "90")
     assert told.exit_code == 0
     assert told.stdout.startswith(
-        "No worker is connected, and none brought a result in the last 90 s."
+        "No worker is connected, and no results arrived in the last 90 s."
     )
     assert json.loads(eigenfail("worker", "list", "--json").stdout) == []
 

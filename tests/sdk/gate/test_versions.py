@@ -56,7 +56,7 @@ def test_the_planner_may_differ_and_the_question_may_not(spec, suite, campaign, 
 
 def test_a_baseline_must_be_there_and_done(suite, campaign):
     check_baseline(suite, {"a": campaign(failures=1)}, "v1")
-    with pytest.raises(InvalidValue, match="'v1' holds none of the members of trio"):
+    with pytest.raises(InvalidValue, match="'v1' contains no members of trio"):
         check_baseline(suite, {}, "v1")
     with pytest.raises(Conflict, match="Campaign 1 of the baseline is paused"):
         check_baseline(suite, {"a": campaign(state=CampaignState.PAUSED)}, "v1")

@@ -54,7 +54,7 @@ def hand_made():
 def test_a_hand_made_push_is_told_as_it_is():
     assert describe_needed(hand_made(), Clock(STEPS, 0.1)) == (
         "Longitudinal +2.0 sigma (ahead), peak +2.9, during 3.2 … 1.1 s before the impact; "
-        "lateral noise plays no part."
+        "lateral noise has no effect."
     )
 
 
@@ -79,7 +79,7 @@ def test_no_noise_is_said_to_be_none():
     nothing = np.zeros((STEPS, 2), np.float32)
     assert describe_needed(nothing, IN_STEPS) == "It needs no noise at all."
     assert describe(nothing, IN_STEPS) == (
-        "Longitudinal noise plays no part; lateral noise plays no part."
+        "Longitudinal noise has no effect; lateral noise has no effect."
     )
 
 
@@ -98,7 +98,7 @@ def agrees(sentence, z, levels, most):
         part = next(p for p in sentence.lower().rstrip(".").split("; ") if p.startswith(name))
         noise = z[:, axis]
         strong = (noise != 0.0) & (np.abs(noise) >= levels[axis])
-        assert ("plays no part" in part) == (not noise.any())
+        assert ("has no effect" in part) == (not noise.any())
         if stays := re.search(r"stays within (\S+) sigma", part):
             assert np.abs(noise).max() <= float(stays[1]) < np.abs(noise).max() + 0.1 + 1e-6
             assert not strong.any()

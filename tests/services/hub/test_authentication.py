@@ -219,7 +219,7 @@ def test_who_is_in_is_cut_off_when_the_key_ends(tmp_path: Path, ended) -> None:
         assert hub.workers() == ["other"]
         stays.send(Hello(PROTOCOL, "other", 1))
         wait_for(stays, Welcome)
-    assert [line["event"] for line in told].count("worker cut off") == 1
+    assert [line["event"] for line in told].count("worker disconnected") == 1
 
 
 def test_a_key_that_is_let_in_again_opens_again(

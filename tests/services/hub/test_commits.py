@@ -82,7 +82,7 @@ def test_one_campaign_s_trouble_leaves_the_others_written_once(group, episodes) 
 
 def test_results_of_a_campaign_that_is_not_here_are_unwanted(group, episodes, monkeypatch) -> None:
     def nowhere(campaign, deliveries):
-        raise NotFound(f"There is no campaign {campaign}.")
+        raise NotFound(f"Campaign {campaign} does not exist.")
 
     group.add(b"w", "w", 7, result(0))
     monkeypatch.setattr(episodes, "commit", nowhere)

@@ -45,7 +45,7 @@ def moves_campaigns_of_the_holder_alone(store: Store) -> None:
     equal(store.campaigns.get(campaign.id), campaign, "The campaign")
     equal(store.events.last(), before, "The newest event")
     store.campaigns.move(campaign.id, CampaignState.PAUSING)
-    paused = store.campaigns.move(campaign.id, CampaignState.PAUSED, "A user asked for it.", new)
+    paused = store.campaigns.move(campaign.id, CampaignState.PAUSED, "Requested by a user.", new)
     equal(paused.state, CampaignState.PAUSED, "The state after the holder's move")
 
 

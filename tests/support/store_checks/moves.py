@@ -63,10 +63,10 @@ def moves_by_the_table(store: Store) -> None:
 def tells_of_moves(store: Store) -> None:
     """The event of a move names the campaign, the state and the reason."""
     campaign = running(store, name="first")
-    store.campaigns.move(campaign.id, S.PAUSING, "A user asked for it.")
+    store.campaigns.move(campaign.id, S.PAUSING, "Requested by a user.")
     event = store.events.after(0, 10)[-1]
     equal((event.kind, event.campaign), ("campaign.state", campaign.id), "The event")
-    expect("A user asked for it." in event.message, "The event does not say why.")
+    expect("Requested by a user." in event.message, "The event does not say why.")
     expect("first" in event.message, "The event does not name the campaign.")
 
 

@@ -225,7 +225,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
             return ""
         return (
             f"noise that is held for {self.hold} steps has no density under p(z), where every step "
-            "is drawn anew. Set hold = 1, or take method subset."
+            "is drawn independently. Set hold = 1, or take method subset."
         )
 
     def reach(self) -> str:

@@ -244,7 +244,7 @@ class FastTrainer:
         if not all(np.isfinite(part).all() for part in parts):
             raise LearnerDiverged(
                 "Soft actor-critic diverged: a weight became NaN or infinite.",
-                "Lower learning_rate, alpha or c_dist, and start the campaign anew.",
+                "Lower learning_rate, alpha or c_dist, and launch the campaign again.",
             )
 
     def step(self, batch: Decisions, eps: Floats, next_eps: Floats) -> None:

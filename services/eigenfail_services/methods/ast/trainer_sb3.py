@@ -184,5 +184,5 @@ def _layer(linear: torch.nn.Linear) -> Layer:
 def _make_divergence() -> LearnerDiverged:
     return LearnerDiverged(
         "Soft actor-critic diverged: a weight became NaN or infinite.",
-        "Lower learning_rate, alpha or c_dist, and start the campaign anew.",
+        "Lower learning_rate, alpha or c_dist, and launch the campaign again.",
     )

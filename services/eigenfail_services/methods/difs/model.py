@@ -256,7 +256,7 @@ class DiffusionModel:
         if not tensors.all_finite(chain(self._average.parameters(), self._average.buffers())):
             raise LearnerDiverged(
                 "The diffusion model diverged: a weight became NaN or infinite.",
-                "Lower learning_rate and start the campaign anew.",
+                "Lower learning_rate and launch the campaign again.",
             )
 
     @tensors.wrap_memory_errors()
@@ -385,7 +385,7 @@ def _check_finite(samples: NDArray[np.float32]) -> NDArray[np.float32]:
     if not np.isfinite(samples).all():
         raise LearnerDiverged(
             "The diffusion model sampled numbers that are not finite.",
-            "Lower learning_rate or guidance and start the campaign anew.",
+            "Lower learning_rate or guidance and launch the campaign again.",
         )
     return samples
 
@@ -406,6 +406,6 @@ def _device(name: str) -> torch.device:
             "settings.device",
             "cuda is asked for, and torch finds no GPU where the learner runs.",
             "Set device to auto or cpu, or run the services with a torch for CUDA on a machine "
-            "with a GPU and its driver; then start a campaign like it anew.",
+            "with a GPU and its driver; then launch a copy of the campaign.",
         )
     return torch.device(available if name == "auto" else name)

@@ -44,7 +44,7 @@ def test_members_that_the_baseline_lacks_are_told_and_not_judged(eigenfail, base
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--baseline", "v0"), "'v0' holds none of the members of trio"),
+        (("--baseline", "v0"), "'v0' contains no members of trio"),
         (("--baseline", "99"), "There is no campaign 99"),
         (("--baseline", ""), "baseline: is empty"),
         (("--baseline", "v2"), "'v2' is the version under test itself"),

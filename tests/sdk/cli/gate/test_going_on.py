@@ -42,4 +42,4 @@ def test_a_dead_campaign_is_service_trouble(eigenfail, baseline, suite, service)
     service.__class__ = Deadly
     done = eigenfail("gate", suite("better"), "--planner-version", "v2", "--baseline", "v1")
     assert done.exit_code == 3
-    assert "is dead, so its gate proves nothing. The learner ended." in done.stderr
+    assert "is dead, so its gate is inconclusive. The learner ended." in done.stderr

@@ -112,7 +112,7 @@ def test_a_cluster_that_stays_away_is_said_once(lives, now_s) -> None:
         said += launcher.tend(table)
     assert [notice.kind for notice in said] == ["ray.lost", "ray.back"]
     assert said[0].message == (
-        "Ray is lost. Ray cannot be used: nobody listens. It is connected to anew. "
+        "Ray is lost. Ray cannot be used: nobody listens. The services reconnect to it. "
         "What its workers ran runs again."
     )
     assert len(lives) == 5
