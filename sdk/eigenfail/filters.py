@@ -212,7 +212,7 @@ def _read_whole_number(column: Column, word: str, place: _Place) -> Value:
 
     value = _read_number(column, word, place)
     if value != int(value):
-        problem = f"{column.name} is a integer, but {word} is not."
+        problem = f"{column.name} is an integer, but {word} is not."
         raise InvalidValue(place.field, problem, "Omit the fraction.")
     # A float would not hold every digit of a seed.
     exact = int(word) if word.lstrip("+-").isdecimal() else int(value)

@@ -45,5 +45,5 @@ def test_ids_are_numbers_with_commas(http, problem, ids, side):
 def test_both_sides_must_be_named_once(http, problem, pair):
     assert problem(http.get(URL, params={"a": pair[0]}), 422)["field"] == "b"
     told = problem(http.get(URL, params={"a": pair[0], "b": f"{pair[0]},{pair[1]}"}), 422)
-    assert "named twice" in told["detail"]
+    assert "listed twice" in told["detail"]
     problem(http.get(URL, params={"a": pair[0], "b": 99}), 404)

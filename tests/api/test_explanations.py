@@ -97,7 +97,7 @@ def test_the_last_explanations_are_kept(store, campaign, deliver, result):
 
 
 def test_a_process_that_crashes_is_a_problem_with_a_remedy():
-    with pytest.raises(ServiceError, match="ended with code"):
+    with pytest.raises(ServiceError, match="exited with code"):
         processes.ask("eigenfail.no_such_module", b"", 30.0)
 
 

@@ -281,7 +281,7 @@ def test_a_parameter_of_one_value_is_given_once(http, problem, asked):
 
 def test_a_parameter_of_many_values_is_given_again_for_more(http, problem):
     told = problem(http.get("/api/v1/report?campaign=98&campaign=99"), 404)
-    assert "campaign 98" in told["detail"]
+    assert "Campaign 98" in told["detail"]
 
 
 @pytest.mark.parametrize(

@@ -51,10 +51,10 @@ def test_the_longest_episode_is_the_horizon() -> None:
         ({"steps": 0}, "scenario_parameters.steps: Expected `int` >= 1"),
         ({"steps": 2.5}, "scenario_parameters.steps: Expected `int`"),
         ({"steps": 9, "dt_s": 0.0}, "scenario_parameters.dt_s: Expected `float` > 0"),
-        ({"steps": 9, "gap_m": float("nan")}, "scenario_parameters.gap_m: is no finite number"),
+        ({"steps": 9, "gap_m": float("nan")}, "scenario_parameters.gap_m: is not a finite number"),
         ({"steps": 9, "gap_m": [1.0]}, "scenario_parameters.gap_m: Expected"),
         ({"steps": 9, "gap_m": None}, "scenario_parameters.gap_m: Expected"),
-        ({"steps": 9, "kind": "v" * 201}, "scenario_parameters.kind: is no finite number"),
+        ({"steps": 9, "kind": "v" * 201}, "scenario_parameters.kind: is not a finite number"),
         ({"steps": 9, "gap m": 1.0}, "scenario_parameters.gap m: is not a valid parameter name."),
         ({"steps": 9, "gap_m": {"uniform": [2.0, 1.0]}}, "gap_m.uniform: .* is not an interval"),
         ({"steps": 9} | {f"p{n}": 1.0 for n in range(64)}, "scenario_parameters: there are 65."),
@@ -66,7 +66,7 @@ def test_what_no_bridge_can_be_told_is_refused(parameters, said: str) -> None:
 
 
 def test_settings_of_the_planner_are_plain_too() -> None:
-    with pytest.raises(InvalidValue, match=r"planner_settings\.speed: is no finite number"):
+    with pytest.raises(InvalidValue, match=r"planner_settings\.speed: is not a finite number"):
         bridges.read_plain({"speed": {"a": 1}}, "planner_settings")
 
 
@@ -108,5 +108,5 @@ def test_a_bridge_elsewhere_is_a_decision(address: str, monkeypatch) -> None:
     "address", ["", "9000", "tcp://127.0.0.1", "tcp://*:1", "inproc://a", "ipc://"]
 )
 def test_what_is_no_address_is_refused(address: str) -> None:
-    with pytest.raises(InvalidValue, match="is no address of a bridge"):
+    with pytest.raises(InvalidValue, match="is not a valid bridge address"):
         bridges.check_address(address)

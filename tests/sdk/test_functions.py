@@ -47,7 +47,7 @@ def test_whoever_starts_a_service_lists():
 
 @pytest.mark.parametrize("given", ["", "a,", "a b", "a:f", "../a", "."])
 def test_what_is_no_module_is_refused(given):
-    with pytest.raises(InvalidValue, match="no name of a module"):
+    with pytest.raises(InvalidValue, match="is not a valid module name"):
         allow(given)
 
 

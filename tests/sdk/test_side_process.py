@@ -94,8 +94,8 @@ def test_what_one_started_goes_though_it_answered_and_ended_by_itself(asked, tmp
 @pytest.mark.parametrize(
     ("end", "said"),
     [
-        ("sys.exit(5)", "ended with code 5"),
-        ("os.kill(os.getpid(), 9)", "ended with code -9"),
+        ("sys.exit(5)", "exited with code 5"),
+        ("os.kill(os.getpid(), 9)", "exited with code -9"),
         (r"os.write(1, b'\x92')", "was broken off"),
     ],
 )

@@ -288,7 +288,7 @@ def gate(
     workers: Workers = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Judge a new version of a planner by the failures of an earlier one.
+    """Check a new version of a planner against the failures of an earlier one.
 
     Replays the baseline's known failures and runs its campaigns again, with the planners of the
     suite. Exits with 1 if a failure is new, or an episode errors now. The same command resumes
@@ -327,7 +327,7 @@ def _exit_by_verdict(report: GateReport) -> None:
     """
     if report.in_trouble:
         raise ServiceError(
-            f"The gate of {report.gate.run} proves nothing: {next(report.problems(), '')}",
+            f"The gate of {report.gate.run} is inconclusive: {next(report.problems(), '')}",
             "Check the workers, then use a different --planner-version.",
         )
     if not report.open:

@@ -379,7 +379,7 @@ def _require_done(campaign: Campaign) -> None:
     """Raises ServiceError if a campaign ended early, so that no gate may open on it."""
     if campaign.state is not CampaignState.DONE:
         raise ServiceError(
-            f"Campaign {campaign.id} is {campaign.state}, so its gate proves nothing."
+            f"Campaign {campaign.id} is {campaign.state}, so its gate is inconclusive."
             f" {campaign.stopped_because}".rstrip(),
             f"See why: eigenfail campaign show {campaign.id};"
             " to start again, use a different --planner-version.",

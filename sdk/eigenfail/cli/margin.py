@@ -80,7 +80,7 @@ def margin(
     seed: Seed = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find by bisection the scale of noise at which a planner starts to fail.
+    """Find the noise scale at which a planner starts to fail, by bisection.
 
     Each scale of the disturbance model is a campaign with the method of the file, which ends with
     its first failure. Scales that the service has tried before are not tried again, so that the

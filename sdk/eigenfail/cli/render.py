@@ -364,7 +364,7 @@ def judge(campaign: Campaign, gate: bool, summary: Summary | None = None) -> Non
 
     Raises:
         ServiceError: the campaign came to nothing: it is dead, all of its episodes errored, or the
-            service paused it with a reason; or a gate was asked for and it proves nothing.
+            service paused it with a reason; or a gate was requested and is inconclusive.
     """
     counts = campaign.counts
     if campaign.is_errored:

@@ -65,7 +65,7 @@ def test_the_curves_tell_what_each_had_found_by_then(store, seeds):
 
 def test_what_cannot_be_compared_is_a_problem_for_people(look, campaign):
     assert "Not found" in look(f"/comparison?a={campaign}&b=99", 404)
-    assert "named twice" in look(f"/comparison?a={campaign}&b={campaign}", 422)
+    assert "listed twice" in look(f"/comparison?a={campaign}&b={campaign}", 422)
     look("/comparison?a=x&b=1", 422)
 
 

@@ -121,7 +121,7 @@ def test_a_gate_does_not_open_on_a_campaign_that_was_cut_short(eigenfail, spec_f
     watched = eigenfail("campaign", "watch", 1, "--gate")
     assert store.campaigns.get(1).state == "cancelled"
     assert watched.exit_code == 3
-    assert "proves nothing" in watched.stderr
+    assert "is inconclusive" in watched.stderr
 
 
 def test_a_dead_campaign_says_why(eigenfail, spec_file, store):

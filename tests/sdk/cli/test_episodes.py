@@ -28,7 +28,7 @@ def test_episodes_are_exported(eigenfail, done, tmp_path, name):
     asked = ("--filter", "outcome = collision", "--sort", "-index", "--fields", "index,worker")
     written = eigenfail("episode", "export", done, "-o", path, *asked)
     assert written.exit_code == 0, written.output
-    assert f"{path} is written." in written.stderr
+    assert f"Wrote {path}." in written.stderr
     lines = path.read_text().splitlines()
     readers = {".csv": csv.DictReader, ".ndjson": lambda lines: map(json.loads, lines)}
     indices = [int(row["index"]) for row in readers[path.suffix](lines)]

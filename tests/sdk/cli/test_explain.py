@@ -82,7 +82,7 @@ def test_a_window_shows_fewer_steps_and_the_whole_story(eigenfail, crash, store)
 def test_a_planner_that_explains_nothing_is_said_to(eigenfail, done):
     told = eigenfail("episode", "explain", f"{done}/3")
     assert told.exit_code == 0, told.output
-    assert "The planner 'idm' explains nothing" in told.stdout
+    assert "The planner 'idm' provides no explanation" in told.stdout
     assert "candidate" not in told.stdout
     assert "acceleration" in told.stdout
 

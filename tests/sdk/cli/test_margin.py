@@ -64,7 +64,7 @@ def test_ctrl_c_pauses_the_step_and_the_same_command_goes_on(eigenfail, spec_fil
     stopped = eigenfail("margin", spec_file, *search)
     assert stopped.exit_code == INTERRUPTED
     assert "1 paused" in stopped.stderr
-    assert "To go on: rerun the same command" in stopped.stderr
+    assert "To continue: rerun the same command" in stopped.stderr
     assert store.campaigns.get(3).state == "paused"
     assert eigenfail("margin", spec_file, *search).exit_code == 0
     assert store.campaigns.get(3).counts.completed == 48

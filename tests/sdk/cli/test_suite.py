@@ -46,7 +46,7 @@ def test_a_suite_with_an_errored_member_exits_with_3_and_says_why(eigenfail, sui
     run = eigenfail("suite", "run", suite_file)
     assert run.exit_code == 3, run.output
     assert "All 12 episodes errored" in run.stderr
-    assert "run the suite under another name" in run.stderr
+    assert "run the suite under a different name" in run.stderr
     assert "a stranger's bug" in run.stderr
     states = [row.split()[2] for row in run.stdout.splitlines()[2:4]]
     assert states == ["done", "errored"]
@@ -101,7 +101,7 @@ def test_ctrl_c_pauses_all_and_the_same_command_goes_on(eigenfail, suite_file, s
     service.__class__ = Interrupting
     stopped = eigenfail("suite", "run", suite_file)
     assert stopped.exit_code == INTERRUPTED
-    assert f"To go on: eigenfail suite run {suite_file}" in stopped.stderr
+    assert f"To continue: eigenfail suite run {suite_file}" in stopped.stderr
     assert [campaign.state for campaign in store.campaigns.page(10).items] == ["paused"] * 3
     assert "seeds: 0 of 3 campaigns over, 3 paused: " in stopped.stderr
     assert eigenfail("suite", "run", suite_file).exit_code == 0

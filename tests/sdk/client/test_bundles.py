@@ -36,7 +36,7 @@ def test_what_was_packed_comes_back():
 )
 def test_a_name_that_is_no_file_of_a_report_is_refused_before_anything_is_read(name, monkeypatch):
     monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("It was read."))
-    with pytest.raises(ProtocolError, match="which is no file of a report") as refused:
+    with pytest.raises(ProtocolError, match="which is not part of a report") as refused:
         unpack(packed(("report.json", "{}"), (name, "x")))
     assert "Nothing was written." in str(refused.value)
 
@@ -73,7 +73,7 @@ def test_too_many_files_and_files_that_come_twice_are_refused(monkeypatch):
     many = packed(*((f"tables/{n}.csv", "x") for n in range(4)))
     with pytest.raises(ProtocolError, match="more than 3 files"):
         unpack(many)
-    with pytest.raises(ProtocolError, match="a file twice"):
+    with pytest.raises(ProtocolError, match="a duplicate file"):
         unpack(packed(("report.json", "1"), ("report.json", "2")))
 
 
@@ -84,7 +84,7 @@ def broken(data):
     return data[:place] + bytes([data[place] ^ 0xFF]) + data[place + 1 :]
 
 
-SAID = "The archive is damaged: .*Ask for it again|The answer is no report"
+SAID = "The archive is damaged: .*Ask for it again|The response is not a report"
 
 
 def locked(data):

@@ -16,7 +16,7 @@ def test_a_course_and_a_comparison_of_campaigns_that_have_not_begun(client, fiel
 
 def test_what_cannot_be_compared_is_refused(client, fields):
     made = client.campaigns.create(**fields).id
-    with pytest.raises(InvalidValue, match="named twice"):
+    with pytest.raises(InvalidValue, match="listed twice"):
         client.campaigns.compare(made, made)
     with pytest.raises(InvalidValue, match="none is named"):
         client.campaigns.compare([], made)

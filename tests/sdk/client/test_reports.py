@@ -48,7 +48,7 @@ def test_a_report_is_replaced_only_by_force(client, campaign, tmp_path):
 @pytest.mark.parametrize("force", [False, True])
 def test_what_is_no_report_is_never_overwritten(client, campaign, tmp_path, force):
     (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(InvalidValue, match="holds what no report does"):
+    with pytest.raises(InvalidValue, match="contains files of no report"):
         client.report(campaign, tmp_path, force)
     assert (tmp_path / "thesis.tex").read_text() == "years of work"
 

@@ -177,7 +177,7 @@ def test_waiting_tells_of_progress_and_ends_with_the_last(client, suite, store):
 
 def test_waiting_ends_after_the_time_that_was_given(client, suite):
     client.suites.create(suite(1))
-    with pytest.raises(ServiceError, match="not over after 0 s"):
+    with pytest.raises(ServiceError, match="still running after 0 s"):
         client.suites.wait(suite(1), poll_s=0.0, timeout_s=0.0)
 
 

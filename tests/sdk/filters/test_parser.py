@@ -61,7 +61,7 @@ def test_values_are_of_the_columns_kind(text, value):
         ("severity > high", 12, "high is not a number"),
         ("severity > nan", 12, "nan is not a number"),
         ("severity > 1e999", 12, "not a number"),
-        ("steps = 10.5", 9, "steps is a whole number"),
+        ("steps = 10.5", 9, "steps is an integer"),
         ("index = 9223372036854775808", 9, "too large"),
         ("index = 1e300", 9, "1e300 is too large"),
         ("outcome > safe", 11, "outcome has no order"),

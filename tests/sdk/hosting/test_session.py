@@ -66,12 +66,12 @@ def test_a_notebook_starts_and_stops_it(started):
     client = service.start()
     assert service.url == client.url
     service.check()
-    with pytest.raises(ServiceError, match="runs already"):
+    with pytest.raises(ServiceError, match="is already running"):
         service.start()
     service.stop()
     service.stop()
     assert started == [None]
-    with pytest.raises(ServiceError, match=r"Call its start\(\)"):
+    with pytest.raises(ServiceError, match=r"Call start\(\)"):
         _ = service.url
     service.start()
     assert len(started) == 2

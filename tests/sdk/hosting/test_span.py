@@ -33,7 +33,7 @@ def test_a_number_stays_and_a_range_follows_the_work(given, span) -> None:
     [
         ((None, 2, None, None), "--min-workers: requires automatic scaling, which is off."),
         ((None, None, None, 2.0), "--idle-s: requires automatic scaling, which is off."),
-        ((2, None, 3, None), "--workers: is a number that stays"),
+        ((2, None, 3, None), "--workers: sets a fixed number"),
         ((None, 4, 3, None), "--min-workers: 4 is not between 0 and"),
         ((None, -1, 3, None), "--min-workers: -1 is not between 0 and"),
         ((None, None, -1, None), "--min-workers: 0 is not between 0 and --max-workers, which is"),

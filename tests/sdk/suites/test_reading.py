@@ -215,7 +215,7 @@ def test_a_member_that_there_is_not_is_refused_with_the_known_ones(read):
 @pytest.mark.parametrize("name", ["here", "trained"])
 def test_members_that_wait_for_each_other_are_refused(read, name):
     circle = f'name = "trained"\nsettings.warm_start = "{name}"\n'
-    with pytest.raises(InvalidValue, match="members that wait for each other: ") as refused:
+    with pytest.raises(InvalidValue, match="members that depend on each other: ") as refused:
         read(CHAIN.replace('name = "trained"\n', circle))
     told = refused.value.problem
     assert told.count("'trained' → ") == 1

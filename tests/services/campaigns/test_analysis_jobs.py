@@ -237,7 +237,7 @@ def test_what_nobody_foresaw_is_told_with_its_reason_and_the_log(store, monkeypa
     with pytest.raises(ZeroDivisionError):
         run_analysis(store, analysis)
     told = store.analyses.get(analysis).problem
-    assert told.startswith("The analysis broke off with ZeroDivisionError: a bug of ours. ")
+    assert told.startswith("The analysis failed with ZeroDivisionError: a bug of ours. ")
     assert "services.log" in told
     assert told.endswith("Launch it again.")
 
@@ -300,7 +300,7 @@ program.main()
 @pytest.mark.parametrize(
     ("found", "status", "told"),
     [
-        ("raise ValueError('a bug')", 1, "broke off with ValueError: a bug"),
+        ("raise ValueError('a bug')", 1, "failed with ValueError: a bug"),
         ("from eigenfail.errors import InvalidValue; raise InvalidValue('x', 'is odd.')", 0, "odd"),
         ("from eigenfail.errors import ServiceError; raise ServiceError('Busy.', 'Wait.')", 3, ""),
     ],

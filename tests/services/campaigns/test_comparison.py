@@ -210,7 +210,7 @@ def test_a_side_of_several_kinds_is_warned_of(store: Store) -> None:
 
 @pytest.mark.parametrize(("a", "b"), [([], [1]), ([1], []), ([1, 1], [2]), ([1, 2], [2])])
 def test_every_campaign_counts_once(store: Store, a, b) -> None:
-    with pytest.raises(InvalidValue, match=r"names no campaign|is named twice"):
+    with pytest.raises(InvalidValue, match=r"names no campaign|is listed twice"):
         compare(store, a, b)
 
 

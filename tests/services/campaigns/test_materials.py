@@ -180,7 +180,7 @@ def evaluate(house: House, campaign: int, **fields) -> InvalidValue:
 def test_a_campaign_that_is_not_there_is_refused_by_its_field(memory: House) -> None:
     refused = evaluate(memory, 7)
     assert refused.field == "settings.campaign"
-    assert "no campaign 7" in refused.problem
+    assert "Campaign 7 does not exist" in refused.problem
 
 
 def test_a_campaign_that_may_learn_on_is_refused(memory: House) -> None:
@@ -343,7 +343,7 @@ def test_what_searches_in_an_ensemble_are_its_members() -> None:
 
 def test_replayed_campaigns_are_still_looked_for(memory: House) -> None:
     refused = refusal(memory, method="replay", settings={"campaign": 5})
-    assert (refused.field, "no campaign 5" in refused.problem) == ("settings.campaign", True)
+    assert (refused.field, "Campaign 5 does not exist" in refused.problem) == ("settings.campaign", True)
     replayed = memory.run(episodes=3)
     settings = {"campaign": replayed, "episodes": [0, 2]}
     context = memory.context(memory.create(method="replay", settings=settings))

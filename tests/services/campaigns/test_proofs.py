@@ -421,9 +421,13 @@ def test_an_analysis_to_come_is_not_replayed_yet_but_failures_to_come_are() -> N
     ("changes", "field", "problem"),
     [
         ({"episode": 999}, "settings.episode", "has no result"),
-        ({"campaign": 99}, "settings.campaign", "no campaign 99"),
+        ({"campaign": 99}, "settings.campaign", "Campaign 99 does not exist"),
         ({"campaign": None, "analysis": 1, "mode": 9}, "settings.mode", "has 2 modes"),
-        ({"campaign": None, "analysis": 9, "mode": 1}, "settings.analysis", "no analysis 9"),
+        (
+            {"campaign": None, "analysis": 9, "mode": 1},
+            "settings.analysis",
+            "Analysis 9 does not exist",
+        ),
     ],
 )
 def test_what_cannot_be_shrunk_is_refused_by_its_field(house, changes, field, problem) -> None:

@@ -90,7 +90,7 @@ def test_what_else_differs_is_said(store) -> None:
     )
     words = " ".join(find_region(store, [one, other]).warnings)
     assert "differ in method, planner" in words
-    assert "the luck of what each learnt" in words
+    assert "vary between training runs" in words
 
 
 def test_fixed_parameters_have_no_region(store) -> None:

@@ -118,7 +118,7 @@ def test_what_is_removed_while_it_is_asked_for_is_not_there_any_more(make, folde
     monkeypatch.setattr(export_jobs, "_read_bytes", read_as_it_goes)
     assert made.get(export).state == "running"
     at_rest()
-    with pytest.raises(NotFound, match="ask anew"):
+    with pytest.raises(NotFound, match="create a new export"):
         made.get(export)
     with pytest.raises(NotFound):
         made.file(export)

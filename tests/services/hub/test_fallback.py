@@ -180,5 +180,5 @@ def test_without_a_checkpoint_that_is_whole_the_campaign_is_over(stage) -> None:
     campaign.lose_learner()
     campaign.turn()
     assert "SHA-256 does not match" in campaign.run.problem
-    assert "Start the campaign anew" in campaign.run.problem
+    assert "Launch the campaign again" in campaign.run.problem
     assert campaign.damages() == 0

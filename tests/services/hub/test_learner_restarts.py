@@ -64,7 +64,7 @@ def test_the_next_life_waits_longer_with_each_loss_and_not_at_all_after_a_round(
 def test_so_many_losses_in_a_row_end_a_campaign_with_the_last_ones_remedy(losses, times) -> None:
     told = ended_with(*losses)
     assert told.startswith(losses[-1].problem)
-    assert f"lost {times} times in a row" in told
+    assert f"failed {times} times in a row" in told
     assert told.endswith(losses[-1].remedy)
 
 

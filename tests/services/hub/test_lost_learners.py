@@ -231,7 +231,7 @@ def test_one_that_diverges_again_from_its_checkpoint_ends_the_campaign(
     ended = house.ended(campaign)
     assert ended.state is CampaignState.DEAD
     assert ended.stopped_because.startswith(problem)
-    assert "lost 2 times in a row" in ended.stopped_because
+    assert "failed 2 times in a row" in ended.stopped_because
     assert remedy in ended.stopped_because
     assert len(house.losses(campaign)) == 1
     assert house.marks(fault) == 2
@@ -282,7 +282,7 @@ def test_a_death_has_one_more_try_and_then_ends_the_campaign(house: House) -> No
     campaign = house.astray("die", times=1000)
     ended = house.ended(campaign)
     assert "died with exit status 7" in ended.stopped_because
-    assert "lost 3 times in a row" in ended.stopped_because
+    assert "failed 3 times in a row" in ended.stopped_because
     assert len(house.losses(campaign)) == 2
 
 

@@ -62,7 +62,7 @@ def test_an_illegal_move_tells_its_story_and_the_ways_out() -> None:
 
 
 def test_an_end_is_the_end() -> None:
-    with pytest.raises(IllegalTransition, match=r"was cancelled.*Start a campaign like it anew"):
+    with pytest.raises(IllegalTransition, match=r"was cancelled.*Launch a copy of the campaign"):
         _check_move(CampaignState.CANCELLED, CampaignState.QUEUED)
 
 

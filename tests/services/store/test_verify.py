@@ -294,7 +294,7 @@ def test_replays_of_a_planner_that_dies_are_reported_and_the_others_are_run(sqli
     change(sqlite_url, f"UPDATE campaigns SET {named} WHERE id = {dying.id}")
     check = wrong(verify(sqlite_url, 4))["replays"]
     assert [defect.where for defect in check.shown] == [f"episode {dying.id}/{n}" for n in (0, 1)]
-    assert "ended with code 7" in check.shown[0].found
+    assert "exited with code 7" in check.shown[0].found
     assert "eigenfail episode replay" in check.shown[0].remedy
 
 

@@ -86,7 +86,7 @@ def keeps_the_last_estimate(store: Store) -> None:
         cv=0.25,
         interval=Interval(2.2e-6, 5.9e-6),
         effective=16.5,
-        note="It knows nothing of what no sample showed.",
+        note="It knows nothing of what no sample came near.",
     )
     for estimate in (refused, told):
         store.checkpoints.save(one.id, b"state", estimate)

@@ -45,12 +45,12 @@ def test_members_that_the_baseline_lacks_are_told_and_not_judged(eigenfail, base
     ("words", "said"),
     [
         (("--baseline", "v0"), "'v0' contains no members of trio"),
-        (("--baseline", "99"), "There is no campaign 99"),
+        (("--baseline", "99"), "Campaign 99 does not exist"),
         (("--baseline", ""), "baseline: is empty"),
         (("--baseline", "v2"), "'v2' is the version under test itself"),
         (("--baseline", "lost.toml"), "lost.toml: cannot be read"),
         (("--planner-version", "v 2"), "letters, digits"),
-        (("--junit", "/nowhere/gate.xml"), "There is no folder /nowhere"),
+        (("--junit", "/nowhere/gate.xml"), "Folder /nowhere does not exist"),
     ],
 )
 def test_what_makes_no_sense_exits_with_2(eigenfail, suite, store, words, said):

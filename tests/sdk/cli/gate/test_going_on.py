@@ -25,7 +25,7 @@ def test_ctrl_c_pauses_and_the_same_gate_goes_on(eigenfail, suite, service, stor
     words = ("gate", suite("better"), "--planner-version", "v2", "--baseline", "v1")
     stopped = eigenfail(*words)
     assert stopped.exit_code == INTERRUPTED
-    assert "To go on: eigenfail" in stopped.stderr
+    assert "To continue: eigenfail" in stopped.stderr
     assert "paused" in {campaign.state for campaign in store.campaigns.page(100).items}
     service.__class__ = working_service
     assert eigenfail(*words).exit_code == 0
