@@ -211,7 +211,7 @@ class FunctionWorld(CampaignWorld):
     """A Python function of the noise; see `eigenfail.functions`."""
 
     has_road = False
-    unexplained = "functions have no planner or controls to explain."
+    unexplained = "a function has no planner and no controls to explain."
 
     def check(self, spec: CampaignSpec) -> None:
         """Read the parameters, and hold the function against the list of what may be run."""

@@ -66,7 +66,7 @@ def test_the_planner_accounts_for_each_step_of_the_stored_episode(http, crash):
 
 def test_a_planner_without_an_account_is_said_to_have_none(http, crash):
     told = http.get(f"{crash(planner='idm', simulator='point_mass')}/explanation").json()
-    assert "explains nothing" in told["note"]
+    assert "provides no explanation" in told["note"]
     assert told["steps"][0]["path"] == []
 
 

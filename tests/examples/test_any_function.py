@@ -86,7 +86,7 @@ def test_the_campaign_is_the_same_as_in_this_process(spec, results):
 def test_a_stored_call_is_repeated_and_not_explained(spec, results):
     failure = next(result for result in results if result.is_failure)
     assert replay_episode(spec, failure).same
-    with pytest.raises(InvalidValue, match="no planner or controls to explain"):
+    with pytest.raises(InvalidValue, match="no planner and no controls"):
         explain_episode(spec, failure)
 
 
