@@ -203,8 +203,14 @@ def test_without_settings_nothing_else_is_checked(examine, planner, words):
     [
         (("--planner", "idm", "--repair"), "--repair: cannot be combined with --planner"),
         (("--scenario", "cut_in", "--replay", "3"), "--replay: cannot be combined with --scenario"),
-        (("--bridge", "tcp://127.0.0.1:1", "--planner", "idm"), "--planner: cannot be combined with"),
-        (("--bridge", "tcp://127.0.0.1:1", "--repair"), "--repair: cannot be combined with --bridge"),
+        (
+            ("--bridge", "tcp://127.0.0.1:1", "--planner", "idm"),
+            "--planner: cannot be combined with",
+        ),
+        (
+            ("--bridge", "tcp://127.0.0.1:1", "--repair"),
+            "--repair: cannot be combined with --bridge",
+        ),
     ],
 )
 def test_what_would_be_left_out_is_refused(eigenfail, words, refused):

@@ -343,7 +343,10 @@ def test_what_searches_in_an_ensemble_are_its_members() -> None:
 
 def test_replayed_campaigns_are_still_looked_for(memory: House) -> None:
     refused = refusal(memory, method="replay", settings={"campaign": 5})
-    assert (refused.field, "Campaign 5 does not exist" in refused.problem) == ("settings.campaign", True)
+    assert (refused.field, "Campaign 5 does not exist" in refused.problem) == (
+        "settings.campaign",
+        True,
+    )
     replayed = memory.run(episodes=3)
     settings = {"campaign": replayed, "episodes": [0, 2]}
     context = memory.context(memory.create(method="replay", settings=settings))

@@ -93,7 +93,9 @@ def test_without_one_that_is_whole_there_is_a_remedy(store: Store, states) -> No
     for state in states:
         spoil(store, campaign, state, state=state + b"!")
     for ask in (store.checkpoints.load, store.checkpoints.recover):
-        with pytest.raises(ProtocolError, match=r"SHA-256 does not match.*Launch the campaign again"):
+        with pytest.raises(
+            ProtocolError, match=r"SHA-256 does not match.*Launch the campaign again"
+        ):
             ask(campaign)
     assert told(store, campaign) == []
 
