@@ -10,6 +10,7 @@ from eigenfail.values import LearnerContext
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
 from eigenfail_services.methods.cem import CrossEntropyMethod
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
+from eigenfail_services.methods.held import HeldNoise
 from eigenfail_services.methods.minimal import Minimal
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.replay import Replay
@@ -19,6 +20,11 @@ from eigenfail_services.methods.subset import SubsetMethod
 class TestMonteCarlo(LearnerSuite):
     method = MonteCarlo
     settings = MappingProxyType({"round_size": 6})
+
+
+class TestHeldNoise(LearnerSuite):
+    method = HeldNoise
+    settings = MappingProxyType({"hold": 3, "round_size": 6})
 
 
 class TestSubsetSimulation(LearnerSuite):

@@ -1,0 +1,85 @@
+"""Random noise that is held for some steps: what every search must be compared with.
+
+Independent noise of each step averages out in the motion of a vehicle; noise that keeps its value
+for a second does not. This search needs no learner, and therefore shows what a learner adds.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from eigenfail.contracts import MethodTraits
+from eigenfail.values import EpisodeResult, LearnerContext, Proposal, TrajectorySource
+from eigenfail_services.methods import archive
+
+
+class HeldNoise:
+    """Draws each value of z from N(0, scale²), and holds it for some steps; it learns nothing.
+
+    Each axis of each episode has a phase of its own, so that a change may come at any step.
+
+    Attributes:
+        lookahead: 3, so that no worker waits for the end of a round.
+    """
+
+    class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+        """Settings of `held`."""
+
+        hold: Annotated[
+            int, msgspec.Meta(ge=1, le=10_000, description="steps for which a value is held")
+        ] = 10
+        scale: Annotated[
+            float,
+            msgspec.Meta(gt=0.0, le=100.0, description="standard deviation of the values [sigma]"),
+        ] = 1.0
+        round_size: Annotated[
+            int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
+        ] = 100
+
+    class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """Number of rounds that were proposed."""
+
+        rounds: int
+
+    traits = MethodTraits(learns=False, pairable=True, chart_mark=9, references={})
+    lookahead = 3
+
+    def __init__(self, context: LearnerContext, settings: Settings) -> None:
+        self._seed = context.seed
+        self._horizon = context.horizon
+        self._settings = settings
+        self._rounds = 0
+
+    def propose(self, n: int) -> Proposal:
+        """Return a round of held noise, which depends on the seed and the number of the round."""
+        random = np.random.default_rng([self._seed, self._rounds])
+        self._rounds += 1
+        count = min(n, self._settings.round_size)
+        return Proposal(tuple(TrajectorySource(self._draw(random)) for _ in range(count)))
+
+    def _draw(
+        self, random: np.random.Generator
+    ) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
+        hold = self._settings.hold
+        values = random.normal(0.0, self._settings.scale, (self._horizon // hold + 2, 2))
+        phases = random.integers(0, hold, 2)
+        steps = np.arange(self._horizon)[:, None] + phases
+        return values[steps // hold, [0, 1]].astype(np.float32)
+
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
+        """Do nothing: held noise does not learn."""
+
+    def state(self) -> bytes:
+        """Return a state with the number of rounds."""
+        return archive.write("held", self._Facts(self._rounds), {})
+
+    def restore(self, state: bytes) -> None:
+        """Restore a state.
+
+        Raises:
+            ProtocolError: the bytes are not a state of this method.
+        """
+        facts, _ = archive.read("held", state, self._Facts)
+        self._rounds = facts.rounds

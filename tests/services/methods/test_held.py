@@ -1,0 +1,49 @@
+"""Held noise: each value stays for the steps that the settings name, and has their scale."""
+
+import numpy as np
+import pytest
+
+from eigenfail.values import LearnerContext
+from eigenfail_services.methods.held import HeldNoise
+
+HORIZON = 100
+
+
+def draw(episodes: int, seed: int = 1, **settings) -> np.ndarray:
+    """Noise of some episodes, shape (episodes, steps, 2)."""
+    nothing = np.zeros((0, HORIZON, 2), np.float32)
+    context = LearnerContext(seed, episodes, HORIZON, nothing)
+    learner = HeldNoise(context, HeldNoise.Settings(round_size=episodes, **settings))
+    return np.stack([source.z for source in learner.propose(episodes).sources])
+
+
+@pytest.mark.parametrize("hold", [1, 7, 10, 250])
+def test_a_value_stays_for_as_long_as_the_setting_says(hold) -> None:
+    for z in draw(40, hold=hold).transpose(0, 2, 1).reshape(-1, HORIZON):
+        changes = np.flatnonzero(np.diff(z)) + 1
+        assert len(changes) <= HORIZON // hold + 1
+        assert set(np.diff(changes)) <= {hold}
+
+
+def test_values_are_normal_with_the_scale_of_the_settings() -> None:
+    values = draw(2000, hold=10, scale=1.5)[:, 50, :]
+    assert np.allclose(values.mean(axis=0), 0.0, atol=4 * 1.5 / np.sqrt(2000))
+    assert np.allclose(values.std(axis=0), 1.5, rtol=4 / np.sqrt(2 * 2000))
+    assert abs(np.corrcoef(values.T)[0, 1]) < 4 / np.sqrt(2000)
+
+
+def test_a_value_may_change_at_any_step_and_the_axes_change_apart() -> None:
+    noise = draw(500, hold=10)
+    changed = np.diff(noise, axis=1) != 0.0
+    assert changed.any(axis=0).all()
+    assert (changed[:, :, 0] != changed[:, :, 1]).any()
+
+
+def test_the_noise_depends_on_the_seed_and_on_the_round_alone() -> None:
+    assert np.array_equal(draw(5), draw(5))
+    assert not np.array_equal(draw(5), draw(5, seed=2))
+    nothing = np.zeros((0, HORIZON, 2), np.float32)
+    learner = HeldNoise(LearnerContext(1, 10, HORIZON, nothing), HeldNoise.Settings(round_size=5))
+    first, second = (np.stack([s.z for s in learner.propose(5).sources]) for _ in range(2))
+    assert np.array_equal(first, draw(5))
+    assert not np.array_equal(first, second)
