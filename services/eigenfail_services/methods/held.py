@@ -15,6 +15,21 @@ from eigenfail.values import EpisodeResult, LearnerContext, Proposal, Trajectory
 from eigenfail_services.methods import archive
 
 
+class HeldNoiseSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of `held`."""
+
+    hold: Annotated[
+        int, msgspec.Meta(ge=1, le=10_000, description="steps for which a value is held")
+    ] = 10
+    scale: Annotated[
+        float,
+        msgspec.Meta(gt=0.0, le=100.0, description="standard deviation of the values [sigma]"),
+    ] = 1.0
+    round_size: Annotated[
+        int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
+    ] = 100
+
+
 class HeldNoise:
     """Draws each value of z from N(0, scale²), and holds it for some steps; it learns nothing.
 
@@ -24,19 +39,7 @@ class HeldNoise:
         lookahead: 3, so that no worker waits for the end of a round.
     """
 
-    class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-        """Settings of `held`."""
-
-        hold: Annotated[
-            int, msgspec.Meta(ge=1, le=10_000, description="steps for which a value is held")
-        ] = 10
-        scale: Annotated[
-            float,
-            msgspec.Meta(gt=0.0, le=100.0, description="standard deviation of the values [sigma]"),
-        ] = 1.0
-        round_size: Annotated[
-            int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
-        ] = 100
+    Settings = HeldNoiseSettings
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Number of rounds that were proposed."""
@@ -46,7 +49,7 @@ class HeldNoise:
     traits = MethodTraits(learns=False, pairable=True, chart_mark=9, references={})
     lookahead = 3
 
-    def __init__(self, context: LearnerContext, settings: Settings) -> None:
+    def __init__(self, context: LearnerContext, settings: HeldNoiseSettings) -> None:
         self._seed = context.seed
         self._horizon = context.horizon
         self._settings = settings

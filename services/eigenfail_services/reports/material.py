@@ -65,7 +65,7 @@ class Material(NamedTuple):
 
 
 def gather_material(store: Store, campaigns: Sequence[int]) -> Material:
-    """Return the material of a report on campaigns as they are now.
+    """Return the material of a report on campaigns in their current state.
 
     Raises:
         InvalidValue: no campaign, too many, or one that is named twice.
@@ -91,7 +91,7 @@ def check(campaigns: Sequence[int]) -> None:
 
 
 def make_subject(store: Store, campaign: int, place: int) -> Subject:
-    """Return a campaign as it is now."""
+    """Return a campaign in its current state."""
     seen = store.campaigns.get(campaign)
     return Subject(
         campaign=seen,

@@ -188,7 +188,7 @@ def describe_svg(svg: str, name: str, title: str, alternative: str) -> str:
 
 
 def inline_svg(svg: str) -> str:
-    """Return the SVG as an element of an HTML page, without namespaces and styles of its own."""
+    """Return the SVG as an element of an HTML page, without own namespaces and styles."""
     return NAMESPACES.sub("", STYLE_ELEMENT.sub("", svg, count=1)).replace("xlink:href", "href")
 
 
