@@ -140,6 +140,6 @@ def follow(page, name):
 
 def test_an_old_address_has_a_way_back(visit):
     page = visit("/campaigns/999", status=404)
-    expect(page.get_by_text("Campaign 9999 does not exist.")).to_be_visible()
+    expect(page.get_by_text("Campaign 999 does not exist.")).to_be_visible()
     page.locator("main").get_by_role("link", name="All campaigns").click()
     expect(page.locator("h1")).to_have_text("Campaigns")

@@ -36,7 +36,7 @@ def again(client, start_worker, **fields):
 
 def test_what_cannot_be_evaluated_is_refused_at_once(client, lasting_worker) -> None:
     plain = finish(client, method="monte_carlo", episodes=2)
-    for campaign, problem in ((plain, "learns nothing"), (10_000, "no campaign 10000")):
+    for campaign, problem in ((plain, "learns nothing"), (10_000, "Campaign 10000 does not exist")):
         with pytest.raises(InvalidValue, match=problem):
             client.campaigns.create(**FIELDS, method="evaluate", settings={"campaign": campaign})
 

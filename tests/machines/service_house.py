@@ -16,7 +16,7 @@ from eigenfail_services.hub.worker_sessions import ADOPTION_GRACE_S
 
 EPISODES = 8
 TURNS_TO_THE_END = 400
-POOR_REASONS = ("was lost 3 times in a row", "was lost 5 times in a row")
+POOR_REASONS = ("failed 3 times in a row", "was lost 5 times in a row")
 
 
 class NoAnalyses:

@@ -84,7 +84,7 @@ def left_behind(folder: Path) -> list[psutil.Process]:
 
 @pytest.mark.service
 def test_what_one_started_goes_though_it_answered_and_ended_by_itself(asked, tmp_path) -> None:
-    answer = msgspec.msgpack.encode(processes.Told(b"yes"))
+    answer = msgspec.msgpack.encode(processes.Answered(b"yes"))
     asked(f"os.write(1, {answer!r})")
     assert processes.ask("module", b"x" * 3_000_000, patience_s=WITHIN_S) == b"yes"
     until("what it started lives on", lambda: not any(map(lives_still, left_behind(tmp_path))))
@@ -96,7 +96,7 @@ def test_what_one_started_goes_though_it_answered_and_ended_by_itself(asked, tmp
     [
         ("sys.exit(5)", "exited with code 5"),
         ("os.kill(os.getpid(), 9)", "exited with code -9"),
-        (r"os.write(1, b'\x92')", "was broken off"),
+        (r"os.write(1, b'\x92')", "was terminated"),
     ],
 )
 def test_one_that_breaks_off_is_told_of(asked, tmp_path, end, said) -> None:

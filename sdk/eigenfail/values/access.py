@@ -70,7 +70,7 @@ HIDDEN = (
         r"\1\2…\2",
     ),
 )
-"""Names of secret fields, and the text that replaces their values."""
+"""Patterns of secrets in texts, with their replacements."""
 
 
 LONGEST_LIFE_S = 10 * 366 * 86_400

@@ -44,7 +44,7 @@ def test_it_says_where_it_is_and_ends_well(run_up, tmp_path):
     assert "eigenfail is up at http://127.0.0.1:" in done.stdout
     assert "eigenfail worker --connect tcp://127.0.0.1:" in done.stdout
     assert len(done.stdout.splitlines()) == 2
-    assert "goes on at the next start" in done.stderr
+    assert "continue at the next start" in done.stderr
     assert find_marked(str(tmp_path / "data")) == []
 
 

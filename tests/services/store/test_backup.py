@@ -330,7 +330,7 @@ def test_what_is_no_backup_is_refused(filled, tmp_path, programs) -> None:
     halved.write_bytes(content[: len(content) // 2])
     (tmp_path / "text").write_text("not a database at all, whatever its name says" * 100)
     for file in (other, halved, tmp_path / "text", tmp_path / "none"):
-        with pytest.raises(InvalidValue, match="is no backup of eigenfail"):
+        with pytest.raises(InvalidValue, match="is not an eigenfail backup"):
             restore(filled, file, force=True)
     assert completed(filled) == 2
 
