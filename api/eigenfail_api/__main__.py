@@ -77,22 +77,16 @@ def serve(settings: ApiSettings) -> None:
         store = open_store(settings.database, wait_s=WAIT_S)
         try:
             server = Server(create_app(store, settings))
+            # uvicorn handles signals from its start on. A handler until then must not raise: where
+            # the signal arrives during a callback of the garbage collector, Python prints the
+            # exception and ignores it, and the server would go on.
             for stop in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(stop, leave)
+                signal.signal(stop, server.handle_exit)
             announce(listener)
             server.run(sockets=[listener])
         finally:
             store.close()
             end_traces()
-
-
-def leave(_signal: int, _frame: FrameType | None) -> None:
-    """Exit like a process that a signal ended: uvicorn raises the signal again after draining.
-
-    Raises:
-        SystemExit: always, with 0.
-    """
-    raise SystemExit(0)
 
 
 def announce(listener: socket.socket) -> None:

@@ -108,7 +108,31 @@ def test_it_does_not_wait_for_work_aside_when_told_to_stop(start):
     process = start("--port", "0", program=("-c", WITH_WORK_ASIDE))
     assert process.stdout.readline().startswith("eigenfail API on")
     process.send_signal(signal.SIGTERM)
-    assert process.wait(timeout=20) == 0
+    assert process.wait(timeout=50) == 0
+
+
+WITH_A_SIGNAL_IN_A_CALLBACK = """
+import os, signal, sys, time, weakref
+from eigenfail_api import __main__ as program
+
+say = program.announce
+
+def announce(listener):
+    say(listener)
+    thing = lambda: None
+    reference = weakref.ref(thing, lambda _: (os.kill(os.getpid(), signal.SIGTERM), time.sleep(0)))
+    del thing
+
+program.announce = announce
+sys.exit(program.main(sys.argv[1:]))
+"""
+
+
+def test_a_signal_that_comes_before_the_start_is_not_lost(start):
+    """It comes while the garbage collector calls back, where an exception would be ignored."""
+    process = start("--port", "0", program=("-c", WITH_A_SIGNAL_IN_A_CALLBACK))
+    assert process.stdout.readline().startswith("eigenfail API on")
+    assert process.wait(timeout=60) == 0
 
 
 @pytest.mark.fault(
