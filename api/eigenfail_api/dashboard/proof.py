@@ -5,7 +5,6 @@ from collections.abc import Iterator
 import msgspec
 
 from eigenfail.presentation.figures import UNKNOWN, format_number
-from eigenfail.presentation.tables import format_line
 from eigenfail.values import (
     CampaignState,
     Outcome,
@@ -99,14 +98,12 @@ def make_tallies(found: Proof) -> tuple[tuple[str, Tile], ...]:
 
 
 def describe_reproduction(found: Reproduction) -> Tile:
-    """Failed again of tried, with Wilson's interval, and how near they came."""
+    """Return how many replays failed again, of those tried, and how near they came."""
     rate = found.rate
     if rate is None:
         return NOT_TRIED
     nearest = format_number(found.smallest_robustness_m)
-    return Tile(
-        f"{rate.k} of {rate.n}", (format_line(rate), f"smallest robustness {nearest}\u00a0m")
-    )
+    return Tile(f"{rate.k} of {rate.n}", (f"smallest robustness {nearest}\u00a0m",))
 
 
 def make_scenario_line(scenario: ProvenScenario) -> ScenarioLine:

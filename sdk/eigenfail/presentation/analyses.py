@@ -19,7 +19,6 @@ from eigenfail.presentation.tables import (
     Table,
     TableColumn,
     count_columns,
-    format_line,
     name_columns,
 )
 from eigenfail.values import (
@@ -251,10 +250,9 @@ def count_reproductions(proof: Proof) -> Iterator[str]:
 def _count_kind(found: Reproduction, kind: ReplayKind) -> str:
     if found.rate is None:
         return f"No replay of {kind}s was completed"
-    rate = format_line(found.rate)
-    words = f"{found.rate.k} of {found.rate.n} {kind}s reproduced a failure: {rate}"
-    nearest = f"nearest {format_number(found.smallest_robustness_m)} m,"
-    return words if found.rate.k else f"{words}, {nearest}"
+    words = f"{found.rate.k} of {found.rate.n} {kind}s reproduced a failure"
+    nearest = f"(nearest {format_number(found.smallest_robustness_m)} m)"
+    return words if found.rate.k else f"{words} {nearest}"
 
 
 def format_reproduction(found: Reproduction) -> str:

@@ -53,8 +53,8 @@ class Reproduction(msgspec.Struct, frozen=True):
     """Share of replays that failed again.
 
     Attributes:
-        rate: failed again ÷ tried, with Wilson's interval; None before the first result. A replay
-            that errored was not tried.
+        rate: failed again ÷ tried, not a random sample: the count says how many, and the interval
+            means nothing. None before the first result. A replay that errored was not tried.
         smallest_robustness_m: of those tried; 0 once one has failed again.
     """
 

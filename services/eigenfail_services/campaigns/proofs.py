@@ -260,9 +260,10 @@ def _count_reproductions(replays: Iterable[ReplayedNoise]) -> Reproduction:
     if not tried:
         return Reproduction()
     robustness = [each.robustness_m for each in tried if each.robustness_m is not None]
+    counted = rate(sum(each.reproduced for each in tried), len(tried))
+    # Replays repeat noise that was chosen, and no two of a mode are independent draws.
     return Reproduction(
-        rate(sum(each.reproduced for each in tried), len(tried)),
-        min(robustness, default=None),
+        msgspec.structs.replace(counted, sampled=False), min(robustness, default=None)
     )
 
 

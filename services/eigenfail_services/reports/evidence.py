@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from eigenfail.presentation.figures import format_interval, format_share
+from eigenfail.presentation.figures import format_share
 from eigenfail.values import AXES, Proof, ReplayedNoise, Reproduction
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
 from eigenfail_services.campaigns.proofs import summarise_proof
@@ -37,9 +37,6 @@ SCENARIO_COLUMNS = (
     ("what", "What was injected"),
     ("reproduced", "Failed again"),
     ("tried", "Tried"),
-    ("share", "Share", "share"),
-    ("share_low", "from", "share"),
-    ("share_high", "to", "share"),
     ("smallest_robustness_m", "Smallest robustness", "m"),
 )
 
@@ -60,7 +57,8 @@ REPLAY_COLUMNS = (
 PROOF_WORDS = (
     "An eigenfailure is proven by injecting it again: it must end in a collision in the scenario "
     "in which its failures were found, and says more if it does so in others. Medoids are real "
-    "failures, injected in the same way. Intervals are of 95 %."
+    "failures, injected in the same way. Replays are counted: they repeat chosen noise, so that "
+    "their share estimates no probability."
 )
 
 
@@ -103,31 +101,23 @@ def describe_proof(proven: Proven) -> str:
     here, everywhere = proven.proof.reproduced, proven.proof.eigenfailures
     unfinished = "" if proven.proof.done else " Replays are still running."
     return (
-        f"Campaign {proven.found.subject.id}: of its eigenfailures {describe_reproduced(here)} "
-        f"failed again in the same scenario, {describe_reproduced(everywhere)} over all scenarios."
+        f"Campaign {proven.found.subject.id}: of its eigenfailures {format_reproduced(here)} "
+        f"failed again in the same scenario, {format_reproduced(everywhere)} over all scenarios."
         f"{unfinished}"
     )
 
 
-def format_reproduced(found: Reproduction) -> tuple[str, ...]:
-    """Return how many of the replays failed again."""
-    if found.rate is None:
-        return ("none tried",)
-    bounds = format_interval(found.rate.interval, 100.0)
-    return (f"{found.rate.k} of {found.rate.n}", f"95 %: {bounds} %")
-
-
-def describe_reproduced(found: Reproduction) -> str:
-    """Return the same within a sentence."""
-    count, *bounds = format_reproduced(found)
-    return f"{count} ({', '.join(bounds)})" if bounds else count
+def format_reproduced(found: Reproduction) -> str:
+    """Return how many of the replays failed again, as "3 of 4"."""
+    return f"{found.rate.k} of {found.rate.n}" if found.rate else "none tried"
 
 
 def list_scenario_texts(proven: Proven) -> Iterator[tuple[tuple[str, ...], ...]]:
     """Yield a row of texts for each scenario."""
     for each in proven.proof.scenarios:
         who = ((str(proven.found.subject.id),), (each.words,))
-        yield (*who, format_reproduced(each.eigenfailures), format_reproduced(each.medoids))
+        counts = map(format_reproduced, (each.eigenfailures, each.medoids))
+        yield (*who, *((count,) for count in counts))
 
 
 def list_scenario_rows(proven: list[Proven]) -> Iterator[tuple[Cell, ...]]:
@@ -143,8 +133,8 @@ def count_reproduced(found: Reproduction) -> tuple[Cell, ...]:
     """How many failed again, and how near the others came."""
     rate, nearest = found.rate, found.smallest_robustness_m
     if rate is None:
-        return (0, 0, None, None, None, nearest)
-    return (rate.k, rate.n, rate.value, rate.interval.low, rate.interval.high, nearest)
+        return (0, 0, nearest)
+    return (rate.k, rate.n, nearest)
 
 
 def replay_rows(proven: list[Proven]) -> Iterator[tuple[Cell, ...]]:
