@@ -92,7 +92,7 @@ def create_app(store: Store, settings: ApiSettings, clock: Clock = now_ms) -> Fa
 
     Args:
         store: where everything is kept.
-        settings: of the service.
+        settings: settings of the service.
         clock: milliseconds since 1970, for the expiry of keys and sessions.
 
     Raises:

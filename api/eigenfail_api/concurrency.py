@@ -25,7 +25,7 @@ class SerialExecutor:
     """Runs one function at a time in its own thread, with a short queue.
 
     Args:
-        name: of the thread.
+        name: name of the thread.
     """
 
     def __init__(self, name: str) -> None:

@@ -129,7 +129,7 @@ def document_route(
 
     Args:
         answer: type of the answer.
-        status: of the answer.
+        status: status of the answer.
         body: type of the request's body.
     """
     options: dict[str, Any] = {

@@ -19,7 +19,7 @@ class ApiSettings(BaseSettings):
     Attributes:
         database: URL of the store.
         host: address to listen on.
-        port: to listen on; 0 takes a free one.
+        port: port to listen on; 0 takes a free one.
         require_keys: ask for a key even before there is one; then, and with the key of an
             administrator, other machines may reach the address.
         trust_network: listen for other machines although no key is required. For containers
@@ -29,7 +29,8 @@ class ApiSettings(BaseSettings):
             asks.
         max_body_bytes: largest body of a request.
         max_connections: open at a time; of more, those that idle longest are closed.
-        max_requests_per_s: of one key, on average over five seconds; more is a 429.
+        max_requests_per_s: requests of one key that are answered, on average
+            over five seconds; others get a 429.
         max_keyless_requests_per_s: the same for one address, where no key is required.
         poll_s: interval at which the event log is read for open event streams.
     """

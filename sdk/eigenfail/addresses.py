@@ -84,7 +84,7 @@ def sqlite_uri(path: Path, mode: str) -> str:
     """The file: URI by which SQLite itself opens a file.
 
     Args:
-        path: of the file.
+        path: path of the file.
         mode: ro, rw or rwc, as SQLite calls them; only rwc creates a file that is missing.
     """
     return f"file:{quote(os.fsencode(path.absolute()))}?mode={mode}"

@@ -40,7 +40,7 @@ def open_private(path: Path, mode: str) -> IO[bytes]:
     A file that is there already keeps its permissions.
 
     Args:
-        path: of the file.
+        path: path of the file.
         mode: as `open` takes it, for bytes: ab, wb or xb.
 
     Raises:

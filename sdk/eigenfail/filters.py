@@ -38,7 +38,7 @@ class Column(msgspec.Struct, frozen=True):
     """A column of the list of episodes.
 
     Attributes:
-        name: in filters, sorts, fields and files.
+        name: name in filters, sorts, fields and files.
         kind: type of its values.
         words: description, with the unit.
         choices: the permitted values of a text; empty if any text is.

@@ -21,7 +21,7 @@ class MethodDescription(msgspec.Struct, frozen=True):
     """A method as its class describes it.
 
     Attributes:
-        name: of its entry point.
+        name: name of its entry point.
         plugin: makes learners.
         traits: what it declares of itself.
         estimates: whether its learners estimate the failure probability.

@@ -136,7 +136,7 @@ def ask(module: str, question: bytes, patience_s: float) -> bytes:
     """What the module answers.
 
     Args:
-        module: that calls `answer` when it is run.
+        module: module that calls `answer` when it is run.
         question: as it understands it.
         patience_s: after so long it is killed, with what it started. [s]
 

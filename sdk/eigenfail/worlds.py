@@ -23,7 +23,7 @@ class PluginField(NamedTuple):
     """A field of a campaign that names a plug-in, and where its settings are.
 
     Attributes:
-        group: of entry points.
+        group: group of entry points.
         settings: field of the campaign with the plug-in's settings.
         type_name: attribute of the plug-in with the type of its settings.
     """

@@ -33,9 +33,9 @@ class SettingBounds(msgspec.Struct, frozen=True):
 
     Attributes:
         time_s: over one step of a learner, or over an analysis. [s]
-        memory_mib: of its own data, touched or not: RLIMIT_DATA. With torch on a processor that is
-            within a few tens of MiB of what it has in memory, where RLIMIT_AS would count twice
-            as much. [MiB]
+        memory_mib: limit of the process's own data, touched or not: RLIMIT_DATA. With torch on a
+            processor that is within a few tens of MiB of what it has in memory, where RLIMIT_AS
+            would count twice as much. [MiB]
     """
 
     time_s: float

@@ -138,9 +138,9 @@ class ExportOrigin(msgspec.Struct, frozen=True):
 
     Attributes:
         campaign: id of its campaign.
-        spec_sha256: of the campaign's spec, see `_hash_spec`.
+        spec_sha256: SHA-256 of the campaign's spec, see `_hash_spec`.
         eigenfail: version that wrote it.
-        units: of its columns, where they have one.
+        units: units of its columns, where they have one.
     """
 
     campaign: int

@@ -203,8 +203,8 @@ class ExportJobs:
     """Makes exports one after the other, each in a separate folder.
 
     Args:
-        store: of the episodes.
-        folder: of all exports; it is created with the first one.
+        store: store of the episodes.
+        folder: folder of all exports; it is created with the first one.
     """
 
     def __init__(self, store: Store, folder: Path) -> None:

@@ -34,7 +34,7 @@ class Engine:
     The simulation is reopened after a fault, and when the scenario parameters change.
 
     Args:
-        setup: of the campaign.
+        setup: setup of the campaign.
         wrap_planner: returns what drives in place of each new planner; default: the planner.
 
     Raises:

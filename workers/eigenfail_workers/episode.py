@@ -27,9 +27,9 @@ class Tester:
     """Observes, disturbs and records one episode, which its caller steps.
 
     Args:
-        model: of the disturbances.
+        model: model of the disturbances.
         noise: source of standardised noise.
-        recorder: of the episode.
+        recorder: recorder of the episode.
         steps: horizon of the episode.
     """
 

@@ -65,7 +65,7 @@ class FunctionEngine:
     Args:
         function: under test.
         steps: length of a noise trajectory.
-        model: of the disturbances; only its scale and its shape count.
+        model: model of the disturbances; only its scale and its shape count.
         limit_s: wall time that one call may take.
     """
 

@@ -223,10 +223,10 @@ def make_state_change_error(
     """Return the error of an episode that has changed process-wide state.
 
     Args:
-        kind: of the error.
+        kind: kind of the error.
         culprit: what changed it, such as "the planner 'mine'".
         changes: what was changed, as `ProcessState.changes` names it.
-        result: of the episode; its own fault may be a consequence, and is quoted.
+        result: result of the episode; its own fault may be a consequence, and is quoted.
     """
     problem = (
         f"{culprit[0].upper()}{culprit[1:]} changed process-wide state during the episode: "

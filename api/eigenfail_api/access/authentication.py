@@ -87,7 +87,7 @@ class Caller:
     """The sender of a request.
 
     Attributes:
-        name: of the key; `loopback` or `network` where no key is required.
+        name: name of the key; `loopback` or `network` where no key is required.
         scope: what the key allows.
         key: its id.
         signed_in: whether the key was given on the login page, and a cookie stands for it.
@@ -201,7 +201,7 @@ class Authenticator:
     Once a key was made, keys are required permanently: also when all of them are revoked.
 
     Args:
-        store: of the keys.
+        store: store of the keys.
         settings: whether a key is required before there is one.
         clock: milliseconds since 1970.
     """

@@ -94,7 +94,7 @@ class AuthMiddleware:
     Args:
         app: the application to protect.
         authenticator: identifies callers.
-        store: of the audit log.
+        store: store of the audit log.
     """
 
     def __init__(self, app: ASGIApp, authenticator: Authenticator, store: Store) -> None:

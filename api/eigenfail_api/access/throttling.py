@@ -44,7 +44,7 @@ class RateLimiter:
 
     Args:
         per_s: requests per second. [1/s]
-        subject: of the sentence of a refusal, such as "This key".
+        subject: subject of the sentence of a refusal, such as "This key".
     """
 
     def __init__(self, per_s: float, subject: str) -> None:
@@ -131,7 +131,7 @@ class LoginThrottle:
         """Refuse a caller that sent too many wrong keys within the last minute.
 
         Args:
-            address: from where the key was sent.
+            address: address from which the key was sent.
             key: the id that it names; empty if it names none.
             at_ms: milliseconds since 1970.
 

@@ -354,7 +354,8 @@ class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         words: what it is; of results of older releases its strongest noise.
-        probability: of a failure of this mode, or why it has none; None where it was not requested.
+        probability: probability of a failure of this mode, or why it has none; None where it was
+            not requested.
         clip: address of the medoid's player.
         strength: root mean square of its eigenfailure [sigma]; noise has 1.
         proof: what its eigenfailure and its medoid did in the replays.

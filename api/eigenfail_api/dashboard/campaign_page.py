@@ -135,7 +135,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         campaign: as it stands.
-        summary: of its results.
+        summary: summary of its results.
         course: how its figures moved.
         rows: a sample of its completed episodes.
         listed: the first failures of the list.

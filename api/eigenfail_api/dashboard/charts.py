@@ -33,13 +33,13 @@ class Chart(msgspec.Struct, frozen=True):
     """A chart for the browser, and the text that stands for it where scripts are off.
 
     Attributes:
-        id: of its element on the page.
+        id: id of its element on the page.
         kind: which module draws it.
         title: what it shows.
         caption: how to read it, in a sentence.
         data: for the module, plain JSON.
-        columns: of the table.
-        rows: of the table, as text.
+        columns: columns of the table.
+        rows: rows of the table, as text.
         note: what the table leaves out.
     """
 
@@ -300,8 +300,8 @@ class PriorReference(msgspec.Struct, frozen=True):
     """log p per step that other noise has over the steps of some failures, at their sigma.
 
     Attributes:
-        typical: of noise drawn from p(x), on average. [nats]
-        none: of no noise at all: none is likelier. [nats]
+        typical: average log p of noise drawn from p(x). [nats]
+        none: log p of no noise at all, the largest that there is. [nats]
         failures: how many were looked at.
     """
 

@@ -153,8 +153,8 @@ class ComparisonVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """One group against the first.
 
     Attributes:
-        cells: of its row.
-        address: of the two alone.
+        cells: cells of its row.
+        address: address of the comparison of these two alone.
     """
 
     name: str
@@ -168,7 +168,7 @@ class ComparedView(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         chosen: the campaigns, the first of them first.
-        names: of the campaigns, as columns are headed.
+        names: names of the campaigns, the heads of the columns.
         settings: those that are shown.
         other: of the page with the other settings shown.
         only: whether only those that differ are shown.
@@ -300,7 +300,7 @@ class Wish(NamedTuple):
     """The query of the comparison page.
 
     Attributes:
-        campaigns: that were picked.
+        campaigns: campaigns that were picked.
         only: whether only settings that differ are shown.
         named: what the names of those to pick from contain.
     """

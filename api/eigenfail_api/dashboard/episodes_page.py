@@ -84,7 +84,7 @@ class Heading(msgspec.Struct, frozen=True):
     Attributes:
         column: as in filters.
         label: what stands there.
-        unit: under it.
+        unit: unit, shown under the label.
         is_minor: whether small screens do without it.
         address: the list, sorted by it.
         order: ascending or descending if it is sorted by it now; empty if not.
@@ -276,7 +276,7 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
         chart: None where nothing was found.
         title: how many are shown of what.
         sorted: by what, in words.
-        command: that exports the same as Parquet.
+        command: command that exports the same as Parquet.
         exports: links to files of the same episodes.
         first: the first page; empty on it.
         next: the page behind this one; empty on the last.

@@ -205,7 +205,7 @@ class LoginView:
     Attributes:
         wanted: the address that comes next.
         needs_key: whether there is anything to sign in to.
-        problem: of the last attempt.
+        problem: problem of the last attempt.
     """
 
     wanted: str

@@ -128,12 +128,12 @@ class LaunchField(msgspec.Struct, frozen=True, kw_only=True):
         label: the last word of that.
         kind: number, optional (a number, or off), text, choice, switch, list, table, or varied: a
             number that is fixed or drawn.
-        step: of a number: 1 of whole ones.
+        step: step of a number: 1 of whole ones.
         least: smallest value that a browser is to take; empty where there is none.
         most: largest one.
         default: what holds if nothing is typed; empty where something must be.
         bounds: describes the valid values.
-        options: of a choice.
+        options: options of a choice.
     """
 
     name: str
@@ -188,7 +188,7 @@ def group_of(schema: Schema, name: str, title: str, varied: bool = False) -> Lau
     """The fields of an object that a schema describes.
 
     Args:
-        schema: of it, with its `$defs`.
+        schema: JSON schema of the setting, with its `$defs`.
         name: its path.
         title: what it is called.
         varied: whether its values may be drawn from distributions.

@@ -47,11 +47,11 @@ class LaunchPart(msgspec.Struct, frozen=True, kw_only=True):
     """A section of the form.
 
     Attributes:
-        id: of its element.
-        fields: of the spec itself; a choice among them replaces the sections below.
-        summary: of the plug-in that is chosen, in a line.
+        id: id of its element.
+        fields: fields of the spec itself; a choice among them replaces the sections below.
+        summary: summary of the plug-in that is chosen, in a line.
         problem: why that plug-in cannot be used here; empty if it can.
-        settings: of that plug-in; None where it has none.
+        settings: settings of that plug-in; None where it has none.
     """
 
     id: str

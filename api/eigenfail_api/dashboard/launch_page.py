@@ -97,13 +97,13 @@ class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
     """The page.
 
     Attributes:
-        shown: by the name of the field.
+        shown: texts shown, by the name of the field.
         body: the specification that is launched.
         checked: in words, once it was checked and is in order; empty otherwise.
         completed: all that it would be, by path; nothing before that.
         key: idempotency key of this launch; empty while there is nothing to launch.
-        token: of this page.
-        copies: of the launch, for programs; None while there is nothing to be launched.
+        token: token of this page.
+        copies: copies of the launch, for programs; None while there is nothing to be launched.
     """
 
     parts: tuple[LaunchPart, ...]

@@ -129,7 +129,7 @@ class SpendingView(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         analysis: the one that the modes are of; None where they are of none.
         modes: how many there are and why, or why they are not known.
-        parts: of the time; empty where it was not measured, or none has passed.
+        parts: parts of the time; empty where it was not measured, or none has passed.
         problem: why the parts are missing; empty otherwise.
     """
 

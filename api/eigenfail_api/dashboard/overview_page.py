@@ -84,7 +84,7 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         wanted: what was asked for, and the cursor of this page.
-        address: of this page.
+        address: address of this page.
         newest: the address of the first page of these campaigns; None on it.
         older: the address of the next one, if there is one.
         methods: those that some campaign has.
@@ -119,7 +119,7 @@ class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         page: some campaigns, newest first.
-        summaries: of them, in the same order.
+        summaries: summaries of the campaigns, in the same order.
         groups: costs by method, of all campaigns.
         methods: those that some campaign has.
         replays: how many campaigns replay what others found.

@@ -42,7 +42,7 @@ class RegionView(msgspec.Struct, frozen=True, kw_only=True):
         is_made: whether the region is here; the page asks for it once it stands.
         tiles: what it rests on.
         problem: why there is no region.
-        p_value: of chance alone; empty without boxes.
+        p_value: p-value of the boxes under chance alone; empty without boxes.
     """
 
     campaign: int

@@ -54,9 +54,9 @@ class Term(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         key: identifier of the term in addresses.
-        name: of the term.
+        name: name of the term.
         words: what the figure is, and what it is not.
-        unit: of the figure; empty without one.
+        unit: unit of the figure; empty without one.
         labels: texts under which the figure stands in tables and on pages, without unit, threshold
             or interval.
     """
@@ -432,7 +432,7 @@ class Pager(NamedTuple):
     """Where one is in a list.
 
     Attributes:
-        address: of this page.
+        address: address of this page.
         newest: the address of the first page; None on it.
         older: the address of the next one, if there is one.
     """

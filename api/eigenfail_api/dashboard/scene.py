@@ -223,7 +223,7 @@ class AccountView(msgspec.Struct, frozen=True, kw_only=True):
         problem: why there is no account; the rest is empty then.
         is_same: whether the replay was the stored episode, bit for bit.
         steps: for the player; None where the account is of another course than the one shown.
-        scene: of the replay, where the stored episode kept none.
+        scene: scene of the replay, where the stored episode kept none.
         clearance: the strip of that scene.
     """
 

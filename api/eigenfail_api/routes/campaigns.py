@@ -59,9 +59,9 @@ class SteeringAction(msgspec.Struct, frozen=True):
     """An action by which users change the state of a campaign.
 
     Attributes:
-        steps: from each state that allows the action, the state that follows.
+        steps: the state that follows each state in which the action is allowed.
         done_in: states in which the action has been taken already, or is under way.
-        participle: of the verb, for sentences.
+        participle: participle of the verb, for sentences.
     """
 
     steps: Mapping[CampaignState, CampaignState]

@@ -27,7 +27,7 @@ class EventFeed:
     A follower who resumes before the events in memory reads the log first.
 
     Args:
-        store: of the event log.
+        store: store of the event log.
         poll_s: least time between two polls. [s]
     """
 

@@ -81,10 +81,10 @@ def _wait_for_analysis(
     The first, so that a gate that is repeated says the same, whatever was analysed since.
 
     Args:
-        client: of the service.
+        client: client of the service.
         place: where it is.
-        campaign: that is analysed.
-        settings: of a new one.
+        campaign: campaign that is analysed.
+        settings: settings of a new one.
         is_alike: whether one with these settings will do.
     """
     alike = [each for each in client.analyses.list(campaign) if is_alike(each.settings)]
@@ -196,7 +196,7 @@ class KnownFailures:
     """Finds the known failures of campaigns, analysing those that were not.
 
     Args:
-        client: of the service.
+        client: client of the service.
         place: where it is.
     """
 
@@ -278,7 +278,7 @@ class Runner:
     """Runs gates on a service.
 
     Args:
-        client: of the service.
+        client: client of the service.
         place: where it is.
         command: what goes on with the gate after Ctrl-C.
     """

@@ -51,7 +51,7 @@ class DeferredCommand(TyperCommand):
     """Stands in for a command, or a group of commands, until it is called.
 
     Args:
-        name: of the command.
+        name: name of the command.
         text: what a list of commands says of it.
         load_app: imports the module of the command and returns its `app`.
     """

@@ -42,7 +42,7 @@ class Contract(msgspec.Struct, frozen=True):
         group: where they are registered.
         settings: the class attribute with their settings or parameters.
         suite: the conformance suite.
-        subject: from the plug-in, what each check of the suite takes.
+        subject: maker of the argument of each check, from the plug-in.
     """
 
     group: str

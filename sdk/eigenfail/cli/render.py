@@ -72,7 +72,7 @@ class TerminalView(Generic[Snapshot]):
 
     Attributes:
         look: fetches the current state.
-        campaigns: those in it; watching ends once all of them have ended or are paused.
+        campaigns: campaigns of the suite; watching ends once all of them have ended or are paused.
         to_data: makes the data that `--json` prints.
         draw: it, for people.
     """
@@ -159,7 +159,7 @@ class _MissingWorkerNotice:
     """Says on standard error what a campaign lacks, once, if it does not get on.
 
     Args:
-        client: of the service that runs it.
+        client: client of the service that runs it.
     """
 
     def __init__(self, client: Client) -> None:
@@ -191,7 +191,7 @@ def follow(client: Client, campaign: int, check: Callable[[], None] = skip_check
     """Show the campaign's progress until it has ended or is paused.
 
     Args:
-        client: of the service that runs it.
+        client: client of the service that runs it.
         campaign: its id.
         check: raises if the service is in trouble.
     """
@@ -221,7 +221,7 @@ def follow_or_pause(
     """Follow a campaign to its end; on Ctrl-C pause it, say how to go on, and exit with 130.
 
     Args:
-        client: of the service that runs it.
+        client: client of the service that runs it.
         campaign: its id.
         check: raises if the service is in trouble.
         again: the command that starts the service again, if it ends with this command.
@@ -268,7 +268,7 @@ def run_suite(
     On Ctrl-C all of it is paused, the way on is said, and the exit code is 130.
 
     Args:
-        client: of the service that runs it.
+        client: client of the service that runs it.
         suite: the campaigns.
         check: raises if the service is in trouble.
         command: what goes on with it.
@@ -358,9 +358,9 @@ def judge(campaign: Campaign, gate: bool, summary: Summary | None = None) -> Non
     """Exit with 1 if a gate was asked for and failures were found.
 
     Args:
-        campaign: that is to be judged.
+        campaign: campaign that is to be judged.
         gate: whether failures count.
-        summary: of the campaign, for the reason if all of its episodes errored.
+        summary: summary of the campaign, for the reason if all of its episodes errored.
 
     Raises:
         ServiceError: the campaign came to nothing: it is dead, all of its episodes errored, or the

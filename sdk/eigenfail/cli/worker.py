@@ -61,7 +61,7 @@ class WorkerActivity(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         worker: its name; that of a worker without one is its host and process.
         host: the machine that it runs on; empty if it is not connected now.
-        version: of its eigenfail; empty likewise.
+        version: version of its eigenfail; empty likewise.
         state: gone if it is not connected; at work if it brought a result in the last minute.
         campaigns: whose episodes it ran.
         since_ms: when it connected; milliseconds since 1970, null if it is not connected now.

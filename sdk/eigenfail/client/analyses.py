@@ -48,7 +48,7 @@ class Analyses:
         Args:
             campaign: its id.
             settings: all of them; or give those that are not as usual by name.
-            fields: of AnalysisSettings, as plain data.
+            fields: fields of AnalysisSettings, as plain data.
 
         Raises:
             NotFound: no such campaign.

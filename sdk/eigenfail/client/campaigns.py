@@ -52,7 +52,7 @@ class Campaigns:
 
         Args:
             spec: all of it; or give its fields by name.
-            fields: of a CampaignSpec, as structs or plain data.
+            fields: fields of a CampaignSpec, as structs or plain data.
 
         Raises:
             UnknownName: a field, plug-in, setting or parameter that does not exist.
@@ -81,7 +81,7 @@ class Campaigns:
 
         Args:
             spec: all of it; or give its fields by name.
-            fields: of a CampaignSpec, as structs or plain data.
+            fields: fields of a CampaignSpec, as structs or plain data.
         """
         return self._link.post("/campaigns/check", CampaignCheck, spec or fields)
 
@@ -106,7 +106,7 @@ class Campaigns:
         It runs in the scenario that the episode drew, where its campaign drew one.
 
         Args:
-            campaign: of the failure.
+            campaign: campaign of the failure.
             episode: its index.
             episodes: the budget of replays.
 
@@ -145,9 +145,9 @@ class Campaigns:
         """List campaigns that match all given filters; newest first.
 
         Args:
-            state: in which they are.
-            suite: to which they belong.
-            method: by its name.
+            state: state in which the campaigns are.
+            suite: suite to which the campaigns belong.
+            method: name of the method.
             search: text that their names hold, in small or large letters.
         """
         asked = {"state": state, "suite": suite, "method": method, "search": search}
@@ -254,7 +254,7 @@ class Campaigns:
 
         Args:
             campaign: its id.
-            level: of VaR and CVaR of severity, between 0 and 1.
+            level: level of VaR and CVaR of severity, between 0 and 1.
 
         Raises:
             NotFound: no such campaign.

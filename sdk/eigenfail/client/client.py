@@ -116,7 +116,7 @@ class Client:
 
         Args:
             campaigns: one, or several in the order of the report.
-            folder: that is not there yet, or is empty.
+            folder: folder that is not there yet, or is empty.
             force: replace the report that is in the folder.
             also: further files for the folder, by name.
 

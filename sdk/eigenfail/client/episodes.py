@@ -92,8 +92,8 @@ class Episodes:
                 condition of the filter.
             filter: conditions such as "severity > 80 and min_ttc_s < 1.5".
             sort: a column, or -column for the largest first; without a value they come last.
-            fields: of each episode only these columns, as a dict; all of it, as an EpisodeRow,
-                if none is named.
+            fields: columns of each episode that are returned, as a dict; all of it, as an
+                EpisodeRow, if none is named.
 
         Raises:
             NotFound: no such campaign.
@@ -118,7 +118,7 @@ class Episodes:
 
         Args:
             campaign: its id.
-            path: of the file; one that is there is replaced.
+            path: path of the file; one that is there is replaced.
             format: csv, ndjson or parquet; by the file's name if it is not given.
             wanted: filter, sort and fields as in `list`; noise=True for z, in Parquet.
 
@@ -171,8 +171,8 @@ class Episodes:
 
         Args:
             campaign: its id.
-            index: of the episode.
-            scale: by which the noise is multiplied, 0.1 to 2; 1 injects it as it was.
+            index: index of the episode.
+            scale: scale by which the noise is multiplied, 0.1 to 2; 1 injects it as it was.
 
         Raises:
             NotFound: no such campaign, or the episode has no result yet.

@@ -220,7 +220,7 @@ class Link:
     """The way to one service.
 
     Args:
-        base_url: of the service, without /api/v1.
+        base_url: URL of the service, without /api/v1.
         transport: instead of sockets.
         key: the API key sent with each request; None for none.
 
@@ -275,8 +275,8 @@ class Link:
         """Have something done that the service does once, however often it is asked.
 
         Args:
-            path: of the request.
-            kind: of its answer.
+            path: path of the request.
+            kind: kind of its answer.
             body: the content of the request.
             key: idempotency key of this request, for ever; None makes one for this call.
         """
@@ -294,8 +294,8 @@ class Link:
         """Yield all items of a list, loaded page by page on demand.
 
         Args:
-            path: of the list.
-            kind: of its pages.
+            path: path of the list.
+            kind: kind of its pages.
             cursor: the parameter that asks for the next page.
             params: further ones.
         """

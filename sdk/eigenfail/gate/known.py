@@ -51,7 +51,7 @@ class KnownReplay(msgspec.Struct, frozen=True):
     """A campaign that injects known failures.
 
     Attributes:
-        member: of a suite; named after the member whose baseline's failures these are.
+        member: member of a suite; named after the member whose baseline's failures these are.
         known: the known failure of each episode, by index; others are of no interest.
     """
 
@@ -99,7 +99,7 @@ def make_minimal_replay(
     Args:
         under: the planner.
         minimal: the campaign.
-        index: of its minimal failure.
+        index: index of its minimal failure.
         drawn: what its episodes drew of their scenario; see `Drawn`.
     """
     was = f"{minimal.id}/{index}"
@@ -236,11 +236,11 @@ class NewMode(NamedTuple):
     """A mode that the new planner's failures are in, and the baseline's are not, or hardly.
 
     Attributes:
-        number: of the mode, from 1.
-        episode: of the new planner, its failure in the mode that is nearest to the centre.
+        number: number of the mode, from 1.
+        episode: episode of the new planner, its failure in the mode that is nearest to the centre.
         now: its failures in the mode, of `of_now`.
         before: the baseline's, of `of_before`.
-        p_value: of Fisher's exact test, one-sided.
+        p_value: p-value of Fisher's exact test, one-sided.
     """
 
     number: int
@@ -270,7 +270,7 @@ def add_modes(judged: Rerun, together: Analysis, now: RerunSide, pages: str) -> 
     """A rerun with the failure modes that are new in it; if they count, it is new itself.
 
     Args:
-        judged: by its rate.
+        judged: rerun of a campaign that is judged by its rate.
         together: an analysis of the baseline's campaign and this one that has ended.
         now: the new planner's side.
         pages: address of the service's pages.
@@ -303,7 +303,7 @@ def find_new_modes(result: AnalysisResult, before: int, now: int) -> Iterator[Ne
     (1935, The Design of Experiments) holds its error, however the modes were found.
 
     Args:
-        result: of both campaigns' failures together.
+        result: result of both campaigns' failures together.
         before: the baseline's campaign.
         now: the new planner's.
     """

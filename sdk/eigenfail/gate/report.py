@@ -51,7 +51,7 @@ class GateRun(msgspec.Struct, frozen=True, kw_only=True):
     """The inputs of a gate.
 
     Attributes:
-        version: of the planners under test.
+        version: version of the planners under test.
         run: the name of this run, which later gates can take as their baseline.
         baseline: as it was named; empty if this run makes one.
         strict: whether failures that were there before close the gate, too.

@@ -70,14 +70,14 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
         before: the baseline's.
         now: the new planner's.
         method: how both chose their noise.
-        verdict: of all of it.
+        verdict: verdict over all campaigns.
         by: whether its episodes count one by one, or all of it together.
         words: what it rests on, in a sentence.
         unpaired_because: why episodes cannot be held against each other one by one; empty where
             they were.
         counts: how many failing episodes there are of each verdict; empty where unpaired.
         findings: some of them, the new ones first; where unpaired, the likeliest failures.
-        difference: of the failure rates; None before both completed an episode.
+        difference: difference of the failure rates; None before both completed an episode.
         modes: whether a failure mode is new, in a sentence; empty where that was not asked.
         new_modes: a failure of each mode that is new, the one nearest to its centre; they count
             only where `judges_modes`.
@@ -124,7 +124,7 @@ def make_finding(
         found: the verdict.
         what: was injected.
         was: the baseline's episode.
-        row: of the new planner; None if it was never run.
+        row: row of the new planner; None if it was never run.
         pages: address of the service's pages.
     """
     if row is None:
@@ -178,7 +178,7 @@ def judge_rerun(
     Args:
         before: the baseline's.
         now: the new planner's.
-        comparison: of the two, the baseline first.
+        comparison: comparison of the two, the baseline first.
         pages: address of the service's pages.
         by: by what to judge where noise was the same.
     """

@@ -62,9 +62,9 @@ class RunOutcomes(msgspec.Struct, frozen=True):
     """The outcomes of a campaign's episodes, without the indices of safe ones.
 
     Attributes:
-        episodes: those with a result, which have the indices from 0.
-        collisions: by index.
-        failed: those that errored, by index.
+        episodes: number of episodes with a result; their indices begin with 0.
+        collisions: collisions by the index of the episode.
+        failed: errored episodes by index.
     """
 
     episodes: int
@@ -85,8 +85,8 @@ def judge_pairs(before: RunOutcomes, now: RunOutcomes) -> dict[int, GateVerdict]
     Episodes that only the baseline tried, or that neither could run, are left out.
 
     Args:
-        before: of the baseline.
-        now: of the new planner, under the same noise at every index.
+        before: outcomes of the baseline.
+        now: outcomes of the new planner, under the same noise at every index.
     """
     tried = {index for index in before.collisions if index < now.episodes}
     broken = {index for index in now.failed if before.of(index) is not None}

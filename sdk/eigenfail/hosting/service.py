@@ -64,8 +64,8 @@ def span_of(workers: int | None, least: int | None, most: int | None, idle_s: fl
 
     Args:
         workers: the number that stays; None is one per core.
-        least: of a number that follows the work; None is 0.
-        most: of the same; None is none at all: the number stays.
+        least: smallest number of workers, where the number follows the work; None is 0.
+        most: largest number of workers; None: the number does not follow the work.
         idle_s: how long fewer must have been enough; None is a minute. [s]
 
     Raises:
@@ -310,7 +310,7 @@ def register_planners(folder: Path, planners: Mapping[str, str]) -> tuple[Path, 
     """Write down where planners are, and return the folders from which a service imports them.
 
     Args:
-        folder: to write to.
+        folder: folder to write to.
         planners: module:Class by the name that campaigns give; modules are found where this process
             finds them, and a function that is in no file is refused.
 

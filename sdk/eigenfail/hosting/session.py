@@ -28,10 +28,10 @@ class Local(AbstractContextManager[Client]):
     Args:
         data: folder of its database and logs, kept afterwards; None takes a temporary one.
         workers: how many; 0 is one per core.
-        port: of its dashboard and API; 0 is any free one.
+        port: port of its dashboard and API; 0 is any free one.
         launcher: starts the workers: Ray, or none for a service with workers of its own.
-        planners: of one's own, as "module:Class" by the name that campaigns give; so they need not
-            be installed. The modules are found where this process finds them.
+        planners: planners of one's own, as "module:Class" by the name that campaigns give; so they
+            need not be installed. The modules are found where this process finds them.
     """
 
     def __init__(

@@ -405,7 +405,7 @@ def tabulate_sides(found: Comparison, bills: Sequence[Sequence[CampaignCost]] = 
 
     Args:
         found: the comparison.
-        bills: of the campaigns of each side, where what they cost is shown, too.
+        bills: bills of the campaigns of each side, where what they cost is shown, too.
     """
     figures = (("A", *_list_side(found.a)), ("B", *_list_side(found.b)))
     columns = (*name_columns("", "Campaigns"), *SIDES)
@@ -492,7 +492,7 @@ def tabulate_workers(
     """Return the workers that ran the episodes of a campaign, the busiest first.
 
     Args:
-        shares: of all workers.
+        shares: shares of all workers.
         format_time: writes the time of the last result.
         most: how many are shown; None shows all.
     """

@@ -27,7 +27,7 @@ class FormattedCell(NamedTuple):
 
     Attributes:
         value: the value, with its unit if the column does not have it.
-        interval: of 95 %, in brackets; empty without one.
+        interval: interval of 95 %, in brackets; empty without one.
         sample: the number of episodes behind the value, where no other column has it.
         basis: what else the value rests on, a line each; terminals leave it out.
     """
@@ -62,8 +62,8 @@ class TableColumn(NamedTuple):
     """A column of a table.
 
     Attributes:
-        title: in sentence case.
-        unit: of its numbers; "share" for shares of one, which are shown in percent.
+        title: title, in sentence case.
+        unit: unit of its numbers; "share" for shares of one, which are shown in percent.
         is_figure: whether it holds numbers, which stand under one another to the right.
         digits: significant digits of its numbers.
     """

@@ -95,7 +95,8 @@ def build_suite(scale: str, seed: int | None = None) -> Suite:
 
     Args:
         scale: a name in `SCALES`.
-        seed: of every campaign; evaluations draw from one that is 1000 higher. None: the scale's.
+        seed: seed of every campaign; evaluations draw from one that is 1000 higher. None: the
+            scale's.
 
     Raises:
         UnknownName: no such scale.

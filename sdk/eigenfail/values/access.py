@@ -35,7 +35,7 @@ class Usage(msgspec.Struct, frozen=True):
 
     Attributes:
         open: campaigns that have not ended.
-        episodes_of_day: in the campaigns of the last 24 hours.
+        episodes_of_day: number of episodes in the campaigns of the last 24 hours.
     """
 
     open: int = 0
@@ -182,11 +182,11 @@ class AuditEntry(Change, frozen=True, kw_only=True):
         who: the key's name; `loopback` or `network` where no key was required, `database` for
             what was done on the database itself; the system's user for the keys of workers.
         key: id of the key.
-        method: of the request.
+        method: method of the request.
         route: its address, with the names of what varies in braces.
         subject: what was made or changed, as an address.
-        address: from which the request came.
-        status: of the answer.
+        address: address from which the request came.
+        status: status of the answer.
     """
 
     id: int

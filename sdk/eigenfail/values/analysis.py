@@ -26,14 +26,14 @@ class Diversity(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         failures: how many it rests on.
         modes: clusters that are more than what clustering finds in noise; at least 1.
-        largest_share: of the failures, in the largest mode.
+        largest_share: share of the failures that is in the largest mode.
         effective_modes: exp of the Shannon entropy of the shares (Hill 1973): 1 where all are in
             one mode, `modes` where all modes hold equally many.
         spread: how much the failures differ: root mean square over steps and axes of the standard
             deviation of z between failures; 1 for noise of p(x), None of a single failure. [sigma]
         coverage: how many of the modes had been seen after each tenth of the campaign's episodes.
         verdict: summary in one sentence.
-        warning: that the modes have collapsed, and what to try; empty otherwise.
+        warning: warning that the modes have collapsed, and what to try; empty otherwise.
     """
 
     failures: int
@@ -72,9 +72,9 @@ class Stability(msgspec.Struct, frozen=True):
     Attributes:
         resamples: how often they were drawn.
         rows: how many failures each draw has.
-        median: of the adjusted Rand index (Hubert and Arabie 1985) between the clusters and those
-            of a draw: 1 where they are the same, 0 as by chance.
-        interval: from the 2.5 % to the 97.5 % quantile of the index over the draws.
+        median: median of the adjusted Rand index (Hubert and Arabie 1985) between the clusters and
+            those of a draw: 1 where they are the same, 0 as by chance.
+        interval: interval from the 2.5 % to the 97.5 % quantile of the index over the draws.
     """
 
     resamples: int
@@ -91,7 +91,7 @@ class Moment(msgspec.Struct, frozen=True):
         step: row of `influence`, in the alignment of the analysis.
         before_collision_s: time from the step to the collision; with alignment at the start to
             that of the median failure. None where steps have no duration. [s]
-        influence: of this step, as in `influence`.
+        influence: influence of this step, as in `influence`.
     """
 
     axis: str
@@ -128,9 +128,9 @@ class TrainingInterval(msgspec.Struct, frozen=True, eq=False, kw_only=True):
         start: where the interval begins, as a share of the episodes.
         end: where it ends.
         failures: how many there are in it.
-        mean: of z over them, shape (steps, 2); zeros without a failure. [sigma]
-        components: of them alone, each turned towards the one of the same number of all failures,
-            shape (at most 3, steps, 2).
+        mean: mean of z over these failures, shape (steps, 2); zeros without a failure. [sigma]
+        components: components of these failures alone, each turned towards the component of the
+            same number of all failures, shape (at most 3, steps, 2).
         explained: share of their variance that each explains.
         likeness: |cosine| between each and the one of the same number of all failures.
     """
@@ -164,7 +164,7 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         components: k of the PCA.
         clusters: number of failure modes; None chooses 2 to 8 by silhouette. `hdbscan` finds the
             number itself and takes none.
-        axes: of the noise that is analysed: both together, or one apart.
+        axes: axes of the noise that is analysed: both together, or one apart.
         clusterer: clustering algorithm.
         campaigns: further ones, whose failures are analysed with those of the first.
         bootstrap: how often the failures are drawn again to see whether the modes come back; 0
@@ -195,14 +195,14 @@ class FailureMode(Brief, msgspec.Struct, frozen=True, eq=False):
     Attributes:
         failures: how many failures belong to it.
         medoid: index of the real episode nearest to the centre.
-        centre: of the cluster in PCA space, shape (components,).
+        centre: centre of the cluster in PCA space, shape (components,).
         eigenfailure: the centre taken back to noise space: z, shape (steps, 2), aligned at the
             start and ready to be injected; along an axis that was left out, the mean of its
             failures. [sigma]
         medoid_campaign: the campaign of the medoid; None: the one that was analysed.
-        probability: of a failure of this mode under p(x), where the campaign's method estimates it;
-            None otherwise.
-        band: from the 10 % to the 90 % quantile of its failures' z at each step, of those that
+        probability: probability of a failure of this mode under p(x), where the campaign's method
+            estimates it; None otherwise.
+        band: band from the 10 % to the 90 % quantile of its failures' z at each step, of those that
             lasted so long, shape (2, steps, 2), aligned as `eigenfailure`; None in results of older
             releases. [sigma]
     """
@@ -227,14 +227,14 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
         scores: the data in PCA space D* = (D - mu) V_k, shape (failures, components).
         labels: the mode of each failure, by position in `modes`, from 0; pages, tables and data
             frames number modes from 1.
-        silhouette: of the clustering, from -1 to 1; None with a single mode.
+        silhouette: silhouette of the clustering, from -1 to 1; None with a single mode.
         noise_silhouette: the largest that the same clustering reaches on 19 draws of data without
             groups, of the same covariance and the same distances from the centre.
         influence: how much each step matters, shape (steps, 2): component magnitudes weighted by
             explained variance.
         diversity: how the failures spread over modes.
         campaigns: the campaign of each row; empty: the one that was analysed.
-        stability: of the clusters; None with a single mode, or without bootstrap.
+        stability: stability of the clusters; None with a single mode, or without bootstrap.
         outliers: share of the failures that the clusterer left out, before they were put with
             their nearest neighbour; 0 but for `hdbscan`.
         moments: the steps of greatest influence along each axis, the greatest first.
@@ -336,9 +336,10 @@ class MinimalFailure(msgspec.Struct, frozen=True, kw_only=True):
         words: what the noise does, in words.
         needed: pairs of a step and an axis that still hold noise; at first `injected` did.
         energy: sum of z² over them; `full_energy` at first. [sigma²]
-        log_probability: of the shrunk failure, summed over its steps; of the failure at full
-            strength: `full_log_probability`.
-        log_probability_per_step: of the shrunk failure; `full_log_probability_per_step` likewise.
+        log_probability: log-probability of the shrunk failure, summed over its steps; of the
+            failure at full strength: `full_log_probability`.
+        log_probability_per_step: log-probability per step of the shrunk failure;
+            `full_log_probability_per_step` likewise.
     """
 
     campaign: int

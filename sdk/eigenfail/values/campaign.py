@@ -111,8 +111,8 @@ class SpecField(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         help: sentence beside the field of a form.
-        section: of the form.
-        label: on the page of a campaign; empty for fields that it shows elsewhere.
+        section: section of the form.
+        label: label on the page of a campaign; empty for fields that it shows elsewhere.
         changes_episodes: whether campaigns that differ in this field have different episodes.
     """
 
@@ -128,7 +128,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     Attributes:
         episodes: the budget; every simulated episode counts.
         stop: stop rules, which may end the campaign before its budget is spent.
-        price_usd_per_hour: of one instance.
+        price_usd_per_hour: price of one instance.
         instances: how many instances the campaign occupies while it runs.
         scene_every: besides all collisions, keep the scene of every n-th episode.
         priority: how large its share of the workers is beside other campaigns, and how soon it has
@@ -328,7 +328,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
             where it is an estimate of the probability itself.
         cv: coefficient of variation: standard error ÷ probability. Of a lower bound it is the
             random error of the bound, not the distance from the true probability.
-        interval: of 95 %; None of a lower bound.
+        interval: interval of 95 %; None of a lower bound.
         effective: effective sample size, of weighted samples.
         problem: why there is no number, and what to do; empty otherwise.
         note: what neither the number nor its interval can know.
@@ -371,7 +371,7 @@ class RunPart(msgspec.Struct, frozen=True, kw_only=True):
     """A part of a campaign that services with the same versions ran.
 
     Attributes:
-        versions: by name, of what the learner ran with: Python, processor, packages.
+        versions: versions by name, of what the learner ran with: Python, processor, packages.
         began_ms: when these services took the campaign over.
         results: number of results that the campaign had by then; all later ones are of this part.
     """
@@ -389,7 +389,8 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
             otherwise.
         active_s: time during which it was running; pauses do not count.
         digest: over all results in index order, once the campaign is done.
-        estimate: of the failure probability; None where the method gives none, or none yet.
+        estimate: estimate of the failure probability; None where the method gives none, or none
+            yet.
         overhead: the part of `active_s` that was no simulation; None where it was not measured.
         trained_episodes: how many its learner was trained with so far; None where the method does
             not say.
@@ -455,8 +456,8 @@ class Cost(msgspec.Struct, frozen=True):
     Attributes:
         total_usd: price per instance-hour × instance-hours.
         per_failure_usd: total ÷ failures; None while there is none.
-        interval_usd: of the cost per failure, from the interval of the failure rate;
-            None while there is no failure.
+        interval_usd: interval of the cost per failure, from the interval of the failure rate; None
+            while there is no failure.
         at_least_usd: lower bound of the cost per failure (95 %), which holds without failures too.
     """
 
@@ -471,7 +472,7 @@ class CampaignFilter(msgspec.Struct, frozen=True):
     """What a campaign must be; None where anything will do.
 
     Attributes:
-        method: by its name.
+        method: name of the method.
         search: text that its name contains, in small or large letters.
         besides: a method whose campaigns are left out.
     """

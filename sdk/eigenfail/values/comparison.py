@@ -32,11 +32,12 @@ class Side(msgspec.Struct, frozen=True, kw_only=True):
         campaigns: their ids, one for each seed.
         completed: episodes.
         failures: collisions among them.
-        failure_rate: with Wilson's interval; None before the first episode.
+        failure_rate: failure rate with Wilson's interval; None before the first episode.
         rates: the failure rate of each campaign; None before its first episode.
-        log_probability_per_step: of the failures: sum of log p over all their steps ÷ steps.
-        mean_severity: of the failures [m²/s²].
-        cost: of all campaigns together, per failure of any.
+        log_probability_per_step: log-probability per step of the failures: sum of log p over all
+            their steps ÷ steps.
+        mean_severity: mean severity of the failures [m²/s²].
+        cost: cost of all campaigns together, per failure of any.
     """
 
     campaigns: tuple[int, ...]
@@ -55,7 +56,7 @@ class Difference(msgspec.Struct, frozen=True):
     Attributes:
         interval: Newcombe's hybrid score interval.
         n_a: completed episodes of A.
-        n_b: of B.
+        n_b: number of episodes of B.
     """
 
     value: float
@@ -100,7 +101,7 @@ class EffectSize(msgspec.Struct, frozen=True):
         a12: the probability that a campaign of B has a higher failure rate than one of A, ties
             counted half.
         n_a: campaigns of A.
-        n_b: of B.
+        n_b: number of episodes of B.
     """
 
     a12: float
@@ -125,7 +126,7 @@ class Comparison(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
         pairs: None where episodes are not paired.
         unpaired_because: why not, in words; empty where they are.
         effect: None with fewer than two campaigns on a side.
-        distinctions: in what the sides differ.
+        distinctions: settings in which the sides differ.
         sentences: summary of the comparison, one sentence per finding.
         warnings: limitations of the result.
     """
@@ -145,7 +146,7 @@ class Peers(msgspec.Struct, frozen=True, kw_only=True):
     """The fields that campaigns with comparable costs have in common.
 
     Attributes:
-        planner_settings: those that are not the planner's defaults.
+        planner_settings: settings that differ from the planner's defaults.
         scenario_parameters: the same of the scenario, each a value or a distribution.
     """
 
@@ -165,8 +166,8 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
         newest: the id of the newest one.
         completed: episodes.
         failures: collisions among them.
-        instance_hours: of all of them. [h]
-        total_usd: of all of them. [USD]
+        instance_hours: instance-hours of all campaigns. [h]
+        total_usd: total cost of all campaigns. [USD]
     """
 
     peers: Peers
@@ -218,8 +219,8 @@ class Trials(msgspec.Struct, frozen=True, eq=False):
     """Completed episodes of a campaign, by seed and outcome: all, or every k-th in index order.
 
     Attributes:
-        seeds: from which each drew its parameters, shape (n,).
-        failed: which of them collided, shape (n,).
+        seeds: seeds from which each drew its parameters, shape (n,).
+        failed: whether each of them collided, shape (n,).
     """
 
     seeds: NDArray[np.int64]
@@ -266,13 +267,14 @@ class Region(msgspec.Struct, frozen=True, kw_only=True):
     They were found on one half of the episodes; every figure is of the other half.
 
     Attributes:
-        parameters: those that took more than one value.
+        parameters: parameters that took more than one value.
         episodes: looked at, both halves.
         failures: among them.
-        failure_rate: of the half that the figures are of; None where nothing was tried.
+        failure_rate: failure rate of the half that the figures are of; None where nothing was
+            tried.
         boxes: the one with most of the failures first; empty where nothing can be concluded.
-        coverage: of all boxes together.
-        precision: of all boxes together.
+        coverage: coverage of all boxes together.
+        precision: precision of all boxes together.
         p_value: probability of this many failures in the boxes by chance (Fisher's exact test,
             one-sided); None where there are none to test.
         problem: why there is no region, and what to do; empty otherwise.

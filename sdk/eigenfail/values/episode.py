@@ -43,7 +43,7 @@ class EpisodeTask(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         index: its number within the campaign, from 0.
-        seed: of everything random in it; see `randomness.episode_seed`.
+        seed: seed of everything random in it; see `randomness.episode_seed`.
         source: where its disturbances come from.
     """
 

@@ -58,7 +58,7 @@ class Predecessor(msgspec.Struct, frozen=True, eq=False):
         campaign: its id.
         method: its method, by name.
         settings: the method's settings, as given.
-        seed: of its learner's random draws.
+        seed: seed of its learner's random draws.
         episodes: its campaign's budget.
         horizon: the number of steps of its episodes.
         state: what `Learner.state` last gave.
@@ -78,8 +78,8 @@ class Experience(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         z: noise trajectories, zero behind an episode's end, shape (n, horizon, 2). [sigma]
-        steps: of each episode, shape (n,).
-        robustness_m: of each episode, shape (n,).
+        steps: number of steps of each episode, shape (n,).
+        robustness_m: robustness of each episode, shape (n,).
     """
 
     z: Floats
@@ -91,12 +91,12 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
     """What a learner is born with.
 
     Attributes:
-        seed: of its own random draws.
+        seed: seed of its own random draws.
         episodes: the campaign's budget.
         horizon: the number of steps of a full episode.
         trajectories: noise trajectories z to start from, shape (n, horizon, 2); n may be 0.
         predecessors: learners of earlier campaigns that the settings name.
-        experience: of earlier campaigns that the settings name; None if they name none.
+        experience: experience of earlier campaigns that the settings name; None if they name none.
     """
 
     seed: int

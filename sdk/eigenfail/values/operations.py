@@ -47,7 +47,7 @@ class Arrival(msgspec.Struct, frozen=True, kw_only=True):
         worker: its name, as registered with the hub.
         host: the machine that it runs on.
         pid: its process there.
-        versions: of what it runs with.
+        versions: versions of what it runs with.
     """
 
     worker: str
@@ -161,7 +161,7 @@ class Backup(msgspec.Struct, frozen=True):
 
     Attributes:
         bytes: size of the file.
-        revision: of the schema in it.
+        revision: revision of the schema in it.
     """
 
     database: str
@@ -181,8 +181,8 @@ class Retention(msgspec.Struct, frozen=True):
     """What stays of a campaign: its rows, all failures, and every N-th other episode.
 
     Attributes:
-        keep_every: of the indices; an episode whose index is a multiple keeps noise and scene.
-        source: of the noise: prior, trajectory or policy; that of other episodes stays.
+        keep_every: an episode whose index is a multiple of this keeps noise and scene.
+        source: source of the noise: prior, trajectory or policy; that of other episodes stays.
     """
 
     keep_every: Annotated[int, msgspec.Meta(ge=2)] = KEEP_EVERY
@@ -212,8 +212,8 @@ class Pruning(msgspec.Struct, frozen=True, kw_only=True):
     """The noise that one command removed from a campaign.
 
     Attributes:
-        id: of the record.
-        retention: by which rule.
+        id: id of the record.
+        retention: rule that says which noise is kept.
         through: the index up to which it has come; it goes in index order.
         pruned_ms: when it began, in milliseconds since 1970.
         who: who gave the command.
@@ -246,7 +246,7 @@ class PruneReport(msgspec.Struct, frozen=True):
 
     Attributes:
         database: its address, without secrets.
-        retention: by which rule.
+        retention: rule that says which noise is kept.
         is_rehearsal: nothing was changed.
         in_use: campaigns that were passed over, or left before their end: one that has not ended
             needs their noise.

@@ -25,11 +25,11 @@ class ReplayedNoise(msgspec.Struct, frozen=True, kw_only=True):
         mode: position in `AnalysisResult.modes`, from 0.
         campaign: the replay's; with `index` its episode.
         outcome: None while it is not in.
-        steps: that it lasted.
-        log_probability: of the noise injected, summed over these steps.
+        steps: number of steps that it lasted.
+        log_probability: log-probability of the noise injected, summed over these steps.
         log_probability_per_step: the same ÷ steps.
-        expected_log_probability: that noise of p(x) has on average over the same steps, at the same
-            sigma: how far below it `log_probability` lies is how unlikely the noise is.
+        expected_log_probability: average log-probability of noise of p(x) over the same steps, at
+            the same sigma: how far below it `log_probability` lies is how unlikely the noise is.
     """
 
     what: ReplayKind
@@ -55,7 +55,7 @@ class Reproduction(msgspec.Struct, frozen=True):
     Attributes:
         rate: failed again ÷ tried, not a random sample: the count says how many, and the interval
             means nothing. None before the first result. A replay that errored was not tried.
-        smallest_robustness_m: of those tried; 0 once one has failed again.
+        smallest_robustness_m: smallest robustness of those tried; 0 once one has failed again.
     """
 
     rate: Rate | None = None
@@ -66,12 +66,13 @@ class ProvenScenario(msgspec.Struct, frozen=True, kw_only=True):
     """The replays in one scenario.
 
     Attributes:
-        scenario_parameters: those that differ from the scenario in which the failures happened;
-            none: the same scenario. Where the analysed campaign's parameters vary, the scenario of
-            a mode, and of its eigenfailure, is the one that its medoid drew, and there is an entry
-            for each scenario that medoids drew.
-        drawn: of those that vary, what the medoids of its modes drew, as far as it is in effect.
-        campaign: that replays; `state` is its own.
+        scenario_parameters: parameters that differ from those of the scenario in which the failures
+            happened; none: the same scenario. Where the analysed campaign's parameters vary, the
+            scenario of a mode, and of its eigenfailure, is the one that its medoid drew, and there
+            is an entry for each scenario that medoids drew.
+        drawn: values that the medoids of its modes drew, for the parameters that vary and are in
+            effect.
+        campaign: campaign that replays; `state` is its own.
     """
 
     scenario_parameters: Settings
@@ -120,7 +121,7 @@ class Proof(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         done: whether there are replays, and all have ended.
         reproduced: the eigenfailures in the same scenario.
-        eigenfailures: in all scenarios together; `medoids` likewise.
+        eigenfailures: replays of eigenfailures in all scenarios together; `medoids` likewise.
     """
 
     analysis: int
@@ -146,7 +147,8 @@ class ExplainedStep(msgspec.Struct, frozen=True):
         acceleration_mps2: what the planner asked for; steering_rad likewise.
         account: what it says; empty for a planner that explains nothing.
         disturbance: a_t / sigma_t of this step, (longitudinal, lateral) [sigma].
-        gap_m: from the truck's front to the nearest vehicle's rear bumper along the road, in truth.
+        gap_m: gap from the truck's front to the nearest vehicle's rear bumper along the road, in
+            truth.
         closing_mps: speed at which this gap closes, in truth.
         path: where the planner means to drive from here, the present position first; empty for a
             planner that reports none.
@@ -167,7 +169,7 @@ class ExplainedEpisode(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         result: what came of it, as of any episode.
-        steps: those in which the planner decided; without the truth if the episode failed.
+        steps: steps in which the planner decided; without the true state if the episode failed.
     """
 
     result: EpisodeResult
@@ -199,9 +201,9 @@ class Explanation(Brief, msgspec.Struct, frozen=True, eq=False):
         planner: its name.
         verdict: whether the replay is the stored episode.
         note: what must be known about the planner's account; may be empty.
-        steps: those asked for; the story is of all.
+        steps: steps that were requested; the story covers all steps.
         story: what happened, a sentence for each thing of note, in the order of time.
-        scene: of the replay, where the stored episode kept none and the replay is the same.
+        scene: scene of the replay, where the stored episode kept none and the replay is the same.
     """
 
     episode: str

@@ -49,7 +49,8 @@ class Assessment(msgspec.Struct, frozen=True):
     Attributes:
         conflict: its class; None if it was not run, or ended in a collision that was stored
             before there were classes.
-        ttc_lead_s: from the first violation of MinTTC to the collision [s]; None without either.
+        ttc_lead_s: time from the first violation of MinTTC to the collision [s]; None without
+            either.
         drac_lead_s: the same for DRAC.
         unresolved: whether it ended at its horizon while braking could not avoid a collision any
             more; None if that is not known: an older release did not measure enough to say, or an
@@ -216,7 +217,7 @@ class ConflictTotals(msgspec.Struct, frozen=True):
         ttc_lead_s: sum of the lead times of MinTTC, of which there are `ttc_leads`.
         drac_lead_s: sum of the lead times of DRAC, of which there are `drac_leads`.
         unresolved: episodes that ended while braking could not avoid a collision any more.
-        perhaps_unresolved: of which too little was measured to say whether they did.
+        perhaps_unresolved: episodes of which too little was measured to say whether they did.
     """
 
     unavoidable: int = 0
@@ -253,7 +254,7 @@ class Totals(msgspec.Struct, frozen=True):
     Attributes:
         severity: None where no failure has one.
         conflicts: over all completed episodes.
-        fault: of the errored episodes; None where none errored.
+        fault: fault of the errored episodes; None where none errored.
     """
 
     failures: int

@@ -144,7 +144,7 @@ class Export(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         id: identifier of the export.
         rows: how many episodes are written so far.
-        size_bytes: of the file; None until it is done.
+        size_bytes: size of the file; None until it is done.
         problem: why it failed; empty unless it did.
     """
 

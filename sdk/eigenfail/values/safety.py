@@ -22,7 +22,7 @@ class MeasureTotals(msgspec.Struct, frozen=True):
     Attributes:
         n: how many have it: one that never closed in on anybody has neither MinTTC nor DRAC.
         violations: how many are beyond the threshold.
-        median: of two middle ones their mean; None over none.
+        median: median, the mean of the two middle values of an even number; None over none.
         worst: the smallest MinTTC, or the largest DRAC; None over none.
     """
 
@@ -36,7 +36,7 @@ class FailurePoint(msgspec.Struct, frozen=True):
     """A failure by likelihood and severity.
 
     Attributes:
-        index: of the episode.
+        index: index of the episode.
         log_probability_per_step: sum of log p over its steps ÷ steps.
         severity: [m²/s²].
         conflict: its class; None where too little was measured.
@@ -54,9 +54,9 @@ class SafetyTotals(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         completed: episodes.
         failures: collisions among them.
-        ttc: of MinTTC [s].
-        drac: of the largest DRAC [m/s²].
-        severities: of the failures that have one, in index order, shape (n,). [m²/s²]
+        ttc: distribution of MinTTC [s].
+        drac: distribution of the largest DRAC [m/s²].
+        severities: severities of the failures that have one, in index order, shape (n,). [m²/s²]
         points: every k-th of those failures, in index order.
     """
 
@@ -96,7 +96,7 @@ class SeverityRisk(msgspec.Struct, frozen=True, kw_only=True):
     """How severe the failures are: on average, and at their worst.
 
     Attributes:
-        level: of VaR and CVaR.
+        level: level of VaR and CVaR.
         n: failures that it rests on.
         beyond: how many of them the level leaves above VaR: n · (1 − level).
         mean: None without a failure.
@@ -119,7 +119,7 @@ class Scatter(msgspec.Struct, frozen=True):
     """Likelihood against severity.
 
     Attributes:
-        points: in index order.
+        points: points in the order of the episodes.
         of: how many failures they stand for; where there are more than points, every k-th is shown.
         rank_correlation: Spearman's ρ over the points: below 0 where the severe are the rarer;
             None over fewer than ten points, or where one axis does not vary.
@@ -138,9 +138,10 @@ class Safety(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
         near_misses: MinTTC < 1.5 s without a collision ÷ completed episodes.
         conflicts: unavoidable versus planner's failure, and the mean lead times.
         unresolved: episodes that are no collisions only because they ended.
-        ttc: of MinTTC [s].
-        drac: of the largest DRAC [m/s²].
-        severity: of the failures [m²/s²], each counted once, however likely it is under p(x).
+        ttc: distribution of MinTTC [s].
+        drac: distribution of the largest DRAC [m/s²].
+        severity: severity of the failures [m²/s²], each counted once, however likely it is under
+            p(x).
         scatter: likelihood against severity of the failures.
         notes: what the numbers cannot know.
     """

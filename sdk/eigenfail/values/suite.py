@@ -88,7 +88,7 @@ class SuiteTable(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
     Attributes:
         columns: the fields of a campaign in which members differ, by their last word where that
             tells them apart, else by their whole path.
-        members: in the order in which they were first created.
+        members: members in the order in which they were first created.
         earlier: number of earlier campaigns that are replaced by a newer one of the same name.
         left_out: members beyond the most that a table holds, the oldest ones.
     """

@@ -22,8 +22,8 @@ class Conflicts(msgspec.Struct, frozen=True):
         planner_failures: collisions that braking could have avoided.
         unclassified: collisions of which too little was measured to class them.
         near_misses: MinTTC < 1.5 s without a collision.
-        ttc_lead: from the first violation of MinTTC to the collision.
-        drac_lead: from the first violation of DRAC to the collision.
+        ttc_lead: time from the first violation of MinTTC to the collision.
+        drac_lead: time from the first violation of DRAC to the collision.
     """
 
     unavoidable: int = 0
@@ -39,7 +39,8 @@ class Unresolved(msgspec.Struct, frozen=True):
 
     Attributes:
         count: how many; none of them is a failure.
-        not_known: of how many this is not known: an older release measured too little.
+        not_known: number of episodes of which this is not known: an older release measured too
+            little.
         horizon_s: how long an episode without a collision lasts, the longest where that varies [s];
             None where steps have no duration, or the scenario is not known here.
     """
@@ -65,7 +66,7 @@ class Errored(msgspec.Struct, frozen=True):
 
     Attributes:
         count: number of errored episodes; no rate counts them.
-        kind: of the most frequent reason: infrastructure, simulator, planner, solver or input.
+        kind: kind of the most frequent reason: infrastructure, simulator, planner, solver or input.
         reason: the most frequent reason, in words; of equally frequent ones the earliest.
         times: number of episodes with that reason.
         first: index of the first episode with that reason.
@@ -81,7 +82,7 @@ class Errored(msgspec.Struct, frozen=True):
         """Return a sentence on the errored episodes; empty if there are none.
 
         Args:
-            counts: of the same campaign; a rate counts its completed episodes alone.
+            counts: counts of the same campaign; a rate counts its completed episodes alone.
         """
         if not self.count:
             return ""
@@ -108,15 +109,16 @@ class Summary(Shown, msgspec.Struct, frozen=True):
 
     Attributes:
         failure_rate: collisions within the horizon ÷ completed episodes; None before the first one.
-        mean_log_probability: of the failures, summed over their steps.
-        log_probability_per_step: of the failures: sum of log p over all their steps ÷ steps.
-        mean_severity: of the failures [m²/s²].
-        estimate: of the failure probability under p(x); None where the method gives none, or none
-            yet.
+        mean_log_probability: mean log-probability of the failures, summed over their steps.
+        log_probability_per_step: log-probability per step of the failures: sum of log p over all
+            their steps ÷ steps.
+        mean_severity: mean severity of the failures [m²/s²].
+        estimate: estimate of the failure probability under p(x); None where the method gives none,
+            or none yet.
         unresolved: episodes that are no failures only because they ended.
         errored: episodes that could not be completed, with their most frequent reason.
-        reach: of a campaign that ended without a failure: which disturbances its method cannot
-            choose, and what to do; empty where the method can choose any.
+        reach: reach of a campaign that ended without a failure: which disturbances its method
+            cannot choose, and what to do; empty where the method can choose any.
     """
 
     campaign: int
@@ -155,9 +157,9 @@ class BlockTotals(msgspec.Struct, frozen=True):
         completed: at least one.
         failures: collisions among them.
         log_probability: sum of log p over all steps of the failures.
-        steps: of the failures.
+        steps: steps of the failures.
         smallest_robustness_m: None if nothing was measured.
-        median_robustness_m: of two middle ones their mean; None if nothing was measured.
+        median_robustness_m: median; None if nothing was measured.
     """
 
     first: int
@@ -176,8 +178,8 @@ class CourseBlock(msgspec.Struct, frozen=True, kw_only=True):
         first: smallest index.
         last: largest index.
         failure_rate: collisions ÷ completed episodes, with its interval.
-        log_probability_per_step: of the failures: sum of log p over all their steps ÷ steps; None
-            without one.
+        log_probability_per_step: log-probability per step of the failures: sum of log p over all
+            their steps ÷ steps; None without one.
     """
 
     first: int
@@ -194,7 +196,7 @@ class Course(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         heading: "Learning curve" of a method that learns, else "Failures over episodes".
         per: how many indices a block spans.
-        blocks: in index order; those without a completed episode are left out.
+        blocks: blocks in index order; those without a completed episode are left out.
     """
 
     campaign: int
@@ -278,10 +280,10 @@ class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         active_s: time during which the campaign was running.
-        simulation_s: at least one episode was with a worker, less `lost_s`.
+        simulation_s: time in which at least one episode was with a worker, less `lost_s`.
         learning_s: no episode was with a worker, and the learner worked; its start included.
         waiting_s: neither: for workers, or for the database.
-        lost_s: of the time in which episodes were with workers, the share whose results were
+        lost_s: part of the time in which episodes were with workers: the share whose results were
             thrown away: `lost_worker_s` ÷ (`worker_s` + `lost_worker_s`).
         worker_s: worker time in completed episodes, summed over all workers.
         lost_worker_s: worker time in episodes that errored, in second results of an
@@ -303,16 +305,16 @@ class CampaignCost(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=T
     """Cost of a campaign, with the failures and modes found.
 
     Attributes:
-        price_usd_per_hour: of one instance.
+        price_usd_per_hour: price of one instance.
         instances: how many it occupied while it ran.
         completed: episodes.
         failures: collisions among them.
-        cost: in total and per failure, with its interval or lower bound.
+        cost: cost, total and per failure, with its interval or lower bound.
         analysis: the newest of this campaign that is done; None without one.
         modes: distinct modes that it has failures of; None where none are known.
         per_mode_usd: total ÷ modes; None where none are known.
         modes_in_words: how many there are and why, or why they are not known.
-        curve: from nothing spent to everything, in order of time.
+        curve: curve from nothing spent to everything, in order of time.
         time: what the time went into.
         notes: which figures are approximate, and why.
     """

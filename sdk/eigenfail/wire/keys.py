@@ -91,7 +91,7 @@ def read_worker_key(text: str, where: str) -> WorkerKey:
     """Return the worker key that a text holds.
 
     Args:
-        text: of the key.
+        text: text of the key.
         where: the text comes from, for the error.
 
     Raises:
@@ -113,7 +113,7 @@ def read_hub_key(text: str, where: str) -> bytes:
     """Return the hub's public key that a text holds.
 
     Args:
-        text: of the key.
+        text: text of the key.
         where: the text comes from, for the error.
 
     Raises:

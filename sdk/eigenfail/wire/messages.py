@@ -85,7 +85,7 @@ class Hello(Message, frozen=True):
             ones have the same number and carry nothing new.
         claims: the episodes that it holds from before: leased and not begun, running, or finished
             and not acknowledged.
-        versions: of the packages that run its episodes.
+        versions: versions of the packages that run its episodes.
         bridge: whether it has one, so that it can run episodes that need a bridge.
     """
 
@@ -117,7 +117,7 @@ class Heartbeat(Message, frozen=True):
     """Worker to hub: sign of life.
 
     Attributes:
-        campaign: of the episode that it runs, if any.
+        campaign: campaign of the episode that it runs, if any.
         running: index of the episode that it runs, if any.
         held: campaign and index of all unfinished episodes that it holds, the running one included.
         slots: number of episodes of the running campaign that it can run in parallel.
@@ -189,8 +189,8 @@ class Piece(Message, frozen=True):
     """Either side: a part of a message that is too long for one frame; see `split`.
 
     Attributes:
-        number: of the message; its sender counts them.
-        offset: of the part in the message. [bytes]
+        number: number of the message; its sender counts them.
+        offset: offset of the part in the message. [bytes]
         total: length of the message. [bytes]
     """
 
@@ -335,7 +335,7 @@ def split(message: Message, max_bytes: int = MAX_MESSAGE_BYTES) -> Iterator[byte
     """Yield the frames of a message, in the order in which they are to be sent.
 
     Args:
-        message: to be sent.
+        message: message to be sent.
         max_bytes: the longest message that the other side joins.
 
     Raises:

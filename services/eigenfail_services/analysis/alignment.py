@@ -185,7 +185,7 @@ def gather_failures(
     So the modes do not depend on when a failure was found, and sums round alike.
 
     Args:
-        portions: of no episode twice.
+        portions: portions, none of which shares an episode.
         horizon: steps of a full episode.
         settings: how to align, and which axes.
 
@@ -215,7 +215,7 @@ def _place_batch(portion: FailureBatch, horizon: int, how: str) -> _PlacedBatch:
     """A portion put side by side.
 
     Args:
-        portion: of one campaign.
+        portion: portion of one campaign.
         horizon: steps of a full episode.
         how: a name in `ALIGNMENTS`.
 

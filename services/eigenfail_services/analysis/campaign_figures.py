@@ -53,7 +53,7 @@ def make_course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> 
     Args:
         campaign: as it stands.
         per: how many indices a block spans.
-        totals: of the blocks that have a completed episode.
+        totals: totals of the blocks that have a completed episode.
     """
     return Course(
         campaign=campaign.id,
@@ -134,7 +134,7 @@ def price_campaign(
     Args:
         active_s: time during which the instances were occupied. [s]
         instances: how many were occupied.
-        price_usd_per_hour: of one instance.
+        price_usd_per_hour: price of one instance.
         failures: collisions among the completed episodes.
         completed: episodes that ran to their end.
 
@@ -300,7 +300,7 @@ def make_safety(
         totals: over its completed episodes.
         conflicts: these by class.
         unresolved: those that are no collisions only because they ended.
-        level: of VaR and CVaR of severity.
+        level: level of VaR and CVaR of severity.
 
     Raises:
         InvalidValue: the level is not between 0 and 1.

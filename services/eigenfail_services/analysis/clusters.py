@@ -262,7 +262,7 @@ def measure_stability(data: Floats, labels: Labels, settings: AnalysisSettings) 
     Args:
         data: D, shape (failures, columns).
         labels: the mode of each failure, shape (failures,).
-        settings: of the analysis.
+        settings: settings of the analysis.
 
     Returns:
         None with a single mode, or without resamples.

@@ -161,7 +161,7 @@ def _describe_mode(
 
     Args:
         failures: all of them.
-        space: in which they are, row by row.
+        space: space of the rows.
         members: the rows of these, shape (members,).
     """
     scores = space.scores[members]

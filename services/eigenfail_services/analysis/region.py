@@ -59,7 +59,7 @@ class _GrownTree(NamedTuple):
     """A tree and the episodes that it was grown on.
 
     Attributes:
-        tree: of scikit-learn.
+        tree: decision tree of scikit-learn.
         values: shape (rows, parameters).
         failed: shape (rows,).
     """
@@ -146,11 +146,11 @@ class RegionQuestion(NamedTuple):
     Attributes:
         campaigns: whose they are.
         scenario: its name.
-        names: of the parameters that took more than one value.
-        values: of these, shape (episodes, parameters).
+        names: names of the parameters that took more than one value.
+        values: values of these parameters, shape (episodes, parameters).
         failed: shape (episodes,).
         warnings: known reasons to doubt the answer.
-        methods: of the campaigns; shares of episodes that a search chose have no interval.
+        methods: methods of the campaigns; shares of episodes that a search chose have no interval.
     """
 
     campaigns: tuple[int, ...]

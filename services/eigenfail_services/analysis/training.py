@@ -25,7 +25,7 @@ def summarize_training(
     """Ten intervals of the episodes, each with its failures' mean and their own components.
 
     Args:
-        failures: of one or several campaigns.
+        failures: failures of one or several campaigns.
         space: the components of all of them.
         episodes: how many of each campaign have ended, by its id.
     """
@@ -120,7 +120,7 @@ def count_coverage(labels: Labels, tenths: Labels) -> tuple[int, ...]:
 
     Args:
         labels: the mode of each failure, shape (failures,).
-        tenths: in which tenth of its campaign it was found, from 0, shape (failures,).
+        tenths: tenth of its campaign in which each was found, from 0, shape (failures,).
     """
     first = [int(tenths[labels == mode].min()) for mode in np.unique(labels)]
     return tuple(sum(seen <= tenth for seen in first) for tenth in range(TENTHS))

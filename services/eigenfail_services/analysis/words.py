@@ -38,7 +38,7 @@ class Push(NamedTuple):
     Attributes:
         first: its first step; `last` its last, included.
         steps: those between the two that push at least as strongly as was asked for.
-        mean: of z over these steps; `peak` the strongest of them. [sigma]
+        mean: mean of z over these steps; `peak` the strongest of them. [sigma]
     """
 
     first: int

@@ -180,7 +180,7 @@ class AnalysisJobs:
     Args:
         database: URL of the store; handed on in the environment, where no list of processes
             shows its password.
-        bounds: of each process.
+        bounds: limits of each process.
     """
 
     def __init__(self, store: Store, database: str, bounds: SettingBounds = NO_BOUNDS) -> None:

@@ -40,7 +40,7 @@ class StoreCache(Generic[Value]):
         """Return the value of a subject in a state, from the cache or computed now.
 
         Args:
-            store: that it is made of.
+            store: store that it is made of.
             subject: what the value belongs to, such as an id.
             state: whatever changes when the value does; read before the value is made.
             make: makes it.

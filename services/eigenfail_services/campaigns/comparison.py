@@ -306,8 +306,8 @@ class SettingValues(msgspec.Struct, frozen=True):
     """The values of one setting in several campaigns, as text.
 
     Attributes:
-        path: in a CampaignSpec.
-        values: in the order of the campaigns.
+        path: path in a CampaignSpec.
+        values: values in the order of the campaigns.
     """
 
     path: str

@@ -213,7 +213,7 @@ class Continuation(msgspec.Struct, frozen=True):
 
     Attributes:
         words: what it does.
-        changes: of the campaign's fields, by path.
+        changes: changes of the campaign's fields, by path.
     """
 
     words: str

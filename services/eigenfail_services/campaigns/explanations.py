@@ -194,9 +194,9 @@ def replay_episode(
 
     Args:
         store: where the episode is.
-        campaign: of the episode.
-        index: of the episode.
-        scale: of the noise; 1 injects it as it was.
+        campaign: campaign of the episode.
+        index: index of the episode.
+        scale: scale of the noise; 1 injects it as it was.
         made_by: id of the key of the request.
 
     Raises:
@@ -240,7 +240,7 @@ def describe_modes(
 
     Args:
         store: where the medoids are.
-        analysis: that found the modes.
+        analysis: analysis that found the modes.
         result: what it found.
         step_s: duration of a step; None where it has none. [s]
     """
@@ -277,7 +277,7 @@ def _describe_account(
     is; and one that never answers is left behind once, as the time of all others is spent with it.
 
     Args:
-        setup: of the episode's campaign.
+        setup: setup of the episode's campaign.
         medoid: the episode.
         clock: its times.
         until_s: when `time.monotonic` says so, the planner is not waited for. [s]

@@ -164,7 +164,7 @@ class WorkerScale:
         """Return the number of workers to have, from the number that is needed now.
 
         Args:
-            now_s: of a clock that only ever grows. [s]
+            now_s: time of a monotonic clock. [s]
             need: as `count_needed` returns it, less the workers that users start and stop.
         """
         within = min(max(need, self._span.least), self._span.most)
@@ -203,7 +203,7 @@ class WorkerNames:
     """The names of the workers that Ray is to have: added and dropped with the need.
 
     Attributes:
-        names: in the order in which they were taken on.
+        names: names in the order in which they were added.
     """
 
     def __init__(self, span: Span) -> None:

@@ -41,8 +41,8 @@ class ReplayWorld(NamedTuple):
     """The analysed campaign in one scenario, with the modes that happened there.
 
     Attributes:
-        spec: of the campaign, in that scenario.
-        modes: that are at home there, from 0.
+        spec: spec of the campaign, in that scenario.
+        modes: modes that are replayed there, from 0.
         drawn: the scenario's parameters that its modes' medoids drew; none where none vary.
     """
 
@@ -346,7 +346,7 @@ def launch_replays(
 
     Args:
         store: where campaigns are.
-        analysis: that is done.
+        analysis: analysis that is done.
         variations: scenario parameters put over those in which the failures happened; None: that
             scenario and its neighbours.
         made_by: id of the key of the request.

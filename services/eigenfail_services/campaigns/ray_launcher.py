@@ -46,7 +46,7 @@ class PlacementNotices:
         """Return the notices of a new status.
 
         Args:
-            now_s: of a clock that only ever grows. [s]
+            now_s: time of a monotonic clock. [s]
             standing: what the Ray process says.
         """
         before, self._before = self._before, standing

@@ -55,7 +55,7 @@ class ClusterStatus(msgspec.Struct, frozen=True, tag=True):
     """Ray process: the status of cluster and workers.
 
     Attributes:
-        machines: of the cluster that live.
+        machines: machines of the cluster that live.
         placed: workers for which Ray has found a place.
         unplaced: that were asked of it, and have none.
         refused: why some ended for good, which ought to be there.
@@ -79,7 +79,7 @@ class PipeReader(Generic[Message]):
 
     Args:
         descriptor: the end to read from.
-        decoder: of the messages on it.
+        decoder: decoder of the messages on it.
 
     Attributes:
         ended: whether nothing more can come.

@@ -68,7 +68,7 @@ class RayCluster:
     """A Ray that runs somewhere, or one of this machine that lasts as long as this process.
 
     Args:
-        address: of a running one; None starts one.
+        address: address of a running one; None starts one.
         most: how many workers there is to be room for in one that is started.
         folder: temporary folder of one that is started; Ray's own choice if it is empty.
 

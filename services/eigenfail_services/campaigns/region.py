@@ -63,7 +63,7 @@ def find_region(store: Store, ids: Sequence[int], most: int = MOST_TRIALS) -> Re
 
     Args:
         store: where they are.
-        ids: of campaigns on one scenario: one whose parameters vary, or those of a grid.
+        ids: ids of campaigns on one scenario: one whose parameters vary, or those of a grid.
         most: how many episodes are looked at, of all campaigns together.
 
     Raises:

@@ -41,7 +41,7 @@ class ResolvedMethod(msgspec.Struct, frozen=True):
     """A method and its settings.
 
     Attributes:
-        description: of the method.
+        description: description of the method.
         settings: read; an instance of the method's `Settings`.
         given: the settings as the user gave them.
         field: where these stand in the spec.
@@ -88,9 +88,9 @@ class ResolvedCampaign(msgspec.Struct, frozen=True):
 
     Attributes:
         spec: as the user gave it.
-        world: in which it runs.
+        world: world in which it runs.
         horizon: steps of a full episode.
-        method: that the spec names.
+        method: method that the spec names.
         searching: the method that proposes noise: that of an ensemble's members, else `method`.
         references: what it builds on; none before `find_references`.
     """
@@ -138,7 +138,7 @@ def check_estimates(method: ResolvedMethod, field: str, *, of_exploits: bool = F
     """Make sure that a method estimates a probability under its settings.
 
     Args:
-        method: with its settings.
+        method: method with its settings.
         field: what asks for the probability.
         of_exploits: the probability is to come from what the method proposes without learning on.
 

@@ -105,7 +105,7 @@ class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=Tr
         format: counts up when older programs could not read it.
         episodes: how many have been proposed.
         policy: the newest policy version.
-        tally: of the rounds observed.
+        tally: tally of the rounds observed.
         stopped: the words of the stop rule that held; empty if none did.
     """
 
@@ -163,7 +163,7 @@ class Rounds:
 
     Args:
         learner: fresh, or to be restored with `restore`.
-        campaign_seed: from which every episode's seed is derived.
+        campaign_seed: campaign seed from which every episode's seed is derived.
         budget: number of episodes of the campaign.
         rules: what ends it before that; judged after each round, of which none is cut short. With
             such rules no more than one round is open besides the oldest, or they would come late.

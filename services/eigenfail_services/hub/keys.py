@@ -64,7 +64,7 @@ class StoredKey(msgspec.Struct, frozen=True):
     """A worker's public key, its name, and the times between which it is accepted.
 
     Attributes:
-        name: of the worker.
+        name: name of the worker.
         public: the key.
         made_ms: when it was created. [ms since 1970]
         until_ms: when it expires, if it does. [ms since 1970]
@@ -121,7 +121,7 @@ class KeyFolder:
     """A folder of keys, which only its owner can read.
 
     Args:
-        path: of the folder.
+        path: path of the folder.
         now_ms: the wall clock by which keys expire.
     """
 

@@ -66,7 +66,7 @@ class LearnerFailure(msgspec.Struct, frozen=True):
     """Why a learner is lost.
 
     Attributes:
-        kind: of the failure.
+        kind: kind of the failure.
         problem: what happened, in a sentence.
         remedy: what to do if it happens again.
     """
@@ -148,7 +148,7 @@ class LearnerLink:
     """A learner process and the socket to it.
 
     Args:
-        bounds: of the process.
+        bounds: bounds of the process.
         pause_s: time before the process is started; messages wait for it. [s]
         clock: monotonic time. [s]
     """

@@ -53,7 +53,7 @@ class LearnerProcess:
     """Answers each command of the hub with the rounds that are open after it.
 
     Args:
-        address: of the hub's socket.
+        address: address of the hub's socket.
         key: the public key of that socket.
     """
 

@@ -22,7 +22,7 @@ class LeaseTable:
     """Which worker holds which episode; each change is O(log n).
 
     Args:
-        sessions: of the connected workers, which are kept up to date.
+        sessions: sessions of the connected workers, which are kept up to date.
         scheduler: notified of each change.
     """
 
@@ -61,7 +61,7 @@ class LeaseTable:
         """End the lease of an episode that has a result.
 
         Args:
-            key: of the episode.
+            key: key of the episode.
             by: the worker that brought the result; None for whichever holds the episode.
 
         Returns:
@@ -173,7 +173,7 @@ class Leases:
     """Leases episodes to workers in batches, and takes them back from workers that are gone.
 
     Attributes:
-        sessions: of the connected workers, by connection.
+        sessions: sessions of the connected workers, by connection.
     """
 
     def __init__(self) -> None:
@@ -212,7 +212,7 @@ class Leases:
         A lease or a result of such an episode was lost on its way.
 
         Args:
-            worker: that sent it.
+            worker: worker that sent it.
             running: the episode that it runs, if any: the one to suspect if the worker is lost.
             named: all episodes that it holds.
             slots: number of episodes of the running campaign that it can run in parallel.
@@ -370,8 +370,8 @@ class Leases:
         """End everything about an episode that has a result.
 
         Args:
-            campaign: of the episode.
-            index: of the episode.
+            campaign: campaign of the episode.
+            index: index of the episode.
             wall_s: duration that its result reports. [s]
             by: the worker that brought the result; None for whichever holds the episode.
         """

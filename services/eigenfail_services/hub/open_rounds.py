@@ -91,10 +91,10 @@ class OpenRounds:
     """Has the episodes of rounds run; the learner observes the results that the store keeps.
 
     Args:
-        campaign: by its id.
-        shape: of its noise.
+        campaign: id of the campaign.
+        shape: shape of its noise.
         store: where results are kept.
-        leases: of all campaigns.
+        leases: leases of all campaigns.
 
     Attributes:
         problem: why the rounds cannot become complete; empty while they can.

@@ -36,16 +36,16 @@ class RunSpec(msgspec.Struct, frozen=True, eq=False):
     """What the hub needs to know to run a campaign.
 
     Attributes:
-        campaign: by its id.
+        campaign: id of the campaign.
         setup: what its episodes share.
         method: name of its method.
-        settings: of the method.
-        seed: of the campaign.
-        context: of the learner.
-        rules: that stop the campaign.
+        settings: settings of the method.
+        seed: seed of the campaign.
+        context: context of the learner.
+        rules: rules that stop the campaign.
         accounting: where its time is accounted for.
         claim: returns the job that gives the right to run it, which may be renewed meanwhile.
-        weight: of its share of worker time.
+        weight: weight of its share of worker time.
     """
 
     campaign: int
@@ -66,8 +66,8 @@ class CampaignRun:
     Args:
         spec: specification of the campaign.
         store: where results and checkpoints are kept.
-        leases: of all campaigns.
-        bounds: of the learner, whose steps are to start, and to learn from a round.
+        leases: leases of all campaigns.
+        bounds: bounds of the learner, whose steps are to start, and to learn from a round.
         metrics: count the learner's steps and failures.
 
     Attributes:

@@ -210,8 +210,8 @@ class Scheduler:
         """Charge a campaign worker seconds; negative ones for episodes that come back unfinished.
 
         Args:
-            campaign: to be charged.
-            session: of the worker whose time it is.
+            campaign: campaign to be charged.
+            session: session of the worker whose time it is.
             work_s: worker seconds.
         """
         self._pools[session.has_bridge].shares.charge(campaign, work_s)
@@ -220,9 +220,9 @@ class Scheduler:
         """Learn from the duration of an episode.
 
         Args:
-            campaign: of the episode.
+            campaign: campaign of the episode.
             wall_s: as its result reports it, so that it may be nonsense.
-            lease: under which it was run; None if its worker held none any more.
+            lease: lease under which it was run; None if the worker's lease had ended.
         """
         if not 0.0 < wall_s < inf:
             return

@@ -48,7 +48,7 @@ class FinishedRun(msgspec.Struct, frozen=True):
     """A campaign that the hub does not run any more.
 
     Attributes:
-        campaign: by its id.
+        campaign: id of the campaign.
         problem: why it failed; empty if it came to its end or was halted.
         stop_reason: why it came to its end; empty if it was halted.
         lost: whether it belongs to another process now.

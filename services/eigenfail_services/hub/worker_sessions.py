@@ -85,7 +85,7 @@ class Draining:
 
         Args:
             draining: workers that are to leave.
-            sessions: of all workers.
+            sessions: sessions of all workers.
             now_s: monotonic time. [s]
         """
         connected = {sessions[worker] for worker in draining}
@@ -103,7 +103,7 @@ class WorkerSessions:
 
     Args:
         send: sends a message to a worker.
-        leases: of all campaigns.
+        leases: leases of all campaigns.
         commits: take the results.
         metrics: count lost workers.
         is_connected: returns whether a worker's connection is open.

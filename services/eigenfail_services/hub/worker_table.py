@@ -386,7 +386,7 @@ class RosterWriter:
 
     Args:
         roster: is written to.
-        sessions: of the connected workers, by connection.
+        sessions: sessions of the connected workers, by connection.
     """
 
     def __init__(self, roster: Roster, sessions: Mapping[bytes, WorkerSession]) -> None:

@@ -57,7 +57,7 @@ def log_weights(trajectories: Sequence[Floats], proposal: GaussianProposal) -> A
 
     Args:
         trajectories: z of each episode, shape (steps, 2), steps no more than the horizon. [sigma]
-        proposal: from which they were drawn.
+        proposal: proposal from which they were drawn.
     """
     return np.array([_log_weight(z.astype(np.float64), proposal) for z in trajectories])
 
@@ -71,7 +71,7 @@ def fit_gaussian(elite: Sequence[Floats], proposal: GaussianProposal) -> tuple[A
 
     Args:
         elite: z of each episode, shape (steps, 2); at least one.
-        proposal: from which they were drawn.
+        proposal: proposal from which they were drawn.
     """
     z, running = _pad(elite, len(proposal.mean))
     count = running.sum(axis=0)
@@ -120,9 +120,9 @@ def select_elite(
     has no information.
 
     Args:
-        results: of one round; episodes that could not be run are ignored.
-        proposal: from which their noise was drawn.
-        share: of the elite among the episodes that ran; at least one episode.
+        results: results of one round; episodes that could not be run are ignored.
+        proposal: proposal from which their noise was drawn.
+        share: share of the elite among the episodes that ran; at least one episode.
     """
     ran = [result for result in results if isfinite(robustness_m(result))]
     failures = [result for result in ran if result.is_failure]
@@ -199,7 +199,7 @@ class CrossEntropyMethod:
 
     Attributes:
         lookahead: 0, as each round depends on all earlier ones.
-        proposal: from which the next round is drawn; see `log_weights`.
+        proposal: proposal from which the next round is drawn; see `log_weights`.
     """
 
     Settings = CemSettings

@@ -39,7 +39,7 @@ class Weigher(Protocol):
         """Return the estimate from some sums; None where there is none.
 
         Args:
-            sums: of all weighted episodes.
+            sums: sums of all weighted episodes.
             horizon: the number of steps of a full episode.
         """
 

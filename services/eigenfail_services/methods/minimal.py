@@ -53,7 +53,7 @@ class MinimalFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """State of a search besides its noise.
 
     Attributes:
-        ends: of the candidates of this phase that were tried.
+        ends: ends of the candidates of this phase that were tried.
         tried: number of replays before this phase.
         best: number of the replay in which the noise failed, which is the index of its episode in
             the campaign; None before the first one.

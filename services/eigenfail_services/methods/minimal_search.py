@@ -116,9 +116,9 @@ class Search(msgspec.Struct, frozen=True, eq=False):
         phase: the kind of reduction that is tried next.
         z: noise that is known to fail, shape (steps, 2). [sigma]
         width: number of steps of a block.
-        removable: in `TOGETHER`, numbers of the blocks that can be removed one by one.
-        low: in `SCALES`, largest scale of z known to be safe.
-        high: in `SCALES`, smallest scale of z known to fail.
+        removable: in the phase `TOGETHER`, numbers of the blocks that can be removed one by one.
+        low: index in `SCALES` of the largest scale of z known to be safe.
+        high: index in `SCALES` of the smallest scale of z known to fail.
         scaled: whether z is as weak as possible.
         not_run: number of replays that could not be run, in the last phase with single steps.
         tried: number of replays before this phase.

@@ -139,7 +139,7 @@ class WaveQueue:
 
     Attributes:
         runs: one for each simulation.
-        robustness: of all noise so far, in order, NaN for failed runs. [m]
+        robustness: robustness of all noise so far, in order, NaN for failed runs. [m]
         wave: noise that all of them request, shape (n, steps, 2); empty after the end of all.
         proposed: number of trajectories of the wave that were taken.
     """
@@ -283,7 +283,7 @@ def estimate_modes(
 
     Args:
         runs: new runs of the simulations that requested the episodes; they are run again.
-        robustness: of each episode in index order, 0 of a failure. [m]
+        robustness: robustness of each episode in index order, 0 of a failure. [m]
         mode_of: mode of each failure, by the index of its episode.
         modes: number of modes.
 
@@ -344,7 +344,7 @@ def _restrict_to_mode(run: SimulationRun, inside: NDArray[np.bool_]) -> SubsetEs
     """Return a simulation's estimate if only some samples of its last level were failures.
 
     Args:
-        run: of the simulation.
+        run: run of the simulation.
         inside: mask of these samples, shape (length, chains).
     """
     simulation = run.simulation
@@ -362,7 +362,7 @@ def count_lineages(chains: Chains | None, inside: NDArray[np.bool_]) -> float:
     """Return the effective number of first draws behind samples: (sum d)² ÷ sum d² (Kish 1965).
 
     Args:
-        chains: of a level; None without a level.
+        chains: number of chains of a level; None without a level.
         inside: mask of its samples, shape (length, chains).
     """
     if chains is None or not inside.any():

@@ -203,7 +203,7 @@ class Band(NamedTuple):
     Attributes:
         shown: number of members it rests on, and of all.
         reached: how many of them reached each step, shape (steps,).
-        mean: of z, shape (steps, 2); NaN where no member is. [sigma]
+        mean: mean of z, shape (steps, 2); NaN where no member is. [sigma]
         deviation: standard deviation (n − 1), likewise; NaN where fewer than two are.
     """
 
@@ -232,7 +232,7 @@ def stack_noise(noise: list[Floats], steps: int, at_collision: bool) -> NDArray[
 
     Args:
         noise: z of each, shape (its steps, 2).
-        steps: of a row.
+        steps: number of steps of a row.
         at_collision: whether their last steps, not the first ones, stand side by side: at the
             median length, as an eigenfailure does.
     """

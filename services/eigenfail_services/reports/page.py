@@ -46,7 +46,7 @@ class Drawing(NamedTuple):
     """Draws a picture on a figure of the usual width.
 
     Attributes:
-        height_in: of the figure [inch].
+        height_in: height of the figure [inch].
     """
 
     draw: Draw
@@ -142,7 +142,8 @@ def draw(name: str, title: str, alternative: str, drawing: Drawing) -> str:
     """The picture as an SVG file.
 
     Args:
-        name: of the picture; one of its kind on a page, for the names inside it follow from it.
+        name: name of the picture; one of its kind on a page, for the names inside it follow from
+            it.
         title: what it shows.
         alternative: description of the picture in words.
         drawing: draws it.
@@ -214,7 +215,7 @@ class ReportPart(NamedTuple):
     Attributes:
         grids: tables in words, by the name of the table that they word; a table without one is
             shown as it is.
-        drawings: by the name of the picture.
+        drawings: drawings by the name of the picture.
         folded: tables that a reader has to open first.
     """
 

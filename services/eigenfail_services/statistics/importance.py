@@ -120,7 +120,7 @@ def explain_nothing_counted(seen: int, budget: int) -> Estimate | None:
 
     Args:
         seen: episodes observed so far.
-        budget: of the campaign.
+        budget: budget of the campaign.
     """
     problem = NOT_YET if seen < budget else NO_ROUND
     return Estimate(by=BY, episodes=0, problem=problem) if seen else None

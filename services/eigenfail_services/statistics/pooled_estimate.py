@@ -107,7 +107,7 @@ def pool_simulations(found: Sequence[SubsetEstimate], samples: int) -> Estimate:
 
     Args:
         found: what each of them found; at least one.
-        samples: on each level of each.
+        samples: samples on each level of each.
     """
     episodes = sum(one.evaluations for one in found)
     reached = [one.probability for one in found if one.probability is not None]
@@ -157,7 +157,7 @@ def estimate_unfinished(
     """Return the estimate of simulations that have not all ended; None before any has a level.
 
     Args:
-        levels: of each simulation.
+        levels: levels of each simulation.
         episodes: how many were run.
         spent: whether there will be no more.
     """

@@ -167,8 +167,8 @@ class SubsetEstimate(msgspec.Struct, frozen=True, kw_only=True):
     """What a subset simulation found.
 
     Attributes:
-        probability: of a failure; None if none was reached: failures are rarer then than the
-            product of the levels' shares.
+        probability: probability of a failure; None if none was reached: failures are rarer then
+            than the product of the levels' shares.
         variation: coefficient of variation of that product.
         interval: 95 %, log-normal around `probability`; None without it. It knows nothing of a kind
             of failure of which no sample showed the beginning.

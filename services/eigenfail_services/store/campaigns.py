@@ -427,10 +427,10 @@ class CampaignStore:
         cancelled and, for `done`, stores the digest.
 
         Args:
-            campaign: by its id.
+            campaign: id of the campaign.
             to: the new state.
             because: why, in a sentence.
-            claim: of who runs the campaign; users need none.
+            claim: claim of who runs the campaign; users need none.
 
         Raises:
             NotFound: no such campaign.
@@ -446,9 +446,9 @@ class CampaignStore:
         Where the campaign has results of other versions, an event says so.
 
         Args:
-            campaign: by its id.
-            versions: by name, of what its learner runs with from now on.
-            claim: of who runs the campaign.
+            campaign: id of the campaign.
+            versions: versions by name, of what its learner runs with from now on.
+            claim: claim of who runs the campaign.
 
         Raises:
             NotFound: no such campaign.

@@ -49,11 +49,11 @@ class CheckpointStore:
         """Save a checkpoint, and the estimate of the campaign's learner, all or nothing.
 
         Args:
-            campaign: by its id.
+            campaign: id of the campaign.
             checkpoint: the learner's state and the open rounds; its SHA-256 is stored with it.
-            estimate: of the failure probability.
+            estimate: estimate of the failure probability.
             trained_episodes: number of episodes that the learner was trained with.
-            claim: of the service that runs the campaign.
+            claim: claim of the service that runs the campaign.
 
         Raises:
             NotFound: no such campaign.

@@ -32,7 +32,7 @@ class Kept(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         result: the stored form: numbers that are not finite are removed.
-        digest: of the result as it was delivered.
+        digest: digest of the result as it was delivered.
     """
 
     result: EpisodeResult

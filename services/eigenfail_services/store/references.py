@@ -78,7 +78,7 @@ def find_noise_in_use(connection: Connection, campaign: int | None = None) -> fr
     """Return the campaigns whose noise a running campaign or analysis still needs.
 
     Args:
-        connection: of a transaction that holds the campaign against new uses.
+        connection: connection of a transaction that holds the campaign against new uses.
         campaign: if given, only analyses of this campaign are considered.
     """
     mine = () if campaign is None else (analyses.c.campaign == campaign,)

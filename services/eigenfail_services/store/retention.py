@@ -65,7 +65,7 @@ class RetentionStore:
         """Delete the next slice by a rule, in index order, and record it, all or nothing.
 
         Args:
-            campaign: by its id.
+            campaign: id of the campaign.
             rule: which episodes keep their noise.
             who: the user, in words, for the record.
             begun: id of the record to continue; None begins one, with an event.

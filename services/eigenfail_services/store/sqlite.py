@@ -116,7 +116,7 @@ class Sqlite(_SqliteErrors):
     replaced while it is in use is noticed, as whatever is written to it would be lost.
 
     Args:
-        url: of the database.
+        url: URL of the database.
         wait_s: how long a statement waits for the lock of another program. [s]
     """
 

@@ -264,7 +264,7 @@ def open_sqlite(path: Path, mode: str, wait_s: float = 5.0) -> sqlite3.Connectio
     """Return a connection to an existing file.
 
     Args:
-        path: of the file.
+        path: path of the file.
         mode: as in SQLite's URIs: `ro` or `rw`.
         wait_s: how long it waits for the locks of others. [s]
     """
@@ -366,8 +366,8 @@ def backup(address: str, file: Path, *, force: bool = False) -> Backup:
     """Write a backup; the file has its name only once it is complete, checked and on the disk.
 
     Args:
-        address: of the database; a service may use it meanwhile.
-        file: to write; its folder must exist.
+        address: address of the database; a service may use it meanwhile.
+        file: file to write; its folder must exist.
         force: whether it may replace another file.
 
     Raises:
@@ -393,7 +393,7 @@ def restore(address: str, file: Path, *, force: bool = False) -> Backup:
     """Replace the contents of a database by a backup: all of it, or nothing is changed.
 
     Args:
-        address: of the database, which must not be in use meanwhile.
+        address: address of the database, which must not be in use meanwhile.
         file: a backup.
         force: whether the contents of the database may be lost.
 

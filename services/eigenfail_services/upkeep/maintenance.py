@@ -176,8 +176,8 @@ def downgrade(address: str, revision: str, *, force: bool) -> str:
     """Downgrade a database to an older schema: completely, or nothing is changed.
 
     Args:
-        address: of the database, which must not be in use meanwhile.
-        revision: of the older schema.
+        address: address of the database, which must not be in use meanwhile.
+        revision: revision of the older schema.
         force: whether data that only newer schemas hold may be lost.
 
     Returns:

@@ -88,7 +88,7 @@ class IntegrityCheck(msgspec.Struct, frozen=True):
     """A check of a database.
 
     Attributes:
-        name: of the check.
+        name: name of the check.
         promise: what holds if there is no defect.
         ask: yields the defects.
     """
@@ -488,7 +488,7 @@ def verify(address: str, how_many_replays: int = 0, *, repair: bool = False) -> 
     """Check a database, which a service may use meanwhile, in bounded memory.
 
     Args:
-        address: of the database; its schema must be this program's.
+        address: address of the database; its schema must be this program's.
         how_many_replays: number of stored episodes to run again with the planners installed here.
         repair: whether to repair first, in one transaction, the defects that are safe to repair.
 

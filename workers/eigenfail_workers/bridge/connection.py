@@ -94,7 +94,7 @@ class Connection:
     """One session with a bridge. An error ends the session; open another connection then.
 
     Args:
-        address: of the bridge, already checked.
+        address: address of the bridge, already checked.
         timeouts: for the bridge; default: those of this worker.
         left_s: time limit for opening the session. [s]
 
@@ -254,7 +254,7 @@ class SharedConnection:
     One process has one connection, because a bridge may hold a single session.
 
     Args:
-        address: of the bridge.
+        address: address of the bridge.
         timeouts: for the bridge; default: those of this worker.
     """
 

@@ -177,8 +177,8 @@ class BridgeEngine:
     """Runs episodes in the slots of a bridge. Implements `LockstepEngine`.
 
     Args:
-        setup: of the campaign; `scenario` and `planner` are names that the bridge offers.
-        connection: to the bridge; opened with the first episode.
+        setup: setup of the campaign; `scenario` and `planner` are names that the bridge offers.
+        connection: connection to the bridge; opened with the first episode.
 
     Attributes:
         declined: why no episode of the campaign can run on this bridge, which does not offer one of

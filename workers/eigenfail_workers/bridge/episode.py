@@ -38,14 +38,14 @@ class BridgeEpisode:
     """An episode from its request to its result.
 
     Args:
-        setup: of the campaign.
-        task: of the episode.
-        parameters: of its scenario, with `steps` and `dt_s`.
-        settings: of the planner.
-        policies: by version, for a task that names one.
+        setup: setup of the campaign.
+        task: task of the episode.
+        parameters: parameters of its scenario, with `steps` and `dt_s`.
+        settings: settings of the planner.
+        policies: policies by version, for a task that names one.
 
     Attributes:
-        task: of the episode.
+        task: task of the episode.
         dt_s: duration of a step according to the campaign. [s]
     """
 
@@ -101,7 +101,7 @@ class BridgeEpisode:
         Args:
             seen: answer to the last request.
             beside: number of episodes that share the time of the bridge, this one included.
-            connection: to the bridge.
+            connection: connection to the bridge.
         """
         try:
             with wrap_errors(SimulatorError, "The episode", "Look into the bridge."):

@@ -200,8 +200,9 @@ def match_answer(
     """Return the observations of an answer, one for each slot of the request.
 
     Args:
-        answer: of the bridge.
-        request_id: of the request that it must answer; None if no such request is pending.
+        answer: answer of the bridge.
+        request_id: request id of the request that it must answer; None if no such request is
+            pending.
         slots: number of slots in that request.
 
     Raises:

@@ -151,7 +151,7 @@ class Recorder:
     """Accumulates an episode: its measures step by step, its arrays at the end.
 
     Args:
-        shape: of the noise whose z is added.
+        shape: shape of the noise whose z is added.
     """
 
     def __init__(self, shape: Shape = WHITE_NOISE) -> None:

@@ -36,7 +36,7 @@ def least_gap_behind(
         ego: the vehicle that decides.
         lead: the vehicle that it will follow; None on a free road.
         follower: the vehicle that will follow it.
-        model: of the ego.
+        model: model of the ego.
         foresight_s: horizon of the prediction.
     """
     gap = least = gap_m(follower, ego)
@@ -79,7 +79,7 @@ class LaneEndPlan(NamedTuple):
 
     Attributes:
         centre_m: centre of the lane.
-        room_m: from the front bumper to the point at which the ego must stop in its lane.
+        room_m: distance from the front bumper to the point at which the ego must stop in its lane.
     """
 
     centre_m: float
@@ -95,8 +95,8 @@ class GapAcceptance:
 
     Args:
         settings: thresholds.
-        mission: of the ego.
-        model: by which the ego follows a lead.
+        mission: mission of the ego.
+        model: model by which the ego follows a lead.
     """
 
     def __init__(

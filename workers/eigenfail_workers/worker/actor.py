@@ -35,8 +35,8 @@ class WorkerActor:
         too.
 
         Args:
-            address: of the hub.
-            name: of the worker.
+            address: address of the hub.
+            name: name of the worker.
             key: for a hub that requires keys.
 
         Raises:

@@ -47,8 +47,8 @@ class HandshakeMonitor:
     """Finds out whether the hub accepts this worker: CURVE refuses silently, and retries for ever.
 
     Args:
-        socket: that is not connected yet.
-        address: of the hub.
+        socket: socket that is not connected yet.
+        address: address of the hub.
         keyed: whether the socket presents a key.
     """
 

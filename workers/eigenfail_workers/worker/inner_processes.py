@@ -90,7 +90,7 @@ class CampaignSetups:
     """Setups and policies from the hub, kept until the campaign is dropped for each new child.
 
     Attributes:
-        setups: by campaign.
+        setups: setups by campaign.
     """
 
     def __init__(self) -> None:
@@ -141,7 +141,7 @@ class InnerProcesses:
 
     Args:
         start: starts a process.
-        limits: of each process.
+        limits: limits of each process.
 
     Attributes:
         active: the process that takes episodes.

@@ -96,8 +96,8 @@ class Parent:
     """Holds leased episodes, sends them to a child, and keeps results until the hub has them.
 
     Args:
-        address: of the hub, as `tcp://host:port`.
-        name: of the worker in lists and logs.
+        address: address of the hub, as `tcp://host:port`.
+        name: name of the worker in lists and logs.
         episode_limit_s: wall time after which an episode is given up and its child killed; default:
             that of the environment.
         key: for a hub that requires keys.

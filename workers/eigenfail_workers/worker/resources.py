@@ -45,7 +45,7 @@ class ResourceMonitor:
     """Compares a process and its descendants with their limits, five times a second at most.
 
     Args:
-        pid: of the child process.
+        pid: pid of the child process.
         limits: for the child and its descendants together.
     """
 
@@ -100,7 +100,7 @@ class ProcessorTimeMeter:
     one, too, because threads that it left behind go on. The same holds for time between episodes.
 
     Args:
-        limits: of the child process.
+        limits: limits of the child process.
         clock: monotonic clock. [s]
     """
 

@@ -87,8 +87,8 @@ def make_decisions(
     """Return the transitions of a usable episode.
 
     Args:
-        result: of an episode that a policy has disturbed.
-        reward: of every step.
+        result: result of an episode that a policy has disturbed.
+        reward: reward of every step.
         process: grouping of steps and decisions.
         amplitude: the policy's largest |z|. [sigma]
 

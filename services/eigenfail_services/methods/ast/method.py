@@ -72,9 +72,10 @@ class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """State of a learner besides its arrays.
 
     Attributes:
-        version: of the policy; it increases with each training, and each change of amplitude.
+        version: version of the policy; it increases with each training, and each change of
+            amplitude.
         trainings: number of times that gradient steps were taken.
-        amplitude: of that version. [sigma]
+        amplitude: amplitude of that version. [sigma]
         proposed: number of proposed episodes.
         observed: number of observed episodes, including those that could not be run.
         kept: number of episodes that were added to the replay buffer.
@@ -82,7 +83,7 @@ class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         fresh: number of decisions without gradient steps yet.
         recent: whether the last episodes in the buffer failed.
         converged: whether training has ended.
-        sums: of the importance weights of failures.
+        sums: sums of the importance weights of failures.
         under: encoded policies of the open rounds that will be weighted.
     """
 

@@ -36,8 +36,8 @@ def log_weights(results: Sequence[EpisodeResult], policy: Policy) -> Array:
     end (Siegmund 1976, Annals of Statistics 4, 673–684). NaN where a choice was almost certain.
 
     Args:
-        results: of this policy, with their states.
-        policy: with hold = 1.
+        results: results of episodes of this policy, with their states.
+        policy: policy with hold = 1.
     """
     return np.array([log_weight(result, policy) for result in results], np.float64)
 
@@ -56,7 +56,7 @@ def compute_gaussian(policy: Policy, states: Array) -> tuple[Array, Array]:
     """Return mean and log standard deviation before the squashing, each of shape (steps, 2).
 
     Args:
-        policy: that has chosen.
+        policy: policy that chose the noise.
         states: observed by it, shape (steps, len(STATE)).
     """
     hidden = states
@@ -73,8 +73,8 @@ def log_density(z: Array, mean: Array, std: Array, amplitude: float) -> Array:
 
     Args:
         z: chosen noise. [sigma]
-        mean: of u, of the shape of z.
-        std: of u, of the shape of z.
+        mean: mean of u, of the shape of z.
+        std: standard deviation of u, of the shape of z.
         amplitude: above 0. [sigma]
     """
     squashed = z / amplitude
@@ -130,7 +130,7 @@ class PolicyProbability:
     Args:
         hold: number of steps for which an action stays.
         amplitude: largest |z| in the second half. [sigma]
-        budget: of the campaign, in episodes.
+        budget: budget of the campaign, in episodes.
 
     Attributes:
         sums: over the weighted episodes.

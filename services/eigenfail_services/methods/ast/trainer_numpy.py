@@ -28,7 +28,7 @@ class Network:
     """Affine layers with a ReLU between them, and Adam (Kingma and Ba 2015).
 
     Args:
-        widths: of input, hidden layers and output.
+        widths: widths of input, hidden layers and output.
         copies: shape of the batch of equal networks, () for a single one.
         random: draws the initial weights, uniform within 1 / sqrt(inputs) like torch.
     """
@@ -78,7 +78,7 @@ class Network:
         Args:
             course: what `forward` returned.
             slope: gradient of the loss in the output, shape (…, batch, outputs).
-            learning_rate: of the step.
+            learning_rate: learning rate of the step.
         """
         slopes = self._slopes(course, slope)[::-1]
         for inputs, up, (weight, bias) in zip(course, slopes, self._gradients, strict=False):
@@ -251,7 +251,7 @@ class FastTrainer:
         """One gradient step of entropy coefficient, critics and actor, in this order.
 
         Args:
-            batch: of transitions, their rewards scaled.
+            batch: batch of transitions, their rewards scaled.
             eps: standard normal draws for the actions in the states, shape (batch, 2).
             next_eps: the same for the next states.
         """

@@ -101,7 +101,7 @@ class Denoiser(nn.Module):
 
     Args:
         size: number of values of a trajectory.
-        width: of the hidden layers.
+        width: width of the hidden layers.
     """
 
     trust: Tensor
@@ -160,7 +160,7 @@ def sample_ancestral(v: Velocity, start: Tensor, steps: int, generator: torch.Ge
         v: predicts the velocity.
         start: standard normal draws, shape (n, size).
         steps: number of steps.
-        generator: of the noise.
+        generator: generator of the noise.
     """
     x = start
     for t, s in pairwise(_list_times(steps)):
@@ -269,10 +269,10 @@ class DiffusionModel:
         is that of the prior, and zero. So w below 0 leads towards the prior.
 
         Args:
-            condition: of each trajectory, shape (n,).
+            condition: condition r of each trajectory, shape (n,).
             guidance: w, at least -1.
             draw: number of the draw.
-            mixture: in place of the model's own.
+            mixture: mixture in place of the model's own.
 
         Raises:
             LearnerDiverged: a sample is NaN or infinite, or the device is out of memory.

@@ -94,7 +94,7 @@ class Profile(msgspec.Struct, frozen=True):
     """A candidate, rolled out over the horizon.
 
     Attributes:
-        name: of the candidate.
+        name: name of the candidate.
         target_mps2: acceleration that it approaches.
         accelerations: over each of the knots [m/s²].
         ways: distance covered at the end of each knot [m].

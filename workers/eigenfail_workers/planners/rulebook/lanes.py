@@ -200,7 +200,7 @@ class ApproachingGap(PathFollower):
 
     Args:
         ramp: the lane that ends.
-        path: to the centre of that lane, to which a change may have been aborted.
+        path: path to the centre of that lane, to which a change may have been aborted.
     """
 
     phase = LanePhase.APPROACHING

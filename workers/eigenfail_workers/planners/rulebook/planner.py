@@ -96,8 +96,8 @@ class Decision(msgspec.Struct, frozen=True):
         rule: rule that rejected its last rival.
         planned_mps2: acceleration of the candidate.
         acceleration_mps2: commanded acceleration.
-        speed_mps: of the truck.
-        phase: of the lateral task from now on.
+        speed_mps: speed of the truck.
+        phase: phase of the lateral task from now on.
         tracks: state of every track.
         lost_tracks: number of trusted tracks deleted since the start of the episode.
     """
@@ -176,7 +176,7 @@ class Rulebook:
     """A cautious truck driver.
 
     Attributes:
-        last_decision: of the last step; None before the first.
+        last_decision: decision of the last step; None before the first.
     """
 
     Settings = RulebookSettings

@@ -38,9 +38,11 @@ class RefineSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Horizon and weights of the program.
 
     Attributes:
-        horizon_s: of the program; beyond the candidate's own, its last acceleration goes on.
+        horizon_s: horizon of the program; beyond the candidate's own, its last acceleration goes
+            on.
         knots: number of knots in the horizon.
-        jerk_weight: of the squared jerk against the squared departure from the candidate [s²].
+        jerk_weight: weight of the squared jerk against the squared departure from the
+            candidate [s²].
         slack_weight: cost of a squared metre of missing gap to the lead.
         slack_price: cost of a metre of missing gap to the lead.
         margin_m: gap to the lead over the horizon.

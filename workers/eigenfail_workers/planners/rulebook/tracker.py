@@ -120,7 +120,7 @@ class Track:
     Attributes:
         along: filter along the road; across: filter across it.
         seen: the last perceived vehicle, for its size.
-        evidence: that it comes into the truck's lane; see `update_intent`.
+        evidence: evidence that it comes into the truck's lane; see `update_intent`.
         leads: whether it is considered the truck's lead.
     """
 

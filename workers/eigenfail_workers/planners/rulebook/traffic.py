@@ -20,7 +20,7 @@ class Neighbour(msgspec.Struct, frozen=True, gc=False):
     """A trusted vehicle ahead, relative to the truck.
 
     Attributes:
-        gap_m: from the truck's front bumper to the rear bumper of the vehicle.
+        gap_m: gap from the truck's front bumper to the rear bumper of the vehicle.
         aside_m: distance between the two centre lines.
         speed_mps: along the road.
         is_braking: whether its brake lights are on.
@@ -51,7 +51,7 @@ class Traffic(msgspec.Struct, frozen=True):
         lead: the nearest vehicle in the truck's lane, or with the intent to enter it.
         neighbour: the nearest other vehicle ahead beside the truck's lane.
         lane_end: the end of the truck's lane, as a standing vehicle.
-        gaps: of the next lane, by the name of the candidate that uses them.
+        gaps: gaps of the next lane, by the name of the candidate that uses them.
     """
 
     lead: Neighbour | None = None
@@ -69,7 +69,7 @@ def find_traffic(
     """Return the traffic of the trusted tracks.
 
     Args:
-        tracks: of all vehicles.
+        tracks: tracks of all vehicles.
         ego: the truck.
         beside_m: lateral distance beyond which a vehicle is no neighbour.
         braking: tracks of vehicles with brake lights on.
