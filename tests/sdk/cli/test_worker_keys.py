@@ -205,7 +205,7 @@ def test_a_hub_is_given_another_key_and_its_workers_follow(key):
     assert hub.list_accepted()[derive_public_key(shown.secret)] == "crew"
     assert Path("crew.key").stat().st_mode & 0o777 == 0o600
     for wrong in ("efh_short", word[4:], shown.text()):
-        refused = key("follow", "crew.key", wrong)
+        refused = key("follow", "--", "crew.key", wrong)
         assert (refused.exit_code, "is not the public key of a hub" in refused.stderr) == (2, True)
     assert key("rotate-hub", "--hub-keys", "nowhere").exit_code == 2
     assert not Path("nowhere").exists()
