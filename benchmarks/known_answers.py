@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from crew import Crew
 from figures import Figure
-from intervals import two_modes
+from known_problems import two_modes
 from numpy.typing import NDArray
 from samples import share
 from sklearn.metrics import adjusted_rand_score

@@ -7,49 +7,53 @@ from crew import Crew, horizon, staged
 from figures import Figure
 from samples import COMMAND
 
+from eigenfail_services.statistics.pooled_estimate import pool_simulations
 from eigenfail_services.statistics.subset_simulation import (
     Array,
-    SubsetEstimate,
     SubsetSettings,
-    subset_simulation,
+    SubsetSimulation,
+    simulate_subsets,
 )
 
-SETTINGS = SubsetSettings(samples=10_000)
-"""At 2000 a level the estimate depends on whether one of the few lineages that fail is found."""
+CALLS = 46_000
 
 
 def p_fail(scenario: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     """P(failure) of `rulebook` at a scenario's defaults."""
-    found = estimate(scenario, crew, SETTINGS, seed)
+    simulation = simulate(scenario, crew, seed)
+    results = [run.result for run in simulation.runs if run.result is not None]
+    found = pool_simulations(results, simulation.runs[0].draws, simulation.evaluations)
     ends = found.interval and (found.interval.low, found.interval.high)
     yield (
         f"{scenario}.rulebook.p_fail",
         Figure(
             value=found.probability,
             unit="probability",
-            n=found.evaluations,
+            n=found.episodes,
             interval=ends,
-            note=story(found),
+            note=story(simulation),
             command=COMMAND,
         ),
     )
 
 
-def estimate(scenario: str, crew: Crew, settings: SubsetSettings, seed: int) -> SubsetEstimate:
+def simulate(scenario: str, crew: Crew, seed: int) -> SubsetSimulation:
     """A subset simulation whose evaluations are episodes."""
     setup = staged(scenario, "rulebook")
 
     def robustness(z: Array) -> Array:
         return np.array([one.measures.robustness_m for one in crew.inject(setup, z)])
 
-    return subset_simulation(robustness, horizon(scenario), settings, seed)
+    return simulate_subsets(robustness, horizon(scenario), CALLS, SubsetSettings(), seed)
 
 
-def story(found: SubsetEstimate) -> str:
+def story(simulation: SubsetSimulation) -> str:
     """How the estimate came about."""
-    levels = ", ".join(f"{one.threshold:.3g}" for one in found.levels)
+    levels = ", ".join(f"{one.threshold:.3g}" for one in simulation.pilots[-1].levels)
+    runs = [run.result for run in simulation.runs if run.result is not None]
+    found = ", ".join(f"{one.probability or 0.0:.2g}" for one in runs)
+    ancestors = ", ".join(str(one.ancestors) for one in runs)
     return (
-        f"subset simulation, {SETTINGS.samples} samples on a level, levels at {levels} m: "
-        f"{found.end}, from {found.ancestors} first samples; "
-        f"coefficient of variation {found.variation:.2f}"
+        f"subset simulation, levels at {levels} m; {len(runs)} runs of {simulation.runs[0].draws} "
+        f"samples on a level: {found}, from {ancestors} first samples"
     )

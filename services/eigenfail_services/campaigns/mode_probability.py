@@ -22,7 +22,11 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import EpisodeRow
 from eigenfail_services.campaigns.learner_context import learner_context
-from eigenfail_services.methods.subset import SimulationRun, SubsetMethodSettings, estimate_modes
+from eigenfail_services.methods.subset import (
+    SubsetMethodSettings,
+    estimate_modes,
+    start_simulation,
+)
 from eigenfail_services.statistics import importance, pooled_estimate
 from eigenfail_services.statistics.importance import WeightedFailures
 from eigenfail_services.statistics.intervals import rate
@@ -84,12 +88,9 @@ def estimate_by_levels(
 ) -> ModeEstimates:
     """Estimate each mode by the last level of a subset simulation."""
     settings = read_settings(SubsetMethodSettings, campaign.spec.settings, "settings")
-    context = learner_context(campaign, store)
-    each = settings.make_settings(context.episodes)
-    runs = range(settings.runs)
-    simulations = [SimulationRun(context.horizon, each, (context.seed, run)) for run in runs]
+    simulation = start_simulation(learner_context(campaign, store), settings.make_settings())
     robustness = [_read_robustness_m(row) for row in _list_rows(store, campaign.id)]
-    return estimate_modes(simulations, robustness, mode_of, modes) or [None] * modes
+    return estimate_modes(simulation, robustness, mode_of, modes) or [None] * modes
 
 
 def _read_robustness_m(row: EpisodeRow) -> float:

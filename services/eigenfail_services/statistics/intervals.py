@@ -1,6 +1,6 @@
 """95 % intervals of a probability from k events in n trials."""
 
-from math import exp, log, sqrt
+from math import exp, inf, log, sqrt
 from statistics import NormalDist
 
 from eigenfail.errors import InvalidValue
@@ -58,10 +58,26 @@ def upper_bound_of_none(n: int) -> float:
     return float(1.0 - ERROR ** (1.0 / n))
 
 
-def log_normal(probability: float, cv: float) -> Interval:
+def log_normal(probability: float, cv: float, effective: float = inf) -> Interval:
     """The 95 % interval of a probability above 0 whose estimate is log-normal about it.
 
-    exp(±Z·s) around it, s² = log(1 + cv²) for a coefficient of variation cv.
+    exp(±q·s) around it, s² = log(1 + cv²) for a coefficient of variation cv. q is the quantile of
+    Student's distribution with `effective` − 1 degrees of freedom, at least 1, where cv was itself
+    estimated from that many independent samples; `Z` where it is known.
     """
-    factor = exp(Z * sqrt(log(1.0 + cv * cv)))
+    quantile = find_quantile(1.0 - ERROR / 2.0, effective)
+    factor = exp(quantile * sqrt(log(1.0 + cv * cv)))
     return Interval(probability / factor, min(probability * factor, 1.0))
+
+
+def find_quantile(level: float, effective: float) -> float:
+    """Return the quantile of an error whose size was estimated from some independent samples.
+
+    It is Student's, with `effective` − 1 degrees of freedom and at least 1; the normal one where
+    `effective` is infinite: the size is known.
+    """
+    if effective == inf:
+        return NormalDist().inv_cdf(level)
+    from scipy.special import stdtrit  # imported late: the API starts sooner without it
+
+    return float(stdtrit(max(effective - 1.0, 1.0), level))

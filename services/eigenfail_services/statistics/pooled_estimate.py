@@ -7,16 +7,20 @@ their intervals allow for, no number is given.
 
 from collections.abc import Sequence
 from itertools import combinations
-from math import hypot, log, log1p, prod, sqrt
-from statistics import NormalDist, stdev
-
-import numpy as np
+from math import fsum, hypot, inf, log, log1p, prod, sqrt
+from statistics import stdev
 
 from eigenfail.values import Estimate
-from eigenfail_services.statistics.intervals import log_normal
-from eigenfail_services.statistics.subset_simulation import SubsetEstimate, SubsetLevel
+from eigenfail_services.statistics.intervals import find_quantile, log_normal
+from eigenfail_services.statistics.subset_simulation import (
+    SubsetEnd,
+    SubsetEstimate,
+    SubsetLevel,
+    SubsetSimulation,
+)
 
-LARGEST_DEVIATION = NormalDist().inv_cdf(0.9995)
+DISAGREEMENT = 0.9995
+"""Quantile of the difference of two estimates beyond which they disagree."""
 
 
 def pool_estimates(estimates: Sequence[Estimate]) -> Estimate:
@@ -36,7 +40,8 @@ def pool_estimates(estimates: Sequence[Estimate]) -> Estimate:
         if one.probability is None:
             problem = f"Member {number}: {one.problem}"
             return Estimate(by=one.by, episodes=episodes, problem=problem)
-    if disagree([(e.probability, e.cv) for e in estimates if e.probability and e.cv is not None]):
+    known = [(e.probability, e.cv, inf) for e in estimates if e.probability and e.cv is not None]
+    if disagree(known):
         probabilities = ", ".join(f"{one.probability:.1e}" for one in estimates)
         problem = (
             f"The members disagree: {probabilities}. Each knows other failures; take method subset."
@@ -59,16 +64,17 @@ def pool_estimates(estimates: Sequence[Estimate]) -> Estimate:
     )
 
 
-def disagree(found: Sequence[tuple[float, float]]) -> bool:
-    """Whether two estimates lie further apart than 99.9 % of pairs with their own variations.
+def disagree(found: Sequence[tuple[float, float, float]]) -> bool:
+    """Return whether two estimates lie further apart than 99.9 % of pairs with their variations.
 
     Args:
-        found: probability, above 0, and coefficient of variation of each.
+        found: probability, above 0, coefficient of variation, and effective number of samples from
+            which that was estimated (infinite where it is known), of each.
     """
-    logs = [(log(probability), log1p(cv**2)) for probability, cv in found]
+    logs = [(log(p), log1p(cv**2), effective) for p, cv, effective in found]
     return any(
-        abs(a - b) > LARGEST_DEVIATION * sqrt(variance_a + variance_b)
-        for (a, variance_a), (b, variance_b) in combinations(logs, 2)
+        abs(a - b) > find_quantile(DISAGREEMENT, min(worth_a, worth_b)) * sqrt(of_a + of_b)
+        for (a, of_a, worth_a), (b, of_b, worth_b) in combinations(logs, 2)
     )
 
 
@@ -98,35 +104,44 @@ SUBSET_SIMULATION = "subset simulation"
 FEW_SAMPLES = 2000
 """On each level; with no more, on a world with rare lineages, the truth was missed 300-fold."""
 
+MOST_BESIDE_NONE = 10.0
+"""Effective number of first draws of a run beside which another one may well miss all failures."""
+
 MORE = "Give it more episodes."
 BLIND = "It does not include failure types that no sample came near."
 
 
-def pool_simulations(found: Sequence[SubsetEstimate], samples: int) -> Estimate:
-    """Return the estimate of simulations that have all ended.
+def pool_simulations(found: Sequence[SubsetEstimate], samples: int, episodes: int) -> Estimate:
+    """Return the estimate of runs over the same levels that have all ended.
 
     Args:
-        found: what each of them found; at least one.
+        found: result of each of them; at least one.
         samples: samples on each level of each.
+        episodes: number of episodes of these runs and of the pilot run.
     """
-    episodes = sum(one.evaluations for one in found)
-    reached = [one.probability for one in found if one.probability is not None]
+    reached = [one for one in found if one.probability is not None]
     if not reached:
         deepest = min(found, key=lambda one: _multiply_shares(one.levels))
         return refuse_estimate(
             episodes, f"No failure was reached: {deepest.end}. {_describe_depth(deepest.levels)}"
         )
-    cvs = [one.variation for one in found]
-    if len(reached) < len(found) or disagree(list(zip(reached, cvs, strict=True))):
+    missed = len(reached) < len(found)
+    known = [(one.probability or 0.0, one.variation, one.effective) for one in reached]
+    if disagree(known) or (missed and max(one.effective for one in reached) > MOST_BESIDE_NONE):
         return refuse_estimate(episodes, _describe_disagreement(found))
-    probability, even = float(np.mean(reached)), [1.0 / len(found)] * len(found)
-    cv = variation(reached, even, cvs) or 0.0
+    # A run without a failure counts as 0: without it, the mean would be too large on average.
+    probabilities = [one.probability or 0.0 for one in found]
+    even = [1.0 / len(found)] * len(found)
+    probability = fsum(probabilities) / len(found)
+    cv = variation(probabilities, even, [one.variation for one in found]) or 0.0
+    effective = sum(one.effective for one in found)
     return Estimate(
         by=SUBSET_SIMULATION,
         episodes=episodes,
         probability=probability,
         cv=cv,
-        interval=log_normal(probability, cv),
+        interval=log_normal(probability, cv, effective),
+        effective=effective,
         note=_list_doubts(len(found), samples),
     )
 
@@ -151,17 +166,14 @@ def _list_doubts(runs: int, samples: int) -> str:
     return BLIND + few * (samples <= FEW_SAMPLES) + lonely * (runs == 1)
 
 
-def estimate_unfinished(
-    levels: Sequence[Sequence[SubsetLevel]], episodes: int, spent: bool
-) -> Estimate | None:
-    """Return the estimate of simulations that have not all ended; None before any has a level.
+def estimate_unfinished(simulation: SubsetSimulation, spent: bool) -> Estimate | None:
+    """Return the estimate of a simulation that has not ended; None before it has a level.
 
     Args:
-        levels: levels of each simulation.
-        episodes: how many were run.
-        spent: whether there will be no more.
+        simulation: simulation as it stands.
+        spent: whether there will be no more episodes.
     """
-    deepest = min(levels, key=_multiply_shares)
+    episodes, deepest = simulation.evaluations, _find_deepest(simulation)
     if not deepest:
         return refuse_estimate(episodes, f"Not one level was finished. {MORE}") if spent else None
     if spent:
@@ -171,12 +183,27 @@ def estimate_unfinished(
     return refuse_estimate(episodes, f"Not known yet. {_describe_depth(deepest)}")
 
 
+def explain_missing_runs(simulation: SubsetSimulation) -> Estimate:
+    """Return the estimate of a simulation that ended with its pilot runs, with the reason."""
+    depth = _describe_depth(_find_deepest(simulation))
+    if simulation.end is SubsetEnd.REACHED:
+        problem = f"The pilot run left too few episodes for the estimate. {MORE}"
+    else:
+        problem = f"No failure was reached: {simulation.end}. {depth}"
+    return refuse_estimate(simulation.evaluations, problem)
+
+
+def _find_deepest(simulation: SubsetSimulation) -> Sequence[SubsetLevel]:
+    return min((each.levels for each in simulation.pilots), key=_multiply_shares)
+
+
 def _describe_depth(levels: Sequence[SubsetLevel]) -> str:
-    if not levels:
+    reached = [one for one in levels if one.share > 0.0]
+    if not reached:
         return "No intermediate level was reached."
     return (
-        f"Robustness falls to {levels[-1].threshold:.3g} m with a probability of about "
-        f"{_multiply_shares(levels):.1e}; failures are rarer."
+        f"Robustness falls to {reached[-1].threshold:.3g} m with a probability of about "
+        f"{_multiply_shares(reached):.1e}; failures are rarer."
     )
 
 

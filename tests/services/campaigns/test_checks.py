@@ -32,7 +32,7 @@ def test_the_horizon_is_the_scenarios():
 
 @pytest.mark.parametrize("method", ["monte_carlo", "ast", "difs", "cem", "replay", "subset"])
 def test_every_method_is_known_with_its_defaults(method):
-    assert check_spec(but(method=method, episodes=300)).method.name == method
+    assert check_spec(but(method=method, episodes=500)).method.name == method
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_checking_loads_nothing_heavy():
         "import sys; from eigenfail.values import CampaignSpec\n"
         "from eigenfail_services.campaigns.validation import check_spec\n"
         "for method in ('monte_carlo', 'ast', 'difs', 'cem', 'replay', 'subset'):\n"
-        "    check_spec(CampaignSpec(name='n', method=method, episodes=300))\n"
+        "    check_spec(CampaignSpec(name='n', method=method, episodes=500))\n"
         "heavy = {'torch', 'ray', 'stable_baselines3', 'sklearn', 'highway_env', 'sqlalchemy'}\n"
         "print(*heavy & sys.modules.keys())"
     )

@@ -30,9 +30,9 @@ from eigenfail_services.campaigns.mode_probability import (
     estimate_share,
 )
 from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint
-from eigenfail_services.methods.subset import SimulationRun, WaveQueue, estimate_modes
+from eigenfail_services.methods.subset import WaveQueue, estimate_modes
 from eigenfail_services.statistics.intervals import log_normal, rate
-from eigenfail_services.statistics.subset_simulation import SubsetSettings
+from eigenfail_services.statistics.subset_simulation import SubsetSettings, SubsetSimulation
 from eigenfail_services.store import Store, open_store
 
 HIGH, LOW = 3.0, 3.4
@@ -48,10 +48,10 @@ def robustness(x: np.ndarray) -> np.ndarray:
     return np.maximum(np.minimum(HIGH - x, LOW + x), 0.0)
 
 
-def simulated(samples: int, seed: int) -> tuple[list[float], dict[int, int]]:
-    """Robustness of all episodes of two simulations, and the mode of each failure."""
-    waves, values, sides = WaveQueue(simulations(samples, seed)), [], []
-    while len(waves.wave):
+def simulated(budget: int, seed: int) -> tuple[list[float], dict[int, int]]:
+    """Robustness of all episodes of a simulation, and the mode of each failure."""
+    waves, values, sides = WaveQueue(simulation(budget, seed)), [], []
+    while not waves.is_done:
         x = waves.wave[:, 0, 0]
         found = robustness(x).tolist()
         values += found
@@ -61,27 +61,26 @@ def simulated(samples: int, seed: int) -> tuple[list[float], dict[int, int]]:
     return values, {index: int(sides[index]) for index in failures}
 
 
-def simulations(samples: int, seed: int) -> list[SimulationRun]:
-    settings = SubsetSettings(samples=samples)
-    return [SimulationRun(1, settings, (seed, run)) for run in range(2)]
+def simulation(budget: int, seed: int) -> SubsetSimulation:
+    return SubsetSimulation(1, budget, SubsetSettings(), (seed,))
 
 
 def test_the_intervals_of_two_modes_hold_their_probabilities() -> None:
     held = 0
-    for seed in range(10):
-        values, mode_of = simulated(1000, seed)
-        told = estimate_modes(simulations(1000, seed), values, mode_of, 2)
+    for seed in range(20):
+        values, mode_of = simulated(8000, seed)
+        told = estimate_modes(simulation(8000, seed), values, mode_of, 2)
         assert told is not None
         for found, truth in zip(told, (tail(HIGH), tail(LOW)), strict=True):
             assert found.interval is not None
             held += found.interval.low <= truth <= found.interval.high
-    assert held >= 17
+    assert held >= 35
 
 
 def test_the_modes_add_up_to_the_whole() -> None:
-    values, mode_of = simulated(500, 1)
-    apart = estimate_modes(simulations(500, 1), values, mode_of, 2)
-    together = estimate_modes(simulations(500, 1), values, dict.fromkeys(mode_of, 0), 1)
+    values, mode_of = simulated(8000, 1)
+    apart = estimate_modes(simulation(8000, 1), values, mode_of, 2)
+    together = estimate_modes(simulation(8000, 1), values, dict.fromkeys(mode_of, 0), 1)
     assert apart is not None
     assert together is not None
     assert apart[0].probability is not None
@@ -90,17 +89,17 @@ def test_the_modes_add_up_to_the_whole() -> None:
 
 
 def test_few_lineages_make_no_number() -> None:
-    values, mode_of = simulated(40, 0)
-    told = estimate_modes(simulations(40, 0), values, mode_of, 2)
+    values, mode_of = simulated(600, 0)
+    told = estimate_modes(simulation(600, 0), values, mode_of, 2)
     assert told is not None
     assert told[1].probability is None
     assert "independent first draws" in told[1].problem
 
 
-def test_before_the_simulations_have_ended_there_is_none() -> None:
-    values, mode_of = simulated(500, 1)
-    assert estimate_modes(simulations(500, 1), values[:-1], mode_of, 2) is None
-    assert estimate_modes(simulations(500, 1), [], {}, 2) is None
+def test_before_the_runs_have_ended_there_is_none() -> None:
+    values, mode_of = simulated(4000, 1)
+    assert estimate_modes(simulation(4000, 1), values[:-1], mode_of, 2) is None
+    assert estimate_modes(simulation(4000, 1), [], {}, 2) is None
 
 
 @pytest.fixture
@@ -163,7 +162,7 @@ def test_the_weights_of_cem_are_shared_among_the_modes(store: Store) -> None:
 
 
 def test_the_levels_of_a_stored_campaign_are_gone_through_again(store: Store) -> None:
-    campaign, learner = ran(store, "subset", 800, samples=200, runs=2)
+    campaign, learner = ran(store, "subset", 800)
     told = estimate_by_levels(store, campaign, sides(store, campaign), 2)
     whole = learner.estimate().probability
     assert sum(each.probability for each in told if each) == pytest.approx(whole, rel=1e-9)
@@ -262,7 +261,7 @@ def result(campaign: Campaign, mode_of: dict[int, int], silhouette: float) -> An
     ("method", "episodes", "settings"),
     [
         ("cem", 1600, {"batch": 200, "min_std": 1.0, "mean_smoothing": 0.05}),
-        ("subset", 800, {"samples": 200, "runs": 2}),
+        ("subset", 800, {}),
     ],
 )
 def test_failures_that_landed_after_the_reading_are_not_taken_for_none(
@@ -285,7 +284,7 @@ def over(store: Store, campaign: Campaign) -> Campaign:
 
 
 def test_only_distinct_modes_of_one_campaign_have_a_probability(store: Store) -> None:
-    campaign = over(store, ran(store, "subset", 800, samples=200, runs=2)[0])
+    campaign = over(store, ran(store, "subset", 800)[0])
     found = result(campaign, sides(store, campaign), 0.6)
     told = add_probabilities(store, [campaign], found)
     assert all(mode.probability is not None for mode in told.modes)
