@@ -55,7 +55,7 @@ def explain(client: Client, campaign: int) -> None:
         screen.print(f"The failures of campaign {campaign} were not analysed: {analysis.problem}")
         return
     screen.print(f"\nFailure modes of campaign {campaign}; disturbances in sigma:")
-    screen.print(render(*describe_modes(campaign, analysis.result)))
+    screen.print(render(*describe_modes(campaign, analysis.result), *analysis.result.notes))
     screen.print(render(*count_reproductions(prove_analysis(client, analysis.id, ()))))
 
 

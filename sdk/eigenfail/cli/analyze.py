@@ -45,6 +45,13 @@ class ClustererName(StrEnum):
     GAUSSIAN_MIXTURE = "gaussian_mixture"
 
 
+class FailureChoice(StrEnum):
+    """The failures of a method that learns which are analysed."""
+
+    LATEST = "latest"
+    ALL = "all"
+
+
 AlignAt = Annotated[Align, typer.Option(help="Moment at which trajectories are aligned.")]
 Components = Annotated[int, typer.Option(help="Number of principal components.")]
 Clusters = Annotated[
@@ -65,6 +72,10 @@ Also = Annotated[
 ]
 Bootstrap = Annotated[
     int, typer.Option(help="Number of bootstrap samples for the stability of the modes.")
+]
+FailuresChoice = Annotated[
+    FailureChoice,
+    typer.Option(help="Of a method that learns, the latest half of the failures, or all."),
 ]
 
 Prove = Annotated[
@@ -93,6 +104,7 @@ def analyze(
     clusterer: ClustererChoice = ClustererName.KMEANS,
     also: Also = None,
     bootstrap: Bootstrap = 20,
+    failures: FailuresChoice = FailureChoice.LATEST,
     prove: Prove = False,
     variation: Variations = None,
     as_json: AsJson = False,
@@ -110,6 +122,7 @@ def analyze(
         "clusterer": clusterer.value,
         "campaigns": also or [],
         "bootstrap": bootstrap,
+        "failures": failures.value,
     }
     settings = convert(given, AnalysisSettings)
     with interruptible(), connect_to(context, url) as client:

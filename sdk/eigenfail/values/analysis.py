@@ -169,6 +169,10 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         campaigns: further ones, whose failures are analysed with those of the first.
         bootstrap: how often the failures are drawn again to see whether the modes come back; 0
             leaves it out.
+        failures: failures that are analysed. `latest`: where a method learnt while it ran, the
+            latest half of a campaign's failures; those before come from proposals that it has given
+            up, and mixed with them the modes are stages of the learning. All failures of other
+            methods, and of those that estimate a probability of each mode. `all`: all failures.
     """
 
     align: Literal["start", "collision"] = "start"
@@ -178,6 +182,7 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     clusterer: Literal["kmeans", "hdbscan", "gaussian_mixture"] = "kmeans"
     campaigns: Annotated[tuple[CampaignNumber, ...], msgspec.Meta(max_length=MAX_CAMPAIGNS)] = ()
     bootstrap: Annotated[int, msgspec.Meta(ge=0, le=MAX_RESAMPLES)] = 20
+    failures: Literal["latest", "all"] = "latest"
 
 
 class AnalysisState(StrEnum):

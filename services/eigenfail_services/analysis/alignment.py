@@ -1,7 +1,7 @@
 """Noise of failures of different length, aligned at the start or at the collision."""
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -94,6 +94,15 @@ class Aligned(NamedTuple):
         if self.columns == COLUMNS["joint"]:
             return self.noise.reshape(len(self.noise), -1)
         return np.ascontiguousarray(self.noise[:, :, self.columns]).reshape(len(self.noise), -1)
+
+    def take(self, rows: NDArray[np.intp]) -> "Aligned":
+        """The failures in some rows."""
+        return self._replace(
+            campaigns=self.campaigns[rows],
+            episodes=self.episodes[rows],
+            steps=self.steps[rows],
+            noise=self.noise[rows],
+        )
 
     @property
     def order(self) -> NDArray[np.intp]:
@@ -209,6 +218,23 @@ def gather_failures(
         alignment=ALIGNMENTS[settings.align],
         columns=COLUMNS[settings.axes],
     )
+
+
+def select_latest(failures: Aligned, campaigns: Collection[int]) -> Aligned:
+    """Return the failures without the earlier half of those of some campaigns.
+
+    Of an odd number the one in the middle stays.
+
+    Args:
+        failures: failures of one or several campaigns.
+        campaigns: ids of those of which only the latest half is kept.
+    """
+    kept = np.ones(len(failures.episodes), np.bool_)
+    for campaign in campaigns:
+        own = np.flatnonzero(failures.campaigns == campaign)
+        in_time = own[np.argsort(failures.episodes[own])]
+        kept[in_time[: len(own) // 2]] = False
+    return failures if kept.all() else failures.take(np.flatnonzero(kept))
 
 
 def _place_batch(portion: FailureBatch, horizon: int, how: str) -> _PlacedBatch:

@@ -1,7 +1,7 @@
 """The analysis of failures: from their noise to failure modes."""
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 import msgspec
 import numpy as np
@@ -21,6 +21,7 @@ from eigenfail_services.analysis.alignment import (
     gather_failures,
     measure_before_collision,
     median_steps,
+    select_latest,
 )
 from eigenfail_services.analysis.clusters import (
     CLUSTERERS,
@@ -81,19 +82,31 @@ def analyse_portions(
 
 
 def analyse_gathered(
-    failures: Aligned,
+    gathered: Aligned,
     settings: AnalysisSettings,
     step_s: float | None,
     episodes: Mapping[int, int],
+    learning: Collection[int] = (),
 ) -> AnalysisResult:
-    """`analyse_portions` of failures that were gathered before, with settings that were checked."""
+    """`analyse_portions` of failures that were gathered before, with settings that were checked.
+
+    Args:
+        gathered: all failures of the campaigns; the intervals of training are of all of them.
+        settings: settings of the analysis.
+        step_s: duration of a step; None where it has none. [s]
+        episodes: how many of each campaign have ended, by its id.
+        learning: ids of the campaigns of which `failures = "latest"` takes the latest half.
+    """
+    only_latest = settings.failures == "latest"
+    failures = select_latest(gathered, learning) if only_latest else gathered
     # A sum over two threads rounds otherwise than over one.
     with threadpool_limits(limits=1), config_context(**LEAN):
-        return _make_result(failures, settings, step_s, episodes)
+        return _make_result(failures, gathered, settings, step_s, episodes)
 
 
 def _make_result(
     failures: Aligned,
+    gathered: Aligned,
     settings: AnalysisSettings,
     step_s: float | None,
     episodes: Mapping[int, int],
@@ -123,7 +136,7 @@ def _make_result(
         outliers=partition.outliers,
         moments=find_moments(weighed, failures, step_s),
         before_collision=_measure_impending(failures, settings, step_s),
-        training=summarize_training(failures, space, episodes),
+        training=summarize_training(gathered, space, episodes),
     )
     return replace(result, diversity=measure_diversity(failures, result, episodes))
 

@@ -13,7 +13,9 @@ from typing import NamedTuple, Self
 import msgspec
 from msgspec.structs import replace
 
+from eigenfail.contracts import ModeProbability
 from eigenfail.errors import InputError, InvalidValue, NotFound, describe_error, read_text
+from eigenfail.methods import traits_of
 from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group
 from eigenfail.values import (
     FINAL_STATES,
@@ -265,6 +267,31 @@ def run_analysis(store: Store, analysis_id: int) -> None:
         raise
 
 
+def _gives_proposals_up(campaign: Campaign) -> bool:
+    """Whether early failures of a campaign come from proposals that its method has given up.
+
+    Where the method estimates the probability of each mode, every failure needs its mode.
+    """
+    traits = traits_of(campaign.spec.method)
+    return traits.learns and traits.mode_probability is ModeProbability.UNKNOWN
+
+
+def _list_left_out(gathered: Sequence[int], result: AnalysisResult) -> Iterator[str]:
+    """Yield a sentence for each campaign of which not all failures were analysed.
+
+    Args:
+        gathered: id of the campaign of each failure.
+        result: result of the analysis.
+    """
+    for campaign in dict.fromkeys(sorted(gathered)):
+        taken, there = result.campaigns.count(campaign), gathered.count(campaign)
+        if taken < there:
+            yield (
+                f"Campaign {campaign} learnt while it ran: the latest {taken} of its {there} "
+                "failures were analysed. failures = all takes all of them."
+            )
+
+
 def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     """Return the failure modes among the failures that are stored by now.
 
@@ -280,11 +307,12 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     read = (FailureBatch(*each) for each in _list_portions(store, begun.campaigns))
     failures = gather_failures(read, begun.horizon, analysis.settings)
     base = begun.recounted(store)
-    result = analyse_gathered(failures, analysis.settings, base.step_s, base.ended)
+    learning = frozenset(each.id for each in base.campaigns if _gives_proposals_up(each))
+    result = analyse_gathered(failures, analysis.settings, base.step_s, base.ended, learning)
     whole = msgspec.structs.replace(
         add_probabilities(store, base.campaigns, result),
         sources=base.sources(result.campaigns),
-        notes=list_notes(base),
+        notes=(*list_notes(base), *_list_left_out(failures.campaigns.tolist(), result)),
         words=describe_modes(store, analysis, result, base.step_s),
     )
     return msgspec.structs.replace(whole, digest=hash_result(whole))

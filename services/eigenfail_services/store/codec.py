@@ -37,7 +37,6 @@ _packer = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _specs = msgspec.json.Decoder(CampaignSpec)
 _estimates = msgspec.json.Decoder(Estimate)
 _parts = msgspec.json.Decoder(tuple[RunPart, ...])
-_settings = msgspec.json.Decoder(AnalysisSettings)
 _scenes = msgspec.msgpack.Decoder(Scene, dec_hook=decode_array)
 _analyses = msgspec.msgpack.Decoder(AnalysisResult, dec_hook=decode_array)
 
@@ -66,8 +65,8 @@ def spec_hash(spec: CampaignSpec) -> str:
 
 
 def to_settings(text: str) -> AnalysisSettings:
-    """Read the settings of an analysis from JSON."""
-    return _settings.decode(text)
+    """Read the settings of an analysis from JSON; earlier releases took all failures."""
+    return msgspec.convert({"failures": "all"} | msgspec.json.decode(text), AnalysisSettings)
 
 
 def to_blob(array: Floats) -> bytes:

@@ -39,7 +39,8 @@ def test_keys_are_listed_with_their_states_and_no_secret(http, store, key_of) ->
     text = http.get("/keys", headers=admin).text
     assert [word in text for word in ("valid", "expired", "revoked", "old &lt;b&gt;")] == [True] * 4
     assert text.count('data-method="DELETE"') == 1
-    assert admin["Authorization"].rpartition("_")[2] not in text
+    *_, secret = admin["Authorization"].split("_", 2)
+    assert secret not in text
     assert "Authorization: Bearer $EIGENFAIL_KEY" in text
 
 

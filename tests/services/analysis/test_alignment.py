@@ -7,7 +7,12 @@ import pytest
 
 from eigenfail.values import AnalysisSettings
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.alignment import Aligned, FailureBatch, gather_failures
+from eigenfail_services.analysis.alignment import (
+    Aligned,
+    FailureBatch,
+    gather_failures,
+    select_latest,
+)
 
 SHORT = np.array([[1, -1], [2, -2]], np.float32)
 LONG = np.array([[3, -3], [4, -4], [5, -5]], np.float32)
@@ -47,6 +52,26 @@ def test_the_way_back_gives_the_episode_as_it_was(how: str, row: int) -> None:
     assert z.shape == (4, 2)
     assert np.array_equal(z[:steps], BOTH.noise[row])
     assert not z[steps:].any()
+
+
+@pytest.mark.parametrize(("learning", "left"), [((), 7), ((1,), 5), ((2,), 6), ((1, 2), 4)])
+def test_the_earlier_half_of_the_failures_of_a_campaign_is_left_out(learning, left) -> None:
+    batches = [
+        FailureBatch(campaign, Failures(indices, tuple(np.full((2, 2), i) for i in indices)))
+        for campaign, indices in ((1, (3, 5, 8, 30)), (2, (1, 2, 40)))
+    ]
+    gathered = gather_failures(batches, 4, AnalysisSettings())
+    found = select_latest(gathered, learning)
+    kept = sorted(zip(found.campaigns.tolist(), found.episodes.tolist(), strict=True))
+    assert len(kept) == left
+    assert [index for campaign, index in kept if campaign == 1] == (
+        [8, 30] if 1 in learning else [3, 5, 8, 30]
+    )
+    assert [index for campaign, index in kept if campaign == 2] == (
+        [2, 40] if 2 in learning else [1, 2, 40]
+    )
+    assert [z[0, 0] for z in found.noise] == found.episodes.tolist()
+    assert found.steps.tolist() == [2] * left
 
 
 def test_of_several_at_the_collision_the_median_length_counts() -> None:

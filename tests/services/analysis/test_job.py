@@ -357,4 +357,6 @@ def test_a_result_of_an_older_release_is_read() -> None:
     assert found.episodes == (1,)
     assert np.array_equal(found.modes[0].eigenfailure, result.modes[0].eigenfailure)
     assert (found.stability, found.moments, found.training, found.words) == (None, (), (), ())
-    assert to_settings('{"align": "start", "components": 3}') == AnalysisSettings()
+    older = to_settings('{"align": "start", "components": 3}')
+    assert older == AnalysisSettings(failures="all")
+    assert to_settings('{"failures": "latest"}') == AnalysisSettings()

@@ -112,6 +112,31 @@ def test_several_campaigns_are_analysed_together(store: Store) -> None:
     assert found.diversity.failures == sum(each.failures for each in found.training) == 50
 
 
+@pytest.mark.parametrize("method", ["ast", "difs", "ensemble"])
+def test_of_a_method_that_learnt_the_latest_half_is_analysed_and_it_says_so(
+    store: Store, method: str
+) -> None:
+    one = campaign(store, *range(5, 26), method=method)
+    found = analysed(store, one)
+    assert found.episodes == tuple(range(15, 26))
+    assert sum(mode.failures for mode in found.modes) == found.sources[0].failures == 11
+    assert sum(each.failures for each in found.training) == 21
+    assert found.notes[-1] == (
+        f"Campaign {one} learnt while it ran: the latest 11 of its 21 failures were analysed. "
+        "failures = all takes all of them."
+    )
+    whole = analysed(store, one, msgspec.structs.replace(QUICK, failures="all"))
+    assert whole.episodes == tuple(range(5, 26))
+    assert not any("learnt" in note for note in whole.notes)
+
+
+@pytest.mark.parametrize("method", ["monte_carlo", "held", "cem", "subset", "evaluate"])
+def test_of_other_methods_all_failures_are_analysed(store: Store, method: str) -> None:
+    """`cem` learns, and estimates a probability for each mode, which needs every failure."""
+    one = campaign(store, *range(5, 26), method=method)
+    assert analysed(store, one).episodes == tuple(range(5, 26))
+
+
 def test_which_campaign_is_named_first_does_not_matter(store: Store) -> None:
     one, other = campaign(store, *range(1, 20)), campaign(store, *range(1, 20))
     there = analysed(store, one, AnalysisSettings(campaigns=(other,), bootstrap=2))
