@@ -98,12 +98,13 @@ def make_tallies(found: Proof) -> tuple[tuple[str, Tile], ...]:
 
 
 def describe_reproduction(found: Reproduction) -> Tile:
-    """Return how many replays failed again, of those tried, and how near they came."""
+    """Return how many replays failed again, of those tried, and how near they came if none did."""
     rate = found.rate
     if rate is None:
         return NOT_TRIED
     nearest = format_number(found.smallest_robustness_m)
-    return Tile(f"{rate.k} of {rate.n}", (f"smallest robustness {nearest}\u00a0m",))
+    lines = () if rate.k else (f"smallest robustness {nearest}\u00a0m",)
+    return Tile(f"{rate.k} of {rate.n}", lines)
 
 
 def make_scenario_line(scenario: ProvenScenario) -> ScenarioLine:

@@ -109,6 +109,8 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         draws_from_prior: whether all noise is drawn from p(x), so that failures can be counted.
+        independent: whether its episodes are independent draws of one distribution, p(x) or
+            another one, so that means over them have an interval.
         learns: whether its proposals improve with the results of earlier episodes.
         finds_new: whether its failures are new, rather than repeated from earlier campaigns.
         is_evidence: whether its episodes are evidence, which pruning keeps.
@@ -122,6 +124,7 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     draws_from_prior: bool = False
+    independent: bool = False
     learns: bool = True
     finds_new: bool = True
     is_evidence: bool = False

@@ -26,6 +26,7 @@ from eigenfail.values import (
     Safety,
     SafetyTotals,
     Scatter,
+    SeverityRisk,
     SpendingTotals,
     TimeSplit,
     Unresolved,
@@ -306,6 +307,9 @@ def make_safety(
         InvalidValue: the level is not between 0 and 1.
     """
     method = campaign.spec.method
+    severity, correlation = tail_risk(totals.severities, level), _correlate(totals.points)
+    if not traits_of(method).independent:
+        severity, correlation = _drop_intervals(severity), _drop_interval(correlation)
     return Safety(
         campaign=campaign.id,
         name=campaign.spec.name,
@@ -316,11 +320,25 @@ def make_safety(
         conflicts=conflicts,
         ttc=_count_violations(method, totals.ttc, NEAR_MISS_TTC_S, totals.completed),
         drac=_count_violations(method, totals.drac, PEAK_BRAKING_MPS2, totals.completed),
-        severity=tail_risk(totals.severities, level),
-        scatter=Scatter(totals.points, len(totals.severities), _correlate(totals.points)),
+        severity=severity,
+        scatter=Scatter(totals.points, len(totals.severities), correlation),
         unresolved=unresolved,
         notes=tuple(_list_notes(campaign, totals, unresolved)),
     )
+
+
+def _drop_intervals(risk: SeverityRisk) -> SeverityRisk:
+    """Return the severity of failures that a search chose: they are no random sample.
+
+    What is missing for an interval is then no problem; what is missing for a number still is.
+    """
+    mean, var, cvar = map(_drop_interval, (risk.mean, risk.var, risk.cvar))
+    problem = "" if cvar else risk.problem
+    return replace(risk, mean=mean, var=var, cvar=cvar, problem=problem)
+
+
+def _drop_interval(figure: Figure | None) -> Figure | None:
+    return Figure(figure.value) if figure else None
 
 
 def make_share(method: str, k: int, n: int) -> Rate | None:
@@ -356,7 +374,8 @@ def _list_notes(campaign: Campaign, totals: SafetyTotals, unresolved: Unresolved
     if totals.failures and not traits_of(campaign.spec.method).draws_from_prior:
         yield (
             f"The episodes are those that {campaign.spec.method} chose: shares, medians and "
-            "severities are of these, not of what p(x) would bring."
+            "severities are of these, not of what p(x) would bring"
+            f"{'' if traits_of(campaign.spec.method).independent else ', and have no interval'}."
         )
     if missing := totals.failures - len(totals.severities):
         yield f"{missing} of {totals.failures} failures have no severity and are left out of it."

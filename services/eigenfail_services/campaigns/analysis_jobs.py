@@ -288,7 +288,7 @@ def _list_left_out(gathered: Sequence[int], result: AnalysisResult) -> Iterator[
         if taken < there:
             yield (
                 f"Campaign {campaign} learnt while it ran: the latest {taken} of its {there} "
-                "failures were analysed. failures = all takes all of them."
+                "failures were analysed. Set failures to all to analyse every one."
             )
 
 

@@ -84,6 +84,7 @@ class Evaluate:
         sums: WeightedFailures = WeightedFailures()
 
     traits = MethodTraits(
+        independent=True,
         learns=False,
         finds_new=False,
         mode_probability=ModeProbability.KNOWN_PROPOSAL,

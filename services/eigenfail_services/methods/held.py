@@ -46,7 +46,9 @@ class HeldNoise:
 
         rounds: int
 
-    traits = MethodTraits(learns=False, pairable=True, chart_mark=9, references={})
+    traits = MethodTraits(
+        independent=True, learns=False, pairable=True, chart_mark=9, references={}
+    )
     lookahead = 3
 
     def __init__(self, context: LearnerContext, settings: HeldNoiseSettings) -> None:

@@ -29,6 +29,7 @@ class MonteCarlo:
 
     traits = MethodTraits(
         draws_from_prior=True,
+        independent=True,
         learns=False,
         pairable=True,
         mode_probability=ModeProbability.COUNTS,

@@ -45,7 +45,7 @@ def test_replays_are_counted_without_an_interval():
     found = Reproduction(rate(3, 4), 0.0)
     assert isinstance(found.rate, Rate)
     figure = describe_reproduction(found)
-    assert (figure.value, figure.notes) == ("3 of 4", ("smallest robustness 0\u00a0m",))
+    assert (figure.value, figure.notes) == ("3 of 4", ())
     (nearest,) = describe_reproduction(Reproduction(rate(0, 2), 1.25)).notes
     assert nearest == "smallest robustness 1.25\u00a0m"
     assert describe_reproduction(Reproduction()) == NOT_TRIED
@@ -68,7 +68,7 @@ def test_a_proof_is_followed_until_its_last_replay(store, pages, prove, replayed
     replayed(same, crashed=(0, 2))
     told = text()
     assert "4 / 8 replays" in told
-    assert "Eigenfailures, same scenario 1 of 2 smallest robust" in told
+    assert "Eigenfailures, same scenario 1 of 2 Eigenfailures" in told
     assert "distance_m = 61.0" in told
     assert "Eigenfailure reproduced 0 of 1 smallest robustness 3.50 m" in told
     assert "the same 1 eigenfailure ◆ collision 0 −" in told

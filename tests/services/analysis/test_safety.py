@@ -45,6 +45,27 @@ def point(index: int) -> FailurePoint:
     return FailurePoint(index, -2.0 - index, 100.0 + index, ConflictClass.PLANNER_FAILURE)
 
 
+@pytest.mark.parametrize(
+    ("method", "independent"),
+    [("monte_carlo", True), ("held", True), ("evaluate", True)]
+    + [(method, False) for method in ("ast", "difs", "cem", "subset", "ensemble", "replay")],
+)
+def test_only_over_independent_episodes_have_figures_an_interval(
+    method: str, independent: bool
+) -> None:
+    severities = np.random.default_rng(1).exponential(30.0, 500)
+    given = totals(severities, [point(index) for index in range(40)], 500)
+    found = make_safety(campaign(method), given, PAPER, NOBODY)
+    risk = found.severity
+    figures = (risk.mean, risk.var, risk.cvar, found.scatter.rank_correlation)
+    assert [each is not None and each.value != 0.0 for each in figures] == [True] * 4
+    assert [each.interval is not None for each in figures if each] == [independent] * 4
+    assert any("have no interval" in note for note in found.notes) is not independent
+    few = make_safety(campaign(method), totals([1.0] * 9, failures=9), PAPER, NOBODY).severity
+    assert few.cvar is None
+    assert few.problem
+
+
 def test_the_paper_s_table() -> None:
     of_chance = campaign("monte_carlo")
     found = make_safety(of_chance, totals([100.0] * 9, map(point, range(9))), PAPER, NOBODY)

@@ -123,7 +123,7 @@ def test_of_a_method_that_learnt_the_latest_half_is_analysed_and_it_says_so(
     assert sum(each.failures for each in found.training) == 21
     assert found.notes[-1] == (
         f"Campaign {one} learnt while it ran: the latest 11 of its 21 failures were analysed. "
-        "failures = all takes all of them."
+        "Set failures to all to analyse every one."
     )
     whole = analysed(store, one, msgspec.structs.replace(QUICK, failures="all"))
     assert whole.episodes == tuple(range(5, 26))
