@@ -11,7 +11,6 @@ from msgspec.structs import replace
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.methods import traits_of
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import Campaign, CampaignSpec, CampaignState
 
@@ -52,8 +51,9 @@ class MarginStep(msgspec.Struct, frozen=True, kw_only=True):
         campaign: id of the campaign.
         episodes: number of completed episodes.
         failures: number of episodes that ended in a collision.
-        upper_bound: upper bound of the failure rate of such episodes if none failed (95 %; near
-            3 ÷ episodes: the rule of three); None otherwise, since a failure ends the step.
+        upper_bound: upper bound of the failure rate under this noise if none failed (95 %; near
+            3 ÷ episodes: the rule of three). None after a failure, which ends the step, and for
+            methods that choose their noise, whose episodes bound no failure rate.
     """
 
     scale: float
@@ -185,16 +185,16 @@ def _describe_contradictions(margin: Margin) -> Iterator[str]:
 def _describe_confidence(margin: Margin, method: str) -> Iterator[str]:
 
     safe = margin.largest_safe
-    if safe is None or safe.upper_bound is None:
+    if safe is None:
         return
-    kind = (
-        "episodes under this noise"
-        if traits_of(method).draws_from_prior
-        else f"episodes as '{method}' proposes them, whose rate is not that of the noise itself"
-    )
+    if safe.upper_bound is None:
+        limit = f"'{method}' chooses its noise, so that its episodes bound no failure rate"
+    else:
+        share = f"at most {100.0 * safe.upper_bound:.2g} %"
+        limit = f"with 95 % confidence {share} of the episodes under this noise fail"
     yield (
         f"No failure found in {_count_episodes(safe)} at {_times(safe)} is not proof that there"
-        f" is none: with 95 % confidence at most {100.0 * safe.upper_bound:.2g} % fail of {kind}."
+        f" is none: {limit}."
     )
 
 
@@ -247,5 +247,5 @@ def read_step(client: Client, campaign: Campaign) -> MarginStep:
         campaign=campaign.id,
         episodes=rate.n,
         failures=rate.k,
-        upper_bound=None if rate.k else rate.interval.high,
+        upper_bound=rate.interval.high if rate.sampled and not rate.k else None,
     )

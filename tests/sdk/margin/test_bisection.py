@@ -1,14 +1,18 @@
 """Bisection by known thresholds: what must be found, in how many steps, and what is told."""
 
 from math import ceil, log2
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from msgspec import structs
 
 from eigenfail.errors import InvalidValue
-from eigenfail.margin import MarginStep, ScaleRange, describe_margin, find_margin
+from eigenfail.margin import MarginStep, ScaleRange, describe_margin, find_margin, read_step
 from eigenfail.settings import convert
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail_services.statistics.intervals import rate
 
 WIDE = ScaleRange(0.5, 3.0, 0.1)
 
@@ -115,9 +119,25 @@ def test_what_no_failure_proves_is_said_with_its_bound():
     found = find_margin(planner(lambda scale: scale > 1.3)[0], WIDE)
     _, caveat = describe_margin(found, "monte_carlo")
     assert "in 200 episodes at 1.281 × is not proof" in caveat
-    assert "at most 1.5 % fail of episodes under this noise." in caveat
-    _, caveat = describe_margin(found, "ast")
-    assert "as 'ast' proposes them, whose rate is not that of the noise itself" in caveat
+    assert "at most 1.5 % of the episodes under this noise fail." in caveat
+
+
+@pytest.mark.parametrize(("sampled", "bound"), [(True, 0.0139), (False, None)])
+def test_only_episodes_under_p_bound_a_failure_rate(sampled, bound):
+    failure_rate = structs.replace(rate(0, 214), sampled=sampled)
+    service = SimpleNamespace(
+        campaigns=SimpleNamespace(summary=lambda _id: SimpleNamespace(failure_rate=failure_rate))
+    )
+    spec = CampaignSpec(name="n", method="ast", episodes=214)
+    ended = Campaign(
+        id=3, spec=spec, state=CampaignState.DONE, counts=Counts(214, 214, 0), created_ms=1
+    )
+    step = read_step(service, ended)
+    assert step.upper_bound == (bound and pytest.approx(bound, abs=1e-4))
+    margin = find_margin(lambda scale: structs.replace(step, scale=scale), WIDE)
+    _, caveat = describe_margin(margin, "ast")
+    words = "'ast' chooses its noise, so that its episodes bound no failure rate."
+    assert (words in caveat) is not sampled
 
 
 def test_a_failure_below_a_safe_scale_is_told():
