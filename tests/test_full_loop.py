@@ -42,9 +42,8 @@ def test_the_full_loop_in_one_process() -> None:
     failures = [result for result in results if result.is_failure]
     found = rate(len(failures), len(results))
     assert 0 < found.interval.low < found.value < found.interval.high < 1
-    assert price_campaign(3600.0, 1, 1.2, len(failures), len(results)).per_failure_usd == 1.2 / len(
-        failures
-    )
+    price = price_campaign(3600.0, 1, 1.2, rate(len(failures), len(results)))
+    assert price.per_failure_usd == 1.2 / len(failures)
 
     noise = Failures(tuple(r.index for r in failures), tuple(r.noise.z for r in failures))
     modes = analyse(noise, HORIZON, AnalysisSettings(clusters=2)).modes

@@ -433,7 +433,8 @@ class Rate(msgspec.Struct, frozen=True):
     """k of n, with its interval.
 
     Attributes:
-        interval: Wilson's 95 % interval, as if the n were a random sample.
+        interval: 95 % interval, as if the n were a random sample: Wilson's, or Clopper and
+            Pearson's where a stop rule ended the campaign at its failures.
         sampled: whether they are one. The episodes of a search are not: it chose them, so that
             their share estimates no probability, and has no interval.
     """

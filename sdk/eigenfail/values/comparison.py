@@ -32,7 +32,7 @@ class Side(msgspec.Struct, frozen=True, kw_only=True):
         campaigns: their ids, one for each seed.
         completed: episodes.
         failures: collisions among them.
-        failure_rate: failure rate with Wilson's interval; None before the first episode.
+        failure_rate: failure rate with its interval; None before the first episode.
         rates: the failure rate of each campaign; None before its first episode.
         log_probability_per_step: log-probability per step of the failures: sum of log p over all
             their steps ÷ steps.
@@ -166,6 +166,7 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
         newest: the id of the newest one.
         completed: episodes.
         failures: collisions among them.
+        until_failures: whether one of the campaigns has the stop rule `failures`.
         instance_hours: instance-hours of all campaigns. [h]
         total_usd: total cost of all campaigns. [USD]
     """
@@ -176,6 +177,7 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
     newest: int
     completed: int
     failures: int
+    until_failures: bool
     instance_hours: float
     total_usd: float
 

@@ -119,6 +119,8 @@ class Summary(Shown, msgspec.Struct, frozen=True):
         errored: episodes that could not be completed, with their most frequent reason.
         reach: reach of a campaign that ended without a failure: which disturbances its method
             cannot choose, and what to do; empty where the method can choose any.
+        rate_note: what the failure rate of a campaign that stopped at its failures tells; empty for
+            other campaigns.
     """
 
     campaign: int
@@ -136,13 +138,15 @@ class Summary(Shown, msgspec.Struct, frozen=True):
     unresolved: Unresolved = Unresolved()
     errored: Errored = Errored()
     reach: str = ""
+    rate_note: str = ""
 
     @property
     def remark(self) -> str:
         """Return the remarks on the failure rate, as sentences; empty if there are none."""
         missed = f"No failure was found. {self.reach}" if self.reach else ""
         unresolved = self.unresolved.words(self.counts.completed)
-        return " ".join(filter(None, (missed, unresolved, self.errored.words(self.counts))))
+        errored = self.errored.words(self.counts)
+        return " ".join(filter(None, (missed, self.rate_note, unresolved, errored)))
 
 
 MOST_BLOCKS = 1_000

@@ -36,7 +36,7 @@ from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail.values.safety import LEVEL, FailurePoint
 from eigenfail.values.summary import MOST_BLOCKS
 from eigenfail_services.statistics.comparison import rank_correlation
-from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.statistics.intervals import rate, stopped_rate
 from eigenfail_services.statistics.tail_risk import tail_risk
 
 PER = 100
@@ -86,15 +86,27 @@ def rate_episodes(methods: Iterable[str], k: int, n: int) -> Rate:
     Raises:
         InvalidValue: no episode, or not 0 <= k <= n.
     """
-    sampled = all(traits_of(method).draws_from_prior for method in methods)
-    return replace(rate(k, n), sampled=sampled)
+    return replace(rate(k, n), sampled=_are_sampled(methods))
 
 
-def price_failures(methods: Iterable[str], found: Cost) -> Cost:
-    """Return the cost of failures, with bounds only if all methods draw noise from p(x)."""
-    if all(traits_of(method).draws_from_prior for method in methods):
-        return found
-    return replace(found, interval_usd=None, at_least_usd=None)
+def rate_failures(methods: Iterable[str], until_failures: bool, k: int, n: int) -> Rate:
+    """Return k of n episodes of whole campaigns, which a stop rule may have ended.
+
+    Args:
+        methods: methods of the campaigns.
+        until_failures: whether one of them has the stop rule `failures`.
+        k: number of failures.
+        n: number of completed episodes.
+
+    Raises:
+        InvalidValue: no episode, or not 0 <= k <= n.
+    """
+    found = stopped_rate(k, n) if until_failures else rate(k, n)
+    return replace(found, sampled=_are_sampled(methods))
+
+
+def _are_sampled(methods: Iterable[str]) -> bool:
+    return all(traits_of(method).draws_from_prior for method in methods)
 
 
 def choose_block_length(counts: Counts, wanted: int | None = None) -> int:
@@ -125,34 +137,31 @@ SECONDS_PER_HOUR = 3600.0
 
 
 def price_campaign(
-    active_s: float, instances: int, price_usd_per_hour: float, failures: int, completed: int
+    active_s: float, instances: int, price_usd_per_hour: float, failures: Rate | None
 ) -> Cost:
-    """Price per instance-hour × instance-hours ÷ failures, with the interval of the failure rate.
+    """Return price per instance-hour × instance-hours ÷ failures, with the rate's interval.
 
     The bounds are total ÷ (completed × bound of the rate), so that a campaign without a failure
-    has a lower bound instead of an infinite cost.
+    has a lower bound instead of an infinite cost. A rate without an interval leads to none here.
 
     Args:
         active_s: time during which the instances were occupied. [s]
         instances: how many were occupied.
         price_usd_per_hour: price of one instance.
-        failures: collisions among the completed episodes.
-        completed: episodes that ran to their end.
-
-    Raises:
-        InvalidValue: more failures than completed episodes.
+        failures: collisions among the completed episodes; None before the first one.
     """
     hours = active_s * instances / SECONDS_PER_HOUR
     total_usd = price_usd_per_hour * hours
-    if completed == 0:
+    if failures is None:
         return Cost(total_usd, hours, None, None, None)
-    bounds = rate(failures, completed).interval
-    at_least_usd = total_usd / (completed * bounds.high)
-    if failures == 0:
+    per_failure_usd = total_usd / failures.k if failures.k else None
+    if failures.bounds is None:
+        return Cost(total_usd, hours, per_failure_usd, None, None)
+    at_least_usd = total_usd / (failures.n * failures.bounds.high)
+    if per_failure_usd is None:
         return Cost(total_usd, hours, None, None, at_least_usd)
-    at_most_usd = total_usd / (completed * bounds.low)
-    interval_usd = Interval(at_least_usd, at_most_usd)
-    return Cost(total_usd, hours, total_usd / failures, interval_usd, at_least_usd)
+    interval_usd = Interval(at_least_usd, total_usd / (failures.n * failures.bounds.low))
+    return Cost(total_usd, hours, per_failure_usd, interval_usd, at_least_usd)
 
 
 NOT_MEASURED = "It was run by an older release that did not record the time breakdown."

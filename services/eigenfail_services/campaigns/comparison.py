@@ -17,13 +17,13 @@ from eigenfail.values import (
     EffectSize,
     Interval,
     McNemar,
+    Rate,
     Side,
 )
 from eigenfail.versions import describe_mixed
 from eigenfail_services.analysis.campaign_figures import (
     price_campaign,
-    price_failures,
-    rate_episodes,
+    rate_failures,
 )
 from eigenfail_services.campaigns.drafts import fill_defaults
 from eigenfail_services.campaigns.pairing import (
@@ -36,6 +36,7 @@ from eigenfail_services.campaigns.pairing import (
 )
 from eigenfail_services.campaigns.summary import divide, find_failure_rate
 from eigenfail_services.statistics.comparison import LEAST_VALUES, difference, effect_size, mcnemar
+from eigenfail_services.statistics.intervals import clopper_pearson, wilson
 from eigenfail_services.store import Store
 
 SMALLEST_P = 1e-4
@@ -211,7 +212,7 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
     found = Comparison(
         a=left,
         b=right,
-        difference=_find_difference(left, right),
+        difference=_find_difference(left, right, _end_at_failures([*ones, *others])),
         pairs=mcnemar(pairing.totals) if pairing.totals else None,
         unpaired_because=pairing.because,
         effect=_find_effect(left, right),
@@ -259,34 +260,44 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
     failures = sum(campaign.counts.failures for campaign in campaigns)
     rates = [find_failure_rate(campaign) for campaign in campaigns]
     methods = {campaign.spec.method for campaign in campaigns}
+    pooled = (
+        rate_failures(methods, _end_at_failures(campaigns), failures, completed)
+        if completed
+        else None
+    )
     severities = [each.severity for each in totals if each.severity is not None]
     return Side(
         campaigns=tuple(campaign.id for campaign in campaigns),
         completed=completed,
         failures=failures,
-        failure_rate=rate_episodes(methods, failures, completed) if completed else None,
+        failure_rate=pooled,
         rates=tuple(each.value if each else None for each in rates),
         log_probability_per_step=divide(
             sum(each.log_probability for each in totals), sum(each.steps for each in totals)
         ),
         mean_severity=divide(sum(severities) if severities else None, failures),
-        cost=price_failures(methods, _sum_cost(campaigns, failures, completed)),
+        cost=_sum_cost(campaigns, pooled),
     )
 
 
-def _sum_cost(campaigns: Sequence[Campaign], failures: int, completed: int) -> Cost:
+def _sum_cost(campaigns: Sequence[Campaign], failures: Rate | None) -> Cost:
     instance_s = [campaign.active_s * campaign.spec.instances for campaign in campaigns]
     prices = [campaign.spec.price_usd_per_hour for campaign in campaigns]
     paid = sum(seconds * price for seconds, price in zip(instance_s, prices, strict=True))
     active_s = sum(instance_s)
     price = paid / active_s if active_s else 0.0
-    return price_campaign(active_s, 1, price, failures, completed)
+    return price_campaign(active_s, 1, price, failures)
 
 
-def _find_difference(a: Side, b: Side) -> Difference | None:
+def _end_at_failures(campaigns: Sequence[Campaign]) -> bool:
+    return any(campaign.spec.stop.failures is not None for campaign in campaigns)
+
+
+def _find_difference(a: Side, b: Side, until_failures: bool) -> Difference | None:
     if not (a.completed and b.completed):
         return None
-    return difference(a.failures, a.completed, b.failures, b.completed)
+    bounds = clopper_pearson if until_failures else wilson
+    return difference(a.failures, a.completed, b.failures, b.completed, bounds)
 
 
 def _find_effect(a: Side, b: Side) -> EffectSize | None:

@@ -31,8 +31,7 @@ from eigenfail_services.analysis.campaign_figures import (
     KnownModes,
     make_cost_curve,
     price_campaign,
-    price_failures,
-    rate_episodes,
+    rate_failures,
     split_time,
     was_cut,
 )
@@ -196,6 +195,7 @@ def _merge_pools(pools: Sequence[Pool]) -> Pool:
         campaigns=sum(pool.campaigns for pool in pools),
         completed=sum(pool.completed for pool in pools),
         failures=sum(pool.failures for pool in pools),
+        until_failures=any(pool.until_failures for pool in pools),
         instance_hours=sum(pool.instance_hours for pool in pools),
         total_usd=sum(pool.total_usd for pool in pools),
     )
@@ -210,12 +210,10 @@ def _make_peer_costs(pools: Sequence[Pool]) -> PeerCosts:
 
 def _make_method_cost(pool: Pool) -> MethodCost:
     hours = pool.instance_hours
-    found = price_campaign(
-        active_s=hours * SECONDS_PER_HOUR,
-        instances=1,
-        price_usd_per_hour=pool.total_usd / hours if hours else 0.0,
-        failures=pool.failures,
-        completed=pool.completed,
+    found = (
+        rate_failures([pool.method], pool.until_failures, pool.failures, pool.completed)
+        if pool.completed
+        else None
     )
     return MethodCost(
         method=pool.method,
@@ -223,10 +221,13 @@ def _make_method_cost(pool: Pool) -> MethodCost:
         newest=pool.newest,
         completed=pool.completed,
         failures=pool.failures,
-        failure_rate=(
-            rate_episodes([pool.method], pool.failures, pool.completed) if pool.completed else None
+        failure_rate=found,
+        cost=price_campaign(
+            active_s=hours * SECONDS_PER_HOUR,
+            instances=1,
+            price_usd_per_hour=pool.total_usd / hours if hours else 0.0,
+            failures=found,
         ),
-        cost=price_failures([pool.method], found),
     )
 
 

@@ -8,6 +8,7 @@ import msgspec
 import structlog
 
 from eigenfail.errors import InputError, NotFound
+from eigenfail.methods import traits_of
 from eigenfail.suites import MOST_MEMBERS, KeyPath, list_leaves, shorten_paths
 from eigenfail.values import (
     FINAL_STATES,
@@ -35,8 +36,7 @@ from eigenfail_services.analysis.campaign_figures import (
     make_course,
     make_safety,
     price_campaign,
-    price_failures,
-    rate_episodes,
+    rate_failures,
 )
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.resolution import find_searching, resolve_method
@@ -76,6 +76,7 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
         unresolved=summarise_unresolved(campaign, totals.conflicts),
         errored=_describe_errored(campaign, totals.fault),
         reach=_find_reach(campaign),
+        rate_note=_describe_stop(campaign),
     )
 
 
@@ -156,19 +157,33 @@ def find_failure_rate(campaign: Campaign) -> Rate | None:
     counts = campaign.counts
     if not counts.completed:
         return None
-    return rate_episodes([campaign.spec.method], counts.failures, counts.completed)
+    spec = campaign.spec
+    until_failures = spec.stop.failures is not None
+    return rate_failures([spec.method], until_failures, counts.failures, counts.completed)
+
+
+def _describe_stop(campaign: Campaign) -> str:
+    """Return what the rate of a random sample tells that ended at its failures; else nothing."""
+    most = campaign.spec.stop.failures
+    stopped = most is not None and campaign.counts.failures >= most
+    sampled = traits_of(campaign.spec.method).draws_from_prior
+    return STOPPED_AT_FAILURES if stopped and sampled else ""
+
+
+STOPPED_AT_FAILURES = (
+    "The campaign stopped at its failures: their share is too large on average, and its interval "
+    "takes the stop into account."
+)
 
 
 def find_cost(campaign: Campaign) -> Cost:
     """Return the cost of a campaign's instances while it was running."""
-    found = price_campaign(
+    return price_campaign(
         active_s=campaign.active_s,
         instances=campaign.spec.instances,
         price_usd_per_hour=campaign.spec.price_usd_per_hour,
-        failures=campaign.counts.failures,
-        completed=campaign.counts.completed,
+        failures=find_failure_rate(campaign),
     )
-    return price_failures([campaign.spec.method], found)
 
 
 def divide(amount: float | None, per: float) -> float | None:

@@ -1,6 +1,6 @@
 """Comparisons of two samples: failure rates, paired episodes, effect sizes, rank correlation."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import atanh, sqrt, tanh
 
 import numpy as np
@@ -19,13 +19,23 @@ from eigenfail.values import (
 from eigenfail_services.statistics.intervals import Z, wilson
 
 
-def difference(k_a: int, n_a: int, k_b: int, n_b: int) -> Difference:
+def difference(
+    k_a: int, n_a: int, k_b: int, n_b: int, bounds: Callable[[int, int], Interval] = wilson
+) -> Difference:
     """Return k_b of n_b minus k_a of n_a, with its 95 % interval, for independent samples.
 
-    Newcombe's hybrid score interval: with the Wilson intervals (l, u) of the two shares p,
+    Newcombe's hybrid score interval: with the intervals (l, u) of the two shares p, Wilson's,
     d − sqrt((p_b − l_b)² + (u_a − p_a)²) to d + sqrt((u_b − p_b)² + (p_a − l_a)²). Of paired
     samples that mostly agree it is wider than it need be: see `mcnemar`.
-    Source: Newcombe 1998, Statistics in Medicine 17, 873–890, method 10.
+    Source: Newcombe 1998, Statistics in Medicine 17, 873–890, method 10; with other intervals:
+    Zou and Donner 2008, Statistics in Medicine 27, 1693–1702.
+
+    Args:
+        k_a: events on the first side.
+        n_a: its trials.
+        k_b: events on the second side.
+        n_b: its trials.
+        bounds: interval of k of n; `clopper_pearson` where events may have ended the trials.
 
     Raises:
         InvalidValue: no trial, or not 0 <= k <= n.
@@ -33,7 +43,7 @@ def difference(k_a: int, n_a: int, k_b: int, n_b: int) -> Difference:
     for k, n in ((k_a, n_a), (k_b, n_b)):
         if not (n >= 1 and 0 <= k <= n):
             raise InvalidValue("k of n", f"{k} of {n} is no share.", "Count at least one trial.")
-    p_a, p_b, a, b = k_a / n_a, k_b / n_b, wilson(k_a, n_a), wilson(k_b, n_b)
+    p_a, p_b, a, b = k_a / n_a, k_b / n_b, bounds(k_a, n_a), bounds(k_b, n_b)
     value = p_b - p_a
     low = value - sqrt((p_b - b.low) ** 2 + (a.high - p_a) ** 2)
     high = value + sqrt((b.high - p_b) ** 2 + (p_a - a.low) ** 2)

@@ -10,7 +10,7 @@ from threading import Lock
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import msgspec
-from sqlalchemy import Connection, Double, Select, cast, func, or_, select
+from sqlalchemy import Connection, Double, Select, case, cast, func, or_, select
 
 from eigenfail.values import Outcome
 from eigenfail.values.comparison import Peers, Pool
@@ -160,11 +160,14 @@ _STRUCTURED = ("planner_settings", "scenario_parameters", "disturbance")
 def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
     hours = campaigns.c.active_s * cast(spec_field("instances"), Double) / SECONDS_PER_HOUR
     usd = hours * cast(spec_field("price_usd_per_hour"), Double)
+    stop = spec_field("stop")  # JSON without spaces
+    unlimited = or_(stop.is_(None), stop.like('%"failures":null%'))
+    until_failures = case((unlimited, 0), else_=1)
     facts = (
         select(
             *(spec_field(name).label(name) for name in (*_PEERS, "method")),
             *(campaigns.c.id, campaigns.c.completed, campaigns.c.failures),
-            *(hours.label("hours"), usd.label("usd")),
+            *(hours.label("hours"), usd.label("usd"), until_failures.label("until_failures")),
         )
         .order_by(campaigns.c.id)
         .subquery()
@@ -179,6 +182,7 @@ def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
             func.count().label("campaigns"),
             func.sum(facts.completed).label("completed"),
             func.sum(facts.failures).label("failures"),
+            func.max(facts.until_failures).label("until_failures"),
             func.sum(facts.hours).label("instance_hours"),
             func.sum(facts.usd).label("total_usd"),
         )
@@ -191,6 +195,7 @@ def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
 def _to_pool(found: dict[str, Any]) -> Pool:
     given = {name: found.pop(name) for name in _PEERS}
     parts = {name: msgspec.json.decode(given[name]) for name in _STRUCTURED}
+    found["until_failures"] = bool(found["until_failures"])
     return Pool(peers=msgspec.convert(given | parts, Peers), **found)
 
 

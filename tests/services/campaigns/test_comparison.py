@@ -20,6 +20,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
     Rate,
+    StopRules,
 )
 from eigenfail_services.campaigns.comparison import compare
 from eigenfail_services.campaigns.pairing import (
@@ -28,7 +29,8 @@ from eigenfail_services.campaigns.pairing import (
     find_distinctions,
     find_mixed_fields,
 )
-from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.statistics.comparison import difference
+from eigenfail_services.statistics.intervals import clopper_pearson, rate, stopped_rate
 from eigenfail_services.store import Store, open_store
 
 EPISODES = 50
@@ -107,6 +109,18 @@ def test_what_it_says_is_plain(store: Store) -> None:
     assert said[4].startswith("log p per step of the failures is ")
     back = compare(store, [b], [a]).sentences
     assert back[1] == "B fails in 30.0 % [13.2, 44.9] fewer of the episodes than A."
+
+
+def test_a_side_that_stopped_at_its_failures_has_exact_intervals(store: Store) -> None:
+    stop = StopRules(failures=5)
+    a, b = campaign(store, range(5), stop=stop), campaign(store, range(3, 23), stop=stop)
+    found = compare(store, [a], [b])
+    assert (found.a.failure_rate, found.b.failure_rate) == (
+        stopped_rate(5, 50),
+        stopped_rate(20, 50),
+    )
+    assert found.difference == difference(5, 50, 20, 50, clopper_pearson)
+    assert found.difference != difference(5, 50, 20, 50)
 
 
 def test_no_difference_is_said_to_be_none(store: Store) -> None:

@@ -1,5 +1,6 @@
 """The row of a campaign in a result table."""
 
+import msgspec
 import pytest
 from msgspec.structs import replace
 
@@ -11,12 +12,13 @@ from eigenfail.values import (
     Counts,
     Estimate,
     MeanTime,
+    StopRules,
     Unresolved,
 )
 from eigenfail.values.records import ConflictTotals, Totals
 from eigenfail_services.analysis.campaign_figures import price_campaign
 from eigenfail_services.campaigns.summary import summarise
-from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.statistics.intervals import rate, stopped_rate
 
 NOTHING = Totals(failures=0, log_probability=0.0, steps=0, severity=0.0)
 
@@ -44,7 +46,7 @@ def test_a_campaign_with_failures() -> None:
     assert row.log_probability_per_step == -2.5
     assert row.mean_severity == 125.0
     assert row.episodes_per_s == 2.0
-    assert row.cost == price_campaign(40.0, 2, 1.8, 4, 80)
+    assert row.cost == price_campaign(40.0, 2, 1.8, rate(4, 80))
     assert row.cost.total_usd == pytest.approx(0.04)
 
 
@@ -53,6 +55,22 @@ def test_a_campaign_without_a_failure_has_no_means_but_a_price() -> None:
     assert row.mean_log_probability is row.log_probability_per_step is row.mean_severity is None
     assert row.failure_rate == rate(0, 80)
     assert row.cost.at_least_usd == pytest.approx(0.04 / (80 * row.failure_rate.interval.high))
+
+
+@pytest.mark.parametrize(
+    ("method", "failures", "noted"),
+    [("monte_carlo", 4, True), ("monte_carlo", 3, False), ("ast", 4, False)],
+)
+def test_a_rate_that_its_failures_ended_says_so(method, failures, noted) -> None:
+    one = campaign(Counts(planned=100, completed=80, failures=failures), 40.0, method)
+    one = msgspec.structs.replace(
+        one, spec=msgspec.structs.replace(one.spec, stop=StopRules(failures=4))
+    )
+    row = summarise(one, NOTHING)
+    assert row.failure_rate is not None
+    assert row.failure_rate.interval == stopped_rate(failures, 80).interval
+    assert ("stopped at its failures" in row.remark) == noted
+    assert row.cost == price_campaign(40.0, 2, 1.8, row.failure_rate)
 
 
 @pytest.mark.parametrize("failures", [0, 4])

@@ -1,16 +1,21 @@
 """Intervals against published figures, their defining equations, and simulation."""
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import binom
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Interval
 from eigenfail_services.statistics.intervals import (
     Z,
+    clopper_pearson,
     interval,
     rate,
+    stopped_rate,
     upper_bound_of_none,
     wilson,
 )
@@ -120,6 +125,78 @@ def coverage(p: np.ndarray, n: int, seed: int) -> float:
     low = np.array([found.low for found in table])[counts]
     high = np.array([found.high for found in table])[counts]
     return float(np.mean((low <= p) & (p <= high)))
+
+
+@pytest.mark.parametrize(
+    ("k", "n", "low", "high"),
+    [
+        # Newcombe 1998, Statistics in Medicine 17, 857-872, table I, method 5.
+        (81, 263, 0.2527, 0.3676),
+        (15, 148, 0.0578, 0.1617),
+        (0, 20, 0.0000, 0.1684),
+        (1, 29, 0.0009, 0.1776),
+        (29, 29, 0.8806, 1.0000),  # 0.025^(1/29)
+    ],
+)
+def test_the_exact_interval_gives_the_published_figures(k, n, low, high) -> None:
+    found = clopper_pearson(k, n)
+    assert (found.low, found.high) == pytest.approx((low, high), abs=5e-5)
+
+
+Ends = Iterator[tuple[int, int, float]]
+
+
+def end_trials(p: float, limit: int, enough: Callable[[int, int], bool], size: int) -> Ends:
+    """Yield k, n and the probability of each end of trials that are judged after rounds."""
+    alive, n = np.ones(1), 0
+    while n < limit:
+        n += size
+        alive = np.convolve(alive, binom.pmf(np.arange(size + 1), size, p))
+        for k in np.flatnonzero(alive > 1e-12).tolist():
+            if n == limit or enough(k, n):
+                yield k, n, float(alive[k])
+                alive[k] = 0.0
+
+
+RULES = [1, 2, 3, 10]
+CHANCES = [0.001, 0.002, 0.003, 0.01, 0.03, 0.1, 0.3]
+
+
+@pytest.mark.parametrize("size", [1, 10, 100])
+@pytest.mark.parametrize("most", RULES)
+def test_the_interval_holds_where_events_end_the_trials(most: int, size: int) -> None:
+    for p in CHANCES:
+        ends = list(end_trials(p, 1000, lambda k, _n: k >= most, size))
+        assert sum(chance for *_, chance in ends) == pytest.approx(1.0, abs=1e-6)
+        held = [one for one in ends if holds(stopped_rate(*one[:2]).interval, p)]
+        # As elsewhere, no event at all spends all 5 % on the upper end.
+        assert sum(chance for *_, chance in held) >= 0.92
+
+
+def holds(found: Interval, p: float) -> bool:
+    return found.low <= p <= found.high
+
+
+def test_wilson_s_interval_does_not_hold_there() -> None:
+    ends = end_trials(0.003, 1000, lambda k, _n: k >= 1, 1)
+    assert sum(chance for k, n, chance in ends if holds(interval(k, n), 0.003)) < 0.8
+
+
+@pytest.mark.parametrize("p", CHANCES)
+def test_wilson_s_interval_holds_where_its_own_width_ends_the_trials(p: float) -> None:
+    def known(k: int, n: int) -> bool:
+        found = wilson(k, n)
+        return found.high - found.low <= 2.0 * 0.05
+
+    ends = end_trials(p, 1000, known, 10)
+    assert sum(chance for k, n, chance in ends if holds(interval(k, n), p)) >= 0.92
+
+
+def test_a_stopped_rate_is_that_of_fixed_trials_where_all_ended_alike() -> None:
+    assert stopped_rate(0, 40) == rate(0, 40)
+    assert stopped_rate(40, 40) == rate(40, 40)
+    assert stopped_rate(9, 300).value == 0.03
+    assert stopped_rate(9, 300).interval == clopper_pearson(9, 300)
 
 
 def test_a_rate_says_what_it_rests_on() -> None:

@@ -3,7 +3,7 @@
 from msgspec.structs import replace
 
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
-from eigenfail.values import CampaignState, Outcome
+from eigenfail.values import CampaignState, Outcome, StopRules
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.records import Delivery, FrequentFault
 from eigenfail_services.store import Store
@@ -112,6 +112,7 @@ def pools_campaigns(store: Store) -> None:
     equal(store.figures.pools(), (), "Pools of nothing")
     one = spec(episodes=20, instances=2, price_usd_per_hour=3.0)
     like = replace(one, seed=7, episodes=10, name="again", price_usd_per_hour=1.0, instances=1)
+    like = replace(like, stop=StopRules(failures=3))
     apart = [replace(one, planner_settings={"gap": 2.0}), replace(one, method="ast")]
     ids = [store.campaigns.create(each).id for each in (one, like, *apart)]
     for campaign in ids[:2]:
@@ -126,6 +127,7 @@ def pools_campaigns(store: Store) -> None:
     equal((pool.campaigns, pool.completed, pool.failures), (2, 4, 2), "Sums")
     equal((pool.instance_hours, pool.total_usd), (1.5, 3.5), "Hours and money")
     equal(pool.method, one.method, "The method")
+    equal([each.until_failures for each in pools], [False, False, True], "Stop rule of one of them")
     equal(pools[1].peers.planner_settings, {"gap": 2.0}, "Other settings of the planner")
     equal(pool.peers.planner_settings, {}, "The settings that are none")
     equal(pool.peers.disturbance, one.disturbance, "The disturbance model")
