@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple, Self
 
 import msgspec
@@ -276,20 +276,31 @@ def _gives_proposals_up(campaign: Campaign) -> bool:
     return traits.learns and traits.mode_probability is ModeProbability.UNKNOWN
 
 
-def _list_left_out(gathered: Sequence[int], result: AnalysisResult) -> Iterator[str]:
-    """Yield a sentence for each campaign of which not all failures were analysed.
+GROUPS = (
+    "Its modes are groups of this search: another seed may find others, and their shares are no "
+    "probabilities under p(x)."
+)
+
+
+def _describe_learning(
+    gathered: Sequence[int], learning: Collection[int], result: AnalysisResult
+) -> Iterator[str]:
+    """Yield a remark on each campaign that learnt: which failures were taken, what modes are.
 
     Args:
         gathered: id of the campaign of each failure.
+        learning: ids of the campaigns that learnt.
         result: result of the analysis.
     """
-    for campaign in dict.fromkeys(sorted(gathered)):
+    for campaign in sorted(learning):
         taken, there = result.campaigns.count(campaign), gathered.count(campaign)
         if taken < there:
             yield (
                 f"Campaign {campaign} learnt while it ran: the latest {taken} of its {there} "
-                "failures were analysed. Set failures to all to analyse every one."
+                f"failures were analysed. Set failures to all to analyse every one. {GROUPS}"
             )
+        elif taken:
+            yield f"Campaign {campaign} learnt while it ran. {GROUPS}"
 
 
 def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
@@ -312,7 +323,10 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     whole = msgspec.structs.replace(
         add_probabilities(store, base.campaigns, result),
         sources=base.sources(result.campaigns),
-        notes=(*list_notes(base), *_list_left_out(failures.campaigns.tolist(), result)),
+        notes=(
+            *list_notes(base),
+            *_describe_learning(failures.campaigns.tolist(), learning, result),
+        ),
         words=describe_modes(store, analysis, result, base.step_s),
     )
     return msgspec.structs.replace(whole, digest=hash_result(whole))

@@ -22,9 +22,9 @@ def test_the_steps_are_a_table_with_a_sentence(eigenfail, spec_file):
     header, _, *lines = found.stdout.splitlines()
     assert header.split()[:4] == ["scale", "id", "episodes", "failures"]
     assert [line.split()[0] for line in lines[:4]] == [f"{scale:.4g}" for scale in SCALES]
-    assert lines[0].split()[2:] == ["12", "0", "22.1", "%"]
-    assert lines[3].split()[-1] == "–"
-    assert "The search shows no margin above the specified noise." in found.stdout
+    assert lines[0].split()[2:] == ["12", "0", "≤", "22.1", "%", "safe"]
+    assert lines[3].split()[-1] == "failing"
+    assert "No failure was found in 12 episodes at 0.5375 × the specified noise; a" in found.stdout
     assert "No failure found in 12 episodes at 0.5375 × is not proof" in found.stdout
 
 
@@ -33,13 +33,26 @@ def test_every_step_ends_with_its_first_failure_and_is_tried_once(eigenfail, spe
     margin = json.loads(first.stdout)["margin"]
     assert [step["scale"] for step in margin["steps"]] == SCALES
     assert margin["largest_safe"]["scale"] == 0.5375
-    assert margin["smallest_failing"]["scale"] == 1.025
+    assert margin["smallest_unsafe"]["scale"] == 1.025
     campaigns = store.campaigns.page(10).items
     assert [campaign.spec.disturbance.scale for campaign in campaigns] == [0.5375, 1.025, 2, 0.05]
     assert {campaign.spec.stop.failures for campaign in campaigns} == {1}
     assert {campaign.spec.seed for campaign in campaigns} == {1}
     assert eigenfail("margin", spec_file, *SEARCH, "--json").stdout == first.stdout
     assert len(store.campaigns.page(10).items) == 4
+
+
+def test_a_target_is_shown_or_undecided_or_missed(eigenfail, spec_file, store):
+    search = (*SEARCH, "--target", 0.3)
+    found = eigenfail("margin", spec_file, *search)
+    assert found.exit_code == 0, found.output
+    lines = found.stdout.splitlines()[2:]
+    assert {line.split()[-1] for line in lines[:4]} <= {"safe", "undecided", "failing"}
+    assert lines[0].split()[-1] == "safe"
+    assert "With 95 % confidence at most 30 % of the episodes fail at " in found.stdout
+    (decisive,) = {one.spec.stop.failures for one in store.campaigns.page(10).items}
+    assert decisive == 8  # of 12: [34.9, 90.1] %
+    assert eigenfail("margin", spec_file, *search).stdout == found.stdout
 
 
 def test_an_earlier_search_is_made_use_of(eigenfail, spec_file, store):
@@ -86,6 +99,8 @@ def test_a_step_that_completes_nothing_says_nothing(eigenfail, spec_file):
         (("--high", 11), "--high: '11' is above 10.0. See: eigenfail margin --help"),
         (("--tolerance", 0), "--tolerance: '0' is below 0.001"),
         (("--budget", 0), "--budget: '0' is below 1"),
+        (("--target", 0.9), "--target: '0.9' is above 0.5"),
+        ((*SEARCH, "--target", 0.01), "12 cannot show a failure rate of at most 0.01."),
     ],
 )
 def test_a_search_that_makes_no_sense_exits_with_2(eigenfail, spec_file, store, search, words):

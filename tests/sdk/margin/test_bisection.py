@@ -9,16 +9,38 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from eigenfail.errors import InvalidValue
-from eigenfail.margin import MarginStep, ScaleRange, describe_margin, find_margin, read_step
+from eigenfail.margin import (
+    MarginStep,
+    NoFailure,
+    RateAtMost,
+    ScaleRange,
+    ScaleVerdict,
+    choose_criterion,
+    describe_margin,
+    find_fewest_failures,
+    find_margin,
+    read_step,
+)
 from eigenfail.settings import convert
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
-from eigenfail_services.statistics.intervals import rate
+from eigenfail_services.statistics.intervals import clopper_pearson, rate, stopped_rate
 
 WIDE = ScaleRange(0.5, 3.0, 0.1)
 
 
-def step(scale, failures):
-    return MarginStep(scale=scale, campaign=1, episodes=200, failures=failures, upper_bound=0.015)
+NONE = NoFailure()
+
+
+def step(scale, failures, criterion=NONE):
+    found = rate(failures, 200)
+    return MarginStep(
+        scale=scale,
+        campaign=1,
+        episodes=200,
+        failures=failures,
+        verdict=criterion.judge(found),
+        interval=found.interval,
+    )
 
 
 def planner(fails):
@@ -46,10 +68,10 @@ def test_the_threshold_is_bracketed_within_tolerance_in_as_few_steps_as_halving_
     assert [each.scale for each in found.steps] == sorted(asked)
     if found.largest_safe is None:
         assert threshold <= within.low
-    elif found.smallest_failing is None:
+    elif found.smallest_unsafe is None:
         assert threshold > within.high
     else:
-        safe, failing = found.largest_safe.scale, found.smallest_failing.scale
+        safe, failing = found.largest_safe.scale, found.smallest_unsafe.scale
         assert safe < threshold <= failing
         assert failing - safe <= tolerance
     halvings = ceil(log2(max(1.0, (within.high - within.low) / tolerance)))
@@ -67,7 +89,7 @@ def test_whatever_the_planner_does_the_cautious_reading_counts(failing, known):
     assert all(within.low <= scale <= within.high for scale in tried)
     bad = [scale for scale, safe in tried.items() if not safe]
     first = min(bad, default=None)
-    assert (found.smallest_failing and found.smallest_failing.scale) == first
+    assert (found.smallest_unsafe and found.smallest_unsafe.scale) == first
     good = [scale for scale, safe in tried.items() if safe]
     assert found.contrary == tuple(sorted(s for s in good if first is not None and s > first))
     below = [scale for scale in good if first is None or scale < first]
@@ -97,33 +119,31 @@ def test_the_steps_of_a_search_by_hand():
     [
         (
             lambda scale: scale > 1.32,
-            "No failure was found in 200 episodes at 1.281 × the specified noise; a failure was f",
+            (
+                "No failure was found in 200 episodes at 1.281 × the specified noise; "
+                "a failure was found at 1.359 × the specified noise."
+            ),
         ),
-        (
-            lambda scale: scale > 1.32,
-            "found at 1.359 ×. The search found no failure at the specified noise.",
-        ),
-        (lambda scale: scale > 0.8, "found at 0.8125 ×. The planner does not meet the specified"),
         (lambda scale: scale > 1.0, "at 0.9688 × the specified noise; a failure was found at 1.0"),
-        (lambda scale: scale > 1.0, "The search shows no margin above the specified noise."),
-        (lambda scale: True, "failure was found at 0.5 × the noise, the low end"),
-        (lambda scale: False, "No failure was found up to 3 × the noise, the high end"),
+        (lambda scale: True, "A failure was found at 0.5 × the specified noise, the low end"),
+        (lambda scale: False, "in 200 episodes at 3 × the specified noise, the high end"),
     ],
 )
 def test_the_verdict_is_a_sentence(fails, words):
     found = find_margin(planner(fails)[0], WIDE)
-    assert words in describe_margin(found, "monte_carlo")[0]
+    assert words in describe_margin(found, NONE, "monte_carlo")[0]
 
 
 def test_what_no_failure_proves_is_said_with_its_bound():
     found = find_margin(planner(lambda scale: scale > 1.3)[0], WIDE)
-    _, caveat = describe_margin(found, "monte_carlo")
+    _, caveat, alone = describe_margin(found, NONE, "monte_carlo")
+    assert alone.startswith("Each scale is judged by itself")
     assert "in 200 episodes at 1.281 × is not proof" in caveat
     assert "at most 1.5 % of the episodes under this noise fail." in caveat
 
 
-@pytest.mark.parametrize(("sampled", "bound"), [(True, 0.0139), (False, None)])
-def test_only_episodes_under_p_bound_a_failure_rate(sampled, bound):
+@pytest.mark.parametrize("sampled", [True, False])
+def test_only_episodes_under_p_bound_a_failure_rate(sampled):
     failure_rate = structs.replace(rate(0, 214), sampled=sampled)
     service = SimpleNamespace(
         campaigns=SimpleNamespace(summary=lambda _id: SimpleNamespace(failure_rate=failure_rate))
@@ -132,10 +152,11 @@ def test_only_episodes_under_p_bound_a_failure_rate(sampled, bound):
     ended = Campaign(
         id=3, spec=spec, state=CampaignState.DONE, counts=Counts(214, 214, 0), created_ms=1
     )
-    step = read_step(service, ended)
-    assert step.upper_bound == (bound and pytest.approx(bound, abs=1e-4))
+    step = read_step(service, ended, NONE)
+    assert step.interval == failure_rate.bounds
+    assert (step.interval is not None) == sampled
     margin = find_margin(lambda scale: structs.replace(step, scale=scale), WIDE)
-    _, caveat = describe_margin(margin, "ast")
+    _, caveat, _ = describe_margin(margin, NONE, "ast")
     words = "'ast' chooses its noise, so that its episodes bound no failure rate."
     assert (words in caveat) is not sampled
 
@@ -143,15 +164,15 @@ def test_only_episodes_under_p_bound_a_failure_rate(sampled, bound):
 def test_a_failure_below_a_safe_scale_is_told():
     found = find_margin(planner(lambda scale: scale < 1.0)[0], WIDE)
     assert found.largest_safe is None
-    verdict, contradiction = describe_margin(found, "monte_carlo")
+    verdict, contradiction = describe_margin(found, NONE, "monte_carlo")
     assert "failure was found at 0.5 ×" in verdict
-    assert "Not monotone: no failure was found at 3 ×, above the failure at 0.5 ×" in contradiction
+    assert "Not monotone: 3 × passed, above 0.5 ×, which did not." in contradiction
 
 
 def test_an_earlier_failure_at_a_smaller_scale_draws_the_search_down():
     measure, asked = planner(lambda scale: scale > 2.0 or 0.9 < scale < 1.1)
     found = find_margin(measure, WIDE, [step(1.0, 3), step(9.0, 1), step(1.8, 0)])
-    assert found.smallest_failing.scale <= 1.0
+    assert found.smallest_unsafe.scale <= 1.0
     assert found.contrary == (1.8,)
     assert max(asked) == 3.0
     assert all(scale < 1.0 for scale in asked[2:])
@@ -168,3 +189,94 @@ def test_an_earlier_failure_at_a_smaller_scale_draws_the_search_down():
 def test_an_empty_range_is_refused(low, high, tolerance):
     with pytest.raises(InvalidValue):
         convert({"low": low, "high": high, "tolerance": tolerance}, ScaleRange, "search")
+
+
+TARGET = RateAtMost(0.05, find_fewest_failures(0.05, 200))
+
+
+@given(st.floats(1e-6, 0.5), st.integers(1, 5_000))
+def test_the_fewest_failures_that_decide_are_where_the_exact_interval_leaves_the_target(
+    target, episodes
+):
+    fewest = find_fewest_failures(target, episodes)
+    if fewest is None:
+        assert clopper_pearson(episodes, episodes).low <= target * (1.0 + 1e-9)
+        return
+    assert clopper_pearson(fewest, episodes).low > target * (1.0 - 1e-9)
+    assert clopper_pearson(fewest - 1, episodes).low <= target * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("failures", "episodes", "verdict"),
+    [
+        (0, 59, ScaleVerdict.SAFE),  # 0.95^59 < 5 %
+        (0, 58, ScaleVerdict.UNDECIDED),
+        (4, 200, ScaleVerdict.UNDECIDED),  # [0.5, 5.04] %
+        (3, 200, ScaleVerdict.SAFE),  # [0.3, 4.3] %
+        (17, 200, ScaleVerdict.FAILING),  # [5.03, 13.3] %
+        (16, 200, ScaleVerdict.UNDECIDED),  # [4.6, 12.7] %
+        (17, 120, ScaleVerdict.FAILING),
+    ],
+)
+def test_a_target_needs_an_interval_on_one_side_of_it(failures, episodes, verdict):
+    assert TARGET.judge(stopped_rate(failures, episodes)) is verdict
+
+
+def test_as_many_failures_as_end_a_step_decide_it():
+    assert TARGET.failures == 17
+
+
+@pytest.mark.parametrize(
+    ("failures", "words"),
+    [
+        (
+            lambda scale: 20 * (scale > 1.32),
+            (
+                "With 95 % confidence at most 5 % of the episodes fail at 1.281 × the specified "
+                "noise (0 of 200 episodes failed); with 95 % confidence more than 5 % of the "
+                "episodes fail at 1.359 × the specified noise (20 of 200 episodes failed)."
+            ),
+        ),
+        (
+            lambda scale: 8 * (scale > 1.32),
+            (
+                "it is undecided whether at most 5 % of the episodes fail at 1.359 × the specified "
+                "noise (8 of 200 episodes failed). More episodes may decide it."
+            ),
+        ),
+        (lambda _scale: 8, "no margin can be given. Give more episodes, or search lower."),
+        (lambda _scale: 30, "the low end of the search: no margin can be given. Search lower."),
+        (lambda _scale: 2, "(2 of 200 episodes failed), the high end of the search"),
+    ],
+)
+def test_the_verdict_names_the_target_and_the_confidence(failures, words):
+    found = find_margin(lambda scale: step(scale, failures(scale), TARGET), WIDE)
+    assert words in describe_margin(found, TARGET, "monte_carlo")[0]
+
+
+def test_what_is_undecided_is_not_safe():
+    found = find_margin(lambda scale: step(scale, 8 * (scale > 1.3), TARGET), WIDE)
+    assert found.largest_safe.scale <= 1.3 < found.smallest_unsafe.scale
+    assert found.smallest_unsafe.verdict is ScaleVerdict.UNDECIDED
+
+
+def monte_carlo(episodes, method="monte_carlo"):
+    return CampaignSpec(name="n", method=method, episodes=episodes)
+
+
+def test_without_a_target_one_failure_decides():
+    assert choose_criterion(None, monte_carlo(7, "ast")) == NoFailure()
+    assert NONE.failures == 1
+
+
+def test_a_target_that_the_budget_cannot_show_is_refused():
+    assert choose_criterion(0.01, monte_carlo(299)).target == 0.01
+    with pytest.raises(InvalidValue, match=r"298 cannot show .* at most 0.01.*299 or more"):
+        choose_criterion(0.01, monte_carlo(298))
+
+
+def test_a_target_is_of_episodes_under_p():
+    with pytest.raises(InvalidValue, match=r"'ast' chooses its noise.*Use monte_carlo"):
+        choose_criterion(0.01, monte_carlo(1000, "ast"))
+    with pytest.raises(InvalidValue, match="bound no failure rate"):
+        TARGET.judge(structs.replace(rate(0, 200), sampled=False))
