@@ -173,6 +173,7 @@ class Shell:
             self.serve(" ".join(words[2:]))
             return
         line = line.replace("--budget 200", "--budget 20").replace("--replay 20", "--replay 3")
+        line = line.replace("--target 0.02", "--target 0.2")  # 20 episodes can show no less
         if found := FROM_LIST.search(line):
             line = FROM_LIST.sub(f"{found[1]}/{self._listed(found[1])}", line, count=1)
         allowed = (0, GATE_CLOSED) if {"gate", "--gate"} & set(words) else (0,)
