@@ -74,14 +74,30 @@ def test_the_minimal_failure_is_the_one_that_was_found(material: Material, store
     assert found.words in " ".join(part.section.words)
 
 
-def test_the_region_is_the_one_that_was_found(material: Material, store: Store) -> None:
+def test_without_a_region_it_says_why(material: Material, store: Store) -> None:
     part = costs.make_region(material)
     assert part is not None
     found = find_region(store, (1, 2))
-    assert "distance_m vary" in " ".join(part.section.words)
-    assert len({row["box"] for row in rows(part, "region")}) == len(found.boxes)
-    if not found.boxes:
-        assert found.problem in " ".join(part.section.words)
+    assert not found.boxes
+    assert found.problem
+    assert found.problem in " ".join(part.section.words)
+
+
+def test_the_region_is_the_one_that_was_found(run: Callable[..., int]) -> None:
+    store = open_store("memory://")
+    near_or_far = {"distance_m": {"choice": [52.0, 70.0]}}
+    run(store, name="Near or far", scenario_parameters=near_or_far, episodes=120)
+    part = costs.make_region(gather_material(store, (1,)))
+    assert part is not None
+    found = find_region(store, (1,))
+    (box,) = found.boxes
+    (bound,) = box.bounds
+    assert (bound.parameter, bound.high) == ("distance_m", 52.0)
+    (row,) = rows(part, "region")
+    assert (row["box"], row["parameter"], row["high"]) == (1, "distance_m", 52.0)
+    words = " ".join(part.section.words)
+    assert "distance_m vary" in words
+    assert "chance alone would put this many failures there with p = " in words
 
 
 def test_nothing_is_said_where_there_is_nothing(run: Callable[..., int]) -> None:
