@@ -1,16 +1,16 @@
 """Settings of plug-ins: typed, bounded, and refused by name where they are wrong."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 import msgspec
+import msgspec.inspect
 
 from eigenfail.errors import EigenfailError, InvalidValue, UnknownName, describe_error
 
 Kind = TypeVar("Kind", bound=msgspec.Struct)
-
-PATH = re.compile(r" - at `\$\.?(?P<path>[^`]*)`")
+Converted = TypeVar("Converted")
 
 
 def read_settings(kind: type[Kind], given: Mapping[str, Any], field: str) -> Kind:
@@ -50,8 +50,8 @@ def defaults_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
     return found
 
 
-def convert(value: Any, kind: type[Kind], field: str = "") -> Kind:
-    """A struct from plain data.
+def convert(value: Any, kind: type[Converted], field: str = "") -> Converted:
+    """Return plain data as a value of a type, such as a struct.
 
     Raises:
         InvalidValue: with the path of the offending value below `field`.
@@ -59,13 +59,94 @@ def convert(value: Any, kind: type[Kind], field: str = "") -> Kind:
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        raise invalid_value(error, field) from None
+        raise invalid_value(error, kind, value, field) from None
 
 
-def invalid_value(error: msgspec.ValidationError, field: str = "") -> InvalidValue:
-    """Return an InvalidValue for an error of msgspec: the field's path, then the problem."""
+def invalid_value(
+    error: msgspec.ValidationError, kind: type, given: Any, field: str = ""
+) -> InvalidValue:
+    """Return an error of msgspec in plain words, with the path of the value that it is about.
+
+    Args:
+        error: what msgspec raised for a value of `kind`.
+        kind: the type that was wanted; its annotations carry the bounds.
+        given: the whole value, as plain data.
+        field: where the whole value stood.
+    """
     text = str(error)
-    match = PATH.search(text)
-    path = match["path"] if match else ""
-    where = ".".join(part for part in (field, path) if part)
-    return InvalidValue(where, f"{PATH.sub('', text)}.")
+    match = _PATH.search(text)
+    path, problem = match["path"] if match else "", _PATH.sub("", text)
+    if missing := _MISSING.search(problem):
+        path, problem = ".".join(filter(None, (path, missing["name"]))), "is required"
+    elif expected := _EXPECTED.match(problem):
+        steps = _STEP.findall(path)
+        problem = _describe_refusal(_find_value(given, steps), _find_type(kind, steps), expected)
+    return InvalidValue(".".join(filter(None, (field, path))), f"{problem}.")
+
+
+_PATH = re.compile(r" - at `\$\.?(?P<path>[^`]*)`")
+_MISSING = re.compile(r"missing required field `(?P<name>[^`]+)`")
+_EXPECTED = re.compile(r"Expected `(?P<kinds>[^`]+)`(?P<bound>[^,]*)")
+_STEP = re.compile(r"[^.\[\]]+|\.\.\.")
+_NAMES = {
+    "int": "an integer",
+    "float": "a number",
+    "str": "text",
+    "array": "a list",
+    "object": "an object",
+    "bool": "true or false",
+}
+_BOUNDS = {
+    " of length >= ": " of a length of at least ",
+    " of length <= ": " of a length of at most ",
+    " >= ": " of at least ",
+    " <= ": " of at most ",
+    " > ": " above ",
+    " < ": " below ",
+}
+_LONGEST_VALUE = 60
+"""Longer values are not repeated in an error. [characters]"""
+
+
+def _describe_refusal(value: Any, wanted: Any, expected: re.Match[str]) -> str:
+    """Return what was given and what is wanted: 588 is not a number from 52 to 70."""
+    kinds = (kind.strip() for kind in expected["kinds"].split("|"))
+    *others, last = (_NAMES.get(kind, kind) for kind in kinds if kind != "null")
+    words = f"{', '.join(others)} or {last}" if others else last
+    bound = expected["bound"]
+    for sign, phrase in _BOUNDS.items():
+        bound = bound.replace(sign, phrase)
+    least, most = getattr(wanted, "ge", None), getattr(wanted, "le", None)
+    if bound and least is not None and most is not None:
+        bound = f" from {least:.12g} to {most:.12g}"
+    text = "" if value is msgspec.UNSET else msgspec.json.encode(value, enc_hook=repr).decode()
+    if not text or len(text) > _LONGEST_VALUE:
+        return f"{words}{bound} is expected"
+    return f"{text} is not {words}{bound}"
+
+
+def _find_value(given: Any, path: Sequence[str]) -> Any:
+    """Return the value at a path in plain data; UNSET where msgspec does not say which it is."""
+    for step in path:
+        if isinstance(given, Mapping) and step in given:
+            given = given[step]
+        elif isinstance(given, list | tuple) and step.isdecimal() and int(step) < len(given):
+            given = given[int(step)]
+        else:
+            return msgspec.UNSET
+    return given
+
+
+def _find_type(kind: type, path: Sequence[str]) -> Any:
+    """Return the msgspec type of a number at a path of fields; None where there is none."""
+    found: Any = msgspec.inspect.type_info(kind)
+    for step in path:
+        fields = {each.encode_name: each.type for each in getattr(found, "fields", ())}
+        found = _without_metadata(fields.get(step))
+    kinds = found.types if isinstance(found, msgspec.inspect.UnionType) else (found,)
+    numbers = (msgspec.inspect.IntType, msgspec.inspect.FloatType)
+    return next((each for each in map(_without_metadata, kinds) if isinstance(each, numbers)), None)
+
+
+def _without_metadata(found: Any) -> Any:
+    return found.type if isinstance(found, msgspec.inspect.Metadata) else found

@@ -1,10 +1,13 @@
-"""What the settings of plug-ins are unless they are given."""
+"""Settings of plug-ins: their defaults, and how a value that is refused is described."""
+
+from typing import Annotated
 
 import msgspec
 import pytest
+from msgspec import Meta
 
 from eigenfail.errors import InvalidValue
-from eigenfail.settings import defaults_of, read_settings
+from eigenfail.settings import convert, defaults_of, read_settings
 
 
 class Inner(msgspec.Struct, frozen=True):
@@ -39,3 +42,46 @@ def test_settings_at_which_a_plug_in_raises_are_refused_by_their_field() -> None
     ) as e:
         read_settings(Raising, {"gain": 0.0}, "settings")
     assert e.value.field == "settings"
+
+
+class Inside(msgspec.Struct, frozen=True):
+    needed: Annotated[float, Meta(gt=0.0)]
+
+
+class Bounded(msgspec.Struct, frozen=True):
+    distance_m: Annotated[float, Meta(ge=52.0, le=70.0, description="A gap.")] = 58.0
+    most: Annotated[int, Meta(ge=1)] | None = None
+    word: Annotated[str, Meta(min_length=1)] = "a"
+    values: tuple[Annotated[float, Meta(gt=0.0)], ...] = ()
+    by_name: dict[str, Annotated[float, Meta(lt=0.5)]] = {}
+    inside: Inside | None = None
+    large: Annotated[int, Meta(ge=0, le=1_000_000_000)] = 1
+    plain: int | float | str | None = None
+
+
+@pytest.mark.parametrize(
+    ("given", "refusal"),
+    [
+        ({"distance_m": 588}, "spec.distance_m: 588 is not a number from 52 to 70."),
+        ({"distance_m": "x"}, 'spec.distance_m: "x" is not a number.'),
+        ({"distance_m": None}, "spec.distance_m: null is not a number."),
+        ({"most": 0}, "spec.most: 0 is not an integer of at least 1."),
+        ({"most": "0"}, 'spec.most: "0" is not an integer.'),
+        ({"word": ""}, 'spec.word: "" is not text of a length of at least 1.'),
+        ({"word": 3}, "spec.word: 3 is not text."),
+        ({"values": [1.0, -1.0]}, "spec.values[1]: -1.0 is not a number above 0.0."),
+        ({"values": [1.0, "x" * 99]}, "spec.values[1]: a number is expected."),
+        ({"values": 5}, "spec.values: 5 is not a list."),
+        # msgspec does not say which entry of a table it refuses.
+        ({"by_name": {"a": 0.1, "b": 1.0}}, "spec.by_name[...]: a number below 0.5 is expected."),
+        ({"inside": {"needed": 0}}, "spec.inside.needed: 0 is not a number above 0.0."),
+        ({"inside": {}}, "spec.inside.needed: is required."),
+        ({"large": -1}, "spec.large: -1 is not an integer from 0 to 1000000000."),
+        ({"plain": [1.0]}, "spec.plain: [1.0] is not an integer, a number or text."),
+        ([], "spec: [] is not an object."),
+    ],
+)
+def test_a_refusal_says_what_was_given_and_what_is_wanted(given, refusal) -> None:
+    with pytest.raises(InvalidValue) as raised:
+        convert(given, Bounded, "spec")
+    assert str(raised.value).startswith(refusal)

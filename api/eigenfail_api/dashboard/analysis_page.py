@@ -191,7 +191,10 @@ def make_diversity_tiles(found: Diversity) -> tuple[tuple[str, Tile], ...]:
         ("Spread [sigma]", Tile(format_number(found.spread), ("between failures; p(x) has 1",))),
         (
             "All modes seen after",
-            Tile(describe_last_new_mode(found), (f"modes by tenths: {seen}",)),
+            Tile(
+                describe_last_new_mode(found),
+                (f"of those analysed, by tenths: {seen}",),
+            ),
         ),
     )
 

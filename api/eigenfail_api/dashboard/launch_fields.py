@@ -14,23 +14,6 @@ NONE = "none"
 
 WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
-EXPECTED = re.compile(r"Expected `(?P<kinds>[^`]+)`(?P<rest>[^.]*)")
-TYPE_NAMES = {
-    "int": "an integer",
-    "float": "a number",
-    "str": "text",
-    "array": "a list",
-    "object": "a table",
-    "bool": "true or false",
-}
-BOUNDS = {
-    " of length >= ": " of at least ",
-    " of length <= ": " of at most ",
-    " >= ": " of at least ",
-    " <= ": " of at most ",
-    " > ": " above ",
-    " < ": " below ",
-}
 
 
 def read_number(text: str) -> int | float | str:
@@ -77,19 +60,6 @@ def format_field(value: Any) -> str:
     if isinstance(value, list | tuple) and not any(isinstance(part, dict) for part in value):
         return ", ".join(map(format_field, value))
     return msgspec.json.encode(value).decode()
-
-
-def describe_problem(problem: str) -> str:
-    """Return a problem of type or bound as text: "A number of at most 1.0 is expected"."""
-    match = EXPECTED.search(problem)
-    if match is None:
-        return problem[:1].upper() + problem[1:]
-    kinds = [TYPE_NAMES.get(kind.strip(), kind.strip()) for kind in match["kinds"].split("|")]
-    wanted = " or ".join(kind for kind in kinds if kind != "null")
-    rest = problem[match.start("rest") :].partition(", got")[0].rstrip(".").rstrip("`")
-    for sign, words in BOUNDS.items():
-        rest = rest.replace(sign, words)
-    return f"{wanted[:1].upper()}{wanted[1:]}{rest} is expected."
 
 
 Schema = Mapping[str, Any]

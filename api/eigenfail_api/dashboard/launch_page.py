@@ -25,7 +25,6 @@ from eigenfail_api.dashboard.launch_fields import (
     LaunchField,
     LaunchGroup,
     Texts,
-    describe_problem,
     format_entry,
     make_body,
 )
@@ -160,7 +159,7 @@ def find_nearest_field(
 def describe_error(error: InputError) -> str:
     """Return a problem without its path, which the field shows, and the remedy."""
     problem = error.problem.removeprefix(f"{error.field}: ")
-    return f"{describe_problem(problem)} {error.remedy}".strip()
+    return f"{problem[:1].upper()}{problem[1:]} {error.remedy}".strip()
 
 
 def make_shown_fields(

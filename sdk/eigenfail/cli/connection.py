@@ -52,22 +52,29 @@ def find_address(context: typer.Context, url: str) -> str:
     """The address that was asked for, or else that of the service that runs on the data folder.
 
     So `eigenfail up --port 0` is found by commands that are called from the same place.
+
+    Raises:
+        ServiceUnreachable: a data folder was named, and no service runs on it. Results of another
+            folder would look like its own.
     """
     if url not in {"", DEFAULT_URL} or not _is_default(context, "url"):
         return url
-    running = DataFolder(context.params.get("data") or _find_data_folder()).address()
-    return running.url if running else DEFAULT_URL
+    named = os.environ.get("EIGENFAIL_DATA")
+    folder = DataFolder(context.params.get("data") or Path(named or DEFAULT_DATA))
+    if running := folder.address():
+        return running.url
+    if named:
+        raise ServiceUnreachable(
+            f"No service runs on {folder.path}, the folder that EIGENFAIL_DATA names.",
+            "Start one with 'eigenfail up', unset EIGENFAIL_DATA, or name a service with --url.",
+        )
+    return DEFAULT_URL
 
 
 def _is_default(context: typer.Context, option: str) -> bool:
     """Return whether an option was set neither on the command line nor in the environment."""
     source = context.get_parameter_source(option)
     return source is None or source.name == "DEFAULT"
-
-
-def _find_data_folder() -> Path:
-    """Return the default data folder of commands."""
-    return Path(os.environ.get("EIGENFAIL_DATA") or DEFAULT_DATA)
 
 
 def this_command() -> str:

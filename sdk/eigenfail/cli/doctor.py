@@ -19,7 +19,7 @@ from eigenfail.cli.options import AsJson, Data, Database, Repair, Replay, Url
 from eigenfail.cli.plugin_checks import CheckResult, CheckVerdict, check_plugins, draw_checks
 from eigenfail.cli.render import show
 from eigenfail.client import Client
-from eigenfail.errors import EigenfailError, InvalidValue, StoreUnavailable
+from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable, StoreUnavailable
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
 from eigenfail.hosting.service import load_database_tool
 from eigenfail.presentation.terminal import start_grid
@@ -83,7 +83,12 @@ def check_data_folder(data: Path) -> Finding:
 def check_service(context: typer.Context, url: str) -> Iterator[Finding]:
     """Whether a service answers, and is well, and who works for it; none has to."""
     what = f"service {url}"
-    with connect_to(context, url) as client:
+    try:
+        connection = connect_to(context, url)
+    except ServiceUnreachable as error:
+        yield Finding("service", error.problem, remedy=error.remedy)
+        return
+    with connection as client:
         trouble = client.trouble()
         if trouble is None:
             yield Finding(what, "answers")

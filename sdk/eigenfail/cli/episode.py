@@ -1,6 +1,5 @@
 """`eigenfail episode`: list, show, export, replay, explain and shrink episodes."""
 
-from itertools import islice
 from math import inf
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +9,7 @@ from msgspec.structs import replace
 
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, CampaignId, EpisodeId, Limit, Url, parse_episode_id
-from eigenfail.cli.render import follow, judge, show, to_json
+from eigenfail.cli.render import follow, judge, show, show_rows, to_json
 from eigenfail.client.campaigns import SHRINK_WITHIN
 from eigenfail.errors import NoisePruned, NotFound
 from eigenfail.explanations import StepWindow, build_explanation
@@ -212,11 +211,10 @@ def list_episodes(
     with connect_to(context, url) as client:
         if columns:
             picked = client.episodes.list(campaign, outcome, **asked, fields=columns)
-            lines = list(islice(picked, limit))
-            show(lines, as_json, lambda: render(tabulate_fields(columns, lines)))
+            show_rows(picked, limit, as_json, lambda rows: render(tabulate_fields(columns, rows)))
             return
-        found = list(islice(client.episodes.list(campaign, outcome, **asked), limit))
-    show(found, as_json, lambda: render(tabulate_episodes(found)))
+        found = client.episodes.list(campaign, outcome, **asked)
+        show_rows(found, limit, as_json, lambda rows: render(tabulate_episodes(rows)))
 
 
 @app.command()

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Database, Limit, Url
-from eigenfail.cli.render import show, to_json
+from eigenfail.cli.render import show, show_rows, to_json
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.service import load_database_tool
@@ -195,8 +195,7 @@ def audit(
 ) -> None:
     """Show the audit log: changes with time, user, address and result, newest first."""
     with _open_keys(context, url, database) as keys:
-        found = keys.audit().first(limit)
-    show(found, as_json, lambda: _draw_audit(found))
+        show_rows(keys.audit(), limit, as_json, _draw_audit)
 
 
 @app.command()

@@ -10,7 +10,15 @@ from eigenfail.cli import completion
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Priority
 
-Url = Annotated[str, typer.Option("--url", envvar="EIGENFAIL_URL", help="Address of the service.")]
+Url = Annotated[
+    str,
+    typer.Option(
+        "--url",
+        envvar="EIGENFAIL_URL",
+        show_default="that of the data folder's service, or http://127.0.0.1:8440",
+        help="Address of the service.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 Data = Annotated[
     Path,

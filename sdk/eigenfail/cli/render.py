@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, Generic, TypeVar
 
 import msgspec
@@ -32,6 +33,9 @@ PLAIN_WIDTH = 1_000
 """Of pipes and files: no row is broken there. [characters]"""
 
 
+Row = TypeVar("Row")
+
+
 def _make_plain(value: Any) -> Any:
     """An array as nested lists, for JSON."""
     if isinstance(value, np.ndarray):
@@ -58,6 +62,17 @@ def show(value: Any, as_json: bool, draw: Callable[[], RenderableType]) -> None:
         typer.echo(to_json(value))
         return
     make_console().print(draw())
+
+
+def show_rows(
+    rows: Iterable[Row], limit: int, as_json: bool, draw: Callable[[Sequence[Row]], RenderableType]
+) -> None:
+    """Print the first rows as JSON, or as a table that says whether there are more."""
+    found = list(islice(rows, limit + 1))
+    shown = found[:limit]
+    show(shown, as_json, lambda: draw(shown))
+    if len(found) > limit and not as_json:
+        make_console().print(f"The first {limit}; there are more. Show more with --limit.")
 
 
 Snapshot = TypeVar("Snapshot")

@@ -7,7 +7,7 @@ import typer
 
 from eigenfail.cli.connection import MaybeUrl, connect_for_suite, connect_to
 from eigenfail.cli.options import AsJson, Data, Gate, Limit, Url, Workers
-from eigenfail.cli.render import judge, make_errored_error, run_suite, show
+from eigenfail.cli.render import judge, make_errored_error, run_suite, show, show_rows
 from eigenfail.client import Client
 from eigenfail.errors import ServiceError
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL
@@ -79,8 +79,8 @@ def list_suites(
 ) -> None:
     """List the suites that a service knows, those with the newest campaigns first."""
     with connect_to(context, url) as client:
-        suites = client.suites.list().first(limit)
-    show(suites, as_json, lambda: render(tabulate_suites(suites)))
+        found = client.suites.list()
+        show_rows(found, limit, as_json, lambda rows: render(tabulate_suites(rows)))
 
 
 @app.command("show")

@@ -201,9 +201,11 @@ def local_service(plan: Plan) -> Iterator[LocalService]:
     require_installed()
     folder = DataFolder(plan.data)
     owner = str(folder.path)
+    if folder.address() is None:
+        choose_ports(plan)  # a port that is taken is said before the folder is made
     with folder.claimed(), guard_owner(owner):
         kill_marked(owner)  # left where the warden was killed, too
-        port, hub_port = free_port(plan.port), free_port(plan.hub_port)
+        port, hub_port = choose_ports(plan)
         parts: list[ServicePart] = []
         try:
             for name, command in make_commands(plan, folder.database, port, hub_port).items():
@@ -245,12 +247,16 @@ def require_installed() -> None:
         )
 
 
-def free_port(port: int) -> int:
-    """The port, or any free one for 0.
+def choose_ports(plan: Plan) -> tuple[int, int]:
+    """Return the ports of the controller and of the hub, any free ones for 0.
 
     Raises:
         PortTaken: something else listens there.
     """
+    return _bind_port(plan.port, "--port"), _bind_port(plan.hub_port, "--hub-port")
+
+
+def _bind_port(port: int, option: str) -> int:
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -258,7 +264,8 @@ def free_port(port: int) -> int:
         except OSError as error:
             raise PortTaken(
                 f"Port {port} on {HOST} cannot be used: {error.strerror}.",
-                "Stop the process that uses it, or choose another port with --port.",
+                "Stop the process that uses it, such as the service of another data folder, or "
+                f"choose another port with {option}.",
             ) from error
         return int(probe.getsockname()[1])
 

@@ -31,13 +31,20 @@ from eigenfail.values import (
     Moment,
     Proof,
     ReplayedNoise,
-    ReplayKind,
     Reproduction,
 )
 
+NO_FAILURE = (
+    "the centre of its failures is no failure. Quote its medoid, a failure that happened, or "
+    "analyse with more components or other --clusters."
+)
 LEAST_EXPLAINED = 0.5
 """Share of the variance below which eigenfailures are far from the failures they stand for."""
 
+LIKELIHOODS = (
+    "log p: natural logarithm of the density of the noise [1/m²]. That of p(x) is the mean of "
+    "random noise under p(x) over the same steps; noise of zeros has the largest log p."
+)
 TOO_FEW = "Eigenfailures of so few components may not fail again: use more with --components."
 
 
@@ -126,12 +133,12 @@ def describe_diversity(result: AnalysisResult) -> Iterator[str]:
     if found is None:
         return
     yield (
-        f"The {format_count(found.failures)} failures differ by {format_number(found.spread)} "
-        "sigma; noise of p(x) does by 1."
+        f"The noise of the {format_count(found.failures)} failures has a standard deviation of "
+        f"{format_number(found.spread)} sigma about its mean; that of p(x) has 1."
     )
     if found.modes > 1:
         seen = ", ".join(map(str, found.coverage))
-        yield f"Modes seen after each tenth of the campaign: {seen}."
+        yield f"Modes among the analysed failures after each tenth of the campaign: {seen}."
     if found.warning:
         yield f"Warning: {found.warning}"
 
@@ -214,7 +221,7 @@ def tabulate_replays(proof: Proof) -> Table:
         TableColumn("Robustness", "m"),
         TableColumn("log p", "nats", digits=5),
         TableColumn("log p/step", "nats"),
-        TableColumn("of p(x)", "nats", digits=5),
+        TableColumn("log p of p(x)", "nats", digits=5),
         TableColumn("Episode"),
     )
     rows = tuple(
@@ -222,7 +229,7 @@ def tabulate_replays(proof: Proof) -> Table:
         for scenario in proof.scenarios
         for replay in scenario.replays
     )
-    return Table("Replays", columns, rows)
+    return Table("Replays", columns, rows, (LIKELIHOODS,))
 
 
 def _list_replay(replay: ReplayedNoise) -> tuple[Cell, ...]:
@@ -237,20 +244,22 @@ def _list_replay(replay: ReplayedNoise) -> tuple[Cell, ...]:
 
 def count_reproductions(proof: Proof) -> Iterator[str]:
     """Return how many replays failed again, of those tried, in sentences."""
-    yield f"{_count_kind(proof.reproduced, ReplayKind.EIGENFAILURE)} in the same scenario."
+    yield f"{_count_failed_again(proof.reproduced, 'eigenfailures')} in the same scenario."
     if len(proof.scenarios) > 1:
-        count = f"in {len(proof.scenarios)} scenarios"
-        yield f"{_count_kind(proof.eigenfailures, ReplayKind.EIGENFAILURE)} {count}."
-        yield f"{_count_kind(proof.medoids, ReplayKind.MEDOID)} {count}."
+        pairs = f"({len(proof.modes)} modes, {len(proof.scenarios)} scenarios)"
+        yield f"{_count_failed_again(proof.eigenfailures, 'replays of eigenfailures')} {pairs}."
+        yield f"{_count_failed_again(proof.medoids, 'replays of medoids')} {pairs}."
     for mode in proof.modes:
         parts = (format_reproduction(mode.eigenfailure), format_reproduction(mode.medoid))
         yield f"Mode {mode.mode + 1}: eigenfailure {parts[0]}; medoid {parts[1]}."
+        if mode.eigenfailure.rate and not mode.eigenfailure.rate.k:
+            yield f"Mode {mode.mode + 1}: {NO_FAILURE}"
 
 
-def _count_kind(found: Reproduction, kind: ReplayKind) -> str:
+def _count_failed_again(found: Reproduction, replayed: str) -> str:
     if found.rate is None:
-        return f"No replay of {kind}s was completed"
-    words = f"{found.rate.k} of {found.rate.n} {kind}s reproduced a failure"
+        return f"None of the {replayed} was completed"
+    words = f"{found.rate.k} of {found.rate.n} {replayed} reproduced a failure"
     nearest = f"(nearest {format_number(found.smallest_robustness_m)} m)"
     return words if found.rate.k else f"{words} {nearest}"
 

@@ -31,6 +31,10 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import LEAD_TIMES, EpisodeDetail, EpisodeRow
 
+LIKELIER = (
+    "log p rises as noise is left out, since p(x) is densest at zero; it does not say how rare "
+    "such failures are."
+)
 LOG_P_DIGITS = 5
 """Significant digits of log p over an episode, whose differences count, not its size."""
 
@@ -163,6 +167,7 @@ def describe_minimal_failure(found: MinimalFailure) -> tuple[str, ...]:
         found.words,
         found.because,
         f"log p {likelihood.format('per step ')}; at full strength {full.format('')}.",
+        LIKELIER,
     )
 
 

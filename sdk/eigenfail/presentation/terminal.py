@@ -13,7 +13,7 @@ from rich.text import Text
 from eigenfail.presentation.tables import Block, FactTable, Table
 
 LEAST_FIRST = (
-    *("created", "source", "worker", "seed", "digest", "of p(x)", "log p"),
+    *("created", "source", "worker", "seed", "digest", "log p of p(x)", "log p"),
     *("peak lateral", "peak longitudinal", "episodes/s", "severity", "log p/step"),
     *("simulator", "scenario", "planner", "modes", "USD/mode", "USD"),
     *("P(failure) [95 %]", "name"),

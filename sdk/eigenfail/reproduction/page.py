@@ -99,7 +99,8 @@ OPENING = """# The paper's experiments, reproduced
 
 `eigenfail reproduce --scale {scale}` runs the paper's experiments with our planner `rulebook`, our
 scenario `cut_in` and our simulator. The paper's planner and simulator are not public, and its
-episodes have eight times as many steps: expect the same pattern, not the same numbers.
+episodes have eight times as many steps: expect the same pattern, not the same numbers. The paper is
+Warner et al., *Importance Sampling and PCA for Finding Failures in Commercial Autonomous Vehicles*.
 
 `ast_paper` and `difs_paper` have the paper's settings, `ast` and `difs` our defaults. Brackets hold
 95 % intervals; the paper gives none. The failure rate of a search is the share of its own episodes:

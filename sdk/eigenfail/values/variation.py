@@ -129,9 +129,9 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
         given, problem = self.fixed.get(name), error.problem.removeprefix(f"{error.field}: ")
         if isinstance(given, dict) and given:
             return UnknownName(error.field, str(next(iter(given))), KINDS)
-        if not drawn:
+        if not drawn or name in drawn:
             return error
-        return InvalidValue(error.field, f"{drawn.get(name, dict(drawn))} is refused. {problem}")
+        return InvalidValue(error.field, f"{dict(drawn)} is refused. {problem}")
 
 
 def read_variation(

@@ -25,7 +25,7 @@ from eigenfail.errors import (
     Unauthorized,
     UnknownName,
 )
-from eigenfail.settings import invalid_value
+from eigenfail.settings import convert, invalid_value
 from eigenfail.values.arrays import decode_array, encode_array_as_lists
 from eigenfail.values.campaign import CampaignSpec, Settings
 from eigenfail.values.showing import Brief
@@ -133,8 +133,6 @@ MAX_VARIATIONS = 100
 NOT_JSON = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """Errors of bytes that are no JSON, no text, or nested too deeply."""
 
-MISSING = re.compile(r"missing required field `(?P<name>[^`]+)`")
-
 Body = TypeVar("Body", bound=msgspec.Struct)
 StructType = type[msgspec.Struct]
 Kind = TypeVar("Kind")
@@ -231,9 +229,11 @@ def read_body(data: bytes, kind: type[Body]) -> Body:
     try:
         return msgspec.json.decode(data or b"{}", type=kind)
     except msgspec.ValidationError as error:
+        given = msgspec.UNSET
         with suppress(*NOT_JSON):
-            refuse_unknown_fields(msgspec.json.decode(data or b"{}"), kind)
-        raise _explain_invalid_value(error) from None
+            given = msgspec.json.decode(data or b"{}")
+            refuse_unknown_fields(given, kind)
+        raise invalid_value(error, kind, given) from None
     except NOT_JSON as error:
         raise ProtocolError(f"The body is not JSON: {error}.", "Send a JSON object.") from None
 
@@ -246,12 +246,10 @@ def read_plain(data: bytes, kind: type[Plain]) -> Plain:
         InvalidValue: it is JSON of another kind.
     """
     try:
-        found: Plain = msgspec.convert(msgspec.json.decode(data) if data else kind(), kind)
-    except msgspec.ValidationError as error:
-        raise _explain_invalid_value(error) from None
+        given = msgspec.json.decode(data) if data else kind()
     except NOT_JSON as error:
         raise ProtocolError(f"The body is not JSON: {error}.", "Send JSON.") from None
-    return found
+    return convert(given, kind)
 
 
 def read_fields(given: Mapping[str, Any], kind: type[Body]) -> Body:
@@ -264,9 +262,7 @@ def read_fields(given: Mapping[str, Any], kind: type[Body]) -> Body:
     try:
         plain = msgspec.to_builtins(dict(given))
         refuse_unknown_fields(plain, kind)
-        return msgspec.convert(plain, kind)
-    except msgspec.ValidationError as error:
-        raise _explain_invalid_value(error) from None
+        return convert(plain, kind)
     except TypeError as error:
         raise InvalidValue("", f"{error}.", "Give plain numbers, text, lists and dicts.") from None
 
@@ -312,16 +308,6 @@ def _select_kinds(given: Any, kinds: tuple[StructType, ...], field: str) -> tupl
     if isinstance(wanted, str) and wanted not in known:
         raise UnknownName(f"{field}.{tag}", wanted, known)
     return tuple(kind for name, kind in known.items() if name == wanted)
-
-
-def _explain_invalid_value(error: msgspec.ValidationError) -> InvalidValue:
-    """Return msgspec's error with the path of the field, also if that field is missing."""
-    plain = invalid_value(error)
-    missing = MISSING.search(str(error))
-    if missing is None:
-        return plain
-    path = f"{plain.field}.{missing['name']}" if plain.field else missing["name"]
-    return InvalidValue(path, "is required.")
 
 
 MAX_CAMPAIGNS_AT_ONCE = 500

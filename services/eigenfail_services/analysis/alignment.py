@@ -166,8 +166,8 @@ def explain_no_failures() -> InvalidValue:
     return InvalidValue(
         "failures",
         "there is none to analyse.",
-        "Where episodes errored, mend what raised and run them again as a new campaign. Otherwise "
-        "let the campaign run on, or search with a method that looks for them: ast, cem, difs.",
+        "Where episodes errored, correct what raised and launch the campaign again. Otherwise give "
+        "it a larger budget, or use a method that searches for failures: ast, cem, difs, subset.",
     )
 
 

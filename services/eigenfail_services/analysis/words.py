@@ -157,7 +157,7 @@ def _sum_push(push: Push) -> float:
 
 def _count_weaker(count: int) -> str:
     """Return the phrase that counts the pushes left out of the sentence."""
-    return f", and {count} that push less in all" if count > 0 else ""
+    return f", and {count} weaker" if count > 0 else ""
 
 
 def _describe_axis(axis: int, noise: Floats, found: Sequence[Push], clock: Clock) -> str:
@@ -211,7 +211,7 @@ def _describe_rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[s
             f"{_make_plain(name)} in {count} of {len(steps)} steps"
             for name, count in sorted(counted.items(), key=lambda each: (-each[1], each[0]))
         )
-        yield "what decided: " + ", ".join([*shares][:MOST_RULES])
+        yield "the planner's rules that decided: " + ", ".join([*shares][:MOST_RULES])
 
 
 def _describe_overrides(steps: Sequence[ExplainedStep], clock: Clock) -> Iterator[str]:

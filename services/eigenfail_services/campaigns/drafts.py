@@ -13,7 +13,7 @@ from eigenfail.errors import EigenfailError, InputError, InvalidValue, UnknownNa
 from eigenfail.methods import describe_method, traits_of
 from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec
 from eigenfail.values.campaign import MAX_EPISODES
-from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE, MISSING, read_fields
+from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE, read_fields
 from eigenfail.worlds import world_of
 from eigenfail_services.campaigns.resolution import (
     ResolvedCampaign,
@@ -104,8 +104,7 @@ def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
     while len(found) < MOST_PROBLEMS:
         try:
             read_draft(left, store)
-        except InputError as refusal:
-            error = _locate(refusal)
+        except InputError as error:
             if error.field in {each.field for each in found if not isinstance(each, UnknownName)}:
                 break
             found.append(error)
@@ -116,13 +115,6 @@ def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
         else:
             break
     return tuple(found)
-
-
-def _locate(error: InputError) -> InputError:
-    """Return the error with the path of the value, also where a plug-in's setting is missing."""
-    if (missing := MISSING.search(error.problem)) is None:
-        return error
-    return InvalidValue(f"{error.field}.{missing['name']}".lstrip("."), "is required.")
 
 
 def _take_out_value(given: dict[str, Any], error: InputError) -> dict[str, Any]:

@@ -100,4 +100,4 @@ def test_a_collapse_is_warned_of_beside_the_modes(look, store, campaign, finishe
     text = look(f"/analyses/{fresh}")
     assert "mode collapse: 95 % of the failures are of one mode" in text
     assert "Effective modes 1.22 of 2, clusters beyond noise" in text
-    assert "modes by tenths: 1, 1, 1, 1, 1, 2, 2, 2, 2, 2" in text
+    assert "of those analysed, by tenths: 1, 1, 1, 1, 1, 2, 2, 2, 2, 2" in text

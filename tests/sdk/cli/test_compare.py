@@ -89,7 +89,7 @@ def test_an_analysis_says_how_diverse_the_failures_are(eigenfail, done):
     told = eigenfail("analyze", done, "--clusters", 2)
     words = " ".join(told.stdout.split())
     assert "No distinct modes: clusters cannot be distinguished from noise (silhouette 0." in words
-    assert "noise of p(x) does by 1." in words
+    assert "sigma about its mean; that of p(x) has 1." in words
     found = json.loads(eigenfail("analyze", done, "--clusters", 2, "--json").stdout)
     assert found["analysis"]["result"]["diversity"]["modes"] == 1
 
@@ -111,8 +111,7 @@ def test_modes_that_are_distinct_are_told_with_when_they_were_seen():
         verdict="2 modes.",
         warning="mode collapse: try `ensemble`.",
     )
-    assert list(describe_diversity(replace(found, diversity=diversity))) == [
-        "The 40 failures differ by 0.800 sigma; noise of p(x) does by 1.",
-        "Modes seen after each tenth of the campaign: 1, 1, 1, 1, 1, 1, 1, 1, 1, 2.",
-        "Warning: mode collapse: try `ensemble`.",
-    ]
+    spread, coverage, warning = describe_diversity(replace(found, diversity=diversity))
+    assert "40 failures has a standard deviation of 0.800 sigma about its mean" in spread
+    assert coverage.endswith("each tenth of the campaign: 1, 1, 1, 1, 1, 1, 1, 1, 1, 2.")
+    assert warning == "Warning: mode collapse: try `ensemble`."

@@ -20,6 +20,13 @@ def test_episodes_are_filtered_sorted_and_cut_to_columns(eigenfail, done):
     header, *lines = eigenfail("episode", "list", done, *asked, *fields).stdout.splitlines()
     assert header.split() == ["index", "class", "robustness_m"]
     assert lines[1].split()[0] == str(rows[0]["index"])
+    assert "more" not in lines[-1]
+
+
+def test_a_list_says_that_it_was_cut(eigenfail, done):
+    listed = eigenfail("episode", "list", done, "--limit", 2).stdout.splitlines()
+    assert listed[-1] == "The first 2; there are more. Show more with --limit."
+    assert len(json.loads(eigenfail("episode", "list", done, "--limit", 2, "--json").stdout)) == 2
 
 
 @pytest.mark.parametrize("name", ["failures.csv", "failures.ndjson"])

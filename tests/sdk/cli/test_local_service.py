@@ -14,7 +14,7 @@ from eigenfail.errors import PortTaken, ServiceError, StoreUnavailable
 from eigenfail.hosting import service as local_service
 from eigenfail.hosting.folder import Address, DataFolder
 from eigenfail.hosting.processes import OWNER_MARK, find_marked, interruptible
-from eigenfail.hosting.service import Launcher, Plan, find_ready_line, free_port
+from eigenfail.hosting.service import Launcher, Plan, choose_ports, find_ready_line
 
 STUBBORN = "while True: time.sleep(600)\n"
 
@@ -168,6 +168,9 @@ def test_a_taken_port_is_refused_before_anything_starts(stand_ins, plan):
         port = taken.getsockname()[1]
         with pytest.raises(PortTaken, match=f"Port {port} .*Address already in use.*--port"):
             start_and_stop(Plan(plan.data, port))
+        with pytest.raises(PortTaken, match=f"Port {port} .*--hub-port"):
+            start_and_stop(Plan(plan.data, 0, hub_port=port))
+    assert not plan.data.exists()
 
 
 def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
@@ -189,10 +192,11 @@ def test_a_stale_address_is_not_believed(tmp_path):
     assert folder.address() is None
 
 
-def test_ports_are_free_ones():
-    port = free_port(0)
+def test_ports_are_free_ones(plan):
+    port, hub_port = choose_ports(plan)
     assert port > 0
-    assert free_port(port) == port
+    assert hub_port > 0
+    assert choose_ports(Plan(plan.data, port))[0] == port
 
 
 def test_the_ready_line_is_found_among_others():

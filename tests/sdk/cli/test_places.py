@@ -125,7 +125,6 @@ def asked_of(service):
 def test_every_command_finds_the_service_of_the_folder(asked_of, monkeypatch, tmp_path):
     monkeypatch.setenv("EIGENFAIL_DATA", str(tmp_path / "data"))
     folder = DataFolder(tmp_path / "data")
-    assert asked_of() == DEFAULT_URL
     with folder.claimed():
         folder.publish(OWN)
         assert asked_of() == OWN.url
@@ -133,6 +132,21 @@ def test_every_command_finds_the_service_of_the_folder(asked_of, monkeypatch, tm
         assert asked_of("--url", DEFAULT_URL) == DEFAULT_URL
         monkeypatch.setenv("EIGENFAIL_URL", "http://there:2")
         assert asked_of() == "http://there:2"
+
+
+def test_a_folder_that_was_named_is_not_replaced_by_another(service, monkeypatch, tmp_path):
+    monkeypatch.setenv("EIGENFAIL_DATA", str(tmp_path / "data"))
+    monkeypatch.delenv("EIGENFAIL_URL", raising=False)
+
+    def list_campaigns(*options):
+        connect = Environment(lambda url: Client(DEFAULT_URL, service))
+        return CliRunner().invoke(app, ["campaign", "list", *options], obj=connect)
+
+    done = list_campaigns()
+    assert done.exit_code == 3
+    assert f"No service runs on {tmp_path / 'data'}" in done.stderr
+    assert "eigenfail up" in done.stderr
+    assert list_campaigns("--url", DEFAULT_URL).exit_code == 0
 
 
 def test_the_usual_folder_is_the_one_in_which_up_works(asked_of, monkeypatch, tmp_path):

@@ -142,7 +142,7 @@ def example(kind):
     if issubclass(kind, UnknownName):
         return kind("planner", "rulebok", ["rulebook", "idm"])
     if issubclass(kind, InputError):
-        return kind("episodes", "Expected `int` >= 1.", "Give more.")
+        return kind("episodes", "0 is not an integer of at least 1.", "Give more.")
     return kind("It is so.", "Do that.")
 
 

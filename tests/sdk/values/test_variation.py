@@ -90,18 +90,18 @@ def test_the_largest_is_looked_for_at_all_combinations_of_ends():
 @pytest.mark.parametrize(
     ("parameters", "field", "words"),
     [
-        ({"distance_m": {"uniform": [-5, 12]}}, "distance_m", "12 is refused. Expected `float` <="),
-        ({"distance_m": {"uniform": [-11, 5]}}, "distance_m", "-11 is refused. Expected `float`"),
-        ({"cars": {"choice": [1, 9]}}, "cars", "9 is refused. Expected `int` <= 4"),
-        ({"cars": {"uniform": [1, 2.5]}}, "cars", "2.5 is refused. Expected `int`, got `float`"),
-        ({"side": {"choice": ["left", 3]}}, "side", "3 is refused. Expected `str`, got `int`"),
+        ({"distance_m": {"uniform": [-5, 12]}}, "distance_m", "12 is not a number"),
+        ({"distance_m": {"uniform": [-11, 5]}}, "distance_m", "-11 is not a number"),
+        ({"cars": {"choice": [1, 9]}}, "cars", "9 is not an integer"),
+        ({"cars": {"uniform": [1, 2.5]}}, "cars", "2.5 is not an integer"),
+        ({"side": {"choice": ["left", 3]}}, "side", "3 is not text"),
         ({"distance_m": {"uniform": [5, -5]}}, "distance_m.uniform", "[5, -5] is not an interval"),
         ({"distance_m": {"uniform": [5]}}, "distance_m.uniform", "length 2"),
-        ({"distance_m": {"uniform": 5}}, "distance_m.uniform", "Expected `array`"),
+        ({"distance_m": {"uniform": 5}}, "distance_m.uniform", "5 is not a list"),
         ({"distance_m": {"uniform": [0, float("inf")]}}, "distance_m.uniform", "inf"),
-        ({"distance_m": {"choice": []}}, "distance_m.choice", "length >= 1"),
+        ({"distance_m": {"choice": []}}, "distance_m.choice", "length of at least 1"),
         ({"distance_m": {"choice": [1.0], "uniform": [1, 2]}}, "distance_m", "unknown field"),
-        ({"distance_m": 11.0}, "distance_m", "Expected `float` <= 10.0"),
+        ({"distance_m": 11.0}, "distance_m", "11.0 is not a number"),
     ],
 )
 def test_what_is_wrong_is_said_by_field_and_value(parameters, field, words):

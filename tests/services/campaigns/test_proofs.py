@@ -164,7 +164,7 @@ def test_the_account_of_the_planner_stands_there_where_it_gives_one(house, monke
     explained_by_rule(monkeypatch)
     analysis = house.store.analyses.get(house.analysis)
     told_words = words_module.describe_modes(house.store, analysis, analysis.result, 0.1)
-    assert all("what decided: keep gap in " in words for words in told_words)
+    assert all("the planner's rules that decided: keep gap in " in words for words in told_words)
 
 
 def test_without_workers_there_are_words_without_the_planner(house, monkeypatch) -> None:
@@ -175,7 +175,7 @@ def test_without_workers_there_are_words_without_the_planner(house, monkeypatch)
     analysis = house.store.analyses.get(house.analysis)
     for words in words_module.describe_modes(house.store, analysis, analysis.result, 0.1):
         assert words.endswith(f"{house.campaign}/{words.rsplit('/', 1)[1]}")
-        assert "what decided" not in words
+        assert "rules that decided" not in words
 
 
 def test_a_planner_that_never_answers_is_asked_once_and_not_waited_for(house, monkeypatch) -> None:
