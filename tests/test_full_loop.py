@@ -11,7 +11,7 @@ from eigenfail.values import (
     learner_seed,
 )
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.campaign_figures import price_campaign
+from eigenfail_services.analysis.campaign_figures import price_failures
 from eigenfail_services.analysis.job import analyse
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.monte_carlo import MonteCarlo
@@ -42,7 +42,7 @@ def test_the_full_loop_in_one_process() -> None:
     failures = [result for result in results if result.is_failure]
     found = rate(len(failures), len(results))
     assert 0 < found.interval.low < found.value < found.interval.high < 1
-    price = price_campaign(3600.0, 1, 1.2, rate(len(failures), len(results)))
+    price = price_failures(1.2, 1.0, rate(len(failures), len(results)))
     assert price.per_failure_usd == 1.2 / len(failures)
 
     noise = Failures(tuple(r.index for r in failures), tuple(r.noise.z for r in failures))

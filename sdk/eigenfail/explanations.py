@@ -141,7 +141,7 @@ def _describe_error(result: EpisodeResult) -> str:
 _END_DESCRIPTIONS: dict[Outcome, Callable[[EpisodeResult], str]] = {
     Outcome.COLLISION: _describe_collision,
     Outcome.SAFE: _describe_safe_end,
-    Outcome.FAILED: _describe_error,
+    Outcome.ERRORED: _describe_error,
 }
 
 

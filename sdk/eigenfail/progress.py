@@ -34,7 +34,7 @@ Display = Callable[[Standing], None]
 def standing(campaign: Campaign) -> Standing:
     """How far a campaign is."""
     counts = campaign.counts
-    done = counts.completed + counts.failed
+    done = counts.completed + counts.errored
     planned = counts.planned - counts.cancelled
     return Standing(headline(campaign), done, planned, counts.failures, counts.errored)
 

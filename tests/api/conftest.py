@@ -100,7 +100,7 @@ def failed():
         return EpisodeResult(
             index=index,
             seed=index,
-            outcome=Outcome.FAILED,
+            outcome=Outcome.ERRORED,
             steps=0,
             noise=NoiseTrajectory(nothing, nothing),
             source="prior",

@@ -74,7 +74,7 @@ def test_an_episode_that_never_ran_is_refused(http, campaign, deliver, problem):
     nothing = np.zeros((0, 2), np.float32)
     fault = EpisodeFault("infrastructure", "Three workers were lost.")
     noise = NoiseTrajectory(nothing, nothing)
-    deliver(campaign, EpisodeResult(0, 0, Outcome.FAILED, 0, noise, "prior", fault=fault))
+    deliver(campaign, EpisodeResult(0, 0, Outcome.ERRORED, 0, noise, "prior", fault=fault))
     told = problem(http.get(f"/api/v1/campaigns/{campaign}/episodes/0/explanation"), 422)
     assert "Three workers were lost" in told["detail"]
     told = problem(http.post(f"/api/v1/campaigns/{campaign}/episodes/0/replay", json={}), 422)

@@ -75,7 +75,7 @@ class Service:
         self.until(lambda: self.get(campaign).state in FINAL_STATES, "the campaign does not end")
         ended = self.get(campaign)
         assert ended.state is CampaignState.DONE, ended.stopped_because
-        assert (ended.counts.completed, ended.counts.failed) == (ended.counts.planned, 0)
+        assert (ended.counts.completed, ended.counts.errored) == (ended.counts.planned, 0)
         return self.store.episodes.digest(campaign)
 
     def run(self, **fields: object) -> str:

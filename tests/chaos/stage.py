@@ -79,7 +79,7 @@ class Stage:
     def finished(self, campaign: int) -> int:
         """How many results are committed."""
         counts = self.campaign(campaign).counts
-        return counts.completed + counts.failed
+        return counts.completed + counts.errored
 
     def campaign(self, campaign: int) -> Campaign:
         """As it stands."""

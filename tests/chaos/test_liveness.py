@@ -127,7 +127,7 @@ class World:
         """Of a campaign that is done."""
         ended = self._store.campaigns.get(self._campaign)
         assert ended.state is CampaignState.DONE, ended.stopped_because
-        assert (ended.counts.completed, ended.counts.failed) == (EPISODES, 0)
+        assert (ended.counts.completed, ended.counts.errored) == (EPISODES, 0)
         return self._store.episodes.digest(self._campaign)
 
     def _is_running(self) -> bool:

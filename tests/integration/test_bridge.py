@@ -91,7 +91,7 @@ def test_a_bridge_that_dies_and_comes_back_costs_no_episode(client, start_worker
     bridge.start()
     ended = client.campaigns.wait(created.id, timeout_s=120)
     assert ended.state is CampaignState.DONE
-    assert (ended.counts.completed, ended.counts.failed) == (600, 0)
+    assert (ended.counts.completed, ended.counts.errored) == (600, 0)
     built_in = finish(client, episodes=600)
     assert client.campaigns.digest(created.id) == client.campaigns.digest(built_in.id)
 

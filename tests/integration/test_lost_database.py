@@ -74,7 +74,7 @@ def come_to_the_end(service: LocalService, client: Client, campaign: int) -> Non
     """Everything has a result, once, and the database is sound."""
     until(lambda: client.campaigns.get(campaign).state is CampaignState.DONE, service)
     counts = client.campaigns.get(campaign).counts
-    assert (counts.completed, counts.failed) == (FIELDS["episodes"], 0)
+    assert (counts.completed, counts.errored) == (FIELDS["episodes"], 0)
 
 
 @pytest.mark.fault("database file moved away while the service runs")

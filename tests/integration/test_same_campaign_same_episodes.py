@@ -32,7 +32,7 @@ def finish(client, campaign):
     ended = client.campaigns.wait(campaign.id, timeout_s=240)
     assert ended.state is CampaignState.DONE, ended.stopped_because
     counts = ended.counts
-    assert (counts.completed, counts.open, counts.failed) == (counts.planned, 0, 0)
+    assert (counts.completed, counts.open, counts.errored) == (counts.planned, 0, 0)
     return client.campaigns.digest(campaign.id)
 
 

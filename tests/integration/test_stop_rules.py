@@ -23,7 +23,7 @@ def finish(client, campaign):
     ended = client.campaigns.wait(campaign.id, timeout_s=120)
     counts = ended.counts
     assert (ended.state, counts.open) == (CampaignState.DONE, 0)
-    assert counts.planned == counts.completed + counts.failed + counts.cancelled == 400
+    assert counts.planned == counts.completed + counts.errored + counts.cancelled == 400
     return ended.stopped_because, counts.completed, client.campaigns.digest(campaign.id)
 
 

@@ -95,8 +95,8 @@ def test_a_bad_planner_ends_its_campaign_with_every_fault_kept(
 ) -> None:
     created = client.campaigns.create(name="bad", method="monte_carlo", planner=planner, episodes=5)
     ended = client.campaigns.wait(created.id, timeout_s=60)
-    assert (ended.state, ended.counts.failed) == (CampaignState.DONE, 5)
-    rows = list(client.episodes.list(created.id, outcome=Outcome.FAILED))
+    assert (ended.state, ended.counts.errored) == (CampaignState.DONE, 5)
+    rows = list(client.episodes.list(created.id, outcome=Outcome.ERRORED))
     assert all(row.problem.startswith("planner: ") for row in rows)
     assert client.campaigns.summary(created.id).failure_rate is None
 
@@ -111,5 +111,5 @@ def test_a_cancelled_campaign_keeps_what_is_finished(client, lasting_worker) -> 
     ended = client.campaigns.wait(created.id, timeout_s=30)
     assert ended.state is CampaignState.CANCELLED
     counts = ended.counts
-    assert counts.planned == counts.completed + counts.failed + counts.cancelled
-    assert len(list(client.episodes.list(created.id))) == counts.completed + counts.failed
+    assert counts.planned == counts.completed + counts.errored + counts.cancelled
+    assert len(list(client.episodes.list(created.id))) == counts.completed + counts.errored

@@ -132,8 +132,8 @@ class House:
             rows = self.store.episodes.page(campaign, 1_000).items
             counts = found.counts
             assert len({row.index for row in rows}) == len(rows)
-            assert counts.completed + counts.failed == len(rows)
-            ended = counts.completed + counts.failed + counts.cancelled
+            assert counts.completed + counts.errored == len(rows)
+            ended = counts.completed + counts.errored + counts.cancelled
             assert counts.planned == EPISODES == ended + counts.open
             assert counts.open == 0 or found.state not in FINAL_STATES
             for row in rows:
@@ -187,7 +187,7 @@ class House:
             if found.state is CampaignState.DEAD:
                 assert any(reason in found.stopped_because for reason in POOR_REASONS), found
             if found.state is CampaignState.DONE:
-                assert found.counts.completed + found.counts.failed == EPISODES
+                assert found.counts.completed + found.counts.errored == EPISODES
 
 
 class Away:

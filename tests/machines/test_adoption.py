@@ -206,7 +206,7 @@ def test_nor_do_lines_that_are_cut(calm: str, house: House, moment: int, seconds
     cut_for(house, seconds, *lines)
     assert house.end() == calm
     counts = house.store.campaigns.get(house.campaign).counts
-    assert (counts.completed, counts.failed) == (EPISODES, 0)
+    assert (counts.completed, counts.errored) == (EPISODES, 0)
     assert counts.duplicates <= CountingEngine.runs.total() - EPISODES
     assert lines == (b"a",) or max(CountingEngine.runs.values()) == 1
 
@@ -255,7 +255,7 @@ def test_an_episode_that_takes_three_workers_with_it_is_given_up_whoever_counts(
     house.workers = others
     house.end()
     counts = house.store.campaigns.get(house.campaign).counts
-    assert (counts.completed, counts.failed) == (EPISODES - 1, 1)
+    assert (counts.completed, counts.errored) == (EPISODES - 1, 1)
     fault = house.store.episodes.get(house.campaign, 0).fault
     assert fault is not None
     assert fault.kind == "infrastructure"

@@ -111,7 +111,7 @@ def test_who_says_hello_again_has_not_died_of_its_episode(room: Room) -> None:
     for _ in range(MAX_DEATHS + 1):
         said = room.say(Heartbeat(room.campaign, 0), hello())
         assert 0 in room.leased(said)
-    assert room.store.campaigns.get(room.campaign).counts.failed == 0
+    assert room.store.campaigns.get(room.campaign).counts.errored == 0
     assert room.store.episodes.add_death(room.campaign, 0) == 1
 
 

@@ -111,7 +111,7 @@ class Worker(RuleBasedStateMachine):
         for brought in said.results:
             key = (said.campaign, brought.index)
             assert key in self.leased
-            if brought.outcome is not Outcome.FAILED:
+            if brought.outcome is not Outcome.ERRORED:
                 expected = ENGINE.result(task(brought.index))
                 assert (brought.digest(), brought.seed) == (expected.digest(), expected.seed)
             self.brought.add(key)

@@ -21,7 +21,7 @@ OTHERS = f"""
 import logging, structlog
 from eigenfail import logs
 logs.configure("controller")
-structlog.get_logger().info("episode failed", campaign=3, episode=14, worker="w")
+structlog.get_logger().info("episode errored", campaign=3, episode=14, worker="w")
 try:
     raise ValueError("a key: {KEY}")
 except ValueError:
@@ -55,7 +55,7 @@ def test_as_json_every_line_says_what_it_is_about(monkeypatch):
     assert ours == {
         "process": "controller",
         "level": "info",
-        "event": "episode failed",
+        "event": "episode errored",
         "campaign": 3,
         "episode": 14,
         "worker": "w",
@@ -69,7 +69,7 @@ def test_as_json_every_line_says_what_it_is_about(monkeypatch):
 def test_as_text_others_are_heard_too(monkeypatch):
     monkeypatch.delenv("EIGENFAIL_LOG_FORMAT", raising=False)
     said = run(OTHERS).stderr
-    assert "episode failed" in said
+    assert "episode errored" in said
     assert "ERROR: trouble with" in said
 
 

@@ -210,8 +210,8 @@ def test_the_newest_policies_are_kept(make_engine: MakeEngine) -> None:
         engine.learn(policy(version))
     todo = [EpisodeTask(i, 1, PolicySource(v)) for i, v in enumerate((0, 1, MAX_POLICIES))]
     outcomes = [result.outcome for result in engine.run(todo)]
-    assert outcomes[0] is Outcome.FAILED
-    assert Outcome.FAILED not in outcomes[1:]
+    assert outcomes[0] is Outcome.ERRORED
+    assert Outcome.ERRORED not in outcomes[1:]
 
 
 @pytest.mark.parametrize(

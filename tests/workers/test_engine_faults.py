@@ -75,7 +75,7 @@ def test_a_planners_fault_costs_one_episode(
     results = run(make_engine(faulty(wrong), simulator=simulator), tasks(5))
     failed = results[1::2]
     assert digests(results[::2]) == digests(expected[::2])
-    assert {(r.outcome, r.fault.kind, r.steps) for r in failed} == {(Outcome.FAILED, kind, 5)}
+    assert {(r.outcome, r.fault.kind, r.steps) for r in failed} == {(Outcome.ERRORED, kind, 5)}
     for result, sound in zip(failed, expected[1::2], strict=True):
         assert (result.measures, result.scene, result.states) == (None, None, None)
         assert np.array_equal(result.noise.z, sound.noise.z[:5])
@@ -113,7 +113,7 @@ def test_wrong_input_costs_one_episode(name: str, make_engine: MakeEngine) -> No
     before, after = tasks(2)
     engine = make_engine()
     results = run(engine, [before, EpisodeTask(9, 9, INPUTS[name]), after])
-    assert [result.outcome for result in results][1] is Outcome.FAILED
+    assert [result.outcome for result in results][1] is Outcome.ERRORED
     assert results[1].fault.kind == "input"
     assert digests([results[0], results[2]]) == digests(run(make_engine(), [before, after]))
 
@@ -191,7 +191,7 @@ def test_a_simulators_fault_costs_one_episode(
     engine = make_engine(simulator="trouble")
     results = run(engine, tasks(4))
     expected = run(make_engine(), tasks(4))
-    assert [result.outcome is Outcome.FAILED for result in results] == [False, True, False, True]
+    assert [result.outcome is Outcome.ERRORED for result in results] == [False, True, False, True]
     assert digests(results[::2]) == digests(expected[::2])
     assert results[1].fault.kind == "simulator"
     assert told in results[1].fault.message
@@ -225,7 +225,7 @@ class Growing:
 def test_a_scene_that_cannot_be_kept_is_the_simulators_fault(make_engine, plug_in) -> None:
     plug_in(plugins.SIMULATORS, "growing", Growing)
     (result,) = run(make_engine(simulator="growing"), tasks(1))
-    assert (result.outcome, result.fault.kind) == (Outcome.FAILED, "simulator")
+    assert (result.outcome, result.fault.kind) == (Outcome.ERRORED, "simulator")
 
 
 class Patching(Trouble):

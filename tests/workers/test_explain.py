@@ -143,7 +143,7 @@ def test_an_episode_that_breaks_off_is_explained_up_to_there(plugged):
             return {"mode": "awake"}
 
     explained = explain(plugged(Tires), EpisodeTask(0, 0, PriorSource()))
-    assert explained.result.outcome is Outcome.FAILED
+    assert explained.result.outcome is Outcome.ERRORED
     assert len(explained.steps) == 30
     assert {(step.account["mode"], step.gap_m) for step in explained.steps} == {("awake", None)}
 

@@ -86,7 +86,7 @@ def test_a_scenario_that_starts_in_a_collision_is_refused_as_the_inputs_fault(
 
     plug_in(plugins.SCENARIOS, "overlapping", Overlapping)
     result = episode(make_engine(simulator=simulator, scenario="overlapping"))
-    assert (result.outcome, result.steps, result.measures) == (Outcome.FAILED, 0, None)
+    assert (result.outcome, result.steps, result.measures) == (Outcome.ERRORED, 0, None)
     assert result.fault.kind == "input"
     assert "starts in a collision" in result.fault.message
     assert assess(result.outcome, result.measures).conflict is None

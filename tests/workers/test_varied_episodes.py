@@ -124,7 +124,7 @@ def test_methods_work_over_a_distribution(name):
     learner = method(context, read_settings(method.Settings, spec.settings, "settings"))
     results = list(run_in_process(Rounds(learner, 1, 30), Engine(spec.setup())))
     assert [result.index for result in results] == list(range(30))
-    assert Outcome.FAILED not in {result.outcome for result in results}
+    assert Outcome.ERRORED not in {result.outcome for result in results}
 
 
 class Uneven:
@@ -149,5 +149,5 @@ def test_an_episode_longer_than_any_at_the_ends_fails_and_says_why(small_cut_in,
         scenario_parameters={"middle": {"uniform": [-1.0, 1.0]}},
     )
     (result,) = run(TASKS[:1], spec)
-    assert (result.outcome, result.fault.kind) == (Outcome.FAILED, "input")
+    assert (result.outcome, result.fault.kind) == (Outcome.ERRORED, "input")
     assert "longer than any at the ends of the distributions: 60." in result.fault.message

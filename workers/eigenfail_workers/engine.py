@@ -21,7 +21,7 @@ from eigenfail.process_state import ProcessState
 from eigenfail.settings import read_settings
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.values.variation import read_variation
-from eigenfail_workers.episode import make_failed_result, make_result, run_episode
+from eigenfail_workers.episode import make_errored_result, make_result, run_episode
 from eigenfail_workers.limits import make_fault, make_state_change_error, wrap_errors
 from eigenfail_workers.measures.recorder import Recorder
 from eigenfail_workers.noise import sources
@@ -76,9 +76,9 @@ class Engine:
             result = self._run_to_end(task, recorder)
         except (EpisodeError, InputError) as error:
             self._discard()
-            result = make_failed_result(task, recorder, make_fault(error))
+            result = make_errored_result(task, recorder, make_fault(error))
         if changes := self._process_state.changes():
-            result = make_failed_result(
+            result = make_errored_result(
                 task, recorder, make_fault(self._make_state_change_error(changes, result))
             )
         return structs.replace(result, wall_s=perf_counter() - began)

@@ -100,6 +100,6 @@ def make_result(
     )
 
 
-def make_failed_result(task: EpisodeTask, recorder: Recorder, why: EpisodeFault) -> EpisodeResult:
+def make_errored_result(task: EpisodeTask, recorder: Recorder, why: EpisodeFault) -> EpisodeResult:
     """Return the result of an episode that could not be completed."""
     return replace(unrunnable(task, why), steps=recorder.steps, noise=recorder.noise())

@@ -108,7 +108,7 @@ class FunctionEngine:
             changed = make_state_change_error(SimulatorError, culprit, changes, result)
             result = replace(
                 result,
-                outcome=Outcome.FAILED,
+                outcome=Outcome.ERRORED,
                 measures=None,
                 states=None,
                 fault=make_fault(changed),
@@ -137,7 +137,7 @@ class FunctionEngine:
             noise = drawn.noise.metres.copy()  # the function may change it
             robustness = _compute_robustness(self._function, noise, self._limit_s)
         except SimulatorError as error:
-            return replace(drawn, outcome=Outcome.FAILED, states=None, fault=make_fault(error))
+            return replace(drawn, outcome=Outcome.ERRORED, states=None, fault=make_fault(error))
         outcome = Outcome.SAFE if robustness > 0.0 else Outcome.COLLISION
         return replace(drawn, outcome=outcome, measures=Measures(max(0.0, robustness)))
 

@@ -251,7 +251,7 @@ def sample_episodes(store: Store, campaign: Campaign) -> list[EpisodeRow]:
 
 def count_ended(campaign: Campaign) -> int:
     """How many episodes have a result."""
-    return campaign.counts.completed + campaign.counts.failed
+    return campaign.counts.completed + campaign.counts.errored
 
 
 def iterate_rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:

@@ -121,7 +121,7 @@ def make_scenario_line(scenario: ProvenScenario) -> ScenarioLine:
 def make_scenario_badge(scenario: ProvenScenario) -> Badge:
     """Return the badge of the campaign that replays: errored if every replay of it errored."""
     ended = [replay.outcome for replay in scenario.replays if replay.outcome is not None]
-    is_errored = bool(ended) and all(outcome is Outcome.FAILED for outcome in ended)
+    is_errored = bool(ended) and all(outcome is Outcome.ERRORED for outcome in ended)
     is_done = scenario.state is CampaignState.DONE
     return ERRORED_BADGE if is_done and is_errored else CAMPAIGN_BADGES[scenario.state]
 

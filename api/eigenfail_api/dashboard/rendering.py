@@ -284,7 +284,7 @@ ANALYSIS_BADGES = {
 OUTCOME_BADGES = {
     Outcome.COLLISION: Badge("collision", "◆", "bad"),
     Outcome.SAFE: Badge("safe", "○", "good"),
-    Outcome.FAILED: Badge(ERRORED, "!", "waiting"),
+    Outcome.ERRORED: Badge(ERRORED, "!", "waiting"),
 }
 
 
@@ -355,7 +355,7 @@ def make_standing(campaign: Campaign, summary: Summary) -> StandingView:
         badge=make_campaign_badge(campaign.state, campaign.counts),
         is_open=campaign.state not in FINAL_STATES,
         because=campaign.stopped_because,
-        ended=counts.completed + counts.failed,
+        ended=counts.completed + counts.errored,
         planned=counts.planned,
         wanted=counts.planned - counts.cancelled,
         remaining=describe_remaining(campaign, summary),

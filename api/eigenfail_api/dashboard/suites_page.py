@@ -183,7 +183,7 @@ def make_member_line(table: SuiteTable, row: SuiteRow) -> MemberLine:
         campaign=row.campaign,
         badge=make_campaign_badge(row.state, summary.counts),
         because=row.stopped_because,
-        ended=counts.completed + counts.failed,
+        ended=counts.completed + counts.errored,
         planned=counts.planned,
         wanted=counts.planned - counts.cancelled,
         remaining=left,

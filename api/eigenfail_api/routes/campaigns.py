@@ -279,7 +279,7 @@ def get_digest(store: Stored, campaign: CampaignId) -> Json:
     """Get the SHA-256 of a campaign's results: equal for equal campaigns."""
     seen = store.campaigns.get(campaign)
     digest = seen.digest or store.episodes.digest(campaign)
-    episodes = seen.counts.completed + seen.counts.failed
+    episodes = seen.counts.completed + seen.counts.errored
     return Json(Digest(campaign, digest, episodes, final=seen.digest is not None))
 
 

@@ -137,7 +137,7 @@ class CampaignCollector(Collector):
         for campaign in _iterate_campaigns(self._store):
             counts, method = campaign.counts, campaign.spec.method
             states[campaign.state] += 1
-            ends.update(completed=counts.completed, failed=counts.failed)
+            ends.update(completed=counts.completed, failed=counts.errored)
             failures[method] += counts.failures
             bill = find_cost(campaign)
             hours[method] += bill.instance_hours

@@ -364,9 +364,9 @@ class Runner:
         """Return a campaign with the outcomes of its episodes."""
         counts = campaign.counts
         outcomes = RunOutcomes(
-            episodes=counts.completed + counts.failed,
+            episodes=counts.completed + counts.errored,
             collisions=self._of_outcome(campaign, Outcome.COLLISION),
-            failed=self._of_outcome(campaign, Outcome.FAILED),
+            errored=self._of_outcome(campaign, Outcome.ERRORED),
         )
         return RerunSide(campaign, outcomes)
 

@@ -185,7 +185,7 @@ class _MissingWorkerNotice:
 
     def __call__(self, seen: Campaign) -> None:
         """Look, if nothing came for a while."""
-        now_s, done = time.monotonic(), seen.counts.completed + seen.counts.failed
+        now_s, done = time.monotonic(), seen.counts.completed + seen.counts.errored
         if done == self._done and now_s < self._next_s:
             return
         if done == self._done:
@@ -261,7 +261,7 @@ def _pause(client: Client, campaign: int) -> Campaign:
 def _describe_pause(campaign: Campaign, again: str) -> str:
     """How far the campaign came, and how to go on."""
     counts = campaign.counts
-    done = f"{counts.completed + counts.failed} of {counts.planned} episodes"
+    done = f"{counts.completed + counts.errored} of {counts.planned} episodes"
     came = f"Campaign {campaign.id} is {campaign.state} after {done}."
     if campaign.state in FINAL_STATES:
         return came
@@ -327,14 +327,14 @@ def _suite_reporter(name: str) -> Iterator[Report]:
 def _summarize_suite(name: str, seen: Snapshots) -> Standing:
     """How far they are together."""
     counts = _sum_counts(seen)
-    done, total = counts.completed + counts.failed, counts.planned - counts.cancelled
+    done, total = counts.completed + counts.errored, counts.planned - counts.cancelled
     return Standing(_describe_suite_state(name, seen), done, total, counts.failures, counts.errored)
 
 
 def describe_suite(name: str, seen: Snapshots) -> str:
     """How far they came."""
     counts = _sum_counts(seen)
-    done = counts.completed + counts.failed
+    done = counts.completed + counts.errored
     episodes = format_count_of(counts.planned - counts.cancelled, "episode")
     failures = format_count_of(counts.failures, "failure")
     errored = f", {counts.errored} errored" if counts.errored else ""

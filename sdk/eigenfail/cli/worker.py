@@ -75,7 +75,7 @@ class WorkerActivity(msgspec.Struct, frozen=True, kw_only=True):
     campaigns: tuple[int, ...]
     episodes: int
     failures: int
-    failed: int
+    errored: int = msgspec.field(name="failed")
     since_ms: int | None
     last_ms: int | None
 
@@ -140,7 +140,7 @@ def summarize_activity(
         campaigns=tuple(sorted(share.campaign for share in shares)),
         episodes=sum(share.episodes for share in shares),
         failures=sum(share.failures for share in shares),
-        failed=sum(share.failed for share in shares),
+        errored=sum(share.errored for share in shares),
         since_ms=here.arrived_ms if here else None,
         last_ms=max((share.last_ms for share in shares), default=None),
     )
@@ -151,7 +151,7 @@ def _draw_activity(workers: Sequence[WorkerActivity], within_s: int) -> Renderab
     grid = start_grid("worker", "host", PACKAGE, "state", *COUNTS, "last result", right=COUNTS)
     for each in workers:
         cells = (each.worker, each.host or UNKNOWN, each.version or UNKNOWN, each.state)
-        counts = (len(each.campaigns), each.episodes, each.failures, each.failed)
+        counts = (len(each.campaigns), each.episodes, each.failures, each.errored)
         last = UNKNOWN if each.last_ms is None else format_local_time(each.last_ms)
         grid.add_row(*map(escape, cells), *map(str, counts), last)
     return grid if workers else Group(Text(NO_WORKER.format(within_s)))

@@ -155,7 +155,7 @@ def make_known_findings(
 
 def read_outcomes(rows: Mapping[int, EpisodeRow]) -> dict[int, Outcome]:
     """Return the outcomes of completed episodes, by index."""
-    return {index: row.outcome for index, row in rows.items() if row.outcome is not Outcome.FAILED}
+    return {index: row.outcome for index, row in rows.items() if row.outcome is not Outcome.ERRORED}
 
 
 def make_mode_replays(

@@ -60,7 +60,7 @@ class RerunFigures(msgspec.Struct, frozen=True, kw_only=True):
     campaign: int
     completed: int
     failures: int
-    failed: int
+    errored: int = msgspec.field(name="failed")
 
 
 class Rerun(msgspec.Struct, frozen=True, kw_only=True):
@@ -213,7 +213,7 @@ def _list_pair_findings(
     verdicts: Mapping[int, GateVerdict], before: int, now: RerunSide, pages: str
 ) -> Iterator[GateFinding]:
     """Some episodes of each verdict, the worst verdict first; fixed ones have no failure to see."""
-    rows = now.outcomes.collisions | now.outcomes.failed
+    rows = now.outcomes.collisions | now.outcomes.errored
     for worst in WORST_FIRST:
         alike = [index for index, each in verdicts.items() if each is worst and index in rows]
         for index in alike[:_MOST_FINDINGS]:
@@ -244,7 +244,7 @@ def _list_failure_findings(now: RerunSide, pages: str) -> Iterator[GateFinding]:
     failures = sorted(
         now.outcomes.collisions.values(), key=lambda row: row.log_probability, reverse=True
     )
-    for row in [*now.outcomes.failed.values()][:_MOST_FINDINGS]:
+    for row in [*now.outcomes.errored.values()][:_MOST_FINDINGS]:
         yield make_finding(GateVerdict.CANNOT_RUN, f"episode {row.index}", "", row, pages)
     for row in failures[:_MOST_FINDINGS]:
         yield make_finding(GateVerdict.UNPROVEN, f"episode {row.index}", "", row, pages)
@@ -264,5 +264,5 @@ def read_figures(campaign: Campaign) -> RerunFigures:
         campaign=campaign.id,
         completed=counts.completed,
         failures=counts.failures,
-        failed=counts.failed,
+        errored=counts.errored,
     )

@@ -64,18 +64,18 @@ class RunOutcomes(msgspec.Struct, frozen=True):
     Attributes:
         episodes: number of episodes with a result; their indices begin with 0.
         collisions: collisions by the index of the episode.
-        failed: errored episodes by index.
+        errored: episodes that errored, by index.
     """
 
     episodes: int
     collisions: dict[int, EpisodeRow]
-    failed: dict[int, EpisodeRow]
+    errored: dict[int, EpisodeRow]
 
     def of(self, index: int) -> Outcome | None:
         """Return the outcome of an episode; None if it was not run or errored."""
         if index in self.collisions:
             return Outcome.COLLISION
-        known = index < self.episodes and index not in self.failed
+        known = index < self.episodes and index not in self.errored
         return Outcome.SAFE if known else None
 
 
@@ -89,7 +89,7 @@ def judge_pairs(before: RunOutcomes, now: RunOutcomes) -> dict[int, GateVerdict]
         now: outcomes of the new planner, under the same noise at every index.
     """
     tried = {index for index in before.collisions if index < now.episodes}
-    broken = {index for index in now.failed if before.of(index) is not None}
+    broken = {index for index in now.errored if before.of(index) is not None}
     indices = sorted(tried | broken | now.collisions.keys())
     found = {index: judge_outcome(before.of(index), now.of(index)) for index in indices}
     return {index: each for index, each in found.items() if each is not GateVerdict.SAFE}
@@ -114,7 +114,7 @@ def judge_rate(before: Campaign, now: Campaign, comparison: Comparison) -> GateV
 
 def has_new_errors(before: Counts, now: Counts) -> bool:
     """Whether episodes error that the baseline completed, as far as counts can show."""
-    return now.all_errored or (bool(now.failed) and not before.failed)
+    return now.all_errored or (bool(now.errored) and not before.errored)
 
 
 def judge_rate_by_chance(comparison: Comparison, counts: Mapping[GateVerdict, int]) -> GateVerdict:

@@ -136,7 +136,7 @@ def tabulate_campaigns(campaigns: Iterable[Campaign]) -> Table:
 
 def _format_progress(campaign: Campaign) -> str:
     counts = campaign.counts
-    return f"{format_count(counts.completed + counts.failed)}/{format_count(counts.planned)}"
+    return f"{format_count(counts.completed + counts.errored)}/{format_count(counts.planned)}"
 
 
 def list_campaign_facts(campaign: Campaign) -> FactTable:
@@ -502,7 +502,7 @@ def tabulate_workers(
     rows = tuple(
         (
             *(share.worker, share.episodes, share.episodes / total if total else None),
-            *(share.failures, share.failed, share.wall_s / share.episodes),
+            *(share.failures, share.errored, share.wall_s / share.episodes),
             format_time(share.last_ms),
         )
         for share in shares[:most]

@@ -83,7 +83,7 @@ def collision(index: int, steps: int = 3, **changes: Any) -> EpisodeResult:
 def make_errored_result(index: int, message: str = "It raised.", **changes: Any) -> EpisodeResult:
     """Return the result of an errored episode."""
     fields: dict[str, Any] = {"measures": None, "fault": EpisodeFault("planner", message)}
-    return result(index, Outcome.FAILED, 0, **fields | changes)
+    return result(index, Outcome.ERRORED, 0, **fields | changes)
 
 
 def analysis_result(failures: int = 4) -> AnalysisResult:

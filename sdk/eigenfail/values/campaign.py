@@ -28,8 +28,9 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     Attributes:
         failures: number of collisions. The rate of a campaign that stops at its first
             failures is too high on average, the more so the smaller its rounds are.
-        half_width: half the width of the failure rate's 95 % Wilson interval fell to this, where
-            episodes are drawn from one distribution.
+        half_width: half the width of Wilson's 95 % interval of failures ÷ completed episodes fell
+            to this. It is judged for every method, also for a search, whose share is no
+            probability. The interval that is shown may be another: one-sided after no failure.
         cv: the coefficient of variation of the failure probability, or of its lower bound, fell to
             this, for methods that estimate one.
         wall_s: maximum running time, without pauses.
@@ -41,6 +42,11 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     cv: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
     wall_s: Annotated[float, Meta(gt=0.0, le=MAX_WALL_S)] | None = None
     cost_usd: Annotated[float, Meta(gt=0.0, le=MAX_USD)] | None = None
+
+    @property
+    def ends_at_failures(self) -> bool:
+        """Whether a number of failures may end the campaign."""
+        return self.failures is not None
 
     def given(self) -> dict[str, float]:
         """The rules that there are, by name."""
@@ -258,10 +264,11 @@ FINAL_STATES = frozenset({CampaignState.CANCELLED, CampaignState.DONE, CampaignS
 
 
 class Counts(msgspec.Struct, frozen=True):
-    """planned = completed + failed + cancelled + open, at every commit.
+    """planned = completed + errored + cancelled + open, at every commit.
 
-    `failures` counts the collisions among the completed episodes; `failed` counts the episodes
-    that errored, which no rate counts; `cancelled` counts those that were left unrun when the
+    `failures` counts the collisions among the completed episodes; `errored` counts the episodes
+    that could not be completed, which no rate counts ("failed" where it is stored or sent);
+    `cancelled` counts those that were left unrun when the
     campaign ended, by whatever cause: a user, a stop rule, or a method with no more to propose;
     `duplicates` counts results that came a second time.
     """
@@ -269,24 +276,19 @@ class Counts(msgspec.Struct, frozen=True):
     planned: int
     completed: int = 0
     failures: int = 0
-    failed: int = 0
+    errored: int = msgspec.field(name="failed", default=0)
     cancelled: int = 0
     duplicates: int = 0
 
     @property
-    def errored(self) -> int:
-        """Number of episodes that could not be completed; the field is called `failed`."""
-        return self.failed
-
-    @property
     def all_errored(self) -> bool:
         """Whether every episode that ended has errored, so that nothing was found out."""
-        return self.failed > 0 and not self.completed
+        return self.errored > 0 and not self.completed
 
     @property
     def open(self) -> int:
         """Episodes still to come."""
-        return self.planned - self.completed - self.failed - self.cancelled
+        return self.planned - self.completed - self.errored - self.cancelled
 
 
 def state_word(state: CampaignState, counts: Counts) -> str:
@@ -433,10 +435,11 @@ class Rate(msgspec.Struct, frozen=True):
     """k of n, with its interval.
 
     Attributes:
-        interval: 95 % interval, as if the n were a random sample: Wilson's, or Clopper and
-            Pearson's where a stop rule ended the campaign at its failures.
-        sampled: whether they are one. The episodes of a search are not: it chose them, so that
-            their share estimates no probability, and has no interval.
+        interval: 95 % interval, as if the n were a random sample: Clopper and Pearson's where the
+            campaign has the stop rule `failures`, else Wilson's; one-sided for 0 and for n of n. It
+            is meant for comparisons within the service: what is shown is `bounds`.
+        sampled: whether the n were drawn from p(x). The episodes of a search were not: it chose
+            them, so that their share estimates no probability, and has no interval.
     """
 
     value: float

@@ -166,7 +166,7 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
         newest: the id of the newest one.
         completed: episodes.
         failures: collisions among them.
-        until_failures: whether one of the campaigns has the stop rule `failures`.
+        ends_at_failures: whether one of the campaigns has the stop rule `failures`.
         instance_hours: instance-hours of all campaigns. [h]
         total_usd: total cost of all campaigns. [USD]
     """
@@ -177,7 +177,7 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
     newest: int
     completed: int
     failures: int
-    until_failures: bool
+    ends_at_failures: bool
     instance_hours: float
     total_usd: float
 
@@ -222,11 +222,11 @@ class Trials(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         seeds: seeds from which each drew its parameters, shape (n,).
-        failed: whether each of them collided, shape (n,).
+        collided: whether each of them did, shape (n,).
     """
 
     seeds: NDArray[np.int64]
-    failed: NDArray[np.bool_]
+    collided: NDArray[np.bool_]
 
 
 class Bound(msgspec.Struct, frozen=True, kw_only=True):

@@ -76,23 +76,23 @@ ERRORED = "errored"
 class Outcome(StrEnum):
     """How an episode ended.
 
-    `failed` is the stored word for an episode that errored: it could not be completed, which says
-    nothing about the ego. People read `word` instead; "errored" is accepted wherever an outcome is.
+    An episode that errored could not be completed, which says nothing about the ego. "failed" is
+    only its stored and sent spelling: people read `word`, and "errored" is accepted wherever an
+    outcome is.
     """
 
     COLLISION = "collision"
     SAFE = "safe"
-    FAILED = "failed"
     ERRORED = "failed"
 
     @classmethod
     def _missing_(cls, value: object) -> "Outcome | None":
-        return cls.FAILED if value == ERRORED else None
+        return cls.ERRORED if value == ERRORED else None
 
     @property
     def word(self) -> str:
         """The outcome as people read it: collision, safe or errored."""
-        return ERRORED if self is Outcome.FAILED else self.value
+        return ERRORED if self is Outcome.ERRORED else self.value
 
 
 class EpisodeFault(msgspec.Struct, frozen=True):
@@ -166,7 +166,7 @@ def unrunnable(task: EpisodeTask, fault: EpisodeFault) -> EpisodeResult:
     return EpisodeResult(
         index=task.index,
         seed=task.seed,
-        outcome=Outcome.FAILED,
+        outcome=Outcome.ERRORED,
         steps=0,
         noise=NoiseTrajectory(nothing, nothing),
         source=task.source_kind,

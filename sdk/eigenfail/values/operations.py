@@ -95,7 +95,7 @@ class WorkerShare(msgspec.Struct, frozen=True, kw_only=True):
         worker: its name, as registered with the hub.
         episodes: results of it that were stored.
         failures: collisions among them.
-        failed: episodes among them that errored.
+        errored: episodes among them that errored.
         wall_s: time that it spent in them. [s]
         last_ms: when the last of them was stored; milliseconds since 1970.
     """
@@ -104,7 +104,7 @@ class WorkerShare(msgspec.Struct, frozen=True, kw_only=True):
     campaign: int
     episodes: int
     failures: int
-    failed: int
+    errored: int = msgspec.field(name="failed")
     wall_s: float
     last_ms: int
 

@@ -169,7 +169,7 @@ class ExplainedEpisode(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         result: what came of it, as of any episode.
-        steps: steps in which the planner decided; without the true state if the episode failed.
+        steps: steps in which the planner decided; without the true state if the episode errored.
     """
 
     result: EpisodeResult

@@ -99,7 +99,7 @@ def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
     its maximum: DRAC = v² / (2 · gap) tends to infinity at contact, so that every collision would
     be called unavoidable.
     """
-    if measures is None or outcome is Outcome.FAILED:
+    if measures is None or outcome is Outcome.ERRORED:
         return Assessment(unresolved=False)
     if outcome is Outcome.SAFE:
         near = measures.min_ttc_s is not None and measures.min_ttc_s < NEAR_MISS_TTC_S

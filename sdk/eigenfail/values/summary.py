@@ -119,7 +119,7 @@ class Summary(Shown, msgspec.Struct, frozen=True):
         errored: episodes that could not be completed, with their most frequent reason.
         reach: reach of a campaign that ended without a failure: which disturbances its method
             cannot choose, and what to do; empty where the method can choose any.
-        rate_note: what the failure rate of a campaign that stopped at its failures tells; empty for
+        rate_note: what the stop rule `failures` does to the failure rate under p(x); empty for
             other campaigns.
     """
 
@@ -249,13 +249,13 @@ class SpendingTotals(msgspec.Struct, frozen=True):
 
     Attributes:
         completed_worker_s: sum of `wall_s` over the completed episodes.
-        failed_worker_s: over those that errored.
+        errored_worker_s: over those that errored.
         landings: every k-th completed episode by the time that it was stored, then by index, and
             the last one.
     """
 
     completed_worker_s: float = 0.0
-    failed_worker_s: float = 0.0
+    errored_worker_s: float = 0.0
     landings: tuple[Landing, ...] = ()
 
 

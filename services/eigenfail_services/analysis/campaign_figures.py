@@ -1,6 +1,6 @@
 """Figures of a campaign over its episodes: learning curve, cost of failures, safety measures."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from math import ceil
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from eigenfail.methods import traits_of
 from eigenfail.values import (
     BlockTotals,
     Campaign,
+    CampaignSpec,
     Conflicts,
     Cost,
     CostPoint,
@@ -39,13 +40,9 @@ from eigenfail_services.statistics.comparison import rank_correlation
 from eigenfail_services.statistics.intervals import rate, stopped_rate
 from eigenfail_services.statistics.tail_risk import tail_risk
 
-PER = 100
-
-
-INTERVALS = 10
-
-
-BLOCKS_SHOWN = 50
+BLOCK_LENGTH = 100
+FEWEST_BLOCKS = 10
+MOST_BLOCKS_SHOWN = 50
 
 
 def make_course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> Course:
@@ -61,66 +58,67 @@ def make_course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> 
         method=campaign.spec.method,
         heading=title_course(campaign.spec.method),
         per=per,
-        blocks=tuple(
-            make_block(each, per, campaign.counts.planned, campaign.spec.method) for each in totals
-        ),
+        blocks=tuple(_make_block(each, per, campaign) for each in totals),
     )
 
 
-def make_block(totals: BlockTotals, per: int, planned: int, method: str) -> CourseBlock:
+def _make_block(totals: BlockTotals, per: int, campaign: Campaign) -> CourseBlock:
     """Return a block; the last of a campaign may be shorter."""
     steps = totals.steps
     return CourseBlock(
         first=totals.first,
-        last=min(totals.first + per, planned) - 1,
-        failure_rate=rate_episodes([method], totals.failures, totals.completed),
+        last=min(totals.first + per, campaign.counts.planned) - 1,
+        failure_rate=SamplingDesign.of([campaign.spec]).make_rate(
+            totals.failures, totals.completed
+        ),
         log_probability_per_step=totals.log_probability / steps if steps else None,
         smallest_robustness_m=totals.smallest_robustness_m,
         median_robustness_m=totals.median_robustness_m,
     )
 
 
-def rate_episodes(methods: Iterable[str], k: int, n: int) -> Rate:
-    """Return k of n episodes, as a random sample only if all methods draw noise from p(x).
+class SamplingDesign(NamedTuple):
+    """How the episodes of campaigns came about, which decides what their rates may state.
 
-    Raises:
-        InvalidValue: no episode, or not 0 <= k <= n.
+    Attributes:
+        methods: of the campaigns. Only where all of them draw noise from p(x) are the episodes a
+            random sample.
+        ends_at_failures: whether the stop rule `failures` may have ended one of them: Wilson's
+            interval does not hold there.
     """
-    return replace(rate(k, n), sampled=_are_sampled(methods))
 
+    methods: tuple[str, ...]
+    ends_at_failures: bool = False
 
-def rate_failures(methods: Iterable[str], until_failures: bool, k: int, n: int) -> Rate:
-    """Return k of n episodes of whole campaigns, which a stop rule may have ended.
+    @classmethod
+    def of(cls, specs: Sequence[CampaignSpec]) -> "SamplingDesign":
+        """Return the design of campaigns whose episodes are counted together."""
+        ends = any(spec.stop.ends_at_failures for spec in specs)
+        return cls(tuple(spec.method for spec in specs), ends)
 
-    Args:
-        methods: methods of the campaigns.
-        until_failures: whether one of them has the stop rule `failures`.
-        k: number of failures.
-        n: number of completed episodes.
+    def make_rate(self, k: int, n: int) -> Rate:
+        """Return k of n episodes, with the interval that holds.
 
-    Raises:
-        InvalidValue: no episode, or not 0 <= k <= n.
-    """
-    found = stopped_rate(k, n) if until_failures else rate(k, n)
-    return replace(found, sampled=_are_sampled(methods))
-
-
-def _are_sampled(methods: Iterable[str]) -> bool:
-    return all(traits_of(method).draws_from_prior for method in methods)
+        Raises:
+            InvalidValue: no episode, or not 0 <= k <= n.
+        """
+        found = stopped_rate(k, n) if self.ends_at_failures else rate(k, n)
+        sampled = all(traits_of(method).draws_from_prior for method in self.methods)
+        return replace(found, sampled=sampled)
 
 
 def choose_block_length(counts: Counts, wanted: int | None = None) -> int:
-    """Return the number of indices of a block, from the budget, so that blocks do not change.
+    """Return the number of indices of a block: 100, at most a tenth and at least a fiftieth of all.
 
-    By default 100; so many more that there are at most 50 blocks, or so many fewer that
-    there are ten. What a campaign left unrun when it ended does not count.
+    It depends on the budget, not on how many episodes have ended: blocks change only if a campaign
+    ends early, since what it left unrun does not count.
 
     Raises:
-        InvalidValue: so short blocks would be too many.
+        InvalidValue: the length that was asked for makes too many blocks.
     """
     reach = max(counts.planned - counts.cancelled, 1)
     if wanted is None:
-        return max(min(PER, ceil(reach / INTERVALS)), ceil(reach / BLOCKS_SHOWN))
+        return max(min(BLOCK_LENGTH, ceil(reach / FEWEST_BLOCKS)), ceil(reach / MOST_BLOCKS_SHOWN))
     least = ceil(counts.planned / MOST_BLOCKS)
     if wanted < least:
         problem = f"{wanted} episodes a block could make more than {MOST_BLOCKS} blocks."
@@ -136,32 +134,27 @@ def title_course(method: str) -> str:
 SECONDS_PER_HOUR = 3600.0
 
 
-def price_campaign(
-    active_s: float, instances: int, price_usd_per_hour: float, failures: Rate | None
-) -> Cost:
-    """Return price per instance-hour × instance-hours ÷ failures, with the rate's interval.
+def price_failures(total_usd: float, instance_hours: float, failures: Rate | None) -> Cost:
+    """Return what failures cost: the total ÷ their number, with the rate's interval.
 
     The bounds are total ÷ (completed × bound of the rate), so that a campaign without a failure
     has a lower bound instead of an infinite cost. A rate without an interval leads to none here.
 
     Args:
-        active_s: time during which the instances were occupied. [s]
-        instances: how many were occupied.
-        price_usd_per_hour: price of one instance.
+        total_usd: price of all instance-hours.
+        instance_hours: time during which instances were occupied, summed over them. [h]
         failures: collisions among the completed episodes; None before the first one.
     """
-    hours = active_s * instances / SECONDS_PER_HOUR
-    total_usd = price_usd_per_hour * hours
     if failures is None:
-        return Cost(total_usd, hours, None, None, None)
+        return Cost(total_usd, instance_hours, None, None, None)
     per_failure_usd = total_usd / failures.k if failures.k else None
     if failures.bounds is None:
-        return Cost(total_usd, hours, per_failure_usd, None, None)
+        return Cost(total_usd, instance_hours, per_failure_usd, None, None)
     at_least_usd = total_usd / (failures.n * failures.bounds.high)
     if per_failure_usd is None:
-        return Cost(total_usd, hours, None, None, at_least_usd)
+        return Cost(total_usd, instance_hours, None, None, at_least_usd)
     interval_usd = Interval(at_least_usd, total_usd / (failures.n * failures.bounds.low))
-    return Cost(total_usd, hours, per_failure_usd, interval_usd, at_least_usd)
+    return Cost(total_usd, instance_hours, per_failure_usd, interval_usd, at_least_usd)
 
 
 NOT_MEASURED = "It was run by an older release that did not record the time breakdown."
@@ -177,7 +170,7 @@ PAUSED = "It was paused or moved: the longest gaps between results were cut to t
 
 
 SLACK_S = 2.5
-"""A bill is late by as much: a supervisor sends one every two seconds."""
+"""A bill is late by as much: a supervisor sends one every two seconds (its `RENEW_S`)."""
 
 
 class KnownModes(NamedTuple):
@@ -194,10 +187,14 @@ class KnownModes(NamedTuple):
     words: str
 
 
-def estimate_usd(campaign: Campaign, active_s: float) -> float:
-    """Price per instance-hour × instance-hours."""
-    spec = campaign.spec
-    return spec.price_usd_per_hour * spec.instances * active_s / SECONDS_PER_HOUR
+def sum_instance_hours(campaign: Campaign, active_s: float) -> float:
+    """Return the time of all instances while a campaign was active for `active_s`. [h]"""
+    return campaign.spec.instances * active_s / SECONDS_PER_HOUR
+
+
+def bill_usd(campaign: Campaign, active_s: float) -> float:
+    """Return price per instance-hour × instance-hours."""
+    return campaign.spec.price_usd_per_hour * sum_instance_hours(campaign, active_s)
 
 
 def split_time(campaign: Campaign, totals: SpendingTotals) -> TimeSplit:
@@ -205,7 +202,7 @@ def split_time(campaign: Campaign, totals: SpendingTotals) -> TimeSplit:
     worker_s, overhead = totals.completed_worker_s, campaign.overhead
     if overhead is None:
         return TimeSplit(active_s=campaign.active_s, worker_s=worker_s, problem=NOT_MEASURED)
-    lost_worker_s = totals.failed_worker_s + overhead.discarded_s
+    lost_worker_s = totals.errored_worker_s + overhead.discarded_s
     busy_s = max(campaign.active_s - overhead.learning_s - overhead.waiting_s, 0.0)
     lost_s = busy_s * _measure_discarded(worker_s, lost_worker_s)
     learning_s, waiting_s = _split_idle(campaign.active_s - busy_s, overhead)
@@ -252,7 +249,7 @@ def _make_point(
     """Return the numbers of episodes and failures up to an active time."""
     completed, failures = found
     return CostPoint(
-        usd=estimate_usd(campaign, active_s),
+        usd=bill_usd(campaign, active_s),
         active_s=active_s,
         completed=completed,
         failures=failures,
@@ -315,7 +312,7 @@ def make_safety(
     Raises:
         InvalidValue: the level is not between 0 and 1.
     """
-    method = campaign.spec.method
+    method, design = campaign.spec.method, SamplingDesign.of([campaign.spec])
     severity, correlation = tail_risk(totals.severities, level), _correlate(totals.points)
     if not traits_of(method).independent:
         severity, correlation = _drop_intervals(severity), _drop_interval(correlation)
@@ -324,11 +321,11 @@ def make_safety(
         name=campaign.spec.name,
         method=method,
         completed=totals.completed,
-        collisions=make_share(method, totals.failures, totals.completed),
-        near_misses=make_share(method, conflicts.near_misses, totals.completed),
+        collisions=_make_share(design, totals.failures, totals.completed),
+        near_misses=_make_share(design, conflicts.near_misses, totals.completed),
         conflicts=conflicts,
-        ttc=_count_violations(method, totals.ttc, NEAR_MISS_TTC_S, totals.completed),
-        drac=_count_violations(method, totals.drac, PEAK_BRAKING_MPS2, totals.completed),
+        ttc=_count_violations(design, totals.ttc, NEAR_MISS_TTC_S, totals.completed),
+        drac=_count_violations(design, totals.drac, PEAK_BRAKING_MPS2, totals.completed),
         severity=severity,
         scatter=Scatter(totals.points, len(totals.severities), correlation),
         unresolved=unresolved,
@@ -350,18 +347,18 @@ def _drop_interval(figure: Figure | None) -> Figure | None:
     return Figure(figure.value) if figure else None
 
 
-def make_share(method: str, k: int, n: int) -> Rate | None:
-    """Return k of n episodes of a method; None without an episode."""
-    return rate_episodes([method], min(k, n), n) if n else None
+def _make_share(design: SamplingDesign, k: int, n: int) -> Rate | None:
+    # Totals and counts may have been read a few results apart.
+    return design.make_rate(min(k, n), n) if n else None
 
 
 def _count_violations(
-    method: str, totals: MeasureTotals, threshold: float, completed: int
+    design: SamplingDesign, totals: MeasureTotals, threshold: float, completed: int
 ) -> Violations:
     """A row of the table."""
     return Violations(
         threshold=threshold,
-        beyond=make_share(method, totals.violations, completed),
+        beyond=_make_share(design, totals.violations, completed),
         n=totals.n,
         median=totals.median,
         worst=totals.worst,

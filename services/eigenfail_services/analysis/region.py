@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.stats import hypergeom
 from sklearn.tree import DecisionTreeClassifier
 
-from eigenfail.values import Box, Rate, Region
+from eigenfail.values import Box, Region
 from eigenfail.values.comparison import Bound
-from eigenfail_services.analysis.campaign_figures import rate_episodes
+from eigenfail_services.analysis.campaign_figures import SamplingDesign
 
 Table = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -150,7 +150,7 @@ class RegionQuestion(NamedTuple):
         values: values of these parameters, shape (episodes, parameters).
         failed: shape (episodes,).
         warnings: known reasons to doubt the answer.
-        methods: methods of the campaigns; shares of episodes that a search chose have no interval.
+        design: how the episodes came about.
     """
 
     campaigns: tuple[int, ...]
@@ -159,11 +159,7 @@ class RegionQuestion(NamedTuple):
     values: Table
     failed: Flags
     warnings: tuple[str, ...] = ()
-    methods: frozenset[str] = frozenset()
-
-    def rate(self, k: int, n: int) -> Rate:
-        """Return k of n of the episodes."""
-        return rate_episodes(self.methods, k, n)
+    design: SamplingDesign = SamplingDesign(())
 
 
 def find_failing_region(asked: RegionQuestion) -> Region:
@@ -206,7 +202,7 @@ def _make_empty_region(asked: RegionQuestion, problem: str) -> Region:
         parameters=asked.names,
         episodes=len(asked.failed),
         failures=int(asked.failed.sum()),
-        failure_rate=asked.rate(int(asked.failed.sum()), len(asked.failed))
+        failure_rate=asked.design.make_rate(int(asked.failed.sum()), len(asked.failed))
         if len(asked.failed)
         else None,
         problem=problem,
@@ -253,10 +249,10 @@ def _make_region(
         parameters=asked.names,
         episodes=len(failed),
         failures=int(failed.sum()),
-        failure_rate=asked.rate(all_failures, len(held)),
+        failure_rate=asked.design.make_rate(all_failures, len(held)),
         boxes=tuple(sorted(boxes, key=lambda one: (-one.coverage.k, one.words))),
-        coverage=asked.rate(k, all_failures),
-        precision=asked.rate(k, n),
+        coverage=asked.design.make_rate(k, all_failures),
+        precision=asked.design.make_rate(k, n),
         p_value=p_value,
         warnings=asked.warnings,
     )
@@ -269,6 +265,6 @@ def _make_box(asked: RegionQuestion, leaf: _Leaf, rows: NDArray[np.intp], all_fa
     return Box(
         bounds=bounds,
         words=", ".join(each.words for each in bounds),
-        coverage=asked.rate(k, all_failures),
-        precision=asked.rate(k, len(rows)) if len(rows) else None,
+        coverage=asked.design.make_rate(k, all_failures),
+        precision=asked.design.make_rate(k, len(rows)) if len(rows) else None,
     )

@@ -56,7 +56,7 @@ class AnalysisBasis(NamedTuple):
     @property
     def ended(self) -> dict[int, int]:
         """Number of episodes that have ended, by id of their campaign."""
-        return {each.id: each.counts.completed + each.counts.failed for each in self.campaigns}
+        return {each.id: each.counts.completed + each.counts.errored for each in self.campaigns}
 
     def recounted(self, store: Store) -> Self:
         """Return the basis with current counts, which cover all failures that were read before."""

@@ -22,8 +22,10 @@ from eigenfail.values import (
 )
 from eigenfail.versions import describe_mixed
 from eigenfail_services.analysis.campaign_figures import (
-    price_campaign,
-    rate_failures,
+    SamplingDesign,
+    bill_usd,
+    price_failures,
+    sum_instance_hours,
 )
 from eigenfail_services.campaigns.drafts import fill_defaults
 from eigenfail_services.campaigns.pairing import (
@@ -209,10 +211,11 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         _summarise_side(store, others),
         pair_episodes(store, ones, others),
     )
+    design = SamplingDesign.of([campaign.spec for campaign in (*ones, *others)])
     found = Comparison(
         a=left,
         b=right,
-        difference=_find_difference(left, right, _end_at_failures([*ones, *others])),
+        difference=_find_difference(left, right, design.ends_at_failures),
         pairs=mcnemar(pairing.totals) if pairing.totals else None,
         unpaired_because=pairing.because,
         effect=_find_effect(left, right),
@@ -259,12 +262,8 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
     completed = sum(campaign.counts.completed for campaign in campaigns)
     failures = sum(campaign.counts.failures for campaign in campaigns)
     rates = [find_failure_rate(campaign) for campaign in campaigns]
-    methods = {campaign.spec.method for campaign in campaigns}
-    pooled = (
-        rate_failures(methods, _end_at_failures(campaigns), failures, completed)
-        if completed
-        else None
-    )
+    specs = [campaign.spec for campaign in campaigns]
+    pooled = SamplingDesign.of(specs).make_rate(failures, completed) if completed else None
     severities = [each.severity for each in totals if each.severity is not None]
     return Side(
         campaigns=tuple(campaign.id for campaign in campaigns),
@@ -281,22 +280,15 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
 
 
 def _sum_cost(campaigns: Sequence[Campaign], failures: Rate | None) -> Cost:
-    instance_s = [campaign.active_s * campaign.spec.instances for campaign in campaigns]
-    prices = [campaign.spec.price_usd_per_hour for campaign in campaigns]
-    paid = sum(seconds * price for seconds, price in zip(instance_s, prices, strict=True))
-    active_s = sum(instance_s)
-    price = paid / active_s if active_s else 0.0
-    return price_campaign(active_s, 1, price, failures)
+    total_usd = sum(bill_usd(campaign, campaign.active_s) for campaign in campaigns)
+    hours = sum(sum_instance_hours(campaign, campaign.active_s) for campaign in campaigns)
+    return price_failures(total_usd, hours, failures)
 
 
-def _end_at_failures(campaigns: Sequence[Campaign]) -> bool:
-    return any(campaign.spec.stop.failures is not None for campaign in campaigns)
-
-
-def _find_difference(a: Side, b: Side, until_failures: bool) -> Difference | None:
+def _find_difference(a: Side, b: Side, ends_at_failures: bool) -> Difference | None:
     if not (a.completed and b.completed):
         return None
-    bounds = clopper_pearson if until_failures else wilson
+    bounds = clopper_pearson if ends_at_failures else wilson
     return difference(a.failures, a.completed, b.failures, b.completed, bounds)
 
 

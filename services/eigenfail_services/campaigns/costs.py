@@ -27,11 +27,10 @@ from eigenfail.worlds import PluginField, world_of
 from eigenfail_services.analysis.campaign_figures import (
     BY_CLOCK,
     PAUSED,
-    SECONDS_PER_HOUR,
     KnownModes,
+    SamplingDesign,
     make_cost_curve,
-    price_campaign,
-    rate_failures,
+    price_failures,
     split_time,
     was_cut,
 )
@@ -195,7 +194,7 @@ def _merge_pools(pools: Sequence[Pool]) -> Pool:
         campaigns=sum(pool.campaigns for pool in pools),
         completed=sum(pool.completed for pool in pools),
         failures=sum(pool.failures for pool in pools),
-        until_failures=any(pool.until_failures for pool in pools),
+        ends_at_failures=any(pool.ends_at_failures for pool in pools),
         instance_hours=sum(pool.instance_hours for pool in pools),
         total_usd=sum(pool.total_usd for pool in pools),
     )
@@ -209,12 +208,8 @@ def _make_peer_costs(pools: Sequence[Pool]) -> PeerCosts:
 
 
 def _make_method_cost(pool: Pool) -> MethodCost:
-    hours = pool.instance_hours
-    found = (
-        rate_failures([pool.method], pool.until_failures, pool.failures, pool.completed)
-        if pool.completed
-        else None
-    )
+    design = SamplingDesign((pool.method,), pool.ends_at_failures)
+    found = design.make_rate(pool.failures, pool.completed) if pool.completed else None
     return MethodCost(
         method=pool.method,
         campaigns=pool.campaigns,
@@ -222,12 +217,7 @@ def _make_method_cost(pool: Pool) -> MethodCost:
         completed=pool.completed,
         failures=pool.failures,
         failure_rate=found,
-        cost=price_campaign(
-            active_s=hours * SECONDS_PER_HOUR,
-            instances=1,
-            price_usd_per_hour=pool.total_usd / hours if hours else 0.0,
-            failures=found,
-        ),
+        cost=price_failures(pool.total_usd, pool.instance_hours, found),
     )
 
 

@@ -82,7 +82,7 @@ def _list_completed(campaign: int, store: Store) -> Iterator[CompletedEpisode]:
     while True:
         page = store.episodes.page(campaign, PAGE, after)
         for row in page.items:
-            if row.outcome is not Outcome.FAILED and row.robustness_m is not None:
+            if row.outcome is not Outcome.ERRORED and row.robustness_m is not None:
                 yield CompletedEpisode(row.robustness_m, campaign, row.index)
         if (after := page.next) is None:
             return

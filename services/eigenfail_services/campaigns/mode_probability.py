@@ -97,7 +97,7 @@ def _read_robustness_m(row: EpisodeRow) -> float:
     """Return the robustness; 0 on a collision, not a number where the episode errored. [m]"""
     if row.outcome is Outcome.COLLISION:
         return 0.0
-    ran = row.outcome is not Outcome.FAILED and row.robustness_m is not None
+    ran = row.outcome is not Outcome.ERRORED and row.robustness_m is not None
     return float(row.robustness_m or 0.0) if ran else nan
 
 

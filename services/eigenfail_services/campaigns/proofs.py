@@ -256,7 +256,7 @@ def _count_kind(replays: Iterable[ReplayedNoise], what: ReplayKind) -> Iterator[
 
 
 def _count_reproductions(replays: Iterable[ReplayedNoise]) -> Reproduction:
-    tried = [each for each in replays if each.outcome not in (None, Outcome.FAILED)]
+    tried = [each for each in replays if each.outcome not in (None, Outcome.ERRORED)]
     if not tried:
         return Reproduction()
     robustness = [each.robustness_m for each in tried if each.robustness_m is not None]

@@ -14,6 +14,7 @@ from eigenfail.processes import answer
 from eigenfail.values import Campaign, CampaignSpec, Region
 from eigenfail.values.comparison import MOST_TRIALS
 from eigenfail.worlds import world_of
+from eigenfail_services.analysis.campaign_figures import SamplingDesign
 from eigenfail_services.campaigns.comparison import warn_of_unfinished
 from eigenfail_services.campaigns.pairing import find_mixed_fields, list_unpairable
 from eigenfail_services.store import Store
@@ -100,7 +101,7 @@ def _read_query(store: Store, ids: Sequence[int], most: int) -> RegionQuery:
 def _read_examined(store: Store, campaign: Campaign, most: int) -> ExaminedEpisodes:
     trials = store.episodes.trials(campaign.id, most)
     return ExaminedEpisodes(
-        campaign.spec, trials.seeds.astype("<i8").tobytes(), trials.failed.tobytes()
+        campaign.spec, trials.seeds.astype("<i8").tobytes(), trials.collided.tobytes()
     )
 
 
@@ -127,7 +128,7 @@ def compute_region(asked: RegionQuery) -> Region:
             values=values,
             failed=failed,
             warnings=warnings,
-            methods=frozenset(one.spec.method for one in asked.tried),
+            design=SamplingDesign.of([one.spec for one in asked.tried]),
         )
     )
 

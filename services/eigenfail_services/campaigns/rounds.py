@@ -34,7 +34,7 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def after(self, results: Sequence[EpisodeResult]) -> "Tally":
         """Return the counts with another round."""
-        completed = sum(result.outcome is not Outcome.FAILED for result in results)
+        completed = sum(result.outcome is not Outcome.ERRORED for result in results)
         failures = sum(result.is_failure for result in results)
         return Tally(self.completed + completed, self.failures + failures)
 

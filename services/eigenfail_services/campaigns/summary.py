@@ -8,7 +8,6 @@ import msgspec
 import structlog
 
 from eigenfail.errors import InputError, NotFound
-from eigenfail.methods import traits_of
 from eigenfail.suites import MOST_MEMBERS, KeyPath, list_leaves, shorten_paths
 from eigenfail.values import (
     FINAL_STATES,
@@ -32,11 +31,13 @@ from eigenfail.values.suite import SuiteRow, SuiteTable, member_of
 from eigenfail.values.summary import Errored
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.campaign_figures import (
+    SamplingDesign,
+    bill_usd,
     choose_block_length,
     make_course,
     make_safety,
-    price_campaign,
-    rate_failures,
+    price_failures,
+    sum_instance_hours,
 )
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.resolution import find_searching, resolve_method
@@ -76,7 +77,7 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
         unresolved=summarise_unresolved(campaign, totals.conflicts),
         errored=_describe_errored(campaign, totals.fault),
         reach=_find_reach(campaign),
-        rate_note=_describe_stop(campaign),
+        rate_note=_explain_stop_rule(campaign, find_failure_rate(campaign)),
     )
 
 
@@ -105,7 +106,7 @@ def summarise_unresolved(campaign: Campaign, totals: ConflictTotals) -> Unresolv
 
 def _describe_errored(campaign: Campaign, fault: FrequentFault | None) -> Errored:
     """Return the number of errored episodes with their most frequent reason."""
-    count = campaign.counts.failed
+    count = campaign.counts.errored
     if not count or fault is None:
         return Errored(count)
     return Errored(count, fault.kind, fault.message, min(fault.episodes, count), fault.first)
@@ -157,33 +158,26 @@ def find_failure_rate(campaign: Campaign) -> Rate | None:
     counts = campaign.counts
     if not counts.completed:
         return None
-    spec = campaign.spec
-    until_failures = spec.stop.failures is not None
-    return rate_failures([spec.method], until_failures, counts.failures, counts.completed)
+    return SamplingDesign.of([campaign.spec]).make_rate(counts.failures, counts.completed)
 
 
-def _describe_stop(campaign: Campaign) -> str:
-    """Return what the rate of a random sample tells that ended at its failures; else nothing."""
-    most = campaign.spec.stop.failures
-    stopped = most is not None and campaign.counts.failures >= most
-    sampled = traits_of(campaign.spec.method).draws_from_prior
-    return STOPPED_AT_FAILURES if stopped and sampled else ""
+def _explain_stop_rule(campaign: Campaign, rate: Rate | None) -> str:
+    """Return what the stop rule `failures` does to a rate under p(x); else nothing."""
+    affected = campaign.spec.stop.ends_at_failures and rate and rate.sampled and rate.k
+    return STOP_AT_FAILURES if affected else ""
 
 
-STOPPED_AT_FAILURES = (
-    "The campaign stopped at its failures: their share is too large on average, and its interval "
-    "takes the stop into account."
+STOP_AT_FAILURES = (
+    "A campaign with the stop rule `failures` has too large a share of failures on average. The "
+    "interval allows for the rule, whether or not the rule ended the campaign."
 )
 
 
 def find_cost(campaign: Campaign) -> Cost:
     """Return the cost of a campaign's instances while it was running."""
-    return price_campaign(
-        active_s=campaign.active_s,
-        instances=campaign.spec.instances,
-        price_usd_per_hour=campaign.spec.price_usd_per_hour,
-        failures=find_failure_rate(campaign),
-    )
+    active_s = campaign.active_s
+    hours = sum_instance_hours(campaign, active_s)
+    return price_failures(bill_usd(campaign, active_s), hours, find_failure_rate(campaign))
 
 
 def divide(amount: float | None, per: float) -> float | None:

@@ -409,7 +409,7 @@ class Supervisor:
         counts = self._store.campaigns.get(campaign).counts
         if counts != watch.sent_counts:
             watch.sent_counts = counts
-            finished = counts.completed + counts.failed
+            finished = counts.completed + counts.errored
             progress = f"{finished} of {counts.planned} episodes, {counts.failures} failures."
             self._store.events.append("campaign.progress", progress, campaign)
 

@@ -316,7 +316,7 @@ class CommitQueue:
                 self._metrics.episode_s.observe(result.believed_wall_s)
             if result.fault:
                 log.warning(
-                    "episode failed",
+                    "episode errored",
                     campaign=pending.campaign,
                     episode=result.index,
                     worker=pending.delivery.worker,

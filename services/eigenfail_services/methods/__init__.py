@@ -50,6 +50,6 @@ def robustness_m(result: EpisodeResult) -> float:
     """Return the robustness: 0 on a collision, NaN if unknown. [m]"""
     if result.is_failure:
         return 0.0
-    if result.outcome is Outcome.FAILED or result.measures is None:
+    if result.outcome is Outcome.ERRORED or result.measures is None:
         return nan
     return result.measures.robustness_m

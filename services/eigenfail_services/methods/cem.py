@@ -255,7 +255,7 @@ class CrossEntropyMethod:
 
     def weigh(self, sums: WeightedFailures, results: Sequence[EpisodeResult]) -> WeightedFailures:
         """Return the sums with episodes that were drawn from the present proposal."""
-        ran = [result for result in results if result.outcome is not Outcome.FAILED]
+        ran = [result for result in results if result.outcome is not Outcome.ERRORED]
         failures = [result.noise.z for result in ran if result.is_failure]
         return sums.after(log_weights(failures, self.proposal), len(ran))
 

@@ -172,7 +172,7 @@ class Minimal:
 
 def _find_end(result: EpisodeResult) -> int:
     """Return the step after which an episode failed, `SAFE`, or `NOT_RUN`."""
-    return {Outcome.COLLISION: result.steps, Outcome.FAILED: NOT_RUN}.get(result.outcome, SAFE)
+    return {Outcome.COLLISION: result.steps, Outcome.ERRORED: NOT_RUN}.get(result.outcome, SAFE)
 
 
 def _refuse_safe_replay(result: EpisodeResult) -> None:

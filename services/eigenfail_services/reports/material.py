@@ -110,7 +110,7 @@ def list_unfinished(material: Material) -> Iterator[str]:
         if campaign.state not in FINAL_STATES:
             yield f"Campaign {each.id} is {campaign.state}: its figures may still change."
         yield from (" ".join(sentences) for sentences in [describe_mixed(campaign)] if sentences)
-        if campaign.counts.failed:
+        if campaign.counts.errored:
             yield f"Campaign {each.id}: {each.summary.errored.words(campaign.counts)}"
 
 

@@ -157,7 +157,7 @@ def update_learner(
 
 def count_columns(counts: Counts) -> dict[str, int]:
     """Return counts as columns of a campaign's row."""
-    return {name: getattr(counts, name) for name in COUNTS}
+    return {column: getattr(counts, name) for column, name in COUNTS.items()}
 
 
 def hash_results(connection: Connection, campaign: int) -> str:

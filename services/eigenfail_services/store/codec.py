@@ -40,7 +40,9 @@ _parts = msgspec.json.Decoder(tuple[RunPart, ...])
 _scenes = msgspec.msgpack.Decoder(Scene, dec_hook=decode_array)
 _analyses = msgspec.msgpack.Decoder(AnalysisResult, dec_hook=decode_array)
 
-COUNTS = Counts.__struct_fields__
+COUNTS = dict(zip(Counts.__struct_encode_fields__, Counts.__struct_fields__, strict=True))
+"""The attributes of `Counts` by the names of their columns."""
+
 OVERHEAD = Overhead.__struct_fields__
 
 
@@ -105,7 +107,7 @@ def to_campaign(found: RowMapping) -> Campaign:
     return Campaign(
         spec=msgspec.structs.replace(spec, priority=Priority(values.pop("priority"))),
         state=CampaignState(values.pop("state")),
-        counts=Counts(**{name: values.pop(name) for name in COUNTS}),
+        counts=Counts(**{name: values.pop(column) for column, name in COUNTS.items()}),
         estimate=None if estimate is None else _estimates.decode(estimate),
         parts=() if parts is None else _parts.decode(parts),
         overhead=None if None in spent else Overhead(*spent),

@@ -109,13 +109,13 @@ def _is_table(array: Floats, columns: int) -> bool:
 def _update_counts(judgement: Judgement) -> Counts:
     before = judgement.counts
     outcomes = [kept.result.outcome for kept in judgement.kept]
-    failed = outcomes.count(Outcome.FAILED)
+    errored = outcomes.count(Outcome.ERRORED)
     again = judgement.verdicts.count(Verdict.DUPLICATE) + judgement.verdicts.count(Verdict.ALARM)
     return msgspec.structs.replace(
         before,
-        completed=before.completed + len(outcomes) - failed,
+        completed=before.completed + len(outcomes) - errored,
         failures=before.failures + outcomes.count(Outcome.COLLISION),
-        failed=before.failed + failed,
+        errored=before.errored + errored,
         duplicates=before.duplicates + again,
     )
 

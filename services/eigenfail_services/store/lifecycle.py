@@ -132,7 +132,7 @@ def begin_part(campaign: Campaign, versions: Versions, at_ms: int) -> Campaign:
     """
     if campaign.parts and campaign.parts[-1].versions == versions:
         return campaign
-    results = campaign.counts.completed + campaign.counts.failed
+    results = campaign.counts.completed + campaign.counts.errored
     part = RunPart(versions=dict(versions), began_ms=at_ms, results=results)
     earlier = campaign.parts if results else ()
     return msgspec.structs.replace(campaign, parts=(*earlier, part))

@@ -139,7 +139,7 @@ def _read_samples(connection: Connection, campaign: int, most: int) -> tuple[Epi
     every = max(1, ceil((reach.scalar_one() + 1) / most))
     query = (
         select(episode_index, episodes.c.outcome, episodes.c.robustness_m)
-        .where(inside, episode_index % every == 0, episodes.c.outcome != Outcome.FAILED)
+        .where(inside, episode_index % every == 0, episodes.c.outcome != Outcome.ERRORED)
         .order_by(episode_index)
     )
     return tuple(
@@ -160,14 +160,12 @@ _STRUCTURED = ("planner_settings", "scenario_parameters", "disturbance")
 def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
     hours = campaigns.c.active_s * cast(spec_field("instances"), Double) / SECONDS_PER_HOUR
     usd = hours * cast(spec_field("price_usd_per_hour"), Double)
-    stop = spec_field("stop")  # JSON without spaces
-    unlimited = or_(stop.is_(None), stop.like('%"failures":null%'))
-    until_failures = case((unlimited, 0), else_=1)
+    ends_at_failures = case((spec_field("stop.failures").is_(None), 0), else_=1)
     facts = (
         select(
             *(spec_field(name).label(name) for name in (*_PEERS, "method")),
             *(campaigns.c.id, campaigns.c.completed, campaigns.c.failures),
-            *(hours.label("hours"), usd.label("usd"), until_failures.label("until_failures")),
+            *(hours.label("hours"), usd.label("usd"), ends_at_failures.label("ends_at_failures")),
         )
         .order_by(campaigns.c.id)
         .subquery()
@@ -182,7 +180,7 @@ def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
             func.count().label("campaigns"),
             func.sum(facts.completed).label("completed"),
             func.sum(facts.failures).label("failures"),
-            func.max(facts.until_failures).label("until_failures"),
+            func.max(facts.ends_at_failures).label("ends_at_failures"),
             func.sum(facts.hours).label("instance_hours"),
             func.sum(facts.usd).label("total_usd"),
         )
@@ -195,7 +193,7 @@ def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
 def _to_pool(found: dict[str, Any]) -> Pool:
     given = {name: found.pop(name) for name in _PEERS}
     parts = {name: msgspec.json.decode(given[name]) for name in _STRUCTURED}
-    found["until_failures"] = bool(found["until_failures"])
+    found["ends_at_failures"] = bool(found["ends_at_failures"])
     return Pool(peers=msgspec.convert(given | parts, Peers), **found)
 
 
@@ -205,7 +203,7 @@ _SHARES = (
         episodes.c.campaign,
         func.count().label("episodes"),
         func.count().filter(episodes.c.outcome == Outcome.COLLISION).label("failures"),
-        func.count().filter(episodes.c.outcome == Outcome.FAILED).label("failed"),
+        func.count().filter(episodes.c.outcome == Outcome.ERRORED).label("errored"),
         func.sum(episodes.c.wall_s).label("wall_s"),
         func.max(episodes.c.finished_ms).label("last_ms"),
     )

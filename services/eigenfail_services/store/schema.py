@@ -350,7 +350,7 @@ class SpecFieldExpression(FunctionElement[str]):
 
 
 def spec_field(name: str) -> SpecFieldExpression:
-    """Return a field of a campaign's spec, by its name, as an SQL expression."""
+    """Return a field of a campaign's spec as an SQL expression, by its name or dotted path."""
     return SpecFieldExpression(campaigns.c.spec, name)
 
 
@@ -363,4 +363,4 @@ def _in_sqlite(element: SpecFieldExpression, compiler: SQLCompiler, **more: Any)
 @compiles(SpecFieldExpression, "postgresql")
 def _in_postgres(element: SpecFieldExpression, compiler: SQLCompiler, **more: Any) -> str:
     spec, name = (compiler.process(part, **more) for part in element.clauses)
-    return f"(CAST({spec} AS JSON) ->> {name})"
+    return f"(CAST({spec} AS JSON) #>> string_to_array({name}, '.'))"

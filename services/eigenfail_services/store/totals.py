@@ -70,7 +70,7 @@ def sum_blocks(connection: Connection, campaign: int, per: int) -> list[BlockTot
     query = (
         select(episode_index, _COLLIDED, episodes.c.robustness_m, episodes.c.log_probability)
         .add_columns(episodes.c.steps)
-        .where(episodes.c.campaign == campaign, episodes.c.outcome != Outcome.FAILED)
+        .where(episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED)
         .order_by(episodes.c.finished_ms, episode_index)
     )
     landed = _read_columns(connection, query)
@@ -124,8 +124,8 @@ def count_pairs(connection: Connection, first: int, second: int) -> PairTotals:
         .where(
             episodes.c.campaign == first,
             other.c.campaign == second,
-            episodes.c.outcome != Outcome.FAILED,
-            other.c.outcome != Outcome.FAILED,
+            episodes.c.outcome != Outcome.ERRORED,
+            other.c.outcome != Outcome.ERRORED,
         )
     )
     return PairTotals(*connection.execute(query).one())
@@ -151,7 +151,7 @@ def sum_safety(connection: Connection, campaign: int, most: int) -> SafetyTotals
 
 
 def _is_completed(campaign: int) -> tuple[ColumnElement[bool], ...]:
-    return episodes.c.campaign == campaign, episodes.c.outcome != Outcome.FAILED
+    return episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED
 
 
 class _Threshold(NamedTuple):
@@ -217,18 +217,18 @@ def _read_points(
     )
 
 
-_COMPLETED = episodes.c.outcome != Outcome.FAILED
+_COMPLETED = episodes.c.outcome != Outcome.ERRORED
 
 
 def sum_spending(connection: Connection, campaign: int, most: int) -> SpendingTotals:
     """Return the worker time of all episodes, and at most `most` landings plus the last one."""
     inside = episodes.c.campaign == campaign
     completed = connection.execute(select(func.count()).where(inside, _COMPLETED)).scalar_one()
-    failed = select(episodes.c.wall_s).where(inside, ~_COMPLETED)
+    errored = select(episodes.c.wall_s).where(inside, ~_COMPLETED)
     found = connection.execute(_select_landings(campaign, completed, most)).all()
     return SpendingTotals(
         completed_worker_s=found[-1].worker_s if found else 0.0,
-        failed_worker_s=fsum(connection.execute(failed).scalars()),
+        errored_worker_s=fsum(connection.execute(errored).scalars()),
         landings=tuple(Landing(each.finished_ms, each.place, each.failures) for each in found),
     )
 
@@ -261,12 +261,12 @@ def _select_landings(campaign: int, completed: int, most: int) -> Select[*tuple[
 _TRIALS_CHUNK = 10_000
 """How many rows are fetched at a time."""
 
-_TRIAL = np.dtype([("seed", np.int64), ("failed", np.bool_)])
+_TRIAL = np.dtype([("seed", np.int64), ("collided", np.bool_)])
 
 
 def read_trials(connection: Connection, campaign: int, most: int) -> Trials:
     """Return seeds and outcomes of the completed episodes, or of every k-th of them."""
-    inside = (episodes.c.campaign == campaign, episodes.c.outcome != Outcome.FAILED)
+    inside = (episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED)
     count = connection.execute(select(func.count()).where(*inside)).scalar_one()
     place = func.row_number().over(order_by=episode_index).label("place")
     ranked = select(episodes.c.seed, episodes.c.outcome, place).where(*inside).subquery().c
@@ -278,7 +278,7 @@ def read_trials(connection: Connection, campaign: int, most: int) -> Trials:
     )
     rows = ((seed, outcome == Outcome.COLLISION) for seed, outcome in connection.execute(query))
     found = np.fromiter(rows, _TRIAL)
-    return Trials(found["seed"], found["failed"])
+    return Trials(found["seed"], found["collided"])
 
 
 _SUMMED = tuple(
@@ -430,7 +430,7 @@ def _find_frequent_faults(
     )
     ranked = (
         select(*reason, count.label("n"), first.label("first"), rank.label("rank"))
-        .where(episodes.c.campaign.in_(chosen), episodes.c.outcome == Outcome.FAILED)
+        .where(episodes.c.campaign.in_(chosen), episodes.c.outcome == Outcome.ERRORED)
         .group_by(*reason)
         .subquery()
     )

@@ -110,7 +110,7 @@ def _count_rows() -> Any:
         select(
             episodes.c.campaign,
             func.count().label("ended"),
-            func.count().filter(of_outcome == Outcome.FAILED).label("failed"),
+            func.count().filter(of_outcome == Outcome.ERRORED).label("failed"),
             func.count().filter(of_outcome == Outcome.COLLISION).label("failures"),
         )
         .group_by(episodes.c.campaign)
@@ -143,9 +143,9 @@ def _select_miscounted() -> Select[Any]:
 def _check_counts(connection: Connection) -> Iterator[Defect]:
     """Yield campaigns whose counts differ from their rows."""
     for found in _iterate_rows(connection, _select_miscounted()):
-        stored = f"{found.completed} completed, {found.failed} failed, {found.failures} failures"
+        stored = f"{found.completed} completed, {found.failed} errored, {found.failures} failures"
         there = (
-            f"{found.rows_ended - found.rows_failed} completed, {found.rows_failed} failed, "
+            f"{found.rows_ended - found.rows_failed} completed, {found.rows_failed} errored, "
             f"{found.rows_failures} failures"
         )
         mendable = found.rows_ended <= found.planned
@@ -300,32 +300,32 @@ def _recount_campaigns(connection: Connection) -> Iterator[str]:
         # The counts may have changed before the lock, so the rows are counted again under it.
         campaign = lock_campaign(connection, suspect)
         counts = _count_campaign(connection, campaign)
-        if counts.completed + counts.failed > counts.planned or counts == campaign.counts:
+        if counts.completed + counts.errored > counts.planned or counts == campaign.counts:
             continue
         change = update(campaigns).where(campaigns.c.id == suspect)
         connection.execute(change.values(**count_columns(counts)))
         yield (
             f"Campaign {suspect} was recounted: {counts.completed} completed, "
-            f"{counts.failed} failed, {counts.failures} failures, {counts.cancelled} cancelled."
+            f"{counts.errored} errored, {counts.failures} failures, {counts.cancelled} cancelled."
         )
 
 
 def _count_campaign(connection: Connection, campaign: Campaign) -> Counts:
     """Return the counts of a campaign by its rows; one that has ended has no open episodes."""
     of_outcome = episodes.c.outcome
-    ended, failed, failures = connection.execute(
+    ended, errored, failures = connection.execute(
         select(
             func.count(),
-            func.count().filter(of_outcome == Outcome.FAILED),
+            func.count().filter(of_outcome == Outcome.ERRORED),
             func.count().filter(of_outcome == Outcome.COLLISION),
         ).where(episodes.c.campaign == campaign.id)
     ).one()
     planned = campaign.counts.planned
     return Counts(
         planned=planned,
-        completed=ended - failed,
+        completed=ended - errored,
         failures=failures,
-        failed=failed,
+        errored=errored,
         cancelled=planned - ended if campaign.state in FINAL_STATES else 0,
         duplicates=campaign.counts.duplicates,
     )
@@ -435,7 +435,7 @@ def sample(
 def _find_nth_episode(connection: Connection, campaign: int, place: int) -> Sequence[int]:
     """Return the index of a campaign's n-th completed episode, if there are as many."""
     number = episodes.c["index"]
-    of_campaign = (episodes.c.campaign == campaign) & (episodes.c.outcome != Outcome.FAILED)
+    of_campaign = (episodes.c.campaign == campaign) & (episodes.c.outcome != Outcome.ERRORED)
     query = select(number).where(of_campaign).order_by(number).limit(1).offset(place)
     return connection.execute(query).scalars().all()
 

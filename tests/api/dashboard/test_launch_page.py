@@ -98,7 +98,7 @@ def test_what_docstrings_say_of_fields_is_their_help():
     fields = {field.name: field for field in list_fields(make_layout(Texts({}, {})))}
     assert "that reappears" in fields["planner_settings.tracker.again_speed_sd_mps"].help
     assert fields["planner_settings.tracker.again_speed_sd_mps"].unit == "m/s"
-    assert "Wilson interval" in fields["stop.half_width"].help
+    assert "Wilson's 95 % interval" in fields["stop.half_width"].help
     assert fields["seed"].hint.endswith("Whole, at least 0. Default 0.")
 
 
@@ -190,7 +190,7 @@ def test_problems_stand_at_their_fields_and_what_was_typed_stays(http, typed, te
     assert "3 problems: nothing was launched" in text
     for name, words in {
         "episodes": '"many" is not an integer.',
-        "settings-batch": "1 is not an integer of at least 2.",
+        "settings-batch": "1 is not an integer from 2 to",
         "scenario_parameters-distance_m": "[60, 53] is not an interval",
     }.items():
         (problem,) = re.findall(f'id="field-{name}-problem">(.*?)</p>', response.text)

@@ -39,7 +39,7 @@ def row(index, outcome=Outcome.SAFE, robustness_m=5.0):
         steps=100,
         source="prior",
         worker="w",
-        robustness_m=None if outcome is Outcome.FAILED else robustness_m,
+        robustness_m=None if outcome is Outcome.ERRORED else robustness_m,
         log_probability=-200.0,
         severity=None,
         min_ttc_s=None,
@@ -187,7 +187,7 @@ def test_evenly_spread_positions_are_distinct(count, most):
 
 
 def test_a_campaign_that_stopped_early_is_full_and_says_what_was_left_unrun():
-    counts = Counts(400, completed=36, failures=10, failed=1, cancelled=363)
+    counts = Counts(400, completed=36, failures=10, errored=1, cancelled=363)
     stopped = campaign(counts, CampaignState.DONE, active_s=10.0)
     now = make_standing(stopped, summarise(stopped, Totals(10, -1.0, 1, 1.0)))
     assert (now.ended, now.planned, now.wanted) == (37, 400, 37)

@@ -33,7 +33,7 @@ def test_doctor_finds_nothing_broken_and_its_campaign_finds_failures(
     check_bridge(address)
     results = search(file, address, episodes)
     assert [result.index for result in results] == list(range(episodes))
-    assert not [result.fault for result in results if result.outcome is Outcome.FAILED]
+    assert not [result.fault for result in results if result.outcome is Outcome.ERRORED]
     failures = [result for result in results if result.is_failure]
     assert failures
     assert any(not result.is_failure for result in results)

@@ -183,7 +183,7 @@ def test_what_flickers_is_told_in_one_sentence():
 
 def test_the_hardest_braking_and_a_broken_end_are_told():
     fault = EpisodeFault("planner", "The planner raised KeyError.")
-    broken = result(Outcome.FAILED, fault=fault)
+    broken = result(Outcome.ERRORED, fault=fault)
     assert tell([{}] * 3, broken, [-1.0, -4.5, -2.0]) == [
         "At 1.0 s it braked hardest: 4.50 m/s².",
         "After 10 steps the episode was aborted: The planner raised KeyError.",

@@ -79,7 +79,7 @@ def test_people_see_a_bar(eigenfail, spec_file, monkeypatch):
 
 
 def test_a_campaign_that_stopped_early_is_at_its_end_and_says_why(campaign):
-    counts = Counts(10, completed=3, failed=1, cancelled=6)
+    counts = Counts(10, completed=3, errored=1, cancelled=6)
     stopped = replace(campaign("done", 3), counts=counts)
     with Progress(console=Console(file=StringIO())) as drawn:
         bar = progress.Bar(drawn)

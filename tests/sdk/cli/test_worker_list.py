@@ -49,13 +49,13 @@ HERE = Presence(id=3, worker="w", host="rack 4", pid=7, versions={}, arrived_ms=
     ],
 )
 def test_what_a_worker_did_for_several_campaigns_is_added_up(here, is_at_work, state):
-    counts = {"worker": "w", "failures": 1, "failed": 2, "wall_s": 1.0}
+    counts = {"worker": "w", "failures": 1, "errored": 2, "wall_s": 1.0}
     shares = [
         WorkerShare(campaign=campaign, episodes=5, last_ms=at_ms, **counts)
         for campaign, at_ms in ((4, 20), (3, 10))
     ]
     found = summarize_activity("w", shares, here, is_at_work=is_at_work)
-    assert (found.campaigns, found.episodes, found.failures, found.failed) == ((3, 4), 10, 2, 4)
+    assert (found.campaigns, found.episodes, found.failures, found.errored) == ((3, 4), 10, 2, 4)
     assert (found.state, found.last_ms) == (state, 20)
     assert (found.host, found.since_ms) == (("rack 4", 5) if here else ("", None))
 

@@ -54,7 +54,7 @@ def unrunnable(index):
     nothing = np.zeros((0, 2), np.float32)
     fault = EpisodeFault("planner", "It raised.")
     noise = NoiseTrajectory(nothing, nothing)
-    return EpisodeResult(index, index, Outcome.FAILED, 0, noise, "prior", fault=fault)
+    return EpisodeResult(index, index, Outcome.ERRORED, 0, noise, "prior", fault=fault)
 
 
 @pytest.fixture

@@ -21,8 +21,8 @@ def suite(spec):
 def campaign(spec):
     """Makes a campaign that is done."""
 
-    def make(number=1, completed=10, failures=0, failed=0, spec=spec, **fields):
-        counts = Counts(spec.episodes, completed, failures, failed)
+    def make(number=1, completed=10, failures=0, errored=0, spec=spec, **fields):
+        counts = Counts(spec.episodes, completed, failures, errored)
         given = {"state": CampaignState.DONE, "created_ms": 0, **fields}
         return Campaign(id=number, spec=spec, counts=counts, **given)
 

@@ -17,7 +17,7 @@ CHANCE, SEARCH = ("monte_carlo", ""), ("ast", "it learns.")
 
 def judged_by_rate(kind, failures, **fields):
     method, unpaired_because = kind
-    before = RerunFigures(campaign=1, completed=9, failures=failures, failed=0)
+    before = RerunFigures(campaign=1, completed=9, failures=failures, errored=0)
     base = {"before": before, "now": before, "words": "", "by": JudgedBy.RATE, "method": method}
     given = {"verdict": GateVerdict.NEW, **fields}
     return Rerun(**base, **given, unpaired_because=unpaired_because)

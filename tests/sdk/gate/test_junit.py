@@ -16,7 +16,7 @@ def finding(became, what="a failure", **fields):
 
 
 def document(strict=False, by=JudgedBy.EPISODE, method="monte_carlo", new_modes=()):
-    sides = [RerunFigures(campaign=n, completed=9, failures=n, failed=0) for n in (1, 2)]
+    sides = [RerunFigures(campaign=n, completed=9, failures=n, errored=0) for n in (1, 2)]
     rerun = Rerun(
         before=sides[0],
         now=sides[1],

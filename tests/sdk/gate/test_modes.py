@@ -109,7 +109,7 @@ def judged(campaign, row):
         verdict=GateVerdict.STILL_FAILING, by=JudgedBy.RATE, before=20, now=20, method="monte_carlo"
     ):
         figures = [
-            RerunFigures(campaign=number, completed=50, failures=failures, failed=0)
+            RerunFigures(campaign=number, completed=50, failures=failures, errored=0)
             for number, failures in ((BEFORE, before), (NOW, now))
         ]
         return Rerun(

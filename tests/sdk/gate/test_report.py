@@ -37,7 +37,7 @@ def test_lost_episodes_alone_are_trouble_of_the_machinery():
 
 
 def test_a_rerun_judged_as_a_whole_counts_once():
-    sides = [RerunFigures(campaign=n, completed=9, failures=5, failed=0) for n in (1, 2)]
+    sides = [RerunFigures(campaign=n, completed=9, failures=5, errored=0) for n in (1, 2)]
     base = {"before": sides[0], "now": sides[1], "verdict": GateVerdict.NEW, "words": ""}
     base["method"] = "monte_carlo"
     whole = Rerun(**base, by=JudgedBy.RATE, counts={GateVerdict.NEW: 3})

@@ -11,7 +11,7 @@ from eigenfail.values import Comparison as Found
 from eigenfail.values import Estimate, Interval, Outcome, PairTotals
 from eigenfail_services.statistics.comparison import difference, mcnemar
 
-HIT, SAFE, FAILED = Outcome.COLLISION, Outcome.SAFE, Outcome.FAILED
+HIT, SAFE, FAILED = Outcome.COLLISION, Outcome.SAFE, Outcome.ERRORED
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def outcomes(row, found, campaign=2):
     return RunOutcomes(
         episodes=len(found),
         collisions={index: each for index, each in rows.items() if each.outcome is HIT},
-        failed={index: each for index, each in rows.items() if each.outcome is FAILED},
+        errored={index: each for index, each in rows.items() if each.outcome is FAILED},
     )
 
 

@@ -61,7 +61,7 @@ def test_a_baseline_must_be_there_and_done(suite, campaign):
     with pytest.raises(Conflict, match="Campaign 1 of the baseline is paused"):
         check_baseline(suite, {"a": campaign(state=CampaignState.PAUSED)}, "v1")
     with pytest.raises(Conflict, match="completed no episode"):
-        check_baseline(suite, {"a": campaign(completed=0, failed=10)}, "v1")
+        check_baseline(suite, {"a": campaign(completed=0, errored=10)}, "v1")
 
 
 def test_campaigns_belong_to_members_by_name_or_else_by_question(spec, campaign):

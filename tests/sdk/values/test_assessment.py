@@ -119,7 +119,7 @@ def test_unresolved_is_what_the_brakes_could_not_stop(closing_mps: float, gap_m:
 
 
 def test_what_was_not_run_or_not_measured_has_no_class() -> None:
-    assert assess(Outcome.FAILED, CRASH) == assess(Outcome.SAFE, None)
+    assert assess(Outcome.ERRORED, CRASH) == assess(Outcome.SAFE, None)
     assert assess(Outcome.SAFE, None) == Assessment(unresolved=False)
     assert msgspec.json.decode(b"{}", type=Assessment).unresolved is None
     assert Assessment().words == ""

@@ -9,14 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.values import Rate
-from eigenfail_services.analysis.campaign_figures import price_campaign
+from eigenfail.values import Cost, Rate
+from eigenfail_services.analysis.campaign_figures import price_failures
 from eigenfail_services.statistics.intervals import clopper_pearson, rate, stopped_rate
 
 
 def seconds(clock: str) -> float:
     hours, minutes, rest = (int(part) for part in clock.split(":"))
     return 3600.0 * hours + 60.0 * minutes + rest
+
+
+def price(active_s: float, instances: int, usd_per_hour: float, failures: Rate | None) -> Cost:
+    hours = instances * active_s / 3600.0
+    return price_failures(usd_per_hour * hours, hours, failures)
 
 
 @pytest.mark.parametrize(
@@ -29,27 +34,27 @@ def seconds(clock: str) -> float:
     ],
 )
 def test_it_is_the_paper_s(run_time: str, completed: int, failures: int, usd: float) -> None:
-    found = price_campaign(seconds(run_time), 1, 1.20, rate(failures, completed))
+    found = price(seconds(run_time), 1, 1.20, rate(failures, completed))
     assert found.per_failure_usd is not None
     assert round(found.per_failure_usd, 3) == usd
 
 
 def test_ast_in_training_to_four_digits() -> None:
-    found = price_campaign(seconds("08:55:50"), 1, 1.20, rate(877, 1000))
+    found = price(seconds("08:55:50"), 1, 1.20, rate(877, 1000))
     assert found.per_failure_usd == pytest.approx(0.0122, abs=5e-5)
     assert found.total_usd == pytest.approx(10.7167, abs=1e-4)
     assert found.instance_hours == pytest.approx(8.9306, abs=1e-4)
 
 
 def test_monte_carlo_without_a_failure_cost_at_least_10_5_usd_for_one() -> None:
-    found = price_campaign(seconds("26:14:29"), 1, 1.20, rate(0, 2000))
+    found = price(seconds("26:14:29"), 1, 1.20, rate(0, 2000))
     assert found.at_least_usd == pytest.approx(10.5, abs=0.05)
     assert found.per_failure_usd is None
     assert found.interval_usd is None
 
 
 def test_nine_of_300_by_hand() -> None:
-    found = price_campaign(3600.0, 2, 3.0, rate(9, 300))
+    found = price(3600.0, 2, 3.0, rate(9, 300))
     assert (found.instance_hours, found.total_usd) == (2.0, 6.0)
     assert found.per_failure_usd == pytest.approx(6.0 / 9.0)
     assert found.interval_usd is not None
@@ -59,24 +64,24 @@ def test_nine_of_300_by_hand() -> None:
 
 
 def test_before_the_first_episode_only_the_bill_is_known() -> None:
-    found = price_campaign(1800.0, 4, 1.5, None)
+    found = price(1800.0, 4, 1.5, None)
     assert found.total_usd == 3.0
     assert found.per_failure_usd is found.interval_usd is found.at_least_usd is None
 
 
 def test_what_is_free_costs_nothing() -> None:
-    found = price_campaign(1800.0, 4, 0.0, rate(2, 10))
+    found = price(1800.0, 4, 0.0, rate(2, 10))
     assert found.total_usd == found.per_failure_usd == found.at_least_usd == 0.0
 
 
 def test_the_failures_of_a_search_have_a_price_without_bounds() -> None:
     chosen = msgspec.structs.replace(rate(2, 10), sampled=False)
-    found = price_campaign(3600.0, 1, 3.0, chosen)
+    found = price(3600.0, 1, 3.0, chosen)
     assert (found.per_failure_usd, found.interval_usd, found.at_least_usd) == (1.5, None, None)
 
 
 def test_the_bounds_are_those_of_the_rate() -> None:
-    found = price_campaign(3600.0, 1, 6.0, stopped_rate(1, 300))
+    found = price(3600.0, 1, 6.0, stopped_rate(1, 300))
     assert found.interval_usd is not None
     assert found.interval_usd.low == pytest.approx(6.0 / (300 * clopper_pearson(1, 300).high))
     assert found.interval_usd.high == pytest.approx(6.0 / (300 * clopper_pearson(1, 300).low))
@@ -97,7 +102,7 @@ def campaigns(draw: st.DrawFn) -> tuple[float, int, float, Rate]:
 def test_a_completed_episode_gives_a_finite_lower_bound(
     campaign: tuple[float, int, float, Rate],
 ) -> None:
-    found = price_campaign(*campaign)
+    found = price(*campaign)
     assert found.at_least_usd is not None
     assert 0.0 < found.at_least_usd < math.inf
     assert (found.per_failure_usd is None) == (found.interval_usd is None) == (campaign[3].k == 0)
@@ -105,7 +110,7 @@ def test_a_completed_episode_gives_a_finite_lower_bound(
 
 @given(campaigns().filter(lambda campaign: campaign[3].k > 0))
 def test_the_interval_holds_the_cost(campaign: tuple[float, int, float, Rate]) -> None:
-    found = price_campaign(*campaign)
+    found = price(*campaign)
     assert found.interval_usd is not None
     assert found.per_failure_usd is not None
     assert found.interval_usd.low == found.at_least_usd

@@ -45,7 +45,7 @@ def campaign(active_s=100.0, overhead=Overhead(), started_ms=10_000) -> Campaign
 def test_a_hundred_seconds_by_hand() -> None:
     # 30 s learning and 10 s waiting leave 60 s with workers; a tenth of their work was lost.
     ran = campaign(overhead=Overhead(30.0, 10.0, 6.0))
-    split = split_time(ran, SpendingTotals(completed_worker_s=90.0, failed_worker_s=4.0))
+    split = split_time(ran, SpendingTotals(completed_worker_s=90.0, errored_worker_s=4.0))
     assert split.lost_worker_s == 10.0
     assert split.simulation_s == pytest.approx(54.0)
     assert (split.learning_s, split.waiting_s) == (30.0, 10.0)

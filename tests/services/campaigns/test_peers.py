@@ -28,7 +28,7 @@ def pool(newest, method="monte_carlo", failures=1, **peers):
         newest=newest,
         completed=10,
         failures=failures,
-        until_failures=False,
+        ends_at_failures=False,
         instance_hours=2.0,
         total_usd=3.0,
     )

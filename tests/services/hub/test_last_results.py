@@ -57,7 +57,7 @@ class Room:
         self.worker.send(encode(Results(self.campaign, results)))
 
     def finished(self) -> int:
-        return self.store.campaigns.get(self.campaign).counts.failed
+        return self.store.campaigns.get(self.campaign).counts.errored
 
 
 @pytest.fixture

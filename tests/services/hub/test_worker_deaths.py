@@ -66,7 +66,7 @@ def test_an_episode_that_takes_three_workers_with_it_is_given_up_by_the_next_hub
     assert hub.leased() == [1]
     hub.commits.flush(now=True)
     given_up = store.episodes.get(campaign, 0)
-    assert given_up.outcome is Outcome.FAILED
+    assert given_up.outcome is Outcome.ERRORED
     assert given_up.fault is not None
     assert (given_up.fault.kind, given_up.seed) == ("infrastructure", 100)
     assert "3 workers were lost" in given_up.fault.message

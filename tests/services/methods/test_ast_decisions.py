@@ -74,7 +74,7 @@ def test_more_steps_than_decisions_give_the_return_of_the_episode(episode):
 
 def test_what_was_not_run_to_its_end_is_not_usable(episode):
     assert is_usable(episode([(0, 0)]))
-    assert not is_usable(episode([(0, 0)], outcome=Outcome.FAILED))
+    assert not is_usable(episode([(0, 0)], outcome=Outcome.ERRORED))
     assert not is_usable(episode([]))
     assert not is_usable(episode([(0, 0)], states=None))
 

@@ -261,7 +261,7 @@ def test_rounds_in_which_all_fail_or_all_are_as_robust_leave_the_prior_as_it_is(
 def test_a_round_that_failed_to_run_changes_nothing_but_the_draws(episode):
     learner = cem(batch=40)
     before = learner.propose(40).sources
-    learner.observe([episode(source.z, 1.0, outcome=Outcome.FAILED) for source in before])
+    learner.observe([episode(source.z, 1.0, outcome=Outcome.ERRORED) for source in before])
     after = learner.propose(40).sources
     assert (learner.proposal.std == 1.0).all()
     assert not learner.proposal.mean.any()

@@ -142,8 +142,8 @@ def test_whoever_ties_with_the_last_of_the_elite_belongs_to_it(episode, robustne
 
 
 def test_episodes_that_failed_to_run_are_never_in_it(episode):
-    fault = {"outcome": Outcome.FAILED, "measures": None}
-    stopped = {"outcome": Outcome.FAILED, "measures": Measures(0.0)}
+    fault = {"outcome": Outcome.ERRORED, "measures": None}
+    stopped = {"outcome": Outcome.ERRORED, "measures": Measures(0.0)}
     results = [episode(noise(7), **fault), episode(noise(8), **stopped)]
     assert chosen(results, 0.9) == []
     running = [episode(noise(1), 2.0), episode(noise(2), 1.0)]

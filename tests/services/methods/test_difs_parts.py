@@ -175,7 +175,7 @@ def test_failed_episodes_are_not_remembered_and_the_safest_make_room(episode):
     trials = TrialMemory(HORIZON, memory=3)
     robustness = [5.0, 1.0, 4.0, 2.0, 3.0]
     trials.add([episode([(i, 0)], r) for i, r in enumerate(robustness)])
-    trials.add([episode([(9, 0)], 0.5, outcome=Outcome.FAILED), episode([], 0.1, measures=None)])
+    trials.add([episode([(9, 0)], 0.5, outcome=Outcome.ERRORED), episode([], 0.1, measures=None)])
     assert trials.robustness.tolist() == [1.0, 2.0, 3.0]
     assert trials.z[:, 0, 0].tolist() == [1.0, 3.0, 4.0]
     assert trials.quantile(0.5) == 2.0

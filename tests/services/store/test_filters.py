@@ -57,7 +57,7 @@ def measures():
 def episodes(draw, index):
     make = draw(st.sampled_from([result, collision, make_errored_result]))
     made = make(index, source=draw(WORDS))
-    ran = made.outcome is not Outcome.FAILED
+    ran = made.outcome is not Outcome.ERRORED
     return replace(made, measures=draw(st.none() | measures()) if ran else None)
 
 

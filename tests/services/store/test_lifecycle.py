@@ -22,7 +22,7 @@ def campaign():
 
     def make(state: CampaignState, **changes) -> Campaign:
         spec = CampaignSpec(name="example", method="monte_carlo", episodes=10)
-        counts = Counts(10, completed=2, failures=1, failed=1)
+        counts = Counts(10, completed=2, failures=1, errored=1)
         return Campaign(id=7, spec=spec, state=state, counts=counts, created_ms=1, **changes)
 
     return make
@@ -82,7 +82,7 @@ def test_only_wishes_of_users_may_be_repeated(campaign) -> None:
 @pytest.mark.parametrize("end", sorted(FINAL_STATES))
 def test_at_the_end_nothing_is_open(campaign, end) -> None:
     ended = move_campaign(campaign(CampaignState.CANCELLING, started_ms=5), end, "", AT_MS)
-    assert ended.counts == Counts(10, completed=2, failures=1, failed=1, cancelled=7)
+    assert ended.counts == Counts(10, completed=2, failures=1, errored=1, cancelled=7)
     assert ended.counts.open == 0
     assert (ended.started_ms, ended.ended_ms) == (5, AT_MS)
     assert ended.stopped_because == REASONS[end]
@@ -97,4 +97,4 @@ def test_the_first_start_is_the_start(campaign) -> None:
         campaign(CampaignState.QUEUED, started_ms=5), CampaignState.RUNNING, "why", AT_MS
     )
     assert (again.started_ms, again.stopped_because) == (5, "")
-    assert again.counts == Counts(10, completed=2, failures=1, failed=1)
+    assert again.counts == Counts(10, completed=2, failures=1, errored=1)

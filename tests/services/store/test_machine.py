@@ -166,7 +166,7 @@ class Life(RuleBasedStateMachine):
     def accounted(self) -> None:
         found = self.store.campaigns.get(self.campaign.id)
         outcomes = [each.outcome for each in self.results.values()]
-        failed = outcomes.count(Outcome.FAILED)
+        failed = outcomes.count(Outcome.ERRORED)
         crashes = outcomes.count(Outcome.COLLISION)
         done = len(outcomes) - failed
         wanted = Counts(PLANNED, done, crashes, failed, self.cancelled, self.again)

@@ -26,7 +26,7 @@ def lists_rows(store: Store) -> None:
     equal(measured, (0.0, 2.5, 1.25, None, 0.5), "Its measures")
     equal(row.log_probability, given.noise.log_probability, "Its log-probability")
     equal((row.digest, row.has_scene, row.problem), (given.digest(), True, ""), "The rest of it")
-    equal((problem.outcome, problem.problem), (Outcome.FAILED, "planner: It raised."), "A fault")
+    equal((problem.outcome, problem.problem), (Outcome.ERRORED, "planner: It raised."), "A fault")
     expect(not problem.has_scene, "A failed episode has a scene.")
     equal(problem.robustness_m, None, "The robustness of a failed episode")
 

@@ -112,7 +112,7 @@ def ends_an_episode_once(store: Store) -> None:
     campaign = running(store)
     deliver(store, campaign, make_errored_result(0))
     equal(deliver(store, campaign, result(0)), [ALARM], "A result after a failure")
-    equal(counts(store, campaign), Counts(10, failed=1, duplicates=1), "Counts")
+    equal(counts(store, campaign), Counts(10, errored=1, duplicates=1), "Counts")
 
 
 def takes_late_results(store: Store) -> None:

@@ -95,7 +95,7 @@ def counts_workers(store: Store) -> None:
         store.episodes.commit(campaign.id, [Delivery(each, worker) for each in results])
     store.episodes.commit(other.id, [Delivery(result(0), "a")])
     busy, idle = store.figures.workers(campaign.id)
-    equal((busy.worker, busy.episodes, busy.failures, busy.failed), ("b", 4, 1, 1), "The busiest")
+    equal((busy.worker, busy.episodes, busy.failures, busy.errored), ("b", 4, 1, 1), "The busiest")
     equal((idle.worker, idle.episodes, idle.wall_s), ("a", 2, 0.75), "The other one")
     rows = {row.index: row.finished_ms for row in store.episodes.page(campaign.id, 20).items}
     equal((busy.last_ms, idle.last_ms), (rows[5], rows[1]), "Last seen")
@@ -127,7 +127,9 @@ def pools_campaigns(store: Store) -> None:
     equal((pool.campaigns, pool.completed, pool.failures), (2, 4, 2), "Sums")
     equal((pool.instance_hours, pool.total_usd), (1.5, 3.5), "Hours and money")
     equal(pool.method, one.method, "The method")
-    equal([each.until_failures for each in pools], [False, False, True], "Stop rule of one of them")
+    equal(
+        [each.ends_at_failures for each in pools], [False, False, True], "Stop rule of one of them"
+    )
     equal(pools[1].peers.planner_settings, {"gap": 2.0}, "Other settings of the planner")
     equal(pool.peers.planner_settings, {}, "The settings that are none")
     equal(pool.peers.disturbance, one.disturbance, "The disturbance model")

@@ -91,7 +91,7 @@ def ends_with_nothing_open(store: Store) -> None:
         deliver(store, campaign, result(0), collision(1), make_errored_result(2))
         store.campaigns.move(campaign.id, S.CANCELLING)
         ended = store.campaigns.move(campaign.id, end)
-        counts = Counts(10, completed=2, failures=1, failed=1, cancelled=7)
+        counts = Counts(10, completed=2, failures=1, errored=1, cancelled=7)
         equal(ended.counts, counts, f"Counts of a campaign that is {end}")
         expect(bool(ended.stopped_because), f"A campaign is {end} for no reason.")
         wanted = store.episodes.digest(campaign.id) if end is S.DONE else None

@@ -101,7 +101,7 @@ def lists_trials(store: Store) -> None:
 def trials(store: Store, campaign: int, most: int = 100) -> list[tuple[int, bool]]:
     """Pairs of seed and outcome."""
     found = store.episodes.trials(campaign, most)
-    return list(zip(found.seeds.tolist(), found.failed.tolist(), strict=True))
+    return list(zip(found.seeds.tolist(), found.collided.tolist(), strict=True))
 
 
 def follows_landings(store: Store) -> None:
@@ -113,7 +113,7 @@ def follows_landings(store: Store) -> None:
     deliver(store, campaign, result(3), make_errored_result(4, wall_s=8.0), collision(2), result(5))
     deliver(store, other, collision(0))
     found = store.episodes.spending(campaign.id)
-    equal((found.completed_worker_s, found.failed_worker_s), (3.5, 8.25), "Worker seconds")
+    equal((found.completed_worker_s, found.errored_worker_s), (3.5, 8.25), "Worker seconds")
     steps = [(each.completed, each.failures) for each in found.landings]
     equal(steps, [(1, 1), (2, 2), (3, 2), (4, 2)], "Landings, equal times by index")
     rows = {row.index: row.finished_ms for row in store.episodes.page(campaign.id, 20).items}

@@ -99,7 +99,7 @@ def test_what_the_bridge_does_not_know_is_the_campaigns_fault(
 ) -> None:
     with serving() as address:
         (result,) = on_bridge(address, **changes).run(tasks(1))
-        assert result.outcome is Outcome.FAILED
+        assert result.outcome is Outcome.ERRORED
         assert result.fault.kind == "input"
         assert said in result.fault.message
         (usual,) = on_bridge(address).run(tasks(1))

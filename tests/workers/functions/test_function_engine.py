@@ -214,7 +214,7 @@ def test_what_is_no_robustness_is_a_failed_episode_and_the_next_is_run(name):
     good = run(right, tasks(3))
     failed = results[1]
     assert digests(results)[::2] == digests(good)[::2]
-    assert (failed.outcome, failed.measures) == (Outcome.FAILED, None)
+    assert (failed.outcome, failed.measures) == (Outcome.ERRORED, None)
     assert failed.fault.kind == "simulator"
     assert re.search(words, failed.fault.message)
     assert np.array_equal(failed.noise.z, good[1].noise.z)
@@ -239,7 +239,7 @@ def test_a_hang_is_broken_off_and_the_next_episode_is_run():
     assert time.monotonic() - began < 5.0
     assert failed.fault.kind == "simulator"
     assert "longer than 0.1 s" in failed.fault.message
-    assert after.outcome is not Outcome.FAILED
+    assert after.outcome is not Outcome.ERRORED
 
 
 def test_a_timer_that_was_set_before_goes_on():
@@ -268,7 +268,7 @@ def test_outside_the_main_thread_there_is_no_limit_and_all_the_rest():
 
 def test_a_policy_that_is_not_known_fails_its_episode():
     (result,) = FunctionEngine(half_space, STEPS).run(tasks(1, "policy"))
-    assert (result.outcome, result.fault.kind, result.steps) == (Outcome.FAILED, "input", 0)
+    assert (result.outcome, result.fault.kind, result.steps) == (Outcome.ERRORED, "input", 0)
 
 
 def test_the_oldest_policies_make_room():
@@ -301,7 +301,7 @@ def patches_numpy(z):
 def test_a_function_that_changes_the_process_is_named(monkeypatch):
     monkeypatch.setattr(np, "tanh", np.tanh)
     (result,) = run(patches_numpy, tasks(1))
-    assert (result.outcome, result.fault.kind) == (Outcome.FAILED, "simulator")
+    assert (result.outcome, result.fault.kind) == (Outcome.ERRORED, "simulator")
     assert result.measures is None
     assert result.fault.message.startswith(
         "The function 'patches_numpy' changed process-wide state during the episode: numpy.tanh."

@@ -53,7 +53,7 @@ def overtaken(small_cut_in: Any, plug_in: Callable[..., None]) -> str:
 
 def run(engine: Any, *tasks: EpisodeTask) -> list[EpisodeResult]:
     results = list(engine.run(tasks))
-    assert [each.outcome for each in results if each.outcome is Outcome.FAILED] == []
+    assert [each.outcome for each in results if each.outcome is Outcome.ERRORED] == []
     return results
 
 
@@ -144,6 +144,6 @@ def test_a_result_knows_its_shape_even_if_it_broke(
     broken = faulty(lambda: "nothing")
     engine = make_engine(broken, disturbance=DisturbanceModel(shape=shape))
     _, result = engine.run(TASKS[:2])
-    assert result.outcome is Outcome.FAILED
+    assert result.outcome is Outcome.ERRORED
     assert result.steps == 5
     assert result.noise.shape == shape

@@ -181,7 +181,7 @@ def test_files_that_a_planner_forgets_cost_no_episode(lasting_hub, worker) -> No
     lasting_hub.say(setup(campaign, "test_forgets_files"), Lease(campaign, tasks))
     results = [lasting_hub.hear(Results).results[0] for _ in episodes]
     assert sorted(result.index for result in results) == list(episodes)
-    assert all(result.outcome is not Outcome.FAILED for result in results)
+    assert all(result.outcome is not Outcome.ERRORED for result in results)
     lasting_hub.say(Ack(campaign, tuple(episodes)))
 
 

@@ -89,7 +89,7 @@ def test_an_episode_that_changes_the_process_is_errored_and_the_next_campaign_is
     for campaign, (what, named) in enumerate(CULPRITS.items(), start=2):
         results = run(campaign, spec("test_changes_state", what=what))
         for each in results.values():
-            assert (each.outcome, each.fault.kind) == (Outcome.FAILED, "planner"), what
+            assert (each.outcome, each.fault.kind) == (Outcome.ERRORED, "planner"), what
             assert "The planner 'test_changes_state' changed process-wide state" in (
                 each.fault.message
             )
@@ -115,7 +115,7 @@ def test_episodes_before_the_change_are_kept_and_those_after_it_begin_in_a_fresh
     """The planner counts its episodes in a global, so that it shows in which process each ran."""
     sound = digests(run(1, spec("test_changes_state", what="nothing")))
     results = run(2, spec("test_changes_state", what="rounding", from_episode=1))
-    outcomes = [results[index].outcome is Outcome.FAILED for index in range(EPISODES)]
+    outcomes = [results[index].outcome is Outcome.ERRORED for index in range(EPISODES)]
     assert outcomes == [False, True, False, True]
     assert [digests(results)[index] for index in (0, 2)] == [sound[0], sound[2]]
 
@@ -204,7 +204,7 @@ def test_an_error_of_any_text_costs_one_episode_and_is_blamed_on_the_planner(run
     }
     for campaign, (text, said) in enumerate(expected.items(), start=1):
         for each in run(campaign, spec("test_raises_text", text=text)).values():
-            assert (each.outcome, each.fault.kind) == (Outcome.FAILED, "planner"), each.fault
+            assert (each.outcome, each.fault.kind) == (Outcome.ERRORED, "planner"), each.fault
             assert said in each.fault.message
             assert len(each.fault.message) <= 4_000
 

@@ -80,7 +80,7 @@ def test_leased_episodes_come_back_in_order(hub, parent) -> None:
     hub.say(setup("idm"), lease(0, 1, 2))
     results = [hub.hear(Results).results[0] for _ in range(3)]
     assert [result.index for result in results] == [0, 1, 2]
-    assert all(result.outcome is not Outcome.FAILED for result in results)
+    assert all(result.outcome is not Outcome.ERRORED for result in results)
 
 
 def test_what_is_not_acknowledged_is_said_again_to_the_next_hub(hub, parent) -> None:
@@ -116,7 +116,7 @@ def test_a_killed_child_costs_no_episode(hub, parent) -> None:
 def test_an_episode_that_never_ends_is_given_up(hub, impatient) -> None:
     hub.say(setup("test_hangs"), lease(0))
     result = hub.hear(Results).results[0]
-    assert result.outcome is Outcome.FAILED
+    assert result.outcome is Outcome.ERRORED
     assert "longer than 3 s" in result.fault.message
 
 
@@ -138,7 +138,7 @@ def test_an_episode_that_writes_into_the_pipe_of_results_is_given_up(hub, parent
     result = hub.hear(Results).results[0]
     assert (result.index, result.fault.kind) == (0, "infrastructure")
     hub.say(setup("idm"), lease(1))
-    assert hub.hear(Results).results[0].outcome is not Outcome.FAILED
+    assert hub.hear(Results).results[0].outcome is not Outcome.ERRORED
 
 
 @pytest.mark.parametrize("planner", ["test_raises", "test_returns_none", "test_returns_nan"])

@@ -224,7 +224,7 @@ def test_a_misspelt_parameter_is_declined_with_every_heartbeat_until_it_is_dropp
         assert "distance_m" in reason
         assert beat.held == ()
     hub.say(Drop(1), Setup(1, ON_BRIDGE.setup()), lease(1, 0))
-    assert hub.hear(Results).results[0].outcome is not Outcome.FAILED
+    assert hub.hear(Results).results[0].outcome is not Outcome.ERRORED
 
 
 @pytest.mark.fault("campaign with a name that the bridge does not know")
@@ -238,7 +238,7 @@ def test_a_declined_campaign_is_tried_again_where_the_drop_did_not_arrive(
     while not hub.hear(Heartbeat).declined:
         pass
     hub.say(Setup(1, ON_BRIDGE.setup()), lease(1, 0))
-    assert hub.hear(Results).results[0].outcome is not Outcome.FAILED
+    assert hub.hear(Results).results[0].outcome is not Outcome.ERRORED
 
 
 def test_an_engine_of_one_at_a_time_has_room_for_one() -> None:
@@ -318,7 +318,7 @@ def test_a_worker_without_a_bridge_says_so_for_each_episode(hub, start_worker) -
     hub.hear(Hello)
     hub.say(Welcome(1.0), Setup(1, ON_BRIDGE.setup()), lease(1, 0, 1), Setup(2, SPEC.setup()))
     for each in results_of(hub, 2):
-        assert (each.outcome, each.fault.kind) == (Outcome.FAILED, "input")
+        assert (each.outcome, each.fault.kind) == (Outcome.ERRORED, "input")
         assert "this worker has no bridge. Start it with --bridge ADDRESS" in each.fault.message
     hub.say(lease(2, 0))
     assert results_of(hub, 1)[0].fault is None

@@ -27,7 +27,7 @@ from eigenfail_workers.bridge.messages import (
     SlotStep,
     make_error,
 )
-from eigenfail_workers.episode import Tester, make_failed_result, make_result
+from eigenfail_workers.episode import Tester, make_errored_result, make_result
 from eigenfail_workers.limits import make_fault, wrap_errors
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder
@@ -129,7 +129,7 @@ class BridgeEpisode:
 
     def fail(self, error: EpisodeError | InputError, beside: int) -> EpisodeResult:
         """Return the result of an episode that an error has ended."""
-        failed = make_failed_result(self.task, self._recorder, make_fault(error))
+        failed = make_errored_result(self.task, self._recorder, make_fault(error))
         return replace(failed, wall_s=self._measure_wall_s(beside))
 
     def _measure_wall_s(self, beside: int) -> float:

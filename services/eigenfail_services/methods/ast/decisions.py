@@ -74,7 +74,7 @@ class DecisionProcess(msgspec.Struct, frozen=True):
 def is_usable(result: EpisodeResult) -> bool:
     """Whether an episode can be learnt from: a policy has disturbed it to its end."""
     return (
-        result.outcome is not Outcome.FAILED
+        result.outcome is not Outcome.ERRORED
         and result.steps > 0
         and result.states is not None
         and result.measures is not None

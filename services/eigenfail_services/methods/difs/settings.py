@@ -195,7 +195,7 @@ class TrialMemory:
     def add(self, results: Sequence[EpisodeResult]) -> None:
         """Add completed episodes."""
         for result in results:
-            if result.outcome is not Outcome.FAILED and result.measures is not None:
+            if result.outcome is not Outcome.ERRORED and result.measures is not None:
                 self._append(
                     _padded(result.noise.z, self.z.shape[1])[None],
                     np.array([len(result.noise.z)]),
