@@ -31,7 +31,7 @@ class ScaleRange(msgspec.Struct, frozen=True):
     Attributes:
         low: smallest scale; it is always tried.
         high: largest scale; it is always tried.
-        tolerance: the search ends when a scale with failures is this close to one without.
+        tolerance: the search ends when an unsafe scale is this close to a safe one.
     """
 
     low: Scale
@@ -199,7 +199,7 @@ class Margin(msgspec.Struct, frozen=True, kw_only=True):
     """Scales between which a planner begins to fail.
 
     Attributes:
-        largest_safe: the largest safe scale below all others; None if the smallest scale is not
+        largest_safe: the largest scale below every unsafe one; None if the smallest scale is not
             safe.
         smallest_unsafe: the smallest scale that is failing or undecided; None if all are safe.
         contrary: safe scales above `smallest_unsafe`: the search is not monotone.
@@ -358,10 +358,12 @@ def read_step(client: Client, campaign: Campaign, criterion: Criterion) -> Margi
     """Read the step of a campaign.
 
     Raises:
-        ServiceError: the campaign did not end, or completed no episode.
+        ServiceError: the campaign completed no episode, or did not end and does not show either
+            that its scale is failing.
     """
     rate = client.campaigns.summary(campaign.id).failure_rate
-    if rate is None or (campaign.state is not CampaignState.DONE and not rate.k):
+    is_done = campaign.state is CampaignState.DONE
+    if rate is None or not (is_done or criterion.judge(rate) is ScaleVerdict.FAILING):
         came = f"{campaign.state_word} after {campaign.counts.completed} completed episodes"
         raise ServiceError(
             f"Campaign {campaign.id} is {came}: it cannot show whether its scale is safe.",

@@ -89,7 +89,7 @@ def make_point_row(point: FailurePoint) -> tuple[str, ...]:
 
 
 def describe_kind(point: FailurePoint) -> str:
-    """Return the campaign whose failure a point is."""
+    """Return the class of a collision: unavoidable, planner failure, or not classified."""
     words = IN_WORDS[point.conflict] if point.conflict else NOT_CLASSIFIED
     return words.removeprefix(COLLISION)
 

@@ -103,10 +103,11 @@ episodes have eight times as many steps: expect the same pattern, not the same n
 Warner et al., *Importance Sampling and PCA for Finding Failures in Commercial Autonomous Vehicles*.
 
 `ast_paper` and `difs_paper` have the paper's settings, `ast` and `difs` our defaults. Brackets hold
-95 % intervals; the paper gives none. The failure rate of a search is the share of its own episodes:
-its interval says how well that share is known, and nothing about the failure rate under p(x); only
-`monte_carlo` draws from p(x). Every campaign has the seed {seed}; evaluations have a seed that is
-1000 higher.
+95 % intervals for independent episodes; the paper gives none. They hold for `monte_carlo`, and for
+evaluations as statements about one trained policy. In the sweep and in training an episode depends
+on those before it: there they are no confidence intervals, and the difference between two rows may
+be that of two seeds. Only `monte_carlo` draws from p(x). Every campaign has the seed {seed};
+evaluations have a seed that is 1000 higher.
 """
 
 

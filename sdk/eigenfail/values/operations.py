@@ -104,7 +104,9 @@ class WorkerShare(msgspec.Struct, frozen=True, kw_only=True):
     campaign: int
     episodes: int
     failures: int
-    errored: int = msgspec.field(name="failed")
+    errored: Annotated[int, msgspec.Meta(description="episodes among them that errored.")] = (
+        msgspec.field(name="failed")
+    )
     wall_s: float
     last_ms: int
 
