@@ -8,7 +8,14 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunSide, make_finding
+from eigenfail.gate.reruns import (
+    GateFinding,
+    JudgedBy,
+    Rerun,
+    RerunFigures,
+    RerunSide,
+    make_finding,
+)
 from eigenfail.gate.verdicts import GateVerdict, judge_outcome
 from eigenfail.suites import SuiteMember
 from eigenfail.values import (
@@ -279,7 +286,7 @@ def add_modes(judged: Rerun, together: Analysis, now: RerunSide, pages: str) -> 
     if result is None or not result.distinct:
         reason = result.verdict if result else together.problem
         return replace(judged, modes=f"Whether a failure mode is new cannot be decided: {reason}")
-    new = [*find_new_modes(result, judged.before.campaign, judged.now.campaign)]
+    new = [*find_new_modes(result, judged.before, judged.now)]
     if not new:
         words = f"None of {len(result.modes)} failure modes is new."
         return replace(judged, modes=words)
@@ -295,8 +302,13 @@ def add_modes(judged: Rerun, together: Analysis, now: RerunSide, pages: str) -> 
     )
 
 
-def find_new_modes(result: AnalysisResult, before: int, now: int) -> Iterator[NewMode]:
+def find_new_modes(
+    result: AnalysisResult, before: RerunFigures, now: RerunFigures
+) -> Iterator[NewMode]:
     """The modes that hold more of one campaign's failures than chance and the other's explain.
+
+    They must also hold more failures per completed episode than chance explains, by the same test:
+    the share of a mode among the failures grows, too, when another mode disappears.
 
     The modes are found without regard to whose the failures are. So if those of both campaigns are
     independent draws of one kind, each mode has a random part of either's: Fisher's exact test
@@ -304,18 +316,20 @@ def find_new_modes(result: AnalysisResult, before: int, now: int) -> Iterator[Ne
 
     Args:
         result: result of both campaigns' failures together.
-        before: the baseline's campaign.
-        now: the new planner's.
+        before: figures of the baseline's campaign.
+        now: figures of the new planner's.
     """
     labels, campaigns = np.array(result.labels), np.array(result.campaigns)
-    ours, theirs = campaigns == now, campaigns == before
+    ours, theirs = campaigns == now.campaign, campaigns == before.campaign
     of_now, of_before = int(ours.sum()), int(theirs.sum())
     for place, mode in enumerate(result.modes):
         inside = labels == place
         k_now, k_before = int((inside & ours).sum()), int((inside & theirs).sum())
         p_value = bound_probability(k_now, of_now, k_now + k_before, of_now + of_before)
         is_rare = RARER * k_before * of_now <= k_now * of_before
-        if k_now and is_rare and p_value < NEW_MODE / len(result.modes):
+        episodes = now.completed + before.completed
+        by_episode = bound_probability(k_now, now.completed, k_now + k_before, episodes)
+        if is_rare and max(p_value, by_episode) < NEW_MODE / len(result.modes):
             rows = np.flatnonzero(inside & ours)
             away = np.linalg.norm(result.scores[rows] - mode.centre, axis=1)
             episode = result.episodes[rows[np.argmin(away)]]

@@ -18,6 +18,10 @@ from eigenfail.values import (
 )
 
 BEFORE, NOW = 1, 2
+SIDES = [
+    RerunFigures(campaign=number, completed=1_000, failures=100, errored=0)
+    for number in (BEFORE, NOW)
+]
 
 
 def together(before, now, silhouette=0.6, scores=None):
@@ -45,7 +49,7 @@ def together(before, now, silhouette=0.6, scores=None):
 
 
 def found(before, now, **changes):
-    return [each.number for each in find_new_modes(together(before, now, **changes), BEFORE, NOW)]
+    return [each.number for each in find_new_modes(together(before, now, **changes), *SIDES)]
 
 
 def test_the_tail_is_that_of_drawing_without_replacement():
@@ -69,6 +73,12 @@ def test_what_chance_explains_and_what_was_there_before_is_not_new():
     assert found((20, 0), (20, 0)) == []
 
 
+def test_a_mode_that_is_as_frequent_as_before_is_not_new_where_another_has_gone():
+    assert found((95, 5), (0, 5)) == []
+    assert found((95, 5), (0, 6)) == []
+    assert found((95, 5), (0, 25)) == [2]
+
+
 def test_a_stray_failure_of_the_baseline_does_not_hide_a_new_mode():
     assert found((59, 1), (30, 30)) == [2]
     assert found((50, 10), (30, 30)) == []
@@ -76,7 +86,7 @@ def test_a_stray_failure_of_the_baseline_does_not_hide_a_new_mode():
 
 def test_the_episode_is_the_new_planners_nearest_to_the_centre():
     scores = [0.0] * 20 + [3.0] * 10 + [-0.5] + [2.0] * 9
-    (mode,) = find_new_modes(together((20, 0), (0, 20), scores=scores), BEFORE, NOW)
+    (mode,) = find_new_modes(together((20, 0), (0, 20), scores=scores), *SIDES)
     assert mode.episode == 130
     words = "new mode 2: 20 of 20 failures are in it, before 0 of 20"
     assert mode.words(judged=True).startswith(f"{words} (p = ")
