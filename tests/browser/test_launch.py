@@ -188,7 +188,7 @@ def test_the_form_can_be_checked_before_any_script_runs(visit):
     page.locator("#field-episodes").fill("40")
     page.locator("#field-simulator").select_option("point_mass")
     page.get_by_role("button", name="Check").click()
-    expect(page.locator("#field-settings-batch-problem")).to_contain_text("of at least 2")
+    expect(page.locator("#field-settings-batch-problem")).to_contain_text("from 2 to")
     expect(page.get_by_role("button", name="Launch", exact=True)).to_be_hidden()
     page.locator("#field-settings-batch").fill("8")
     page.get_by_role("button", name="Check").click()
