@@ -22,7 +22,7 @@ def p_fail(scenario: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]
     """P(failure) of `rulebook` at a scenario's defaults."""
     simulation = simulate(scenario, crew, seed)
     results = [run.result for run in simulation.runs if run.result is not None]
-    found = pool_simulations(results, simulation.runs[0].draws, simulation.evaluations)
+    found = pool_simulations(results, simulation.runs[0].draws, simulation.trajectories_run)
     ends = found.interval and (found.interval.low, found.interval.high)
     yield (
         f"{scenario}.rulebook.p_fail",
@@ -38,7 +38,7 @@ def p_fail(scenario: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]
 
 
 def simulate(scenario: str, crew: Crew, seed: int) -> SubsetSimulation:
-    """A subset simulation whose evaluations are episodes."""
+    """A subset simulation whose trajectories are run as episodes."""
     setup = staged(scenario, "rulebook")
 
     def robustness(z: Array) -> Array:
@@ -52,8 +52,8 @@ def story(simulation: SubsetSimulation) -> str:
     levels = ", ".join(f"{one.threshold:.3g}" for one in simulation.pilots[-1].levels)
     runs = [run.result for run in simulation.runs if run.result is not None]
     found = ", ".join(f"{one.probability or 0.0:.2g}" for one in runs)
-    ancestors = ", ".join(str(one.ancestors) for one in runs)
+    first_draws = ", ".join(str(one.distinct_first_draws) for one in runs)
     return (
         f"subset simulation, levels at {levels} m; {len(runs)} runs of {simulation.runs[0].draws} "
-        f"samples on a level: {found}, from {ancestors} first samples"
+        f"samples on a level: {found}, from {first_draws} first draws"
     )

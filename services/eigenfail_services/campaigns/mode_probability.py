@@ -88,7 +88,7 @@ def estimate_by_levels(
 ) -> ModeEstimates:
     """Estimate each mode by the last level of a subset simulation."""
     settings = read_settings(SubsetMethodSettings, campaign.spec.settings, "settings")
-    simulation = start_simulation(learner_context(campaign, store), settings.make_settings())
+    simulation = start_simulation(learner_context(campaign, store), settings)
     robustness = [_read_robustness_m(row) for row in _list_rows(store, campaign.id)]
     return estimate_modes(simulation, robustness, mode_of, modes) or [None] * modes
 

@@ -313,7 +313,10 @@ class Rounds:
 
 
 def run_in_process(rounds: Rounds, engine: EpisodeEngine) -> Iterator[EpisodeResult]:
-    """Run a whole campaign in this process, and yield its results in index order."""
+    """Run a whole campaign in this process, and yield its results in index order.
+
+    The service runs the rounds through the hub; this is for examples, benchmarks and tests.
+    """
     while opened := rounds.open():
         oldest = opened[0]
         if oldest.policy is not None:

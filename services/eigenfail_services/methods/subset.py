@@ -40,35 +40,17 @@ from eigenfail_services.statistics.subset_simulation import (
     make_level,
 )
 
-MAX_SAMPLES = 100_000
 
-
-class SubsetMethodSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class SubsetMethodSettings(SubsetSettings, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `subset`."""
 
-    samples: Annotated[
-        Annotated[int, Meta(ge=FEWEST_SAMPLES, le=MAX_SAMPLES)] | None,
-        Meta(
-            description="samples on each level of a run at most; none given: what the budget allows"
-        ),
-    ] = None
-    level_share: Annotated[
-        float, Meta(ge=0.05, le=0.5, description="share of them that is to reach the next level")
-    ] = 0.1
-    acceptance: Annotated[
-        float, Meta(ge=0.1, le=0.9, description="share of the moves that is to be accepted")
-    ] = 0.4
-    most_levels: Annotated[int, Meta(ge=1, le=100, description="levels at most")] = 20
-    runs: Annotated[
-        int, Meta(ge=1, le=10, description="independent runs, to be compared with each other")
-    ] = 2
     round_size: Annotated[
         int, Meta(ge=1, le=100_000, description="episodes in a round at most")
     ] = 10_000
 
     def check_budget(self, episodes: int) -> None:
         """Raise InvalidValue if the budget allows too few samples, unless they were chosen."""
-        fewest = self.make_settings().count_fewest()
+        fewest = self.count_fewest_trajectories()
         if self.samples is None and episodes < fewest:
             raise InvalidValue(
                 "episodes",
@@ -77,24 +59,14 @@ class SubsetMethodSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
                 "Give more episodes: with tens of thousands the estimate is good.",
             )
 
-    def make_settings(self) -> SubsetSettings:
-        """Return the settings of the simulation."""
-        return SubsetSettings(
-            samples=self.samples,
-            share=self.level_share,
-            acceptance=self.acceptance,
-            most_levels=self.most_levels,
-            runs=self.runs,
-        )
 
-
-class WaveQueue:
-    """Waves of the noise of a simulation, which may be run in pieces.
+class SimulationDriver:
+    """Drives a simulation wave by wave: hands out its trajectories in pieces, collects robustness.
 
     Attributes:
-        simulation: simulation that requests the noise.
-        robustness: robustness of all noise so far, in order, NaN for failed runs. [m]
-        wave: noise that is requested, shape (n, steps, 2); empty after the end.
+        simulation: simulation that requests the trajectories.
+        robustness: robustness of all trajectories so far, in order, NaN of errored episodes. [m]
+        wave: trajectories that are requested, shape (n, steps, 2); empty after the end.
         proposed: number of trajectories of the wave that were taken.
     """
 
@@ -139,14 +111,14 @@ class WaveQueue:
         self.proposed, self._received = 0, []
 
 
-MAX_ROUND_NUMBERS = 5_000_000
-"""Most numbers of noise in a round, which is sent as one message."""
+MAX_VALUES_PER_ROUND = 5_000_000
+"""Most values of noise in a round, which is sent as one message."""
 
 
 class SubsetMethod:
     """Descends the levels of robustness to failures: a pilot run, then several independent runs.
 
-    A wave of episodes is requested at a time: draws from the prior on the first level, then a move
+    A wave of episodes is requested at a time: draws from p(x) on the first level, then a move
     of every chain of all runs. Its state is the robustness of every episode and nothing else: the
     noise follows from that and the seed.
 
@@ -172,34 +144,36 @@ class SubsetMethod:
     def __init__(self, context: LearnerContext, settings: SubsetMethodSettings) -> None:
         settings.check_budget(context.episodes)
         self._context = context
-        self._round_size = min(settings.round_size, 1 + MAX_ROUND_NUMBERS // (2 * context.horizon))
-        self._settings = settings.make_settings()
-        self._waves = self._start()
+        self._round_size = min(
+            settings.round_size, 1 + MAX_VALUES_PER_ROUND // (2 * context.horizon)
+        )
+        self._settings = settings
+        self._driver = self._make_driver()
 
     def propose(self, n: int) -> Proposal:
         """Return the rest of the wave, at most a round; nothing after the end of all runs."""
-        chosen = self._waves.take(min(n, self._round_size)).astype(np.float32)
+        chosen = self._driver.take(min(n, self._round_size)).astype(np.float32)
         return Proposal(tuple(map(TrajectorySource, chosen)))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Add the robustness of episodes; a complete wave leads to the next one."""
-        self._waves.add_robustness([robustness_m(result) for result in results])
+        self._driver.add_robustness([robustness_m(result) for result in results])
 
     def estimate(self) -> Estimate | None:
         """Return the failure probability; before the end of all runs, a preliminary statement."""
-        simulation = self._waves.simulation
-        if not self._waves.is_done:
-            spent = len(self._waves.robustness) >= self._context.episodes
+        simulation = self._driver.simulation
+        if not self._driver.is_done:
+            spent = len(self._driver.robustness) >= self._context.episodes
             return estimate_unfinished(simulation, spent)
         found = [one.result for one in simulation.runs if one.result is not None]
         if not found:
             return explain_missing_runs(simulation)
-        return pool_simulations(found, simulation.runs[0].draws, simulation.evaluations)
+        return pool_simulations(found, simulation.runs[0].draws, simulation.trajectories_run)
 
     def state(self) -> bytes:
         """Return the robustness of all episodes so far."""
-        values: archive.Array = np.array(self._waves.robustness, np.float64)
-        facts = self._Facts(self._waves.proposed)
+        values: archive.Array = np.array(self._driver.robustness, np.float64)
+        facts = self._Facts(self._driver.proposed)
         return archive.write("subset", facts, {"robustness_m": values})
 
     def restore(self, state: bytes) -> None:
@@ -209,14 +183,14 @@ class SubsetMethod:
             ProtocolError: the bytes are not a state of this method.
         """
         facts, arrays = archive.read("subset", state, self._Facts)
-        waves = self._start()
+        driver = self._make_driver()
         with archive.wrap_errors("subset"):
-            waves.add_robustness(arrays["robustness_m"].astype(np.float64).tolist())
-        waves.proposed = facts.proposed
-        self._waves = waves
+            driver.add_robustness(arrays["robustness_m"].astype(np.float64).tolist())
+        driver.proposed = facts.proposed
+        self._driver = driver
 
-    def _start(self) -> WaveQueue:
-        return WaveQueue(start_simulation(self._context, self._settings))
+    def _make_driver(self) -> SimulationDriver:
+        return SimulationDriver(start_simulation(self._context, self._settings))
 
 
 def start_simulation(context: LearnerContext, settings: SubsetSettings) -> SubsetSimulation:
@@ -224,12 +198,10 @@ def start_simulation(context: LearnerContext, settings: SubsetSettings) -> Subse
     return SubsetSimulation(context.horizon, context.episodes, settings, (context.seed,))
 
 
-MIN_LINEAGES = 5.0
-"""Least number of effective independent first draws behind the failures of a mode: with fewer, both
-the mode and its share are due to chance."""
+MIN_EFFECTIVE_FIRST_DRAWS = 5.0
+"""Behind the failures of a mode; with fewer, both the mode and its share are due to chance."""
 
-
-NONE = -1
+NO_MODE = -1
 
 
 def estimate_modes(
@@ -238,7 +210,10 @@ def estimate_modes(
     mode_of: Mapping[int, int],
     modes: int,
 ) -> tuple[Estimate, ...] | None:
-    """Return P of each mode: P of the last level but one, times the mode's share in the last one.
+    """Return the failure probability of each mode.
+
+    P(mode) = P(robustness <= last threshold above 0) × share of the samples drawn below it that are
+    failures of the mode.
 
     Args:
         simulation: simulation of the campaign before its first wave; it is run again.
@@ -253,19 +228,21 @@ def estimate_modes(
     chains = [each.chains for each in simulation.runs]
     if not chains or any(each is None for each in chains):
         return None
-    found = [label_samples(each, index_of, mode_of) for each in chains if each is not None]
-    return tuple(_estimate_mode(simulation, found, mode) for mode in range(modes))
+    labels = [label_samples(each, index_of, mode_of) for each in chains if each is not None]
+    return tuple(_estimate_mode(simulation, labels, mode) for mode in range(modes))
 
 
 def replay_waves(simulation: SubsetSimulation, robustness: Sequence[float]) -> dict[bytes, int]:
     """Run a simulation again; return the index of each failure by its noise."""
-    waves, index_of, count = WaveQueue(simulation), dict[bytes, int](), 0
-    while not waves.is_done and count + len(waves.wave) <= len(robustness):
-        values = robustness[count : count + len(waves.wave)]
+    driver, index_of, count = SimulationDriver(simulation), dict[bytes, int](), 0
+    while not driver.is_done and count + len(driver.wave) <= len(robustness):
+        values = robustness[count : count + len(driver.wave)]
         failed = np.flatnonzero(np.array(values) <= 0.0).tolist()
-        index_of |= {waves.wave[row].tobytes(): count + row for row in failed}
+        # The float64 values that the simulation made, as they are in its chains; the noise of
+        # stored episodes was rounded to float32 and could not be found there.
+        index_of |= {driver.wave[row].tobytes(): count + row for row in failed}
         count += len(values)
-        waves.add_robustness(values)
+        driver.add_robustness(values)
     return index_of
 
 
@@ -273,40 +250,43 @@ def label_samples(
     chains: Chains, index_of: Mapping[bytes, int], mode_of: Mapping[int, int]
 ) -> NDArray[np.int64]:
     """Return the mode of each sample of a level, shape (length, chains); -1 for no failure."""
-    found = np.full(chains.values.shape, NONE)
+    modes = np.full(chains.values.shape, NO_MODE)
     for place in np.argwhere(chains.values <= 0.0).tolist():
         index = index_of[chains.z[tuple(place)].tobytes()]
-        found[tuple(place)] = mode_of.get(index, NONE)
-    return found
+        modes[tuple(place)] = mode_of.get(index, NO_MODE)
+    return modes
 
 
 def _estimate_mode(
-    simulation: SubsetSimulation, found: Sequence[NDArray[np.int64]], mode: int
+    simulation: SubsetSimulation, labels: Sequence[NDArray[np.int64]], mode: int
 ) -> Estimate:
     """Return the estimate of one mode, or the reason why there is none."""
-    each = [
-        _restrict_to_mode(run, own == mode) for run, own in zip(simulation.runs, found, strict=True)
+    estimates = [
+        _restrict_to_mode(run, modes == mode)
+        for run, modes in zip(simulation.runs, labels, strict=True)
     ]
-    worth = sum(one.effective for one in each)
-    if worth < MIN_LINEAGES:
+    effective = sum(one.effective_first_draws for one in estimates)
+    if effective < MIN_EFFECTIVE_FIRST_DRAWS:
         problem = (
-            f"Its failures on the last level are worth {worth:.1f} independent first draws, and it "
-            f"takes {MIN_LINEAGES:.0f}. Give the campaign more episodes."
+            f"Its failures on the last level are worth {effective:.1f} independent first draws, and"
+            f" it takes {MIN_EFFECTIVE_FIRST_DRAWS:.0f}. Give the campaign more episodes."
         )
-        return refuse_estimate(simulation.evaluations, problem)
-    return pool_simulations(each, simulation.runs[0].draws, simulation.evaluations)
+        return refuse_estimate(simulation.trajectories_run, problem)
+    return pool_simulations(estimates, simulation.runs[0].draws, simulation.trajectories_run)
 
 
 def _restrict_to_mode(run: LevelRun, inside: NDArray[np.bool_]) -> SubsetEstimate:
-    """Return a run's estimate if only some samples of its last level were failures.
+    """Return a run's estimate as if only the samples in `inside` had failed.
+
+    They get robustness 0, all others of the last level infinity; the levels before stay.
 
     Args:
         run: run over the levels.
         inside: mask of these samples, shape (length, chains).
     """
-    evaluations = run.result.evaluations if run.result else 0
+    trajectories_run = run.result.trajectories_run if run.result else 0
     if run.chains is None or not inside.any():
-        return estimate_without_failures(run.levels, SubsetEnd.MISSED, evaluations)
-    own = run.chains._replace(values=np.where(inside, 0.0, inf))
-    levels = (*run.levels[:-1], make_level(own, 0.0))
-    return estimate_from_failures(levels, own, run.draws, evaluations)
+        return estimate_without_failures(run.levels, SubsetEnd.MISSED, trajectories_run)
+    restricted = run.chains._replace(values=np.where(inside, 0.0, inf))
+    levels = (*run.levels[:-1], make_level(restricted, 0.0))
+    return estimate_from_failures(levels, restricted, run.draws, trajectories_run)

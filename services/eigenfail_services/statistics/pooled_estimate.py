@@ -50,7 +50,7 @@ def pool_estimates(estimates: Sequence[Estimate]) -> Estimate:
     found = [one.probability or 0.0 for one in estimates]
     weights = [one.episodes / episodes for one in estimates]
     probability = sum(p * weight for p, weight in zip(found, weights, strict=True))
-    cv = variation(found, weights, [one.cv for one in estimates])
+    cv = combine_cvs(found, weights, [one.cv for one in estimates])
     bounded = any(one.bound for one in estimates)
     return Estimate(
         by=estimates[0].by,
@@ -78,7 +78,7 @@ def disagree(found: Sequence[tuple[float, float, float]]) -> bool:
     )
 
 
-def variation(
+def combine_cvs(
     found: Sequence[float], weights: Sequence[float], cvs: Sequence[float | None]
 ) -> float | None:
     """Return the coefficient of variation of a weighted mean of independent estimates.
@@ -126,15 +126,16 @@ def pool_simulations(found: Sequence[SubsetEstimate], samples: int, episodes: in
             episodes, f"No failure was reached: {deepest.end}. {_describe_depth(deepest.levels)}"
         )
     missed = len(reached) < len(found)
-    known = [(one.probability or 0.0, one.variation, one.effective) for one in reached]
-    if disagree(known) or (missed and max(one.effective for one in reached) > MOST_BESIDE_NONE):
+    known = [(one.probability or 0.0, one.cv, one.effective_first_draws) for one in reached]
+    most = max(one.effective_first_draws for one in reached)
+    if disagree(known) or (missed and most > MOST_BESIDE_NONE):
         return refuse_estimate(episodes, _describe_disagreement(found))
     # A run without a failure counts as 0: without it, the mean would be too large on average.
     probabilities = [one.probability or 0.0 for one in found]
     even = [1.0 / len(found)] * len(found)
     probability = fsum(probabilities) / len(found)
-    cv = variation(probabilities, even, [one.variation for one in found]) or 0.0
-    effective = sum(one.effective for one in found)
+    cv = combine_cvs(probabilities, even, [one.cv for one in found]) or 0.0
+    effective = sum(one.effective_first_draws for one in found)
     return Estimate(
         by=SUBSET_SIMULATION,
         episodes=episodes,
@@ -173,7 +174,7 @@ def estimate_unfinished(simulation: SubsetSimulation, spent: bool) -> Estimate |
         simulation: simulation as it stands.
         spent: whether there will be no more episodes.
     """
-    episodes, deepest = simulation.evaluations, _find_deepest(simulation)
+    episodes, deepest = simulation.trajectories_run, _find_deepest(simulation)
     if not deepest:
         return refuse_estimate(episodes, f"Not one level was finished. {MORE}") if spent else None
     if spent:
@@ -190,7 +191,7 @@ def explain_missing_runs(simulation: SubsetSimulation) -> Estimate:
         problem = f"The pilot run left too few episodes for the estimate. {MORE}"
     else:
         problem = f"No failure was reached: {simulation.end}. {depth}"
-    return refuse_estimate(simulation.evaluations, problem)
+    return refuse_estimate(simulation.trajectories_run, problem)
 
 
 def _find_deepest(simulation: SubsetSimulation) -> Sequence[SubsetLevel]:

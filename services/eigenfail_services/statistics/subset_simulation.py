@@ -4,6 +4,12 @@ P(r <= 0) = P(r <= b_1) · P(r <= b_2 | r <= b_1) · … with levels b_1 > b_2 >
 low enough that a fixed share of the samples on the level before reaches it.
 Source: Probabilistic Engineering Mechanics 16 (4), 263–277.
 
+A trajectory is the noise z of one episode, shape (steps, 2). It is requested when a simulation
+yields it, and it was run when its robustness is sent back; NaN is sent where its episode errored,
+and it was not run then. A sample is a trajectory that counts on a level: a Markov chain whose move
+was not accepted has the same trajectory as two samples, so that a level may have more samples than
+trajectories were requested for it.
+
 A small pilot run chooses the levels in this way. Independent runs then estimate the probability of
 each level, with all of the budget that is left. Their levels are fixed before they begin, so that
 the product of the shares is unbiased whatever the pilot found, and the lineages of their samples
@@ -33,27 +39,27 @@ SMALLEST_STEP = 0.001
 
 
 class Chains(NamedTuple):
-    """Samples of one level: Markov chains side by side, each from one seed of the level before.
+    """Samples of one level: Markov chains side by side, each from a sample of the level before.
 
     Attributes:
         z: shape (length, chains, steps, 2).
-        values: their robustness, shape (length, chains).
-        ancestors: number of the independent first draw from which each chain descends, shape
-            (chains,).
+        values: their robustness, shape (length, chains). [m]
+        first_draw_of_chain: index of the independent first draw from which each chain descends,
+            shape (chains,).
         acceptance: share of the moves that were accepted; 1 where none was made.
     """
 
     z: Array
     values: Array
-    ancestors: NDArray[np.intp]
+    first_draw_of_chain: NDArray[np.intp]
     acceptance: float = 1.0
 
 
 Sampling = Generator[Array, Array, Chains]
-"""Yields noise z, shape (n, steps, 2); is sent its robustness, shape (n,); returns a level.
+"""Yields trajectories z, shape (n, steps, 2); is sent robustness, shape (n,); returns a level.
 
-Where z could not be run its robustness is NaN. The samples are then of the noise that can be run:
-draws are made anew, and a chain whose move could not be run stays where it is.
+Where episodes errored (NaN) the samples are of the noise that can be run: draws are made anew, and
+a chain whose move was not run stays where it is.
 """
 
 
@@ -70,29 +76,32 @@ class ConditionalSampler:
         acceptance: share of the moves to be accepted, by the choice of the step.
 
     Attributes:
-        requested: number of z that were yielded.
-        evaluations: number of z that were run.
+        trajectories_requested: trajectories that were yielded.
+        trajectories_run: those of them whose robustness is known.
     """
 
     def __init__(self, rng: np.random.Generator, acceptance: float) -> None:
         self._rng = rng
         self._acceptance = acceptance
         self._step = FIRST_STEP
-        self.requested = 0
-        self.evaluations = 0
+        self.trajectories_requested = 0
+        self.trajectories_run = 0
 
     def draw_independent(self, samples: int, steps: int) -> Sampling:
         """Draw independent samples: chains of length 1."""
         z, values = np.empty((0, steps, 2)), np.empty(0)
         while missing := samples - len(z):
             drawn = self._rng.standard_normal((missing, steps, 2))
-            found = yield drawn
-            ran = self._find_ran(found)
-            z, values = np.concatenate([z, drawn[ran]]), np.concatenate([values, found[ran]])
+            robustness = yield drawn
+            self._record(robustness)
+            ran = ~np.isnan(robustness)
+            z, values = np.concatenate([z, drawn[ran]]), np.concatenate([values, robustness[ran]])
         return Chains(z[None], values[None], np.arange(samples))
 
-    def choose_seeds(self, above: Chains, threshold: float, most: int) -> NDArray[np.intp]:
-        """Return at most `most` of the samples that reach a threshold, as positions in z.
+    def choose_starts(self, above: Chains, threshold: float, most: int) -> NDArray[np.intp]:
+        """Return at most `most` of the samples that reach a threshold, to start chains from.
+
+        They are given as positions among the samples in row-major order, shape (up to most,).
 
         They are drawn without regard to their robustness: where ties let more of them through, any
         of them is as good.
@@ -100,52 +109,52 @@ class ConditionalSampler:
         return self._rng.permutation(np.flatnonzero(above.values <= threshold))[:most]
 
     def move_chains(
-        self, above: Chains, threshold: float, seeds: NDArray[np.intp], moves: int
+        self, above: Chains, threshold: float, starts: NDArray[np.intp], moves: int
     ) -> Sampling:
-        """Draw samples at or below a threshold, in chains of 1 + `moves` samples from each seed.
+        """Draw samples at or below a threshold, in chains of 1 + `moves` samples from each start.
 
         Args:
             above: samples of the level before.
             threshold: robustness that no sample may exceed. [m]
-            seeds: positions of the first samples among those of the level before; at least one.
-            moves: number of moves of each chain; with none, the seeds are the samples.
+            starts: positions of the first samples among those of the level before; at least one.
+            moves: number of moves of each chain; with none, the starts are the samples.
         """
-        z = [above.z.reshape(above.values.size, *above.z.shape[2:])[seeds]]
-        values = [above.values.ravel()[seeds]]
+        z = [above.z.reshape(above.values.size, *above.z.shape[2:])[starts]]
+        values = [above.values.ravel()[starts]]
         accepted = []
         for move in range(1, moves + 1):
             proposed = self._propose(z[-1])
-            found = yield proposed
-            share = self._measure_acceptance(found, threshold)
-            accept = found <= threshold
+            robustness = yield proposed
+            self._record(robustness)
+            share = self._measure_acceptance(robustness, threshold)
+            # False where robustness is NaN, so that the chain stays.
+            accept = robustness <= threshold
             z.append(np.where(accept[:, None, None], proposed, z[-1]))
-            values.append(np.where(accept, found, values[-1]))
+            values.append(np.where(accept, robustness, values[-1]))
             accepted.append(share)
             self._adapt(share, move)
-        ancestors = above.ancestors[seeds % len(above.ancestors)]
-        return Chains(
-            np.stack(z), np.stack(values), ancestors, float(np.mean(accepted)) if accepted else 1.0
-        )
+        first_draws = above.first_draw_of_chain[starts % len(above.first_draw_of_chain)]
+        acceptance = float(np.mean(accepted)) if accepted else 1.0
+        return Chains(np.stack(z), np.stack(values), first_draws, acceptance)
 
     def _propose(self, z: Array) -> Array:
         kept: Array = sqrt(1.0 - self._step**2) * z
         return kept + self._step * self._rng.standard_normal(z.shape)
 
-    def _measure_acceptance(self, found: Array, threshold: float) -> float:
-        """Return the share of the moves that stay on the level; of none, the share to be had."""
-        ran = self._find_ran(found)
-        return float((found[ran] <= threshold).mean()) if ran.any() else self._acceptance
+    def _record(self, robustness: Array) -> None:
+        """Count trajectories whose robustness has come."""
+        self.trajectories_requested += len(robustness)
+        self.trajectories_run += int(np.count_nonzero(~np.isnan(robustness)))
+
+    def _measure_acceptance(self, robustness: Array, threshold: float) -> float:
+        """Return the share of the moves that stay on the level; if none was run, the aim."""
+        known = robustness[~np.isnan(robustness)]
+        return float((known <= threshold).mean()) if known.size else self._acceptance
 
     def _adapt(self, accepted: float, move: int) -> None:
         """Take larger steps while too many moves are accepted, smaller ones while too few."""
         change = exp((accepted - self._acceptance) / sqrt(move))
         self._step = min(max(self._step * change, SMALLEST_STEP), 1.0)
-
-    def _find_ran(self, found: Array) -> NDArray[np.bool_]:
-        ran = ~np.isnan(found)
-        self.requested += len(found)
-        self.evaluations += int(ran.sum())
-        return ran
 
 
 FEWEST_SAMPLES = 20
@@ -158,32 +167,40 @@ PILOT_SHARE = 0.1
 PLANNED_LEVELS = 7
 
 
-class SubsetSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Settings of a subset simulation."""
+class SubsetSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of a subset simulation, and of the method `subset`."""
 
-    samples: Annotated[int, Meta(ge=FEWEST_SAMPLES, le=1_000_000)] | None = None
-    """Samples on each level of a run at most; None: as many as the budget allows."""
-    share: Annotated[float, Meta(ge=0.05, le=0.5)] = 0.1
-    """Share of the pilot's samples that is to reach the next level."""
-    acceptance: Annotated[float, Meta(ge=0.1, le=0.9)] = 0.4
-    """Share of the moves that is to be accepted."""
-    most_levels: Annotated[int, Meta(ge=1, le=100)] = 20
-    """Levels at most."""
-    runs: Annotated[int, Meta(ge=1, le=10)] = 2
-    """Independent runs, whose results are compared with each other."""
+    samples: Annotated[
+        Annotated[int, Meta(ge=FEWEST_SAMPLES, le=100_000)] | None,
+        Meta(
+            description="samples on each level of a run at most; none given: what the budget allows"
+        ),
+    ] = None
+    level_share: Annotated[
+        float, Meta(ge=0.05, le=0.5, description="share of them that is to reach the next level")
+    ] = 0.1
+    acceptance: Annotated[
+        float, Meta(ge=0.1, le=0.9, description="share of the moves that is to be accepted")
+    ] = 0.4
+    most_levels: Annotated[int, Meta(ge=1, le=100, description="levels at most")] = 20
+    runs: Annotated[
+        int, Meta(ge=1, le=10, description="independent runs, to be compared with each other")
+    ] = 2
 
-    def count_pilot(self, samples: int) -> int:
-        """Return the calls of a pilot run over the planned levels; seeds are not run again."""
-        seeds = round(self.share * samples)
-        return samples + (PLANNED_LEVELS - 1) * (ceil(samples / seeds) - 1) * seeds
+    def count_pilot_trajectories(self, samples: int) -> int:
+        """Return what a pilot run over the planned levels requests; starts are not run again."""
+        starts = round(self.level_share * samples)
+        return samples + (PLANNED_LEVELS - 1) * (ceil(samples / starts) - 1) * starts
 
-    def count_fewest(self) -> int:
+    def count_fewest_trajectories(self) -> int:
         """Return the smallest budget that allows the fewest samples over the planned levels."""
-        return self.count_pilot(FEWEST_SAMPLES) + self.runs * PLANNED_LEVELS * FEWEST_SAMPLES
+        pilot = self.count_pilot_trajectories(FEWEST_SAMPLES)
+        return pilot + self.runs * PLANNED_LEVELS * FEWEST_SAMPLES
 
     def choose_pilot_samples(self, budget: int) -> int:
-        """Return the samples on a level of the first pilot run."""
-        chosen = int(PILOT_SHARE * budget * FEWEST_SAMPLES / self.count_pilot(FEWEST_SAMPLES))
+        """Return the samples on a level of the first pilot run, for a budget of trajectories."""
+        fewest = self.count_pilot_trajectories(FEWEST_SAMPLES)
+        chosen = int(PILOT_SHARE * budget * FEWEST_SAMPLES / fewest)
         return max(min(chosen, self.samples or chosen), FEWEST_SAMPLES)
 
 
@@ -216,26 +233,27 @@ class SubsetEstimate(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         probability: probability of a failure; None if none was reached: failures are rarer then
             than the product of the levels' shares.
-        variation: coefficient of variation of that product; 0 without it.
-        effective: effective number of independent first draws from which the failures descend.
+        cv: coefficient of variation of that product; 0 without it.
+        effective_first_draws: effective number of independent first draws from which the failures
+            descend; 0 without failures.
         interval: 95 %, log-normal around `probability`; None without it. It knows nothing of a kind
             of failure of which no sample showed the beginning.
-        ancestors: how many of the first, independent samples the failures descend from.
-        evaluations: how often robustness was evaluated.
+        distinct_first_draws: number of independent first draws from which the failures descend.
+        trajectories_run: trajectories whose robustness is known.
     """
 
     probability: float | None
-    variation: float
-    effective: float
+    cv: float
+    effective_first_draws: float
     interval: Interval | None
-    ancestors: int
-    evaluations: int
+    distinct_first_draws: int
+    trajectories_run: int
     levels: tuple[SubsetLevel, ...]
     end: SubsetEnd
 
 
 Running = Generator[Array, Array, SubsetEstimate]
-"""Yields noise and is sent its robustness, NaN where it could not be run; returns an estimate."""
+"""Yields trajectories and is sent their robustness, as `Sampling`; returns an estimate."""
 
 
 class PilotRun:
@@ -257,25 +275,25 @@ class PilotRun:
     def run(self) -> Generator[Array, Array, SubsetEnd]:
         """Descend the levels. To be called once."""
         settings, sampler, samples = self._settings, self._sampler, self._samples
-        most = round(settings.share * samples)
+        most = round(settings.level_share * samples)
         chains = yield from sampler.draw_independent(samples, self._steps)
-        threshold = _find_next_threshold(chains.values, inf, settings.share)
+        threshold = _find_next_threshold(chains.values, inf, settings.level_share)
         while threshold is not None and len(self.levels) < settings.most_levels:
             self.levels.append(make_level(chains, threshold))
             if threshold <= 0.0:
                 return SubsetEnd.REACHED
-            seeds = sampler.choose_seeds(chains, threshold, most)
-            moves = ceil(samples / len(seeds)) - 1
-            chains = yield from sampler.move_chains(chains, threshold, seeds, moves)
-            threshold = _find_next_threshold(chains.values, threshold, settings.share)
+            starts = sampler.choose_starts(chains, threshold, most)
+            moves = ceil(samples / len(starts)) - 1
+            chains = yield from sampler.move_chains(chains, threshold, starts, moves)
+            threshold = _find_next_threshold(chains.values, threshold, settings.level_share)
         return SubsetEnd.STALLED if threshold is None else SubsetEnd.SPENT
 
 
 class LevelRun:
-    """An estimate of P(robustness <= 0) over given levels, with a given number of calls.
+    """An estimate of P(robustness <= 0) over given levels, with a given number of trajectories.
 
-    Every sample that reaches a level is the seed of a chain. Each level but the last has as many
-    samples as the first draws, the last one has what is left of the calls.
+    Every sample that reaches a level is the start of a chain. Each level but the last has as many
+    samples as there are first draws, the last one has what is left of the trajectories.
 
     Attributes:
         levels: levels that were passed so far.
@@ -286,7 +304,7 @@ class LevelRun:
     Args:
         steps: number of steps of the noise.
         thresholds: levels, each below the one before; the last is 0. [m]
-        calls: number of z to be run at most.
+        max_trajectories: trajectories to be requested at most.
         settings: settings of the simulation.
         sampler: sampler of this run alone.
     """
@@ -295,15 +313,16 @@ class LevelRun:
         self,
         steps: int,
         thresholds: Sequence[float],
-        calls: int,
+        max_trajectories: int,
         settings: SubsetSettings,
         sampler: ConditionalSampler,
     ) -> None:
         self._steps = steps
         self._thresholds = thresholds
         self._sampler = sampler
-        self.draws = min(calls // len(thresholds), settings.samples or calls)
-        self._calls = min(calls, self.draws * len(thresholds))
+        affordable = max_trajectories // len(thresholds)
+        self.draws = min(affordable, settings.samples or affordable)
+        self._max_trajectories = min(max_trajectories, self.draws * len(thresholds))
         self.levels: list[SubsetLevel] = []
         self.chains: Chains | None = None
         self.result: SubsetEstimate | None = None
@@ -314,20 +333,22 @@ class LevelRun:
         chains = yield from sampler.draw_independent(self.draws, self._steps)
         for number, threshold in enumerate(self._thresholds, start=1):
             self.levels.append(make_level(chains, threshold))
-            seeds = sampler.choose_seeds(chains, threshold, chains.values.size)
-            if not seeds.size:
+            starts = sampler.choose_starts(chains, threshold, chains.values.size)
+            if not starts.size:
                 self.result = estimate_without_failures(
-                    self.levels, SubsetEnd.MISSED, sampler.evaluations
+                    self.levels, SubsetEnd.MISSED, sampler.trajectories_run
                 )
                 return self.result
             if number < len(self._thresholds):
                 is_last = number + 1 == len(self._thresholds)
-                left = self._calls - sampler.requested
-                calls = left if is_last else min(self.draws - len(seeds), left)
-                moves = max(calls // len(seeds), 0)
-                chains = yield from sampler.move_chains(chains, threshold, seeds, moves)
+                left = self._max_trajectories - sampler.trajectories_requested
+                chosen = left if is_last else min(self.draws - len(starts), left)
+                moves = max(chosen // len(starts), 0)
+                chains = yield from sampler.move_chains(chains, threshold, starts, moves)
         self.chains = chains
-        self.result = estimate_from_failures(self.levels, chains, self.draws, sampler.evaluations)
+        self.result = estimate_from_failures(
+            self.levels, chains, self.draws, sampler.trajectories_run
+        )
         return self.result
 
 
@@ -338,7 +359,7 @@ class SubsetSimulation:
 
     Args:
         steps: number of steps of the noise.
-        budget: number of z to be run at most.
+        budget: trajectories to be requested at most.
         settings: settings of the simulation.
         seed: seed of every draw.
 
@@ -362,12 +383,12 @@ class SubsetSimulation:
         self.end: SubsetEnd | None = None
 
     @property
-    def evaluations(self) -> int:
-        """Number of z that were run so far, by pilots and runs."""
-        return sum(each.evaluations for each in self._samplers)
+    def trajectories_run(self) -> int:
+        """Number of trajectories whose robustness is known so far, of pilots and runs."""
+        return sum(each.trajectories_run for each in self._samplers)
 
     def run(self) -> Generator[Array, Array, None]:
-        """Yields noise and is sent its robustness, NaN where it could not be run.
+        """Yields trajectories and is sent their robustness, as `Sampling`.
 
         To be called once; `runs` then have the results. There are none where no pilot reached a
         failure, or left too little of the budget.
@@ -378,18 +399,20 @@ class SubsetSimulation:
             pilot = PilotRun(self._steps, samples, settings, self._make_sampler())
             self.pilots.append(pilot)
             self.end = yield from pilot.run()
-            left = self._budget - sum(each.requested for each in self._samplers)
+            left = self._budget - sum(each.trajectories_requested for each in self._samplers)
             if self.end is SubsetEnd.REACHED:
                 break
             samples *= 2
-            if settings.count_pilot(samples) > left or samples > (settings.samples or inf):
+            if samples > (settings.samples or inf):
+                return
+            if settings.count_pilot_trajectories(samples) > left:
                 return
         thresholds = [level.threshold for level in pilot.levels]
-        calls = left // settings.runs
-        if calls // len(thresholds) < FEWEST_SAMPLES:
+        each_run = left // settings.runs
+        if each_run // len(thresholds) < FEWEST_SAMPLES:
             return
         self.runs = [
-            LevelRun(self._steps, thresholds, calls, settings, self._make_sampler())
+            LevelRun(self._steps, thresholds, each_run, settings, self._make_sampler())
             for _ in range(settings.runs)
         ]
         yield from _run_side_by_side([each.run() for each in self.runs])
@@ -422,6 +445,8 @@ def simulate_subsets(
     robustness: Robustness, steps: int, budget: int, settings: SubsetSettings, seed: int
 ) -> SubsetSimulation:
     """Return a finished `SubsetSimulation` whose robustness is a function.
+
+    A campaign runs the simulation through the method `subset`; this is for benchmarks and tests.
 
     Raises:
         InvalidValue: robustness is not finite, or not one value for each trajectory.
@@ -481,7 +506,7 @@ def count_effective(descendants: NDArray[np.number]) -> float:
     return float(descendants.sum() ** 2 / np.square(descendants).sum())
 
 
-def estimate_variation(effective: float, draws: int, levels: int) -> float:
+def estimate_cv(effective: float, draws: int, levels: int) -> float:
     """Return the coefficient of variation of a product of shares over fixed levels.
 
     1 − (1 − 1 / effective) · (n / (n − 1))^levels is an unbiased estimate of its square, with n
@@ -492,37 +517,37 @@ def estimate_variation(effective: float, draws: int, levels: int) -> float:
 
 
 def estimate_from_failures(
-    levels: Sequence[SubsetLevel], chains: Chains, draws: int, evaluations: int
+    levels: Sequence[SubsetLevel], chains: Chains, draws: int, trajectories_run: int
 ) -> SubsetEstimate:
     """Return the estimate of a run that reached failures, with its log-normal interval."""
     failures = (chains.values <= 0.0).sum(axis=0)
-    descendants = np.bincount(chains.ancestors, failures)
+    descendants = np.bincount(chains.first_draw_of_chain, failures)
     probability = prod(one.share for one in levels)
     effective = count_effective(descendants)
-    cv = estimate_variation(effective, draws, len(levels))
+    cv = estimate_cv(effective, draws, len(levels))
     return SubsetEstimate(
         probability=probability,
-        variation=cv,
-        effective=effective,
+        cv=cv,
+        effective_first_draws=effective,
         interval=log_normal(probability, cv, effective),
-        ancestors=int(np.count_nonzero(descendants)),
-        evaluations=evaluations,
+        distinct_first_draws=int(np.count_nonzero(descendants)),
+        trajectories_run=trajectories_run,
         levels=tuple(levels),
         end=SubsetEnd.REACHED,
     )
 
 
 def estimate_without_failures(
-    levels: Sequence[SubsetLevel], end: SubsetEnd, evaluations: int
+    levels: Sequence[SubsetLevel], end: SubsetEnd, trajectories_run: int
 ) -> SubsetEstimate:
     """Return the estimate of a run that reached no failure."""
     return SubsetEstimate(
         probability=None,
-        variation=0.0,
-        effective=0.0,
+        cv=0.0,
+        effective_first_draws=0.0,
         interval=None,
-        ancestors=0,
-        evaluations=evaluations,
+        distinct_first_draws=0,
+        trajectories_run=trajectories_run,
         levels=tuple(levels),
         end=end,
     )

@@ -30,7 +30,7 @@ from eigenfail_services.campaigns.mode_probability import (
     estimate_share,
 )
 from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint
-from eigenfail_services.methods.subset import WaveQueue, estimate_modes
+from eigenfail_services.methods.subset import SimulationDriver, estimate_modes
 from eigenfail_services.statistics.intervals import log_normal, rate
 from eigenfail_services.statistics.subset_simulation import SubsetSettings, SubsetSimulation
 from eigenfail_services.store import Store, open_store
@@ -50,13 +50,13 @@ def robustness(x: np.ndarray) -> np.ndarray:
 
 def simulated(budget: int, seed: int) -> tuple[list[float], dict[int, int]]:
     """Robustness of all episodes of a simulation, and the mode of each failure."""
-    waves, values, sides = WaveQueue(simulation(budget, seed)), [], []
-    while not waves.is_done:
-        x = waves.wave[:, 0, 0]
+    driver, values, sides = SimulationDriver(simulation(budget, seed)), [], []
+    while not driver.is_done:
+        x = driver.wave[:, 0, 0]
         found = robustness(x).tolist()
         values += found
         sides += (x < 0.0).tolist()
-        waves.add_robustness(found)
+        driver.add_robustness(found)
     failures = [index for index, value in enumerate(values) if value <= 0.0]
     return values, {index: int(sides[index]) for index in failures}
 

@@ -93,9 +93,9 @@ def test_one_run_gives_the_numbers_of_the_statistics(searched):
     alone = simulate_subsets(injected, STEPS, 10_000, SubsetSettings(runs=1), seed)
     (run,) = alone.runs
     assert found.probability == run.result.probability
-    assert (found.cv, found.interval) == (run.result.variation, run.result.interval)
-    assert found.effective == run.result.effective
-    assert found.episodes == alone.evaluations
+    assert (found.cv, found.interval) == (run.result.cv, run.result.interval)
+    assert found.effective == run.result.effective_first_draws
+    assert found.episodes == alone.trajectories_run
     assert "no second run" in found.note
 
 
@@ -229,7 +229,7 @@ def test_a_long_campaign_has_a_small_state(searched):
 
 @pytest.mark.parametrize("runs", [1, 2, 5])
 def test_the_smallest_budget_suffices_for_a_pilot_and_its_runs(runs, searched):
-    fewest = SubsetMethod.Settings(runs=runs).make_settings().count_fewest()
+    fewest = SubsetMethod.Settings(runs=runs).count_fewest_trajectories()
     with pytest.raises(InvalidValue, match=rf"fewer than 20 samples .* take {fewest}\."):
         subset(fewest - 1, runs=runs)
     assert len(subset(fewest, runs=runs).propose(1000).sources) == 20

@@ -15,7 +15,7 @@ from eigenfail_services.statistics.subset_simulation import (
     SubsetSettings,
     _find_next_threshold,
     count_effective,
-    estimate_variation,
+    estimate_cv,
     simulate_subsets,
 )
 
@@ -99,20 +99,20 @@ def test_an_estimate_is_the_product_of_its_levels_and_says_what_it_cost():
     assert thresholds == [level.threshold for level in pilot.levels]
     assert all(abs(level.share - 0.1) <= 0.03 for level in pilot.levels[:-1])
     assert found.probability == pytest.approx(prod(level.share for level in found.levels))
-    assert found.variation == estimate_variation(found.effective, run.draws, len(thresholds))
-    assert 1 < found.effective <= found.ancestors < 100
+    assert found.cv == estimate_cv(found.effective_first_draws, run.draws, len(thresholds))
+    assert 1 < found.effective_first_draws <= found.distinct_first_draws < 100
     width = log(found.interval.high / found.interval.low)
-    quantile = find_quantile(0.975, found.effective)
-    assert width == pytest.approx(2.0 * quantile * sqrt(log(1.0 + found.variation**2)))
+    quantile = find_quantile(0.975, found.effective_first_draws)
+    assert width == pytest.approx(2.0 * quantile * sqrt(log(1.0 + found.cv**2)))
     assert sqrt(found.interval.low * found.interval.high) == pytest.approx(found.probability)
-    assert simulation.evaluations == sum(calls)
+    assert simulation.trajectories_run == sum(calls)
 
 
 @pytest.mark.parametrize("p", [0.3, 1e-2, 1e-4, 1e-6])
 @pytest.mark.parametrize("budget", [2_000, 20_000])
 def test_the_whole_budget_is_used_and_no_more(budget, p):
     simulation = simulate_subsets(half_space(p), STEPS, budget, SubsetSettings(), 1)
-    assert 0.9 * budget < simulation.evaluations <= budget
+    assert 0.9 * budget < simulation.trajectories_run <= budget
 
 
 def test_two_fifths_of_the_moves_are_accepted():
@@ -153,7 +153,7 @@ def test_where_a_pilot_is_too_small_a_larger_one_follows():
 
     found = [simulate_subsets(robustness, STEPS, BUDGET, SETTINGS, seed) for seed in range(10)]
     assert any(len(one.pilots) > 1 and one.end is SubsetEnd.REACHED for one in found)
-    assert all(one.evaluations <= BUDGET for one in found)
+    assert all(one.trajectories_run <= BUDGET for one in found)
 
 
 @pytest.mark.parametrize(
@@ -175,24 +175,22 @@ def test_levels_fall_or_there_is_none(values, before, threshold):
 def test_the_variation_of_independent_draws_is_the_binomial_one():
     failures = np.ones(100)
     assert count_effective(failures) == 100.0
-    assert estimate_variation(100.0, 1000, 1) == pytest.approx(sqrt(0.9 / 99.9), rel=1e-3)
+    assert estimate_cv(100.0, 1000, 1) == pytest.approx(sqrt(0.9 / 99.9), rel=1e-3)
 
 
-def test_an_estimate_is_as_sure_as_the_failures_have_ancestors():
+def test_an_estimate_is_as_sure_as_the_failures_have_first_draws():
     assert count_effective(np.array([0.0, 7.0, 0.0])) == 1.0
     assert count_effective(np.array([2.0, 2.0, 0.0, 2.0, 2.0])) == 4.0
     assert count_effective(np.array([3.0, 4.0])) == pytest.approx(49.0 / 25.0)
-    assert estimate_variation(1.0, 1000, 3) == 1.0
-    assert estimate_variation(4.0, 10**9, 3) == pytest.approx(0.5)
+    assert estimate_cv(1.0, 1000, 3) == 1.0
+    assert estimate_cv(4.0, 10**9, 3) == pytest.approx(0.5)
 
 
 def test_the_estimate_is_unbiased_and_its_variation_is_the_one_that_is_said():
     found = [simulated(half_space(1e-4), BUDGET, seed) for seed in range(200)]
     ratios = np.array([one.probability for one in found]) / 1e-4
     assert ratios.mean() == pytest.approx(1.0, abs=4.0 * ratios.std() / sqrt(200))
-    said = sqrt(
-        np.mean([(one.variation * ratio) ** 2 for one, ratio in zip(found, ratios, strict=True)])
-    )
+    said = sqrt(np.mean([(one.cv * ratio) ** 2 for one, ratio in zip(found, ratios, strict=True)]))
     assert said == pytest.approx(ratios.std(), rel=0.35)
 
 
@@ -200,8 +198,8 @@ def test_samples_of_a_level_are_distributed_as_the_noise_below_it():
     """Of the half space beyond 2 sigma: mean phi(2)/Q(2) along its normal, nothing across it."""
     sampler = ConditionalSampler(np.random.default_rng(2), acceptance=0.4)
     first = played(sampler.draw_independent(20_000, 2), half_space(0.5))
-    seeds = sampler.choose_seeds(first, -2.0, 400)
-    chains = played(sampler.move_chains(first, -2.0, seeds, 49), half_space(0.5))
+    starts = sampler.choose_starts(first, -2.0, 400)
+    chains = played(sampler.move_chains(first, -2.0, starts, 49), half_space(0.5))
     z = chains.z.reshape(-1, 4)
     assert chains.z.shape[2:] == (2, 2)
     assert (chains.values <= -2.0).all()
