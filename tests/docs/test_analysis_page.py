@@ -7,7 +7,7 @@ import pytest
 from eigenfail.values import AnalysisResult, AnalysisSettings, FailureMode
 from eigenfail.values.analysis import STABLE
 from eigenfail_services.analysis import alignment, clusters, components
-from eigenfail_services.methods.subset import MIN_LINEAGES
+from eigenfail_services.methods.subset import MIN_EFFECTIVE_FIRST_DRAWS
 from eigenfail_services.statistics.importance import FEWEST_EFFECTIVE
 
 # Rows and their labels, which say what they are.
@@ -48,7 +48,7 @@ def test_the_numbers_on_the_page_are_those_of_the_code(page):
         (clusters.NOISE_DRAWS, "largest of {} draws"),
         (alignment.MIN_STEPS_APART, "at least {} steps apart"),
         (STABLE, "Rand index is {} or more"),
-        (MIN_LINEAGES, "fewer than {:.0f} first draws"),
+        (MIN_EFFECTIVE_FIRST_DRAWS, "fewer than {:.0f} first draws"),
         (FEWEST_EFFECTIVE, "less than {:.0f} independent ones"),
     ):
         assert words.format(number) in " ".join(page.split())
