@@ -30,7 +30,7 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail.wire import messages as m
-from eigenfail.wire.messages import Assembler, Claim, fingerprint_task
+from eigenfail.wire.messages import Assembler, Holding, fingerprint_task
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.store import open_store
@@ -56,7 +56,7 @@ TASKS = (
     EpisodeTask(1, 101, PolicySource(1)),
     EpisodeTask(2, 102, TrajectorySource(floats(2, 5, 2))),
 )
-CLAIMS = (Claim(1, 0, fingerprint_task(SETUP, TASKS[0])), Claim(2, 1), Claim(9, 99, b"another"))
+CLAIMS = (Holding(1, 0, fingerprint_task(SETUP, TASKS[0])), Claim(2, 1), Claim(9, 99, b"another"))
 LONG = m.encode(m.Results(2, (collision(1),)))
 WHOLE = m.encode(m.Ack(1, (0, 1)))
 TO_HUB: tuple[m.Message, ...] = (

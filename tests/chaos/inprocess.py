@@ -27,7 +27,7 @@ class NoAnalyses:
     def open(self, job: object) -> None:
         raise AssertionError(job)
 
-    def tend(self) -> None:
+    def poll(self) -> None:
         pass
 
 

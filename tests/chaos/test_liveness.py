@@ -21,7 +21,7 @@ from played_worker import PlayedWorker
 from eigenfail.values import FINAL_STATES, CampaignSpec, CampaignState
 from eigenfail_services.campaigns import supervisor
 from eigenfail_services.campaigns.supervisor import LEASE_S, Supervisor
-from eigenfail_services.hub import open_rounds, worker_sessions
+from eigenfail_services.hub import commits, worker_sessions
 from eigenfail_services.hub.worker_sessions import ADOPTION_GRACE_S, HEARTBEAT_S, SILENCE_LIMIT_S
 from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
 from eigenfail_services.store import Store, clock, open_store
@@ -47,7 +47,7 @@ FAULTS = ("cut",) * 3 + ("halt", "worker", "child", "learner", "wall") * 2 + ("s
 """Of one life, in any order: too few for an episode or a learner to be given up."""
 
 A_LEASE_S = max(SILENCE_LIMIT_S, LEASE_S, MAX_UNNAMED_HEARTBEATS * HEARTBEAT_S)
-BACK_OFF_S = HELLO_EVERY_S + HEARTBEAT_S + open_rounds.RETRY_S + ADOPTION_GRACE_S
+BACK_OFF_S = HELLO_EVERY_S + HEARTBEAT_S + commits.RETRY_S + ADOPTION_GRACE_S
 MORE = 1.2
 NEVER_S = 900.0
 
@@ -209,7 +209,7 @@ def world(seed: int) -> Iterator[World]:
         )
         for module in (
             worker_sessions,
-            open_rounds,
+            commits,
             supervisor,
             clock,
             parent,

@@ -38,7 +38,7 @@ def test_how_far_a_method_looks_ahead_is_what_the_method_says(benchmark):
 
 def test_the_model_and_the_hub_have_the_same_bounds(benchmark):
     parts = benchmark("scale_parts")
-    commits = import_module("eigenfail_services.hub.open_rounds")
+    commits = import_module("eigenfail_services.hub.commits")
     server = import_module("eigenfail_services.hub.server")
     assert (parts.GROUP_S, parts.GROUP) == (commits.MAX_WAIT_S, commits.MAX_RESULTS)
     assert parts.TURN == server.MESSAGES_PER_TURN

@@ -28,7 +28,7 @@ class NoAnalyses:
     def open(self, job) -> None:
         raise AssertionError(job)
 
-    def tend(self) -> None:
+    def poll(self) -> None:
         pass
 
 

@@ -4,11 +4,11 @@ from eigenfail.values import PolicySource
 from eigenfail.wire.messages import (
     PROTOCOL,
     Ack,
-    Claim,
     Drop,
     Goodbye,
     Heartbeat,
     Hello,
+    Holding,
     Lease,
     PolicyUpdate,
     Refusal,
@@ -94,8 +94,10 @@ class PlayedWorker:
     def hello(self) -> Hello:
         """With all that it holds, finished or not."""
         held = (
-            Claim(campaign, index, fingerprint_task(self.setups[campaign], task))
+            Holding(campaign, index, fingerprint_task(self.setups[campaign], task))
             for (campaign, index), task in self.held.items()
         )
-        claims = (*held, *(Claim(*key) for key in self.outbox))
-        return Hello(PROTOCOL, self.name, CREDIT, life=self.life, asked=self.asked, claims=claims)
+        holdings = (*held, *(Holding(*key) for key in self.outbox))
+        return Hello(
+            PROTOCOL, self.name, CREDIT, life=self.life, asked=self.asked, holdings=holdings
+        )

@@ -19,8 +19,8 @@ from sqlalchemy import select
 
 from eigenfail.testing.examples import spec
 from eigenfail.values import EpisodeResult, EpisodeTask
-from eigenfail_services.hub import open_rounds, worker_sessions
-from eigenfail_services.hub.open_rounds import MAX_DEATHS
+from eigenfail_services.hub import commits, worker_sessions
+from eigenfail_services.hub.commits import MAX_DEATHS
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.worker_sessions import ADOPTION_GRACE_S, HEARTBEAT_S, SILENCE_LIMIT_S
 from eigenfail_services.store import open_store
@@ -111,7 +111,7 @@ def now_s() -> Iterator[list[float]]:
     now_s = [1_000.0]
     clock = SimpleNamespace(monotonic=lambda: now_s[0])
     with ExitStack() as stack:
-        for module in (open_rounds, worker_sessions, parent, child_process):
+        for module in (commits, worker_sessions, parent, child_process):
             stack.enter_context(patch.object(module, "time", clock))
         stack.enter_context(quiet())
         stack.enter_context(patch.object(played_worker, "PlayedEngine", CountingEngine))

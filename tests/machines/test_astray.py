@@ -24,9 +24,9 @@ from eigenfail.wire.messages import (
     read_hub_message,
     read_worker_message,
 )
-from eigenfail_services.hub import open_rounds, worker_sessions
+from eigenfail_services.hub import commits, worker_sessions
+from eigenfail_services.hub.commits import MAX_DEATHS
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.hub.open_rounds import MAX_DEATHS
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
 from eigenfail_services.store import open_store
@@ -43,7 +43,7 @@ class Room:
         self.now_s, self.learners = 100.0, learners
         clock = SimpleNamespace(monotonic=lambda: self.now_s)
         monkeypatch.setattr(worker_sessions, "time", clock)
-        monkeypatch.setattr(open_rounds, "time", clock)
+        monkeypatch.setattr(commits, "time", clock)
         self.store = open_store("memory://")
         self.hub, self.router = played_hub(self.store)
         self.campaign = self.store.campaigns.create(spec(episodes=3)).id
@@ -129,7 +129,7 @@ def test_a_result_brought_before_its_round_is_proposed_is_not_run_again(room: Ro
 
 def test_a_worker_without_credit_is_given_nothing() -> None:
     leases = Leases()
-    leases.join(b"w", hello(credit=0), 0.0)
+    leases.open_session(b"w", hello(credit=0), 0.0)
     leases.offer(1, (TASK,))
     assert leases.assign() == []
 

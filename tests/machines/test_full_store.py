@@ -17,7 +17,7 @@ from eigenfail.wire.messages import (
     encode,
     read_hub_message,
 )
-from eigenfail_services.hub import open_rounds, worker_sessions
+from eigenfail_services.hub import commits, worker_sessions
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.store import open_store
 
@@ -31,7 +31,7 @@ class Room:
         self.now_s, self.full = 100.0, False
         clock = SimpleNamespace(monotonic=lambda: self.now_s)
         monkeypatch.setattr(worker_sessions, "time", clock)
-        monkeypatch.setattr(open_rounds, "time", clock)
+        monkeypatch.setattr(commits, "time", clock)
         self.store = open_store("memory://")
         self.break_(monkeypatch, part, verb)
         self.hub, self.router = played_hub(self.store)

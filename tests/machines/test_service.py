@@ -32,7 +32,7 @@ from eigenfail.values import CampaignSpec
 from eigenfail.wire.messages import Goodbye, Results
 from eigenfail_api.routes.campaigns import CANCEL, PAUSE, RESUME, steer
 from eigenfail_services.campaigns import supervisor
-from eigenfail_services.hub import open_rounds, worker_sessions
+from eigenfail_services.hub import commits, worker_sessions
 from eigenfail_services.hub.worker_sessions import SILENCE_LIMIT_S
 from eigenfail_services.store import open_store
 
@@ -47,7 +47,7 @@ class Service(RuleBasedStateMachine):
         self.stack = ExitStack()
         now_s = [1_000.0]
         clock = SimpleNamespace(monotonic=lambda: now_s[0])
-        for module in (worker_sessions, open_rounds, supervisor):
+        for module in (worker_sessions, commits, supervisor):
             self.stack.enter_context(patch.object(module, "time", clock))
         self.stack.enter_context(quiet())
         learners = self.stack.enter_context(played_learners())

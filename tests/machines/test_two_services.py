@@ -31,7 +31,7 @@ from eigenfail.wire.messages import (
 )
 from eigenfail_services.campaigns import supervisor
 from eigenfail_services.campaigns.supervisor import LEASE_S, Supervisor
-from eigenfail_services.hub import open_rounds, worker_sessions
+from eigenfail_services.hub import commits, worker_sessions
 from eigenfail_services.hub.server import FinishedRun
 from eigenfail_services.store import Store, clock, open_store
 
@@ -50,7 +50,7 @@ class NoAnalyses:
     def open(self, job) -> None:
         raise AssertionError(job)
 
-    def tend(self) -> None:
+    def poll(self) -> None:
         pass
 
 
@@ -164,7 +164,7 @@ def pair(request, tmp_path) -> Iterator[Pair]:
     played = SimpleNamespace(monotonic=lambda: now_s[0])
     leases = SimpleNamespace(monotonic_ns=lambda: round(now_s[0] * 1e9), time_ns=time.time_ns)
     with ExitStack() as stack:
-        for module in (worker_sessions, open_rounds, supervisor):
+        for module in (worker_sessions, commits, supervisor):
             stack.enter_context(patch.object(module, "time", played))
         stack.enter_context(patch.object(clock, "time", leases))
         stack.enter_context(played_learners())

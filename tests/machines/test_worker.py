@@ -98,8 +98,8 @@ class Worker(RuleBasedStateMachine):
 
     def hear_hello(self, said: Hello) -> None:
         """It claims the same, as the very tasks that they are, and what it keeps of results."""
-        claims = {(each.campaign, each.index): each.task for each in said.claims}
-        assert len(claims) == len(said.claims)
+        claims = {(each.campaign, each.index): each.task for each in said.holdings}
+        assert len(claims) == len(said.holdings)
         kept = {key for key, told in claims.items() if told == FINISHED}
         assert kept == self.brought - self.acknowledged
         for (campaign, index), told in claims.items():

@@ -8,13 +8,13 @@ from started import wait_until
 from storm import Storm
 
 from eigenfail_services.campaigns.supervisor import LEASE_S
-from eigenfail_services.hub import open_rounds
+from eigenfail_services.hub import commits
 from eigenfail_services.hub.learner_link import PAUSES_S
 from eigenfail_services.hub.worker_sessions import ADOPTION_GRACE_S, HEARTBEAT_S, SILENCE_LIMIT_S
 from eigenfail_workers.worker.parent import HELLO_EVERY_S
 
 A_LEASE_S = max(SILENCE_LIMIT_S, LEASE_S)
-BACK_OFF_S = HELLO_EVERY_S + HEARTBEAT_S + open_rounds.RETRY_S + ADOPTION_GRACE_S + max(PAUSES_S)
+BACK_OFF_S = HELLO_EVERY_S + HEARTBEAT_S + commits.RETRY_S + ADOPTION_GRACE_S + max(PAUSES_S)
 START_S = 5.0
 """What a process that was killed takes to be there again; nobody else has to wait for it."""
 

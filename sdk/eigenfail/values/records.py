@@ -151,8 +151,9 @@ class Verdict(StrEnum):
     """What became of a delivered result.
 
     `kept`: it is the episode's one result. `duplicate`: the episode has the same result already.
-    `alarm`: the episode has another result: something is not deterministic. `unwanted`: the
-    campaign has ended.
+    `alarm`: the episode has another result: something is not deterministic. `unwanted`: it was not
+    stored, because the campaign has ended, was removed or is of another service, or because its
+    seed, steps or shapes are not those of the campaign.
     """
 
     KEPT = "kept"

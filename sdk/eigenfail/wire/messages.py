@@ -33,7 +33,7 @@ LONGEST_LIFE = 64
 LARGEST_PID = 2**31 - 1
 LONGEST_REASON = 2_000
 
-MAX_CLAIMS = 4_096
+MAX_HOLDINGS = 4_096
 """Largest number of episodes that a worker may name at a time: many times what it is leased."""
 
 FINGERPRINT_BYTES = 16
@@ -47,7 +47,7 @@ FINISHED = b""
 _task_encoder = msgspec.msgpack.Encoder(enc_hook=encode_array, order="deterministic")
 
 
-class Claim(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Holding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An episode that a worker holds from before, and the fingerprint of its task."""
 
     campaign: _Natural
@@ -83,7 +83,7 @@ class Hello(Message, frozen=True):
         life: random name of the worker's process, the same on each of its connections.
         asked: number of the request. A worker repeats its hello until it is welcomed; repeated
             ones have the same number and carry nothing new.
-        claims: the episodes that it holds from before: leased and not begun, running, or finished
+        holdings: the episodes that it holds from before: leased and not begun, running, or finished
             and not acknowledged.
         versions: versions of the packages that run its episodes.
         bridge: whether it has one, so that it can run episodes that need a bridge.
@@ -96,7 +96,9 @@ class Hello(Message, frozen=True):
     pid: Annotated[int, msgspec.Meta(ge=0, le=LARGEST_PID)] = 0
     life: Annotated[str, msgspec.Meta(max_length=LONGEST_LIFE)] = ""
     asked: int = 0
-    claims: Annotated[tuple[Claim, ...], msgspec.Meta(max_length=MAX_CLAIMS)] = ()
+    holdings: Annotated[tuple[Holding, ...], msgspec.Meta(max_length=MAX_HOLDINGS)] = msgspec.field(
+        default=(), name="claims"
+    )
     versions: Versions = {}
     bridge: bool = False
 
@@ -127,10 +129,10 @@ class Heartbeat(Message, frozen=True):
 
     campaign: int | None = None
     running: int | None = None
-    held: Annotated[tuple[tuple[int, int], ...], msgspec.Meta(max_length=MAX_CLAIMS)] = ()
-    slots: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLAIMS)] = 1
+    held: Annotated[tuple[tuple[int, int], ...], msgspec.Meta(max_length=MAX_HOLDINGS)] = ()
+    slots: Annotated[int, msgspec.Meta(ge=1, le=MAX_HOLDINGS)] = 1
     declined: (
-        Annotated[tuple[tuple[int, _Reason], ...], msgspec.Meta(max_length=MAX_CLAIMS)]
+        Annotated[tuple[tuple[int, _Reason], ...], msgspec.Meta(max_length=MAX_HOLDINGS)]
         | msgspec.UnsetType
     ) = msgspec.UNSET
 
@@ -228,12 +230,12 @@ class Stop(Message, frozen=True):
 class Proposed(Message, frozen=True):
     """Learner process to hub: the open rounds, and a checkpoint that restores them.
 
-    Without rounds the campaign is over, for the reason in `because`.
+    Without rounds the campaign is over, for the reason in `stopped_because`.
     """
 
     rounds: tuple[Round, ...]
     checkpoint: bytes
-    because: str = ""
+    stopped_because: str = msgspec.field(default="", name="because")
     estimate: Estimate | None = None
     trained_episodes: int | None = None
 
@@ -319,8 +321,8 @@ PIECE_BYTES = 4096
 """Length of a piece: 4 s at 8 kbit/s, less than the silence after which either side gives up."""
 
 MAX_FRAME_BYTES = 2**20
-"""Longest frame between hub and workers: a `Hello` with all claims and versions takes 750 kB and is
-not split."""
+"""Longest frame between hub and workers: a `Hello` with all holdings and versions takes 750 kB and
+is not split."""
 
 MAX_BYTES_TO_HUB = 64 * 2**20
 """Longest message of a worker: a result with a scene of 40,000 steps and 100 vehicles."""

@@ -214,7 +214,7 @@ class AnalysisJobs:
         self._bounds.confine(process.pid)
         return RunningAnalysis(job, process, Timeout(self._bounds.time_s))
 
-    def tend(self) -> None:
+    def poll(self) -> None:
         """Renew the leases of running analyses, and conclude the ended ones."""
         self._running = [running for running in self._running if not self._ended(running)]
 

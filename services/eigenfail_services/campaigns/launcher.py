@@ -56,7 +56,7 @@ class WorkerLauncher(Protocol):
             ClusterUnavailable: there is nowhere to start them.
         """
 
-    def tend(self, table: WorkerPool) -> Sequence[Notice]:
+    def poll(self, table: WorkerPool) -> Sequence[Notice]:
         """Adjust the number of workers without waiting; return the notices to report."""
 
     def stop(self) -> None:
@@ -71,7 +71,7 @@ class NoLauncher:
     ) -> None:
         """Nothing to do."""
 
-    def tend(self, _table: WorkerPool) -> Sequence[Notice]:
+    def poll(self, _table: WorkerPool) -> Sequence[Notice]:
         """Return no notices."""
         return ()
 
@@ -97,7 +97,7 @@ class WorkerScaling:
         Raises:
             StoreUnavailable: the state could not be written; a later turn writes it.
         """
-        for notice in self._launcher.tend(self._table):
+        for notice in self._launcher.poll(self._table):
             log.warning(notice.message, kind=notice.kind)
             self._unwritten.append(notice)
         while self._unwritten:

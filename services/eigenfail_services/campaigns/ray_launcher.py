@@ -150,7 +150,7 @@ class RayLauncher:
                 raise ClusterUnavailable(lost.problem, lost.remedy)
             time.sleep(LOOK_EVERY_S)
 
-    def tend(self, table: WorkerPool) -> Sequence[Notice]:
+    def poll(self, table: WorkerPool) -> Sequence[Notice]:
         """Read the state of Ray, restart it if it is lost, and request the needed workers."""
         if (link := self._link) is None:
             self._try_again()

@@ -106,7 +106,7 @@ class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=Tr
         episodes: how many have been proposed.
         policy: the newest policy version.
         tally: tally of the rounds observed.
-        stopped: the words of the stop rule that held; empty if none did.
+        stopped_because: which stop rule held, in words; empty if none did.
     """
 
     format: int
@@ -119,7 +119,7 @@ class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=Tr
     rounds: tuple[Round, ...]
     learner: bytes
     tally: Tally = Tally()
-    stopped: str = ""
+    stopped_because: str = msgspec.field(default="", name="stopped")
 
 
 _encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
@@ -177,7 +177,7 @@ class Rounds:
         self._budget = budget
         self._rules = rules
         self._tally = Tally()
-        self._stopped = ""
+        self._rule_held = ""
         self._open: deque[Round] = deque()
         self._number = 0
         self._episodes = 0
@@ -185,10 +185,10 @@ class Rounds:
         self._policy: Policy | None = None
 
     @property
-    def because(self) -> str:
+    def stopped_because(self) -> str:
         """Why no further round is proposed, in words; empty while there is one."""
-        if self._stopped:
-            return self._stopped
+        if self._rule_held:
+            return self._rule_held
         if self._episodes >= self._budget:
             return f"The budget of {self._budget} episodes was spent."
         return "The method had no more to propose." if self._ended else ""
@@ -234,7 +234,7 @@ class Rounds:
         self._open.popleft()
         self._tally = self._tally.after(ordered)
         if self._may_propose():
-            self._stopped = self._judge()
+            self._rule_held = self._judge()
 
     def _judge(self) -> str:
         """Return which rule holds, and that open rounds are finished all the same."""
@@ -259,7 +259,7 @@ class Rounds:
             rounds=tuple(self._open),
             learner=self._learner.state(),
             tally=self._tally,
-            stopped=self._stopped,
+            stopped_because=self._rule_held,
         )
         return write_checkpoint(checkpoint)
 
@@ -282,10 +282,10 @@ class Rounds:
         self._ended = checkpoint.ended
         self._policy = checkpoint.policy
         self._tally = checkpoint.tally
-        self._stopped = checkpoint.stopped
+        self._rule_held = checkpoint.stopped_because
 
     def _may_propose(self) -> bool:
-        return not (self._ended or self._stopped) and self._episodes < self._budget
+        return not (self._ended or self._rule_held) and self._episodes < self._budget
 
     def _propose(self) -> None:
         left = self._budget - self._episodes

@@ -136,7 +136,7 @@ class SupervisedCampaign:
         self.sent_counts: Counts | None = None
         self.halting = False
         self.lost = False
-        self.spent = ""
+        self.rule_held = ""
 
     def has_new(self, priority: Priority) -> bool:
         """Set the priority, and return whether it has changed."""
@@ -260,7 +260,7 @@ def _set_aside(campaign: Campaign, job: Job, store: Store, because: str) -> None
 
 
 class Supervisor:
-    """Claims jobs, tends running ones and concludes ended ones, turn by turn.
+    """Claims jobs, polls running ones and concludes ended ones, turn by turn.
 
     Args:
         store: where the queue is.
@@ -304,7 +304,7 @@ class Supervisor:
         self._claim()
         self._heed_wishes_and_rules()
         self._conclude()
-        self._analyses.tend()
+        self._analyses.poll()
 
     def release(self) -> None:
         """Release the claims of all running campaigns for the next supervisor."""
@@ -384,8 +384,8 @@ class Supervisor:
             now = watch.so_far(self._store.campaigns.get(campaign))
             if watch.has_new(now.spec.priority):
                 self._hub.set_weight(campaign, now.spec.priority.weight)
-            watch.spent = find_spent_rule(now)
-            if watch.spent or now.state in self._wishes:
+            watch.rule_held = find_spent_rule(now)
+            if watch.rule_held or now.state in self._wishes:
                 watch.halting = True
                 self._hub.halt(campaign)
 
@@ -460,6 +460,6 @@ class Supervisor:
     ) -> tuple[CampaignState, str]:
         if ended.problem:
             return CampaignState.DEAD, ended.problem
-        if watch.halting and not watch.spent:
+        if watch.halting and not watch.rule_held:
             return self._wishes[state], BY_USER
-        return CampaignState.DONE, ended.stop_reason or watch.spent
+        return CampaignState.DONE, ended.stopped_because or watch.rule_held

@@ -43,7 +43,7 @@ def make_proposal(rounds: Rounds) -> Proposed:
     return Proposed(
         rounds=opened,
         checkpoint=rounds.checkpoint(),
-        because=rounds.because,
+        stopped_because=rounds.stopped_because,
         estimate=rounds.estimate(),
         trained_episodes=rounds.trained_episodes(),
     )

@@ -8,10 +8,10 @@ from eigenfail.values import EpisodeTask
 from eigenfail.wire.messages import Hello, is_same_task
 from eigenfail_services.hub.scheduler import Assignment, Scheduler
 from eigenfail_services.hub.worker_table import (
-    Adoptions,
     EndedLease,
     EpisodeQueue,
     Fingerprint,
+    Holdings,
     Key,
     WorkerSession,
     WorkerTable,
@@ -57,7 +57,7 @@ class LeaseTable:
         self._scheduler.update_worker(worker, session)
         return ended
 
-    def settle(self, key: Key, by: bytes | None) -> EndedLease | None:
+    def complete(self, key: Key, by: bytes | None) -> EndedLease | None:
         """End the lease of an episode that has a result.
 
         Args:
@@ -172,6 +172,21 @@ class InterruptedEpisodes:
 class Leases:
     """Leases episodes to workers in batches, and takes them back from workers that are gone.
 
+    What ends, and what becomes of the episodes:
+
+    ==========================  ===================================================================
+    `end_session`               the worker is alive: what it held waits again
+    `end_lost_session`          the worker is lost: what it ran is interrupted, the rest waits again
+    `end_disconnected_session`  what it held waits again; what it ran is interrupted if it does not
+                                come back in time (`expire_disconnected`)
+    `stop_leasing`              the worker finishes what it holds and gets nothing more
+    `unqueue_campaign`          the learner is lost: nothing waits, leases go on
+    `remove_campaign`           the campaign is over: nothing waits, all leases end
+    `record_result`             the episode has a result, which is not committed yet
+    `record_verdict`            that result was judged; if refused, the episode may be offered again
+    `complete`                  the episode has a result: it does not wait, and its lease ends
+    ==========================  ===================================================================
+
     Attributes:
         sessions: sessions of the connected workers, by connection.
     """
@@ -182,22 +197,22 @@ class Leases:
         self._scheduler = Scheduler()
         self._table = LeaseTable(self.sessions, self._scheduler)
         self._queue = EpisodeQueue()
-        self._adoptions = Adoptions()
+        self._holdings = Holdings()
         self._interrupted = InterruptedEpisodes()
         self._uncommitted: set[Key] = set()
 
-    def join(self, worker: bytes, hello: Hello, now_s: float) -> None:
-        """Open the session of a worker, with the episodes that it claims to hold.
+    def open_session(self, worker: bytes, hello: Hello, now_s: float) -> None:
+        """Open the session of a worker, with the episodes that it holds from before.
 
         If it had a session before, by this connection or another one, that ends: what it held and
-        does not claim can be leased again.
+        does not name can be leased again.
         """
         for old in self._workers.find_connections(worker, hello):
-            self.leave(old)
+            self.end_session(old)
         if disconnection := self._interrupted.reconnect(hello.life):
             self._put_back(disconnection.key[0], disconnection.task)
         self._workers.add(worker, hello, now_s)
-        self._adoptions.add(worker, hello.claims)
+        self._holdings.add(worker, hello.holdings)
         self._scheduler.update_worker(worker, self.sessions[worker])
 
     def touch(self, worker: bytes, now_s: float) -> WorkerSession | None:
@@ -220,10 +235,10 @@ class Leases:
         session = self.sessions[worker]
         if session.set_running(running, slots):
             self._scheduler.update_worker(worker, session)
-        claimed = self._adoptions.claimed_by(worker)
-        unnamed = session.find_unnamed(session.held.keys() | claimed, named)
-        for key in unnamed & claimed:
-            self._adoptions.discard(worker, key)
+        from_before = self._holdings.held_by(worker)
+        unnamed = session.find_unnamed(session.held.keys() | from_before, named)
+        for key in unnamed & from_before:
+            self._holdings.discard(worker, key)
         self._free(session, unnamed)
 
     def has_leases(self, campaign: int) -> bool:
@@ -238,7 +253,7 @@ class Leases:
         """Return the estimated duration of an episode of a campaign. [s]"""
         return self._scheduler.episode_s(campaign)
 
-    def retire(self, worker: bytes) -> None:
+    def stop_leasing(self, worker: bytes) -> None:
         """Lease nothing more to a worker."""
         session = self.sessions[worker]
         session.credit = 0
@@ -253,22 +268,22 @@ class Leases:
         self._workers.excuse_silence(duration_s, now_s)
         self._interrupted.extend(duration_s)
 
-    def leave(self, worker: bytes) -> None:
+    def end_session(self, worker: bytes) -> None:
         """End the session of a worker that is alive; what it held waits again, at the front."""
-        self._adoptions.remove_worker(worker)
+        self._holdings.remove_worker(worker)
         if session := self.sessions.get(worker):
             self._free(session, set(session.held))
             self._workers.remove(worker)
             self._scheduler.remove_worker(worker, session)
 
-    def lose(self, worker: bytes) -> None:
+    def end_lost_session(self, worker: bytes) -> None:
         """End the session of a lost worker: what it ran is suspected, the rest waits again."""
         session = self.sessions[worker]
         if session.running is not None and session.running in session.held:
             self._interrupted.add(session.running, self._table.end(session.running).task)
-        self.leave(worker)
+        self.end_session(worker)
 
-    def disconnect(self, worker: bytes, until_s: float) -> None:
+    def end_disconnected_session(self, worker: bytes, until_s: float) -> None:
         """End the session of a disconnected worker: its leases return to the queue.
 
         What it ran is suspected if it does not come back until then.
@@ -278,7 +293,7 @@ class Leases:
         if running is not None and (task := session.held.get(running)) is not None:
             name = session.life or worker.hex()
             self._interrupted.disconnect(name, Disconnection(running, task, until_s))
-        self.leave(worker)
+        self.end_session(worker)
 
     def expire_disconnected(self, now_s: float) -> None:
         """Suspect what those disconnected workers ran that did not come back in time."""
@@ -304,12 +319,12 @@ class Leases:
         is_free = self._table.find_task(key) is None and not self._interrupted.withholds(key, task)
         if is_free and task.index not in self._queue.tasks(campaign):
             self._queue.put_back(campaign, task)
-            self._adoptions.mark_changed(campaign)
+            self._holdings.mark_changed(campaign)
 
     def offer(self, campaign: int, tasks: tuple[EpisodeTask, ...]) -> None:
         """Have these episodes run, except those that a worker runs or has just brought."""
         self._queue.require(campaign, tasks)
-        self._adoptions.mark_changed(campaign)
+        self._holdings.mark_changed(campaign)
         for task in tasks:
             if not self._is_taken(campaign, task):
                 self._queue.append(campaign, task)
@@ -340,7 +355,7 @@ class Leases:
         """Return whether a worker with a bridge is connected."""
         return self._scheduler.has_bridge()
 
-    def suspend(self, campaign: int) -> None:
+    def unqueue_campaign(self, campaign: int) -> None:
         """Lease nothing more of a campaign whose learner is lost; leases stay with their workers.
 
         The next learner proposes the same episodes again: it starts from a checkpoint that was
@@ -349,24 +364,26 @@ class Leases:
         """
         self._queue.remove_campaign(campaign)
 
-    def withdraw(self, campaign: int) -> None:
+    def remove_campaign(self, campaign: int) -> None:
         """End everything about a campaign: none of its episodes is to be run any more."""
         self._queue.remove_campaign(campaign)
-        self._adoptions.remove_campaign(campaign)
+        self._holdings.remove_campaign(campaign)
         self._interrupted.remove_campaign(campaign)
         self._table.end_all(campaign)
         self._scheduler.remove_campaign(campaign)
 
-    def receive(self, campaign: int, index: int, wall_s: float, by: bytes | None = None) -> None:
+    def record_result(
+        self, campaign: int, index: int, wall_s: float, by: bytes | None = None
+    ) -> None:
         """Settle an episode whose result came, and note that the result waits for its commit."""
         self._uncommitted.add((campaign, index))
-        self.settle(campaign, index, wall_s, by)
+        self.complete(campaign, index, wall_s, by)
 
-    def release(self, campaign: int, index: int) -> None:
+    def record_verdict(self, campaign: int, index: int) -> None:
         """Note that a received result was judged; if refused, its episode may be offered again."""
         self._uncommitted.discard((campaign, index))
 
-    def settle(self, campaign: int, index: int, wall_s: float, by: bytes | None = None) -> None:
+    def complete(self, campaign: int, index: int, wall_s: float, by: bytes | None = None) -> None:
         """End everything about an episode that has a result.
 
         Args:
@@ -376,15 +393,15 @@ class Leases:
             by: the worker that brought the result; None for whichever holds the episode.
         """
         key = campaign, index
-        self._adoptions.settle(key)
+        self._holdings.complete(key)
         self._interrupted.pop(key)
-        self._queue.settle(campaign, index)
-        lease = self._table.settle(key, by)
+        self._queue.complete(campaign, index)
+        lease = self._table.complete(key, by)
         if self._queue.has_campaign(campaign):
             self._scheduler.record_duration(campaign, wall_s, lease)
 
     def adopt(self, fingerprint: Fingerprint) -> set[tuple[bytes, int]]:
-        """Lease each waiting episode that a worker claims to hold to that worker.
+        """Lease each waiting episode that a worker holds from before to that worker.
 
         After a restart of the hub, a campaign goes on from a checkpoint that was committed before
         the first lease of its rounds, so a task that a worker took before is the task that waits
@@ -394,11 +411,11 @@ class Leases:
             Workers, and the campaigns of which they hold other tasks than those that wait here.
         """
         refused = set()
-        for claim in self._adoptions.match(self._queue, fingerprint):
-            if claim.is_same_task:
-                self._table.lease(claim.worker, claim.key, self._queue.pop(*claim.key))
+        for holding in self._holdings.match(self._queue, fingerprint):
+            if holding.is_same_task:
+                self._table.lease(holding.worker, holding.key, self._queue.pop(*holding.key))
             else:
-                refused.add((claim.worker, claim.key[0]))
+                refused.add((holding.worker, holding.key[0]))
         return refused
 
     def assign(self) -> list[Assignment]:

@@ -1,28 +1,20 @@
 """The open rounds of a campaign: their episodes, results and policies."""
 
-import time
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable
 
 import msgspec
-import structlog
 
-from eigenfail.errors import NotFound, StoreUnavailable
 from eigenfail.values import (
-    EpisodeFault,
     EpisodeResult,
     EpisodeTask,
     Policy,
     Round,
     Shape,
-    unrunnable,
 )
-from eigenfail.values.records import Delivery, Verdict
+from eigenfail.values.records import Verdict
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.hub.metrics import Metrics, observe_duration
-from eigenfail_services.observability import span
 from eigenfail_services.store import Store
-from eigenfail_services.store.episodes import EpisodeStore
 from eigenfail_services.store.judging import make_storable
 
 MAX_REFUSALS = 3
@@ -168,7 +160,7 @@ class OpenRounds:
 
     def _add(self, result: EpisodeResult) -> None:
         # The episode may have been proposed after its result came and before that was committed.
-        self._leases.settle(self._campaign, result.index, wall_s=0.0)
+        self._leases.complete(self._campaign, result.index, wall_s=0.0)
         # A learner must see the same numbers as one that starts again and reads from the store.
         kept = make_storable(result, self._shape)
         self._collector.add(msgspec.structs.replace(kept, scene=None))
@@ -192,169 +184,3 @@ class OpenRounds:
             "steps or shapes are not those of this campaign. Install the same eigenfail, and the "
             "same plug-ins, on all workers."
         )
-
-
-MAX_WAIT_S = 0.05
-
-
-MAX_RESULTS = 256
-
-
-RETRY_S = 1.0
-
-
-HUB = b"hub"
-"""Stands for the worker of results that the hub makes itself."""
-
-
-MAX_DEATHS = 3
-
-
-log = structlog.get_logger()
-
-
-class JudgedResult(msgspec.Struct, frozen=True, eq=False):
-    """A result that the store has judged, so that its worker may forget it."""
-
-    worker: bytes
-    campaign: int
-    result: EpisodeResult
-    verdict: Verdict
-
-
-class _PendingResult(msgspec.Struct, frozen=True, eq=False):
-    worker: bytes
-    campaign: int
-    delivery: Delivery
-    arrived_s: float
-
-
-class CommitQueue:
-    """Collects results for up to 50 ms or 256 of them, then writes them together.
-
-    Args:
-        episodes: the store that they are written to.
-        metrics: count the verdicts and measure the durations.
-
-    Attributes:
-        stuck: whether results wait that the store could not take at the last attempt.
-    """
-
-    def __init__(self, episodes: EpisodeStore, metrics: Metrics | None = None) -> None:
-        self.stuck = False
-        self._episodes = episodes
-        self._metrics = metrics or Metrics()
-        self._pending: list[_PendingResult] = []
-        self._due_s = 0.0
-
-    def add(self, worker: bytes, name: str, campaign: int, result: EpisodeResult) -> None:
-        """Add a result that a worker brought."""
-        now_s = time.monotonic()
-        if not self._pending:
-            self._due_s = max(self._due_s, now_s + MAX_WAIT_S)
-        self._pending.append(_PendingResult(worker, campaign, Delivery(result, name), now_s))
-
-    def campaigns(self) -> set[int]:
-        """Return the campaigns of the results that wait."""
-        return {pending.campaign for pending in self._pending}
-
-    def flush(self, *, now: bool = False) -> list[JudgedResult]:
-        """Write the results that are due, and return the store's verdicts.
-
-        While the store is unavailable, all results wait and are tried again.
-
-        Args:
-            now: whether to write all results, due or not.
-
-        Raises:
-            StoreUnavailable: nothing was written.
-        """
-        due = time.monotonic() >= self._due_s or len(self._pending) >= MAX_RESULTS
-        if not self._pending or not (due or now):
-            return []
-        by_campaign: defaultdict[int, list[_PendingResult]] = defaultdict(list)
-        for pending in self._pending:
-            by_campaign[pending.campaign].append(pending)
-        groups, self._pending, self.stuck = list(by_campaign.values()), [], False
-        judged: list[JudgedResult] = []
-        while groups:
-            try:
-                judged += self._commit(groups[0])
-            except StoreUnavailable:
-                self._pending, self.stuck = [each for group in groups for each in group], True
-                self._due_s = time.monotonic() + RETRY_S
-                if not judged:
-                    raise
-                break
-            del groups[0]
-        return judged
-
-    def _commit(self, group: list[_PendingResult]) -> list[JudgedResult]:
-        verdicts = self._judge(group[0].campaign, [pending.delivery for pending in group])
-        self._record(group, verdicts)
-        return [
-            JudgedResult(pending.worker, pending.campaign, pending.delivery.result, verdict)
-            for pending, verdict in zip(group, verdicts, strict=True)
-        ]
-
-    def _judge(self, campaign: int, deliveries: list[Delivery]) -> Sequence[Verdict]:
-        with span("commit", campaign=campaign, results=len(deliveries)):
-            try:
-                with observe_duration(self._metrics.commit_s):
-                    return self._episodes.commit(campaign, deliveries)
-            except NotFound:  # the worker came here from another service
-                return [Verdict.UNWANTED] * len(deliveries)
-
-    def _record(self, group: list[_PendingResult], verdicts: Sequence[Verdict]) -> None:
-        now_s = time.monotonic()
-        for verdict, count in Counter(verdicts).items():
-            self._metrics.results.labels(verdict).inc(count)
-        for pending in group:
-            self._metrics.result_s.observe(now_s - pending.arrived_s)
-            result = pending.delivery.result
-            if result.believed_wall_s:
-                self._metrics.episode_s.observe(result.believed_wall_s)
-            if result.fault:
-                log.warning(
-                    "episode errored",
-                    campaign=pending.campaign,
-                    episode=result.index,
-                    worker=pending.delivery.worker,
-                    kind=result.fault.kind,
-                )
-
-
-class WorkerDeaths:
-    """Counts, in the store, the workers that were lost while they ran an episode.
-
-    The store outlives this hub. After `MAX_DEATHS` of them the episode is given up as errored.
-    """
-
-    def __init__(self, leases: Leases, commits: CommitQueue, episodes: EpisodeStore) -> None:
-        self._leases = leases
-        self._commits = commits
-        self._episodes = episodes
-
-    def record(self) -> None:
-        """Count the deaths since the last call, after which their episodes can be leased again.
-
-        Raises:
-            StoreUnavailable: a death could not be counted; the next call tries again.
-        """
-        for campaign, task in self._leases.list_interrupted():
-            if self._add_death(campaign, task) < MAX_DEATHS:
-                self._leases.clear_interrupted(campaign, task.index)
-            else:
-                self._give_up(campaign, task)
-
-    def _add_death(self, campaign: int, task: EpisodeTask) -> int:
-        try:
-            return self._episodes.add_death(campaign, task.index)
-        except NotFound:  # the campaign was removed
-            return MAX_DEATHS
-
-    def _give_up(self, campaign: int, task: EpisodeTask) -> None:
-        problem = f"{MAX_DEATHS} workers were lost while they ran it."
-        result = unrunnable(task, EpisodeFault("infrastructure", problem))
-        self._leases.receive(campaign, task.index, result.wall_s, HUB)
-        self._commits.add(HUB, HUB.decode(), campaign, result)

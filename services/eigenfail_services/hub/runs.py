@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import structlog
@@ -26,6 +26,19 @@ from eigenfail_services.hub.open_rounds import OpenRounds
 from eigenfail_services.store import Store
 
 log = structlog.get_logger()
+
+
+class RunEnd(NamedTuple):
+    """How a run ended.
+
+    Attributes:
+        problem: why it failed; empty if it did not.
+        stopped_because: why it is complete: its budget was spent, a stop rule held, or the method
+            had no more to propose; empty if it failed.
+    """
+
+    problem: str
+    stopped_because: str = ""
 
 
 def no_claim() -> None:
@@ -71,9 +84,7 @@ class CampaignRun:
         metrics: count the learner's steps and failures.
 
     Attributes:
-        problem: set when the run is over: why it failed, or empty if the learner has no more to
-            propose.
-        stop_reason: why the learner has no more to propose.
+        end: how the run ended; None while it goes on.
         resumed: whether it goes on from a checkpoint, so that workers may hold its episodes.
     """
 
@@ -86,8 +97,7 @@ class CampaignRun:
         metrics: Metrics | None = None,
     ) -> None:
         self.spec = spec
-        self.problem: str | None = None
-        self.stop_reason = ""
+        self.end: RunEnd | None = None
         self.resumed = False
         self._store = store
         self._leases = leases
@@ -101,15 +111,15 @@ class CampaignRun:
             Trouble: self._handle_trouble,
             Diverged: self._handle_diverged,
         }
-        self._start()
+        self._spawn_learner()
 
     @property
     def socket(self) -> Any:
         """The socket on which the learner's messages come."""
         return self._link.socket
 
-    def _start(self) -> None:
-        """Start a learner process; leased episodes stay with their workers."""
+    def _spawn_learner(self) -> None:
+        """Spawn a learner process; leased episodes stay with their workers."""
         shape = self.spec.setup.disturbance.shape
         self._rounds = OpenRounds(self.spec.campaign, shape, self._store, self._leases)
         self._learning_since_s: float | None = time.monotonic()
@@ -120,13 +130,13 @@ class CampaignRun:
         self._link = LearnerLink(self._bounds, self._restarts.pause_s)
         self.update_phase()
 
-    def _begin(self) -> None:
+    def _send_start(self) -> None:
         """Send a new learner its method, settings and checkpoint, for which the store is needed."""
         spec = self.spec
         try:
             checkpoint = self._store.checkpoints.recover(spec.campaign, spec.claim())
         except ProtocolError as error:
-            self.problem = str(error)
+            self.end = RunEnd(str(error))
             return
         self.resumed = checkpoint is not None
         self._link.send(
@@ -135,7 +145,7 @@ class CampaignRun:
         self._has_begun = True
         self._timeout.restart(self._restarts.pause_s)
 
-    def tend(self) -> None:
+    def poll(self) -> None:
         """Handle the learner's messages, and restart it if it is lost.
 
         Raises:
@@ -143,16 +153,16 @@ class CampaignRun:
             ClaimLost: the campaign belongs to another process now; the message is not stored.
         """
         if not self._has_begun:
-            self._begin()
+            self._send_start()
         if self._rounds.load_kept_results():
-            self._hand_back()
+            self._send_complete_round()
         # The status is read before the messages, so that the last message of a process is handled.
         status = self._link.exit_status()
         while (message := self._unhandled or self._link.receive()) is not None:
             self._unhandled = message
             self._handlers[type(message)](message)
             self._unhandled = None
-        if self.problem is None and (failure := self._find_failure(status)) is not None:
+        if self.end is None and (failure := self._find_failure(status)) is not None:
             self._handle_failure(failure)
 
     def _handle_proposed(self, message: Proposed) -> None:
@@ -164,13 +174,13 @@ class CampaignRun:
         if self._has_observed:
             self._restarts.reset()
         if not message.rounds:
-            self.problem, self.stop_reason = "", message.because
+            self.end = RunEnd("", message.stopped_because)
             return
         self._rounds.open(message.rounds)
-        self._hand_back()
+        self._send_complete_round()
 
     def _handle_trouble(self, message: Trouble) -> None:
-        self.problem = message.problem
+        self.end = RunEnd(message.problem)
 
     def _handle_diverged(self, message: Diverged) -> None:
         self._divergence = LearnerFailure(FailureKind.DIVERGED, message.problem, message.remedy)
@@ -187,7 +197,7 @@ class CampaignRun:
     def _handle_failure(self, failure: LearnerFailure) -> None:
         """Restart the learner from its last checkpoint, or end the campaign."""
         if problem := self._restarts.explain_end(failure):
-            self.problem = problem
+            self.end = RunEnd(problem)
             return
         campaign = self.spec.campaign
         message = f"Campaign {campaign} goes on from its last checkpoint. {failure.problem}"
@@ -195,20 +205,21 @@ class CampaignRun:
         log.warning("learner lost", campaign=campaign, problem=failure.problem)
         self._metrics.learners_lost.labels(failure.kind).inc()
         self._restarts.add(failure)
-        self._leases.suspend(campaign)
+        self._leases.unqueue_campaign(campaign)
         self._end_learner()
-        self._start()
+        self._spawn_learner()
 
     def take_verdict(self, result: EpisodeResult, verdict: Verdict) -> None:
         """Take in the store's verdict on a result; the learner observes what the store keeps."""
         if verdict is not Verdict.KEPT:
             self.spec.accounting.add_discarded(result.believed_wall_s)
         self._rounds.take_verdict(result, verdict)
-        self.problem = self._rounds.problem or self.problem
-        self._hand_back()
+        if self._rounds.problem:
+            self.end = RunEnd(self._rounds.problem)
+        self._send_complete_round()
 
-    def _hand_back(self) -> None:
-        """Have the learner observe the oldest round, if it is complete and the learner is free."""
+    def _send_complete_round(self) -> None:
+        """Send the oldest round to the learner, if it is complete and the learner is free."""
         if self._learning_since_s is None and (results := self._rounds.pop_complete()):
             self._learning_since_s, self._has_observed = time.monotonic(), True
             self._timeout.restart()
@@ -241,7 +252,7 @@ class CampaignRun:
 
     def stop(self) -> None:
         """Withdraw its leases and end its learner; unfinished episodes stay open in the store."""
-        self._leases.withdraw(self.spec.campaign)
+        self._leases.remove_campaign(self.spec.campaign)
         self._end_learner()
 
     def _end_learner(self) -> None:

@@ -14,6 +14,7 @@ import zmq
 from eigenfail.errors import ClaimLost, StoreUnavailable
 from eigenfail.worlds import world_of
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
+from eigenfail_services.hub.commits import CommitQueue, WorkerDeaths
 from eigenfail_services.hub.keys import HubKeys
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import (
@@ -23,7 +24,6 @@ from eigenfail_services.hub.metrics import (
     observe_duration,
     summarize_status,
 )
-from eigenfail_services.hub.open_rounds import CommitQueue, WorkerDeaths
 from eigenfail_services.hub.runs import CampaignRun, RunSpec
 from eigenfail_services.hub.transport import Poller, bind, is_connected, send
 from eigenfail_services.hub.worker_sessions import Draining, WorkerSessions
@@ -50,14 +50,14 @@ class FinishedRun(msgspec.Struct, frozen=True):
     Attributes:
         campaign: id of the campaign.
         problem: why it failed; empty if it came to its end or was halted.
-        stop_reason: why it came to its end; empty if it was halted.
+        stopped_because: why it came to its end; empty if it was halted.
         lost: whether it belongs to another process now.
         declined: why a worker cannot run any of its episodes; empty if none declined.
     """
 
     campaign: int
     problem: str
-    stop_reason: str = ""
+    stopped_because: str = ""
     lost: bool = False
     declined: str = ""
 
@@ -173,7 +173,7 @@ class Hub:
         self._receive()
         self._halt_declined()
         with self._tolerate_store_failure():
-            self._tend_runs()
+            self._poll_runs()
             self._commit()
             self._deaths.record()
             self._roster.update()
@@ -215,15 +215,15 @@ class Hub:
             campaign, reason = self._sessions.declined.popitem()
             self._halt(FinishedRun(campaign, "", declined=reason))
 
-    def _tend_runs(self) -> None:
+    def _poll_runs(self) -> None:
         for run in list(self._runs.values()):
             try:
-                run.tend()
+                run.poll()
             except ClaimLost as error:
                 log.warning("campaign lost", campaign=run.spec.campaign, problem=str(error))
                 self._halt(FinishedRun(run.spec.campaign, "", lost=True))
-            if run.problem is not None:
-                self._halt(FinishedRun(run.spec.campaign, run.problem, run.stop_reason))
+            if run.end is not None:
+                self._halt(FinishedRun(run.spec.campaign, *run.end))
 
     def _update_status(self) -> None:
         # At the end of a turn, as nothing changes from here until the end of the next one.

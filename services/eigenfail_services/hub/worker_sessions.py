@@ -30,9 +30,9 @@ from eigenfail.wire.messages import (
     read_foreign_hello,
     read_worker_message,
 )
+from eigenfail_services.hub.commits import HUB, CommitQueue, JudgedResult
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import Metrics
-from eigenfail_services.hub.open_rounds import HUB, CommitQueue, JudgedResult
 from eigenfail_services.hub.runs import CampaignRun
 from eigenfail_services.hub.scheduler import Assignment
 from eigenfail_services.hub.transport import (
@@ -49,7 +49,7 @@ SILENCE_LIMIT_S = 10.0
 
 ADOPTION_GRACE_S = 3.0
 """Time that a new hub waits for workers that hold episodes of resumed campaigns: their next
-heartbeat is refused, and then they send a hello with their claims."""
+heartbeat is refused, and then they send a hello with their holdings."""
 
 GOODBYE_INTERVAL_S = 30.0
 """Time before a goodbye is repeated, which may be lost on its way. A worker that got it leaves
@@ -161,7 +161,7 @@ class WorkerSessions:
         if session is None or not session.was_opened_by(message):
             log.info("worker joined", worker=message.worker, host=message.host, pid=message.pid)
             _log_version_difference(message.worker, message.versions)
-            self._leases.join(worker, message, time.monotonic())
+            self._leases.open_session(worker, message, time.monotonic())
         self._send(worker, Welcome(HEARTBEAT_S))
 
     def _refuse(self, worker: bytes, reason: str, **facts: str) -> None:
@@ -193,7 +193,7 @@ class WorkerSessions:
     def _handle_results(self, worker: bytes, message: Results) -> None:
         name = self._leases.sessions[worker].name
         for result in message.results:
-            self._leases.receive(message.campaign, result.index, result.wall_s, worker)
+            self._leases.record_result(message.campaign, result.index, result.wall_s, worker)
             self._commits.add(worker, name, message.campaign, result)
 
     def _handle_piece(self, worker: bytes, piece: Piece) -> None:
@@ -210,7 +210,7 @@ class WorkerSessions:
             self._handlers[type(message)](worker, message)
 
     def _handle_goodbye(self, worker: bytes, _message: Goodbye) -> None:
-        self._leases.leave(worker)
+        self._leases.end_session(worker)
 
     def expire_silent(self) -> None:
         """End the sessions of workers that were silent for long, or whose connections are closed.
@@ -223,12 +223,12 @@ class WorkerSessions:
             self._leases.excuse_silence(now_s - before_s, now_s)
         for worker in self._leases.list_silent(now_s, SILENCE_LIMIT_S):
             self._record_loss(worker, why="it is silent")
-            self._leases.lose(worker)
+            self._leases.end_lost_session(worker)
         quiet = self._leases.list_silent(now_s, QUIET_HEARTBEATS * HEARTBEAT_S)
         for worker in self._probe.find_closed(quiet, now_s):
             self._record_loss(worker, why="its connection is closed")
             heard_s = self._leases.sessions[worker].last_heard_s
-            self._leases.disconnect(worker, heard_s + SILENCE_LIMIT_S)
+            self._leases.end_disconnected_session(worker, heard_s + SILENCE_LIMIT_S)
         self._leases.expire_disconnected(now_s)
         self._assemblers.keep_only(self._leases.sessions)
 
@@ -243,7 +243,7 @@ class WorkerSessions:
         sessions = self._leases.sessions
         leaving = draining.find_workers(sessions)
         for worker in leaving:
-            self._leases.retire(worker)
+            self._leases.stop_leasing(worker)
         for worker in draining.pop_ready(leaving, sessions, time.monotonic()):
             log.info("worker dismissed", worker=sessions[worker].name)
             self._send(worker, Goodbye("The worker is no longer needed."))
@@ -252,7 +252,7 @@ class WorkerSessions:
         """Acknowledge the judged results to their workers: one message for each campaign."""
         indices: defaultdict[tuple[bytes, int], list[int]] = defaultdict(list)
         for each in judged:
-            self._leases.release(each.campaign, each.result.index)
+            self._leases.record_verdict(each.campaign, each.result.index)
             indices[each.worker, each.campaign].append(each.result.index)
         for (worker, campaign), of_worker in indices.items():
             if worker != HUB:

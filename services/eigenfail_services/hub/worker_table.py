@@ -12,7 +12,7 @@ import structlog
 
 from eigenfail.values import EpisodeTask
 from eigenfail.values.operations import Arrival
-from eigenfail.wire.messages import FINISHED, Claim, Hello
+from eigenfail.wire.messages import FINISHED, Hello, Holding
 from eigenfail_services.store.events import EventLog
 from eigenfail_services.store.roster import Roster
 
@@ -258,7 +258,7 @@ class EpisodeQueue:
             del self._nonempty[campaign]
         return task
 
-    def settle(self, campaign: int, index: int) -> None:
+    def complete(self, campaign: int, index: int) -> None:
         """Remove an episode that has a result."""
         self._needed.get(campaign, set()).discard(index)
         if index in self.tasks(campaign):
@@ -271,19 +271,19 @@ class EpisodeQueue:
         self._nonempty.pop(campaign, None)
 
 
-class MatchedClaim(NamedTuple):
-    """A waiting episode that a worker claims to hold, and whether it holds the same task."""
+class MatchedHolding(NamedTuple):
+    """A waiting episode that a worker holds from before, and whether it holds the same task."""
 
     worker: bytes
     key: Key
     is_same_task: bool
 
 
-class Adoptions:
+class Holdings:
     """Episodes that workers hold from before this hub knew them, with their tasks' fingerprints.
 
-    A claim waits here until its episode is proposed or has a result, or its worker withdraws it.
-    A worker cannot have more of them than one hello may hold.
+    A holding waits here until its episode is proposed or has a result, or the worker's heartbeats
+    do not name it. A worker cannot have more of them than one hello may hold.
     """
 
     def __init__(self) -> None:
@@ -291,43 +291,43 @@ class Adoptions:
         self._by_worker: dict[bytes, set[Key]] = {}
         self._changed: set[int] = set()
 
-    def add(self, worker: bytes, claims: Iterable[Claim]) -> None:
-        """Add the claims of a worker's hello to its earlier ones."""
-        for claim in claims:
-            episodes = self._fingerprints.setdefault(claim.campaign, {})
-            episodes.setdefault(claim.index, {})[worker] = claim.task
-            self._by_worker.setdefault(worker, set()).add((claim.campaign, claim.index))
-            self.mark_changed(claim.campaign)
+    def add(self, worker: bytes, holdings: Iterable[Holding]) -> None:
+        """Add the holdings of a worker's hello to its earlier ones."""
+        for holding in holdings:
+            episodes = self._fingerprints.setdefault(holding.campaign, {})
+            episodes.setdefault(holding.index, {})[worker] = holding.task
+            self._by_worker.setdefault(worker, set()).add((holding.campaign, holding.index))
+            self.mark_changed(holding.campaign)
 
     def mark_changed(self, campaign: int) -> None:
         """Note that an episode of a campaign waits that did not wait before."""
         self._changed.add(campaign)
 
-    def match(self, queue: EpisodeQueue, fingerprint: Fingerprint) -> Iterator[MatchedClaim]:
-        """Remove and yield the claims of waiting episodes; of equal ones, the oldest comes first.
+    def match(self, queue: EpisodeQueue, fingerprint: Fingerprint) -> Iterator[MatchedHolding]:
+        """Remove and yield the holdings of waiting episodes; of equal ones, the oldest comes first.
 
-        Campaigns without a new claim or waiting episode since the last call are skipped.
+        Campaigns without a new holding or waiting episode since the last call are skipped.
         """
         while self._changed:
             campaign = self._changed.pop()
-            claims = [
-                (index, worker, claimed)
+            holdings = [
+                (index, worker, held)
                 for index, workers in self._fingerprints.get(campaign, {}).items()
-                for worker, claimed in workers.items()
+                for worker, held in workers.items()
             ]
-            for index, worker, claimed in claims:
+            for index, worker, held in holdings:
                 task = queue.tasks(campaign).get(index)
                 if task is not None:
                     self.discard(worker, (campaign, index))
-                    is_same_task = claimed in (FINISHED, fingerprint(campaign, task))
-                    yield MatchedClaim(worker, (campaign, index), is_same_task)
+                    is_same_task = held in (FINISHED, fingerprint(campaign, task))
+                    yield MatchedHolding(worker, (campaign, index), is_same_task)
 
-    def claimed_by(self, worker: bytes) -> set[Key]:
-        """Return the episodes that a worker claims."""
+    def held_by(self, worker: bytes) -> set[Key]:
+        """Return the episodes that a worker holds from before."""
         return set(self._by_worker.get(worker, ()))
 
     def discard(self, worker: bytes, key: Key) -> None:
-        """Remove a worker's claim of an episode."""
+        """Remove a worker's holding of an episode."""
         campaign, index = key
         del self._fingerprints[campaign][index][worker]
         self._by_worker[worker].remove(key)
@@ -339,20 +339,20 @@ class Adoptions:
             del self._by_worker[worker]
 
     def remove_worker(self, worker: bytes) -> None:
-        """Remove all claims of a worker."""
-        for key in self.claimed_by(worker):
+        """Remove all holdings of a worker."""
+        for key in self.held_by(worker):
             self.discard(worker, key)
 
-    def settle(self, key: Key) -> None:
-        """Remove all claims of an episode that has a result."""
+    def complete(self, key: Key) -> None:
+        """Remove all holdings of an episode that has a result."""
         campaign, index = key
         for worker in [*self._fingerprints.get(campaign, {}).get(index, ())]:
             self.discard(worker, key)
 
     def remove_campaign(self, campaign: int) -> None:
-        """Remove all claims of a campaign."""
+        """Remove all holdings of a campaign."""
         for index in [*self._fingerprints.get(campaign, ())]:
-            self.settle((campaign, index))
+            self.complete((campaign, index))
 
 
 ROSTER_INTERVAL_S = 1.0

@@ -8,15 +8,15 @@ from eigenfail.errors import ProtocolError
 from eigenfail.values import EpisodeTask, TrajectorySource
 from eigenfail.wire import messages
 from eigenfail.wire.messages import (
-    MAX_CLAIMS,
     MAX_FRAME_BYTES,
+    MAX_HOLDINGS,
     PIECE_BYTES,
     PROTOCOL,
     Ack,
     Assembler,
     AssemblerTable,
-    Claim,
     Hello,
+    Holding,
     Lease,
     Piece,
     encode,
@@ -101,9 +101,9 @@ def test_a_message_that_nobody_joins_is_not_sent():
 
 
 def test_the_longest_greeting_fits_a_frame():
-    claims = tuple(Claim(2**62, 2**62, b"x" * 16) for _ in range(MAX_CLAIMS))
+    holdings = tuple(Holding(2**62, 2**62, b"x" * 16) for _ in range(MAX_HOLDINGS))
     names = {f"{n:03}" + "\U0001f69a" * 297: "\U0001f69a" * 300 for n in range(200)}
-    (frame,) = split(Hello(PROTOCOL, "w", 1, claims=claims, versions=names))
+    (frame,) = split(Hello(PROTOCOL, "w", 1, holdings=holdings, versions=names))
     assert len(frame) < MAX_FRAME_BYTES
 
 

@@ -55,7 +55,7 @@ def test_our_own_lease_that_ran_out_starts_no_second_process(monkeypatch) -> Non
     analyses.open(job)
     analyses.open(msgspec.structs.replace(job, token="new"))
     assert (len(analyses), Process.started) == (1, 1)
-    analyses.tend()
+    analyses.poll()
     assert renewed == ["new"]
 
 
@@ -244,7 +244,7 @@ def test_a_job_that_was_killed_is_started_anew_and_nothing_is_half_written(tmp_p
     (started,) = analyses._running
     started.process.kill()
     started.process.wait()
-    analyses.tend()
+    analyses.poll()
     assert len(analyses) == 0
     left = store.analyses.get(analysis)
     assert (left.result, left.state in {"queued", "running"}) == (None, True)
@@ -287,7 +287,7 @@ def test_a_process_that_ended_badly_leaves_its_own_reason_or_names_the_log(
         store.analyses.fail(analysis, reason)
     analyses = AnalysisJobs(store, "memory://")
     analyses.open(Job(1, JobKind.ANALYSIS, analysis, "token", 1))
-    analyses.tend()
+    analyses.poll()
     told = store.analyses.get(analysis)
     assert told.state is AnalysisState.FAILED
     assert told.problem == (reason or f"The analysis process ended with status 1. {module.LOOK}")
@@ -380,10 +380,10 @@ def test_one_that_hangs_is_killed_with_all_it_started_and_failed_in_words(
     until("it starts nothing", lambda: (tmp_path / "started").exists() and started(tmp_path))
     process = psutil.Process(started(tmp_path))
     for _ in range(6):
-        analyses.tend()
+        analyses.poll()
         assert len(analyses) == 1
         hanging[0] += 1.0
-    analyses.tend()
+    analyses.poll()
     assert (len(analyses), running.process.returncode) == (0, -9)
     until("what it started lives on", lambda: not lives(process))
     failed = store.analyses.get(analysis)
@@ -413,7 +413,7 @@ def test_what_one_started_goes_with_it_however_it_ended(
     (running,) = analyses._running
 
     def is_over() -> bool:
-        analyses.tend()
+        analyses.poll()
         return len(analyses) == 0
 
     until("it does not end", is_over)

@@ -80,7 +80,7 @@ def test_rounds_are_observed_whole_in_order_and_once(sizes, lookahead, budget, r
     assert all(
         len(observed) <= size for observed, size in zip(learner.observed, sizes, strict=False)
     )
-    assert rounds.because
+    assert rounds.stopped_because
 
 
 @settings(deadline=None, max_examples=40)
@@ -178,4 +178,4 @@ def test_running_in_process_yields_every_result_in_index_order():
     rounds = Rounds(Scripted([2, 1, 3], lookahead=2), campaign_seed=0, budget=5)
     results = list(run_in_process(rounds, ToyEngine(Corridor(steps=5))))
     assert [result.index for result in results] == [0, 1, 2, 3, 4]
-    assert rounds.because
+    assert rounds.stopped_because

@@ -58,7 +58,7 @@ def run(rounds, collides):
     while opened := rounds.open():
         indices += [task.index for task in opened[0].tasks]
         rounds.complete([result(task, collides) for task in opened[0].tasks])
-    assert rounds.because
+    assert rounds.stopped_because
     return indices
 
 
@@ -71,13 +71,13 @@ def test_no_round_is_proposed_after_the_rule_and_the_open_one_is_finished(lookah
     rounds = Rounds(Steady(4, lookahead), 0, 400, StopRules(failures=2))
     assert run(rounds, every_third) == list(range(12))  # 2 in episodes 0 … 7, then 8 … 11
     words = "2 failures were found (rule: failures = 2). The round that was open was finished."
-    assert rounds.because == words
+    assert rounds.stopped_because == words
 
 
 def test_one_failure_is_said_as_such():
     rounds = Rounds(Steady(3), 0, 400, StopRules(failures=1))
     assert run(rounds, every_third) == list(range(3))
-    assert rounds.because == "1 failure was found (rule: failures = 1)."
+    assert rounds.stopped_because == "1 failure was found (rule: failures = 1)."
 
 
 @pytest.mark.parametrize(("rules", "opened"), [(StopRules(), 4), (StopRules(wall_s=1.0), 4)])
@@ -94,15 +94,15 @@ def test_rules_on_time_leave_the_lookahead_alone(rules, opened):
 )
 def test_without_a_rule_that_holds_the_end_is_told_all_the_same(learner, because):
     rounds = Rounds(learner, 0, 12, StopRules(failures=100))
-    assert rounds.because == ""
+    assert rounds.stopped_because == ""
     run(rounds, every_third)
-    assert rounds.because == because
+    assert rounds.stopped_because == because
 
 
 def test_a_rule_that_holds_only_with_the_last_episode_stopped_nothing():
     rounds = Rounds(Steady(6, lookahead=1), 0, 12, StopRules(failures=4))
     assert len(run(rounds, every_third)) == 12
-    assert rounds.because == "The budget of 12 episodes was spent."
+    assert rounds.stopped_because == "The budget of 12 episodes was spent."
 
 
 def test_an_interval_that_is_narrow_enough_stops_at_the_first_such_round():
@@ -115,14 +115,14 @@ def test_an_interval_that_is_narrow_enough_stops_at_the_first_such_round():
 
     assert half_width(episodes) <= 0.1 < half_width(episodes - 10)
     known = f"known to ± {half_width(episodes):.4g} (rule: half_width = 0.1)."
-    assert rounds.because == f"The failure rate is {known}"
+    assert rounds.stopped_because == f"The failure rate is {known}"
 
 
 def test_an_estimate_that_is_sure_enough_stops():
     rounds = Rounds(Steady(2), 0, 100, StopRules(cv=0.25))
     assert len(run(rounds, every_third)) == 8
     words = "The failure probability has a coefficient of variation of 0.25 (rule: cv = 0.25)."
-    assert rounds.because == words
+    assert rounds.stopped_because == words
 
 
 @pytest.mark.parametrize("estimate", [None, Estimate(by="t", episodes=9, problem="too few")])
@@ -161,7 +161,7 @@ def test_a_restored_campaign_stops_at_the_same_episode_in_the_same_words(
         first.complete([result(task, failures.__contains__) for task in opened[0].tasks])
     second.restore(first.checkpoint())
     assert begun + run(second, failures.__contains__) == episodes
-    assert second.because == whole.because != ""
+    assert second.stopped_because == whole.because != ""
 
 
 def test_a_checkpoint_from_before_there_were_rules_is_read():

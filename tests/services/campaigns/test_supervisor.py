@@ -54,7 +54,7 @@ class Analyses:
     def open(self, job) -> None:
         self.opened.append(job)
 
-    def tend(self) -> None:
+    def poll(self) -> None:
         pass
 
 

@@ -5,8 +5,8 @@ import pytest
 from eigenfail.errors import NotFound, StoreUnavailable
 from eigenfail.values import EpisodeFault, EpisodeTask, PriorSource, unrunnable
 from eigenfail.values.records import Verdict
-from eigenfail_services.hub import open_rounds
-from eigenfail_services.hub.open_rounds import CommitQueue
+from eigenfail_services.hub import commits
+from eigenfail_services.hub.commits import CommitQueue
 
 
 class Episodes:
@@ -48,15 +48,15 @@ def test_results_wait_for_each_other(group: CommitQueue, episodes: Episodes) -> 
 
 
 def test_a_full_group_does_not_wait(group: CommitQueue) -> None:
-    for index in range(open_rounds.MAX_RESULTS):
+    for index in range(commits.MAX_RESULTS):
         group.add(b"w", "w", 1, result(index))
-    assert len(group.flush()) == open_rounds.MAX_RESULTS
+    assert len(group.flush()) == commits.MAX_RESULTS
 
 
 def test_a_due_group_is_written(group: CommitQueue, monkeypatch: pytest.MonkeyPatch) -> None:
     group.add(b"w", "w", 1, result(0))
-    now_s = open_rounds.time.monotonic()
-    monkeypatch.setattr(open_rounds.time, "monotonic", lambda: now_s + 2 * open_rounds.MAX_WAIT_S)
+    now_s = commits.time.monotonic()
+    monkeypatch.setattr(commits.time, "monotonic", lambda: now_s + 2 * commits.MAX_WAIT_S)
     assert len(group.flush()) == 1
 
 

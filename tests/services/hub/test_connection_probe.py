@@ -13,8 +13,8 @@ import zmq
 from eigenfail.values import EpisodeTask, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Heartbeat, Hello, encode
 from eigenfail_services.hub import worker_sessions as module
+from eigenfail_services.hub.commits import MAX_DEATHS
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.hub.open_rounds import MAX_DEATHS
 from eigenfail_services.hub.transport import (
     GRACE_S,
     PROBE_INTERVAL_S,
@@ -100,7 +100,7 @@ def test_a_death_of_what_has_a_result_by_then_is_not_counted(table: Table) -> No
     table.runs_one(b"a")
     table.closed.add(b"a")
     table.goes_by(SOON_S)
-    table.leases.receive(1, 0, 1.0)
+    table.leases.record_result(1, 0, 1.0)
     table.goes_by(SILENCE_LIMIT_S)
     assert table.leases.list_interrupted() == []
 
@@ -234,7 +234,7 @@ def test_two_that_are_overdue_at_once_count_as_two(table: Table) -> None:
 def test_what_is_proposed_anew_later_is_not_withheld_for_ever(table: Table) -> None:
     both_are_missed(table)
     table.join(b"c", "three")
-    table.leases.suspend(1)
+    table.leases.unqueue_campaign(1)
     table.goes_by(2 * SILENCE_LIMIT_S, b"c")
     table.leases.offer(1, (EpisodeTask(0, 0, PRIOR), EpisodeTask(1, 1, PRIOR)))
     assert table.held_by(b"c") == BOTH

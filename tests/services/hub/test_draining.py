@@ -56,7 +56,7 @@ def test_who_holds_something_finishes_it_and_gets_nothing_more(now_s) -> None:
     table.draining.set_names({"a"})
     assert table.goodbyes() == []
     assert table.offer(1) == {}
-    table.leases.receive(1, 0, 0.1)
+    table.leases.record_result(1, 0, 0.1)
     assert table.goodbyes() == [b"a"]
 
 
@@ -74,7 +74,7 @@ def test_who_comes_back_from_a_line_that_was_cut_is_sent_home_then(now_s) -> Non
     table = Table("a")
     table.draining.set_names({"a"})
     assert table.goodbyes() == [b"a"]
-    table.leases.leave(b"a")
+    table.leases.end_session(b"a")
     assert table.goodbyes() == []
     table.join("a")
     assert table.goodbyes() == [b"a"]

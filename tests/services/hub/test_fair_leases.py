@@ -23,7 +23,7 @@ def tasks(n: int) -> tuple[EpisodeTask, ...]:
 def seated(workers: int, credit: int = 256) -> Leases:
     leases = Leases()
     for n in range(workers):
-        leases.join(b"%d" % n, Hello(PROTOCOL, f"w{n}", credit, life=f"l{n}"), 0.0)
+        leases.open_session(b"%d" % n, Hello(PROTOCOL, f"w{n}", credit, life=f"l{n}"), 0.0)
     return leases
 
 
@@ -52,8 +52,8 @@ class Crew:
             self.now_s, _, worker = heappop(self._ends)
             campaign, index = self._queues[worker].popleft()
             self.worked_s[campaign] += self.takes_s[campaign]
-            self.leases.receive(campaign, index, self.takes_s[campaign])
-            self.leases.release(campaign, index)
+            self.leases.record_result(campaign, index, self.takes_s[campaign])
+            self.leases.record_verdict(campaign, index)
             self._begin(worker)
             self._hand_out()
 
@@ -132,9 +132,9 @@ def test_a_worker_that_leaves_costs_its_campaigns_nothing() -> None:
     crew.offer(1, MANY)
     crew.work(until_s=10.0)
     for _ in range(100):  # who comes, is given work of the first one, and goes
-        crew.leases.join(b"x", Hello(PROTOCOL, "x", 256), 0.0)
+        crew.leases.open_session(b"x", Hello(PROTOCOL, "x", 256), 0.0)
         crew.leases.assign()
-        crew.leases.leave(b"x")
+        crew.leases.end_session(b"x")
     crew.offer(2, MANY)
     crew.worked_s.clear()
     crew.work(until_s=500.0)
@@ -165,7 +165,7 @@ def effort(workers: int, act) -> float:
     leases.offer(1, tasks(40 * workers))
     leases.offer(2, tasks(40 * workers))
     for campaign in (1, 2):
-        leases.settle(campaign, 0, wall_s=1.0)
+        leases.complete(campaign, 0, wall_s=1.0)
     leases.assign()
     held = [(w, *seat.held) for w, seat in list(leases.sessions.items())[:20]]
     with Opcodes() as counted:
@@ -175,8 +175,8 @@ def effort(workers: int, act) -> float:
 
 def bring_one_and_lease_another(leases: Leases, held) -> None:
     for _, (campaign, index), *_ in held:
-        leases.receive(campaign, index, 1.0)
-        leases.release(campaign, index)
+        leases.record_result(campaign, index, 1.0)
+        leases.record_verdict(campaign, index)
         assert leases.assign()
         assert leases.has_leases(campaign)
         assert leases.adopt(lambda *_: b"") == set()
@@ -184,8 +184,8 @@ def bring_one_and_lease_another(leases: Leases, held) -> None:
 
 def lose_and_join(leases: Leases, held) -> None:
     for worker, *_ in held:
-        leases.lose(worker)
-        leases.join(worker, Hello(PROTOCOL, "w", 256, life=f"new {worker!r}"), 0.0)
+        leases.end_lost_session(worker)
+        leases.open_session(worker, Hello(PROTOCOL, "w", 256, life=f"new {worker!r}"), 0.0)
         assert leases.list_silent(1.0, 10.0) == []
         leases.touch(worker, 1.0)
 

@@ -75,7 +75,7 @@ class Stage:
         running = store.campaigns.move(self.campaign, CampaignState.RUNNING)
         self.engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
         self.leases = Leases()
-        self.leases.join(b"w", Hello(PROTOCOL, "w", 256), 0.0)
+        self.leases.open_session(b"w", Hello(PROTOCOL, "w", 256), 0.0)
         context = learner_context(running, store)
         order = RunSpec(
             self.campaign, spec.setup(), spec.method, spec.settings, spec.seed, context, spec.stop
@@ -85,7 +85,7 @@ class Stage:
 
     def turn(self) -> None:
         """Whatever is leased is run and brought at once."""
-        self.run.tend()
+        self.run.poll()
         for assignment in self.leases.assign():
             if assignment.tasks:
                 self.work(assignment.tasks)
@@ -97,13 +97,13 @@ class Stage:
         for result in list(self.engine.run(tasks)):
             (verdict,) = self.store.episodes.commit(self.campaign, [Delivery(result, "w")])
             assert verdict is Verdict.KEPT
-            self.leases.settle(self.campaign, result.index, 0.1)
+            self.leases.complete(self.campaign, result.index, 0.1)
             self.run.take_verdict(result, verdict)
 
     def turn_until(self, episodes: int) -> None:
         """Until so many episodes are kept, or the campaign is over."""
         for _ in range(TURNS):
-            if self.run.problem is not None or len(self.leased) >= episodes:
+            if self.run.end is not None or len(self.leased) >= episodes:
                 return
             self.turn()
         raise AssertionError("The campaign does not get on.")
@@ -127,7 +127,8 @@ class Stage:
     def digest(self) -> str:
         """Of all episodes, at the end."""
         self.turn_until(10_000)
-        assert self.run.problem == ""
+        assert self.run.end is not None
+        assert self.run.end.problem == ""
         assert sorted(self.leased) == list(range(len(self.leased)))
         return self.store.campaigns.move(self.campaign, CampaignState.DONE).digest
 
@@ -165,7 +166,7 @@ def test_a_campaign_that_falls_back_has_the_same_episodes(stage, spec) -> None:
     disturbed = stage(spec)
     for episodes in range(10, spec.episodes, 10):
         disturbed.turn_until(episodes)
-        disturbed.run.tend()  # what the learner makes of the round is kept, and not yet run
+        disturbed.run.poll()  # what the learner makes of the round is kept, and not yet run
         disturbed.bend(newest=1)
         disturbed.lose_learner()
     assert disturbed.digest() == wanted
@@ -179,6 +180,6 @@ def test_without_a_checkpoint_that_is_whole_the_campaign_is_over(stage) -> None:
     campaign.bend(newest=2)
     campaign.lose_learner()
     campaign.turn()
-    assert "SHA-256 does not match" in campaign.run.problem
-    assert "Launch the campaign again" in campaign.run.problem
+    assert "SHA-256 does not match" in campaign.run.end.problem
+    assert "Launch the campaign again" in campaign.run.end.problem
     assert campaign.damages() == 0

@@ -10,7 +10,7 @@ from store_checks.examples import running
 from eigenfail.values import EpisodeFault, EpisodeTask, unrunnable
 from eigenfail.wire.messages import PROTOCOL, Hello, Lease, Results, encode, read_hub_message
 from eigenfail_services.campaigns.learner_context import learner_context
-from eigenfail_services.hub import open_rounds
+from eigenfail_services.hub import commits
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.store import open_store
@@ -62,7 +62,7 @@ class Room:
 
 @pytest.fixture
 def room(monkeypatch: pytest.MonkeyPatch) -> Iterator[Room]:
-    monkeypatch.setattr(open_rounds, "MAX_WAIT_S", 3_600.0)
+    monkeypatch.setattr(commits, "MAX_WAIT_S", 3_600.0)
     room = Room()
     yield room
     room.hub.halt(room.campaign)

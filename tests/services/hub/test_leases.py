@@ -9,7 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from lives import lives
 
 from eigenfail.values import CampaignSpec, EpisodeTask, PolicySource, PriorSource
-from eigenfail.wire.messages import FINISHED, PROTOCOL, Claim, Hello, fingerprint_task
+from eigenfail.wire.messages import FINISHED, PROTOCOL, Hello, Holding, fingerprint_task
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
 
@@ -28,30 +28,30 @@ def of_ours(_campaign: int, task: EpisodeTask) -> bytes:
     return fingerprint_task(SETUP, task)
 
 
-def claim(campaign: int, index: int, *, right: bool = True) -> Claim:
-    return Claim(campaign, index, of_ours(campaign, tasks(index + (not right))[0]))
+def claim(campaign: int, index: int, *, right: bool = True) -> Holding:
+    return Holding(campaign, index, of_ours(campaign, tasks(index + (not right))[0]))
 
 
-def hello(worker: bytes = b"w", credit: int = 256, claims: tuple[Claim, ...] = ()) -> Hello:
-    return Hello(PROTOCOL, worker.decode(), credit, claims=claims)
+def hello(worker: bytes = b"w", credit: int = 256, holdings: tuple[Holding, ...] = ()) -> Hello:
+    return Hello(PROTOCOL, worker.decode(), credit, holdings=holdings)
 
 
 class LeaseModel(RuleBasedStateMachine):
-    """Any order of events; the model knows what is open, who was given what, and who claims it."""
+    """Any order of events; the model knows what is open, who was given what, and who holds it."""
 
     def __init__(self) -> None:
         super().__init__()
         self.leases = Leases()
         self.open: set[Key] = set()
         self.given: dict[bytes, set[Key]] = {}
-        self.claims: dict[bytes, dict[Key, bool]] = {}
+        self.holdings: dict[bytes, dict[Key, bool]] = {}
         self.running: dict[bytes, Key] = {}
         self.suspected: set[Key] = set()
         self.next_index = 0
 
     def gone(self, worker: bytes) -> None:
         self.given.pop(worker, None)
-        self.claims.pop(worker, None)
+        self.holdings.pop(worker, None)
         self.running.pop(worker, None)
 
     def ended(self, keys: set[Key]) -> None:
@@ -59,26 +59,26 @@ class LeaseModel(RuleBasedStateMachine):
         self.suspected -= keys
         for held in self.given.values():
             held.difference_update(keys)
-        for claims in self.claims.values():
+        for holdings in self.holdings.values():
             for key in keys:
-                claims.pop(key, None)
+                holdings.pop(key, None)
 
     @rule(
         worker=WORKERS,
         credit=st.integers(1, 40),
-        claims=st.dictionaries(
+        holdings=st.dictionaries(
             st.tuples(CAMPAIGNS, st.integers(0, 60)), st.booleans(), max_size=20
         ),
     )
-    def join(self, worker: bytes, credit: int, claims: dict[Key, bool]) -> None:
-        told = tuple(claim(*key, right=right) for key, right in claims.items())
-        self.leases.join(worker, hello(worker, credit, told), 0.0)
-        self.given[worker], self.claims[worker] = set(), dict(claims)
+    def join(self, worker: bytes, credit: int, holdings: dict[Key, bool]) -> None:
+        told = tuple(claim(*key, right=right) for key, right in holdings.items())
+        self.leases.open_session(worker, hello(worker, credit, told), 0.0)
+        self.given[worker], self.holdings[worker] = set(), dict(holdings)
         self.running.pop(worker, None)
 
     @rule(worker=WORKERS)
     def leave(self, worker: bytes) -> None:
-        self.leases.leave(worker)
+        self.leases.end_session(worker)
         self.gone(worker)
 
     @rule(worker=WORKERS, data=st.data())
@@ -86,7 +86,7 @@ class LeaseModel(RuleBasedStateMachine):
         if held := self.given.get(worker):
             self.running[worker] = data.draw(st.sampled_from(sorted(held)))
             self.leases.record_heartbeat(
-                worker, self.running[worker], held | set(self.claims[worker])
+                worker, self.running[worker], held | set(self.holdings[worker])
             )
 
     @rule(worker=WORKERS)
@@ -96,7 +96,7 @@ class LeaseModel(RuleBasedStateMachine):
             return
         if (running := self.running.get(worker)) in self.given[worker]:
             self.suspected.add(running)
-        self.leases.lose(worker)
+        self.leases.end_lost_session(worker)
         self.gone(worker)
 
     @rule()
@@ -111,13 +111,15 @@ class LeaseModel(RuleBasedStateMachine):
         """For so long that it cannot be but that it does not hold the others."""
         if worker not in self.given:
             return
-        named = {key for key in self.given[worker] | set(self.claims[worker]) if key[1] % share}
+        named = {key for key in self.given[worker] | set(self.holdings[worker]) if key[1] % share}
         for _ in range(MAX_UNNAMED_HEARTBEATS):
             assert set(self.leases.sessions[worker].held) == self.given[worker]
             self.leases.record_heartbeat(worker, None, named)
         self.running.pop(worker, None)
         self.given[worker] &= named
-        self.claims[worker] = {k: right for k, right in self.claims[worker].items() if k in named}
+        self.holdings[worker] = {
+            k: right for k, right in self.holdings[worker].items() if k in named
+        }
 
     @rule(campaign=CAMPAIGNS, n=st.integers(1, 30), at_once=st.booleans())
     def offer(self, campaign: int, n: int, at_once: bool) -> None:
@@ -134,16 +136,16 @@ class LeaseModel(RuleBasedStateMachine):
 
     @rule(campaign=CAMPAIGNS)
     def withdraw(self, campaign: int) -> None:
-        self.leases.withdraw(campaign)
+        self.leases.remove_campaign(campaign)
         self.ended({key for key in self.open if key[0] == campaign})
-        for claims in self.claims.values():
-            for key in [key for key in claims if key[0] == campaign]:
-                del claims[key]
+        for holdings in self.holdings.values():
+            for key in [key for key in holdings if key[0] == campaign]:
+                del holdings[key]
 
     @rule(campaign=CAMPAIGNS, worker=WORKERS)
     def lose_the_learner(self, campaign: int, worker: bytes) -> None:
         """The next one proposes all that is open again; meanwhile somebody leaves."""
-        self.leases.suspend(campaign)
+        self.leases.unqueue_campaign(campaign)
         self.leave(worker)
         self.leases.offer(campaign, tasks(*(i for of, i in sorted(self.open) if of == campaign)))
 
@@ -158,9 +160,9 @@ class LeaseModel(RuleBasedStateMachine):
             self.accept(key, 0.01)
 
     def accept(self, key: Key, wall_s: float) -> None:
-        self.leases.receive(*key, wall_s)
+        self.leases.record_result(*key, wall_s)
         self.leases.offer(key[0], tasks(key[1]))  # brought, so that nobody needs to run it
-        self.leases.release(*key)
+        self.leases.record_verdict(*key)
         self.ended({key})
 
     @rule()
@@ -171,18 +173,18 @@ class LeaseModel(RuleBasedStateMachine):
                 key = (assignment.campaign, task.index)
                 assert key in self.open - self.suspected
                 assert all(key not in held for held in self.given.values())
-                assert not any(claims.get(key) for claims in self.claims.values())
+                assert not any(holdings.get(key) for holdings in self.holdings.values())
                 self.given[assignment.worker].add(key)
 
     def adopt(self) -> None:
         refused = self.leases.adopt(of_ours)
         for worker, seat in self.leases.sessions.items():
             for key in set(seat.held) - self.given[worker]:
-                assert self.claims[worker].pop(key)
+                assert self.holdings[worker].pop(key)
                 assert key in self.open - self.suspected
                 self.given[worker].add(key)
         for worker, campaign in refused:
-            wrong = {key for key, right in self.claims[worker].items() if not right}
+            wrong = {key for key, right in self.holdings[worker].items() if not right}
             assert {key for key in wrong if key[0] == campaign} & self.open
 
     @invariant()
@@ -202,13 +204,13 @@ class LeaseModel(RuleBasedStateMachine):
         """Whatever is open is run in the end, once, by a worker that brings all it gets."""
         self.clear_interrupted()
         for worker in list(self.given):
-            self.leases.leave(worker)
-        self.leases.join(b"last", hello(b"last", 1_000), 0.0)
+            self.leases.end_session(worker)
+        self.leases.open_session(b"last", hello(b"last", 1_000), 0.0)
         while assignments := self.leases.assign():
             for assignment in assignments:
                 for task in assignment.tasks:
                     self.open.remove((assignment.campaign, task.index))
-                    self.leases.receive(assignment.campaign, task.index, 0.01)
+                    self.leases.record_result(assignment.campaign, task.index, 0.01)
         assert not self.open
 
 
@@ -219,7 +221,7 @@ TestLeaseModel = LeaseModel.TestCase
 def seated(*workers: bytes) -> Leases:
     leases = Leases()
     for worker in workers:
-        leases.join(worker, hello(worker), 0.0)
+        leases.open_session(worker, hello(worker), 0.0)
     return leases
 
 
@@ -234,7 +236,7 @@ def test_a_short_round_is_spread_over_all_workers() -> None:
 def test_slow_episodes_are_leased_in_small_batches() -> None:
     leases = seated(b"a")
     leases.offer(1, tasks(*range(1000)))
-    leases.settle(1, 0, wall_s=1.0)
+    leases.complete(1, 0, wall_s=1.0)
     leases.assign()
     assert len(leases.sessions[b"a"].held) == 2
 
@@ -243,9 +245,9 @@ def test_episodes_of_a_lost_worker_come_first_and_in_order() -> None:
     leases = seated(b"a")
     leases.offer(1, tasks(*range(6)))
     first = [task.index for a in leases.assign() for task in a.tasks]
-    leases.leave(b"a")
+    leases.end_session(b"a")
     leases.offer(1, tasks(6))
-    leases.join(b"b", hello(b"b"), 0.0)
+    leases.open_session(b"b", hello(b"b"), 0.0)
     again = [task.index for a in leases.assign() for task in a.tasks]
     assert again == [*first, 6]
 
@@ -256,7 +258,7 @@ def test_what_ran_as_its_worker_was_lost_is_nobodys_until_it_is_cleared() -> Non
     leases.assign()
     (holder,) = (w for w, seat in leases.sessions.items() if seat.held)
     leases.record_heartbeat(holder, (1, 0), {(1, 0)})
-    leases.lose(holder)
+    leases.end_lost_session(holder)
     assert leases.assign() == []
     assert [(campaign, task.index) for campaign, task in leases.list_interrupted()] == [(1, 0)]
     leases.clear_interrupted(1, 0)
@@ -274,10 +276,10 @@ def test_a_worker_that_is_lost_between_its_result_and_its_next_beat_is_not_blame
     leases.offer(1, tasks(0, 1))
     leases.assign()
     leases.record_heartbeat(b"a", (1, 0), {(1, 0), (1, 1)})
-    leases.receive(1, 0, 0.01)
-    leases.lose(b"a")
+    leases.record_result(1, 0, 0.01)
+    leases.end_lost_session(b"a")
     assert leases.list_interrupted() == []
-    leases.join(b"b", hello(b"b"), 0.0)
+    leases.open_session(b"b", hello(b"b"), 0.0)
     assert [task.index for a in leases.assign() for task in a.tasks] == [1]
 
 
@@ -286,24 +288,24 @@ def test_who_leaves_or_begins_anew_has_died_of_nothing() -> None:
     leases.offer(1, tasks(0))
     leases.assign()
     leases.record_heartbeat(b"a", (1, 0), {(1, 0)})
-    leases.join(b"a", hello(b"a"), 0.0)
+    leases.open_session(b"a", hello(b"a"), 0.0)
     leases.assign()
     leases.record_heartbeat(b"a", (1, 0), {(1, 0)})
-    leases.leave(b"a")
+    leases.end_session(b"a")
     assert leases.list_interrupted() == []
 
 
-def adopted(*claims: Claim) -> Leases:
+def adopted(*holdings: Holding) -> Leases:
     """A worker that said this, before three episodes were offered, and another one."""
     leases = Leases()
-    leases.join(b"a", hello(b"a", claims=claims), 0.0)
-    leases.join(b"b", hello(b"b"), 0.0)
+    leases.open_session(b"a", hello(b"a", holdings=holdings), 0.0)
+    leases.open_session(b"b", hello(b"b"), 0.0)
     leases.offer(1, tasks(0, 1, 2))
     return leases
 
 
 def test_what_a_worker_holds_is_left_with_it() -> None:
-    leases = adopted(claim(1, 0), Claim(1, 1, FINISHED), claim(1, 77), claim(5, 0))
+    leases = adopted(claim(1, 0), Holding(1, 1, FINISHED), claim(1, 77), claim(5, 0))
     assert leases.adopt(of_ours) == set()
     assert set(leases.sessions[b"a"].held) == {(1, 0), (1, 1)}
     assert [task.index for a in leases.assign() for task in a.tasks] == [2]
@@ -311,7 +313,7 @@ def test_what_a_worker_holds_is_left_with_it() -> None:
 
 def test_what_is_another_task_is_not() -> None:
     other = EpisodeTask(0, 0, PolicySource(3))
-    leases = adopted(Claim(1, 0, fingerprint_task(SETUP, other)), Claim(1, 1, b"nonsense"))
+    leases = adopted(Holding(1, 0, fingerprint_task(SETUP, other)), Holding(1, 1, b"nonsense"))
     assert leases.adopt(of_ours) == {(b"a", 1)}
     assert not leases.sessions[b"a"].held
 
@@ -319,19 +321,19 @@ def test_what_is_another_task_is_not() -> None:
 def test_of_two_that_hold_the_same_the_second_has_it_when_the_first_is_gone() -> None:
     leases = Leases()
     for worker in (b"a", b"b"):
-        leases.join(worker, hello(worker, claims=(claim(1, 0),)), 0.0)
+        leases.open_session(worker, hello(worker, holdings=(claim(1, 0),)), 0.0)
     leases.offer(1, tasks(0))
     leases.adopt(of_ours)
     assert set(leases.sessions[b"a"].held) == {(1, 0)}
-    leases.leave(b"a")
+    leases.end_session(b"a")
     leases.adopt(of_ours)
     assert set(leases.sessions[b"b"].held) == {(1, 0)}
 
 
 def test_what_is_brought_is_claimed_by_nobody_any_more() -> None:
     leases = adopted(claim(1, 0))
-    leases.receive(1, 0, 0.1)
-    leases.release(1, 0)
+    leases.record_result(1, 0, 0.1)
+    leases.record_verdict(1, 0)
     leases.offer(1, tasks(0))  # the store did not want it
     assert leases.adopt(of_ours) == set()
     assert not leases.sessions[b"a"].held
@@ -341,11 +343,11 @@ def test_what_is_brought_is_claimed_by_nobody_any_more() -> None:
 def test_a_worker_that_comes_by_another_connection_takes_its_episodes_along() -> None:
     leases = Leases()
     first = Hello(PROTOCOL, "w", 256, life="one")
-    leases.join(b"a", first, 0.0)
+    leases.open_session(b"a", first, 0.0)
     leases.offer(1, tasks(0))
     leases.assign()
     leases.record_heartbeat(b"a", (1, 0), {(1, 0)})
-    leases.join(b"b", msgspec.structs.replace(first, claims=(claim(1, 0),)), 0.0)
+    leases.open_session(b"b", msgspec.structs.replace(first, holdings=(claim(1, 0),)), 0.0)
     leases.adopt(of_ours)
     assert {w: set(seat.held) for w, seat in leases.sessions.items()} == {b"b": {(1, 0)}}
     assert leases.list_interrupted() == []
@@ -356,7 +358,7 @@ def test_a_learner_that_is_lost_costs_no_lease() -> None:
     leases = seated(b"a")
     leases.offer(1, tasks(0, 1))
     leases.assign()
-    leases.suspend(1)
+    leases.unqueue_campaign(1)
     leases.offer(1, tasks(0, 1, 2))
     assert [task.index for a in leases.assign() for task in a.tasks] == [2]
 
@@ -365,7 +367,7 @@ def test_but_what_it_then_asks_for_is_another_task_that_is_leased_anew() -> None
     leases = seated(b"a")
     leases.offer(1, tasks(0))
     leases.assign()
-    leases.suspend(1)
+    leases.unqueue_campaign(1)
     leases.offer(1, (EpisodeTask(0, 0, PolicySource(3)),))
     (task,) = (task for a in leases.assign() for task in a.tasks)
     assert task.source == PolicySource(3)
@@ -375,14 +377,14 @@ def test_a_learner_that_goes_further_back_leases_nothing_of_what_comes_later() -
     leases = seated(b"a")
     leases.offer(1, tasks(0, 1))
     leases.assign()
-    leases.suspend(1)
+    leases.unqueue_campaign(1)
     leases.offer(1, tasks(0))  # of the round before: 1 is proposed again once that is whole
-    leases.leave(b"a")
-    leases.join(b"b", hello(b"b"), 0.0)
+    leases.end_session(b"a")
+    leases.open_session(b"b", hello(b"b"), 0.0)
     assert [task.index for a in leases.assign() for task in a.tasks] == [0]
     leases.offer(1, tasks(1))
-    leases.leave(b"b")
-    leases.join(b"c", hello(b"c"), 0.0)
+    leases.end_session(b"b")
+    leases.open_session(b"c", hello(b"c"), 0.0)
     assert [task.index for a in leases.assign() for task in a.tasks] == [0, 1]
 
 
@@ -391,9 +393,9 @@ def test_a_late_result_of_a_waiting_episode_saves_the_work() -> None:
     leases = seated(b"a")
     leases.offer(1, tasks(0))
     leases.assign()
-    leases.leave(b"a")
-    leases.receive(1, 0, 0.1)
-    leases.join(b"b", hello(b"b"), 0.0)
+    leases.end_session(b"a")
+    leases.record_result(1, 0, 0.1)
+    leases.open_session(b"b", hello(b"b"), 0.0)
     assert leases.assign() == []
 
 
@@ -417,7 +419,7 @@ def test_campaigns_share_the_workers() -> None:
 def test_a_time_that_is_none_changes_no_pace(wall_s: float) -> None:
     leases = seated(b"a")
     leases.offer(1, tasks(*range(1000)))
-    leases.settle(1, 0, wall_s=1.0)
-    leases.settle(1, 1, wall_s)
+    leases.complete(1, 0, wall_s=1.0)
+    leases.complete(1, 1, wall_s)
     leases.assign()
     assert len(leases.sessions[b"a"].held) == 2

@@ -30,7 +30,7 @@ class Opened:
         spec = CampaignSpec(name="t", method="monte_carlo", episodes=4)
         self.store, self.leases = open_store("memory://"), Leases()
         self.campaign = self.store.campaigns.create(spec).id
-        self.leases.join(b"w", Hello(PROTOCOL, "w", 256), 0.0)
+        self.leases.open_session(b"w", Hello(PROTOCOL, "w", 256), 0.0)
         shape = spec.setup().disturbance.shape
         self.rounds = OpenRounds(self.campaign, shape, self.store, self.leases)
 
@@ -43,7 +43,7 @@ class Opened:
 
     def deliver(self, result: EpisodeResult) -> None:
         (verdict,) = self.commit(result)
-        self.leases.settle(self.campaign, result.index, 0.1)
+        self.leases.complete(self.campaign, result.index, 0.1)
         self.rounds.take_verdict(result, verdict)
 
 

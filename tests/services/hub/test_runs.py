@@ -28,7 +28,7 @@ from eigenfail_services.hub import learner_link, open_rounds, runs
 from eigenfail_services.hub.learner_link import LearnerLink, lock, unlock
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import CampaignPhase
-from eigenfail_services.hub.runs import CampaignRun, RunSpec
+from eigenfail_services.hub.runs import CampaignRun, RunEnd, RunSpec
 from eigenfail_services.store import open_store
 
 SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=9)
@@ -66,7 +66,7 @@ class Stage:
         self.store = open_store("memory://")
         self.campaign = self.store.campaigns.create(SPEC).id
         self.leases = Leases()
-        self.leases.join(b"w", Hello(PROTOCOL, "w", 256), 0.0)
+        self.leases.open_session(b"w", Hello(PROTOCOL, "w", 256), 0.0)
         nothing = np.zeros((0, 5, 2), np.float32)
         context = LearnerContext(0, SPEC.episodes, 5, nothing)
         spec = RunSpec(self.campaign, SPEC.setup(), SPEC.method, {}, 0, context)
@@ -85,8 +85,8 @@ class Stage:
         with self._patch.context() as patch:
             patch.setattr(getattr(self.store, part), verb, away)
             with pytest.raises(StoreUnavailable):
-                self.run.tend()
-        self.run.tend()
+                self.run.poll()
+        self.run.poll()
 
     def leased(self) -> list[int]:
         return [task.index for a in self.leases.assign() for task in a.tasks]
@@ -95,7 +95,7 @@ class Stage:
         """Results come, are committed, and land."""
         verdicts = self.store.episodes.commit(self.campaign, [Delivery(r, "w") for r in results])
         for result, verdict in zip(results, verdicts, strict=True):
-            self.leases.settle(self.campaign, result.index, 0.1)
+            self.leases.complete(self.campaign, result.index, 0.1)
             self.run.take_verdict(result, verdict)
         return verdicts
 
@@ -128,9 +128,9 @@ def test_a_learner_that_begins_while_the_store_is_away_is_briefed_later(stage: S
 
 
 def test_so_is_one_that_takes_over(stage: Stage) -> None:
-    stage.run.tend()
+    stage.run.poll()
     stage.links[-1].status = -9
-    stage.run.tend()
+    stage.run.poll()
     stage.without("checkpoints", "recover")
     assert [type(message) for message in stage.links[-1].said] == [Start]
     assert len(stage.links) == 2
@@ -139,7 +139,7 @@ def test_so_is_one_that_takes_over(stage: Stage) -> None:
 @pytest.mark.fault("disk full")
 @pytest.mark.parametrize(("part", "verb"), [("checkpoints", "save"), ("episodes", "finished")])
 def test_a_round_proposed_while_the_store_is_away_is_run(stage: Stage, part, verb) -> None:
-    stage.run.tend()
+    stage.run.poll()
     propose(stage)
     stage.without(part, verb)
     assert sorted(stage.leased()) == [0, 1]
@@ -147,10 +147,10 @@ def test_a_round_proposed_while_the_store_is_away_is_run(stage: Stage, part, ver
 
 def test_what_a_learner_tells_is_kept_with_its_checkpoint(stage: Stage) -> None:
     told = Estimate(by="subset simulation", episodes=2, problem="Not known yet.")
-    stage.run.tend()
+    stage.run.poll()
     said = Proposed((Round(0, TASKS),), b"checkpoint", estimate=told, trained_episodes=170)
     stage.links[-1].to_say.append(said)
-    stage.run.tend()
+    stage.run.poll()
     found = stage.store.campaigns.get(stage.campaign)
     assert (found.estimate, found.trained_episodes) == (told, 170)
     assert stage.store.checkpoints.load(stage.campaign) == b"checkpoint"
@@ -158,9 +158,9 @@ def test_what_a_learner_tells_is_kept_with_its_checkpoint(stage: Stage) -> None:
 
 @pytest.mark.fault("second result of an episode with another digest")
 def test_what_is_learnt_from_is_what_the_store_keeps(stage: Stage) -> None:
-    stage.run.tend()
+    stage.run.poll()
     propose(stage)
-    stage.run.tend()
+    stage.run.poll()
     stage.leased()
     assert stage.deliver(result(0), result(0, "solver")) == [Verdict.KEPT, Verdict.ALARM]
     stage.deliver(result(1))
@@ -168,32 +168,32 @@ def test_what_is_learnt_from_is_what_the_store_keeps(stage: Stage) -> None:
 
 
 def test_a_result_kept_elsewhere_counts_although_ours_differs(stage: Stage) -> None:
-    stage.run.tend()
+    stage.run.poll()
     propose(stage)
-    stage.run.tend()
+    stage.run.poll()
     stage.leased()
     stage.store.episodes.commit(stage.campaign, [Delivery(result(0), "another hub's")])
     stage.deliver(result(0, "solver"), result(1))
-    stage.run.tend()
+    stage.run.poll()
     assert stage.observed() == ["input", "input"]
 
 
 def test_a_result_kept_elsewhere_counts_although_ours_has_its_digest(stage: Stage) -> None:
-    stage.run.tend()
+    stage.run.poll()
     propose(stage)
-    stage.run.tend()
+    stage.run.poll()
     stage.leased()
     kept, again = (msgspec.structs.replace(result(0), wall_s=wall_s) for wall_s in (1.0, 2.0))
     stage.store.episodes.commit(stage.campaign, [Delivery(kept, "another hub's")])
     assert stage.deliver(again, result(1)) == [Verdict.DUPLICATE, Verdict.KEPT]
-    stage.run.tend()
+    stage.run.poll()
     assert [shown.wall_s for shown in stage.shown()] == [1.0, 0.0]
 
 
 def test_a_learner_is_shown_what_one_that_begins_again_will_read(stage: Stage) -> None:
-    stage.run.tend()
+    stage.run.poll()
     propose(stage)
-    stage.run.tend()
+    stage.run.poll()
     stage.leased()
     odd = (Measures(nan, severity=2.0), Measures(1.0, min_ttc_s=inf, clipped_steps=-1))
     made = [msgspec.structs.replace(result(i), measures=odd[i], wall_s=nan) for i in range(2)]
@@ -205,9 +205,9 @@ def test_a_learner_is_shown_what_one_that_begins_again_will_read(stage: Stage) -
 
 
 def test_a_result_that_the_store_refuses_leaves_its_episode_open(stage: Stage) -> None:
-    stage.run.tend()
+    stage.run.poll()
     propose(stage)
-    stage.run.tend()
+    stage.run.poll()
     stage.leased()
     misfit = msgspec.structs.replace(result(0), steps=-1)
     assert stage.deliver(misfit) == [Verdict.UNWANTED]
@@ -215,20 +215,21 @@ def test_a_result_that_the_store_refuses_leaves_its_episode_open(stage: Stage) -
 
 
 def test_an_episode_that_the_store_refuses_again_and_again_ends_the_campaign(stage: Stage) -> None:
-    stage.run.tend()
+    stage.run.poll()
     propose(stage)
-    stage.run.tend()
+    stage.run.poll()
     stage.leased()
     misfit = msgspec.structs.replace(result(0), steps=-1)
     for _ in range(open_rounds.MAX_REFUSALS):
-        assert stage.run.problem is None
+        assert stage.run.end is None
         stage.deliver(misfit)
         stage.leased()
-    assert "episode 0 was refused" in (stage.run.problem or "")
+    assert stage.run.end is not None
+    assert "episode 0 was refused" in stage.run.end.problem
 
 
 def test_the_last_words_of_a_learner_are_heard(stage: Stage) -> None:
-    stage.run.tend()
+    stage.run.poll()
     link = stage.links[-1]
 
     def die() -> int:
@@ -237,8 +238,8 @@ def test_the_last_words_of_a_learner_are_heard(stage: Stage) -> None:
         return 0
 
     link.exit_status = die  # type: ignore[method-assign]
-    stage.run.tend()
-    assert stage.run.problem == "It diverged."
+    stage.run.poll()
+    assert stage.run.end == RunEnd("It diverged.")
 
 
 def phases(stage: Stage) -> list[CampaignPhase | None]:
@@ -251,9 +252,9 @@ def phases(stage: Stage) -> list[CampaignPhase | None]:
 def test_what_a_campaign_is_at_is_written_down(stage: Stage) -> None:
     seen = phases(stage)
     stage.run.update_phase()
-    stage.run.tend()
+    stage.run.poll()
     propose(stage)
-    stage.run.tend()
+    stage.run.poll()
     stage.run.update_phase()  # nobody has it yet
     stage.leased()
     stage.run.update_phase()
@@ -273,9 +274,9 @@ def test_what_a_campaign_is_at_is_written_down(stage: Stage) -> None:
 
 
 def test_what_is_thrown_away_is_written_down(stage: Stage) -> None:
-    stage.run.tend()
+    stage.run.poll()
     propose(stage)
-    stage.run.tend()
+    stage.run.poll()
     stage.leased()
     kept, again, other, misfit = (
         msgspec.structs.replace(made, wall_s=wall_s)

@@ -28,7 +28,7 @@ class Table:
 
     def join(self, worker: bytes, slots: int = 1, *, bridge: bool = True) -> None:
         hello = Hello(PROTOCOL, worker.decode(), 256, life=worker.decode(), bridge=bridge)
-        self.leases.join(worker, hello, 0.0)
+        self.leases.open_session(worker, hello, 0.0)
         self.slots[worker] = slots
 
     def held(self, worker: bytes) -> list[tuple[int, int]]:
@@ -46,8 +46,8 @@ class Table:
 
     def end(self, worker: bytes, n: int, took_s: float) -> None:
         for key in self.held(worker)[:n]:
-            self.leases.receive(*key, took_s)
-            self.leases.release(*key)
+            self.leases.record_result(*key, took_s)
+            self.leases.record_verdict(*key)
 
     def warm_up(self, campaign: int = 1) -> None:
         """It is known how long an episode takes, and how many each runs; nobody holds any."""
@@ -108,10 +108,10 @@ def test_slots_are_those_of_the_campaign_that_runs_in_them(table: Table) -> None
     table.lend()
     table.beat()
     assert len(table.held(b"a")) == 2
-    table.leases.withdraw(2)
+    table.leases.remove_campaign(2)
     table.leases.offer(1, tasks(0, MANY))
     assert table.lend()[b"a"] == SLOTS
-    table.leases.withdraw(1)
+    table.leases.remove_campaign(1)
     table.leases.sessions[b"a"].forget_campaign(1)  # as it is told to drop a campaign
     assert table.leases.sessions[b"a"].slots(1) == 1
 
@@ -153,7 +153,7 @@ def test_what_needs_a_bridge_goes_to_who_has_one_and_holds_nobody_up(table: Tabl
         for worker in (b"with", b"without"):
             assert table.held(worker)
             table.end(worker, 1, LONG_S)
-    table.leases.withdraw(2)
+    table.leases.remove_campaign(2)
     table.lend()
     assert {campaign for campaign, _ in table.held(b"with")} == {1}
     assert table.held(b"without") == []

@@ -43,7 +43,7 @@ class Crew:
         for worker in (*FAST, SLOW):
             self.queues[worker] = deque()
             hello = Hello(PROTOCOL, worker.decode(), CREDIT, life=worker.decode())
-            self._leases.join(worker, hello, 0.0)
+            self._leases.open_session(worker, hello, 0.0)
 
     def begin(self) -> None:
         """A campaign: everybody is leased something."""
@@ -56,8 +56,8 @@ class Crew:
         while self._due:
             self.now_s, _, worker = heappop(self._due)
             index = self.queues[worker].popleft()
-            self._leases.receive(1, index, self._length_s(worker, index))
-            self._leases.release(1, index)
+            self._leases.record_result(1, index, self._length_s(worker, index))
+            self._leases.record_verdict(1, index)
             self.ended_s[worker] = self.now_s
             self._begin(worker)
             self._hand_out()
@@ -111,16 +111,16 @@ def test_before_its_first_result_it_is_leased_as_much_as_any_other() -> None:
 
 def test_a_late_result_is_that_of_who_brings_it() -> None:
     leases, others = Leases(), tuple(EpisodeTask(n, n, PriorSource()) for n in range(2))
-    leases.join(b"late", Hello(PROTOCOL, "late", 1), 0.0)
+    leases.open_session(b"late", Hello(PROTOCOL, "late", 1), 0.0)
     leases.offer(1, others[:1])
     leases.assign()
-    leases.leave(b"late")
-    leases.join(b"now", Hello(PROTOCOL, "now", 1), 0.0)
+    leases.end_session(b"late")
+    leases.open_session(b"now", Hello(PROTOCOL, "now", 1), 0.0)
     leases.assign()
     seat = leases.sessions[b"now"]
     assert set(seat.held) == {(1, 0)}
-    leases.settle(1, 1, wall_s=1.0)
-    leases.receive(1, 0, 100.0, b"late")
+    leases.complete(1, 1, wall_s=1.0)
+    leases.record_result(1, 0, 100.0, b"late")
     assert (seat.slowness, seat.held, seat.load_s) == (1.0, {}, 0.0)
     assert leases.episode_s(1) > 1.0
     assert leases._scheduler._pools[False].shares._clocks_s[1] == pytest.approx(0.0)

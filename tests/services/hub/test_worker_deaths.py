@@ -7,8 +7,8 @@ from eigenfail.errors import StoreUnavailable
 from eigenfail.testing.examples import result
 from eigenfail.values import EpisodeTask, Outcome, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Hello
+from eigenfail_services.hub.commits import MAX_DEATHS, CommitQueue, WorkerDeaths
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.hub.open_rounds import MAX_DEATHS, CommitQueue, WorkerDeaths
 from eigenfail_services.store import Store, open_store
 
 TASKS = tuple(EpisodeTask(index, 100 + index, PriorSource()) for index in range(2))
@@ -26,13 +26,13 @@ class Hub:
 
     def lose_a_worker(self) -> None:
         """One that says that it runs the first episode."""
-        self.leases.join(b"w", Hello(PROTOCOL, "w", 2), 0.0)
+        self.leases.open_session(b"w", Hello(PROTOCOL, "w", 2), 0.0)
         self.leases.assign()
         self.leases.record_heartbeat(b"w", (self.campaign, 0), set(self.leases.sessions[b"w"].held))
-        self.leases.lose(b"w")
+        self.leases.end_lost_session(b"w")
 
     def leased(self) -> list[int]:
-        self.leases.join(b"w", Hello(PROTOCOL, "w", 2), 0.0)
+        self.leases.open_session(b"w", Hello(PROTOCOL, "w", 2), 0.0)
         return [task.index for a in self.leases.assign() for task in a.tasks]
 
 
@@ -94,7 +94,7 @@ def test_while_a_death_cannot_be_written_down_nobody_gets_the_episode(
 def test_a_late_result_of_a_suspect_settles_it(store: Store, campaign: int) -> None:
     hub = Hub(store, campaign)
     hub.lose_a_worker()
-    hub.leases.receive(campaign, 0, 0.1)
+    hub.leases.record_result(campaign, 0, 0.1)
     hub.commits.add(b"w", "w", campaign, result(0))
     hub.deaths.record()
     assert hub.leased() == [1]

@@ -22,14 +22,14 @@ from eigenfail.values.records import Verdict
 from eigenfail.versions import versions
 from eigenfail.wire.messages import (
     LONGEST_LIFE,
-    MAX_CLAIMS,
+    MAX_HOLDINGS,
     PROTOCOL,
     Ack,
-    Claim,
     Drop,
     Goodbye,
     Heartbeat,
     Hello,
+    Holding,
     Lease,
     PolicyUpdate,
     Refusal,
@@ -40,8 +40,8 @@ from eigenfail.wire.messages import (
     fingerprint_task,
 )
 from eigenfail_services.hub import worker_sessions
+from eigenfail_services.hub.commits import CommitQueue
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.hub.open_rounds import CommitQueue
 from eigenfail_services.hub.worker_sessions import WorkerSessions
 from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
 
@@ -189,7 +189,7 @@ def test_setup_and_policy_come_once_before_the_lease(room: Room) -> None:
 def test_after_a_drop_the_setup_comes_again(room: Room) -> None:
     room.join(b"a")
     room.offer(0)
-    room.leases.withdraw(1)
+    room.leases.remove_campaign(1)
     room.sessions.drop_campaign(1)
     assert room.said_to(b"a")[-1] is Drop
     room.offer(0)
@@ -278,13 +278,13 @@ def test_a_worker_that_stays_silent_is_given_up(clock) -> None:
     assert room.leases.sessions == {}
 
 
-def held(index: int, source: Source = PRIOR) -> Claim:
+def held(index: int, source: Source = PRIOR) -> Holding:
     """What a worker says that has that task of campaign 1."""
-    return Claim(1, index, fingerprint_task(SPEC.setup(), EpisodeTask(index, 0, source)))
+    return Holding(1, index, fingerprint_task(SPEC.setup(), EpisodeTask(index, 0, source)))
 
 
 def test_what_a_worker_holds_waits_for_its_round_and_stays_with_it(room: Room) -> None:
-    room.join(b"a", claims=(held(0), held(1), Claim(1, 2)))
+    room.join(b"a", holdings=(held(0), held(1), Holding(1, 2)))
     room.join(b"b")
     room.assign()
     room.offer(0, 1, 2, 3, 4)
@@ -293,7 +293,7 @@ def test_what_a_worker_holds_waits_for_its_round_and_stays_with_it(room: Room) -
 
 
 def test_it_is_free_again_when_it_is_no_longer_named(room: Room) -> None:
-    room.join(b"a", claims=(held(0), held(1)))
+    room.join(b"a", holdings=(held(0), held(1)))
     room.offer(0, 1)
     for _ in range(MAX_UNNAMED_HEARTBEATS):
         room.join(b"b")
@@ -312,15 +312,15 @@ def test_it_is_free_again_when_it_is_no_longer_named(room: Room) -> None:
     outcome="The fingerprint of setup and task differs; the worker drops the campaign, and "
     "its episodes are leased again.",
 )
-@pytest.mark.parametrize("mine", [held(0, PolicySource(3)), held(1), Claim(1, 0, b"?")])
+@pytest.mark.parametrize("mine", [held(0, PolicySource(3)), held(1), Holding(1, 0, b"?")])
 def test_who_holds_another_task_is_told_to_drop_it_and_sent_all_anew(room: Room, mine) -> None:
-    room.join(b"a", claims=(msgspec.structs.replace(mine, index=0),))
+    room.join(b"a", holdings=(msgspec.structs.replace(mine, index=0),))
     room.offer(0, source=PolicySource(4))
     assert room.said_to(b"a") == [Welcome, Drop, Setup, PolicyUpdate, Lease]
 
 
 NONSENSE = (
-    {"claims": [{"campaign": 1, "index": 0}] * (MAX_CLAIMS + 1)},
+    {"claims": [{"campaign": 1, "index": 0}] * (MAX_HOLDINGS + 1)},
     {"claims": [{"campaign": -1, "index": 0}]},
     {"claims": [{"campaign": 1, "index": 0.5}]},
     {"claims": [{"campaign": 1, "index": 0, "task": b"long" * 5}]},
@@ -358,7 +358,7 @@ def test_a_hub_that_has_just_begun_waits_for_those_who_hold_what_goes_on(clock) 
     room.offer(0, 1, resumed=True)
     assert room.leased_to(b"a") == []
     clock[0] += worker_sessions.ADOPTION_GRACE_S / 2
-    room.join(b"b", claims=(held(0),))
+    room.join(b"b", holdings=(held(0),))
     room.assign(resumed=True)
     assert room.leased_to(b"a") == []
     clock[0] += worker_sessions.ADOPTION_GRACE_S / 2

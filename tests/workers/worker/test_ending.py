@@ -75,7 +75,7 @@ def test_a_worker_that_is_told_to_stop_waits_for_what_it_handed_in(
     let_work(hub)
     stop(worker, signal_to_stop, eventually)
     hub.say(lease(1), Refusal("Who are you?"))
-    assert [(claim.campaign, claim.index) for claim in hub.hear(Hello).claims] == [(1, 0)]
+    assert [(claim.campaign, claim.index) for claim in hub.hear(Hello).holdings] == [(1, 0)]
     hub.say(Welcome(heartbeat_s=SELDOM_S))
     assert hub.hear(Results).results[0].index == 0
     hub.say(Ack(1, (0,)))

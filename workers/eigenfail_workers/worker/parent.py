@@ -19,14 +19,14 @@ from eigenfail.values import EpisodeFault, EpisodeResult, EpisodeTask, PriorSour
 from eigenfail.versions import versions
 from eigenfail.wire.keys import WorkerKey
 from eigenfail.wire.messages import (
-    MAX_CLAIMS,
+    MAX_HOLDINGS,
     PROTOCOL,
     Ack,
-    Claim,
     Drop,
     Goodbye,
     Heartbeat,
     Hello,
+    Holding,
     Lease,
     Piece,
     PolicyUpdate,
@@ -376,7 +376,7 @@ class Parent:
             self._hub.reconnect()
             self._unanswered, self._heartbeat_s = 0, 0.0
         if not self._heartbeat_s:
-            self._hub.send(replace(self._hello, claims=self._make_claims()))
+            self._hub.send(replace(self._hello, holdings=self._list_holdings()))
             self._next_beat_s = now + HELLO_EVERY_S
             return
         self._hub.send(self._make_heartbeat())
@@ -384,8 +384,8 @@ class Parent:
 
     def _make_heartbeat(self) -> Heartbeat:
         named = ((each.campaign, each.task.index) for each in self._list_held())
-        held = tuple(islice(named, MAX_CLAIMS))
-        declined = tuple(islice(self._declined.items(), MAX_CLAIMS)) or UNSET
+        held = tuple(islice(named, MAX_HOLDINGS))
+        declined = tuple(islice(self._declined.items(), MAX_HOLDINGS)) or UNSET
         if not self._child.running:
             return Heartbeat(held=held, declined=declined)
         running = self._child.running[0]
@@ -396,18 +396,18 @@ class Parent:
         """Yield the episodes that run or wait, without those of dropped campaigns."""
         return (each for each in (*self._child.running, *self._waiting) if each.wanted)
 
-    def _make_claims(self) -> tuple[Claim, ...]:
+    def _list_holdings(self) -> tuple[Holding, ...]:
         """Return the episodes that a hub which does not know this worker must leave to it."""
         setups = self._setups.setups
         unfinished = (
-            Claim(
+            Holding(
                 each.campaign, each.task.index, fingerprint_task(setups[each.campaign], each.task)
             )
             for each in self._list_held()
             if each.campaign in setups
         )
-        finished = (Claim(*key) for key in self._outbox)
-        return tuple(islice(chain(unfinished, finished), MAX_CLAIMS))
+        finished = (Holding(*key) for key in self._outbox)
+        return tuple(islice(chain(unfinished, finished), MAX_HOLDINGS))
 
 
 def _ignore(_message: object) -> None:

@@ -75,7 +75,7 @@ def started(now_s: list[float], span: Span, cluster: str | None = None) -> RayLa
 
 
 def kinds(launcher: RayLauncher, table: Table) -> list[str]:
-    return [notice.kind for notice in launcher.tend(table)]
+    return [notice.kind for notice in launcher.poll(table)]
 
 
 def test_a_ray_that_is_lost_is_replaced_after_ever_longer_pauses(lives, now_s) -> None:
@@ -109,7 +109,7 @@ def test_a_cluster_that_stays_away_is_said_once(lives, now_s) -> None:
         if len(lives) < 5:
             lives[-1].words = deque([ClusterLost("Ray cannot be used: nobody listens.")])
         now_s[0] += 0.25
-        said += launcher.tend(table)
+        said += launcher.poll(table)
     assert [notice.kind for notice in said] == ["ray.lost", "ray.back"]
     assert said[0].message == (
         "Ray is lost. Ray cannot be used: nobody listens. The services reconnect to it. "
@@ -151,7 +151,7 @@ def test_who_is_struck_out_is_to_leave_the_hub_until_ray_has_it_no_more(lives, n
     def pass_by(seconds: float) -> None:
         for _ in range(int(4 * seconds)):
             now_s[0] += 0.25
-            launcher.tend(table)
+            launcher.poll(table)
 
     table.found = WorkerDemand(Work(100, 100.0))
     pass_by(3.0)
@@ -169,8 +169,8 @@ def test_who_is_struck_out_is_to_leave_the_hub_until_ray_has_it_no_more(lives, n
 
 def test_work_that_no_worker_may_be_asked_for_is_said_once(lives, now_s) -> None:
     launcher, table = started(now_s, Span(0, 0)), Table()
-    assert launcher.tend(table) == ()
+    assert launcher.poll(table) == ()
     table.found = WorkerDemand(Work(7, 1.0))
-    (notice,) = launcher.tend(table)
+    (notice,) = launcher.poll(table)
     assert notice.message.startswith("7 episodes wait, and Ray may be asked for no worker")
-    assert launcher.tend(table) == ()
+    assert launcher.poll(table) == ()
