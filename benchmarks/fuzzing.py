@@ -56,12 +56,16 @@ TASKS = (
     EpisodeTask(1, 101, PolicySource(1)),
     EpisodeTask(2, 102, TrajectorySource(floats(2, 5, 2))),
 )
-CLAIMS = (Holding(1, 0, fingerprint_task(SETUP, TASKS[0])), Claim(2, 1), Claim(9, 99, b"another"))
+HOLDINGS = (
+    Holding(1, 0, fingerprint_task(SETUP, TASKS[0])),
+    Holding(2, 1),
+    Holding(9, 99, b"another"),
+)
 LONG = m.encode(m.Results(2, (collision(1),)))
 WHOLE = m.encode(m.Ack(1, (0, 1)))
 TO_HUB: tuple[m.Message, ...] = (
     m.Hello(m.PROTOCOL, "w", 8, "host", 7),
-    m.Hello(m.PROTOCOL, "w", 8, "host", 7, "life", 1, CLAIMS),
+    m.Hello(m.PROTOCOL, "w", 8, "host", 7, "life", 1, HOLDINGS),
     m.Heartbeat(1, 2),
     m.Heartbeat(1, 2, ((1, 2), (2, 0))),
     m.Heartbeat(),

@@ -161,7 +161,7 @@ def test_a_restored_campaign_stops_at_the_same_episode_in_the_same_words(
         first.complete([result(task, failures.__contains__) for task in opened[0].tasks])
     second.restore(first.checkpoint())
     assert begun + run(second, failures.__contains__) == episodes
-    assert second.stopped_because == whole.because != ""
+    assert second.stopped_because == whole.stopped_because != ""
 
 
 def test_a_checkpoint_from_before_there_were_rules_is_read():
