@@ -78,7 +78,7 @@ class Engine:
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
 
-    def learn(self, _policy: object) -> None:
+    def add_policy(self, _policy: object) -> None:
         """There is no policy."""
 
     def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:

@@ -26,7 +26,7 @@ class PlayedEngine:
     def __init__(self, _setup: EpisodeSetup) -> None:
         self.versions: set[int] = set()
 
-    def learn(self, policy: Policy) -> None:
+    def add_policy(self, policy: Policy) -> None:
         """Take a policy version."""
         self.versions.add(policy.version)
 

@@ -83,7 +83,11 @@ def describe_method(name: str) -> MethodDescription:
 
 
 def traits_of(name: str) -> MethodTraits:
-    """Return what a method declares of itself; the defaults where it is not installed here."""
+    """Return what a method declares of itself.
+
+    A method that is not installed here has the defaults, which claim nothing: its rates have no
+    interval.
+    """
     try:
         return describe_method(name).traits
     except EigenfailError:

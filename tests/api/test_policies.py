@@ -43,7 +43,7 @@ def test_the_newest_policy_of_a_trained_learner_is_told_with_its_weights(
     while opened := rounds.open():
         store.checkpoints.save(ast.id, rounds.checkpoint())
         newest = opened[-1].policy
-        engine.learn(opened[0].policy)
+        engine.add_policy(opened[0].policy)
         told = read(http.get(f"/api/v1/campaigns/{ast.id}/policy").content, Policy)
         assert (told.version, told.amplitude, told.hold) == (
             newest.version,

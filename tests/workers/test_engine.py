@@ -60,7 +60,7 @@ def tasks(n: int, kind: str = "prior") -> list[EpisodeTask]:
 
 
 def run(engine: EpisodeEngine, todo: list[EpisodeTask]) -> list[EpisodeResult]:
-    engine.learn(policy())
+    engine.add_policy(policy())
     return list(engine.run(todo))
 
 
@@ -207,7 +207,7 @@ def test_scenes_are_kept_of_collisions_and_of_every_nth_episode(make_engine: Mak
 def test_the_newest_policies_are_kept(make_engine: MakeEngine) -> None:
     engine = make_engine()
     for version in range(MAX_POLICIES + 1):
-        engine.learn(policy(version))
+        engine.add_policy(policy(version))
     todo = [EpisodeTask(i, 1, PolicySource(v)) for i, v in enumerate((0, 1, MAX_POLICIES))]
     outcomes = [result.outcome for result in engine.run(todo)]
     assert outcomes[0] is Outcome.ERRORED

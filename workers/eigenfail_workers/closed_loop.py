@@ -8,11 +8,10 @@ import msgspec
 from eigenfail.contracts import Planner, Scenario, Situation
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
+from eigenfail.values.disturbance import Pair
 from eigenfail_workers.limits import wrap_errors
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.motion import clip_control, is_off_road
-
-Pair = tuple[float, float]
 
 
 class GroundTruth(msgspec.Struct, frozen=True, gc=False):

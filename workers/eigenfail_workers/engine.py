@@ -61,7 +61,7 @@ class Engine:
         # Taken after the imports: what they change is the same for each episode in each process.
         self._process_state = ProcessState()
 
-    def learn(self, policy: Policy) -> None:
+    def add_policy(self, policy: Policy) -> None:
         """Store a copy of a policy version; the oldest versions are dropped."""
         store_policy(self._policies, policy)
 

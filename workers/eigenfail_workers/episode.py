@@ -15,15 +15,14 @@ from eigenfail.values import (
     Outcome,
     unrunnable,
 )
+from eigenfail.values.disturbance import Pair
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder
 from eigenfail_workers.noise import compute_deviations
 from eigenfail_workers.noise.sources import NoiseSource
 
-Pair = tuple[float, float]
 
-
-class Tester:
+class EpisodeDriver:
     """Observes, disturbs and records one episode, which its caller steps.
 
     Args:
@@ -76,10 +75,10 @@ def run_episode(
     Raises:
         EpisodeError: the episode cannot be completed; the recorder holds its steps so far.
     """
-    tester = Tester(model, noise, recorder, simulation.steps)
-    disturbance = tester.disturb(simulation.reset(seed))
+    driver = EpisodeDriver(model, noise, recorder, simulation.steps)
+    disturbance = driver.disturb(simulation.reset(seed))
     while disturbance is not None:
-        disturbance = tester.disturb(simulation.step(disturbance))
+        disturbance = driver.disturb(simulation.step(disturbance))
 
 
 def make_result(

@@ -84,7 +84,7 @@ class FunctionEngine:
         self._policies: dict[int, Policy] = {}
         self._process_state = ProcessState()
 
-    def learn(self, policy: Policy) -> None:
+    def add_policy(self, policy: Policy) -> None:
         """Store a copy of a policy version; the oldest versions are dropped."""
         store_policy(self._policies, policy)
 

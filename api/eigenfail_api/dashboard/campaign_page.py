@@ -228,7 +228,7 @@ def make_campaign_view(found: Findings) -> CampaignView:
         events=found.events,
         times=list_times(campaign),
         priorities=list_priorities(campaign),
-        settings=list_settings(campaign),
+        settings=group_settings(campaign),
         digest=campaign.digest or "",
         as_of=as_of(found) if now.is_open else "",
         latest=found.latest,
@@ -317,7 +317,7 @@ def describe_training(campaign: Campaign) -> Iterator[tuple[str, str]]:
         yield "Trained with", count_noun(campaign.trained_episodes, "episode")
 
 
-def list_settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
+def group_settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
     """Return the fields of the spec in groups, with a plug-in's defaults where nothing is given."""
     spec = campaign.spec
     general = {

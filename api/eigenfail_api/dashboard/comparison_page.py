@@ -40,9 +40,9 @@ from eigenfail_services.campaigns.comparison import (
     against_first,
     are_sampled,
     compare,
+    compare_settings,
     format_p_value,
     group_by_seed,
-    list_settings,
     pick_campaigns,
 )
 from eigenfail_services.campaigns.costs import find_spending
@@ -286,8 +286,8 @@ def make_comparison_view(found: Comparison, bills: Bills, a: str, b: str) -> Com
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
-LOOKED_AT = 1_000
-"""Newest campaigns among which names are looked for."""
+MAX_CAMPAIGNS_SEARCHED = 1_000
+"""Newest campaigns among which names are searched for."""
 
 LISTED = 30
 
@@ -359,7 +359,7 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> Compared
     listed = make_picker([*campaigns, *find_matching(store, ids, wished.named)], ids, wished.named)
     is_enough = len(campaigns) >= FEWEST
     found = group_by_seed(campaigns) if is_enough else ()
-    every = list_settings(campaigns) if is_enough else ()
+    every = compare_settings(campaigns) if is_enough else ()
     compared = [read_compared(store, each) for each in campaigns] if is_enough else []
     summaries = [summarise(each, store.episodes.totals(each.id)) for each in campaigns]
     return ComparedView(
@@ -411,7 +411,7 @@ def find_matching(store: Store, besides: Sequence[int], wanted: str) -> list[Cam
 def iterate_newest(store: Store) -> Iterator[Campaign]:
     """Yield the newest campaigns, page by page."""
     before: int | None = None
-    for _ in range(LOOKED_AT // 100):
+    for _ in range(MAX_CAMPAIGNS_SEARCHED // 100):
         listed = store.campaigns.page(100, before)
         yield from listed.items
         before = listed.next

@@ -19,7 +19,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.report import MOST_CAMPAIGNS, Report
-from eigenfail.values.safety import LEVEL
+from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.wire.http import PREFIX, ProofRequest
 from eigenfail_api.concurrency import ConcurrencyLimit, SerialExecutor
 from eigenfail_api.openapi import JSON, document_route, problem_response, schema
@@ -151,7 +151,7 @@ Level = Annotated[float, Query(gt=0.0, lt=1.0, description="Level of VaR and CVa
 
 
 @figures_router.get("/campaigns/{campaign}/safety", **document_route(Safety))
-def get_safety(store: Stored, campaign: CampaignId, level: Level = LEVEL) -> Json:
+def get_safety(store: Stored, campaign: CampaignId, level: Level = TAIL_LEVEL) -> Json:
     """Get collisions, near misses, MinTTC, DRAC and severity of a campaign so far."""
     return Json(find_safety(store, store.campaigns.get(campaign), level))
 

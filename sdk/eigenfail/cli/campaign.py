@@ -44,7 +44,7 @@ from eigenfail.presentation.campaigns import (
 )
 from eigenfail.presentation.terminal import render
 from eigenfail.values import Campaign, CampaignState, Priority
-from eigenfail.values.safety import LEVEL
+from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.wire.http import make_error
 
 Quiet = Annotated[
@@ -304,7 +304,7 @@ def watch(
 def safety(
     context: typer.Context,
     campaign: CampaignId,
-    level: Level = LEVEL,
+    level: Level = TAIL_LEVEL,
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:

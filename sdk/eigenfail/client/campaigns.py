@@ -28,7 +28,7 @@ from eigenfail.values.campaign import LONGEST_NAME, PriorityChange
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.operations import Pruning, WorkerShare
 from eigenfail.values.records import EpisodeDetail
-from eigenfail.values.safety import LEVEL
+from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.wire.http import CampaignCheck, Digest, read_fields
 from eigenfail.worlds import drawn_for
 
@@ -249,7 +249,7 @@ class Campaigns:
         """
         return self._link.get(f"/campaigns/{campaign}/course", Course, {"per": per})
 
-    def safety(self, campaign: int, level: float = LEVEL) -> Safety:
+    def safety(self, campaign: int, level: float = TAIL_LEVEL) -> Safety:
         """Collisions, near misses, MinTTC, DRAC and severity of the episodes so far.
 
         Args:

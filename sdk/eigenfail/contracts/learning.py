@@ -108,7 +108,8 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
     """Declaration of a method's properties, as `traits` of its class; default: the values below.
 
     Attributes:
-        draws_from_prior: whether all noise is drawn from p(x), so that failures can be counted.
+        draws_from_prior: whether all noise is drawn from p(x), the prior, so that the share of
+            failures is a failure rate.
         independent: whether its episodes are independent draws of one distribution, p(x) or
             another one, so that means over them have an interval.
         learns: whether its proposals improve with the results of earlier episodes.

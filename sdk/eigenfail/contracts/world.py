@@ -123,7 +123,7 @@ class Simulator(Protocol):
 class EpisodeEngine(Protocol):
     """Runs episodes of one campaign, one after the other, in this process."""
 
-    def learn(self, policy: Policy) -> None:
+    def add_policy(self, policy: Policy) -> None:
         """Store a policy version for the policy sources that name it."""
 
     def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:

@@ -131,7 +131,7 @@ def describe_suite(found: SuiteTable) -> tuple[Block, ...]:
     rows = tuple(
         (
             *(row.member, state_word(row.state, row.summary.counts)),
-            *list_settings(row, found.columns),
+            *format_settings(row, found.columns),
             *(str(row.campaign), row.summary.counts.completed, row.summary.counts.failures),
             *(row.summary.failure_rate, row.summary.log_probability_per_step),
             *(row.summary.mean_severity, row.summary.cost),
@@ -144,7 +144,7 @@ def describe_suite(found: SuiteTable) -> tuple[Block, ...]:
     return (table, *([remarks] if remarks else []))
 
 
-def list_settings(row: SuiteRow, columns: Iterable[str]) -> tuple[str, ...]:
+def format_settings(row: SuiteRow, columns: Iterable[str]) -> tuple[str, ...]:
     """Return a member's settings in these columns."""
     varied = in_words({name: each for name, each in row.settings.items() if isinstance(each, dict)})
     known = {name: varied.get(name) or _shorten(each) for name, each in row.settings.items()}

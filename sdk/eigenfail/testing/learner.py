@@ -75,7 +75,7 @@ class ToyEngine:
         self._faulty = frozenset(faulty)
         self._policies: dict[int, Policy] = {}
 
-    def learn(self, policy: Policy) -> None:
+    def add_policy(self, policy: Policy) -> None:
         """Store a policy version."""
         self._policies[policy.version] = policy
 
@@ -287,7 +287,7 @@ class LearnerSuite:
 def results(proposal: Proposal, first: int, engine: EpisodeEngine) -> Sequence[EpisodeResult]:
     """Run a proposal whose first episode has the index `first`."""
     if proposal.policy is not None:
-        engine.learn(proposal.policy)
+        engine.add_policy(proposal.policy)
     tasks = [
         EpisodeTask(index, episode_seed(0, index), source)
         for index, source in enumerate(proposal.sources, first)

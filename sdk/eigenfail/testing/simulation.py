@@ -17,9 +17,9 @@ from eigenfail.contracts import Planner, Simulation
 from eigenfail.errors import EpisodeError, PlannerError
 from eigenfail.testing import expect, expect_error
 from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
+from eigenfail.values.disturbance import Pair
 
 OpenSimulation = Callable[[Planner], Simulation]
-Pair = tuple[float, float]
 
 SEED = 7
 NONE: Pair = (0.0, 0.0)

@@ -115,6 +115,8 @@ class Section(StrEnum):
 class SpecField(msgspec.Struct, frozen=True, kw_only=True):
     """Description of a field of a spec, from which forms, pages and comparisons are made.
 
+    It stands with the field, so that a new field is described in one place.
+
     Attributes:
         help: sentence beside the field of a form.
         section: section of the form.

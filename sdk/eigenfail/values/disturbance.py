@@ -135,6 +135,8 @@ _log_stretch = lru_cache(maxsize=16)(LogStretch)
 # variance 1, so that sigma means the same under every shape.
 
 Pair = tuple[float, float]
+"""A longitudinal and a lateral value."""
+
 Slopes = NDArray[np.float64]
 
 Correlation = Annotated[float, msgspec.Meta(ge=0.0, lt=1.0)]

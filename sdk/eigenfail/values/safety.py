@@ -12,8 +12,8 @@ from eigenfail.values.summary import Conflicts, Unresolved
 MOST_POINTS = 2_000
 """How many failures a scatter shows at most."""
 
-LEVEL = 0.95
-"""Of VaR and CVaR, unless asked for another."""
+TAIL_LEVEL = 0.95
+"""Level of VaR and CVaR, unless another one is requested."""
 
 
 class MeasureTotals(msgspec.Struct, frozen=True):

@@ -230,7 +230,7 @@ MOST_LANDINGS = 200
 """How many points a curve of cost has at most, beside its ends."""
 
 
-class Landing(msgspec.Struct, frozen=True):
+class StoredProgress(msgspec.Struct, frozen=True):
     """How far a campaign had come when a result was stored.
 
     Attributes:
@@ -250,13 +250,13 @@ class SpendingTotals(msgspec.Struct, frozen=True):
     Attributes:
         completed_worker_s: sum of `wall_s` over the completed episodes.
         errored_worker_s: over those that errored.
-        landings: every k-th completed episode by the time that it was stored, then by index, and
+        progress: every k-th completed episode by the time that it was stored, then by index, and
             the last one.
     """
 
     completed_worker_s: float = 0.0
     errored_worker_s: float = 0.0
-    landings: tuple[Landing, ...] = ()
+    progress: tuple[StoredProgress, ...] = ()
 
 
 class CostPoint(msgspec.Struct, frozen=True, kw_only=True):

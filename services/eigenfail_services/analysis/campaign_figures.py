@@ -34,7 +34,7 @@ from eigenfail.values import (
     Violations,
 )
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.safety import LEVEL, FailurePoint
+from eigenfail.values.safety import TAIL_LEVEL, FailurePoint
 from eigenfail.values.summary import MOST_BLOCKS
 from eigenfail_services.statistics.comparison import rank_correlation
 from eigenfail_services.statistics.intervals import rate, stopped_rate
@@ -232,13 +232,13 @@ def make_cost_curve(
     campaign: Campaign, totals: SpendingTotals, modes: KnownModes
 ) -> Iterator[CostPoint]:
     """From nothing spent to everything, point by point."""
-    spent_s = _list_active_s(campaign, [landing.at_ms for landing in totals.landings])
+    spent_s = _list_active_s(campaign, [each.at_ms for each in totals.progress])
     yield _make_point(campaign, 0.0, (0, 0), 0 if modes.found_ms is not None else None)
-    for landing, active_s in zip(totals.landings, spent_s, strict=True):
-        known = _count_modes(modes, landing.at_ms)
-        yield _make_point(campaign, active_s, (landing.completed, landing.failures), known)
-    if totals.landings:
-        last = totals.landings[-1]
+    for each, active_s in zip(totals.progress, spent_s, strict=True):
+        known = _count_modes(modes, each.at_ms)
+        yield _make_point(campaign, active_s, (each.completed, each.failures), known)
+    if totals.progress:
+        last = totals.progress[-1]
         known = _count_modes(modes, last.at_ms)
         yield _make_point(campaign, campaign.active_s, (last.completed, last.failures), known)
 
@@ -298,7 +298,7 @@ def make_safety(
     totals: SafetyTotals,
     conflicts: Conflicts,
     unresolved: Unresolved,
-    level: float = LEVEL,
+    level: float = TAIL_LEVEL,
 ) -> Safety:
     """Return the safety table of a campaign, from the sums over its completed episodes.
 

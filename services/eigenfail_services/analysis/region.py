@@ -134,7 +134,7 @@ LEAST_OF_EACH = 20
 
 LEAST_LEAF = 10
 LEAF_SHARE = 0.01
-LEVEL = 0.01
+SIGNIFICANCE = 0.01
 """Chance alone gives a region in one of a hundred cases."""
 
 SEED = 0
@@ -234,11 +234,11 @@ def _make_region(
     all_failures = int(failed[held].sum())
     k, n = int(failed[inside].sum()), len(inside)
     p_value = float(hypergeom.sf(k - 1, len(held), all_failures, n))
-    if p_value > LEVEL:
+    if p_value > SIGNIFICANCE:
         return _make_empty_region(
             asked,
             f"No part fails more often than chance explains (p = {p_value:.2g}; it takes "
-            f"{LEVEL:g}). {MORE}",
+            f"{SIGNIFICANCE:g}). {MORE}",
         )
     boxes = [
         _make_box(asked, leaf, own, all_failures) for leaf, own in zip(leaves, rows, strict=True)

@@ -32,7 +32,7 @@ from eigenfail_services.campaigns.pairing import (
     find_differing_fields,
     find_distinctions,
     find_mixed_fields,
-    list_leaves,
+    flatten_spec,
     list_unpairable,
     pair_episodes,
 )
@@ -42,7 +42,7 @@ from eigenfail_services.statistics.intervals import clopper_pearson, wilson
 from eigenfail_services.store import Store
 
 SMALLEST_P = 1e-4
-LEVEL = 0.05
+SIGNIFICANCE = 0.05
 
 
 def _list_sentences(found: Comparison) -> tuple[str, ...]:
@@ -85,7 +85,7 @@ def _compare_rates(found: Difference) -> str:
 
 
 def _describe_pairs(found: McNemar) -> str:
-    verdict = "distinguishes them" if found.p_value < LEVEL else "does not distinguish them"
+    verdict = "distinguishes them" if found.p_value < SIGNIFICANCE else "does not distinguish them"
     return (
         f"Both saw the same noise in {found.n} pairs of episodes: {found.only_b} where only B "
         f"failed, {found.only_a} where only A did, {found.both} where both did; McNemar's exact "
@@ -353,9 +353,9 @@ def against_first(store: Store, found: Sequence[Group]) -> tuple[Comparison, ...
     return tuple(compare(store, first, other) for other in others)
 
 
-def list_settings(campaigns: Sequence[Campaign]) -> tuple[SettingValues, ...]:
+def compare_settings(campaigns: Sequence[Campaign]) -> tuple[SettingValues, ...]:
     """Return all settings of campaigns, with the defaults of installed plug-ins."""
-    flat = [dict(list_leaves(msgspec.to_builtins(fill_defaults(each.spec)))) for each in campaigns]
+    flat = [flatten_spec(each.spec) for each in campaigns]
     paths = sorted(dict.fromkeys(path for each in flat for path in each), key=_rank_path)
     return tuple(
         SettingValues(path, tuple(each.get(path, ABSENT) for each in flat)) for path in paths

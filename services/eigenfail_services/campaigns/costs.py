@@ -37,8 +37,8 @@ from eigenfail_services.analysis.campaign_figures import (
 from eigenfail_services.campaigns.summary import divide, find_cost, find_safety, find_worker_shares
 from eigenfail_services.store import Store
 
-LOOKED_AT = 100
-"""Among how many of the newest analyses one is looked for that is done."""
+MAX_ANALYSES_SEARCHED = 100
+"""Newest analyses among which a finished one is searched for."""
 
 
 def find_spending(store: Store, campaign: Campaign) -> CampaignCost:
@@ -66,9 +66,9 @@ def find_spending(store: Store, campaign: Campaign) -> CampaignCost:
 
 
 def _list_approximations(campaign: Campaign, totals: SpendingTotals) -> Iterator[str]:
-    if totals.landings:
+    if totals.progress:
         yield BY_CLOCK
-    if was_cut(campaign, [landing.at_ms for landing in totals.landings]):
+    if was_cut(campaign, [each.at_ms for each in totals.progress]):
         yield PAUSED
 
 
@@ -89,7 +89,7 @@ def _find_known_modes(store: Store, campaign: Campaign) -> KnownModes:
 
 def find_newest(store: Store, campaign: Campaign) -> Analysis | None:
     """Return the newest finished analysis of a campaign; None before there is one."""
-    page = store.analyses.page(LOOKED_AT, campaign=campaign.id)
+    page = store.analyses.page(MAX_ANALYSES_SEARCHED, campaign=campaign.id)
     done = (each.id for each in page.items if each.state is AnalysisState.DONE)
     number = next(done, None)
     return None if number is None else store.analyses.get(number)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from math import lcm
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from eigenfail.contracts import Injection
 from eigenfail.methods import traits_of
+from eigenfail.suites import list_leaves
 from eigenfail.values import (
     Campaign,
     CampaignSpec,
@@ -20,8 +21,8 @@ from eigenfail.values import (
 from eigenfail_services.campaigns.drafts import fill_defaults
 from eigenfail_services.store import Store
 
-LOOKED_AT = 32
-"""How many pairs of episodes of each pair of campaigns are read, to see that noise is the same."""
+PAIRS_COMPARED = 32
+"""Pairs of episodes of each pair of campaigns that are read to check that their noise is equal."""
 
 
 class PairedEpisodes(NamedTuple):
@@ -97,7 +98,7 @@ def _sample_pairs(
     """Return pairs of episodes with noise, evenly spread over the campaigns."""
     reach = min(one.counts.planned, other.counts.planned)
     each = _find_kept_multiple(store, one, other)
-    places = {place * reach // LOOKED_AT // each * each for place in range(LOOKED_AT)}
+    places = {place * reach // PAIRS_COMPARED // each * each for place in range(PAIRS_COMPARED)}
     others = {result.index: result for result in store.episodes.finished(other.id, places)}
     for result in store.episodes.finished(one.id, places):
         partner = others.get(result.index)
@@ -182,7 +183,7 @@ def find_mixed_fields(specs: Sequence[CampaignSpec]) -> tuple[str, ...]:
 
 def _group_values(specs: Sequence[CampaignSpec]) -> dict[str, tuple[str, ...]]:
     """Return the different values of each setting over campaigns, as text, by dotted path."""
-    plain = [dict(list_leaves(msgspec.to_builtins(fill_defaults(spec)))) for spec in specs]
+    plain = [flatten_spec(spec) for spec in specs]
     paths = dict.fromkeys(path for each in plain for path in each)
     return {
         path: tuple(sorted({each.get(path, DEFAULT) for each in plain}))
@@ -196,20 +197,15 @@ def _find_chosen_paths(specs: Sequence[CampaignSpec]) -> set[str]:
     found = set()
     for spec in specs:
         bare = replace(spec, settings={}, planner_settings={}, scenario_parameters={})
-        given, default = (
-            set(list_leaves(msgspec.to_builtins(fill_defaults(each)))) for each in (spec, bare)
-        )
-        found |= {path for path, _ in given - default}
+        given, default = flatten_spec(spec), flatten_spec(bare)
+        found |= {path for path, value in given.items() if default.get(path) != value}
     return found
 
 
-def list_leaves(value: dict[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
-    """Return every plain value inside nested dicts, as text, by dotted path."""
-    for name, part in value.items():
-        if isinstance(part, dict):
-            yield from list_leaves(part, f"{above}{name}.")
-        else:
-            yield f"{above}{name}", str(part)
+def flatten_spec(spec: CampaignSpec) -> dict[str, str]:
+    """Return every value of a spec, defaults included, as text by dotted path."""
+    values = list_leaves(msgspec.to_builtins(fill_defaults(spec)))
+    return {".".join(path): str(value) for path, value in values if value != {}}
 
 
 def _rank_path(path: str) -> tuple[int, str]:

@@ -46,9 +46,16 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return (interval.high - interval.low) / 2.0
 
 
-def depends_on_results(rules: StopRules) -> bool:
-    """Return whether there are rules that are judged after each round."""
-    return any(limit is not None for limit in (rules.failures, rules.half_width, rules.cv))
+RESULT_RULES = ("failures", "half_width", "cv")
+"""Stop rules that are judged after each round, on its results."""
+
+
+def limit_lookahead(lookahead: int, rules: StopRules) -> int:
+    """Return how many rounds may be open besides the oldest one.
+
+    With rules on results no more than one, or they would take effect late.
+    """
+    return lookahead if rules.given().keys().isdisjoint(RESULT_RULES) else min(lookahead, 1)
 
 
 def judge_results(rules: StopRules, tally: Tally, estimate: Estimate | None) -> str:
@@ -243,8 +250,7 @@ class Rounds:
         return words and words + (OPEN_WAS_FINISHED if self._open else "")
 
     def _lookahead(self) -> int:
-        wanted = self._learner.lookahead
-        return min(wanted, 1) if depends_on_results(self._rules) else wanted
+        return limit_lookahead(self._learner.lookahead, self._rules)
 
     def checkpoint(self) -> bytes:
         """Return the state from which learning continues bit for bit, open rounds included."""
@@ -320,7 +326,7 @@ def run_in_process(rounds: Rounds, engine: EpisodeEngine) -> Iterator[EpisodeRes
     while opened := rounds.open():
         oldest = opened[0]
         if oldest.policy is not None:
-            engine.learn(oldest.policy)
+            engine.add_policy(oldest.policy)
         results = []
         for result in engine.run(oldest.tasks):
             results.append(result)

@@ -26,7 +26,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.operations import Presence, Staffing, WorkerShare
 from eigenfail.values.records import ConflictTotals, FrequentFault, Totals
-from eigenfail.values.safety import LEVEL
+from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.suite import SuiteRow, SuiteTable, member_of
 from eigenfail.values.summary import Errored
 from eigenfail.worlds import world_of
@@ -192,7 +192,7 @@ MOST_TABLES = 500
 CACHE: StoreCache[Safety] = StoreCache(MOST_TABLES)
 
 
-def find_safety(store: Store, campaign: Campaign, level: float = LEVEL) -> Safety:
+def find_safety(store: Store, campaign: Campaign, level: float = TAIL_LEVEL) -> Safety:
     """Return the safety table of the episodes so far.
 
     Raises:
@@ -228,7 +228,8 @@ def find_course(store: Store, campaign: Campaign, per: int | None = None) -> Cou
     return make_course(campaign, length, store.episodes.course(campaign.id, length))
 
 
-LOOKED_AT = 200
+MAX_EVENTS_SEARCHED = 200
+"""Newest events among which the last one about workers is searched for."""
 
 
 WORDS = frozenset({"workers.asked", "workers.refused", "ray.lost", "ray.back", "ray.machines"})
@@ -272,7 +273,7 @@ def find_staffing(store: Store) -> Staffing:
     Where no worker runs there are hardly any other events: few are read.
     """
     workers, lacking = len(count_present(store)), list_unrunnable(store)
-    for event in store.events.latest(LOOKED_AT):
+    for event in store.events.latest(MAX_EVENTS_SEARCHED):
         if event.kind in WORDS:
             return Staffing(
                 workers=workers, said=event.message, said_ms=event.at_ms, stranded=lacking
@@ -363,7 +364,7 @@ def _list_campaigns(store: Store, suite: str) -> Iterator[Campaign]:
 
 def _list_differing(specs: Sequence[CampaignSpec]) -> list[KeyPath]:
     """Return the paths at which specs differ, in the order of a spec's fields; names aside."""
-    given = [_list_settings(spec) for spec in specs]
+    given = [_list_given_settings(spec) for spec in specs]
     paths = dict.fromkeys(path for one in given for path in one)
     absent = object()
     found = [path for path in paths if any(_differs(path, given[0], one, absent) for one in given)]
@@ -376,7 +377,7 @@ def _differs(
     return bool(one.get(path, absent) != other.get(path, absent))
 
 
-def _list_settings(spec: CampaignSpec) -> dict[KeyPath, Any]:
+def _list_given_settings(spec: CampaignSpec) -> dict[KeyPath, Any]:
     """Return all settings of a campaign but name and priority, by path."""
     table = msgspec.to_builtins(spec)
     del table["name"], table["priority"]
@@ -388,7 +389,7 @@ def _list_settings(spec: CampaignSpec) -> dict[KeyPath, Any]:
 def _make_row(
     member: str, campaign: Campaign, columns: dict[KeyPath, str], summary: Summary
 ) -> SuiteRow:
-    given = _list_settings(campaign.spec)
+    given = _list_given_settings(campaign.spec)
     return SuiteRow(
         member=member,
         campaign=campaign.id,

@@ -23,6 +23,7 @@ from eigenfail_services.campaigns.resolution import (
     read_trajectories,
     resolve_method,
 )
+from eigenfail_services.campaigns.rounds import RESULT_RULES, limit_lookahead
 from eigenfail_services.methods import check_budget
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
@@ -72,7 +73,7 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
 
 def _refuse_unstorable(spec: CampaignSpec) -> None:
     """Raises InvalidValue for numbers and text that terminals and databases choke on."""
-    for path, value in list_leaves(spec):
+    for path, value in list_values(spec):
         if isinstance(value, float) and not isfinite(value):
             raise InvalidValue(path, f"{value} is not a finite number.")
         if isinstance(value, int) and abs(value) > LARGEST:
@@ -81,7 +82,7 @@ def _refuse_unstorable(spec: CampaignSpec) -> None:
             raise InvalidValue(path, "contains a control character.", "Take it out.")
 
 
-def list_leaves(value: Any) -> Iterator[tuple[str, Any]]:
+def list_values(value: Any) -> Iterator[tuple[str, Any]]:
     """Return every plain value inside a value, with its path.
 
     Raises:
@@ -213,9 +214,6 @@ def is_distribution(value: Any) -> bool:
     return isinstance(value, dict) and not KINDS.keys().isdisjoint(value)
 
 
-ON_RESULTS = ("failures", "half_width", "cv")
-
-
 class RoundPace(msgspec.Struct, frozen=True):
     """The size of a method's rounds, and how many are open at a time.
 
@@ -235,7 +233,7 @@ class RoundPace(msgspec.Struct, frozen=True):
 def describe_stop_rules(campaign: ResolvedCampaign) -> Iterator[str]:
     """Return how late a campaign's stop rules may take effect, in sentences."""
     spec = campaign.spec
-    rules = {name: limit for name, limit in spec.stop.given().items() if name in ON_RESULTS}
+    rules = {name: limit for name, limit in spec.stop.given().items() if name in RESULT_RULES}
     if not rules:
         return
     several = len(rules) > 1
@@ -281,6 +279,5 @@ def find_pace(campaign: ResolvedCampaign) -> RoundPace | None:
     sizes = searching.description.find_round_sizes(searching.settings, episodes)
     if sizes is None:
         return None
-    # With rules on results no campaign has more rounds open than that: see `Rounds`.
-    ahead = min(1, searching.description.lookahead)
+    ahead = limit_lookahead(searching.description.lookahead, campaign.spec.stop)
     return RoundPace(sizes.first, sizes.later, ahead, f"{searching.field}.{sizes.setting}")

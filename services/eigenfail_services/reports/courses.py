@@ -25,7 +25,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import IN_WORDS
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
-from eigenfail.values.safety import LEVEL
+from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail_services.reports.material import Material, Subject, sample_note
 from eigenfail_services.reports.outcomes import list_bounds
 from eigenfail_services.reports.page import (
@@ -197,10 +197,10 @@ FIGURES = {
     "Lead time of MinTTC": lambda s: format_lead(s.safety.conflicts.ttc_lead),
     "Lead time of DRAC": lambda s: format_lead(s.safety.conflicts.drac_lead),
     "Mean severity [m²/s²]": lambda s: format_risk(s, s.safety.severity.mean),
-    f"Severity, VaR at {100.0 * LEVEL:g} % [m²/s²]": lambda s: format_risk(
+    f"Severity, VaR at {100.0 * TAIL_LEVEL:g} % [m²/s²]": lambda s: format_risk(
         s, s.safety.severity.var
     ),
-    f"Severity, CVaR at {100.0 * LEVEL:g} % [m²/s²]": lambda s: format_risk(
+    f"Severity, CVaR at {100.0 * TAIL_LEVEL:g} % [m²/s²]": lambda s: format_risk(
         s, s.safety.severity.cvar
     ),
 }

@@ -247,7 +247,9 @@ class Setting(NamedTuple):
 
 def make_setup(material: Material) -> ReportPart:
     """Return the settings of the campaigns side by side, followed by defaults."""
-    found = {subject.id: dict(list_settings(subject.campaign)) for subject in material.subjects}
+    found = {
+        subject.id: dict(list_campaign_settings(subject.campaign)) for subject in material.subjects
+    }
     rows = [(id_, name, value) for id_, of in found.items() for name, value in of.items()]
     unset = [*list_default_rows([subject.campaign.spec for subject in material.subjects])]
     section = ReportSection(
@@ -265,7 +267,7 @@ def make_setup(material: Material) -> ReportPart:
     )
 
 
-def list_settings(campaign: Campaign) -> Iterator[Setting]:
+def list_campaign_settings(campaign: Campaign) -> Iterator[Setting]:
     """Return the specification of a campaign, and why it ended."""
     spec = campaign.spec
     yield Setting("Scenario", spec.scenario)

@@ -440,7 +440,7 @@ class EpisodeStore:
     def spending(self, campaign: int, most: int = MOST_LANDINGS) -> SpendingTotals:
         """Return the worker time in the episodes, and when they landed.
 
-        The landings are every k-th completed episode by the time that it was stored, then by
+        The progress is every k-th completed episode by the time that it was stored, then by
         index, for the smallest k that leaves at most `most`; and the last one.
         """
         return self._cached.once(sum_spending, campaign, most)

@@ -213,7 +213,7 @@ _SHARES = (
 
 
 def _count_by_worker(connection: Connection, campaign: int) -> tuple[WorkerShare, ...]:
-    # In the order of landing the rows are where they were written, one behind the other.
+    # Ordered by the time of storing, rows are read where they were written, one behind the other.
     inside = (episodes.c.campaign == campaign, episodes.c.finished_ms >= 0)
     return _read_shares(connection, _SHARES.where(*inside))
 

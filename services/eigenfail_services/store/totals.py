@@ -29,12 +29,12 @@ from sqlalchemy import (
 from eigenfail.values import (
     BlockTotals,
     FailurePoint,
-    Landing,
     MeasureTotals,
     Outcome,
     PairTotals,
     SafetyTotals,
     SpendingTotals,
+    StoredProgress,
     Trials,
 )
 from eigenfail.values.records import (
@@ -221,20 +221,22 @@ _COMPLETED = episodes.c.outcome != Outcome.ERRORED
 
 
 def sum_spending(connection: Connection, campaign: int, most: int) -> SpendingTotals:
-    """Return the worker time of all episodes, and at most `most` landings plus the last one."""
+    """Return the worker time of all episodes, and the progress at `most` of them and the last."""
     inside = episodes.c.campaign == campaign
     completed = connection.execute(select(func.count()).where(inside, _COMPLETED)).scalar_one()
     errored = select(episodes.c.wall_s).where(inside, ~_COMPLETED)
-    found = connection.execute(_select_landings(campaign, completed, most)).all()
+    found = connection.execute(_select_progress(campaign, completed, most)).all()
     return SpendingTotals(
         completed_worker_s=found[-1].worker_s if found else 0.0,
         errored_worker_s=fsum(connection.execute(errored).scalars()),
-        landings=tuple(Landing(each.finished_ms, each.place, each.failures) for each in found),
+        progress=tuple(
+            StoredProgress(each.finished_ms, each.place, each.failures) for each in found
+        ),
     )
 
 
-def _select_landings(campaign: int, completed: int, most: int) -> Select[*tuple[Any, ...]]:
-    """Select every k-th completed episode in the order of landing, and the last one.
+def _select_progress(campaign: int, completed: int, most: int) -> Select[*tuple[Any, ...]]:
+    """Select every k-th completed episode in the order in which they were stored, and the last one.
 
     Each has the numbers of episodes and collisions and the worker time up to it.
     """

@@ -21,7 +21,7 @@ from eigenfail.values import (
 from eigenfail.values.records import EpisodeRow, Totals
 from eigenfail_api.dashboard import charts
 from eigenfail_api.dashboard.analysis_page import describe_peak, make_diversity_tiles, pick_evenly
-from eigenfail_api.dashboard.campaign_page import list_settings, list_times
+from eigenfail_api.dashboard.campaign_page import group_settings, list_times
 from eigenfail_api.dashboard.charts import make_curve_chart, make_robustness_chart
 from eigenfail_api.dashboard.cost_charts import make_cost_chart
 from eigenfail_api.dashboard.rendering import make_standing
@@ -198,7 +198,7 @@ def test_what_varies_in_the_scenario_stands_in_words():
     given = {"distance_m": {"uniform": [53, 63]}, "actor_speed_mps": {"choice": [12.0, 16.0]}}
     asked = campaign(Counts(5))
     asked = replace(asked, spec=replace(asked.spec, scenario_parameters=given))
-    words = dict(list_settings(asked))[f"Scenario {asked.spec.scenario}"]
+    words = dict(group_settings(asked))[f"Scenario {asked.spec.scenario}"]
     assert dict(words) == {"distance_m": "uniform 53 … 63", "actor_speed_mps": "one of 12.0, 16.0"}
 
 
@@ -213,4 +213,4 @@ def test_how_many_episodes_were_trained_with_stands_where_it_is_known():
 def test_stop_rules_stand_among_the_settings():
     asked = campaign(Counts(5))
     asked = replace(asked, spec=replace(asked.spec, stop=StopRules(failures=10)))
-    assert ("stops at failures", "10") in dict(list_settings(asked))["Campaign"]
+    assert ("stops at failures", "10") in dict(group_settings(asked))["Campaign"]

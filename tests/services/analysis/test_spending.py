@@ -12,9 +12,9 @@ from eigenfail.values import (
     CampaignSpec,
     CampaignState,
     Counts,
-    Landing,
     Overhead,
     SpendingTotals,
+    StoredProgress,
 )
 from eigenfail_services.analysis.campaign_figures import (
     KnownModes,
@@ -75,10 +75,10 @@ def test_the_parts_sum_to_the_whole(
     assert (split.lost_s > 0.0) <= (split.lost_worker_s > 0.0)
 
 
-def landings(*seconds: float) -> tuple[Landing, ...]:
+def progress(*seconds: float) -> tuple[StoredProgress, ...]:
     """One a completed episode, every second one a failure, so long after the start."""
     return tuple(
-        Landing(10_000 + round(1_000 * at_s), n, n // 2) for n, at_s in enumerate(seconds, 1)
+        StoredProgress(10_000 + round(1_000 * at_s), n, n // 2) for n, at_s in enumerate(seconds, 1)
     )
 
 
@@ -86,7 +86,7 @@ def test_a_curve_by_hand() -> None:
     # 2 instances at 1.8 USD an hour: 0.001 USD a second.
     known = KnownModes(3, (10_000 + 40_000,), "")
     found = list(
-        make_cost_curve(campaign(), SpendingTotals(landings=landings(10.0, 40.0, 90.0)), known)
+        make_cost_curve(campaign(), SpendingTotals(progress=progress(10.0, 40.0, 90.0)), known)
     )
     told = [(p.active_s, round(p.usd, 9), p.completed, p.failures, p.modes) for p in found]
     assert told == [
@@ -100,7 +100,7 @@ def test_a_curve_by_hand() -> None:
 
 def test_a_pause_costs_nothing() -> None:
     """100 s were billed, 1090 s passed: the gap of 1000 s was 10 s of work at most."""
-    at_ms = [landing.at_ms for landing in landings(40.0, 80.0, 1080.0, 1090.0)]
+    at_ms = [each.at_ms for each in progress(40.0, 80.0, 1080.0, 1090.0)]
     ran = campaign()
     assert was_cut(ran, at_ms)
     # 10 + 3 c = 100.
@@ -118,7 +118,7 @@ def test_the_longest_gap_by_hand() -> None:
 def test_curves_only_rise_and_end_at_the_bill(gaps: list[float], active_s: float) -> None:
     at_s = [sum(gaps[: n + 1]) for n in range(len(gaps))]
     ran = replace(campaign(active_s), started_ms=10_000)
-    found = list(make_cost_curve(ran, SpendingTotals(landings=landings(*at_s)), NO_MODES))
+    found = list(make_cost_curve(ran, SpendingTotals(progress=progress(*at_s)), NO_MODES))
     for before, after in pairwise(found):
         assert before.active_s <= after.active_s + 1e-9
         assert before.usd <= after.usd + 1e-9

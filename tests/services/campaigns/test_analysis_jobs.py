@@ -166,11 +166,11 @@ def test_what_lands_while_failures_are_read_is_counted(store: Store, monkeypatch
     one = campaign(store, *range(1, 12))
     read = store.episodes.failure_portions
 
-    def landing(number: int):
+    def land(number: int):
         deliver(store, store.campaigns.get(one), *map(collision, range(20, 30)))
         return read(number)
 
-    monkeypatch.setattr(store.episodes, "failure_portions", landing)
+    monkeypatch.setattr(store.episodes, "failure_portions", land)
     (source,) = analysed(store, one).sources
     assert (source.episodes, source.failures) == (22, 21)
 

@@ -8,8 +8,8 @@ from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.values import Campaign, CampaignSpec, CampaignState
 from eigenfail_services.campaigns.comparison import (
     MOST,
+    compare_settings,
     group_by_seed,
-    list_settings,
     pick_campaigns,
 )
 from eigenfail_services.campaigns.drafts import (
@@ -142,7 +142,7 @@ def test_settings_stand_in_the_order_of_a_spec_with_defaults(store: Store) -> No
         store.campaigns.create(CampaignSpec(**FIELDS)),
         store.campaigns.create(CampaignSpec(**{**FIELDS, "method": "gone", "settings": {"x": 1}})),
     ]
-    found = {each.path: each for each in list_settings(made)}
+    found = {each.path: each for each in compare_settings(made)}
     assert found["settings.round_size"].values == ("100", "–")
     assert found["settings.x"].values == ("–", "1")
     assert found["method"].differs

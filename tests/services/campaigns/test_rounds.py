@@ -58,7 +58,7 @@ class Adversary(Scripted):
 
 def run(round_):
     if round_.policy:
-        ENGINE.learn(round_.policy)
+        ENGINE.add_policy(round_.policy)
     return list(ENGINE.run(round_.tasks))
 
 

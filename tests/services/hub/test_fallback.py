@@ -93,7 +93,7 @@ class Stage:
     def work(self, tasks) -> None:
         self.leased += [task.index for task in tasks]
         for version in {getattr(task.source, "version", None) for task in tasks} - {None}:
-            self.engine.learn(self.run.find_policy(version))
+            self.engine.add_policy(self.run.find_policy(version))
         for result in list(self.engine.run(tasks)):
             (verdict,) = self.store.episodes.commit(self.campaign, [Delivery(result, "w")])
             assert verdict is Verdict.KEPT

@@ -64,7 +64,7 @@ def _opened(rounds, engine):
     """Every round once, as it becomes the oldest."""
     while opened := rounds.open():
         yield opened[0]
-        engine.learn(opened[0].policy)
+        engine.add_policy(opened[0].policy)
         rounds.complete(list(engine.run(opened[0].tasks)))
 
 

@@ -136,7 +136,7 @@ def test_weights_of_a_policy_with_memory_turn_its_episodes_into_the_priors(seed)
         ToyEngine(Corridor(steps=3, wall=1e9)),
         policy(mean=(0.2, -0.1), std=0.7, amplitude=2.5, memory=0.3),
     )
-    engine.learn(chosen)
+    engine.add_policy(chosen)
     tasks = [EpisodeTask(i, episode_seed(seed, i), PolicySource(0)) for i in range(4000)]
     results = list(engine.run(tasks))
     weights = np.exp(log_weights(results, chosen))

@@ -188,7 +188,7 @@ def test_before_half_of_the_budget_is_spent_there_is_nothing_to_tell():
     rounds, engine, said = Rounds(learner, 0, 100), ToyEngine(CORRIDOR), []
     assert learner.estimate() is None
     while opened := rounds.open():
-        engine.learn(opened[0].policy)
+        engine.add_policy(opened[0].policy)
         rounds.complete(list(engine.run(opened[0].tasks)))
         said.append(learner.estimate())
     assert [one.episodes for one in said] == [0, 0, 0, 20, 40]
@@ -206,7 +206,7 @@ def test_every_round_is_weighed_by_the_policy_that_ran_it():
     learner, engine = ast(400, **SMALL), ToyEngine(CORRIDOR)
     rounds, sums = Rounds(learner, 3043, 400), learner._probability.sums
     while opened := rounds.open():
-        engine.learn(opened[0].policy)
+        engine.add_policy(opened[0].policy)
         results = list(engine.run(opened[0].tasks))
         if opened[0].tasks[0].index >= 200:
             sums = learner._probability.weigh(sums, results, opened[0].policy)
@@ -222,7 +222,7 @@ def test_a_campaign_that_was_restored_tells_the_same(stop):
     run(whole, 400, ToyEngine(CORRIDOR))
     rounds, done = Rounds(learner, 3043, 400), 0
     while (opened := rounds.open()) and done < stop:
-        engine.learn(opened[0].policy)
+        engine.add_policy(opened[0].policy)
         rounds.complete(list(engine.run(opened[0].tasks)))
         done += len(opened[0].tasks)
     again = ast(400, **SMALL)

@@ -71,7 +71,7 @@ def course(learner, episodes):
     rounds, engine = Rounds(learner, 1, episodes), ToyEngine(CORRIDOR)
     while opened := rounds.open():
         if opened[0].policy:
-            engine.learn(opened[0].policy)
+            engine.add_policy(opened[0].policy)
         results = list(engine.run(opened[0].tasks))
         yield opened[0], results
         rounds.complete(results)

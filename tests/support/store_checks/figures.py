@@ -57,7 +57,7 @@ def answers_anew_after_results(store: Store) -> None:
         completed = [
             sum(block.completed for block in store.episodes.course(campaign.id, 5)),
             store.episodes.safety(campaign.id).completed,
-            len(store.episodes.spending(campaign.id).landings),
+            len(store.episodes.spending(campaign.id).progress),
             len(store.figures.samples(campaign.id)),
             sum(share.episodes for share in store.figures.workers(campaign.id)),
         ]

@@ -104,8 +104,8 @@ def trials(store: Store, campaign: int, most: int = 100) -> list[tuple[int, bool
     return list(zip(found.seeds.tolist(), found.collided.tolist(), strict=True))
 
 
-def follows_landings(store: Store) -> None:
-    """Worker time by what became of it; landings in the order in which results were stored."""
+def follows_progress(store: Store) -> None:
+    """Worker time by what became of it; progress in the order in which results were stored."""
     campaign, other = running(store, episodes=20), running(store)
     equal(store.episodes.spending(campaign.id), SpendingTotals(), "Spending of nothing")
     deliver(store, campaign, collision(7, wall_s=2.0), make_errored_result(1, wall_s=0.25))
@@ -114,16 +114,16 @@ def follows_landings(store: Store) -> None:
     deliver(store, other, collision(0))
     found = store.episodes.spending(campaign.id)
     equal((found.completed_worker_s, found.errored_worker_s), (3.5, 8.25), "Worker seconds")
-    steps = [(each.completed, each.failures) for each in found.landings]
-    equal(steps, [(1, 1), (2, 2), (3, 2), (4, 2)], "Landings, equal times by index")
+    steps = [(each.completed, each.failures) for each in found.progress]
+    equal(steps, [(1, 1), (2, 2), (3, 2), (4, 2)], "Progress, equal times by index")
     rows = {row.index: row.finished_ms for row in store.episodes.page(campaign.id, 20).items}
-    times = [each.at_ms for each in found.landings]
+    times = [each.at_ms for each in found.progress]
     equal(times, [rows[index] for index in (7, 2, 3, 5)], "Their times")
     for most, wanted in ((1, [4]), (2, [2, 4]), (3, [2, 4]), (4, [1, 2, 3, 4])):
-        few = store.episodes.spending(campaign.id, most).landings
-        equal([each.completed for each in few], wanted, f"At most {most} landings")
+        few = store.episodes.spending(campaign.id, most).progress
+        equal([each.completed for each in few], wanted, f"Progress at most {most} times")
     deliver(store, campaign, result(8))
-    odd = store.episodes.spending(campaign.id, 3).landings
+    odd = store.episodes.spending(campaign.id, 3).progress
     equal([each.completed for each in odd], [2, 4, 5], "The last one is always there")
 
 
@@ -143,6 +143,6 @@ CHECKS = (
     sums_up_safety,
     shows_failures_as_points,
     lists_trials,
-    follows_landings,
+    follows_progress,
     adds_overhead,
 )

@@ -85,7 +85,7 @@ def tasks(count, kind="prior"):
 
 def run(function, todo, **options):
     engine = FunctionEngine(function, STEPS, **options)
-    engine.learn(policy())
+    engine.add_policy(policy())
     return list(engine.run(todo))
 
 
@@ -274,7 +274,7 @@ def test_a_policy_that_is_not_known_fails_its_episode():
 def test_the_oldest_policies_make_room():
     engine = FunctionEngine(half_space, STEPS)
     for version in range(MAX_POLICIES + 1):
-        engine.learn(policy(version))
+        engine.add_policy(policy(version))
     first, last = engine.run(
         [EpisodeTask(0, 0, PolicySource(0)), EpisodeTask(1, 0, PolicySource(MAX_POLICIES))]
     )

@@ -200,7 +200,7 @@ class BridgeEngine:
         self._progress_s = monotonic()
         self.declined = ""
 
-    def learn(self, policy: Policy) -> None:
+    def add_policy(self, policy: Policy) -> None:
         """Store a copy of a policy version; the oldest versions are dropped."""
         store_policy(self._policies, policy)
 

@@ -27,7 +27,7 @@ from eigenfail_workers.bridge.messages import (
     SlotStep,
     make_error,
 )
-from eigenfail_workers.episode import Tester, make_errored_result, make_result
+from eigenfail_workers.episode import EpisodeDriver, make_errored_result, make_result
 from eigenfail_workers.limits import make_fault, wrap_errors
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder
@@ -67,7 +67,7 @@ class BridgeEpisode:
         self._recorder = Recorder(setup.disturbance.shape)
         context = sources.NoiseContext(task.seed, self._steps, policies)
         self._noise = sources.begin(task.source, context)
-        self._tester = Tester(setup.disturbance, self._noise, self._recorder, self._steps)
+        self._driver = EpisodeDriver(setup.disturbance, self._noise, self._recorder, self._steps)
         self._last: Observation | None = None
         self._disturbance: Pair = (0.0, 0.0)
 
@@ -118,7 +118,7 @@ class BridgeEpisode:
         else:
             now = read_step(seen, before, self._disturbance, self.dt_s)
         self._last = now
-        disturbance = self._tester.disturb(now)
+        disturbance = self._driver.disturb(now)
         if disturbance is None:
             done = make_result(self._setup, self.task, self._noise, self._recorder, self.dt_s)
             return replace(done, wall_s=wall_s)

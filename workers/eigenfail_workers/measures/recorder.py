@@ -17,6 +17,7 @@ from eigenfail.values import (
     VehicleState,
     White,
 )
+from eigenfail.values.disturbance import Pair
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail_workers.measures.conflict import TrafficConflict, find_conflict
 from eigenfail_workers.measures.geometry import distance_lower_bound, separation, velocity
@@ -141,8 +142,6 @@ def _ttc_step(first: FirstViolations) -> float:
 def _earliest(steps: Iterable[int | None]) -> int | None:
     return min((step for step in steps if step is not None), default=None)
 
-
-Pair = tuple[float, float]
 
 WHITE_NOISE = White()
 

@@ -3,9 +3,7 @@
 from struct import Struct
 
 from eigenfail.values import DisturbanceModel, VehicleState
-
-Pair = tuple[float, float]
-
+from eigenfail.values.disturbance import Pair
 
 _SINGLE = Struct("<f")
 

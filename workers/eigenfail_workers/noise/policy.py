@@ -12,8 +12,7 @@ import numpy as np
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import STATE, Floats, Layer, Observation, Policy, VehicleState
-
-Pair = tuple[float, float]
+from eigenfail.values.disturbance import Pair
 
 MAX_POLICIES = 16
 """More versions than a learner has in use at a time, and far fewer than it makes."""

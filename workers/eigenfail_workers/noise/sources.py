@@ -16,9 +16,8 @@ from eigenfail.values import (
     TrajectorySource,
     VehicleState,
 )
+from eigenfail.values.disturbance import Pair
 from eigenfail_workers.noise.policy import PolicyNoise
-
-Pair = tuple[float, float]
 
 NOISE_STREAM = 1
 """Separates the draws of the noise from those of a scenario with the same seed."""

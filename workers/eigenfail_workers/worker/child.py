@@ -47,7 +47,7 @@ class SequentialEngine:
     def __init__(self, engine: EpisodeEngine) -> None:
         self._engine = engine
         self._begun: list[EpisodeTask] = []
-        self.learn = engine.learn
+        self.add_policy = engine.add_policy
         self.run = engine.run
         self.close = engine.close
 
@@ -121,7 +121,7 @@ class Child:
 
     def _learn(self, message: PolicyUpdate) -> None:
         if engine := self._engines.get(message.campaign):
-            engine.learn(message.policy)
+            engine.add_policy(message.policy)
 
     def _lease(self, message: Lease) -> None:
         # A lease may cross the message that declines its campaign: the hub leases it elsewhere.

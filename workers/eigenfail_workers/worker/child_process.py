@@ -205,7 +205,7 @@ class ChildProcess:
             self.has_campaigns = True
             self._messages.put(Setup(campaign, setup))
 
-    def learn(self, campaign: int, policy: Policy) -> None:
+    def add_policy(self, campaign: int, policy: Policy) -> None:
         """Send a policy version of a campaign, unless the child has it."""
         if (campaign, policy.version) not in self._learnt:
             self._learnt.add((campaign, policy.version))

@@ -101,7 +101,7 @@ class CampaignSetups:
         """Keep the setup of a campaign."""
         self.setups[message.campaign] = message.setup
 
-    def learn(self, message: PolicyUpdate) -> None:
+    def add_policy(self, message: PolicyUpdate) -> None:
         """Keep a policy version; the oldest versions are dropped."""
         versions = self._policies.setdefault(message.campaign, {})
         versions[message.policy.version] = message.policy
@@ -127,7 +127,7 @@ class CampaignSetups:
         """Send an episode to a child, after the setup and the policy that it needs."""
         child.set_up(held.campaign, self.setups[held.campaign])
         if isinstance(held.task.source, PolicySource):
-            child.learn(held.campaign, self._policies[held.campaign][held.task.source.version])
+            child.add_policy(held.campaign, self._policies[held.campaign][held.task.source.version])
         child.run(held)
 
 

@@ -146,7 +146,7 @@ class Parent:
             Welcome: self._handle_welcome,
             Refusal: self._handle_refusal,
             Setup: self._handle_setup,
-            PolicyUpdate: self._setups.learn,
+            PolicyUpdate: self._setups.add_policy,
             Lease: self._handle_lease,
             Ack: self._handle_ack,
             Drop: self._handle_drop,

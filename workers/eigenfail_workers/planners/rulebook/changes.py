@@ -14,6 +14,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 from msgspec import Meta
 
+from eigenfail.values.disturbance import Pair
 from eigenfail_workers.motion import minimum_jerk
 from eigenfail_workers.planners.rulebook.candidates import (
     KNOT_S,
@@ -81,7 +82,6 @@ def change_way_m(speed_mps: float, settings: LateralSettings) -> float:
 LOOK_KNOTS = 32
 """Horizon over which a gap may begin to fit: sixteen seconds."""
 
-Pair = tuple[float, float]
 Metres = Annotated[float, Meta(ge=0.0, le=100.0)]
 Seconds = Annotated[float, Meta(ge=0.0, le=5.0)]
 Braking = Annotated[float, Meta(gt=0.0, le=7.0)]
