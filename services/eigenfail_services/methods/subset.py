@@ -4,21 +4,14 @@ from collections.abc import Mapping, Sequence
 from math import inf
 from typing import Annotated
 
-import msgspec
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
 from eigenfail.contracts import MethodTraits, ModeProbability
 from eigenfail.errors import InvalidValue
-from eigenfail.values import (
-    EpisodeResult,
-    Estimate,
-    LearnerContext,
-    Proposal,
-    TrajectorySource,
-)
-from eigenfail_services.methods import archive, robustness_m
+from eigenfail.values import Estimate, LearnerContext
+from eigenfail_services.methods.wave_learner import SimulationDriver, WaveLearner
 from eigenfail_services.statistics.pooled_estimate import (
     estimate_unfinished,
     explain_missing_runs,
@@ -28,7 +21,6 @@ from eigenfail_services.statistics.pooled_estimate import (
 from eigenfail_services.statistics.subset_simulation import (
     FEWEST_SAMPLES,
     PLANNED_LEVELS,
-    Array,
     Chains,
     LevelRun,
     SubsetEnd,
@@ -60,137 +52,39 @@ class SubsetMethodSettings(SubsetSettings, frozen=True, forbid_unknown_fields=Tr
             )
 
 
-class SimulationDriver:
-    """Drives a simulation wave by wave: hands out its trajectories in pieces, collects robustness.
-
-    Attributes:
-        simulation: simulation that requests the trajectories.
-        robustness: robustness of all trajectories so far, in order, NaN of errored episodes. [m]
-        wave: trajectories that are requested, shape (n, steps, 2); empty after the end.
-        proposed: number of trajectories of the wave that were taken.
-    """
-
-    def __init__(self, simulation: SubsetSimulation) -> None:
-        self.simulation = simulation
-        self._running = simulation.run()
-        self.robustness: list[float] = []
-        self.wave: Array = next(self._running)
-        self.proposed = 0
-        self._received: list[float] = []
-
-    @property
-    def is_done(self) -> bool:
-        """Whether the simulation has ended."""
-        return not len(self.wave)
-
-    def take(self, n: int) -> Array:
-        """Return at most n of the remaining trajectories, shape (up to n, steps, 2)."""
-        chosen = self.wave[self.proposed : self.proposed + n]
-        self.proposed += len(chosen)
-        return chosen
-
-    def add_robustness(self, robustness: Sequence[float]) -> None:
-        """Add the robustness of the next trajectories, which may fill several waves.
-
-        Raises:
-            ValueError: the simulation has ended.
-        """
-        for value in robustness:
-            if self.is_done:
-                raise ValueError("there are more episodes than the simulation requested")
-            self.robustness.append(value)
-            self._received.append(value)
-            if len(self._received) == len(self.wave):
-                self._finish_wave(np.array(self._received))
-
-    def _finish_wave(self, robustness: Array) -> None:
-        try:
-            self.wave = self._running.send(robustness)
-        except StopIteration:
-            self.wave = self.wave[:0]
-        self.proposed, self._received = 0, []
-
-
-MAX_VALUES_PER_ROUND = 5_000_000
-"""Most values of noise in a round, which is sent as one message."""
-
-
-class SubsetMethod:
+class SubsetMethod(WaveLearner[SubsetSimulation]):
     """Descends the levels of robustness to failures: a pilot run, then several independent runs.
 
     A wave of episodes is requested at a time: draws from p(x) on the first level, then a move
-    of every chain of all runs. Its state is the robustness of every episode and nothing else: the
-    noise follows from that and the seed.
-
-    Attributes:
-        lookahead: 0, as each wave depends on the one before.
+    of every chain of all runs.
 
     Raises:
         InvalidValue: the budget allows too few samples.
     """
 
     Settings = SubsetMethodSettings
-
-    class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """State besides robustness: number of episodes of the wave that were proposed."""
-
-        proposed: Annotated[int, msgspec.Meta(ge=0)]
-
     traits = MethodTraits(
         learns=False, mode_probability=ModeProbability.LEVELS, chart_mark=4, references={}
     )
-    lookahead = 0
+    kind = "subset"
 
     def __init__(self, context: LearnerContext, settings: SubsetMethodSettings) -> None:
         settings.check_budget(context.episodes)
-        self._context = context
-        self._round_size = min(
-            settings.round_size, 1 + MAX_VALUES_PER_ROUND // (2 * context.horizon)
-        )
         self._settings = settings
-        self._driver = self._make_driver()
+        super().__init__(context, settings.round_size)
 
-    def propose(self, n: int) -> Proposal:
-        """Return the rest of the wave, at most a round; nothing after the end of all runs."""
-        chosen = self._driver.take(min(n, self._round_size)).astype(np.float32)
-        return Proposal(tuple(map(TrajectorySource, chosen)))
-
-    def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Add the robustness of episodes; a complete wave leads to the next one."""
-        self._driver.add_robustness([robustness_m(result) for result in results])
+    def _make_simulation(self) -> SubsetSimulation:
+        return start_simulation(self._context, self._settings)
 
     def estimate(self) -> Estimate | None:
         """Return the failure probability; before the end of all runs, a preliminary statement."""
         simulation = self._driver.simulation
         if not self._driver.is_done:
-            spent = len(self._driver.robustness) >= self._context.episodes
-            return estimate_unfinished(simulation, spent)
+            return estimate_unfinished(simulation, self._is_spent)
         found = [one.result for one in simulation.runs if one.result is not None]
         if not found:
             return explain_missing_runs(simulation)
         return pool_simulations(found, simulation.runs[0].draws, simulation.trajectories_run)
-
-    def state(self) -> bytes:
-        """Return the robustness of all episodes so far."""
-        values: archive.Array = np.array(self._driver.robustness, np.float64)
-        facts = self._Facts(self._driver.proposed)
-        return archive.write("subset", facts, {"robustness_m": values})
-
-    def restore(self, state: bytes) -> None:
-        """Restore a state by running the simulation again with the known robustness.
-
-        Raises:
-            ProtocolError: the bytes are not a state of this method.
-        """
-        facts, arrays = archive.read("subset", state, self._Facts)
-        driver = self._make_driver()
-        with archive.wrap_errors("subset"):
-            driver.add_robustness(arrays["robustness_m"].astype(np.float64).tolist())
-        driver.proposed = facts.proposed
-        self._driver = driver
-
-    def _make_driver(self) -> SimulationDriver:
-        return SimulationDriver(start_simulation(self._context, self._settings))
 
 
 def start_simulation(context: LearnerContext, settings: SubsetSettings) -> SubsetSimulation:

@@ -12,6 +12,7 @@ from eigenfail_services.methods.cem import CrossEntropyMethod
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.methods.held import HeldNoise
 from eigenfail_services.methods.minimal import Minimal
+from eigenfail_services.methods.mixture import MixtureMethod
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.replay import Replay
 from eigenfail_services.methods.subset import SubsetMethod
@@ -31,6 +32,12 @@ class TestSubsetSimulation(LearnerSuite):
     method = SubsetMethod
     settings = MappingProxyType({"samples": 20, "round_size": 6})
     budget = 60
+
+
+class TestMixtureSampling(LearnerSuite):
+    method = MixtureMethod
+    settings = MappingProxyType({"round_size": 60})
+    budget = 500
 
 
 class TestReplay(LearnerSuite):

@@ -1,0 +1,308 @@
+"""The probability of a rare failure by importance sampling from a mixture that knows all regions.
+
+P(failure) = E_q[1{failure} · p(z) / q(z)]. One normal that follows the failures settles on one of
+several regions, and the estimate is then the share of that region. Here the regions are found
+first, by noise p(z / s) with larger standard deviations s: a region at distance b from the origin
+is met there in about Q(b / s) of the episodes, so that regions of very different probability are
+met about equally often. Short Markov chains lead these failures to where p(z | failure) is large,
+and each keeps its region. A mixture of normals is fitted to their ends, refitted twice to the
+weighted failures that were drawn from it, and then stands still: the estimate rests on the last
+draws alone, which are independent draws of one q, so that it is unbiased and its variance is known.
+
+Sources: Owen and Zhou 2000, J. Am. Stat. Assoc. 95, 135–143 (mixtures, defensive components);
+Veach and Guibas 1995 (the balance heuristic, for the weights of the refits); Cotter et al. 2013,
+Statistical Science 28, 424–446 (moves); Vehtari et al. 2024, JMLR 25 (72) (tails of weights).
+"""
+
+from collections.abc import Generator, Sequence
+from math import inf, log, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail_services.statistics.gaussian_mixture import (
+    MixtureProposal,
+    NormalComponent,
+    add_broad_components,
+    fit_mixture,
+    make_prior_proposal,
+    make_scaled_proposal,
+)
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SCALES = (1.0, 1.4, 2.0, 2.8, 4.0)
+"""Standard deviations at which failures are looked for. [sigma]"""
+
+ENOUGH_FAILING = 0.04
+"""Share of failures at which a scale is wide enough. The smallest such scale is taken: wider noise
+lies further from the failures that matter."""
+
+SCALE_SHARE, WIDE_SHARE, CHAIN_SHARE, TRIAL_SHARE = 0.025, 0.1, 0.2, 0.1
+"""Shares of the budget: of each scale, of the chosen one again, of the chains, and of each trial of
+a mixture. The rest, 0.375 or more, is drawn from the last mixture. Chosen on half spaces, two
+corners and four branches with seeds that no figure rests on."""
+
+FEWEST_DRAWS = 20
+"""Of each scale."""
+
+FEWEST_FAILURES = 5
+"""Failures of wider noise below which no mixture is fitted."""
+
+MOVES, MOST_MOVES = 15, 25
+"""Moves of a chain: as many as it takes to forget the wide noise in ten dimensions; at most."""
+
+ACCEPTANCE = 0.4
+
+FIRST_STEP, SMALLEST_STEP = 0.6, 0.05
+
+FEWEST_FITTED = 20
+"""Failures of a trial below which the mixture is not refitted."""
+
+FIRST_MIXTURE_SHARE = 0.2
+"""Share of the first mixture in the later ones, so that no refit loses a region."""
+
+TEMPERING = 0.8
+
+
+class ProposalDraws(NamedTuple):
+    """Independent draws of one proposal; episodes that errored are left out.
+
+    Attributes:
+        z: shape (n, size).
+        failed: shape (n,).
+        proposal: proposal from which they were drawn.
+    """
+
+    z: Array
+    failed: Mask
+    proposal: MixtureProposal
+
+
+class MixtureResult(NamedTuple):
+    """What the last draws say.
+
+    Attributes:
+        draws: number of the last draws that ran.
+        weights: p / q of their failures, shape (failures,).
+        uncovered: share of the chains' ends at which p / q is many times its mean over failures.
+    """
+
+    draws: int
+    weights: Array
+    uncovered: float
+
+    @property
+    def probability(self) -> float:
+        """Mean of the weights over all draws, those without failure counted as 0."""
+        return float(self.weights.sum()) / self.draws
+
+    @property
+    def effective(self) -> float:
+        """Effective number of failures: (sum of weights)² ÷ sum of their squares (Kish 1965)."""
+        return count_effective_draws(self.weights)
+
+    @property
+    def effective_for_variance(self) -> float:
+        """Effective number of failures behind the estimated variance: (sum w²)² ÷ sum w⁴.
+
+        It is smaller than `effective` where a few weights make most of the variance, which is then
+        known as badly as from that many draws.
+        """
+        return count_effective_draws(np.square(self.weights))
+
+    @property
+    def cv(self) -> float:
+        """Coefficient of variation of `probability`."""
+        return sqrt(max(1.0 / self.effective - 1.0 / self.draws, 0.0))
+
+
+Sampling = Generator[Array, Array, None]
+"""Yields noise, shape (n, steps, 2), and is sent its robustness, shape (n,), NaN where errored."""
+
+UNCOVERED_WEIGHT = 30.0
+"""Times the mean weight over failures from which the end of a chain counts as not covered."""
+
+
+class MixtureSampling:
+    """P(failure) for noise z, shape (steps, 2), of independent standard normal values.
+
+    The same seed and robustness give the same estimate.
+
+    Args:
+        steps: number of steps of the noise.
+        budget: episodes to be requested at most.
+        components: fitted components of the mixture at most.
+        seed: seed of every draw.
+
+    Attributes:
+        episodes_run: episodes whose robustness is known.
+        wide_failures: failures of wider noise; None before all of it was run.
+        result: what the last draws say; None before the end, and where no mixture was fitted.
+    """
+
+    def __init__(self, steps: int, budget: int, components: int, seed: Sequence[int]) -> None:
+        self._shape = (steps, 2)
+        self._size = 2 * steps
+        self._budget = budget
+        self._components = components
+        self._rng = np.random.default_rng([*seed])
+        self._requested = 0
+        self.episodes_run = 0
+        self.wide_failures: int | None = None
+        self.result: MixtureResult | None = None
+
+    def run(self) -> Sampling:
+        """Find the regions, fit the mixture, and draw from it. To be called once."""
+        wide, scale = yield from self._draw_wide_noise()
+        failures = np.concatenate([draws.z[draws.failed] for draws in wide])
+        self.wide_failures = len(failures)
+        if len(failures) < FEWEST_FAILURES:
+            return
+        ends = yield from self._move_chains(failures)
+        prior = make_prior_proposal(self._size).components
+        broad = (
+            prior if scale == 1.0 else prior + make_scaled_proposal(self._size, scale).components
+        )
+        pure = fit_mixture(ends, np.ones(len(ends)), self._components, (), self._rng)
+        first = mixture = add_broad_components(pure, broad).even_out()
+        seen = wide
+        for _ in range(2):
+            seen = [*seen, (yield from self._draw(mixture, int(TRIAL_SHARE * self._budget)))]
+            if (refit := self._refit(seen, broad)) is not None:
+                mixture = refit.join(first, FIRST_MIXTURE_SHARE)
+        last = yield from self._draw(mixture, self._budget - self._requested)
+        self.result = make_result(last, ends)
+
+    def _draw(
+        self, proposal: MixtureProposal, count: int
+    ) -> Generator[Array, Array, ProposalDraws]:
+        z = proposal.draw(count, self._rng)
+        robustness = yield from self._request(z)
+        ran = ~np.isnan(robustness)
+        return ProposalDraws(z[ran], robustness[ran] <= 0.0, proposal)
+
+    def _request(self, z: Array) -> Generator[Array, Array, Array]:
+        robustness = yield z.reshape(len(z), *self._shape)
+        self._requested += len(z)
+        self.episodes_run += int(np.count_nonzero(~np.isnan(robustness)))
+        return robustness
+
+    def _draw_wide_noise(self) -> Generator[Array, Array, tuple[list[ProposalDraws], float]]:
+        """Draw noise at every scale, and more at the one that suits; return all, and that scale."""
+        count = max(int(SCALE_SHARE * self._budget), FEWEST_DRAWS)
+        proposals = [make_scaled_proposal(self._size, scale) for scale in SCALES]
+        wide = []
+        for proposal in proposals:
+            draws = yield from self._draw(proposal, count)
+            wide.append(draws)
+        shares = [draws.failed.mean() if len(draws.failed) else 0.0 for draws in wide]
+        enough = [place for place, share in enumerate(shares) if share >= ENOUGH_FAILING]
+        chosen = enough[0] if enough else int(np.argmax(shares))
+        more = yield from self._draw(proposals[chosen], int(WIDE_SHARE * self._budget))
+        return [*wide, more], SCALES[chosen]
+
+    def _move_chains(self, failures: Array) -> Generator[Array, Array, Array]:
+        """Lead failures of wider noise to where p(z | failure) is large; return the chains' ends.
+
+        Moves leave p(z) invariant and are accepted where the episode still fails. They alternate
+        between preconditioned Crank–Nicolson's and new draws of random values of z.
+        """
+        rng, budget = self._rng, int(CHAIN_SHARE * self._budget)
+        chains = min(len(failures), max(budget // MOVES, FEWEST_DRAWS))
+        z = failures[rng.choice(len(failures), chains, replace=False)]
+        step, share = np.full((chains, 1), FIRST_STEP), np.full((chains, 1), 0.5)
+        for move in range(min(budget // chains, MOST_MOVES)):
+            fresh = rng.standard_normal(z.shape)
+            mixed = np.sqrt(1.0 - step**2) * z + step * fresh
+            replaced = np.where(rng.random(z.shape) < share, fresh, z)
+            is_mixed = move % 2 == 0
+            # False where robustness is NaN, so that the chain stays.
+            accept = (yield from self._request(mixed if is_mixed else replaced)) <= 0.0
+            z = np.where(accept[:, None], mixed if is_mixed else replaced, z)
+            change = np.exp((accept[:, None] - ACCEPTANCE) / sqrt(move // 2 + 1))
+            if is_mixed:
+                step = np.clip(step * change, SMALLEST_STEP, 1.0)
+            else:
+                share = np.clip(share * change, 1.0 / self._size, 1.0)
+        return z
+
+    def _refit(
+        self, seen: Sequence[ProposalDraws], broad: Sequence[NormalComponent]
+    ) -> MixtureProposal | None:
+        """Return a mixture that is fitted to all weighted failures; None of too few.
+
+        Where a few failures hold most of the weight, all weights are raised to a power below 1.
+        """
+        z, log_weights = weigh_by_balance(seen)
+        if len(z) < FEWEST_FITTED:
+            return None
+        wanted = min(max(4 * self._size, 60), 0.5 * len(z))
+        power, relative = 1.0, log_weights - log_weights.max()
+        while count_effective_draws(np.exp(power * relative)) < wanted and power > 0.02:
+            power *= TEMPERING
+        weights = np.exp(power * relative)
+        return fit_mixture(z, weights / weights.mean(), self._components, broad, self._rng)
+
+
+def weigh_by_balance(seen: Sequence[ProposalDraws]) -> tuple[Array, Array]:
+    """Return the failures of several proposals, (n, size), with their log weights, (n,).
+
+    The weight is p(z) ÷ sum_j n_j · q_j(z), with n_j draws of proposal j (the balance heuristic).
+    """
+    z = np.concatenate([draws.z[draws.failed] for draws in seen])
+    prior = make_prior_proposal(z.shape[1])
+    parts = [
+        log(len(draws.z)) + draws.proposal.log_density(z) for draws in seen if len(draws.z) > 0
+    ]
+    return z, prior.log_density(z) - np.logaddexp.reduce(parts)
+
+
+def count_effective_draws(weights: Array) -> float:
+    """Return the effective number of weighted draws (Kish 1965)."""
+    return float(weights.sum() ** 2 / np.square(weights).sum())
+
+
+def make_result(last: ProposalDraws, ends: Array) -> MixtureResult:
+    """Return what the last draws say, and whether they cover the ends of the chains.
+
+    Over failures, the mean of p / q is E_q[w²] / P. At the end of a chain in a region that q hardly
+    reaches it is much larger.
+    """
+    prior = make_prior_proposal(ends.shape[1])
+    failures = last.z[last.failed]
+    weights = np.exp(prior.log_density(failures) - last.proposal.log_density(failures))
+    if not len(weights):
+        return MixtureResult(len(last.z), weights, 1.0)
+    typical = float(np.square(weights).sum() / weights.sum())
+    at_ends = prior.log_density(ends) - last.proposal.log_density(ends)
+    uncovered = float(np.mean(at_ends > log(UNCOVERED_WEIGHT * typical)))
+    return MixtureResult(len(last.z), weights, uncovered)
+
+
+def estimate_tail_index(weights: Array) -> float:
+    """Return the shape k of a generalised Pareto distribution of the largest weights.
+
+    Above 0.7 their sum is not to be trusted, whatever its variance says (Vehtari et al. 2024). The
+    estimator is that of Zhang and Stephens (2009, Technometrics 51, 316–325), with the prior of
+    Vehtari et al.; infinite for too few weights.
+    """
+    ordered = np.sort(weights)
+    tail = int(min(len(ordered) / 5, 3.0 * sqrt(len(ordered))))
+    if tail < 5:
+        return inf
+    excess = ordered[-tail:] - ordered[-tail - 1]
+    excess = excess[excess > 0.0]
+    count = len(excess)
+    if count < 5:
+        return 0.0
+    grid = np.arange(1, 31 + int(sqrt(count)))
+    quartile = excess[int(count / 4 + 0.5) - 1]
+    rates = 1.0 / excess[-1] + (1.0 - np.sqrt(len(grid) / (grid - 0.5))) / (3.0 * quartile)
+    shapes = np.log1p(-rates[:, None] * excess).mean(axis=1)
+    likelihoods = count * (np.log(-rates / shapes) - shapes - 1.0)
+    posterior = np.exp(likelihoods - np.logaddexp.reduce(likelihoods))
+    shape = float(np.log1p(-float(posterior @ rates) * excess).mean())
+    return (count * shape + 10.0 * 0.5) / (count + 10.0)

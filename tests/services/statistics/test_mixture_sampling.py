@@ -1,0 +1,138 @@
+"""Mixture sampling on failures of known probability."""
+
+from math import sqrt
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+
+from eigenfail_services.statistics.gaussian_mixture import (
+    MixtureProposal,
+    make_prior_proposal,
+    make_round_component,
+    make_scaled_proposal,
+)
+from eigenfail_services.statistics.mixture_sampling import (
+    MixtureSampling,
+    ProposalDraws,
+    estimate_tail_index,
+    make_result,
+    weigh_by_balance,
+)
+
+STEPS = 3
+REACH = 3.7
+ONE_SIDE = NormalDist().cdf(-REACH)
+
+
+def project(z):
+    return z.reshape(len(z), -1).sum(axis=1) / sqrt(z[0].size)
+
+
+def sample(robustness, seed, budget=2000, steps=STEPS):
+    """Return a finished simulation, and the noise that it requested."""
+    simulation, requested = MixtureSampling(steps, budget, 8, (seed,)), []
+    running = simulation.run()
+    z = next(running)
+    while True:
+        requested.append(z)
+        try:
+            z = running.send(robustness(z))
+        except StopIteration:
+            return simulation, np.concatenate(requested)
+
+
+def one_side(z):
+    return np.maximum(REACH - project(z), 0.0)
+
+
+def two_sides(z):
+    return np.maximum(REACH - np.abs(project(z)), 0.0)
+
+
+def test_the_mean_over_seeds_is_the_probability_of_a_half_space():
+    found = [sample(one_side, seed)[0].result.probability for seed in range(8)]
+    assert np.mean(found) == pytest.approx(ONE_SIDE, rel=0.15)
+    assert np.std(found) < 0.3 * ONE_SIDE
+
+
+def test_two_opposite_regions_are_both_counted():
+    found = [sample(two_sides, seed)[0].result for seed in range(8)]
+    assert np.mean([one.probability for one in found]) == pytest.approx(2.0 * ONE_SIDE, rel=0.2)
+    assert min(one.probability for one in found if one.effective > 25.0) > 1.3 * ONE_SIDE
+
+
+def test_the_whole_budget_is_used_and_the_same_seed_gives_the_same_noise():
+    simulation, z = sample(one_side, 3, budget=700)
+    assert len(z) == simulation.episodes_run == 700
+    assert (sample(one_side, 3, budget=700)[1] == z).all()
+    assert not (sample(one_side, 4, budget=700)[1] == z).all()
+
+
+def test_errored_episodes_are_left_out():
+    random = np.random.default_rng(11)
+
+    def with_errors(z):
+        return np.where(random.random(len(z)) < 0.2, np.nan, one_side(z))
+
+    simulation, z = sample(with_errors, 5, budget=3000)
+    assert 0.7 * len(z) < simulation.episodes_run < 0.9 * len(z)
+    assert simulation.result.probability == pytest.approx(ONE_SIDE, rel=0.35)
+
+
+def test_failures_that_no_wide_noise_meets_leave_no_result():
+    simulation, z = sample(lambda z: np.ones(len(z)), 1, budget=600)
+    assert simulation.result is None
+    assert simulation.wide_failures == 0
+    assert len(z) < 600
+
+
+def test_the_coefficient_of_variation_is_that_of_the_bootstrap():
+    result = sample(one_side, 2)[0].result
+    random, values = np.random.default_rng(0), np.zeros(result.draws)
+    values[: len(result.weights)] = result.weights
+    means = [random.choice(values, result.draws).mean() for _ in range(2000)]
+    assert np.std(means) / np.mean(means) == pytest.approx(result.cv, rel=0.1)
+
+
+def test_balanced_weights_add_up_to_the_probability():
+    random, size = np.random.default_rng(3), 2
+    proposals = [make_prior_proposal(size), make_scaled_proposal(size, 2.0)]
+    seen = []
+    for proposal, count in zip(proposals, (20_000, 20_000), strict=True):
+        z = proposal.draw(count, random)
+        seen.append(ProposalDraws(z, z[:, 0] > 2.0, proposal))
+    _, log_weights = weigh_by_balance(seen)
+    assert np.exp(log_weights).sum() == pytest.approx(NormalDist().cdf(-2.0), rel=0.03)
+
+
+def test_a_region_that_the_mixture_has_lost_is_noticed():
+    """Chains end on both sides; the mixture draws on one of them."""
+    random = np.random.default_rng(6)
+    shares = np.array([0.05, 0.95])
+    mean = np.array([4.0, 0.0])
+    proposal = MixtureProposal(
+        shares, (*make_prior_proposal(2).components, make_round_component(mean)), 1
+    )
+    z = proposal.draw(2000, random)
+    last = ProposalDraws(z, np.abs(z[:, 0]) > 3.7, proposal)
+    right = np.stack([random.normal(4.0, 0.3, 20), random.normal(0.0, 1.0, 20)], axis=1)
+    known = make_result(last, right)
+    lost = make_result(last, np.concatenate([right, -right]))
+    assert known.uncovered == 0.0
+    assert lost.uncovered == pytest.approx(0.5, abs=0.05)
+    assert lost.probability == pytest.approx(ONE_SIDE, rel=0.15)
+
+
+@pytest.mark.parametrize("shape", [0.3, 0.7, 1.2])
+def test_the_tail_index_of_pareto_weights_is_found(shape):
+    weights = np.random.default_rng(4).pareto(1.0 / shape, 40_000) + 1.0
+    assert estimate_tail_index(weights) == pytest.approx(shape, abs=0.1)
+
+
+def test_the_tail_index_of_weights_without_a_tail():
+    random = np.random.default_rng(5)
+    assert estimate_tail_index(random.exponential(1.0, 40_000)) == pytest.approx(0.0, abs=0.15)
+    assert estimate_tail_index(random.random(40_000)) < 0.0
+    assert estimate_tail_index(np.ones(1000)) == 0.0
+    assert estimate_tail_index(np.ones(20)) == np.inf
