@@ -325,7 +325,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     agreement of several such estimates shows the share of the regions that were missed.
 
     Attributes:
-        by: how it was found: "subset simulation" or "importance sampling".
+        by: how it was found: "subset simulation", "mixture sampling" or "importance sampling".
         episodes: how many it rests on.
         probability: None where no honest estimate exists; `problem` then says why.
         bound: "lower" where `probability` is only a lower bound, which `note` explains; None
