@@ -5,7 +5,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from crew import Crew
@@ -19,7 +19,18 @@ from eigenfail.values import CampaignSpec, Floats
 CALLS, SEEDS = 1000, 10
 LEAST_SHARE = 0.05
 
-METHODS = ("held", "cma", "ast", "cem", "difs")
+ONE_RUN = {"runs": 1, "first_spread": 0.0, "first_step": 1.0}
+"""CMA-ES as it is usually run: once, from the most likely noise."""
+
+SEARCHES: dict[str, tuple[str, dict[str, Any]]] = {
+    "held": ("held", {}),
+    "cma": ("cma", {}),
+    "cma_one_run": ("cma", ONE_RUN),
+    "ast": ("ast", {}),
+    "cem": ("cem", {}),
+    "difs": ("difs", {}),
+}
+"""Methods and settings by the name in figures."""
 
 
 class KnownRegions(NamedTuple):
@@ -56,26 +67,27 @@ FUNCTIONS = {
 PLACES = ("cut_in", *FUNCTIONS)
 
 
-def compare(place: str, method: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
-    """A method with its default settings in a scenario, or on a function with known regions."""
-    runs = crew.each(find, [place] * SEEDS, [method] * SEEDS, range(seed, seed + SEEDS))
-    name = f"search.{place}.{method}"
+def compare(place: str, name: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """A search in a scenario, or on a function with known regions."""
+    runs = crew.each(find, [place] * SEEDS, [name] * SEEDS, range(seed, seed + SEEDS))
+    prefix = f"search.{place}.{name}"
     for what, unit, value_of in (
         ("failures", "episodes", count_failures),
         ("first_failure", "episode", first_failure),
         ("log_p_per_step", "nat", log_p_per_step),
         ("distance", "sigma", find_distance),
     ):
-        yield f"{name}.{what}", of_seeds([value_of(run) for run in runs], unit, CALLS)
+        yield f"{prefix}.{what}", of_seeds([value_of(run) for run in runs], unit, CALLS)
     if place in FUNCTIONS:
         counts = [float(count_regions(place, run)) for run in runs]
         note = f"; regions that hold {LEAST_SHARE:.0%} of the failures or more"
-        yield f"{name}.regions", of_seeds(counts, "regions", CALLS, note)
+        yield f"{prefix}.regions", of_seeds(counts, "regions", CALLS, note)
 
 
-def find(place: str, method: str, seed: int) -> Found:
+def find(place: str, name: str, seed: int) -> Found:
     """Run one campaign."""
-    spec = CampaignSpec(name=method, method=method, episodes=CALLS, seed=seed)
+    method, settings = SEARCHES[name]
+    spec = CampaignSpec(name=name, method=method, episodes=CALLS, seed=seed, settings=settings)
     if place in FUNCTIONS:
         return search_function(spec, FUNCTIONS[place].make())
     return search(spec)
