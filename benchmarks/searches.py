@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 from crew import Crew, horizon
+from known_problems import Problem
 
 from eigenfail import plugins
-from eigenfail.contracts import Learner
+from eigenfail.contracts import EpisodeEngine, Learner
+from eigenfail.functions import of_batch
 from eigenfail.reproduction.programme import FRESH
 from eigenfail.settings import read_settings
 from eigenfail.values import (
@@ -27,6 +29,7 @@ from eigenfail.values import (
 )
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.engine import Engine
+from eigenfail_workers.functions import FunctionEngine
 
 EARLIER = 1
 """The id that a campaign which is evaluated goes by."""
@@ -62,11 +65,23 @@ class Found(NamedTuple):
 
 def search(spec: CampaignSpec, earlier: Found | None = None) -> Found:
     """Run a campaign; one of `evaluate` uses what an earlier one has learnt."""
+    given = context(spec, horizon(spec.scenario), earlier)
+    return run(spec, given, engine(msgspec.json.encode(spec.setup())))
+
+
+def search_function(spec: CampaignSpec, problem: Problem) -> Found:
+    """Run a campaign whose episodes are calls of a function of the noise."""
+    function = FunctionEngine(of_batch(problem.robustness), problem.steps)
+    return run(spec, context(spec, problem.steps, None), function)
+
+
+def run(spec: CampaignSpec, given: LearnerContext, episodes: EpisodeEngine) -> Found:
+    """Run a campaign in an engine, from what its learner is given."""
     method = plugins.load(plugins.METHODS, spec.method)
-    given = read_settings(method.Settings, spec.settings, "settings")
-    learner: Learner = method(context(spec, earlier), given)
+    settings = read_settings(method.Settings, spec.settings, "settings")
+    learner: Learner = method(given, settings)
     rounds = Rounds(learner, spec.seed, spec.episodes)
-    results = list(run_in_process(rounds, engine(msgspec.json.encode(spec.setup()))))
+    results = list(run_in_process(rounds, episodes))
     z = np.concatenate([result.noise.z for result in results])
     return Found(
         spec=spec,
@@ -107,9 +122,8 @@ def changed(found: Found, **settings: Any) -> Found:
     return found._replace(spec=spec)
 
 
-def context(spec: CampaignSpec, earlier: Found | None) -> LearnerContext:
-    """What the service would give the learner."""
-    steps = horizon(spec.scenario)
+def context(spec: CampaignSpec, steps: int, earlier: Found | None) -> LearnerContext:
+    """What the service would give the learner, for episodes of some steps at most."""
     return LearnerContext(
         seed=learner_seed(spec.seed),
         episodes=spec.episodes,

@@ -22,6 +22,7 @@ from other_scenarios import held_noise, merges, ordinary
 from probability import p_fail
 from reproduction import Run
 from shaped import shaped
+from simple_searches import PLACES, SEARCHES, compare
 from undisturbed import undisturbed, unlit
 
 SCENARIOS = ("cut_in", "merge_in", "lead_brake")
@@ -81,6 +82,10 @@ TRIALS = (
     Trial(("analysis.planted.",), planted),
     Trial(("analysis.one_cloud.",), clouds),
     Trial(("two_corners.",), corners),
+    *(
+        Trial((f"search.{place}.{name}.",), partial(compare, place, name))
+        for place, name in product(PLACES, SEARCHES)
+    ),
     Trial(("fuzz.",), fuzzed),
     Trial(("faults.kinds",), kinds),
     Trial(

@@ -64,7 +64,7 @@ class MixtureMethod(WaveLearner[MixtureSampling]):
     """
 
     Settings = MixtureSettings
-    traits = MethodTraits(chart_mark=10, references={})
+    traits = MethodTraits(chart_mark=11, references={})
     kind = "mixture"
 
     def __init__(self, context: LearnerContext, settings: MixtureSettings) -> None:

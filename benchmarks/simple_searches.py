@@ -1,0 +1,123 @@
+"""Figures: what a learner adds over simple searches, from ten seeds each at 1000 calls.
+
+`cut_in` has no known regions of failures; of the functions they are known.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from math import sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from crew import Crew
+from figures import Figure
+from known_problems import Noise, Problem, four_branches, two_modes, walk
+from learning_figures import first_failure, log_p_per_step, of_seeds
+from searches import Found, search, search_function
+
+from eigenfail.values import CampaignSpec, Floats
+
+CALLS, SEEDS = 1000, 10
+LEAST_SHARE = 0.05
+
+ONE_RUN = {"runs": 1, "first_spread": 0.0, "first_step": 1.0}
+"""CMA-ES as it is usually run: once, from the most likely noise."""
+
+SEARCHES: dict[str, tuple[str, dict[str, Any]]] = {
+    "held": ("held", {}),
+    "cma": ("cma", {}),
+    "cma_one_run": ("cma", ONE_RUN),
+    "ast": ("ast", {}),
+    "cem": ("cem", {}),
+    "difs": ("difs", {}),
+}
+"""Methods and settings by the name in figures."""
+
+
+class KnownRegions(NamedTuple):
+    """A function of noise, and the region in which a failure lies, by its noise (steps, 2)."""
+
+    make: Callable[[], Problem]
+    find_region: Callable[[Noise], int]
+
+
+def find_corner(z: Noise) -> int:
+    """The left corner or the right one."""
+    return int(z[0, 0] > 0.0)
+
+
+def find_branch(z: Noise) -> int:
+    """Which of the four branches: the two curved ones, then the two planes."""
+    a, b = z[0]
+    curved, plane = 3.0 + 0.1 * (a - b) ** 2, 7.0 / sqrt(2.0)
+    along = (a + b) / sqrt(2.0)
+    return int(np.argmin([curved - along, curved + along, a - b + plane, b - a + plane]))
+
+
+def find_side(z: Noise) -> int:
+    """On which side the walk left its band."""
+    course = np.cumsum(z.ravel())
+    return int(course[np.argmax(np.abs(course))] > 0.0)
+
+
+FUNCTIONS = {
+    "walk": KnownRegions(walk, find_side),
+    "corners": KnownRegions(two_modes, find_corner),
+    "four_branches": KnownRegions(four_branches, find_branch),
+}
+PLACES = ("cut_in", *FUNCTIONS)
+
+
+def compare(place: str, name: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """A search in a scenario, or on a function with known regions."""
+    runs = crew.each(find, [place] * SEEDS, [name] * SEEDS, range(seed, seed + SEEDS))
+    prefix = f"search.{place}.{name}"
+    for what, unit, value_of in (
+        ("failures", "episodes", count_failures),
+        ("first_failure", "episode", first_failure),
+        ("log_p_per_step", "nat", log_p_per_step),
+        ("distance", "sigma", find_distance),
+    ):
+        yield f"{prefix}.{what}", of_seeds([value_of(run) for run in runs], unit, CALLS)
+    if place in FUNCTIONS:
+        counts = [float(count_regions(place, run)) for run in runs]
+        note = f"; regions that hold {LEAST_SHARE:.0%} of the failures or more"
+        yield f"{prefix}.regions", of_seeds(counts, "regions", CALLS, note)
+
+
+def find(place: str, name: str, seed: int) -> Found:
+    """Run one campaign."""
+    method, settings = SEARCHES[name]
+    spec = CampaignSpec(name=name, method=method, episodes=CALLS, seed=seed, settings=settings)
+    if place in FUNCTIONS:
+        return search_function(spec, FUNCTIONS[place].make())
+    return search(spec)
+
+
+def count_failures(run: Found) -> float:
+    """Episodes that failed."""
+    return float(sum(run.crashed))
+
+
+def find_distance(run: Found) -> float | None:
+    """Mean over all pairs of failures of the root mean square difference of z. [sigma]
+
+    It is taken over the steps that both have. Independent draws of p(x) are sqrt(2) apart.
+    """
+    noise = [one.z.astype(np.float64) for one in run.crashes]
+    distances = [d for i, z in enumerate(noise) for d in _list_distances(z, noise[:i])]
+    return float(np.mean(distances)) if distances else None
+
+
+def _list_distances(z: Floats, others: Sequence[Floats]) -> list[float]:
+    common = (min(len(z), len(other)) for other in others)
+    return [
+        sqrt(np.mean((z[:steps] - other[:steps]) ** 2))
+        for steps, other in zip(common, others, strict=True)
+    ]
+
+
+def count_regions(place: str, run: Found) -> int:
+    """Number of regions that hold at least `LEAST_SHARE` of the failures."""
+    regions = [FUNCTIONS[place].find_region(one.z) for one in run.crashes]
+    counts = [regions.count(region) for region in set(regions)]
+    return sum(count >= LEAST_SHARE * len(regions) for count in counts)

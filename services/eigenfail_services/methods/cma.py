@@ -1,0 +1,294 @@
+"""CMA-ES over noise that is held: the black-box search with which others are compared first."""
+
+from collections.abc import Sequence
+from math import ceil, inf, isfinite
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from eigenfail.contracts import MethodTraits
+from eigenfail.errors import InvalidValue
+from eigenfail.values import (
+    EpisodeResult,
+    Floats,
+    LearnerContext,
+    Proposal,
+    RoundSizes,
+    TrajectorySource,
+)
+from eigenfail_services.methods import archive, robustness_m
+from eigenfail_services.methods.evolution import (
+    Array,
+    SearchDistribution,
+    choose_rates,
+    start_search,
+)
+
+MAX_COVARIANCE_NUMBERS = 1_000_000
+"""Most numbers of the covariance matrices of all runs, which are part of each checkpoint."""
+
+
+class CmaSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of `cma`.
+
+    A first generation has a variance of 1 over all runs, like held noise. More runs find more
+    regions, and fewer give each run more generations, after which its failures are likelier.
+    """
+
+    hold: Annotated[
+        int, msgspec.Meta(ge=1, le=10_000, description="steps for which a value is held")
+    ] = 10
+    runs: Annotated[
+        int, msgspec.Meta(ge=1, le=100, description="runs that take turns, each with its own start")
+    ] = 5
+    population: Annotated[
+        int, msgspec.Meta(ge=4, le=10_000, description="episodes in a generation of a run")
+    ] = 12
+    first_spread: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=10.0,
+            description="standard deviation of the means that runs start from [sigma]",
+        ),
+    ] = 0.7
+    first_step: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0, le=10.0, description="standard deviation of a run's first generation [sigma]"
+        ),
+    ] = 0.7
+    max_std: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.1, le=100.0, description="largest standard deviation of a generation [sigma]"
+        ),
+    ] = 1.0
+    converged: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=1.0,
+            description="a run starts anew once its largest standard deviation is less [sigma]",
+        ),
+    ] = 0.05
+
+
+class Score(msgspec.Struct, frozen=True, order=True):
+    """What candidates are ranked by: robustness, then likelihood; the smallest is the best.
+
+    Attributes:
+        robustness_m: 0 of a failure, infinite of an episode that could not be run. [m]
+        squares: sum of z² over the steps of the episode, -2 log p but for a constant.
+    """
+
+    robustness_m: float
+    squares: float
+
+
+def score_episode(result: EpisodeResult) -> Score:
+    """Return the score of an episode, whose noise counts up to its end as injected."""
+    robustness = robustness_m(result)
+    if not isfinite(robustness):
+        return Score(inf, inf)
+    z = result.noise.z.astype(np.float64)
+    return Score(robustness, float(np.sum(z**2)))
+
+
+class EvolutionRun:
+    """A run: the distribution and the scores of its present generation, started anew at an end.
+
+    Its random draws follow from the seed, its number and the number of its draw alone.
+
+    Attributes:
+        distribution: distribution of the present generation.
+        draw: number of the draw of the present generation, over all starts.
+        proposed: number of candidates of the present generation that were taken.
+        scores: scores of the first candidates of the present generation.
+    """
+
+    def __init__(self, seed: tuple[int, int], dimension: int, settings: CmaSettings) -> None:
+        self._seed = seed
+        self._dimension = dimension
+        self._settings = settings
+        self._rates = choose_rates(dimension, settings.population)
+        self.draw = 0
+        self.proposed = 0
+        self.scores: list[Score] = []
+        self.distribution = self._start()
+        self._candidates = self._draw_candidates()
+
+    def take(self, n: int) -> Array:
+        """Return the next candidates of the generation, shape (up to n, dimension)."""
+        taken = self._candidates[self.proposed : self.proposed + n]
+        self.proposed += len(taken)
+        return taken
+
+    def add(self, scores: Sequence[Score]) -> None:
+        """Add the scores of the next candidates; the last one of a generation ends it."""
+        self.scores += scores
+        if len(self.scores) == self._settings.population:
+            self._finish_generation()
+
+    def restore(
+        self, distribution: SearchDistribution, draw: int, proposed: int, scores: list[Score]
+    ) -> None:
+        """Go on from a distribution, a draw and the scores so far."""
+        self.distribution, self.draw = distribution, draw
+        self.proposed, self.scores = proposed, scores
+        self._candidates = self._draw_candidates()
+
+    def _finish_generation(self) -> None:
+        order = sorted(range(len(self.scores)), key=self.scores.__getitem__)
+        self.draw += 1
+        # A generation in which no episode could be run has no information: it is drawn again.
+        if isfinite(self.scores[order[0]].robustness_m):
+            self.distribution = self.distribution.adapt(self._candidates[order], self._rates)
+            deviation = self.distribution.find_largest_deviation()
+            # Noise has a standard deviation of 1. Without a limit the strategy takes ever larger
+            # steps towards a distant failure, and the first failures are far beyond the likeliest.
+            if deviation > self._settings.max_std:
+                self.distribution = self.distribution.narrow(self._settings.max_std / deviation)
+            elif deviation < self._settings.converged:
+                self.distribution = self._start()
+        self.proposed, self.scores = 0, []
+        self._candidates = self._draw_candidates()
+
+    def _start(self) -> SearchDistribution:
+        normals = self._random(START).standard_normal(self._dimension)
+        return start_search(self._settings.first_spread * normals, self._settings.first_step)
+
+    def _draw_candidates(self) -> Array:
+        shape = self._settings.population, self._dimension
+        return self.distribution.transform(self._random(GENERATION).standard_normal(shape))
+
+    def _random(self, purpose: int) -> np.random.Generator:
+        return np.random.default_rng([*self._seed, self.draw, purpose])
+
+
+START, GENERATION = 1, 2
+"""What numbers are drawn for, as part of their seed."""
+
+
+class CovarianceAdaptation:
+    """Ranks episodes by robustness and failures by likelihood; adapts normal distributions to them.
+
+    A candidate has a value of each axis for every `hold` steps. Several runs take turns, a
+    generation each, so that several regions are found and workers need not wait: no run depends
+    on the results of another.
+
+    Attributes:
+        lookahead: one less than the number of runs.
+
+    Raises:
+        InvalidValue: the values are too many for a covariance matrix of each run.
+    """
+
+    Settings = CmaSettings
+
+    class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """Numbers of rounds that were proposed and observed."""
+
+        proposed: int
+        observed: int
+
+    traits = MethodTraits(chart_mark=10, references={})
+    lookahead = CmaSettings().runs - 1
+
+    def __init__(self, context: LearnerContext, settings: CmaSettings) -> None:
+        dimension = 2 * ceil(context.horizon / settings.hold)
+        check_size(dimension, settings)
+        self.lookahead = settings.runs - 1
+        self._horizon = context.horizon
+        self._settings = settings
+        self._facts = self._Facts(0, 0)
+        self._runs = [
+            EvolutionRun((context.seed, number), dimension, settings)
+            for number in range(settings.runs)
+        ]
+
+    @staticmethod
+    def round_sizes(settings: CmaSettings, _episodes: int) -> RoundSizes:
+        """Return the size of a generation for all rounds."""
+        return RoundSizes(settings.population, settings.population, "population")
+
+    def propose(self, n: int) -> Proposal:
+        """Return the rest of the generation of the run whose turn it is."""
+        run = self._runs[self._facts.proposed % len(self._runs)]
+        self._facts = self._Facts(self._facts.proposed + 1, self._facts.observed)
+        return Proposal(tuple(TrajectorySource(self._hold(x)) for x in run.take(n)))
+
+    def _hold(self, candidate: Array) -> Floats:
+        knots = candidate.reshape(-1, 2).astype(np.float32)
+        return np.repeat(knots, self._settings.hold, axis=0)[: self._horizon]
+
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
+        """Give the scores of a round to its run."""
+        run = self._runs[self._facts.observed % len(self._runs)]
+        self._facts = self._Facts(self._facts.proposed, self._facts.observed + 1)
+        run.add([score_episode(result) for result in results])
+
+    def state(self) -> bytes:
+        """Return a state with the distributions of all runs and the scores of open generations."""
+        each = [run.distribution for run in self._runs]
+        scores = np.zeros((len(self._runs), self._settings.population, 2))
+        for row, run in zip(scores, self._runs, strict=True):
+            for place, score in enumerate(run.scores):
+                row[place] = score.robustness_m, score.squares
+        counts = [
+            (run.distribution.generation, run.draw, run.proposed, len(run.scores))
+            for run in self._runs
+        ]
+        arrays = {
+            "mean": np.stack([one.mean for one in each]),
+            "step": np.array([one.step for one in each]),
+            "covariance": np.stack([one.covariance for one in each]),
+            "path_sigma": np.stack([one.path_sigma for one in each]),
+            "path_c": np.stack([one.path_c for one in each]),
+            "counts": np.array(counts, np.int64),
+            "scores": scores,
+        }
+        return archive.write("cma", self._facts, arrays)
+
+    def restore(self, state: bytes) -> None:
+        """Restore a state, from which learning goes on bit for bit.
+
+        Raises:
+            ProtocolError: the bytes are not a state of this method.
+        """
+        facts, arrays = archive.read("cma", state, self._Facts)
+        runs, dimension = len(self._runs), len(self._runs[0].distribution.mean)
+        with archive.wrap_errors("cma"):
+            mean, path_sigma, path_c = (
+                archive.take(arrays, name, (runs, dimension))
+                for name in ("mean", "path_sigma", "path_c")
+            )
+            step = archive.take(arrays, "step", (runs,)).tolist()
+            covariance = archive.take(arrays, "covariance", (runs, dimension, dimension))
+            counts = archive.take(arrays, "counts", (runs, 4)).tolist()
+            scores = archive.take(arrays, "scores", (runs, self._settings.population, 2)).tolist()
+        self._facts = facts
+        for i, run in enumerate(self._runs):
+            generation, draw, proposed, scored = counts[i]
+            run.restore(
+                SearchDistribution(
+                    mean[i], step[i], covariance[i], path_sigma[i], path_c[i], generation
+                ),
+                draw,
+                proposed,
+                [Score(*pair) for pair in scores[i][:scored]],
+            )
+
+
+def check_size(dimension: int, settings: CmaSettings) -> None:
+    """Raise InvalidValue if the covariance matrices of all runs would be too large."""
+    numbers = settings.runs * dimension**2
+    if numbers > MAX_COVARIANCE_NUMBERS:
+        raise InvalidValue(
+            "settings.hold",
+            f"{settings.hold} steps give {dimension} values of noise, and the covariance matrices "
+            f"of {settings.runs} runs {numbers:,} numbers; the limit is "
+            f"{MAX_COVARIANCE_NUMBERS:,}.",
+            "Hold values for more steps, or take fewer runs.",
+        )
