@@ -241,6 +241,7 @@ def describe_settings(settings: AnalysisSettings) -> Iterator[str]:
     yield "modes: auto" if settings.clusters is None else f"modes: {settings.clusters}"
     yield f"bootstrap {settings.bootstrap}" if settings.bootstrap else "no bootstrap"
     yield f"failures: {settings.failures}"
+    yield f"eigenfailures: {settings.centre}"
     if settings.campaigns:
         yield f"with campaigns {', '.join(map(str, settings.campaigns))}"
 

@@ -73,6 +73,20 @@ Also = Annotated[
 Bootstrap = Annotated[
     int, typer.Option(help="Number of bootstrap samples for the stability of the modes.")
 ]
+
+
+class CentreChoice(StrEnum):
+    """The centre of a mode that its eigenfailure shows."""
+
+    MEDIAN = "median"
+    MEAN = "mean"
+
+
+ModeCentre = Annotated[
+    CentreChoice,
+    typer.Option(help="Centre of a mode that its eigenfailure shows; mean: as in the paper."),
+]
+
 FailuresChoice = Annotated[
     FailureChoice,
     typer.Option(help="Of a method that learns, the latest half of the failures, or all."),
@@ -105,6 +119,7 @@ def analyze(
     also: Also = None,
     bootstrap: Bootstrap = 20,
     failures: FailuresChoice = FailureChoice.LATEST,
+    centre: ModeCentre = CentreChoice.MEDIAN,
     prove: Prove = False,
     variation: Variations = None,
     as_json: AsJson = False,
@@ -123,6 +138,7 @@ def analyze(
         "campaigns": also or [],
         "bootstrap": bootstrap,
         "failures": failures.value,
+        "centre": centre.value,
     }
     settings = convert(given, AnalysisSettings)
     with interruptible(), connect_to(context, url) as client:

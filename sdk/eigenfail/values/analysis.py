@@ -156,6 +156,9 @@ MAX_RESAMPLES = 1000
 CampaignNumber = Annotated[int, msgspec.Meta(ge=1)]
 
 
+Centre = Literal["median", "mean"]
+
+
 class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How failures are analysed; docs/analysis.md says when to use what.
 
@@ -173,6 +176,9 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             latest half of a campaign's failures; those before come from proposals that it has given
             up, and mixed with them the modes are stages of the learning. All failures of other
             methods, and of those that estimate a probability of each mode. `all`: all failures.
+        centre: centre of a mode that its eigenfailure shows. `median`: the median of the noise of
+            its failures at each step. `mean`: the mean of its failures in PCA space, taken back to
+            noise, as in the paper.
     """
 
     align: Literal["start", "collision"] = "start"
@@ -183,6 +189,7 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     campaigns: Annotated[tuple[CampaignNumber, ...], msgspec.Meta(max_length=MAX_CAMPAIGNS)] = ()
     bootstrap: Annotated[int, msgspec.Meta(ge=0, le=MAX_RESAMPLES)] = 20
     failures: Literal["latest", "all"] = "latest"
+    centre: Centre = "median"
 
 
 class AnalysisState(StrEnum):
@@ -201,9 +208,9 @@ class FailureMode(Brief, msgspec.Struct, frozen=True, eq=False):
         failures: how many failures belong to it.
         medoid: index of the real episode nearest to the centre.
         centre: centre of the cluster in PCA space, shape (components,).
-        eigenfailure: the centre taken back to noise space: z, shape (steps, 2), aligned at the
-            start and ready to be injected; along an axis that was left out, the mean of its
-            failures. [sigma]
+        eigenfailure: the centre of its noise, as `AnalysisSettings.centre` says: z, shape (steps,
+            2), aligned at the start and ready to be injected; along an axis that was left out, the
+            median or mean of its failures. [sigma]
         medoid_campaign: the campaign of the medoid; None: the one that was analysed.
         probability: probability of a failure of this mode under p(x), where the campaign's method
             estimates it; None otherwise.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sklearn.decomposition import PCA
 
 from eigenfail.values import AXES, FailureMode, Floats
+from eigenfail.values.analysis import Centre
 from eigenfail_services.analysis.alignment import BLOCK, Aligned
 
 Array = NDArray[np.float64]
@@ -141,57 +142,63 @@ def fix_signs(components: Array) -> Array:
     return np.asarray(components * signs, np.float64)
 
 
-BAND = (0.1, 0.9)
+QUANTILES = (0.1, 0.5, 0.9)
+"""Of the noise of a mode at each step: its band, with the median between."""
 
 
 def describe_modes(
-    failures: Aligned, space: ComponentSpace, labels: NDArray[np.intp]
+    failures: Aligned, space: ComponentSpace, labels: NDArray[np.intp], centre: Centre
 ) -> tuple[FailureMode, ...]:
     """One mode for each label, in the order of the labels."""
     groups = (np.flatnonzero(labels == label) for label in range(labels.max() + 1))
-    return tuple(_describe_mode(failures, space, members) for members in groups)
+    return tuple(_describe_mode(failures, space, members, centre) for members in groups)
 
 
 def _describe_mode(
-    failures: Aligned, space: ComponentSpace, members: NDArray[np.intp]
+    failures: Aligned, space: ComponentSpace, members: NDArray[np.intp], kind: Centre
 ) -> FailureMode:
     """The mode of these failures: its centre, the real failure nearest to it, its eigenfailure.
 
-    The eigenfailure is centre · V_k^T + mu (paper, inverse transform), taken back to the start.
+    The eigenfailure of kind `mean` is centre · V_k^T + mu (paper, inverse transform), that of kind
+    `median` the median of the noise at each step; both are taken back to the start. The noise of a
+    few unlike failures moves a mean, so that it may fail nowhere, and a median hardly.
 
     Args:
         failures: all of them.
         space: space of the rows.
         members: the rows of these, shape (members,).
+        kind: centre that the eigenfailure shows.
     """
     scores = space.scores[members]
     centre = scores.mean(axis=0)
     nearest = members[np.argmin(np.linalg.norm(scores - centre, axis=1))]
-    eigenfailure = failures.injectable(_select_noise(centre, failures, space, members), members)
+    low, median, high = _compute_quantiles(failures, members)
+    means = failures.injectable(_select_noise(centre, failures, space, members), members)
+    eigenfailure = median if kind == "median" else means
     return FailureMode(
         failures=len(members),
         medoid=int(failures.episodes[nearest]),
         centre=centre.astype(np.float32),
         eigenfailure=eigenfailure.astype(np.float32),
         medoid_campaign=int(failures.campaigns[nearest]),
-        band=_compute_band(failures, members),
+        band=np.stack([low, high]).astype(np.float32),
     )
 
 
-def _compute_band(failures: Aligned, members: NDArray[np.intp]) -> Floats:
-    """How the noise of these failures spreads about their eigenfailure, shape (2, horizon, 2).
+def _compute_quantiles(failures: Aligned, members: NDArray[np.intp]) -> list[Array]:
+    """Return the quantiles of the noise of these failures at each step, each (horizon, 2).
 
-    At each step from the 10 % to the 90 % quantile over those that lasted so long, taken back to
-    the start; zero where none did.
+    They are over the failures that lasted so long, taken back to the start; zero where none did.
     """
     lasted = np.zeros((len(members), failures.horizon), np.bool_)
     for row, steps in zip(lasted, failures.steps[members].tolist(), strict=True):
         row[failures.alignment.place(steps, failures.horizon)] = True
-    bounds = np.zeros((len(BAND), failures.horizon, len(AXES)))
+    found = np.zeros((len(QUANTILES), failures.horizon, len(AXES)))
     for step in np.flatnonzero(lasted.any(axis=0)):
         there = members[lasted[:, step]]
-        bounds[:, step] = np.quantile(failures.noise[there, step].astype(np.float64), BAND, axis=0)
-    return np.stack([failures.injectable(each, members) for each in bounds]).astype(np.float32)
+        noise = failures.noise[there, step].astype(np.float64)
+        found[:, step] = np.quantile(noise, QUANTILES, axis=0)
+    return [failures.injectable(each, members) for each in found]
 
 
 def _select_noise(

@@ -125,7 +125,7 @@ def _make_result(
         components=components.astype(np.float32),
         scores=space.scores[order].astype(np.float32),
         labels=tuple(labels[order].tolist()),
-        modes=describe_modes(failures, space, labels),
+        modes=describe_modes(failures, space, labels, settings.centre),
         influence=weighed,
         silhouette=partition.silhouette,
         noise_silhouette=(

@@ -177,7 +177,7 @@ def test_what_was_asked_for_in_words():
     )
     assert words == (
         "aligned at collision, the lateral axis alone, 3 components, K-means, modes: auto, "
-        "bootstrap 20, failures: latest, with campaigns 2, 3"
+        "bootstrap 20, failures: latest, eigenfailures: median, with campaigns 2, 3"
     )
     assert "no bootstrap" in tuple(describe_settings(AnalysisSettings(bootstrap=0)))
 

@@ -66,7 +66,7 @@ def test_an_axis_apart_is_analysed_alone_and_the_other_is_its_failures_mean(
     plant: Callable[..., Any], axes: Any, column: int
 ) -> None:
     failures = plant(1, 0.5).failures
-    result = analyse(failures, HORIZON, AnalysisSettings(axes=axes, bootstrap=0))
+    result = analyse(failures, HORIZON, AnalysisSettings(axes=axes, bootstrap=0, centre="mean"))
     data = np.array([z[:, column] for z in failures.noise], np.float64)
     mean = data.mean(axis=0)
     _, singular, basis = np.linalg.svd(data - mean, full_matrices=False)
@@ -82,6 +82,25 @@ def test_an_axis_apart_is_analysed_alone_and_the_other_is_its_failures_mean(
         assert mode.eigenfailure[:, 1 - column] == pytest.approx(other, abs=1e-5)
         back = mode.centre @ result.components[:, :, column] + mean
         assert mode.eigenfailure[:, column] == pytest.approx(back, abs=1e-4)
+
+
+def test_an_eigenfailure_is_the_median_of_the_noise_at_each_step(
+    failures_of: Callable[..., Failures],
+) -> None:
+    """One failure of nine is ten times as strong, and half of them end early."""
+    random = np.random.default_rng(3)
+    noise = [random.normal(2.0, 0.3, (6 if n % 2 else 10, 2)) for n in range(9)]
+    noise[4] *= 10.0
+    asked = AnalysisSettings(clusters=1, bootstrap=0)
+    (mode,) = analyse(failures_of(noise), HORIZON, asked).modes
+    long = [z for z in noise if len(z) == 10]
+    assert mode.eigenfailure[:6] == pytest.approx(np.median([z[:6] for z in noise], axis=0))
+    assert mode.eigenfailure[6:10] == pytest.approx(np.median([z[6:] for z in long], axis=0))
+    assert not mode.eigenfailure[10:].any()
+    (paper,) = analyse(
+        failures_of(noise), HORIZON, AnalysisSettings(clusters=1, bootstrap=0, centre="mean")
+    ).modes
+    assert paper.eigenfailure[:6].mean() > 3.0 > mode.eigenfailure[:6].mean()
 
 
 @pytest.mark.usefixtures("few_draws")
@@ -123,7 +142,9 @@ def test_it_agrees_with_an_independent_computation(
     structureless: Callable[[int], Failures],
 ) -> None:
     failures = structureless(11)
-    result = analyse(failures, HORIZON, AnalysisSettings(components=4, clusters=3, bootstrap=0))
+    result = analyse(
+        failures, HORIZON, AnalysisSettings(components=4, clusters=3, bootstrap=0, centre="mean")
+    )
     data = np.array([np.pad(z, ((0, HORIZON - len(z)), (0, 0))).ravel() for z in failures.noise])
     mean = data.mean(axis=0, dtype=np.float64)
     _, singular, axes = np.linalg.svd(data - mean, full_matrices=False)
@@ -358,5 +379,6 @@ def test_a_result_of_an_older_release_is_read() -> None:
     assert np.array_equal(found.modes[0].eigenfailure, result.modes[0].eigenfailure)
     assert (found.stability, found.moments, found.training, found.words) == (None, (), (), ())
     older = to_settings('{"align": "start", "components": 3}')
-    assert older == AnalysisSettings(failures="all")
-    assert to_settings('{"failures": "latest"}') == AnalysisSettings()
+    assert older == AnalysisSettings(failures="all", centre="mean")
+    asked = '{"failures": "latest", "centre": "median"}'
+    assert to_settings(asked) == AnalysisSettings()
