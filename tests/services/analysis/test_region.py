@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eigenfail_services.analysis.region import (
-    LEVEL,
+    SIGNIFICANCE,
     RegionQuestion,
     describe_bound,
     find_failing_region,
@@ -118,7 +118,7 @@ def test_figures_agree_with_each_other(seed: int, inside: float, outside: float)
     found = find_failing_region(question(values, failed))
     assert bool(found.problem) == (not found.boxes)
     if found.boxes:
-        assert found.p_value <= LEVEL
+        assert found.p_value <= SIGNIFICANCE
         assert found.coverage.k == found.precision.k == sum(b.coverage.k for b in found.boxes)
         assert found.coverage.n == found.failure_rate.k
         assert found.precision.value > found.failure_rate.value
