@@ -105,7 +105,7 @@ def test_what_it_says_is_plain(store: Store) -> None:
         "Both saw the same noise in 50 pairs of episodes: 18 where only B failed, 3 where only A "
         "did, 2 where both did; McNemar's exact test distinguishes them (p = 0.0015)."
     )
-    assert said[3].startswith("A failure costs 0.240 USD [0.111, 0.554] with A, 0.0600 USD [")
+    assert said[3].startswith("A failure costs 0.240 USD [0.112, 0.553] with A, 0.0600 USD [")
     assert said[4].startswith("log p per step of the failures is ")
     back = compare(store, [b], [a]).sentences
     assert back[1] == "B fails in 30.0 % [13.1, 45.0] fewer of the episodes than A."
