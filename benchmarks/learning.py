@@ -189,14 +189,15 @@ def covered(place: str, crew: Crew, runs: Sequence[Found]) -> Figures:
     failures = [one.z for run in runs for one in run.crashes]
     found = f"{known.failures} true failures by brute force"
     apart = f"silhouette {known.silhouette or 0.0:.2f}, of noise {known.noise_silhouette:.2f}"
-    of_modes = f"{found}: {known.modes} mode(s), {apart}"
-    of_groups = f"{found}: of their {len(known.centres)} groups those that hold 5 % of the failures"
-    for name, value, note in (
-        ("mode_coverage", known.coverage(failures), of_modes),
-        ("group_spread", known.spread(failures), of_groups),
-    ):
-        n = len(failures)
-        yield f"{place}.{name}", Figure(value=value, unit="share", n=n, note=note, command=COMMAND)
+    note = (
+        f"{found}, {known.modes} mode(s), {apart}: of their {len(known.centres)} groups those that "
+        "hold 5 % of the failures"
+    )
+    value, n = known.spread(failures), len(failures)
+    yield (
+        f"{place}.group_spread",
+        Figure(value=value, unit="share", n=n, note=note, command=COMMAND),
+    )
 
 
 @cache

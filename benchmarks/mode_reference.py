@@ -103,10 +103,6 @@ class Reference(NamedTuple):
             return 0.0
         return float((self.shares(failures) >= LEAST_SHARE).mean())
 
-    def coverage(self, failures: Sequence[Floats]) -> float:
-        """The share of the modes that hold 5 % of a method's failures."""
-        return self.spread(failures) if self.modes > 1 else float(len(failures) > 0)
-
 
 def brute_force() -> BruteForce:
     """What is kept of the draws."""

@@ -5,20 +5,25 @@ from math import sqrt
 from statistics import fmean, stdev
 from statistics import median as middle
 
+import msgspec
 from figures import Figure
 
-from eigenfail_services.statistics.intervals import Z, rate
+from eigenfail.intervals import Z, find_interval
 
 COMMAND = "make claims"
 
 
 def share(happened: Sequence[bool], note: str = "") -> Figure:
     """How often something happened; Wilson's interval."""
-    found = rate(sum(happened), len(happened))
-    ends = (found.interval.low, found.interval.high)
-    return Figure(
-        value=found.value, unit="share", n=found.n, interval=ends, note=note, command=COMMAND
-    )
+    k, n = sum(happened), len(happened)
+    found = find_interval(k, n)
+    ends = (found.low, found.high)
+    return Figure(value=k / n, unit="share", n=n, interval=ends, note=note, command=COMMAND)
+
+
+def count_share(happened: Sequence[bool], note: str = "") -> Figure:
+    """How often something happened in an enumeration, which is no sample: without interval."""
+    return msgspec.structs.replace(share(happened, note), interval=None)
 
 
 def mean(values: Sequence[float], unit: str, note: str = "") -> Figure:

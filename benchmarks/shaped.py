@@ -1,11 +1,12 @@
 """Figures: `rulebook` on cut_in under noise with a shape, and without, at three distances."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from statistics import fmean
 
 import numpy as np
 from crew import Crew, Played, horizon, staged
 from figures import Figure
-from samples import mean, share
+from samples import COMMAND, count_share, mean, share
 from shapes import Array, held, shuffles, square_wave, square_waves
 
 from eigenfail import plugins
@@ -13,6 +14,8 @@ from eigenfail import plugins
 PLACE = "cut_in.rulebook"
 RUNS, SHUFFLES = 300, 100
 SHAPED = ("held3", "held2", "square3")
+ENUMERATED = ("square3", "wave2")
+"""Fixed trajectories, all of which are run: no samples, so that their figures have no interval."""
 DISTANCES_M = {"": 0.0, "_minus_5m": -5.0, "_plus_5m": 5.0}
 
 
@@ -47,17 +50,29 @@ def noises(steps: int, seed: int) -> dict[str, Array]:
 def rates(played: Mapping[str, Sequence[Played]], place: str) -> Iterator[tuple[str, Figure]]:
     """The share of crashes of each kind."""
     for kind, runs in played.items():
-        yield f"{PLACE}.{kind}.rate{place}", share([one.is_failure for one in runs])
+        count = count_share if kind in ENUMERATED else share
+        yield f"{PLACE}.{kind}.rate{place}", count([one.is_failure for one in runs])
 
 
 def severities(played: Mapping[str, Sequence[Played]]) -> Iterator[tuple[str, Figure]]:
     """The mean severity of the crashes of each kind that has any."""
     for kind, runs in played.items():
         if found := crashes(runs):
-            yield f"{PLACE}.{kind}.mean_severity", mean(found, "m²/s²")
+            average = average_severity if kind in ENUMERATED else mean
+            yield f"{PLACE}.{kind}.mean_severity", average(found, "m²/s²")
     together = [severity for kind in SHAPED for severity in crashes(played[kind])]
-    note = f"all crashes of {', '.join(SHAPED)} at the default distance"
-    yield "cut_in.shaped.mean_severity", mean(together, "m²/s²", note)
+    note = f"all crashes of {', '.join(SHAPED)} at the default distance, by how many were run"
+    yield "cut_in.shaped.mean_severity", average_severity(together, "m²/s²", note)
+    run = sum(len(played[kind]) for kind in SHAPED)
+    note = "of the same crashes; n: how many were run"
+    count = Figure(value=len(together), unit="crashes", n=run, note=note, command=COMMAND)
+    yield "cut_in.shaped.crashes", count
+
+
+def average_severity(severities: Sequence[float], unit: str, note: str = "") -> Figure:
+    """The mean severity of crashes that are no sample: without interval."""
+    value = fmean(severities) if severities else None
+    return Figure(value=value, unit=unit, n=len(severities), note=note, command=COMMAND)
 
 
 def crashes(runs: Sequence[Played]) -> list[float]:

@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.methods import traits_of
+from eigenfail.presentation.figures import format_share, round_up
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Interval, Rate
 
@@ -104,13 +105,13 @@ class RateAtMost(msgspec.Struct, frozen=True):
         Raises:
             InvalidValue: the episodes are not drawn from p(x), so that they bound no rate.
         """
-        if rate.bounds is None:
+        if rate.interval is None:
             raise InvalidValue(
                 "target", "the method chooses its noise: its episodes bound no failure rate.", MC
             )
-        if rate.bounds.high <= self.target:
+        if rate.interval.high <= self.target:
             return ScaleVerdict.SAFE
-        return ScaleVerdict.FAILING if rate.bounds.low > self.target else ScaleVerdict.UNDECIDED
+        return ScaleVerdict.FAILING if rate.interval.low > self.target else ScaleVerdict.UNDECIDED
 
     def describe(self, step: "MarginStep") -> str:
         """Return what the step shows about its scale, as a clause."""
@@ -312,7 +313,7 @@ def _describe_limits(margin: Margin, method: str) -> Iterator[str]:
     if safe.interval is None:
         limit = f"'{method}' chooses its noise, so that its episodes bound no failure rate"
     else:
-        share = f"at most {100.0 * safe.interval.high:.2g} %"
+        share = f"at most {format_share(round_up(safe.interval.high))}"
         limit = f"with 95 % confidence {share} of the episodes under this noise fail"
     if not safe.failures:
         yield (
@@ -376,5 +377,5 @@ def read_step(client: Client, campaign: Campaign, criterion: Criterion) -> Margi
         episodes=rate.n,
         failures=rate.k,
         verdict=criterion.judge(rate),
-        interval=rate.bounds,
+        interval=rate.interval,
     )

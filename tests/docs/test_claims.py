@@ -1,8 +1,10 @@
 """Documents say what docs/claims.json says, and the figures in it hold their targets.
 
 A figure in a document is marked by a comment right behind it, with the claim's name:
-`35.6 % [33.6, 37.8]<!-- claim cut_in.idm.mc2000.failure_rate -->`. The number is the claim's value
-to the digits printed, the bracket its interval; with a % before the mark both are per cent.
+`35.6 % [33.5, 37.8]<!-- claim cut_in.idm.mc2000.failure_rate -->`. The number is the claim's value
+to the digits printed, the bracket its interval, rounded outwards to two digits or more; with a %
+before the mark both are per cent. A share may be printed as `1 of 100` or `all 78`, and one of 0
+with the upper end of its interval: `0 of 2,000: ≤ 0.150 %`.
 `95.3, 93.4, 94.7 %<!-- seeds cut_in.ast.train1000.failure_rate -->` are the values of each seed, as
 the claim's note tells them. In hand-written pages docs/marks.json has the marks (claim_marks.py).
 """
@@ -27,8 +29,11 @@ MARK = re.compile(
     rf"(?:\[(?P<low>{NUMBER}), (?P<high>{NUMBER})[^\d\]]*\][^\d|\n\[]*)?"
     r"<!-- claim (?P<name>\S+) -->"
 )
+BEFORE_A_BOUND = re.compile(r"(?:(?<!\d)0 of (?P<n>\d+)[^\d|]{0,20})?≤ $")
+BEFORE_A_COUNT = re.compile(r"(?:(?P<k>\d+) of|\b[Aa]ll) $")
 SEEDS = re.compile(
-    rf"(?P<values>(?:{NUMBER}, )+{NUMBER})(?P<unit>[^\d|\n\[]*)<!-- seeds (?P<name>\S+) -->"
+    rf"(?P<values>(?:{NUMBER}, )+{NUMBER}(?: and {NUMBER})?)"
+    r"(?P<unit>[^\d|\n\[]*)<!-- seeds (?P<name>\S+) -->"
 )
 ANY_MARK = re.compile(r"<!-- claim (\S+) -->")
 
@@ -48,14 +53,26 @@ class Marked(NamedTuple):
     name: str
     printed: tuple[str, ...]
     percent: bool
+    before: str
 
 
 def marked(text):
     """The figures that a text marks."""
+    text = plain(text)
     assert len(MARK.findall(text)) == len(ANY_MARK.findall(text)), "a mark without a figure"
     for found in MARK.finditer(text):
         printed = tuple(found[part] for part in ("value", "low", "high") if found[part])
-        yield Marked(found["name"], printed, percent="%" in found[0])
+        before = " ".join(text[max(found.start() - 60, 0) : found.start()].split("\n"))
+        yield Marked(found["name"], printed, "%" in found[0], before)
+
+
+RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+def plain(text):
+    """The text with its numbers as programs write them: -1234.5, 1.2e-4."""
+    text = re.sub(r"(?<=\d),(?=\d{3}(?!\d))", "", text.replace("−", "-"))
+    return re.sub(r"×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda found: f"e{found[1].translate(RAISED)}", text)
 
 
 def agree(printed, value):
@@ -65,17 +82,39 @@ def agree(printed, value):
     return abs(float(number) - value) <= half_a_digit * (1.0 + 1e-6)
 
 
+def is_outward(printed, value, sign):
+    """Whether a printed bound is the value rounded outwards (up for sign 1), to two digits."""
+    number = Decimal(printed)
+    digit = 10.0 ** int(number.as_tuple().exponent)
+    beyond = sign * (float(number) - value)
+    enough = len(number.as_tuple().digits) > 1 or float(number) == value
+    return enough and -1e-9 * abs(value) <= beyond < digit * (1.0 + 1e-6)
+
+
+def holds(figure, claim):
+    """Whether a printed figure is what the claim says."""
+    values = (claim.value, *(claim.interval or ()))
+    value, *ends = (value * 100.0 if figure.percent else value for value in values)
+    number, *bounds = figure.printed
+    if bound := BEFORE_A_BOUND.search(figure.before):
+        counted = bound["n"] is None or int(bound["n"]) == claim.n
+        return counted and value == 0.0 and len(ends) == 2 and is_outward(number, ends[1], 1)
+    count = BEFORE_A_COUNT.search(figure.before)
+    if count and claim.unit.startswith("share") and not figure.percent:
+        return (int(count["k"] or number), int(number)) == (round(value * claim.n), claim.n)
+    if not bounds:
+        return agree(number, value)
+    return agree(number, value) and len(ends) == 2 and all(map(is_outward, bounds, ends, (-1, 1)))
+
+
 def wrong(text, claims):
     """What a text states otherwise than the claims do."""
     for figure in marked(text):
         claim = claims.get(figure.name)
         if claim is None or claim.value is None:
             yield f"{figure.name} is not known"
-            continue
-        values = (claim.value, *(claim.interval or ()))
-        scaled = [value * 100.0 if figure.percent else value for value in values]
-        if len(figure.printed) > len(scaled) or not all(map(agree, figure.printed, scaled)):
-            yield f"{figure.name}: printed {figure.printed}, found {scaled}"
+        elif not holds(figure, claim):
+            yield f"{figure.name}: printed {figure.printed}, found {claim.value} {claim.interval}"
 
 
 def wrong_seeds(text, claims):
@@ -86,7 +125,7 @@ def wrong_seeds(text, claims):
         note = getattr(claims.get(marks["name"]), "note", "")
         values = re.findall(NUMBER, note.partition(" seeds: ")[2].partition(";")[0])
         scale = 100.0 if "%" in marks["unit"] else 1.0
-        printed = marks["values"].split(", ")
+        printed = marks["values"].replace(" and ", ", ").split(", ")
         if len(printed) != len(values) or not all(
             agree(one, scale * float(value)) for one, value in zip(printed, values, strict=True)
         ):
@@ -191,9 +230,9 @@ SMALL = {"p": Claim(1.247e-4, 9, "probability", "make claims", "0", (4.02e-5, 3.
 @pytest.mark.parametrize(
     "text",
     [
-        "| idm | 35.6 % [33.6, 37.8]<!-- claim a.rate -->, severity 4.1 | 40.1 |",
+        "| idm | 35.6 % [33.5, 37.8]<!-- claim a.rate -->, severity 4.1 | 40.1 |",
         "| idm | 35.7 % <!-- claim a.rate --> | 40.1 % |",
-        "a rate of 36 [34, 38 %]<!-- claim a.rate --> at 58 m",
+        "a rate of 36 [33, 38 %]<!-- claim a.rate --> at 58 m",
         "| 0.36 | 0.357<!-- claim a.rate --> |",
     ],
 )
@@ -202,17 +241,46 @@ def test_a_figure_that_agrees_passes(text):
 
 
 def test_small_probabilities_are_compared_by_their_digits():
-    for printed in ("1.2e-4", "1.25e-4 [4e-5, 3.7e-4]"):
+    for printed in ("1.2e-4", "1.25e-4 [4.0e-5, 3.7e-4]", "1.25×10⁻⁴"):
         assert list(wrong(f"{printed}<!-- claim p -->", SMALL)) == []
-    assert list(wrong("1.3e-4<!-- claim p -->", SMALL)) != []
+    for printed in ("1.3e-4", "1.25e-4 [4e-5, 3.7e-4]", "1.25e-4 [4.1e-5, 3.7e-4]"):
+        assert len(list(wrong(f"{printed}<!-- claim p -->", SMALL))) == 1
+
+
+COUNTS = {
+    "none": Claim(0.0, 2000, "share", "make claims", "0", (0.0, 0.0014967)),
+    "all": Claim(1.0, 78, "share", "make claims", "0"),
+    "one": Claim(0.01, 100, "share of replays", "make claims", "0"),
+}
+
+
+@pytest.mark.parametrize(
+    ("right", "wrongs"),
+    [
+        (
+            "0 of 2,000: ≤ 0.150 %<!-- claim none -->",
+            ("0 of 2,000: ≤ 0.149 %", "0 of 200: ≤ 0.150 %", "0 of 2,000: ≤ 0.1 %", "0 % [0, 0.1]"),
+        ),
+        ("in 0 of 2000 runs (≤ 0.15 %<!-- claim none -->)", ("in 0 of 2000 runs (≤ 0.16 %",)),
+        ("all 78<!-- claim all -->", ("all 79", "77 of 78", "100 % [96, 100]")),
+        ("1 of 100<!-- claim one -->", ("2 of 100", "1 of 10", "all 100")),
+    ],
+)
+def test_counts_and_bounds_are_compared_with_the_share_and_its_n(right, wrongs):
+    assert list(wrong(right, COUNTS)) == []
+    mark = right[right.index("<!--") :]
+    for text in wrongs:
+        assert len(list(wrong(f"{text}{mark}", COUNTS))) == 1, text
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "| 35.5 % [33.6, 37.8]<!-- claim a.rate --> |",
-        "| 35.7 % [33.6, 37.9]<!-- claim a.rate --> |",
-        "| 35.7 [33.6, 37.8]<!-- claim a.rate --> |",
+        "| 35.5 % [33.5, 37.8]<!-- claim a.rate --> |",
+        "| 35.7 % [33.5, 37.9]<!-- claim a.rate --> |",
+        "| 35.7 % [33.6, 37.8]<!-- claim a.rate --> |",
+        "| 35.7 % [33.5, 37.7]<!-- claim a.rate --> |",
+        "| 35.7 [33.5, 37.8]<!-- claim a.rate --> |",
         "| 35.7 %<!-- claim a.rte --> |",
     ],
 )

@@ -4,8 +4,8 @@ Every paragraph and table of README.md and docs/ is searched for what statistics
 counts "12 of 300", intervals "[3.1, 7.2]", powers of ten, failures, severities, medians, numbers in
 tables (STATISTICS). What is found must be one of these:
 
-- a claim, `36.2 %<!-- claim NAME -->`, or one value for each seed, `95.3, 93.4<!-- seeds NAME -->`:
-  test_claims.py compares both with docs/claims.json
+- a claim, `36.2 %<!-- claim NAME -->` or `1 of 100<!-- claim NAME -->`, or one value for each
+  seed, `95.3, 93.4<!-- seeds NAME -->`: test_claims.py compares both with docs/claims.json
 - code, or in a part that another test compares with what a program prints (COMPARED, WHOLE_PAGES)
 - in a column whose head says that its numbers are not ours, or not measured (COLUMNS)
 - in a phrase that belongs to intervals, not to a result (PHRASES)
@@ -69,6 +69,8 @@ STATISTICS = {
 
 BEHIND = r"[^\d|\n\[]{0,12}"
 MARKS = {
+    rf"{PLAIN} of {PLAIN}[^\d|]{{0,20}}≤ {PLAIN}{BEHIND}<!-- claim \S+ -->": CLAIMED,
+    rf"{PLAIN} of {PLAIN}<!-- claim \S+ -->": CLAIMED,
     rf"{PLAIN}{BEHIND}(?:{INTERVAL}{BEHIND})?<!-- claim \S+ -->": CLAIMED,
     rf"(?:{PLAIN}, )+{PLAIN}{BEHIND}<!-- seeds \S+ -->": CLAIMED,
     rf"{PLAIN}{BEHIND}(?:{INTERVAL}{BEHIND})?<!-- paper -->": CLAIMED,

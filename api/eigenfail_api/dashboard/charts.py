@@ -110,13 +110,13 @@ def name_bounds(blocks: Sequence[CourseBlock]) -> str:
 def list_percent_ends(blocks: Sequence[CourseBlock], end: str) -> Iterator[float | None]:
     """Yield one end of the failure rates' intervals [%]; None for the episodes of a search."""
     for block in blocks:
-        bounds = block.failure_rate.bounds
+        bounds = block.failure_rate.interval
         yield None if bounds is None else 100.0 * float(getattr(bounds, end))
 
 
 def format_bounds(rate: Rate) -> str:
     """Return the interval of a failure rate, or a dash for the episodes of a search."""
-    return UNKNOWN if rate.bounds is None else format_percent_interval(rate.bounds)
+    return UNKNOWN if rate.interval is None else format_percent_interval(rate.interval)
 
 
 def format_span(block: CourseBlock) -> str:

@@ -10,7 +10,13 @@ from fastapi.responses import HTMLResponse
 from pydantic import Field
 
 from eigenfail.presentation.campaigns import tabulate_compared, tabulate_sides
-from eigenfail.presentation.figures import count_noun, format_number, format_signed, put_minus_signs
+from eigenfail.presentation.figures import (
+    count_noun,
+    format_number,
+    format_signed,
+    format_signed_interval,
+    put_minus_signs,
+)
 from eigenfail.presentation.tables import OWN_EPISODES, Table, transpose
 from eigenfail.values import (
     Campaign,
@@ -225,7 +231,7 @@ def describe_difference(found: Comparison) -> str:
     if not are_sampled(found.a, found.b):
         return f"{value} {OWN_EPISODES}"
     low, high = found.difference.interval.low, found.difference.interval.high
-    interval = f"[{', '.join(format_signed(100.0 * end) for end in (low, high))}]"
+    interval = format_signed_interval(found.difference.interval, 100.0)
     return f"{value} {interval}{'' if low <= 0.0 <= high else ', differs'}"
 
 

@@ -11,6 +11,7 @@ from eigenfail.presentation.figures import (
     format_number,
     format_percent_interval,
     format_share,
+    format_upper_bound,
 )
 from eigenfail.presentation.tables import OWN_EPISODES, format_cell
 from eigenfail.values import Cost, Rate, Summary
@@ -212,8 +213,8 @@ def rate_of(rate: Rate | None) -> str:
     """The pooled failure rate."""
     if rate is None:
         return UNKNOWN
-    if rate.bounds is None:
+    if rate.interval is None:
         return f"{format_share(rate.value)} {OWN_EPISODES}"
     if not rate.k:
-        return f"≤ {format_share(rate.bounds.high)}"
-    return f"{format_share(rate.value)} ({format_percent_interval(rate.bounds)})"
+        return format_upper_bound(rate.interval.high)
+    return f"{format_share(rate.value)} ({format_percent_interval(rate.interval)})"

@@ -107,7 +107,7 @@ def make_share_tile(found: Rate | None) -> Tile:
     if found is None:
         return Tile(UNKNOWN, ("no episodes in the counted half",))
     counted = f"{format_count(found.k)} of {format_count(found.n)}"
-    bounds = OWN_EPISODES if found.bounds is None else format_percent_interval(found.bounds)
+    bounds = OWN_EPISODES if found.interval is None else format_percent_interval(found.interval)
     return Tile(format_share(found.value), (bounds, counted))
 
 

@@ -29,7 +29,7 @@ from eigenfail.margin import (
     list_known_steps,
     read_step,
 )
-from eigenfail.presentation.figures import UNKNOWN, format_percent_interval, format_share
+from eigenfail.presentation.figures import UNKNOWN, format_percent_interval, format_upper_bound
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.suites import Suite
 
@@ -150,5 +150,5 @@ def _format_rate(step: MarginStep) -> str:
     if step.interval is None:
         return UNKNOWN
     if not step.failures:
-        return f"≤ {format_share(step.interval.high)}"
+        return format_upper_bound(step.interval.high)
     return format_percent_interval(step.interval)

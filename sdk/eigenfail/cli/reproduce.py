@@ -22,7 +22,7 @@ from eigenfail.hosting.service import Plan
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.reproduction.page import (
     format_heading,
-    format_number,
+    format_our_number,
     format_paper_number,
     format_verdict,
     list_files,
@@ -56,7 +56,7 @@ def _draw_table(of: PaperTable) -> Table:
     drawn = start_grid("", *titles, right=titles)
     for row in of.rows:
         numbers = zip(of.columns, row.numbers, strict=True)
-        cells = (f"{format_number(c, n)}{format_paper_number(c, n)}" for c, n in numbers)
+        cells = (f"{format_our_number(c, n)}{format_paper_number(c, n)}" for c, n in numbers)
         drawn.add_row(escape(row.name), *map(escape, cells))
     return drawn
 

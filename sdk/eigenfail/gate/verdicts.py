@@ -5,6 +5,7 @@ from enum import StrEnum
 
 import msgspec
 
+from eigenfail.presentation.figures import format_signed, format_signed_interval
 from eigenfail.values import (
     Campaign,
     Comparison,
@@ -196,7 +197,5 @@ def _describe_interval(comparison: Comparison) -> str:
     found = comparison.difference
     if found is None:
         return ""
-    value, low, high = (
-        100.0 * share for share in (found.value, found.interval.low, found.interval.high)
-    )
-    return f" (difference {value:+.1f} % [{low:+.1f}, {high:+.1f}])"
+    interval = format_signed_interval(found.interval, 100.0)
+    return f" (difference {format_signed(100.0 * found.value)} % {interval})"

@@ -4,12 +4,14 @@ Digits: a measured number has three significant digits, between 0.001 and 1,000,
 of ten; larger numbers keep all digits before the point. A share is in percent with three
 significant digits (34.3 %, 4.17 %, 0.125 %). An amount of money has three significant digits and at
 least two decimals, and never a power of ten. A count is exact, with its thousands apart. A 95 %
-interval stands in brackets, with the digits of a number each. An unknown value is a dash, never a
-zero. Programs read JSON, CSV and the REST API, which hold the numbers unrounded.
+interval stands in brackets, with the digits of a number each; its ends, and other bounds, are
+rounded outwards, so that what is printed contains what was computed. An unknown value is a dash,
+never a zero. Programs read JSON, CSV and the REST API, which hold the numbers unrounded.
 """
 
 import re
 from datetime import UTC, datetime
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from math import floor, isfinite, log10
 from typing import Protocol
 
@@ -93,14 +95,55 @@ def put_unit(text: str, unit: str) -> str:
     return text if text == UNKNOWN else f"{text} {unit}"
 
 
+def round_down(value: float, digits: int = DIGITS) -> float:
+    """Return the largest number of these significant digits that is not above the value."""
+    return _round_towards(ROUND_FLOOR, value, digits)
+
+
+def round_up(value: float, digits: int = DIGITS) -> float:
+    """Return the smallest number of these significant digits that is not below the value."""
+    return _round_towards(ROUND_CEILING, value, digits)
+
+
+def _round_towards(rounding: str, value: float, digits: int) -> float:
+    if not isfinite(value) or value == 0.0:
+        return value
+    # Digits beyond the twelfth are the error of floats: 100 * 0.07 is 7.000000000000001.
+    exact = Decimal(f"{value:.11e}")
+    return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - digits + 1), rounding))
+
+
+def format_upper_bound(share: float) -> str:
+    """Return an upper bound of a share in percent, such as ≤ 0.150 %."""
+    return f"≤ {format_share(round_up(share))}"
+
+
+def format_no_event(n: int, high: float) -> str:
+    """Return that none of n had an event, with the upper bound of its share."""
+    return f"0 of {format_count(n)}: {format_upper_bound(high)}"
+
+
 def format_percent_interval(interval: Bounds) -> str:
     """Return the interval of a share in percent."""
     return f"{format_interval(interval, 100.0)} %"
 
 
 def format_interval(interval: Bounds, factor: float = 1.0) -> str:
-    """Return an interval in brackets, with its ends multiplied by the factor."""
-    return f"[{format_number(factor * interval.low)}, {format_number(factor * interval.high)}]"
+    """Return an interval in brackets, rounded outwards, with its ends multiplied by the factor."""
+    low, high = round_down(factor * interval.low), round_up(factor * interval.high)
+    return f"[{format_number(low)}, {format_number(high)}]"
+
+
+def format_signed_interval(interval: Bounds, factor: float = 1.0) -> str:
+    """Return an interval of a difference in brackets, rounded outwards, with signs."""
+    low, high = round_down(factor * interval.low), round_up(factor * interval.high)
+    return f"[{format_signed(low)}, {format_signed(high)}]"
+
+
+def format_usd_interval(interval: Bounds) -> str:
+    """Return an interval of an amount of money in brackets, rounded outwards."""
+    low, high = round_down(interval.low), round_up(interval.high)
+    return f"[{format_usd(low)}, {format_usd(high)}]"
 
 
 def format_duration(seconds: float | None) -> str:

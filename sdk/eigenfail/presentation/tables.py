@@ -194,12 +194,12 @@ def _(value: int) -> FormattedCell:
 @_format.register
 def _(value: Rate) -> FormattedCell:
     """A share with its interval; of no event, the upper bound, near 3 / n."""
-    if value.bounds is None:
+    if value.interval is None:
         return FormattedCell(figures.format_share(value.value), basis=(OWN_EPISODES,))
     if not value.k:
-        bound = f"≤ {figures.format_share(value.bounds.high)}"
+        bound = figures.format_upper_bound(value.interval.high)
         return FormattedCell(bound, sample=f"0 of {value.n:,}", basis=("95 % upper bound",))
-    interval = figures.format_interval(value.bounds, 100.0)
+    interval = figures.format_interval(value.interval, 100.0)
     return FormattedCell(figures.format_share(value.value), interval)
 
 
@@ -209,13 +209,12 @@ def _(value: Cost) -> FormattedCell:
     if value.per_failure_usd is None:
         if value.at_least_usd is None:
             return FormattedCell(UNKNOWN, basis=(NO_FAILURE,))
-        bound = f"≥ {figures.format_usd(value.at_least_usd)}"
+        bound = f"≥ {figures.format_usd(figures.round_down(value.at_least_usd))}"
         return FormattedCell(bound, basis=("95 % lower bound",))
     amount = figures.format_usd(value.per_failure_usd)
     if value.interval_usd is None:
         return FormattedCell(amount)
-    ends = (value.interval_usd.low, value.interval_usd.high)
-    return FormattedCell(amount, f"[{', '.join(map(figures.format_usd, ends))}]")
+    return FormattedCell(amount, figures.format_usd_interval(value.interval_usd))
 
 
 @_format.register
@@ -223,7 +222,7 @@ def _(value: Estimate) -> FormattedCell:
     """The failure probability with its interval or as a lower bound, or why it is not known."""
     sample, notes = f"n = {value.episodes:,}", tuple(filter(None, (value.note,)))
     if value.probability is not None and value.bound is not None:
-        bound = f"≥ {figures.format_number(value.probability)}"
+        bound = f"≥ {figures.format_number(figures.round_down(value.probability))}"
         return FormattedCell(bound, "", sample, ("lower bound", f"by {value.by}", *notes))
     if value.probability is None or value.interval is None:
         return FormattedCell(UNKNOWN, basis=(f"by {value.by}", value.problem))

@@ -7,7 +7,10 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 
+from eigenfail.presentation import figures
+from eigenfail.presentation.tables import TableColumn, format_cell
 from eigenfail.reproduction.tables import (
+    REPLAYED,
     PaperColumn,
     PaperNumber,
     PaperReproduction,
@@ -52,8 +55,7 @@ def _shorten(name: str) -> str:
     return re.sub(r"[^a-z0-9.+-]+", "_", name.lower())
 
 
-UNKNOWN = "–"
-SIGNS = {"share": "%", "modes": "", "index": ""}
+SIGNS = {"share": "%", "modes": "", "index": "", REPLAYED: ""}
 
 
 def format_heading(column: PaperColumn) -> str:
@@ -62,32 +64,43 @@ def format_heading(column: PaperColumn) -> str:
     return f"{column.title} [{unit}]" if unit else column.title
 
 
-def format_number(column: PaperColumn, number: PaperNumber) -> str:
-    """Return our number with its interval."""
-    if number.value is None:
-        return UNKNOWN
-    text = format_figure(column, number.value)
-    if number.interval is None:
-        return text
-    ends = (format_figure(column, end) for end in (number.interval.low, number.interval.high))
-    return f"{text} [{', '.join(ends)}]"
+def format_our_number(column: PaperColumn, number: PaperNumber) -> str:
+    """Return our number with its interval; the upper bound of a share without an event."""
+    value, interval = number.value, number.interval
+    if value is None:
+        return figures.UNKNOWN
+    if column.unit == REPLAYED:
+        return f"{round(value * number.n)} of {number.n}"
+    if column.unit == "share" and interval and not value:
+        return figures.format_no_event(number.n, interval.high)
+    bounds = "" if interval is None else f" {_format_interval(column, interval)}"
+    return f"{format_cell(value, _describe_unit(column)).value}{bounds}"
+
+
+def _format_interval(column: PaperColumn, interval: Interval) -> str:
+    if column.unit == "USD":
+        return figures.format_usd_interval(interval)
+    return figures.format_interval(interval, 100.0 if column.unit == "share" else 1.0)
+
+
+def _describe_unit(column: PaperColumn) -> TableColumn:
+    return MODES if column.unit == "modes" else TableColumn(column.title, column.unit)
+
+
+MODES = TableColumn("modes", "modes", digits=1)
 
 
 def format_paper_number(column: PaperColumn, number: PaperNumber) -> str:
     """Return the paper's number in brackets, or nothing if the paper gives none."""
-    return "" if number.paper is None else f" (paper {format_figure(column, number.paper)})"
+    return "" if number.paper is None else f" (paper {_format_printed(column, number.paper)})"
 
 
-def format_figure(column: PaperColumn, value: float) -> str:
-    """Format a value with three digits or more, a share in percent with one decimal."""
-    if column.unit == "share":
-        return f"{100.0 * value:.1f}"
-    if column.unit == "modes":
-        return f"{value:.0f}"
-    size = abs(value)
-    if size and size < 0.1:
-        return f"{value:.1e}"
-    return f"{value:.{0 if size >= 100.0 else 1 if size >= 10.0 else 2}f}"
+def _format_printed(column: PaperColumn, value: float) -> str:
+    """Return a number of the paper without its unit, and without digits that it does not print."""
+    if column.unit == REPLAYED:
+        return "all" if value == 1.0 else figures.format_number(value)
+    text = figures.format_number(100.0 * value if column.unit == "share" else value)
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def format_verdict(statement: PaperStatement) -> str:
@@ -103,11 +116,11 @@ episodes have eight times as many steps: expect the same pattern, not the same n
 Warner et al., *Importance Sampling and PCA for Finding Failures in Commercial Autonomous Vehicles*.
 
 `ast_paper` and `difs_paper` have the paper's settings, `ast` and `difs` our defaults. Brackets hold
-95 % intervals for independent episodes; the paper gives none. They hold for `monte_carlo`, and for
-evaluations as statements about one trained policy. In the sweep and in training an episode depends
-on those before it: there they are no confidence intervals, and the difference between two rows may
-be that of two seeds. Only `monte_carlo` draws from p(x). Every campaign has the seed {seed};
-evaluations have a seed that is 1000 higher.
+95 % intervals of independent draws, rounded outwards; the paper gives none. `monte_carlo` draws
+from p(x), an evaluation from one trained searcher: its interval is a statement about that searcher
+alone. In the sweep and in training an episode depends on those before it: such rates have no
+interval, and the difference between two rows may be that of two seeds. Every campaign has the seed
+{seed}; evaluations have a seed that is 1000 higher.
 """
 
 
@@ -141,28 +154,25 @@ def _format_headings(table: PaperTable, beside: Sequence[bool]) -> Iterator[str]
 
 def _format_cells(table: PaperTable, row: PaperRow, beside: Sequence[bool]) -> Iterator[str]:
     for column, number, has in zip(table.columns, row.numbers, beside, strict=True):
-        paper = UNKNOWN if number.paper is None else format_figure(column, number.paper)
+        paper = figures.UNKNOWN if number.paper is None else _format_printed(column, number.paper)
         yield f" {_format_claim(table, row, column, number)} |{has * f' {paper} |'}"
 
 
 def _format_claim(
     table: PaperTable, row: PaperRow, column: PaperColumn, number: PaperNumber
 ) -> str:
-    if number.value is None:
-        return UNKNOWN
-    unit = " %" if column.unit == "share" else ""
-    ends = number.interval and (number.interval.low, number.interval.high)
-    interval = f" [{', '.join(format_figure(column, end) for end in ends)}]" if ends else ""
-    name = claim_name(table, row, column)
-    return f"{format_figure(column, number.value)}{unit}{interval}<!-- claim {name} -->"
+    text = format_our_number(column, number)
+    return (
+        text if number.value is None else f"{text}<!-- claim {claim_name(table, row, column)} -->"
+    )
 
 
 def _format_statements(found: PaperReproduction) -> Iterator[str]:
     yield "## Statements of the paper\n"
     yield (
-        "Every campaign was run with one seed, so that no verdict is final. Means and\n"
-        "rates are compared by 95 % intervals within that run; shares of variance and influence\n"
-        "have none.\n"
+        "Every campaign was run with one seed, so that no verdict is final. Verdicts on the sweep\n"
+        "compare one run with one other. Means and rates are compared by the 95 % intervals of\n"
+        "independent draws; shares of variance and influence have none.\n"
     )
     yield "| the paper | here | numbers | why |\n|---|---|---|---|"
     for one in found.statements:

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from math import hypot
-from statistics import NormalDist, fmean, stdev
+from statistics import fmean, stdev
 
 import msgspec
 
 from eigenfail.client import Client
 from eigenfail.errors import Conflict
-from eigenfail.reproduction.page import UNKNOWN
+from eigenfail.intervals import Z, find_interval
+from eigenfail.presentation.figures import format_number, format_share
 from eigenfail.reproduction.tables import (
     AXES,
     MODES,
@@ -58,9 +59,6 @@ NEEDED = (
 """Members whose failures are compared one by one."""
 
 
-NORMAL_QUANTILE = NormalDist().inv_cdf(0.975)
-
-
 FEWEST_FAILURES = 10
 """Means over fewer failures are not compared: the interval below needs large samples."""
 
@@ -98,7 +96,8 @@ def _judge_planners(summaries: Summaries) -> PaperStatement:
     ours, idm = (summaries[f"monte_carlo {name}"] for name in ("rulebook", "idm"))
     holds = None
     if ours.failure_rate and idm.failure_rate:
-        holds = ours.failure_rate.interval.high < idm.failure_rate.interval.low
+        one, other = (find_interval(r.k, r.n) for r in (ours.failure_rate, idm.failure_rate))
+        holds = one.high < other.low
     return PaperStatement(
         "Under Monte Carlo the planner fails less often than IDM.",
         holds,
@@ -202,11 +201,12 @@ def _judge_distances(summaries: Summaries) -> PaperStatement:
 def _judge_components(
     name: str, longitudinal: AnalysisResult, lateral: AnalysisResult
 ) -> PaperStatement:
-    along, across = (100.0 * float(one.explained.sum()) for one in (longitudinal, lateral))
+    along, across = (float(one.explained.sum()) for one in (longitudinal, lateral))
     return PaperStatement(
         "Longitudinal noise needs more components than lateral noise.",
         along < across,
-        f"{name}: the first three explain {along:.0f} % along the road, {across:.0f} % across",
+        f"{name}: the first three explain {format_share(along)} along the road, "
+        f"{format_share(across)} across",
         "All failures come from one policy, whose longitudinal noise is nearly the same each "
         "time; lateral noise matters less to them, and varies more.",
     )
@@ -220,8 +220,8 @@ def _judge_late_influence(name: str, result: AnalysisResult) -> PaperStatement:
     return PaperStatement(
         claim,
         last.longitudinal > last.time,
-        f"{name}: the last {last.seconds:g} s hold {100.0 * last.longitudinal:.0f} % of "
-        f"the longitudinal influence in {100.0 * last.time:.0f} % of the time",
+        f"{name}: the last {last.seconds:g} s hold {format_share(last.longitudinal)} of "
+        f"the longitudinal influence in {format_share(last.time)} of the time",
         "`rulebook` collides after its tracker has lost the other car; the noise that causes "
         "this comes earlier, while braking would still avoid the collision.",
     )
@@ -252,7 +252,7 @@ def _judge_severity(name: str, safety: Safety) -> PaperStatement:
     holds = None
     if correlation and interval and not interval.low <= 0.0 <= interval.high:
         holds = correlation.value < 0.0
-    value = UNKNOWN if correlation is None else f"{correlation.value:.2f}"
+    value = format_number(correlation.value if correlation else None, digits=2)
     why = (
         "The interval of the rank correlation includes 0, or there are too few failures."
         if holds is None
@@ -288,14 +288,15 @@ def is_greater(a: Sequence[float], b: Sequence[float]) -> Judgement:
         return None
     difference = fmean(b) - fmean(a)
     error = hypot(*(stdev(values) / len(values) ** 0.5 for values in (a, b)))
-    return None if abs(difference) <= NORMAL_QUANTILE * error else difference > 0.0
+    return None if abs(difference) <= Z * error else difference > 0.0
 
 
 def is_above_half(rate: Rate | None) -> Judgement:
-    """Whether more than half of the episodes fail; None where the interval includes one half."""
-    if rate is None or rate.interval.low <= 0.5 <= rate.interval.high:
+    """Whether more than half of the draws fail; None where the interval includes one half."""
+    if rate is None:
         return None
-    return rate.value > 0.5
+    interval = find_interval(rate.k, rate.n)
+    return None if interval.low <= 0.5 <= interval.high else rate.value > 0.5
 
 
 def fails_more_often(comparison: Comparison) -> Judgement:
@@ -324,9 +325,9 @@ def _describe(summary: Summary) -> str:
     counts = summary.counts
     words = [f"{counts.failures} of {counts.completed}"]
     if summary.log_probability_per_step is not None:
-        words.append(f"log p {summary.log_probability_per_step:.2f} per step")
+        words.append(f"log p {format_number(summary.log_probability_per_step)} per step")
     if summary.mean_severity is not None:
-        words.append(f"severity {summary.mean_severity:.0f} m²/s²")
+        words.append(f"severity {format_number(summary.mean_severity)} m²/s²")
     return ", ".join(words)
 
 

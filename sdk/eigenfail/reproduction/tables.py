@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from eigenfail.intervals import find_interval
 from eigenfail.reproduction.programme import LEARNERS, MOVED_M
 from eigenfail.values import (
     AnalysisResult,
@@ -18,6 +19,9 @@ from eigenfail.values import (
 )
 from eigenfail.values.proof import ProvenScenario
 from eigenfail.values.safety import Violations
+
+REPLAYED = "share of replays"
+"""Unit of shares of a few replays of chosen noise: no random sample, so without an interval."""
 
 
 class PaperNumber(msgspec.Struct, frozen=True):
@@ -44,7 +48,10 @@ class PaperRow(msgspec.Struct, frozen=True):
 
 
 class PaperColumn(msgspec.Struct, frozen=True):
-    """Name, title and unit of a column; the unit "share" is printed in percent."""
+    """Name, title and unit of a column.
+
+    The unit "share" is printed in percent, `REPLAYED` as k of n.
+    """
 
     name: str
     title: str
@@ -178,6 +185,17 @@ def _read_rate(of: Summary) -> PaperNumber:
     return PaperNumber(of.failure_rate.value, of.failure_rate.n, of.failure_rate.interval)
 
 
+def _read_draws(of: Summary) -> PaperNumber:
+    """Return the failure rate of independent draws, from p(x) or from one trained searcher."""
+    return _count_draws(of.failure_rate)
+
+
+def _count_draws(rate: Rate | None, paper: float | None = None) -> PaperNumber:
+    if rate is None:
+        return PaperNumber(None, 0, paper=paper)
+    return PaperNumber(rate.value, rate.n, find_interval(rate.k, rate.n), paper)
+
+
 def _read_mean(value: Callable[[Summary], float | None]) -> Read:
     return lambda of: PaperNumber(value(of), of.counts.failures)
 
@@ -190,7 +208,9 @@ def _read_hours(of: Summary) -> PaperNumber:
     return PaperNumber(of.cost.instance_hours, of.counts.completed)
 
 
-RATE = (PaperColumn("failure_rate", "failure rate", "share"), _read_rate)
+FAILURE_RATE = PaperColumn("failure_rate", "failure rate", "share")
+RATE = (FAILURE_RATE, _read_rate)
+DRAWN_RATE = (FAILURE_RATE, _read_draws)
 LOG_P = (
     PaperColumn("log_p", "mean log p", "nat"),
     _read_mean(lambda of: of.mean_log_probability),
@@ -235,6 +255,7 @@ def _pair_distances() -> Rows:
 
 
 SEARCHES = (HOURS, RATE, COST_USD, LOG_P, PER_STEP_P, SEVERITY)
+DRAWS = (HOURS, DRAWN_RATE, COST_USD, LOG_P, PER_STEP_P, SEVERITY)
 
 LAYOUTS = (
     TableLayout("planners", "Planners under Monte Carlo", (RATE, SEVERITY), PLANNERS),
@@ -249,7 +270,7 @@ LAYOUTS = (
     TableLayout(
         "evaluation",
         "Evaluation",
-        SEARCHES,
+        DRAWS,
         {
             "monte_carlo rulebook": EVALUATION["monte_carlo rulebook"],
             **_pair_rows(EVALUATION, " evaluation"),
@@ -257,7 +278,7 @@ LAYOUTS = (
         f"{PER_STEP} {COST}",
     ),
     TableLayout(
-        "generalisation", "AST where the cut-in moves", (RATE, SEVERITY), _pair_distances()
+        "generalisation", "AST where the cut-in moves", (DRAWN_RATE, SEVERITY), _pair_distances()
     ),
 )
 """In the paper's order."""
@@ -306,8 +327,8 @@ COMPONENTS = (
     PaperColumn("late_time", "share of the time", "share"),
 )
 REPLAYS = (
-    PaperColumn("eigenfailures", "eigenfailures reproduced", "share"),
-    PaperColumn("medoids", "medoids reproduced", "share"),
+    PaperColumn("eigenfailures", "eigenfailures reproduced", REPLAYED),
+    PaperColumn("medoids", "medoids reproduced", REPLAYED),
 )
 
 
@@ -320,7 +341,7 @@ def build_safety_table(found: Mapping[str, Safety]) -> PaperTable:
 
 def _build_safety_rows(name: str, safety: Safety) -> Iterator[PaperRow]:
     collisions = (
-        _read_share(safety.collisions, _read_papers_share("collision")),
+        _count_draws(safety.collisions, _read_papers_share("collision")),
         *2 * (PaperNumber(None, 0),),
     )
     yield PaperRow(f"{name}: collision", collisions, safety.campaign)
@@ -332,7 +353,7 @@ def _build_safety_rows(name: str, safety: Safety) -> Iterator[PaperRow]:
 def _read_violations(measure: str, of: Violations) -> tuple[PaperNumber, ...]:
     paper = SAFETY[measure]
     return (
-        _read_share(of.beyond, _read_papers_share(measure)),
+        _count_draws(of.beyond, _read_papers_share(measure)),
         PaperNumber(of.median, of.n, paper=paper["median"]),
         PaperNumber(of.worst, of.n, paper=paper["worst"]),
     )
@@ -341,12 +362,6 @@ def _read_violations(measure: str, of: Violations) -> tuple[PaperNumber, ...]:
 def _read_papers_share(measure: str) -> float:
     """Return the paper's count as a share of its 300 episodes."""
     return SAFETY[measure]["count"] / SAFETY_EPISODES
-
-
-def _read_share(rate: Rate | None, paper: float | None = None) -> PaperNumber:
-    if rate is None:
-        return PaperNumber(None, 0, paper=paper)
-    return PaperNumber(rate.value, rate.n, rate.interval, paper)
 
 
 def build_component_table(found: Analyses) -> PaperTable:
@@ -400,6 +415,12 @@ def build_replay_table(found: Mapping[str, Proof]) -> PaperTable:
 def _read_replays(scenario: ProvenScenario) -> tuple[PaperNumber, ...]:
     # The paper says that all eigenfailures failed again.
     return (_read_share(scenario.eigenfailures.rate, 1.0), _read_share(scenario.medoids.rate))
+
+
+def _read_share(rate: Rate | None, paper: float | None = None) -> PaperNumber:
+    if rate is None:
+        return PaperNumber(None, 0, paper=paper)
+    return PaperNumber(rate.value, rate.n, paper=paper)
 
 
 def _name_scenario(scenario: ProvenScenario) -> str:

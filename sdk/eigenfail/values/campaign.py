@@ -437,9 +437,9 @@ class Rate(msgspec.Struct, frozen=True):
     """k of n, with its interval.
 
     Attributes:
-        interval: 95 % interval, as if the n were a random sample: Clopper and Pearson's where the
-            campaign has the stop rule `failures`, else Wilson's; one-sided for 0 and for n of n. It
-            is meant for comparisons within the service: what is shown is `bounds`.
+        interval: 95 % interval of a random sample: Clopper and Pearson's where the campaign has the
+            stop rule `failures`, else Wilson's; one-sided for 0 and for n of n. None where the n
+            are no random sample.
         sampled: whether the n were drawn from p(x). The episodes of a search were not: it chose
             them, so that their share estimates no probability, and has no interval.
     """
@@ -447,13 +447,14 @@ class Rate(msgspec.Struct, frozen=True):
     value: float
     k: int
     n: int
-    interval: Interval
+    interval: Interval | None
     sampled: bool = True
 
-    @property
-    def bounds(self) -> Interval | None:
-        """The interval of a random sample; None for the episodes of a search."""
-        return self.interval if self.sampled else None
+    def __post_init__(self) -> None:
+        if not self.sampled and self.interval is not None:
+            # Rates that were stored or sent by an earlier release come with the interval that the
+            # n would have as a random sample.
+            structs.force_setattr(self, "interval", None)
 
 
 class Cost(msgspec.Struct, frozen=True):

@@ -97,7 +97,7 @@ class SamplingDesign(NamedTuple):
         return cls(tuple(spec.method for spec in specs), ends)
 
     def make_rate(self, k: int, n: int) -> Rate:
-        """Return k of n episodes, with the interval that holds.
+        """Return k of n episodes, with the interval that holds; without one for a search.
 
         Raises:
             InvalidValue: no episode, or not 0 <= k <= n.
@@ -148,12 +148,12 @@ def price_failures(total_usd: float, instance_hours: float, failures: Rate | Non
     if failures is None:
         return Cost(total_usd, instance_hours, None, None, None)
     per_failure_usd = total_usd / failures.k if failures.k else None
-    if failures.bounds is None:
+    if failures.interval is None:
         return Cost(total_usd, instance_hours, per_failure_usd, None, None)
-    at_least_usd = total_usd / (failures.n * failures.bounds.high)
+    at_least_usd = total_usd / (failures.n * failures.interval.high)
     if per_failure_usd is None:
         return Cost(total_usd, instance_hours, None, None, at_least_usd)
-    interval_usd = Interval(at_least_usd, total_usd / (failures.n * failures.bounds.low))
+    interval_usd = Interval(at_least_usd, total_usd / (failures.n * failures.interval.low))
     return Cost(total_usd, instance_hours, per_failure_usd, interval_usd, at_least_usd)
 
 

@@ -1,12 +1,22 @@
 """Two groups of campaigns compared, in numbers and sentences; many campaigns side by side."""
 
 from collections.abc import Iterator, Sequence
-from math import floor, log10
 
 import msgspec
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
+from eigenfail.intervals import wilson
+from eigenfail.presentation.figures import (
+    format_amount,
+    format_interval,
+    format_no_event,
+    format_share,
+    format_signed,
+    format_signed_interval,
+    format_usd_interval,
+    round_down,
+)
 from eigenfail.values import (
     FINAL_STATES,
     Campaign,
@@ -38,7 +48,7 @@ from eigenfail_services.campaigns.pairing import (
 )
 from eigenfail_services.campaigns.summary import divide, find_failure_rate
 from eigenfail_services.statistics.comparison import LEAST_VALUES, difference, effect_size, mcnemar
-from eigenfail_services.statistics.intervals import clopper_pearson, wilson
+from eigenfail_services.statistics.intervals import clopper_pearson
 from eigenfail_services.store import Store
 
 SMALLEST_P = 1e-4
@@ -61,9 +71,11 @@ def _describe_failures(side: Side) -> str:
     rate = side.failure_rate
     if rate is None:
         return "has completed no episode"
-    if rate.bounds is None:
+    if rate.interval is None:
         return f"fails in {rate.k} of the {rate.n} episodes that it chose"
-    share = f"{_format_percent(rate.value)} {_format_bounds(rate.bounds)}"
+    if not rate.k:
+        return f"fails in {format_no_event(rate.n, rate.interval.high)}"
+    share = f"{format_share(rate.value)} {format_interval(rate.interval, 100.0)}"
     return f"fails in {share} of {rate.n} episodes"
 
 
@@ -74,13 +86,12 @@ def are_sampled(*sides: Side) -> bool:
 
 def _compare_rates(found: Difference) -> str:
     if found.interval.low <= 0.0 <= found.interval.high:
-        return (
-            "The rates alone show no difference: B − A is "
-            f"{_format_percent(found.value, '+')} {_format_bounds(found.interval)} of the episodes."
-        )
+        size = f"{format_signed(100.0 * found.value)} %"
+        interval = format_signed_interval(found.interval, 100.0)
+        return f"The rates alone show no difference: B − A is {size} {interval} of the episodes."
     word = "more" if found.value > 0.0 else "fewer"
     near, far = sorted((abs(found.interval.low), abs(found.interval.high)))
-    size = f"{_format_percent(abs(found.value))} {_format_bounds(Interval(near, far))}"
+    size = f"{format_share(abs(found.value))} {format_interval(Interval(near, far), 100.0)}"
     return f"B fails in {size} {word} of the episodes than A."
 
 
@@ -162,29 +173,15 @@ def warn_of_unfinished(campaigns: Sequence[Campaign]) -> Iterator[str]:
             yield f"Campaign {campaign.id} is {campaign.state}: its figures may still change."
 
 
-def _format_percent(share: float, sign: str = "") -> str:
-    return f"{100.0 * share:{sign}.1f} %"
-
-
-def _format_bounds(interval: Interval) -> str:
-    return f"[{100.0 * interval.low:.1f}, {100.0 * interval.high:.1f}]"
-
-
 def _format_price(cost: Cost) -> str:
     if cost.per_failure_usd is not None and cost.interval_usd is not None:
-        low, high = cost.interval_usd.low, cost.interval_usd.high
-        return f"{_format_usd(cost.per_failure_usd)} USD [{_format_usd(low)}, {_format_usd(high)}]"
+        interval = format_usd_interval(cost.interval_usd)
+        return f"{format_amount(cost.per_failure_usd)} {interval}"
     if cost.at_least_usd is not None:
-        return f"at least {_format_usd(cost.at_least_usd)} USD"
+        return f"at least {format_amount(round_down(cost.at_least_usd))}"
     if cost.per_failure_usd is not None:
-        return f"{_format_usd(cost.per_failure_usd)} USD"
+        return format_amount(cost.per_failure_usd)
     return "an unknown amount"
-
-
-def _format_usd(amount: float) -> str:
-    """Format an amount with at least two decimals and at least two significant digits."""
-    digits = 2 if amount <= 0.0 else max(2, 1 - floor(log10(amount)))
-    return f"{amount:.{digits}f}"
 
 
 def format_p_value(p_value: float) -> str:

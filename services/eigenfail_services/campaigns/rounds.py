@@ -10,6 +10,7 @@ import msgspec
 
 from eigenfail.contracts import EpisodeEngine, Estimator, Learner, Trained
 from eigenfail.errors import LearnerFailed, ProtocolError
+from eigenfail.intervals import wilson
 from eigenfail.values import (
     EpisodeResult,
     EpisodeTask,
@@ -23,7 +24,6 @@ from eigenfail.values import (
     episode_seed,
 )
 from eigenfail.values.arrays import decode_array, encode_array
-from eigenfail_services.statistics.intervals import wilson
 
 
 class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -308,9 +308,12 @@ def format_region_share(found: Rate | None) -> tuple[str, ...]:
     if found is None:
         return (UNKNOWN,)
     counted = f"{found.k:,} of {found.n:,}"
-    if found.bounds is None:
+    if found.interval is None:
         return (format_share(found.value), f"{counted} {OWN_EPISODES}")
-    return (format_share(found.value), f"95 %: {format_percent_interval(found.bounds)}, {counted}")
+    return (
+        format_share(found.value),
+        f"95 %: {format_percent_interval(found.interval)}, {counted}",
+    )
 
 
 MINIMAL_COLUMNS = (

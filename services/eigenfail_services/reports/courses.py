@@ -147,9 +147,9 @@ def format_count(found: Rate | None) -> tuple[str, ...]:
     """Return k of n, and the share."""
     if found is None:
         return (UNKNOWN, NO_EPISODE)
-    if found.bounds is None:
+    if found.interval is None:
         return (f"{found.k:,} of {found.n:,}", OWN_EPISODES)
-    return (f"{found.k:,} of {found.n:,}", f"95 %: {format_percent_interval(found.bounds)}")
+    return (f"{found.k:,} of {found.n:,}", f"95 %: {format_percent_interval(found.interval)}")
 
 
 def format_exceedance(found: Violations, unit: str) -> tuple[str, ...]:
@@ -271,7 +271,7 @@ def list_correlations(failing: list[Subject]) -> Iterator[str]:
     for subject in failing:
         found, n = subject.safety.scatter.rank_correlation, len(subject.safety.scatter.points)
         if found is not None:
-            bounds = f" [{format_interval(found.interval)}]" if found.interval else ""
+            bounds = f" {format_interval(found.interval)}" if found.interval else ""
             yield (
                 f"Campaign {subject.id}: rank correlation of severity and log p per step (Spearman)"
                 f" {format_number(found.value)}{bounds}, n = {n:,}; below 0 the severe failures "
@@ -411,7 +411,7 @@ def draw_learning(group: tuple[Subject, ...]) -> Drawing:
             look, blocks = mark(subject.place), subject.course.blocks
             middle = [(block.first + block.last) / 2.0 for block in blocks]
             rates = [block.failure_rate for block in blocks]
-            bounds = [rate.bounds or Interval(rate.value, rate.value) for rate in rates]
+            bounds = [rate.interval or Interval(rate.value, rate.value) for rate in rates]
             pairs = list(zip(rates, bounds, strict=True))
             down = [100.0 * (rate.value - each.low) for rate, each in pairs]
             up = [100.0 * (each.high - rate.value) for rate, each in pairs]

@@ -124,7 +124,7 @@ def list_results(subject: Subject) -> tuple[Cell, ...]:
 
 def list_bounds(rate: Rate) -> tuple[float | None, float | None]:
     """Return both ends of the interval of a rate; None for the episodes of a search."""
-    bounds = rate.bounds
+    bounds = rate.interval
     return (None, None) if bounds is None else (bounds.low, bounds.high)
 
 
@@ -164,7 +164,9 @@ def describe_outcome(subject: Subject) -> str:
         return f"{who}: {found} {summary.remark}".strip()
     found = f"{rate.k:,} failures in {rate.n:,} episodes"
     sure = (
-        OWN_EPISODES if rate.bounds is None else f"(95 %: {format_percent_interval(rate.bounds)})"
+        OWN_EPISODES
+        if rate.interval is None
+        else f"(95 %: {format_percent_interval(rate.interval)})"
     )
     share = f"{format_share(rate.value)} {sure}"
     return f"{who}: {found}, {share}; {price(subject)}. {summary.remark}".strip()

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue
+from eigenfail.intervals import Z, wilson
 from eigenfail.values import (
     Difference,
     EffectSize,
@@ -16,7 +17,6 @@ from eigenfail.values import (
     McNemar,
     PairTotals,
 )
-from eigenfail_services.statistics.intervals import Z, wilson
 
 
 def difference(

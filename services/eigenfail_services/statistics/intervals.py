@@ -1,15 +1,12 @@
-"""95 % intervals of a probability from k events in n trials."""
+"""Rates with their 95 % intervals, and the intervals of estimates."""
 
 from math import exp, inf, log, sqrt
 from statistics import NormalDist
 
 from msgspec.structs import replace
 
-from eigenfail.errors import InvalidValue
+from eigenfail.intervals import ERROR, find_interval
 from eigenfail.values import Interval, Rate
-
-ERROR = 0.05
-Z = NormalDist().inv_cdf(1.0 - ERROR / 2.0)
 
 
 def rate(k: int, n: int) -> Rate:
@@ -18,7 +15,7 @@ def rate(k: int, n: int) -> Rate:
     Raises:
         InvalidValue: no trial, or not 0 <= k <= n.
     """
-    bounds = interval(k, n)
+    bounds = find_interval(k, n)
     return Rate(k / n, k, n, bounds)
 
 
@@ -32,36 +29,6 @@ def stopped_rate(k: int, n: int) -> Rate:
     """
     fixed = rate(k, n)
     return replace(fixed, interval=clopper_pearson(k, n)) if 0 < k < n else fixed
-
-
-def interval(k: int, n: int) -> Interval:
-    """The 95 % interval of a probability after k events in n trials.
-
-    Wilson's score interval in between; where all trials ended alike only one side is open, and all
-    5 % are spent on that side.
-
-    Raises:
-        InvalidValue: no trial, or not 0 <= k <= n.
-    """
-    if not (n >= 1 and 0 <= k <= n):
-        raise InvalidValue("k of n", f"{k} of {n} is no share.", "Count at least one trial.")
-    if k == 0:
-        return Interval(0.0, upper_bound_of_none(n))
-    if k == n:
-        return Interval(1.0 - upper_bound_of_none(n), 1.0)
-    return wilson(k, n)
-
-
-def wilson(k: int, n: int) -> Interval:
-    """The two-sided score interval (Wilson 1927, J. Am. Stat. Assoc. 22, 209–212).
-
-    All p at which k is at most `Z` standard deviations from n·p: (k − n·p)² = Z²·n·p·(1 − p).
-    Averaged over p it holds the truth in 95 % of cases; at its worst, near n·p = 0.17, in 84 %,
-    since its lower end is a little high after a single event.
-    """
-    centre = (k + Z**2 / 2.0) / (n + Z**2)
-    half_width = Z / (n + Z**2) * sqrt(k * (n - k) / n + Z**2 / 4.0)
-    return Interval(max(0.0, centre - half_width), min(1.0, centre + half_width))
 
 
 def clopper_pearson(k: int, n: int) -> Interval:
@@ -79,14 +46,6 @@ def clopper_pearson(k: int, n: int) -> Interval:
     tail = ERROR / 2.0
     low = float(betaincinv(k, n - k + 1, tail)) if k else 0.0
     return Interval(low, float(betaincinv(k + 1, n - k, 1.0 - tail)) if k < n else 1.0)
-
-
-def upper_bound_of_none(n: int) -> float:
-    """The one-sided 95 % upper bound after no event in n trials, near 3 / n.
-
-    Exact: the p at which (1 − p)^n = 0.05 (Clopper and Pearson 1934, Biometrika 26, 404–413).
-    """
-    return float(1.0 - ERROR ** (1.0 / n))
 
 
 def log_normal(probability: float, cv: float, effective: float = inf) -> Interval:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue
+from eigenfail.intervals import ERROR
 from eigenfail.values import Figure, Interval, SeverityRisk
-from eigenfail_services.statistics.intervals import ERROR
 
 Array = NDArray[np.float64]
 

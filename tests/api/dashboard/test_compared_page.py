@@ -84,7 +84,7 @@ def test_everything_is_tested_against_the_first(look, make):
     other = make((1, 2, 3, 4, 5, 6, 7, 8, 9), planner="rulebook")
     text = look(address([first, other]))
     assert f"Baseline: {first}: first" in text
-    assert "+70.0 % [+26.6, +86.5], differs" in text
+    assert "+70.0 % [+26.5, +86.6], differs" in text
     assert "10 pairs: 7 only here, 0 only in the baseline, p = 0.0156" in text
     assert "needs two seeds per group" in text
 

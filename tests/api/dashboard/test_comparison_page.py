@@ -17,12 +17,12 @@ def test_the_page_asks_for_campaigns_and_compares_them(http, fields, deliver, re
     assert "Enter one campaign for each side" in look("/comparison")
     assert "Enter one campaign for each side" in look(f"/comparison?a={a}")
     text = look(f"/comparison?a={a}&b={b}")
-    assert "A fails in 20.0 % [5.7, 51.0] of 10 episodes" in text
+    assert "A fails in 20.0 % [5.66, 51.0] of 10 episodes" in text
     assert "Both saw the same noise in 10 pairs" in text
     assert f"Campaign {a} is running" in text
     assert "differ in more than one thing (scenario, planner)" in text
     assert "scenario_parameters.distance_m 58.0 60.0" in text
-    assert "Failure rate [95 %] 20.0 % 95 %: [5.67, 51.0] 40.0 %" in text
+    assert "Failure rate [95 %] 20.0 % 95 %: [5.66, 51.0] 40.0 %" in text
 
 
 @pytest.fixture

@@ -68,10 +68,10 @@ def test_both_parts_say_as_of_when_they_are(look, store, driven):
 
 def test_the_table_of_the_paper(look, driven):
     text = look(f"/campaigns/{driven}/measures")
-    assert "Collision 3 30.0 % 95 %: [10.8, 60.3] – –" in text
-    assert "Near miss 1 10.0 % 95 %: [1.79, 40.4]" in text
-    assert "MinTTC below 1.5 s 4 40.0 % 95 %: [16.8, 68.7] 0.500 s 0.500 s 4" in text
-    assert "DRAC above 7 m/s² 3 30.0 % 95 %: [10.8, 60.3] 9.00 m/s² 9.00 m/s² 4" in text
+    assert "Collision 3 30.0 % 95 %: [10.7, 60.4] – –" in text
+    assert "Near miss 1 10.0 % 95 %: [1.78, 40.5]" in text
+    assert "MinTTC below 1.5 s 4 40.0 % 95 %: [16.8, 68.8] 0.500 s 0.500 s 4" in text
+    assert "DRAC above 7 m/s² 3 30.0 % 95 %: [10.7, 60.4] 9.00 m/s² 9.00 m/s² 4" in text
 
 
 def test_severity_and_why_its_tail_is_not_told(look, driven):

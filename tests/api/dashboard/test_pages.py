@@ -19,9 +19,9 @@ def test_a_campaign_is_listed_with_what_it_cost(look, store, campaign, deliver, 
     store.campaigns.add_active(campaign, 3000.0)
     text = look("/")
     assert "first idm in cut_in monte_carlo" in text
-    assert "1 of 10 10.0 % [1.79, 40.4]" in text
+    assert "1 of 10 10.0 % [1.78, 40.5]" in text
     # 1.20 USD/h × 50 min for one failure; Wilson's interval of 1 in 10, turned over.
-    assert "1.00 USD n = 1 95 %: [0.247, 5.59] USD" in text
+    assert "1.00 USD n = 1 95 %: [0.247, 5.60] USD" in text
 
 
 def test_a_campaign_without_failures_has_a_bound_never_a_blank(

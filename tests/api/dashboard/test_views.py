@@ -76,7 +76,7 @@ def test_the_curve_draws_the_course():
     assert chart.title == "Learning curve"
     assert (chart.data["middle"], chart.data["rate"]) == ([49.5, 149.5], [0.0, 53.0])
     assert chart.data["low"][1] < 53.0 < chart.data["high"][1]
-    assert chart.rows[0] == ("0 – 99", "0", "100", "0 %", "[0, 2.95] %", "–", "4.50")
+    assert chart.rows[0] == ("0 – 99", "0", "100", "0 %", "[0, 2.96] %", "–", "4.50")
     assert chart.rows[1][-2:] == ("−2.50", "4.50")
     assert len(chart.columns) == len(chart.rows[0])
 

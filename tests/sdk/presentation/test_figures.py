@@ -1,6 +1,9 @@
 """The formatter: three digits everywhere, a dash for what is unknown, and intervals in brackets."""
 
+import msgspec
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import (
@@ -76,9 +79,47 @@ def test_signs_counts_and_nouns():
     assert figures.put_minus_signs("-3.0, of -2, a-b, 1-2") == "−3.0, of −2, a-b, 1-2"
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "text"),
+    [
+        (0.30771, 0.30779, "[0.307, 0.308]"),
+        (-0.05721, -0.01951, "[−0.0573, −0.0195]"),
+        (0.0, 0.001_496_7, "[0, 0.00150]"),
+        (0.9936, 0.9999, "[0.993, 1.00]"),
+        (2.9375e-5, 4.2499e-5, "[2.93×10⁻⁵, 4.25×10⁻⁵]"),
+        (1234.4, 1_234_567.1, "[1,230, 1.24×10⁶]"),
+        (0.07, 0.5, "[0.0700, 0.500]"),
+    ],
+)
+def test_the_ends_of_an_interval_are_rounded_outwards(low, high, text):
+    assert figures.format_interval(Interval(low, high)) == text
+
+
+def test_outward_rounding_leaves_round_numbers_as_they_are():
+    """100 * 0.07 is 7.000000000000001, whose next number of three digits is 7.01."""
+    assert figures.format_percent_interval(Interval(0.07, 0.07)) == "[7.00, 7.00] %"
+    assert figures.format_percent_interval(Interval(0.0, 1.0)) == "[0, 100] %"
+    assert figures.round_down(float("-inf")) == float("-inf")
+
+
+@given(st.floats(-1e9, 1e9).filter(lambda value: abs(value) > 1e-9), st.integers(2, 6))
+def test_what_is_rounded_outwards_contains_the_value_and_little_more(value, digits):
+    low, high = figures.round_down(value, digits), figures.round_up(value, digits)
+    assert low - 1e-10 * abs(value) <= value <= high + 1e-10 * abs(value)
+    assert high - low <= 1.01 * 10.0 ** (1 - digits) * abs(value)
+    assert figures.round_up(-value, digits) == -low
+
+
+def test_no_event_and_amounts_are_bounded_outwards():
+    assert figures.format_no_event(2000, 0.001_496_7) == "0 of 2,000: ≤ 0.150 %"
+    assert figures.format_upper_bound(0.007_461) == "≤ 0.747 %"
+    assert figures.format_usd_interval(Interval(0.00123456, 12.345)) == "[0.00123, 12.40]"
+    assert figures.format_signed_interval(Interval(-0.11111, 0.15151)) == "[−0.112, +0.152]"
+
+
 def test_a_rate_comes_with_its_interval():
     rate = Rate(value=0.5, k=5, n=10, interval=Interval(0.2366, 0.7634))
-    assert format_line(rate) == "50.0 % [23.7, 76.3]"
+    assert format_line(rate) == "50.0 % [23.6, 76.4]"
     assert format_line(None) == "–"
 
 
@@ -122,9 +163,17 @@ def test_cost_per_failure_is_never_infinite_or_zero_for_want_of_failures(cost, t
 @pytest.mark.parametrize(("k", "text"), [(347, "86.8 %"), (0, "0 %")])
 def test_a_share_of_the_episodes_of_a_search_has_no_interval(k, text):
     share = Rate(k / 400, k, 400, Interval(0.0, 0.9), sampled=False)
-    assert share.bounds is None
+    assert share.interval is None
     assert format_cell(share).lines == (text, "of the episodes that the method chose")
-    assert Rate(k / 400, k, 400, Interval(0.0, 0.9)).bounds == Interval(0.0, 0.9)
+    assert Rate(k / 400, k, 400, Interval(0.0, 0.9)).interval == Interval(0.0, 0.9)
+
+
+def test_a_share_of_a_search_that_an_earlier_release_sent_is_read_without_its_interval():
+    sent = {"value": 0.25, "k": 1, "n": 4, "interval": {"low": 0.04, "high": 0.71}}
+    of_a_search = msgspec.convert({**sent, "sampled": False}, Rate)
+    assert of_a_search == Rate(0.25, 1, 4, None, sampled=False)
+    assert msgspec.to_builtins(of_a_search)["interval"] is None
+    assert msgspec.convert(sent, Rate).interval == Interval(0.04, 0.71)
 
 
 def test_a_cost_outside_a_table_has_its_unit():

@@ -51,14 +51,14 @@ def test_every_number_is_a_claim(found):
 def test_the_page_marks_each_number_and_sets_the_papers_beside_it(found):
     text = format_page(found)
     assert "--scale full" in text
-    assert "seed 5" in text
+    assert "the seed\n5;" in text
     assert "| | failure rate [%] | paper | log p [nat] |" in text
     assert (
         "| ast evaluation | 94.7 % [91.0, 97.0]<!-- claim "
-        "paper.evaluation.ast_evaluation.failure_rate --> | 94.6 | -212<!-- claim "
+        "paper.evaluation.ast_evaluation.failure_rate --> | 94.6 | −212<!-- claim "
         "paper.evaluation.ast_evaluation.log_p --> |" in text
     )
-    assert "| monte_carlo rulebook | 0.0 %<!-- claim " in text
+    assert "| monte_carlo rulebook | 0 %<!-- claim " in text
     assert text.count("| – |") == 1
     assert "| AST fails more. | cannot be decided | nobody knows |" in text
     assert "By step." in text

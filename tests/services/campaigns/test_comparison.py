@@ -97,18 +97,20 @@ def test_what_it_says_is_plain(store: Store) -> None:
     a, b = campaign(store, range(5)), campaign(store, range(3, 23), planner="idm")
     said = compare(store, [a], [b]).sentences
     assert said[0] == (
-        "A fails in 10.0 % [4.3, 21.4] of 50 episodes; "
-        "B fails in 40.0 % [27.6, 53.8] of 50 episodes."
+        "A fails in 10.0 % [4.34, 21.4] of 50 episodes; "
+        "B fails in 40.0 % [27.6, 53.9] of 50 episodes."
     )
-    assert said[1] == "B fails in 30.0 % [13.2, 44.9] more of the episodes than A."
+    assert said[1] == "B fails in 30.0 % [13.1, 45.0] more of the episodes than A."
     assert said[2] == (
         "Both saw the same noise in 50 pairs of episodes: 18 where only B failed, 3 where only A "
         "did, 2 where both did; McNemar's exact test distinguishes them (p = 0.0015)."
     )
-    assert said[3].startswith("A failure costs 0.24 USD [0.11, 0.55] with A, 0.060 USD [")
+    assert said[3].startswith("A failure costs 0.240 USD [0.112, 0.553] with A, 0.0600 USD [")
     assert said[4].startswith("log p per step of the failures is ")
     back = compare(store, [b], [a]).sentences
-    assert back[1] == "B fails in 30.0 % [13.2, 44.9] fewer of the episodes than A."
+    assert back[1] == "B fails in 30.0 % [13.1, 45.0] fewer of the episodes than A."
+    none = compare(store, [campaign(store, [])], [b]).sentences
+    assert none[0].startswith("A fails in 0 of 50: ≤ 5.82 %; B fails in 40.0 % [27.6, 53.9] of ")
 
 
 def test_a_side_that_stopped_at_its_failures_has_exact_intervals(store: Store) -> None:
@@ -126,7 +128,7 @@ def test_a_side_that_stopped_at_its_failures_has_exact_intervals(store: Store) -
 def test_no_difference_is_said_to_be_none(store: Store) -> None:
     a, b = campaign(store, range(5)), campaign(store, range(6), planner="idm")
     said = compare(store, [a], [b]).sentences
-    assert said[1].startswith("The rates alone show no difference: B − A is +2.0 % [-")
+    assert said[1].startswith("The rates alone show no difference: B − A is +2.00 % [−")
     assert "does not distinguish them (p = 1.0000)" in said[2]
 
 
@@ -251,7 +253,7 @@ def test_rates_are_wilsons(store: Store) -> None:
     found = compare(store, [campaign(store, [])], [campaign(store, [1], planner="idm")])
     assert isinstance(found.a.failure_rate, Rate)
     assert found.a.failure_rate.interval.high == pytest.approx(1.0 - 0.05 ** (1 / 50))
-    assert found.sentences[3].startswith("A failure costs at least 0.41 USD with A, 1.20 USD [")
+    assert found.sentences[3].startswith("A failure costs at least 0.412 USD with A, 1.20 USD [")
 
 
 def test_a_default_that_is_written_out_is_no_difference(store: Store) -> None:

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eigenfail.intervals import wilson
 from eigenfail.values import (
     EpisodeFault,
     EpisodeResult,
@@ -18,7 +19,6 @@ from eigenfail.values import (
     unrunnable,
 )
 from eigenfail_services.campaigns.rounds import Rounds, Tally, judge_results, judge_time
-from eigenfail_services.statistics.intervals import wilson
 
 
 class Steady:

@@ -12,6 +12,7 @@ from eigenfail.values import (
     Counts,
     Estimate,
     MeanTime,
+    Rate,
     StopRules,
     Unresolved,
 )
@@ -77,7 +78,8 @@ def test_a_rate_that_its_failures_may_have_ended_says_so(method, failures, noted
     )
     row = summarise(one, NOTHING)
     assert row.failure_rate is not None
-    assert row.failure_rate.interval == stopped_rate(failures, 80).interval
+    counted = stopped_rate(failures, 80)
+    assert row.failure_rate == replace(counted, sampled=method == "monte_carlo")
     assert ("has too large a share" in row.remark) == noted
     assert row.cost == price_failures(1.8 * HOURS, HOURS, row.failure_rate)
 
@@ -86,7 +88,7 @@ def test_a_rate_that_its_failures_may_have_ended_says_so(method, failures, noted
 def test_the_share_of_a_search_has_no_interval_and_its_cost_neither(failures) -> None:
     counts = Counts(planned=100, completed=80, failures=failures)
     row = summarise(campaign(counts, active_s=40.0, method="ast"), NOTHING)
-    assert row.failure_rate == replace(rate(failures, 80), sampled=False)
+    assert row.failure_rate == Rate(failures / 80, failures, 80, None, sampled=False)
     assert row.cost.per_failure_usd == (0.01 if failures else None)
     assert row.cost.interval_usd is row.cost.at_least_usd is None
 

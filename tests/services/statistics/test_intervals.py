@@ -9,16 +9,9 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 
 from eigenfail.errors import InvalidValue
+from eigenfail.intervals import Z, find_interval, upper_bound_of_none, wilson
 from eigenfail.values import Interval
-from eigenfail_services.statistics.intervals import (
-    Z,
-    clopper_pearson,
-    interval,
-    rate,
-    stopped_rate,
-    upper_bound_of_none,
-    wilson,
-)
+from eigenfail_services.statistics.intervals import clopper_pearson, rate, stopped_rate
 
 
 @st.composite
@@ -55,7 +48,7 @@ def test_wilson_ends_where_k_is_z_deviations_off(share: tuple[int, int]) -> None
 @given(shares())
 def test_an_interval_holds_the_share_and_stays_between_0_and_1(share: tuple[int, int]) -> None:
     k, n = share
-    found = interval(k, n)
+    found = find_interval(k, n)
     assert 0.0 <= found.low <= k / n <= found.high <= 1.0
     assert found.low < found.high
     assert (found.low == 0.0) == (k == 0)
@@ -65,7 +58,7 @@ def test_an_interval_holds_the_share_and_stays_between_0_and_1(share: tuple[int,
 @given(shares())
 def test_events_and_their_absence_mirror_each_other(share: tuple[int, int]) -> None:
     k, n = share
-    found, mirrored = interval(k, n), interval(n - k, n)
+    found, mirrored = find_interval(k, n), find_interval(n - k, n)
     assert found.low == pytest.approx(1.0 - mirrored.high, abs=1e-12)
     assert found.high == pytest.approx(1.0 - mirrored.low, abs=1e-12)
 
@@ -73,14 +66,14 @@ def test_events_and_their_absence_mirror_each_other(share: tuple[int, int]) -> N
 @given(shares(), st.integers(2, 100))
 def test_more_trials_with_the_same_share_say_more(share: tuple[int, int], times: int) -> None:
     k, n = share
-    once, often = interval(k, n), interval(times * k, times * n)
+    once, often = find_interval(k, n), find_interval(times * k, times * n)
     assert often.high - often.low < once.high - once.low
 
 
 @given(st.integers(2, 2000), st.data())
 def test_one_more_event_raises_both_ends(n: int, data: st.DataObject) -> None:
     k = data.draw(st.integers(0, n - 1))
-    fewer, more = interval(k, n), interval(k + 1, n)
+    fewer, more = find_interval(k, n), find_interval(k + 1, n)
     assert fewer.low < more.low
     assert fewer.high < more.high
 
@@ -121,7 +114,7 @@ def test_over_all_probabilities_nineteen_of_twenty_intervals_hold_the_truth(n: i
 
 def coverage(p: np.ndarray, n: int, seed: int) -> float:
     counts = np.random.default_rng(seed).binomial(n, p)
-    table = [interval(k, n) for k in range(n + 1)]
+    table = [find_interval(k, n) for k in range(n + 1)]
     low = np.array([found.low for found in table])[counts]
     high = np.array([found.high for found in table])[counts]
     return float(np.mean((low <= p) & (p <= high)))
@@ -179,7 +172,7 @@ def holds(found: Interval, p: float) -> bool:
 
 def test_wilson_s_interval_does_not_hold_there() -> None:
     ends = end_trials(0.003, 1000, lambda k, _n: k >= 1, 1)
-    assert sum(chance for k, n, chance in ends if holds(interval(k, n), 0.003)) < 0.8
+    assert sum(chance for k, n, chance in ends if holds(find_interval(k, n), 0.003)) < 0.8
 
 
 @pytest.mark.parametrize("p", CHANCES)
@@ -189,7 +182,7 @@ def test_wilson_s_interval_holds_where_its_own_width_ends_the_trials(p: float) -
         return found.high - found.low <= 2.0 * 0.05
 
     ends = end_trials(p, 1000, known, 10)
-    assert sum(chance for k, n, chance in ends if holds(interval(k, n), p)) >= 0.92
+    assert sum(chance for k, n, chance in ends if holds(find_interval(k, n), p)) >= 0.92
 
 
 def test_a_stopped_rate_is_that_of_fixed_trials_where_all_ended_alike() -> None:
@@ -202,7 +195,7 @@ def test_a_stopped_rate_is_that_of_fixed_trials_where_all_ended_alike() -> None:
 def test_a_rate_says_what_it_rests_on() -> None:
     found = rate(9, 300)
     assert (found.value, found.k, found.n) == (0.03, 9, 300)
-    assert found.interval == interval(9, 300)
+    assert found.interval == find_interval(9, 300)
     assert isinstance(found.interval, Interval)
 
 

@@ -1,0 +1,48 @@
+"""95 % intervals of a probability from k events in n trials whose number was fixed beforehand."""
+
+from math import sqrt
+from statistics import NormalDist
+
+from eigenfail.errors import InvalidValue
+from eigenfail.values import Interval
+
+ERROR = 0.05
+Z = NormalDist().inv_cdf(1.0 - ERROR / 2.0)
+
+
+def find_interval(k: int, n: int) -> Interval:
+    """The 95 % interval of a probability after k events in n trials.
+
+    Wilson's score interval in between; where all trials ended alike only one side is open, and all
+    5 % are spent on that side.
+
+    Raises:
+        InvalidValue: no trial, or not 0 <= k <= n.
+    """
+    if not (n >= 1 and 0 <= k <= n):
+        raise InvalidValue("k of n", f"{k} of {n} is no share.", "Count at least one trial.")
+    if k == 0:
+        return Interval(0.0, upper_bound_of_none(n))
+    if k == n:
+        return Interval(1.0 - upper_bound_of_none(n), 1.0)
+    return wilson(k, n)
+
+
+def wilson(k: int, n: int) -> Interval:
+    """The two-sided score interval (Wilson 1927, J. Am. Stat. Assoc. 22, 209–212).
+
+    All p at which k is at most `Z` standard deviations from n·p: (k − n·p)² = Z²·n·p·(1 − p).
+    Averaged over p it holds the truth in 95 % of cases; at its worst, near n·p = 0.17, in 84 %,
+    since its lower end is a little high after a single event.
+    """
+    centre = (k + Z**2 / 2.0) / (n + Z**2)
+    half_width = Z / (n + Z**2) * sqrt(k * (n - k) / n + Z**2 / 4.0)
+    return Interval(max(0.0, centre - half_width), min(1.0, centre + half_width))
+
+
+def upper_bound_of_none(n: int) -> float:
+    """The one-sided 95 % upper bound after no event in n trials, near 3 / n.
+
+    Exact: the p at which (1 − p)^n = 0.05 (Clopper and Pearson 1934, Biometrika 26, 404–413).
+    """
+    return float(1.0 - ERROR ** (1.0 / n))

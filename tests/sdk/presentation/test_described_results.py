@@ -1,0 +1,336 @@
+"""Results as a terminal, a page and a report word them, from values that are known."""
+
+import numpy as np
+
+from eigenfail.explanations import find_moments
+from eigenfail.presentation.analyses import (
+    describe_diversity,
+    describe_findings,
+    describe_influence,
+    format_moment,
+    tabulate_influence,
+    tabulate_moments,
+    tabulate_sources,
+)
+from eigenfail.presentation.campaigns import (
+    describe_comparison,
+    describe_region,
+    tabulate_sides,
+)
+from eigenfail.presentation.episodes import list_measures, tabulate_thresholds
+from eigenfail.values import (
+    AnalysisResult,
+    CampaignCost,
+    Comparison,
+    Cost,
+    Counts,
+    Estimate,
+    FailureMode,
+    Interval,
+    Measures,
+    Rate,
+    Region,
+    Side,
+)
+from eigenfail.values.analysis import AnalysedCampaign, Diversity, InfluenceShare, Moment, Stability
+from eigenfail.values.comparison import Box
+from eigenfail.values.proof import ExplainedStep
+from eigenfail.values.records import Assessment
+from eigenfail.values.summary import Errored, TimeSplit
+
+NONE = np.zeros((0, 2), np.float32)
+SAMPLED = Rate(0.25, 25, 100, Interval(0.175, 0.343))
+
+
+def texts(table):
+    return [tuple(cell.line for cell in row) for row in table.cells]
+
+
+def moment(axis, step, before_collision_s):
+    return Moment(axis=axis, step=step, before_collision_s=before_collision_s, influence=0.25)
+
+
+def share_of(seconds, time, longitudinal, lateral, both):
+    return InfluenceShare(
+        seconds=seconds, time=time, longitudinal=longitudinal, lateral=lateral, both=both
+    )
+
+
+def analysis(**fields):
+    mode = FailureMode(
+        12, 3, NONE, NONE, probability=Estimate(by="counting", episodes=9, problem="It drifted.")
+    )
+    bound = FailureMode(
+        4,
+        5,
+        NONE,
+        NONE,
+        probability=Estimate(
+            by="weights", episodes=9, probability=1e-4, bound="lower", note="One region."
+        ),
+    )
+    return AnalysisResult(
+        episodes=(1, 2, 3),
+        explained=NONE[:0, 0],
+        components=NONE,
+        scores=NONE,
+        labels=(0, 0, 1),
+        modes=(mode, bound),
+        influence=NONE,
+        silhouette=0.5,
+        noise_silhouette=0.2,
+        **fields,
+    )
+
+
+def test_remarks_on_an_analysis_tell_what_limits_it():
+    found = analysis(
+        diversity=Diversity(
+            failures=16,
+            modes=2,
+            largest_share=0.75,
+            effective_modes=1.8,
+            spread=0.42,
+            coverage=(1, 2),
+            verdict="2 modes.",
+            warning="One mode holds most.",
+        ),
+        stability=Stability(resamples=50, rows=16, median=0.871, interval=Interval(0.5511, 0.9999)),
+        outliers=0.125,
+        moments=(moment("lateral", 40, 2.5), moment("lateral", 7, None)),
+        before_collision=(share_of(1.0, 0.12, 0.064, 0.0, 0.05),),
+        notes=("An analyser's note.",),
+        digest="abc",
+    )
+    assert list(describe_findings(found)) == [
+        (
+            "The noise of the 16 failures has a standard deviation of 0.420 sigma about its mean; "
+            "that of p(x) has 1."
+        ),
+        "Modes among the analysed failures after each tenth of the campaign: 1, 2.",
+        "Warning: One mode holds most.",
+        "An analyser's note.",
+        (
+            "Drawn again 50 times, the modes have an adjusted Rand index of 0.871 [0.551, 1.00]; "
+            "1 is the same modes, 0 is chance."
+        ),
+        "12.5 % of the failures were near no mode.",
+        "Lateral noise matters most 2.50 s before the collision, at step 7.",
+        (
+            "The last 1 s before the collision, 12.0 % of the time, hold 5.00 % of the influence "
+            "(longitudinal 6.40 %)."
+        ),
+        "Mode 1 has no probability: It drifted.",
+        "Probabilities with ≥ are lower bounds: One region.",
+        "Digest of every number (SHA-256): abc",
+    ]
+
+
+def test_an_analysis_of_an_earlier_release_has_no_remarks_on_what_it_did_not_measure():
+    assert list(describe_diversity(analysis())) == []
+    assert next(describe_findings(analysis())) == "Mode 1 has no probability: It drifted."
+
+
+def test_no_influence_at_all_is_said_and_its_shares_are_dashes():
+    nothing = share_of(2.0, 0.2, None, None, None)
+    assert describe_influence(nothing) == ("No step of the last 2 s or before has any influence.")
+    table = tabulate_influence(analysis(before_collision=(nothing,)))
+    assert texts(table) == [("Last 2 s", "20.0 %", "–", "–", "–")]
+
+
+def test_moments_and_sources_are_tables():
+    last = moment("longitudinal", 40, 2.5)
+    found = analysis(
+        moments=(last,),
+        sources=(
+            AnalysedCampaign(campaign=3, episodes=1200, failures=40),
+            AnalysedCampaign(campaign=4, episodes=90, failures=1, running=True),
+        ),
+    )
+    assert format_moment(last) == "2.50 s before the collision"
+    assert texts(tabulate_moments(found)) == [
+        ("Longitudinal", "2.50 s before the collision", "0.250")
+    ]
+    assert texts(tabulate_sources(found)) == [
+        ("3", "40", "1,200", "ended"),
+        ("4", "1", "90", "running: a snapshot"),
+    ]
+
+
+def region(**fields):
+    return Region(
+        campaigns=(2, 5),
+        scenario="cut_in",
+        parameters=("distance_m",),
+        episodes=2000,
+        failures=150,
+        **fields,
+    )
+
+
+def test_a_region_that_was_not_found_says_why():
+    found = region(problem="Too few failures. Run more.", warnings=("Campaign 5 is running.",))
+    assert describe_region(found) == (
+        "Failing region of cut_in, campaigns 2, 5: 150 of 2,000 episodes failed; distance_m varied",
+        "Too few failures. Run more.",
+        "Warning: Campaign 5 is running.",
+    )
+
+
+def test_boxes_of_a_region_are_summed_up_in_a_last_row():
+    near = Box(bounds=(), words="distance up to 56 m", coverage=SAMPLED, precision=SAMPLED)
+    empty = Box(bounds=(), words="speed over 24 m/s", coverage=SAMPLED, precision=None)
+    found = region(
+        boxes=(near, empty), failure_rate=SAMPLED, coverage=SAMPLED, precision=SAMPLED, p_value=1e-5
+    )
+    _, table, chance = describe_region(found)
+    share = "25.0 % [17.5, 34.3]"
+    assert texts(table) == [
+        ("distance up to 56 m", share, share, "25", "100"),
+        ("speed over 24 m/s", share, "–", "–", "–"),
+        ("all of these", share, share, "25", "100"),
+    ]
+    assert chance == (
+        "Found on half of the episodes, counted on the others: 25.0 % [17.5, 34.3] of these fail. "
+        "By chance alone: p = 1.00×10⁻⁵."
+    )
+    assert len(texts(describe_region(region(boxes=(near,)))[1])) == 1
+
+
+def side(*campaigns, rate=SAMPLED):
+    cost = Cost(1.2, 1.0, 0.048, Interval(0.0351, 0.0681), 0.0351)
+    return Side(
+        campaigns=campaigns,
+        completed=100,
+        failures=25,
+        failure_rate=rate,
+        rates=(0.25,),
+        log_probability_per_step=-2.5,
+        mean_severity=80.0,
+        cost=cost,
+    )
+
+
+def comparison(**fields):
+    given = {"sentences": ("A fails less.",), "warnings": ("One seed.",), **fields}
+    return Comparison(
+        a=side(1),
+        b=side(2, 3),
+        difference=None,
+        pairs=None,
+        unpaired_because="other seeds",
+        effect=None,
+        distinctions=(),
+        **given,
+    )
+
+
+def bill(spent, lost_s, per_mode=0.4):
+    time = TimeSplit(
+        active_s=100.0,
+        worker_s=90.0,
+        simulation_s=60.0,
+        learning_s=25.0,
+        waiting_s=15.0,
+        lost_s=lost_s,
+    )
+    cost = Cost(spent, 1.0, None, None, None)
+    return CampaignCost(
+        campaign=1,
+        name="a",
+        method="ast",
+        price_usd_per_hour=1.2,
+        instances=1,
+        completed=100,
+        failures=25,
+        cost=cost,
+        analysis=None,
+        modes=3,
+        per_mode_usd=per_mode,
+        modes_in_words="3 modes",
+        curve=(),
+        time=time,
+    )
+
+
+def test_sides_of_a_comparison_are_a_row_each_with_what_they_cost():
+    alone = tabulate_sides(comparison())
+    assert texts(alone)[1] == (
+        *("B", "2, 3", "100", "25", "25.0 % [17.5, 34.3]", "−2.50", "80.0"),
+        "0.0480 [0.0351, 0.0681]",
+    )
+    billed = tabulate_sides(comparison(), [[bill(1.0, 0.0)], [bill(1.0, 5.0), bill(2.0, None)]])
+    a, b = (row[len(alone.columns) :] for row in texts(billed))
+    assert a[:3] == ("1.00", "0.400", "60.0 % (1 min)")
+    assert b[:3] == ("3.00", "of one campaign at a time", "60.0 % (2 min)")
+    assert (a[-1], b[-1]) == ("0 % (0 s)", "–"), "a part that one did not measure is unknown"
+
+
+def test_a_comparison_ends_with_what_speaks_against_it():
+    _, *said = describe_comparison(comparison())
+    assert said == ["A fails less.", "Warning: One seed."]
+
+
+def test_measures_of_an_episode_say_when_a_threshold_was_passed():
+    now = Measures(
+        robustness_m=0.0,
+        severity=90.0,
+        min_ttc_s=0.2,
+        max_drac_mps2=12.0,
+        ttc_violated_s=3.0,
+        drac_at_warning_mps2=5.0,
+        collided_s=4.2,
+        clipped_steps=0,
+    )
+    table = tabulate_thresholds(now, Assessment(ttc_lead_s=1.2))
+    assert texts(table) == [
+        ("MinTTC", "0.200 s", "< 1.5 s", "3.00 s", "1.20 s"),
+        ("DRAC, largest", "12.0 m/s²", "> 7 m/s²", "never", "–"),
+        ("Footprints apart", "0 m", "0 m", "4.20 s", "–"),
+    ]
+    assert table.notes == (
+        "When the time to collision first fell below 1.5 s, DRAC was 5.00 m/s².",
+    )
+
+
+def test_an_episode_of_an_earlier_release_does_not_claim_that_nothing_was_passed():
+    old = Measures(robustness_m=2.0, min_ttc_s=0.2)
+    table = tabulate_thresholds(old, Assessment())
+    assert [row[3] for row in texts(table)] == ["–", "–", "never"]
+    assert table.notes == ()
+    assert "never" not in dict(list_measures(old, Assessment())).values()
+
+
+def step(time_s, **account):
+    return ExplainedStep(time_s, 0.0, 0.0, account, (0.0, 0.0))
+
+
+def test_moments_of_an_episode_are_the_beginnings_of_what_went_wrong():
+    steps = (
+        step(0.0, lost_tracks=0.0, override="none", qp_status="solved"),
+        step(0.1, lost_tracks=1.0, override="none", qp_status="solved"),
+        step(0.2, lost_tracks=1.0, override="emergency_brake", qp_status="max_iterations"),
+        step(0.3, lost_tracks=1.0, override="emergency_brake", qp_status="max_iterations"),
+        step(0.4),
+    )
+    assert [(each.time_s, each.words) for each in find_moments(steps)] == [
+        (0.1, "track lost"),
+        (0.2, "emergency brake"),
+        (0.2, "program not solved"),
+    ]
+    lost = [step(k / 10, lost_tracks=float(k)) for k in range(40)]
+    assert len(find_moments(lost)) == 12
+
+
+def test_errored_episodes_are_told_with_their_most_frequent_reason():
+    some = Errored(count=3, kind="planner", reason="It divided by zero.", times=2, first=7)
+    assert some.words(Counts(planned=10, completed=7, errored=3)) == (
+        "3 of 10 episodes errored and are not counted in the rate. Most frequent reason (planner, "
+        "2 times): It divided by zero."
+    )
+    only = Errored(count=1, kind="", reason="", times=0)
+    assert only.words(Counts(planned=1, errored=1)) == (
+        "The only episode errored, so there is no result."
+    )
+    assert only.words(Counts(planned=3, errored=1)).startswith("The only episode so far errored")
+    assert Errored().words(Counts(planned=3, completed=3)) == ""
