@@ -15,7 +15,7 @@ sys.path.append(str(Path(__file__).parent / "chaos"))
 
 from postgresql import start_server
 
-pytest_plugins = ["proofs"]
+pytest_plugins = ["proofs", "golden"]
 
 settings.register_profile("here", deadline=None)
 settings.load_profile("here")
