@@ -146,8 +146,9 @@ class _Renderer:
     _draw_h1 = _draw_h2 = _draw_h3 = _draw_h4 = _draw_heading
 
     def _draw_label(self, element: Element) -> None:
-        # A label around its control is a line of its own.
-        holds = bool(element.find_all("input", "select", "textarea"))
+        # A label around its control is a line of its own, but for a box to tick.
+        controls = element.find_all("input", "select", "textarea")
+        holds = any(each.attributes.get("type") not in {"checkbox", "radio"} for each in controls)
         if holds:
             self._end_line()
         self._render_children(element)

@@ -4,6 +4,8 @@ from html.parser import HTMLParser
 
 import pytest
 
+from eigenfail_api.dashboard import campaign_page
+
 HTML = {"Accept": "text/html,application/xhtml+xml"}
 
 
@@ -41,3 +43,17 @@ def look(http, text_of):
         return text_of(response)
 
     return get
+
+
+@pytest.fixture
+def check_page(http, golden, monkeypatch):
+    """Compares the page at an address, or the part of it that has an id, with a golden file."""
+    # Whether a page waits for its later part is a matter of milliseconds.
+    monkeypatch.setattr(campaign_page, "is_prefetched", lambda begun: False)
+
+    def check(name, address, part=None, status=200):
+        response = http.get(address, headers=HTML)
+        assert response.status_code == status, response.text
+        golden.check_page(name, response.text, part)
+
+    return check
