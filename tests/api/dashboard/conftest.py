@@ -1,10 +1,12 @@
 """The dashboard's pages, asked for as a browser asks."""
 
+import time
 from html.parser import HTMLParser
 
 import pytest
 
 from eigenfail_api.dashboard import campaign_page
+from eigenfail_services.store import clock
 
 HTML = {"Accept": "text/html,application/xhtml+xml"}
 
@@ -18,6 +20,26 @@ class Text(HTMLParser):
 
     def handle_data(self, data):
         self.words += data.split()
+
+
+class StandingClock:
+    """The wall clock of stores and pages. It stands, so that pages do not depend on the machine."""
+
+    monotonic_ns = staticmethod(time.monotonic_ns)
+
+    def __init__(self):
+        self.now_ms = 1_767_323_045_000
+
+    def time_ns(self):
+        return 1_000_000 * self.now_ms
+
+
+@pytest.fixture(autouse=True)
+def standing_clock(monkeypatch):
+    """The clock; a test may set it forward."""
+    standing = StandingClock()
+    monkeypatch.setattr(clock, "time", standing)
+    return standing
 
 
 @pytest.fixture
