@@ -22,6 +22,7 @@ VARYING = (
     (re.compile(r"(?<=\beigenfail )\d+\.\d+\.\d+\b"), "{version}"),
     (re.compile(r"(?<=127\.0\.0\.1:)(?!8440\b)\d+"), "{port}"),
     (re.compile(r"\b[0-9a-f]{64}\b"), "{digest}"),
+    (re.compile(r"\b[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}\b"), "{uuid}"),
 )
 """What differs from run to run or from machine to machine, and the word that stands for it."""
 
