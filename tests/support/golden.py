@@ -19,6 +19,7 @@ REMEDY = "Run pytest --update to accept it, and review the difference."
 VARYING = (
     (re.compile(r"/tmp/pytest-of-[^/\s]+/pytest-\d+/(?:popen-gw\d+/)?[^/\s'`]+"), "{folder}"),
     (re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d+)?)?(?: ?UTC|Z|\+00:00)?"), "{time}"),
+    (re.compile(r"\b20\d\d-\d\d-\d\d\b"), "{date}"),
     (re.compile(r"(?<=\beigenfail )\d+\.\d+\.\d+\b"), "{version}"),
     (re.compile(r"(?<=127\.0\.0\.1:)(?!8440\b)\d+"), "{port}"),
     (re.compile(r"\b[0-9a-f]{64}\b"), "{digest}"),

@@ -9,7 +9,7 @@ from eigenfail_services.campaigns.costs import find_spending
 
 
 def test_the_page_asks_for_campaigns_and_compares_them(
-    http, fields, deliver, result, look, check_page
+    *, http, fields, deliver, result, look, check_page
 ):
     specs = (fields, {**fields, "planner": "rulebook", "scenario_parameters": {"distance_m": 60.0}})
     a, b = (http.post("/api/v1/campaigns", json=spec).json()["id"] for spec in specs)

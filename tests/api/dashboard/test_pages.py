@@ -15,7 +15,7 @@ def test_an_empty_service(check_page):
 
 
 def test_campaigns_are_listed_with_what_they_cost(
-    look, check_page, http, fields, store, deliver, result, deliver_failed
+    *, look, check_page, http, fields, store, deliver, result, deliver_failed
 ):
     ended = Measures(1.3, None, 0.2, 30.0, final_drac_mps2=22.0)
     first, *_, last = (

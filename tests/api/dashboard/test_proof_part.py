@@ -61,7 +61,7 @@ def test_a_replay_that_came_to_nothing_may_be_asked_for_again(check_page, store,
 
 
 def test_a_replay_that_could_not_be_run_was_not_tried(
-    check_page, finished, prove, deliver, failed, result
+    *, check_page, finished, prove, deliver, failed, result
 ):
     analysis = finished(2)
     (only,) = prove(analysis, variations=[{}])
@@ -70,7 +70,7 @@ def test_a_replay_that_could_not_be_run_was_not_tried(
 
 
 def test_replays_that_all_errored_are_not_shown_as_done(
-    check_page, store, finished, prove, deliver, failed
+    *, check_page, store, finished, prove, deliver, failed
 ):
     analysis = finished(2)
     (only,) = prove(analysis, variations=[{}])
