@@ -10,6 +10,7 @@ import threading
 import time
 from pathlib import Path
 
+import deadlines
 import msgspec
 import pytest
 
@@ -51,7 +52,7 @@ def address(store):
         time.sleep(0.01)
     yield f"http://127.0.0.1:{listener.getsockname()[1]}"
     server.handle_exit(0, None)
-    thread.join(timeout=20)
+    thread.join(timeout=deadlines.PROCESS_S)
 
 
 def in_shell(text, folder):
@@ -63,7 +64,7 @@ def in_shell(text, folder):
         env={**os.environ, "PATH": path},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=deadlines.PROCESS_S,
         check=False,
     )
     assert done.returncode == 0, done.stderr
