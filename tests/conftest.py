@@ -11,9 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# Plug-ins of strangers and what tests share, for this process and for those that tests start.
-FOLDERS = [str(Path(__file__).parent / name) for name in ("plugins", "support")]
-sys.path += [str(Path(__file__).parent / "chaos"), *FOLDERS]
+sys.path += [str(Path(__file__).parent / name) for name in ("chaos", "plugins", "support")]
 
 import deadlines
 from postgresql import start_server
@@ -23,6 +21,8 @@ pytest_plugins = ["proofs", "golden"]
 settings.register_profile("here", deadline=None)
 settings.load_profile("here")
 
+# Plug-ins of strangers and what tests share, for the processes that tests start as well.
+FOLDERS = [str(Path(__file__).parent / name) for name in ("plugins", "support")]
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), *FOLDERS]))
 os.environ["EIGENFAIL_FUNCTIONS"] = "any_function,eigenfail_sleeping"
 
