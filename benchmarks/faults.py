@@ -16,7 +16,7 @@ from crew import Crew
 from figures import ROOT, Figure
 from undisturbed import number
 
-sys.path.append(str(ROOT / "tests" / "chaos"))
+sys.path += [str(ROOT / "tests" / name) for name in ("chaos", "support")]
 sys.path.append(str(ROOT / "tests" / "docs"))
 
 from fault_table import read_faults

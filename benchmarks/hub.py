@@ -16,7 +16,7 @@ import psutil
 from figures import ROOT, Figure, show
 from sqlalchemy import text
 
-sys.path.append(str(ROOT / "tests" / "chaos"))
+sys.path += [str(ROOT / "tests" / name) for name in ("chaos", "support")]
 
 from stage import Stage
 from started import Services, wait_until

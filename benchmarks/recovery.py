@@ -19,7 +19,7 @@ from figures import ROOT, Figure
 
 from eigenfail.functions import ALLOWED_VARIABLE
 
-sys.path.append(str(ROOT / "tests" / "chaos"))
+sys.path += [str(ROOT / "tests" / name) for name in ("chaos", "support")]
 
 from stage import Stage
 

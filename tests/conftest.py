@@ -11,18 +11,18 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-sys.path.append(str(Path(__file__).parent / "chaos"))
+sys.path += [str(Path(__file__).parent / name) for name in ("chaos", "plugins", "support")]
 
+import deadlines
 from postgresql import start_server
 
-pytest_plugins = ["proofs"]
+pytest_plugins = ["proofs", "golden"]
 
 settings.register_profile("here", deadline=None)
 settings.load_profile("here")
 
-# Plug-ins of strangers and what tests share, for this process and for those that tests start.
+# Plug-ins of strangers and what tests share, for the processes that tests start as well.
 FOLDERS = [str(Path(__file__).parent / name) for name in ("plugins", "support")]
-sys.path += FOLDERS
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), *FOLDERS]))
 os.environ["EIGENFAIL_FUNCTIONS"] = "any_function,eigenfail_sleeping"
 
@@ -32,9 +32,16 @@ LONG = ("service", "browser")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that take longest, so that no process is left alone with one."""
+    """Begin with the files that take longest, and give each test its time limit.
+
+    A process that is alone with a long file at the end would hold up all others.
+    """
     long = {item.path for item in items if any(map(item.get_closest_marker, LONG))}
     items.sort(key=lambda item: item.path not in long)
+    for item in items:
+        is_asked_for = item.config.getoption("timeout") is not None
+        if not is_asked_for and item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(deadlines.TEST_S))
 
 
 class Postgres:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, suppress
 from threading import Event, Thread
 
+import deadlines
 import pytest
 
 from eigenfail_api import connections
@@ -17,7 +18,7 @@ from eigenfail_api.settings import ApiSettings
 pytestmark = pytest.mark.service
 
 MOST = 40
-PATIENCE_S = 30.0
+PATIENCE_S = deadlines.PROCESS_S
 SHORT_S = 0.6
 BODY = b'{"name": "n", "method": "monte_carlo", "episodes": 5}'
 POST = (

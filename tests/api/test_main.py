@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import deadlines
 import httpx2
 import pytest
 
@@ -83,14 +84,14 @@ def test_only_a_proxy_that_was_named_says_who_asks(start, proxies, statuses):
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_it_stops_when_told_to_with_a_follower_listening(running, stop):
     process, address = running
-    with httpx2.stream("GET", f"{address}/api/v1/events", timeout=10.0) as response:
+    with httpx2.stream("GET", f"{address}/api/v1/events", timeout=deadlines.PROCESS_S) as response:
         parts = response.iter_text()
         next(parts)
         began = time.monotonic()
         process.send_signal(stop)
         for _ in parts:
             pass
-        process.wait(timeout=10)
+        process.wait(timeout=deadlines.PROCESS_S)
     assert time.monotonic() - began < 4.0
     assert process.returncode == 0
     assert "Traceback" not in process.stderr.read()
@@ -132,7 +133,7 @@ def test_a_signal_that_comes_before_the_start_is_not_lost(start):
     """It comes while the garbage collector calls back, where an exception would be ignored."""
     process = start("--port", "0", program=("-c", WITH_A_SIGNAL_IN_A_CALLBACK))
     assert process.stdout.readline().startswith("eigenfail API on")
-    assert process.wait(timeout=60) == 0
+    assert process.wait(timeout=deadlines.PROCESS_S) == 0
 
 
 @pytest.mark.fault(

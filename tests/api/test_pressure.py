@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import anyio
+import deadlines
 import httpx2
 import psutil
 import pytest
@@ -23,7 +24,7 @@ pytestmark = pytest.mark.service
 
 CLIENTS = 200
 WAVES = 2
-PATIENCE_S = 120.0
+PATIENCE_S = deadlines.PROCESS_S
 ANSWERS = {200, 201}
 REFUSALS = {429, 503}
 GROWN_BYTES = 128 * 2**20

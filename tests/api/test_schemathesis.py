@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import deadlines
 import numpy as np
 import pytest
 import schemathesis
@@ -29,7 +30,7 @@ from eigenfail_services.store import open_store
 
 STEPS, EPISODES = 12, 20
 EXAMPLES = {GenerationMode.POSITIVE: 5, GenerationMode.NEGATIVE: 3}
-PATIENCE_S = 60
+PATIENCE_S = deadlines.PROCESS_S
 DOCUMENT = json.loads((Path(__file__).parents[2] / "docs" / "openapi.json").read_text())
 # A stream has no end that a test could wait for.
 OPERATIONS = {

@@ -8,6 +8,7 @@ import sys
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
 
+import deadlines
 import httpx2
 import pytest
 from opentelemetry.proto.collector.trace.v1.trace_service_pb2 import ExportTraceServiceRequest
@@ -82,7 +83,7 @@ def test_a_request_is_a_span_of_the_callers_trace(collector, tmp_path):
         assert httpx2.get(f"{url}/api/v1/campaigns/9", headers=headers).status_code == 404
         assert httpx2.get(f"{url}/healthz").status_code == 200
         process.send_signal(signal.SIGTERM)
-        assert process.wait(30) == 0
+        assert process.wait(deadlines.PROCESS_S) == 0
     finally:
         process.kill()
         process.communicate()

@@ -6,6 +6,7 @@ import threading
 import time
 from types import SimpleNamespace
 
+import deadlines
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -48,7 +49,7 @@ ARGUMENTS = [
     "--disable-sync",
 ]
 STEPS, HORIZON, DT_S = 70, 100, 0.1
-PATIENCE_MS = 60_000
+PATIENCE_MS = 1_000 * deadlines.PROCESS_S
 
 expect.set_options(timeout=PATIENCE_MS)
 
@@ -265,7 +266,7 @@ def serving(store):
         yield f"http://127.0.0.1:{listener.getsockname()[1]}"
     finally:
         server.handle_exit(0, None)
-        thread.join(timeout=20)
+        thread.join(timeout=deadlines.PROCESS_S)
         assert not thread.is_alive()
 
 

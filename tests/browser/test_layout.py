@@ -10,6 +10,7 @@ from html import unescape
 from pathlib import Path
 from urllib.parse import quote
 
+import deadlines
 import httpx2
 import pytest
 from fastapi.responses import HTMLResponse
@@ -21,7 +22,7 @@ from eigenfail_api.dashboard import launch_page
 from eigenfail_services.access import make_key
 from eigenfail_services.reports.report import make
 
-pytestmark = [pytest.mark.browser, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(deadlines.TEST_S)]
 
 VENDOR = Path(__file__).parent / "vendor"
 WIDTHS = (1440, 1024, 768, 375)
@@ -150,7 +151,7 @@ def tab(browser, store, filled, address):
     assert httpx2.post(f"{address}/api/v1/keys", json=asked, headers=shown).is_success
     context = browser.new_context(viewport={"width": WIDTHS[0], "height": 900})
     context.add_init_script((VENDOR / "axe.min.js").read_text("utf-8"))
-    context.set_default_timeout(60_000)
+    context.set_default_timeout(1_000 * deadlines.PROCESS_S)
     assert context.request.post(f"{address}/login", form={"key": token}).ok
     yield context.new_page()
     context.close()

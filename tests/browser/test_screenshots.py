@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import deadlines
 import pytest
 from PIL import Image
 
@@ -31,7 +32,7 @@ def test_every_page_has_a_small_picture(screenshots, address, made, tmp_path):
         capture_output=True,
         text=True,
         check=False,
-        timeout=200,
+        timeout=deadlines.PROCESS_S,
     )
     assert done.returncode == 0, done.stderr
     files = {file.stem: file for file in tmp_path.glob("*.png")}

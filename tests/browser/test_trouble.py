@@ -2,6 +2,7 @@
 
 import threading
 
+import deadlines
 import pytest
 from playwright.sync_api import expect
 
@@ -33,7 +34,7 @@ class Service:
 
     def stop(self):
         self._server.handle_exit(0, None)
-        self._thread.join(timeout=20)
+        self._thread.join(timeout=deadlines.PROCESS_S)
         assert not self._thread.is_alive()
 
 

@@ -12,10 +12,12 @@ from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
 
+import deadlines
+
 WITH_US = ("setpriv", "--pdeathsig", "KILL")
 HOLD = 'echo "$0" > /proc/sys/kernel/hostname && echo up && exec sleep infinity'
 NETWORK = "10.77.0"
-END_WITHIN_S = 30.0
+END_WITHIN_S = deadlines.PROCESS_S
 
 
 class Namespaces(Exception):

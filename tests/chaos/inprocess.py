@@ -8,13 +8,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import deadlines
+
 from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, CampaignState
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.keys import HubKeys
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.store import open_store
 
-PATIENCE_S = 150.0
+PATIENCE_S = deadlines.PROCESS_S
 LOOK_AGAIN_S = 0.03
 
 

@@ -12,9 +12,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import deadlines
 import pytest
 
-PATIENCE_S = 120.0
+PATIENCE_S = deadlines.PROCESS_S
 AGAIN_S = 0.2
 
 

@@ -11,13 +11,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
 
+import deadlines
 from contents import digest_of, in_campaign, in_checkpoint, in_episode
 from questions import ENDED, QUESTIONS
 from sqlalchemy import Connection, NullPool, create_engine, make_url, text
 
 DRIVERS = MappingProxyType({"postgresql": "postgresql+psycopg"})
 SNAPSHOTS = {"sqlite": "BEGIN", "postgresql": "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY"}
-PATIENCE_S = 30.0
+PATIENCE_S = deadlines.PROCESS_S
 
 CAMPAIGNS = text("SELECT * FROM campaigns ORDER BY id")
 CHECKPOINTS = text("SELECT * FROM checkpoints ORDER BY campaign, number")

@@ -11,11 +11,12 @@ from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
+import deadlines
 import psutil
 
 from eigenfail.client import Client
 
-PATIENCE_S = 120.0
+PATIENCE_S = deadlines.PROCESS_S
 LOOK_AGAIN_S = 0.05
 """Seldom enough that looking, which is a query mostly, takes little of the processor."""
 LEARNER = "learner_process"

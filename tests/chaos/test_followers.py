@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import closing
 
+import deadlines
 import pytest
 from proxy import Line, Proxy
 from stage import Stage
@@ -11,7 +12,7 @@ from eigenfail.client import Client
 from eigenfail.errors import ServiceUnreachable
 from eigenfail_services.store import open_store
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
 SEED = 20261122
 EVENTS = 250

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
+import deadlines
 import pytest
 from hosts import Host, Namespaces, Network
 from sqlalchemy import text
@@ -14,7 +15,7 @@ from started import wait_until
 
 from eigenfail_services.store.migrate import upgrade
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
 PORT = 8441
 RATE = "1mbit"
@@ -73,7 +74,7 @@ class Site:
     def send_home(self, host: Host) -> int:
         """Ask the worker of a host to leave; its exit status."""
         self._running[host].terminate()
-        return self._running[host].wait(60)
+        return self._running[host].wait(deadlines.PROCESS_S)
 
     def listed(self) -> dict[str, tuple[str, str]]:
         """Workers with their hosts and states, as the command line lists them on the desk."""

@@ -1,10 +1,11 @@
 """A learner killed before its first checkpoint, while it learns, and behind a checkpoint."""
 
+import deadlines
 import pytest
 from stage import CAMPAIGNS, Stage
 from started import Services, wait_until
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
 
 @pytest.mark.fault(

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
+import deadlines
 import numpy as np
 import pytest
 import reader
@@ -35,7 +36,7 @@ from eigenfail_services.hub import worker_sessions
 from eigenfail_services.hub.keys import HubKeys, KeyFolder
 from eigenfail_workers.worker.hub_connection import HubConnection
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
 SEED = 20261122
 WORKERS = 2

@@ -2,10 +2,11 @@
 
 import signal
 
+import deadlines
 import pytest
 from stage import Stage
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
 
 @pytest.mark.fault("SIGTERM or Ctrl-C of a service, once or twice")

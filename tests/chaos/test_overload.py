@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 
+import deadlines
 import pytest
 from inprocess import Service, worker_at
 from structlog.testing import capture_logs
@@ -19,7 +20,7 @@ CORES = 2
 OVERLOAD_S = float(os.environ.get("EIGENFAIL_OVERLOAD_S") or 1.2 * SILENCE_LIMIT_S)
 """Longer than who says nothing is waited for; `make overload` has it last for ten minutes."""
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(900 + OVERLOAD_S)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S + OVERLOAD_S)]
 
 ENDLESS = {
     "method": "ast",

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import deadlines
 import pytest
 from postgresql import Server, server
 from sqlalchemy import text
@@ -19,7 +20,7 @@ from started import Services, wait_until
 
 from eigenfail.values import CampaignState
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
 PAUSES = random.Random(20261122)
 

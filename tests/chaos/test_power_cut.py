@@ -11,6 +11,7 @@ from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
+import deadlines
 import pytest
 import reader
 from power import Disk, Event, recorded, recorder
@@ -21,7 +22,7 @@ from eigenfail_services.store import open_store
 
 pytestmark = pytest.mark.service
 
-PATIENCE_S = 120.0
+PATIENCE_S = deadlines.PROCESS_S
 SEED = 20261122
 EACH = 8
 COMMITS = 24

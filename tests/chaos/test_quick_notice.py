@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 
+import deadlines
 import pytest
 from inprocess import Service, worker_at
 from proxy import Proxy
@@ -12,7 +13,7 @@ from sqlalchemy import create_engine, text
 
 from eigenfail_services.hub.keys import HubKeys, KeyFolder
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
 SEED = 20261122
 CUTS = 3

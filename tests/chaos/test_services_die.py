@@ -5,6 +5,7 @@ import sys
 import time
 from pathlib import Path
 
+import deadlines
 import pytest
 from stage import Stage
 from started import wait_until
@@ -13,7 +14,7 @@ from storm import write_lock
 from eigenfail.client import Client
 from eigenfail.values import CampaignState
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
 FIELDS = {"name": "chaos", "method": "monte_carlo", "planner": "idm", "episodes": 100_000}
 LONGER_THAN_A_LEASE_S = 11.0
@@ -94,7 +95,7 @@ def test_who_watches_a_campaign_waits_for_a_controller_that_is_started_anew(
     assert watching.poll() is None
     stage.controller(controller.url)
     stage.move(campaign, CampaignState.CANCELLED)
-    assert watching.wait(60) == 0
+    assert watching.wait(deadlines.PROCESS_S) == 0
     assert b"cancelled" in said.read_bytes()
 
 

@@ -1,10 +1,11 @@
 """Two services on one database: one stands still, the other takes over, the first comes back."""
 
+import deadlines
 import pytest
 from stage import Stage
 from started import free_port, wait_until
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
 
 @pytest.mark.fault(

@@ -1,10 +1,11 @@
 """Workers, and what runs below them, killed and held up in the middle of their work."""
 
+import deadlines
 import pytest
 from stage import Stage
 from started import wait_until
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
 
 @pytest.mark.fault("SIGKILL of a worker's inner process")

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.append(str(Path(__file__).parents[1] / "chaos"))
+sys.path += [str(Path(__file__).parents[1] / name) for name in ("chaos", "support")]
 
 from storm import KINDS as STORM_KINDS
 

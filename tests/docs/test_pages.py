@@ -25,6 +25,7 @@ import tomllib
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import deadlines
 import msgspec
 import pytest
 
@@ -33,7 +34,7 @@ from eigenfail.hosting.folder import DataFolder
 from eigenfail.suites import Suite, replace_references
 from eigenfail.values import CampaignSpec
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(1800)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(2 * deadlines.TEST_S)]
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("README.md", *sorted(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")))
@@ -49,8 +50,8 @@ CHEAPER = {
 
 FROM_LIST = re.compile(r"(\d+)/\d+(?=.*# .*a number from the list)")
 END = "@@ended"
-READY_WITHIN_S = 300.0
-COMMAND_WITHIN_S = 600.0
+READY_WITHIN_S = deadlines.CAMPAIGN_S
+COMMAND_WITHIN_S = deadlines.CAMPAIGN_S
 GATE_CLOSED = 1
 CURL_TIMED_OUT = 28
 
@@ -381,7 +382,7 @@ def seen(output, patterns):
         assert re.search(pattern, output), f"'{pattern}' is not in:\n{output}"
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(deadlines.TEST_S)
 def test_a_command_that_hangs_is_ended_with_its_shell(tmp_path, monkeypatch):
     monkeypatch.setattr(f"{__name__}.COMMAND_WITHIN_S", 0.5)
     with shell(tmp_path) as here, pytest.raises(AssertionError, match="took too long"):

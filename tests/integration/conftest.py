@@ -9,6 +9,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import deadlines
 import psutil
 import pytest
 
@@ -36,7 +37,7 @@ class Worker:
 
     def stop(self) -> None:
         self.process.terminate()
-        self.process.wait(20)
+        self.process.wait(deadlines.PROCESS_S)
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import deadlines
 import pytest
 
 from eigenfail.errors import InvalidValue
@@ -46,7 +47,7 @@ class Program:
 
 def finish(client, **fields):
     created = client.campaigns.create(**FIELDS | fields)
-    ended = client.campaigns.wait(created.id, timeout_s=120)
+    ended = client.campaigns.wait(created.id, timeout_s=deadlines.CAMPAIGN_S)
     assert ended.state is CampaignState.DONE, ended.stopped_because
     return ended
 
@@ -66,7 +67,7 @@ def test_the_failures_are_those_of_the_same_world_built_in(client, start_worker,
     analysis = client.analyses.wait(client.analyses.create(behind.id).id)
     assert analysis.state is AnalysisState.DONE, analysis.problem
     client.analyses.prove(analysis.id)
-    proof = client.analyses.wait_for_proof(analysis.id, timeout_s=60)
+    proof = client.analyses.wait_for_proof(analysis.id, timeout_s=deadlines.CAMPAIGN_S)
     (scenario,) = proof.scenarios
     assert scenario.medoids.rate.value == 1.0
 
@@ -83,13 +84,13 @@ def test_the_adversary_learns_on_a_bridge(client, start_worker, bridge) -> None:
 def test_a_bridge_that_dies_and_comes_back_costs_no_episode(client, start_worker, bridge) -> None:
     start_worker()
     created = client.campaigns.create(**FIELDS, episodes=600, **ON_BRIDGE)
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + deadlines.PROCESS_S
     while client.campaigns.get(created.id).counts.completed < 50:
         assert time.monotonic() < deadline, "the campaign does not move"
         time.sleep(0.02)
     bridge.kill()
     bridge.start()
-    ended = client.campaigns.wait(created.id, timeout_s=120)
+    ended = client.campaigns.wait(created.id, timeout_s=deadlines.CAMPAIGN_S)
     assert ended.state is CampaignState.DONE
     assert (ended.counts.completed, ended.counts.errored) == (600, 0)
     built_in = finish(client, episodes=600)
@@ -154,7 +155,7 @@ def test_a_misspelt_parameter_pauses_its_campaign_before_an_episode_is_spent(
     start_worker()
     wrong = {"simulator": "bridge", "scenario_parameters": {"steps": 100, "distance": 60.0}}
     created = client.campaigns.create(**FIELDS, episodes=40, **wrong)
-    rests = client.campaigns.wait(created.id, timeout_s=120)
+    rests = client.campaigns.wait(created.id, timeout_s=deadlines.CAMPAIGN_S)
     assert rests.state is CampaignState.PAUSED
     assert (rests.counts.completed, rests.counts.errored) == (0, 0)
     assert "scenario_parameters: 'distance' is not known." in rests.stopped_because
@@ -162,6 +163,6 @@ def test_a_misspelt_parameter_pauses_its_campaign_before_an_episode_is_spent(
     assert f"eigenfail campaign clone {created.id} --set FIELD=VALUE" in rests.stopped_because
     # Nothing has changed: it is declined again, and again with its reason.
     client.campaigns.resume(created.id)
-    again = client.campaigns.wait(created.id, timeout_s=120)
+    again = client.campaigns.wait(created.id, timeout_s=deadlines.CAMPAIGN_S)
     assert (again.state, again.counts.errored) == (CampaignState.PAUSED, 0)
     finish(client, episodes=40, **ON_BRIDGE)

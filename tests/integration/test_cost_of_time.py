@@ -1,5 +1,6 @@
 """A real campaign is told where its time and money went."""
 
+import deadlines
 import pytest
 
 pytestmark = pytest.mark.service
@@ -10,7 +11,7 @@ def test_the_time_of_a_campaign_is_accounted_for(client, start_worker) -> None:
     created = client.campaigns.create(
         name="time", method="cem", planner="idm", episodes=60, seed=3, settings={"batch": 20}
     )
-    ended = client.campaigns.wait(created.id, timeout_s=120)
+    ended = client.campaigns.wait(created.id, timeout_s=deadlines.CAMPAIGN_S)
     found = client.campaigns.cost(created.id)
     time = found.time
     parts = (time.simulation_s, time.learning_s, time.waiting_s, time.lost_s)

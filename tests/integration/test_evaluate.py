@@ -1,5 +1,6 @@
 """On a real service: what a campaign has learnt is evaluated elsewhere, and an ensemble runs."""
 
+import deadlines
 import pytest
 
 from eigenfail.errors import InvalidValue
@@ -13,7 +14,7 @@ AST = {"round_size": 5, "warm_up": 5, "gradient_steps": 1}
 
 def finish(client, **fields):
     created = client.campaigns.create(**FIELDS | fields)
-    ended = client.campaigns.wait(created.id, timeout_s=120)
+    ended = client.campaigns.wait(created.id, timeout_s=deadlines.CAMPAIGN_S)
     assert ended.state is CampaignState.DONE, ended.stopped_because
     assert ended.counts.completed == ended.counts.planned
     return ended.id

@@ -2,6 +2,7 @@
 
 import time
 
+import deadlines
 import pytest
 
 from eigenfail.values import CampaignState, Priority
@@ -19,7 +20,7 @@ FUNCTION = {
 MANY = 100_000
 WORKED_S = 15.0
 HELD_S = 6.0
-PATIENCE_S = 120.0
+PATIENCE_S = deadlines.PROCESS_S
 NEIGHBOURS = {
     "quick and urgent": ("brief", Priority.NORMAL),
     "slow and urgent": ("long", Priority.NORMAL),

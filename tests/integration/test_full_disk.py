@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import deadlines
 import httpx2
 import psutil
 import pytest
@@ -17,9 +18,9 @@ from eigenfail.hosting.service import Launcher, LocalService, Plan, local_servic
 from eigenfail.values import CampaignState, Counts
 from eigenfail_services.upkeep.verify import verify
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
-PATIENCE_S = 240.0
+PATIENCE_S = deadlines.CAMPAIGN_S
 ROOM = "12m"
 FIELDS = {"name": "full", "method": "monte_carlo", "planner": "idm", "episodes": 300, "seed": 5}
 BLOCK = b"\0" * 65_536

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
+import deadlines
 import httpx2
 import pytest
 
@@ -20,9 +21,9 @@ from eigenfail_services.hub.keys import KeyFolder
 from eigenfail_services.upkeep.backup import backup
 from eigenfail_services.upkeep.verify import verify
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
-PATIENCE_S = 180.0
+PATIENCE_S = deadlines.PROCESS_S
 HELD_S = 14.0
 """Longer than a worker may be silent: one that is not answered meanwhile would be lost."""
 
@@ -62,7 +63,9 @@ def until(done: Callable[[], bool], service: LocalService) -> None:
 def asked(service: LocalService, method: str, path: str, **more) -> tuple[httpx2.Response, float]:
     """An answer, and how long it took."""
     began_s = time.monotonic()
-    answer = httpx2.request(method, f"{service.address.url}{path}", timeout=60.0, **more)
+    answer = httpx2.request(
+        method, f"{service.address.url}{path}", timeout=deadlines.PROCESS_S, **more
+    )
     return answer, time.monotonic() - began_s
 
 

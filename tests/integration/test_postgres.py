@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 
+import deadlines
 import numpy as np
 import pytest
 
@@ -41,7 +42,7 @@ def test_a_campaign_on_postgres_has_the_digest_of_the_bare_loop(postgres_url: st
     hub = json.loads(services.stdout.readline())["hub"]
     worker = subprocess.Popen([sys.executable, "-m", "eigenfail_workers", "--connect", hub])
     try:
-        deadline = time.monotonic() + 120
+        deadline = time.monotonic() + deadlines.PROCESS_S
         while store.campaigns.get(campaign).state is not CampaignState.DONE:
             assert time.monotonic() < deadline, store.campaigns.get(campaign)
             time.sleep(0.1)
@@ -49,7 +50,7 @@ def test_a_campaign_on_postgres_has_the_digest_of_the_bare_loop(postgres_url: st
     finally:
         for process in (services, worker):
             process.terminate()
-        assert [process.wait(30) for process in (services, worker)] == [0, 0]
+        assert [process.wait(deadlines.PROCESS_S) for process in (services, worker)] == [0, 0]
         services.stdout.close()
         store.close()
 
@@ -58,7 +59,7 @@ def test_a_wrong_password_is_said_without_the_password(postgres_url: str) -> Non
     wrong = "postgresql://nobody:s3cret@127.0.0.1:1/eigenfail"
     done = subprocess.run(
         [sys.executable, "-m", "eigenfail_services", "--database", wrong, "--launcher", "none"],
-        capture_output=True, text=True, timeout=30, check=False,
+        capture_output=True, text=True, timeout=deadlines.PROCESS_S, check=False,
     )  # fmt: skip
     assert done.returncode == 3
     assert "s3cret" not in done.stderr + done.stdout

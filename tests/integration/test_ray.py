@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import deadlines
 import psutil
 import pytest
 import reader
@@ -40,7 +41,7 @@ def doors(service) -> set[str]:
 
 
 def digest(client: Client, campaign: int) -> str:
-    ended = client.campaigns.wait(campaign, timeout_s=120)
+    ended = client.campaigns.wait(campaign, timeout_s=deadlines.CAMPAIGN_S)
     assert (ended.state, ended.counts.open) == (CampaignState.DONE, 0)
     return client.campaigns.digest(campaign)
 
@@ -67,12 +68,12 @@ def test_a_killed_ray_worker_is_replaced_and_changes_nothing(fresh_service, tmp_
         before[0].kill()
         assert digest(client, campaign.id) == undisturbed
 
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + deadlines.PROCESS_S
         while len({process.pid for process in actors(service)}) < 2:
             assert time.monotonic() < deadline, "Ray did not start the worker again"
             time.sleep(0.1)
         everything = psutil.Process(service.parts[1].process.pid).children(recursive=True)
-    gone, alive = psutil.wait_procs(everything, timeout=20)
+    gone, alive = psutil.wait_procs(everything, timeout=deadlines.PROCESS_S)
     assert not [p for p in alive if p.status() != psutil.STATUS_ZOMBIE]
     assert gone
 
@@ -106,7 +107,9 @@ def test_what_a_planner_prints_has_bounds_under_ray_and_goes_with_the_service(
         monkeypatch.setenv(name, value)
     with fresh_service(Launcher.RAY) as service, Client(service.address.url) as client:
         campaign = client.campaigns.create(**PRINTING).id
-        assert client.campaigns.wait(campaign, timeout_s=120).counts.completed == 16
+        assert (
+            client.campaigns.wait(campaign, timeout_s=deadlines.CAMPAIGN_S).counts.completed == 16
+        )
         logs = [*ray_folder.glob("ray-*/session_2*/logs/worker-*")]
         assert any(b"episode " in log.read_bytes() for log in logs)
         assert sum(log.stat().st_size for log in logs) < most_bytes
@@ -123,7 +126,7 @@ def driver(service) -> psutil.Process:
 
 
 def wait_until(condition, what: str) -> None:
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + deadlines.PROCESS_S
     while not condition():
         assert time.monotonic() < deadline, f"waited in vain: {what}"
         time.sleep(0.05)
@@ -180,21 +183,21 @@ def test_a_service_that_still_waits_for_ray_ends_when_it_is_told_to(tmp_path) ->
         command = [sys.executable, "-m", "eigenfail_services", "--ray-address", address]
         database = ["--database", f"sqlite:///{tmp_path}/e.db"]
         with subprocess.Popen([*command, *database], stderr=subprocess.PIPE, text=True) as process:
-            silent.settimeout(60)
+            silent.settimeout(deadlines.PROCESS_S)
             silent.accept()[0].close()
             below = psutil.Process(process.pid).children(recursive=True)
             process.terminate()
-            _, said = process.communicate(timeout=30)
+            _, said = process.communicate(timeout=deadlines.PROCESS_S)
     assert (process.returncode, "Traceback" in said) == (0, False)
     assert below
-    assert psutil.wait_procs(below, timeout=20)[1] == []
+    assert psutil.wait_procs(below, timeout=deadlines.PROCESS_S)[1] == []
 
 
 def test_a_cluster_that_is_not_there_is_said_in_one_sentence(tmp_path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "eigenfail_services", "--database", f"sqlite:///{tmp_path}/e.db",
          "--ray-address", "127.0.0.1:1"],
-        capture_output=True, text=True, timeout=120, check=False,
+        capture_output=True, text=True, timeout=deadlines.PROCESS_S, check=False,
     )  # fmt: skip
     assert done.returncode == 3
     assert "Ray cannot be used" in done.stderr.splitlines()[-1]

@@ -2,6 +2,7 @@
 
 import time
 
+import deadlines
 import pytest
 
 from eigenfail.values import CampaignState
@@ -29,7 +30,7 @@ def create(client, **fields):
 
 
 def finish(client, campaign):
-    ended = client.campaigns.wait(campaign.id, timeout_s=240)
+    ended = client.campaigns.wait(campaign.id, timeout_s=deadlines.CAMPAIGN_S)
     assert ended.state is CampaignState.DONE, ended.stopped_because
     counts = ended.counts
     assert (counts.completed, counts.open, counts.errored) == (counts.planned, 0, 0)
@@ -37,7 +38,7 @@ def finish(client, campaign):
 
 
 def wait_for(client, campaign, completed: int) -> None:
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + deadlines.PROCESS_S
     while client.campaigns.get(campaign.id).counts.completed < completed:
         assert time.monotonic() < deadline, "the campaign does not move"
         time.sleep(0.02)
@@ -67,7 +68,7 @@ def test_pause_and_resume_change_nothing(client, start_worker) -> None:
     campaign = create(client, **AST)
     wait_for(client, campaign, completed=12)
     client.campaigns.pause(campaign.id)
-    paused = client.campaigns.wait(campaign.id, timeout_s=60)
+    paused = client.campaigns.wait(campaign.id, timeout_s=deadlines.CAMPAIGN_S)
     assert paused.state is CampaignState.PAUSED
     assert paused.counts.open > 0
     client.campaigns.resume(campaign.id)

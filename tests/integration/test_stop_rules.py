@@ -2,6 +2,7 @@
 
 import time
 
+import deadlines
 import pytest
 
 from eigenfail.values import CampaignState
@@ -20,7 +21,7 @@ FIELDS = {
 
 
 def finish(client, campaign):
-    ended = client.campaigns.wait(campaign.id, timeout_s=120)
+    ended = client.campaigns.wait(campaign.id, timeout_s=deadlines.CAMPAIGN_S)
     counts = ended.counts
     assert (ended.state, counts.open) == (CampaignState.DONE, 0)
     assert counts.planned == counts.completed + counts.errored + counts.cancelled == 400
@@ -42,7 +43,10 @@ def test_a_rule_on_results_stops_at_the_same_episode_whoever_runs_it(client, sta
     while not client.campaigns.get(paused.id).counts.completed:
         time.sleep(0.02)
     client.campaigns.pause(paused.id)
-    assert client.campaigns.wait(paused.id, timeout_s=60).state is CampaignState.PAUSED
+    assert (
+        client.campaigns.wait(paused.id, timeout_s=deadlines.CAMPAIGN_S).state
+        is CampaignState.PAUSED
+    )
     client.campaigns.resume(paused.id)
     assert finish(client, paused) == alone
 
@@ -50,7 +54,9 @@ def test_a_rule_on_results_stops_at_the_same_episode_whoever_runs_it(client, sta
 def test_time_ends_a_campaign_and_says_so(client, start_worker) -> None:
     start_worker()
     fields = FIELDS | {"episodes": 100_000, "stop": {"wall_s": 1.0}}
-    ended = client.campaigns.wait(client.campaigns.create(**fields).id, timeout_s=60)
+    ended = client.campaigns.wait(
+        client.campaigns.create(**fields).id, timeout_s=deadlines.CAMPAIGN_S
+    )
     assert ended.state is CampaignState.DONE
     assert ended.stopped_because.startswith("It ran for 1.")
     assert ended.stopped_because.endswith(" s (rule: wall_s = 1.0).")

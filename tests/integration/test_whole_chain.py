@@ -2,6 +2,7 @@
 
 import time
 
+import deadlines
 import numpy as np
 import pytest
 
@@ -26,7 +27,7 @@ def campaign(service, lasting_worker):
         created = client.campaigns.create(
             name="chain", method="monte_carlo", planner="idm", episodes=80, seed=3
         )
-        return client.campaigns.wait(created.id, timeout_s=120)
+        return client.campaigns.wait(created.id, timeout_s=deadlines.CAMPAIGN_S)
 
 
 def test_failures_are_found_grouped_replayed_and_priced(client, campaign) -> None:
@@ -42,7 +43,7 @@ def test_failures_are_found_grouped_replayed_and_priced(client, campaign) -> Non
     assert sum(mode.failures for mode in analysis.result.modes) == summary.counts.failures
 
     client.analyses.prove(analysis.id)
-    proof = client.analyses.wait_for_proof(analysis.id, timeout_s=60)
+    proof = client.analyses.wait_for_proof(analysis.id, timeout_s=deadlines.CAMPAIGN_S)
     assert {each.state for each in proof.scenarios} == {CampaignState.DONE}
     assert [len(each.replays) for each in proof.scenarios] == [2 * len(analysis.result.modes)] * 3
     same = next(each for each in proof.scenarios if each.is_same)
@@ -94,7 +95,7 @@ def test_a_bad_planner_ends_its_campaign_with_every_fault_kept(
     client, lasting_worker, planner
 ) -> None:
     created = client.campaigns.create(name="bad", method="monte_carlo", planner=planner, episodes=5)
-    ended = client.campaigns.wait(created.id, timeout_s=60)
+    ended = client.campaigns.wait(created.id, timeout_s=deadlines.CAMPAIGN_S)
     assert (ended.state, ended.counts.errored) == (CampaignState.DONE, 5)
     rows = list(client.episodes.list(created.id, outcome=Outcome.ERRORED))
     assert all(row.problem.startswith("planner: ") for row in rows)
@@ -108,7 +109,7 @@ def test_a_cancelled_campaign_keeps_what_is_finished(client, lasting_worker) -> 
     while client.campaigns.get(created.id).counts.completed < 10:
         time.sleep(0.02)
     client.campaigns.cancel(created.id)
-    ended = client.campaigns.wait(created.id, timeout_s=30)
+    ended = client.campaigns.wait(created.id, timeout_s=deadlines.CAMPAIGN_S)
     assert ended.state is CampaignState.CANCELLED
     counts = ended.counts
     assert counts.planned == counts.completed + counts.errored + counts.cancelled

@@ -5,6 +5,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+import deadlines
 import psutil
 import pytest
 from zmq.utils import z85
@@ -49,12 +50,14 @@ def test_only_workers_with_a_key_work_and_no_secret_is_seen(fresh_service, tmp_p
         hub = ("--connect", service.address.hub)
         keyless = worker(*hub, log=tmp_path / "keyless.log")
         working = worker(*hub, "--key-file", file, log=tmp_path / "w.log")
-        ended = client.campaigns.wait(client.campaigns.create(**FIELDS).id, timeout_s=120)
+        ended = client.campaigns.wait(
+            client.campaigns.create(**FIELDS).id, timeout_s=deadlines.CAMPAIGN_S
+        )
         assert (ended.state, ended.counts.completed) == (CampaignState.DONE, 6)
         shown = everything_shown(tmp_path, working)
-        assert keyless.wait(120) in {2, 3}
+        assert keyless.wait(deadlines.PROCESS_S) in {2, 3}
         working.terminate()
-        assert working.wait(60) == 0
+        assert working.wait(deadlines.PROCESS_S) == 0
     assert "worker authenticated" in shown
     for secret in (key.secret, keys.secret()):
         told = (z85.encode(secret).decode(), encode_key(secret), secret.hex(), repr(secret)[2:-1])

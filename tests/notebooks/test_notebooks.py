@@ -5,13 +5,14 @@ from contextlib import suppress
 from pathlib import Path
 from uuid import uuid4
 
+import deadlines
 import nbformat
 import psutil
 import pytest
 from nbclient import NotebookClient
 
 FOLDER = Path(__file__).parents[2] / "examples" / "notebooks"
-WITHIN_S = 240
+WITHIN_S = deadlines.CAMPAIGN_S
 
 LARGEST_BYTES = 40_000
 

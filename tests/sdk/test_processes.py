@@ -7,11 +7,12 @@ import subprocess
 import sys
 import time
 
+import deadlines
 import pytest
 
 from eigenfail.processes import PARENT_VARIABLE, as_parent, exit_status
 
-PATIENCE_S = 60.0
+PATIENCE_S = deadlines.PROCESS_S
 DIES = "from eigenfail.processes import die_with_parent; die_with_parent()"
 LIVES_ON = f"import os; {DIES}; print(os.environ.get({PARENT_VARIABLE!r}))"
 STARTS = f"""

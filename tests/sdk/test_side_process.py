@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import deadlines
 import msgspec
 import psutil
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from eigenfail import processes
 from eigenfail.errors import ServiceError
 
-WITHIN_S = 120.0
+WITHIN_S = deadlines.PROCESS_S
 
 
 @pytest.fixture

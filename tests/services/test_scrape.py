@@ -5,6 +5,7 @@ import subprocess
 import sys
 from urllib.request import urlopen
 
+import deadlines
 import pytest
 
 from eigenfail.errors import InvalidValue, PortTaken
@@ -59,7 +60,9 @@ def test_a_wrong_address_is_told_in_a_sentence(tmp_path):
     database = f"sqlite:///{tmp_path}/e.db"
     command = [sys.executable, "-m", "eigenfail_services", "--database", database]
     command += ["--launcher", "none", "--metrics", "nowhere"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=deadlines.PROCESS_S
+    )
     assert done.returncode == 2
     assert "'nowhere' is no address" in done.stderr
     assert "Traceback" not in done.stderr

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[1] / "chaos"))
+sys.path += [str(Path(__file__).parents[1] / name) for name in ("chaos", "support")]
 
 from postgresql import server
 from promises import late, run_again

@@ -18,6 +18,7 @@ from eigenfail.presentation.analyses import describe_findings, describe_modes, d
 from eigenfail.presentation.terminal import render
 from eigenfail.settings import convert
 from eigenfail.values import Analysis, AnalysisSettings, AnalysisState, Proof
+from eigenfail.values.analysis import Centre
 
 app = typer.Typer(add_completion=False)
 
@@ -75,15 +76,8 @@ Bootstrap = Annotated[
 ]
 
 
-class CentreChoice(StrEnum):
-    """The centre of a mode that its eigenfailure shows."""
-
-    MEDIAN = "median"
-    MEAN = "mean"
-
-
 ModeCentre = Annotated[
-    CentreChoice,
+    Centre,
     typer.Option(help="Centre of a mode that its eigenfailure shows; mean: as in the paper."),
 ]
 
@@ -119,7 +113,7 @@ def analyze(
     also: Also = None,
     bootstrap: Bootstrap = 20,
     failures: FailuresChoice = FailureChoice.LATEST,
-    centre: ModeCentre = CentreChoice.MEDIAN,
+    centre: ModeCentre = "median",
     prove: Prove = False,
     variation: Variations = None,
     as_json: AsJson = False,
@@ -138,7 +132,7 @@ def analyze(
         "campaigns": also or [],
         "bootstrap": bootstrap,
         "failures": failures.value,
-        "centre": centre.value,
+        "centre": centre,
     }
     settings = convert(given, AnalysisSettings)
     with interruptible(), connect_to(context, url) as client:

@@ -23,25 +23,20 @@ def key_of(store, http):
     return make
 
 
-def test_before_the_first_key_the_page_says_what_it_changes(look) -> None:
-    text = look("/keys")
-    assert "Creating the first key turns it on permanently" in text
-    assert "Table of keys" not in text
-    assert "$EIGENFAIL_KEY" not in text
+def test_before_the_first_key_the_page_says_what_it_changes(check_page) -> None:
+    check_page("dashboard/keys/none", "/keys")
 
 
-def test_keys_are_listed_with_their_states_and_no_secret(http, store, key_of) -> None:
+def test_keys_are_listed_with_their_states_and_no_secret(http, golden, store, key_of) -> None:
     admin = key_of("ada")
     key_of("old <b>", Scope.VIEWER, 1)
     key_of("gone", Scope.RUNNER)
     store.keys.revoke(3)
     http.app.state.authenticator.clock = lambda: now_ms() + 2_000
     text = http.get("/keys", headers=admin).text
-    assert [word in text for word in ("valid", "expired", "revoked", "old &lt;b&gt;")] == [True] * 4
-    assert text.count('data-method="DELETE"') == 1
     *_, secret = admin["Authorization"].split("_", 2)
     assert secret not in text
-    assert "Authorization: Bearer $EIGENFAIL_KEY" in text
+    golden.check_page("dashboard/keys/three", text)
 
 
 def test_the_quotas_of_a_key_can_be_changed_while_it_opens_anything(http, store, key_of) -> None:
@@ -66,19 +61,15 @@ def test_older_keys_are_on_further_pages(http, key_of, monkeypatch) -> None:
     assert "No older keys" in http.get("/keys?before=1", headers=admin).text
 
 
-def test_a_log_without_lines_says_so(look) -> None:
-    assert "No changes recorded yet" in look("/audit")
+def test_a_log_without_lines_says_so(check_page) -> None:
+    check_page("dashboard/audit/empty", "/audit")
 
 
-def test_the_log_tells_who_did_what_and_what_was_refused(http, look, key_of, campaign) -> None:
+def test_the_log_tells_who_did_what_and_what_was_refused(http, golden, key_of, campaign) -> None:
     admin, viewer = key_of("ada"), key_of("eve", Scope.VIEWER)
     for holder in (admin, viewer):
         http.post(f"/api/v1/campaigns/{campaign}/pause", headers=holder | {"Accept": "*/*"})
-    text = http.get("/audit", headers=admin).text
-    assert "POST /api/v1/campaigns/{campaign}/pause" in text
-    assert "ada (1)" in text
-    assert "eve (2)" in text
-    assert text.count(">refused<") == 1
+    golden.check_page("dashboard/audit/refused", http.get("/audit", headers=admin).text)
 
 
 @pytest.mark.parametrize("address", ["/keys", "/audit"])

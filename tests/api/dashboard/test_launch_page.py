@@ -173,10 +173,11 @@ def test_the_field_is_not_said_twice():
     assert describe_error(InvalidValue("name", "is required.")) == "Is required."
 
 
-def test_problems_stand_at_their_fields_and_what_was_typed_stays(http, typed, text_of):
+def test_problems_stand_at_their_fields_and_what_was_typed_stays(http, typed, golden):
     wrong = {
         **typed,
         "method": "cem",
+        "planner": "idm",
         "episodes": "many",
         "settings.batch": "1",
         "scenario_parameters.distance_m.how": "uniform",
@@ -186,25 +187,13 @@ def test_problems_stand_at_their_fields_and_what_was_typed_stays(http, typed, te
     }
     response = post(http, **wrong)
     assert response.status_code == 200
-    text = text_of(response)
-    assert "3 problems: nothing was launched" in text
-    for name, words in {
-        "episodes": '"many" is not an integer.',
-        "settings-batch": "1 is not an integer from 2 to",
-        "scenario_parameters-distance_m": "[60, 53] is not an interval",
-    }.items():
-        (problem,) = re.findall(f'id="field-{name}-problem">(.*?)</p>', response.text)
-        assert words in html.unescape(problem)
-        assert f'href="#field-{name}-box"' in response.text
-    for value in ("many", "60", "53"):
-        assert f'value="{value}"' in response.text
+    golden.check_page("dashboard/launch/problems", response.text)
     assert KEY.search(response.text)[1] == ""
 
 
-def test_what_is_in_order_is_told_whole_and_has_a_key(http, typed, text_of, store):
+def test_what_is_in_order_is_told_whole_and_has_a_key(http, typed, golden, store):
     response = post(http, **typed, wish="check")
-    assert "Valid: 10 episodes can be launched." in text_of(response)
-    assert "planner_settings.tracker.gate 9.21" in text_of(response)
+    golden.check_page("dashboard/launch/valid", response.text, "launch-word")
     body = msgspec.json.decode(html.unescape(BODY.search(response.text)[1]))
     assert body == {**typed, "episodes": 10}
     assert KEY.search(response.text)[1]
@@ -232,32 +221,30 @@ def test_two_clicks_have_one_key_and_another_body_another(http, typed):
     assert KEY.search(post(http, **typed, wish="launch", token="u").text)[1] != key()
 
 
-def test_an_address_is_a_form_that_works_without_scripts(look, http):
-    assert "learning_rate" in look("/launch?method=ast")
-    assert "learning_rate" not in look("/launch?method=monte_carlo")
-    text = look("/launch?name=x&method=monte_carlo&episodes=5&simulator=point_mass&wish=check")
-    assert "Valid: 5 episodes" in text
-    assert "eigenfail campaign create campaign.toml" in text
-    assert "1 problem" in look("/launch?name=x&method=monte_carlo&wish=check")
+def test_an_address_is_a_form_that_works_without_scripts(check_page):
+    check_page("dashboard/launch/empty", "/launch")
+    check_page("dashboard/launch/ast", "/launch?method=ast", "part-method")
+    asked = "/launch?name=x&method=monte_carlo&planner=idm&simulator=point_mass&wish=check"
+    check_page("dashboard/launch/valid_address", f"{asked}&episodes=5", "launch-word")
+    check_page("dashboard/launch/problem_in_address", asked, "launch-word")
 
 
-def test_a_plug_in_that_is_not_known_is_a_problem_at_its_field(look):
-    text = look("/launch?name=x&method=magic&episodes=5&simulator=point_mass&wish=check")
-    assert "method : 'magic' is not known." in text
-    assert "1 problem:" in text
+def test_a_plug_in_that_is_not_known_is_a_problem_at_its_field(check_page):
+    address = "/launch?name=x&method=magic&episodes=5&simulator=point_mass&wish=check"
+    check_page("dashboard/launch/unknown_method", address, "launch-word")
 
 
 @pytest.mark.parametrize(
-    ("query", "status", "words"),
+    ("name", "query", "status"),
     [
-        ("from=99", 404, "99"),
-        ("from=x", 422, "is not a campaign id"),
-        ("from=" + "9" * 40, 422, "is not a campaign id"),
-        ("bogus=1", 422, "'bogus' is not known"),
+        ("no_campaign", "from=99", 404),
+        ("no_id", "from=x", 422),
+        ("large_id", "from=" + "9" * 40, 422),
+        ("no_field", "bogus=1", 422),
     ],
 )
-def test_addresses_that_make_no_sense_are_problems(look, query, status, words):
-    assert words in look(f"/launch?{query}", status)
+def test_addresses_that_make_no_sense_are_problems(check_page, name, query, status):
+    check_page(f"dashboard/launch/refused_{name}", f"/launch?{query}", status=status)
 
 
 def test_markup_in_what_is_typed_is_text(http, typed):
@@ -295,14 +282,11 @@ def learnt(store, http, fields):
     return http.post("/api/v1/campaigns", json=given).json()["id"]
 
 
-def test_a_clone_is_prefilled_and_differences_are_marked(look, learnt, http):
-    text = look(f"/launch?from={learnt}")
-    assert f"Clone campaign {learnt}" in text
-    assert "≠ campaign" not in text
-    changed = look(f"/launch?from={learnt}&seed=5&settings.batch=9")
-    assert f"≠ campaign {learnt} has 0" in changed
-    assert f"≠ campaign {learnt} has 7" in changed
-    assert 'value="9"' in http.get(f"/launch?from={learnt}&settings.batch=9").text
+def test_a_clone_is_prefilled_and_differences_are_marked(check_page, learnt):
+    check_page("dashboard/launch/clone", f"/launch?from={learnt}")
+    changed = f"/launch?from={learnt}&seed=5&settings.batch=9"
+    check_page("dashboard/launch/clone_changed_seed", changed, "part-campaign")
+    check_page("dashboard/launch/clone_changed_batch", changed, "part-method")
 
 
 def test_a_clone_with_another_method_leaves_its_settings_behind(http, learnt):
@@ -311,21 +295,10 @@ def test_a_clone_with_another_method_leaves_its_settings_behind(http, learnt):
     assert '"batch":7' not in html.unescape(BODY.search(page)[1])
 
 
-def test_extending_is_a_new_campaign_and_the_page_says_so(look, learnt, store):
-    text = look(f"/launch?from={learnt}&episodes=80")
-    assert f"Extend campaign {learnt}" in text
-    assert "this form creates a new one" in text
-    assert "cem plans by its budget" in text
-    assert "Once it has ended, a learning method can build on its results." in text
+def test_extending_is_a_new_campaign_and_the_page_says_so(check_page, look, learnt, store):
+    check_page("dashboard/launch/extension", f"/launch?from={learnt}&episodes=80")
     store.campaigns.move(learnt, CampaignState.CANCELLED)
     assert "Use what it learnt, and learn no further." in look(f"/launch?from={learnt}")
-
-
-def test_campaigns_can_be_cloned_extended_and_compared_from_their_pages(http, campaign):
-    text = http.get(f"/campaigns/{campaign}").text
-    assert f'href="/launch?from={campaign}"' in text
-    assert f'href="/launch?from={campaign}&amp;episodes=20"' in text
-    assert f'href="/comparison?campaign={campaign}"' in text
 
 
 def test_an_empty_entry_is_nothing():

@@ -6,9 +6,6 @@ from eigenfail.values import Outcome, Rate, Reproduction
 from eigenfail_api.dashboard.proof import NOT_TRIED, describe_reproduction
 from eigenfail_services.statistics.intervals import rate
 
-HTML = {"Accept": "text/html"}
-BUTTON = "/proof"
-
 
 @pytest.fixture
 def prove(http):
@@ -20,14 +17,6 @@ def prove(http):
         return [scenario["campaign"] for scenario in asked.json()["scenarios"]]
 
     return ask
-
-
-@pytest.fixture
-def pages(http, look, finished):
-    """An analysis of two modes; its page, and the text of that."""
-    analysis = finished(2)
-    address = f"/analyses/{analysis}"
-    return analysis, lambda: http.get(address, headers=HTML).text, lambda: look(address)
 
 
 @pytest.fixture
@@ -51,59 +40,40 @@ def test_replays_are_counted_without_an_interval():
     assert describe_reproduction(Reproduction()) == NOT_TRIED
 
 
-def test_nothing_is_proven_before_somebody_asks(http, look, finished):
-    analysis = finished(2)
-    assert "No proof yet." in look(f"/analyses/{analysis}")
-    html = http.get(f"/analyses/{analysis}", headers=HTML).text
-    assert f'action="/api/v1/analyses/{analysis}{BUTTON}"' in html
-    assert 'data-open="false"' in html
-
-
-def test_a_proof_is_followed_until_its_last_replay(store, pages, prove, replayed):
-    analysis, page, text = pages
-    same, near = prove(analysis, variations=[{}, {"distance_m": 61.0}])
-    assert 'data-open="true"' in page()
-    assert f"/analyses/{analysis}{BUTTON}" not in page()
+def test_a_proof_is_followed_until_its_last_replay(store, finished, check_page, prove, replayed):
+    address = f"/analyses/{finished(2)}"
+    same, near = prove(1, variations=[{}, {"distance_m": 61.0}])
+    check_page("dashboard/proof/begun", address, "proof")
     # Eigenfailures of both modes come first, then their medoids.
     replayed(same, crashed=(0, 2))
-    told = text()
-    assert "4 / 8 replays" in told
-    assert "Eigenfailures, same scenario 1 of 2 Eigenfailures" in told
-    assert "distance_m = 61.0" in told
-    assert "Eigenfailure reproduced 0 of 1 smallest robustness 3.50 m" in told
-    assert "the same 1 eigenfailure ◆ collision 0 −" in told
+    check_page("dashboard/proof/half", address, "proof")
     replayed(near, crashed=())
     for campaign in (same, near):
         store.campaigns.move(campaign, "done")
-    assert "8 / 8 replays, all ended" in text()
-    assert 'data-open="false"' in page()
+    check_page("dashboard/proof/ended", address, "proof")
 
 
-def test_a_replay_that_came_to_nothing_may_be_asked_for_again(http, store, look, finished, prove):
+def test_a_replay_that_came_to_nothing_may_be_asked_for_again(check_page, store, finished, prove):
     analysis = finished(1)
     (only,) = prove(analysis, variations=[{}])
     store.campaigns.move(only, "cancelled")
-    assert "Prove again" in look(f"/analyses/{analysis}")
-    assert f'{BUTTON}"' in http.get(f"/analyses/{analysis}", headers=HTML).text
+    check_page("dashboard/proof/cancelled", f"/analyses/{analysis}", "proof")
 
 
-def test_a_replay_that_could_not_be_run_was_not_tried(pages, prove, deliver, failed, result):
-    analysis, _, text = pages
+def test_a_replay_that_could_not_be_run_was_not_tried(
+    *, check_page, finished, prove, deliver, failed, result
+):
+    analysis = finished(2)
     (only,) = prove(analysis, variations=[{}])
     deliver(only, failed(0), failed(1), result(2, Outcome.COLLISION), result(3))
-    told = text()
-    assert "4 / 4 replays" in told
-    assert "Eigenfailures, same scenario – no replay completed" in told
-    assert "Medoids 1 of 2" in told
+    check_page("dashboard/proof/partly_errored", f"/analyses/{analysis}", "proof")
 
 
-def test_replays_that_all_errored_are_not_shown_as_done(pages, store, prove, deliver, failed):
-    _, page, _ = pages
-    (only,) = prove(pages[0], variations=[{}])
+def test_replays_that_all_errored_are_not_shown_as_done(
+    *, check_page, store, finished, prove, deliver, failed
+):
+    analysis = finished(2)
+    (only,) = prove(analysis, variations=[{}])
     deliver(only, *(failed(index) for index in range(4)))
     store.campaigns.move(only, "done")
-    link = f'<a href="/campaigns/{only}">campaign {only}</a>'
-    cell = page().partition(link)[2].partition("</td>")[0]
-    assert "errored" in cell
-    assert "tone-bad" in cell
-    assert "done" not in cell
+    check_page("dashboard/proof/errored", f"/analyses/{analysis}", "proof")

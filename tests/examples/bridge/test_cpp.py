@@ -4,6 +4,7 @@ import signal
 import subprocess
 from pathlib import Path
 
+import deadlines
 import pytest
 import zmq
 from hypothesis import HealthCheck, given, settings
@@ -60,7 +61,7 @@ def ask(start, stub, patience):
 
         yield run
     started.program.send_signal(signal.SIGTERM)
-    _, told = started.program.communicate(timeout=30)
+    _, told = started.program.communicate(timeout=deadlines.PROCESS_S)
     assert (started.program.returncode, told) == (0, "")
 
 

@@ -1,6 +1,8 @@
 """Two services that cost nothing: stand-ins for its processes, and its API without a socket."""
 
 import json
+import re
+import shlex
 import sys
 from contextlib import closing
 
@@ -143,6 +145,35 @@ def eigenfail(service):
         return CliRunner().invoke(app, given, obj=surroundings, prog_name="eigenfail")
 
     return run
+
+
+UNDER_WAY = re.compile(
+    r"^campaign \d+ \(\w+\) (?:queued|running): .*\n"
+    r"|^.*: (?!(\d+) of \1 )\d+ of \d+ campaigns? over.*\n",
+    re.MULTILINE,
+)
+SPEED = re.compile(r", [\d.,]+ episodes/s(?:, \d+:\d\d:\d\d to go)?")
+"""What a command says of its progress, which depends on the speed of the machine."""
+
+
+@pytest.fixture
+def check_session(eigenfail, golden):
+    """Compares what commands print and their exit codes with a golden file; a mark tells stderr."""
+
+    def check(name, *commands):
+        parts = []
+        for words in commands:
+            done = eigenfail(*words)
+            said = SPEED.sub("", UNDER_WAY.sub("", done.stderr))
+            parts += [
+                f"$ eigenfail {shlex.join(map(str, words))}",
+                done.stdout.rstrip("\n"),
+                *(f"! {line}" for line in said.splitlines()),
+                f"exit code {done.exit_code}\n",
+            ]
+        golden.check(name, "\n".join(part for part in parts if part))
+
+    return check
 
 
 @pytest.fixture

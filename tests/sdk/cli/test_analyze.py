@@ -3,7 +3,6 @@
 import json
 
 import numpy as np
-import pytest
 from msgspec.structs import replace
 
 from eigenfail.presentation.analyses import (
@@ -43,27 +42,14 @@ def test_every_option_reaches_the_analysis(eigenfail, done, spec_file, store):
     assert result["stability"]["resamples"] == 3
 
 
-def test_what_was_found_is_said(eigenfail, done):
-    told = " ".join(eigenfail("analyze", done, "--clusters", 2, "--bootstrap", 2).stdout.split())
-    assert "No distinct modes: " in told
-    assert "Drawn again 2 times, the modes have an adjusted Rand index of " in told
-    assert "noise matters most" in told
-    assert "s before the collision" in told
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--also", 99), "99"),
-        (("--clusterer", "hdbscan", "--clusters", 3), "hdbscan finds the number"),
-        (("--bootstrap", -1), "bootstrap"),
-        (("--clusterer", "ward"), "kmeans"),
-    ],
-)
-def test_wrong_options_are_refused_in_words(eigenfail, done, options, words):
-    refused = eigenfail("analyze", done, *options)
-    assert refused.exit_code == 2
-    assert words in refused.stderr
+def test_wrong_options_are_refused_in_words(check_session, done):
+    wrong = (
+        ("--also", 99),
+        ("--clusterer", "hdbscan", "--clusters", 3),
+        ("--bootstrap", -1),
+        ("--clusterer", "ward"),
+    )
+    check_session("cli/errors/analyze", *(("analyze", done, *options) for options in wrong))
 
 
 def test_an_older_result_has_nothing_more_to_say():

@@ -17,23 +17,13 @@ from eigenfail.cli.render import INTERRUPTED
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.service import Plan
-from eigenfail.presentation.figures import format_number
 from eigenfail.values import CampaignState
 from eigenfail.values.operations import Arrival, Presence, Retention, Staffing
 from eigenfail.versions import versions
 
 
-def test_run_prints_the_result_table(eigenfail, spec_file):
-    done = eigenfail("run", spec_file)
-    assert done.exit_code == 0, done.output
-    lines = [line for line in done.stdout.splitlines() if line.strip() and "─" not in line]
-    header, row, *remark = lines
-    assert header.split()[:4] == ["id", "method", "episodes", "failures"]
-    assert row.split()[:3] == ["1", "monte_carlo", "24"]
-    assert "% [" in row
-    assert " ".join(remark).startswith("Campaign 1: ")
-    assert "ended while braking could not avoid one any more" in " ".join(remark)
-    assert "campaign 1 (monte_carlo) done: 24/24 episodes" in done.stderr
+def test_run_prints_the_result_table(check_session, spec_file):
+    check_session("cli/run", ("run", spec_file))
 
 
 def test_run_as_json_prints_the_summary_and_nothing_else(eigenfail, spec_file):
@@ -62,46 +52,37 @@ def test_the_gate_opens_when_there_was_none(eigenfail, spec_file, store):
 
 
 @pytest.mark.fault("campaign whose every episode errors")
-@pytest.mark.parametrize("gate", [(), ("--gate",)])
 def test_a_campaign_whose_every_episode_errored_exits_with_3_and_says_why(
-    eigenfail, spec_file, gate
+    check_session, eigenfail, spec_file
 ):
     spec_file.write_text(spec_file.read_text().replace('"idm"', '"test_raises"'))
-    run = eigenfail("run", spec_file, *gate)
-    assert run.exit_code == 3
-    assert "campaign 1 (monte_carlo) errored: 24/24 episodes, 0 failures, 24 errored" in run.stderr
-    assert "Campaign 1: All 24 episodes errored, so there is no result." in run.stderr
-    assert "Most frequent reason (planner): " in run.stderr
-    assert "a stranger's bug" in run.stderr
-    assert "eigenfail episode show 1/0" in run.stderr
-    assert "eigenfail episode list 1 --outcome errored" in run.stderr
-    assert "24 episodes errored" in run.stdout
-    assert eigenfail("campaign", "watch", 1).exit_code == 3
-    assert " errored " in eigenfail("campaign", "list").stdout
-    shown = eigenfail("campaign", "show", 1).stdout
-    assert "0 completed of 24, 24 errored" in shown
+    check_session(
+        "cli/errored",
+        ("run", spec_file),
+        ("campaign", "watch", 1),
+        ("campaign", "list"),
+        ("campaign", "show", 1),
+    )
+    assert eigenfail("run", spec_file, "--gate").exit_code == 3
 
 
 @pytest.mark.fault("campaign with a name that the bridge does not know")
-def test_a_campaign_that_the_service_paused_exits_with_3_and_says_why(eigenfail, spec_file, store):
+def test_a_campaign_that_the_service_paused_exits_with_3_and_says_why(
+    check_session, eigenfail, spec_file, store
+):
     eigenfail("campaign", "create", spec_file, "--episodes", 10)
     eigenfail("campaign", "pause", 1)
     assert eigenfail("campaign", "watch", 1).exit_code == 0
     eigenfail("campaign", "resume", 1)
     store.campaigns.move(1, CampaignState.PAUSED, "Worker w can run no episode.")
-    watched = eigenfail("campaign", "watch", 1)
-    assert watched.exit_code == 3
-    assert "Campaign 1 is paused. Worker w can run no episode." in watched.stderr
-    assert "paused Worker w can run no episode." in eigenfail("campaign", "show", 1).stdout
+    check_session("cli/paused", ("campaign", "watch", 1), ("campaign", "show", 1))
 
 
 @pytest.mark.fault("campaign resumed by another release")
-def test_a_campaign_of_two_releases_shows_which_versions_changed(eigenfail, done, store):
-    store.campaigns.begin_part(done, {"eigenfail": "9.9.9"})
-    shown = " ".join(eigenfail("campaign", "show", done).stdout.split())
+def test_a_campaign_of_two_releases_shows_which_versions_changed(check_session, done, store):
     # The played services of this test record no versions, as older releases did not.
-    assert "went on with other versions after 24 results: the earlier release recorded" in shown
-    assert "run it again for evidence" in shown
+    store.campaigns.begin_part(done, {"eigenfail": "9.9.9"})
+    check_session("cli/two_releases", ("campaign", "show", done))
 
 
 @pytest.mark.fault("campaign whose every episode errors")
@@ -115,21 +96,18 @@ def test_errored_episodes_are_found_by_that_word_and_the_old_one(eigenfail, spec
     assert filtered.stdout.split().count("errored") == 20
 
 
-def test_a_gate_does_not_open_on_a_campaign_that_was_cut_short(eigenfail, spec_file, store):
+def test_a_gate_does_not_open_on_a_campaign_that_was_cut_short(
+    check_session, eigenfail, spec_file, store
+):
     eigenfail("campaign", "create", spec_file, "--episodes", 1000)
-    eigenfail("campaign", "cancel", 1)
-    watched = eigenfail("campaign", "watch", 1, "--gate")
+    check_session("cli/cut_short", ("campaign", "cancel", 1), ("campaign", "watch", 1, "--gate"))
     assert store.campaigns.get(1).state == "cancelled"
-    assert watched.exit_code == 3
-    assert "is inconclusive" in watched.stderr
 
 
-def test_a_dead_campaign_says_why(eigenfail, spec_file, store):
+def test_a_dead_campaign_says_why(check_session, eigenfail, spec_file, store):
     eigenfail("campaign", "create", spec_file)
     store.campaigns.move(1, "dead", "Its learner could not go on.")
-    watched = eigenfail("campaign", "watch", 1)
-    assert watched.exit_code == 3
-    assert "Campaign 1 is dead: Its learner could not go on." in watched.stderr
+    check_session("cli/dead", ("campaign", "watch", 1), ("campaign", "resume", 1))
 
 
 def test_the_life_of_a_campaign(eigenfail, spec_file):
@@ -146,28 +124,24 @@ def test_the_life_of_a_campaign(eigenfail, spec_file):
         "cancel": "cancelling",
         "show": "cancelled",
     }
-    again = eigenfail("campaign", "resume", 1)
-    assert again.exit_code == 2
-    assert "Campaign 1 is cancelled" in again.stderr
 
 
-def test_campaigns_are_listed_newest_first(eigenfail, spec_file, done):
-    eigenfail("campaign", "create", spec_file, "--seed", 5)
-    listed = json.loads(eigenfail("campaign", "list", "--json").stdout)
-    assert [campaign["id"] for campaign in listed] == [2, 1]
-    assert len(json.loads(eigenfail("campaign", "list", "--limit", 1, "--json").stdout)) == 1
+def test_campaigns_are_listed_newest_first(check_session, eigenfail, spec_file, done):
+    named = 'name = "[bold red]x[/] <b>"\n' + spec_file.read_text()
+    spec_file.write_text(named)
+    eigenfail("campaign", "create", spec_file, "--episodes", 1000)
     ended = json.loads(eigenfail("campaign", "list", "--state", "done", "--json").stdout)
     assert [campaign["id"] for campaign in ended] == [done]
-    plain = eigenfail("campaign", "list").stdout
-    assert "quick" in plain
-    assert "24/24" in plain
-
-
-def test_a_name_with_markup_is_printed_as_it_is(eigenfail, spec_file):
-    spec_file.write_text('name = "[bold red]x[/] <b>"\n' + spec_file.read_text())
-    eigenfail("campaign", "create", spec_file)
-    assert "[bold red]x[/] <b>" in eigenfail("campaign", "list").stdout
-    assert "[bold red]x[/] <b>" in eigenfail("campaign", "show", 1).stdout
+    check_session(
+        "cli/campaigns",
+        ("campaign", "create", spec_file, "--seed", 5, "--priority", "low"),
+        ("campaign", "list"),
+        ("campaign", "list", "--limit", 1),
+        ("campaign", "show", done),
+        ("campaign", "show", 3),
+        ("campaign", "priority", 2, "high"),
+        ("campaign", "priority", 2, "urgent"),
+    )
 
 
 def test_equal_campaigns_have_equal_digests(eigenfail, spec_file, done):
@@ -179,21 +153,17 @@ def test_equal_campaigns_have_equal_digests(eigenfail, spec_file, done):
     assert json.loads(eigenfail("campaign", "digest", 1, "--json").stdout)["digest"] == digests[0]
 
 
-def test_episodes_are_listed_and_shown(eigenfail, done):
+def test_episodes_are_listed_and_shown(check_session, eigenfail, done):
     rows = json.loads(eigenfail("episode", "list", done, "--limit", 100, "--json").stdout)
     assert [row["index"] for row in rows] == list(range(24))
     crashes = json.loads(
         eigenfail("episode", "list", done, "--outcome", "collision", "--json").stdout
     )
     assert {row["outcome"] for row in crashes} == {"collision"}
-    plain = eigenfail("episode", "list", done).stdout
-    assert f"{done}/0" in plain
-    first = crashes[0]["index"]
-    shown = json.loads(eigenfail("episode", "show", f"{done}/{first}", "--json").stdout)
+    first = f"{done}/{crashes[0]['index']}"
+    shown = json.loads(eigenfail("episode", "show", first, "--json").stdout)
     assert len(shown["noise"]["z"]) == shown["steps"]
-    words = eigenfail("episode", "show", f"{done}/{first}").stdout
-    assert "robustness [m]" in words
-    assert crashes[0]["digest"] in words
+    check_session("cli/episodes", ("episode", "list", done), ("episode", "show", first))
 
 
 def test_episodes_have_a_class_and_lead_times(eigenfail, done):
@@ -204,14 +174,6 @@ def test_episodes_have_a_class_and_lead_times(eigenfail, done):
     assert {row["outcome"] for row in rows[len(severities) :]} == {"safe"}
     classes = {"collision": {"unavoidable", "planner_failure"}, "safe": {"near_miss", "none"}}
     assert all(row["assessed"]["conflict"] in classes[row["outcome"]] for row in rows)
-    assert "planner failure" in eigenfail(*asked).stdout
-    worst = rows[0]
-    shown = eigenfail("episode", "show", f"{done}/{worst['index']}")
-    words = " ".join(shown.stdout.split())
-    lead_s = format_number(worst["assessed"]["ttc_lead_s"])
-    assert f"lead time of TTC [s] {lead_s}" in words
-    assert "class collision, planner failure" in words
-    assert "hard brakings" in words
 
 
 def test_a_campaign_is_shown_with_its_conflicts(eigenfail, done):
@@ -225,24 +187,24 @@ def test_a_campaign_is_shown_with_its_conflicts(eigenfail, done):
     assert f"{sum(leads) / len(leads):.2f} s (n = {len(leads)}) MinTTC" in words
 
 
-def test_a_stored_episode_replays_to_the_same_digest(eigenfail, done):
+def test_a_stored_episode_replays_to_the_same_digest(check_session, eigenfail, done):
     replayed = eigenfail("episode", "replay", f"{done}/3", "--json")
     assert replayed.exit_code == 0, replayed.output
     comparison = json.loads(replayed.stdout)
     assert comparison["same"]
     assert comparison["digest"] == comparison["stored_digest"]
-    assert "bit for bit" in eigenfail("episode", "replay", f"{done}/3").stdout
+    check_session("cli/replay/same", ("episode", "replay", f"{done}/3"))
 
 
-def test_an_episode_without_noise_is_drawn_again_from_its_seed(eigenfail, done, store):
+def test_an_episode_without_noise_is_drawn_again_from_its_seed(
+    check_session, eigenfail, done, store
+):
     stored = json.loads(eigenfail("episode", "replay", f"{done}/3", "--json").stdout)
     assert store.retention.prune(done, Retention(keep_every=2), "test")
     drawn = eigenfail("episode", "replay", f"{done}/3", "--json")
     assert drawn.exit_code == 0, drawn.output
     assert json.loads(drawn.stdout) == stored
-    shown = eigenfail("episode", "show", f"{done}/3")
-    assert shown.exit_code == 2
-    assert f"`eigenfail episode replay {done}/3` draws it again" in shown.stderr
+    check_session("cli/replay/pruned", ("episode", "show", f"{done}/3"))
 
 
 def test_an_episode_that_varies_shows_and_replays_what_it_drew(eigenfail, spec_file):
@@ -258,12 +220,10 @@ def test_an_episode_that_varies_shows_and_replays_what_it_drew(eigenfail, spec_f
     assert 52.0 <= float(drawn[0]) != float(drawn[1]) <= 70.0
 
 
-def test_a_replay_that_differs_exits_with_1(eigenfail, done, monkeypatch):
+def test_a_replay_that_differs_exits_with_1(check_session, done, monkeypatch):
     load = replays.load_engine
     monkeypatch.setattr(replays, "load_engine", lambda: lambda setup: Shifted(load()(setup)))
-    replayed = eigenfail("episode", "replay", f"{done}/3")
-    assert replayed.exit_code == 1
-    assert "DIFFERENT: the versions of the original run are not known" in replayed.stdout
+    check_session("cli/replay/differs", ("episode", "replay", f"{done}/3"))
 
 
 @pytest.mark.parametrize(
@@ -299,29 +259,21 @@ class Shifted:
         self.engine.close()
 
 
-def test_a_replay_without_the_world_says_what_to_install(eigenfail, done, monkeypatch):
+def test_a_replay_without_the_world_says_what_to_install(check_session, done, monkeypatch):
     def missing(group, name):
         raise InvalidValue("engine", "'default' cannot be loaded: No module named 'osqp'.")
 
     monkeypatch.setattr(replays.plugins, "load", missing)
-    replayed = eigenfail("episode", "replay", f"{done}/3")
-    assert replayed.exit_code == 3
-    assert "pip install '.[worker]'" in replayed.stderr
+    check_session("cli/replay/without_world", ("episode", "replay", f"{done}/3"))
 
 
-@pytest.mark.parametrize("wrong", ["3", "a/b", "1/", "/1", "1/-1", "1/2/3", "../etc"])
-def test_an_episode_is_written_with_a_slash(eigenfail, wrong):
-    shown = eigenfail("episode", "show", "--", wrong)
-    assert shown.exit_code == 2
-    assert "CAMPAIGN/INDEX" in shown.stderr
+def test_an_episode_is_written_with_a_slash(check_session):
+    wrong = ("3", "a/b", "1/", "/1", "1/-1", "1/2/3", "../etc")
+    check_session("cli/errors/episode_ids", *(("episode", "show", "--", each) for each in wrong))
 
 
-def test_failures_are_grouped_replayed_and_counted(eigenfail, done, store):
-    told = eigenfail("analyze", done, "--clusters", 2, "--prove")
-    assert told.exit_code == 0, told.output
-    assert "components explain" in told.stdout
-    assert re.search(r"^\d of 2 eigenfailures reproduced a failure", told.stdout, re.MULTILINE)
-    assert "6 of 6 medoids" not in told.stdout.split("in the same scenario.")[0]
+def test_failures_are_grouped_replayed_and_counted(check_session, eigenfail, done, store):
+    check_session("cli/analyze/prove", ("analyze", done, "--clusters", 2, "--prove"))
     replays = store.analyses.replays(1)
     assert [store.campaigns.get(each).counts.completed for each in replays] == [4, 4, 4]
     found = json.loads(eigenfail("analyze", done, "--clusters", 2, "--json").stdout)
@@ -329,7 +281,7 @@ def test_failures_are_grouped_replayed_and_counted(eigenfail, done, store):
     assert found["proof"] is None
 
 
-def test_it_is_said_in_which_scenarios_to_replay(eigenfail, done, store):
+def test_it_is_said_in_which_scenarios_to_replay(check_session, eigenfail, done, store):
     words = ("--prove", "--variation", "distance_m = 55.0", "--variation", "", "--json")
     told = eigenfail("analyze", done, "--clusters", 2, *words)
     proof = json.loads(told.stdout)["proof"]
@@ -339,24 +291,20 @@ def test_it_is_said_in_which_scenarios_to_replay(eigenfail, done, store):
     ]
     assert proof["reproduced"]["rate"]["n"] == 2
     assert proof["medoids"]["rate"]["n"] == 4
-    for wrong in ("distance_m", "distance_m = 1.0", "distance = 55.0"):
-        refused = eigenfail("analyze", done, "--prove", "--variation", wrong)
-        assert refused.exit_code == 2
-        assert refused.stderr.startswith("eigenfail: ")
+    wrong = ("distance_m", "distance_m = 1.0", "distance = 55.0")
+    asked = (("analyze", done, "--prove", "--variation", each) for each in wrong)
+    check_session("cli/errors/variations", *asked)
 
 
-def test_without_failures_there_is_nothing_to_analyse(eigenfail, spec_file, store):
+def test_without_failures_there_is_nothing_to_analyse(check_session, eigenfail, spec_file, store):
     eigenfail("campaign", "create", spec_file)
     store.campaigns.move(1, "cancelled")
-    refused = eigenfail("analyze", 1)
-    assert refused.exit_code == 2
-    assert "cannot be analysed" in refused.stderr
-    assert "none to analyse" in refused.stderr
+    check_session("cli/analyze/nothing", ("analyze", 1))
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
+def test_what_does_not_exist_exits_with_2(check_session):
+    check_session(
+        "cli/errors/unknown_ids",
         ("campaign", "show", 99),
         ("campaign", "pause", 99),
         ("campaign", "digest", 99),
@@ -365,30 +313,15 @@ def test_without_failures_there_is_nothing_to_analyse(eigenfail, spec_file, stor
         ("episode", "show", "99/0"),
         ("episode", "replay", "99/0"),
         ("analyze", 99),
-    ],
-)
-def test_what_does_not_exist_exits_with_2(eigenfail, words):
-    refused = eigenfail(*words)
-    assert refused.exit_code == 2
-    assert refused.stderr.startswith("eigenfail: ")
-    assert "99" in refused.stderr
-    assert refused.stdout == ""
+    )
 
 
-@pytest.mark.parametrize("verb", [("run",), ("campaign", "create")])
-def test_a_wrong_file_is_refused_before_anything_is_asked(eigenfail, spec_file, store, verb):
+def test_a_wrong_file_is_refused_before_anything_is_asked(check_session, spec_file, store):
+    text = spec_file.read_text()
     spec_file.write_text("epsiodes = 3")
-    refused = eigenfail(*verb, spec_file)
-    assert refused.exit_code == 2
-    assert "Did you mean 'episodes'?" in refused.stderr
-    assert store.campaigns.page(10).items == ()
-
-
-def test_an_unknown_method_is_refused_by_the_service(eigenfail, spec_file, store):
-    spec_file.write_text(spec_file.read_text().replace("monte_carlo", "monte_calro"))
-    refused = eigenfail("run", spec_file)
-    assert refused.exit_code == 2
-    assert "Did you mean 'monte_carlo'?" in refused.stderr
+    check_session("cli/errors/field", ("run", spec_file), ("campaign", "create", spec_file))
+    spec_file.write_text(text.replace("monte_carlo", "monte_calro"))
+    check_session("cli/errors/method", ("run", spec_file))
     assert store.campaigns.page(10).items == ()
 
 
@@ -410,15 +343,13 @@ def test_ctrl_c_pauses_the_campaign_and_says_how_to_go_on(eigenfail, spec_file, 
     assert store.campaigns.get(1).counts.completed == 24
 
 
-def test_nobody_there_exits_with_3_and_the_remedy(eigenfail, service, monkeypatch):
+def test_nobody_there_exits_with_3_and_the_remedy(check_session, service, monkeypatch):
     def refuse(request):
         raise httpx2.ConnectError("refused")
 
     monkeypatch.setattr(service, "handle_request", refuse)
-    refused = eigenfail("campaign", "list", "--url", "http://127.0.0.1:1")
-    assert refused.exit_code == 3
-    assert "eigenfail up" in refused.stderr
-    assert refused.stdout == ""
+    words = ("campaign", "list", "--url")
+    check_session("cli/errors/address", (*words, "http://127.0.0.1:1"), (*words, "http://[::"))
 
 
 def test_run_on_an_address_where_nobody_is_starts_nothing(eigenfail, spec_file, service, tmp_path):
@@ -428,12 +359,6 @@ def test_run_on_an_address_where_nobody_is_starts_nothing(eigenfail, spec_file, 
     assert refused.exit_code == 3
     assert "No eigenfail service answers at http://127.0.0.1:1" in refused.stderr
     assert not data.exists()
-
-
-def test_what_is_no_address_is_refused(eigenfail):
-    refused = eigenfail("campaign", "list", "--url", "http://[::")
-    assert refused.exit_code == 2
-    assert "is not an address" in refused.stderr
 
 
 def test_the_doctor_finds_what_is_there(eigenfail, tmp_path):
@@ -507,15 +432,3 @@ def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
     found = SimpleNamespace(name=source)
     context = SimpleNamespace(get_parameter_source=lambda _: found)
     assert list(places_module._list_addresses(context, Plan(tmp_path, 0))) == places
-
-
-def test_a_priority_is_given_shown_and_changed(eigenfail, spec_file, store):
-    launched = eigenfail("campaign", "create", spec_file, "--priority", "low", "--quiet")
-    number = int(launched.stdout)
-    assert store.campaigns.get(number).spec.priority == "low"
-    changed = eigenfail("campaign", "priority", number, "high")
-    assert changed.exit_code == 0, changed.output
-    assert re.search(r"priority +high", eigenfail("campaign", "show", number).stdout)
-    refused = eigenfail("campaign", "priority", number, "urgent")
-    assert refused.exit_code == 2
-    assert "low" in refused.stderr

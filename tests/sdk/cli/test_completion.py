@@ -5,6 +5,7 @@ import sys
 import time
 from pathlib import Path
 
+import deadlines
 import pytest
 import shellingham
 from typer.testing import CliRunner
@@ -104,7 +105,7 @@ def test_a_daemon_gets_the_script_of_the_shell_that_it_names(tmp_path):
     asked = (str(program), "--show-completion", "bash")
     command = [sys.executable, "-c", DAEMON, str(answer), *asked]
     subprocess.run(command, check=True)
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + deadlines.PROCESS_S
     while not answer.exists():
         assert time.monotonic() < deadline, "the daemon does not answer"
         time.sleep(0.05)

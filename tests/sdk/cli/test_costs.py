@@ -53,6 +53,5 @@ def test_it_costs_what_it_found(done, costs, store):
     assert found.curve[-1].usd == pytest.approx(found.cost.total_usd)
 
 
-def test_what_does_not_exist_exits_with_2(eigenfail, done):
-    assert eigenfail("campaign", "cost", done, 99).exit_code == 2
-    assert eigenfail("campaign", "cost").exit_code == 2
+def test_what_does_not_exist_exits_with_2(check_session, done):
+    check_session("cli/errors/cost", ("campaign", "cost", done, 99), ("campaign", "cost"))

@@ -8,23 +8,16 @@ from eigenfail.cli.specs import parse_changes
 from eigenfail.errors import InvalidValue
 
 
-def test_a_check_prints_all_that_it_would_be_and_launches_nothing(eigenfail, spec_file, store):
-    done = eigenfail("campaign", "check", spec_file, "--episodes", 7)
-    assert done.exit_code == 0, done.output
-    assert "It can be launched, as:" in done.stdout
-    assert "  settings.round_size = " in done.stdout
-    assert "  episodes = 7" in done.stdout
+def test_a_check_prints_all_that_it_would_be_and_launches_nothing(check_session, spec_file, store):
+    check_session("cli/check/valid", ("campaign", "check", spec_file, "--episodes", 7))
     assert store.campaigns.page(1).items == ()
 
 
-def test_a_check_prints_every_problem_and_fails(eigenfail, spec_file):
+def test_a_check_prints_every_problem_and_fails(check_session, eigenfail, spec_file):
     text = spec_file.read_text().replace("name", "# name")
     wrong = '\n[stop]\ncost_usd = 1.0\n[scenario_parameters]\ndistance_m = 9.0\nbogus = "[b]x"\n'
     spec_file.write_text(text + wrong)
-    done = eigenfail("campaign", "check", spec_file)
-    assert done.exit_code == 2
-    assert "scenario_parameters.distance_m" in done.stdout
-    assert "'bogus' is not known" in done.stdout
+    check_session("cli/check/problems", ("campaign", "check", spec_file))
     found = json.loads(eigenfail("campaign", "check", spec_file, "--json").stdout)
     assert len(found["problems"]) == 2
 
@@ -42,10 +35,10 @@ def test_a_clone_has_other_values(eigenfail, done, store):
     assert made.planner == store.campaigns.get(done).spec.planner
 
 
-def test_what_cannot_be_is_refused(eigenfail, done):
-    assert eigenfail("campaign", "clone", done, "--set", "seed").exit_code == 2
-    assert eigenfail("campaign", "clone", done, "--set", "seed=-1").exit_code == 2
-    assert eigenfail("campaign", "clone", 99).exit_code == 2
+def test_what_cannot_be_is_refused(check_session, done):
+    clone = ("campaign", "clone")
+    wrong = ((done, "--set", "seed"), (done, "--set", "seed=-1"), (99,))
+    check_session("cli/errors/clone", *((*clone, *each) for each in wrong))
 
 
 def test_values_are_read_as_what_they_look_like():

@@ -1,7 +1,6 @@
 """`eigenfail episode explain`: the verdict, the table, the story."""
 
 import json
-import re
 
 import numpy as np
 import pytest
@@ -27,6 +26,7 @@ from eigenfail.values.records import Delivery
 SIGN = np.where((np.arange(100) // 20) % 2 == 0, 2.0, -2.0)
 WAVE = np.stack([SIGN, 0.0 * SIGN], axis=1).astype(np.float32)
 NOTHING = np.zeros((0, 2), np.float32)
+LATER = ("--from", 2, "--every", 20)
 
 
 @pytest.fixture
@@ -51,17 +51,8 @@ def ending(crashed):
     return f"After {0.1 * crashed.steps:.1f} s collision: severity {severity:.1f} m²/s²."
 
 
-def test_it_begins_with_the_verdict_and_ends_with_the_story(eigenfail, crash, store):
-    told = eigenfail("episode", "explain", crash)
-    assert told.exit_code == 0, told.output
-    lines = [line.strip() for line in told.stdout.splitlines() if line.strip()]
-    assert lines[0].startswith("This explanation comes from a replay")
-    stored = store.episodes.get(1, 3)
-    assert stored.digest() in lines[0]
-    assert "true gap" in lines[1]
-    lost = r"At \d\.\d s a track was lost; the true gap: \d+ m, closing at \d+\.\d m/s\."
-    assert any(re.fullmatch(lost, line) for line in lines)
-    assert lines[-1] == ending(stored)
+def test_it_begins_with_the_verdict_and_ends_with_the_story(check_session, crash):
+    check_session("cli/explain/collision", ("episode", "explain", crash, *LATER))
 
 
 def test_as_json_it_has_every_step(eigenfail, crash, store):
@@ -79,21 +70,15 @@ def test_a_window_shows_fewer_steps_and_the_whole_story(eigenfail, crash, store)
     assert told["story"][-1] == ending(store.episodes.get(1, 3))
 
 
-def test_a_planner_that_explains_nothing_is_said_to(eigenfail, done):
-    told = eigenfail("episode", "explain", f"{done}/3")
-    assert told.exit_code == 0, told.output
-    assert "The planner 'idm' provides no explanation" in told.stdout
-    assert "candidate" not in told.stdout
-    assert "acceleration" in told.stdout
+def test_a_planner_that_explains_nothing_is_said_to(check_session, done):
+    asked = ("episode", "explain", f"{done}/3", "--every", 10)
+    check_session("cli/explain/without_explanation", asked)
 
 
-def test_another_result_exits_with_1_and_says_so(eigenfail, crash, monkeypatch):
+def test_another_result_exits_with_1_and_says_so(check_session, crash, monkeypatch):
     load = replays.load_here
     monkeypatch.setattr(replays, "load_here", lambda group: mirrored(load(group)))
-    told = eigenfail("episode", "explain", crash)
-    assert told.exit_code == 1
-    assert told.stdout.startswith("DIFFERENT: the replay (safe, digest ")
-    assert "No collision" in told.stdout
+    check_session("cli/explain/differs", ("episode", "explain", crash, *LATER))
 
 
 def mirrored(explain):
@@ -103,20 +88,16 @@ def mirrored(explain):
     )
 
 
-def test_an_episode_that_never_ran_has_nothing_to_explain(eigenfail, crash):
-    told = eigenfail("episode", "explain", "1/4")
-    assert told.exit_code == 2
-    assert "Three workers were lost" in told.stderr
+def test_an_episode_that_never_ran_has_nothing_to_explain(check_session, crash):
+    check_session("cli/explain/never_ran", ("episode", "explain", "1/4"))
 
 
-def test_without_the_world_it_says_what_to_install(eigenfail, crash, monkeypatch):
+def test_without_the_world_it_says_what_to_install(check_session, crash, monkeypatch):
     def missing(group, name):
         raise InvalidValue("explainer", "'default' cannot be loaded: No module named 'osqp'.")
 
     monkeypatch.setattr(replays.plugins, "load", missing)
-    told = eigenfail("episode", "explain", crash)
-    assert told.exit_code == 3
-    assert "pip install '.[worker]'" in told.stderr
+    check_session("cli/explain/without_world", ("episode", "explain", crash))
 
 
 def result(outcome, **more):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import deadlines
 import psutil
 import pytest
 
@@ -46,7 +47,7 @@ def start(tmp_path):
     for process in started:
         if process.poll() is None:
             process.terminate()
-        process.communicate(timeout=30)
+        process.communicate(timeout=deadlines.PROCESS_S)
 
 
 @pytest.fixture
@@ -69,7 +70,7 @@ def owner(data):
 
 def test_run_starts_what_is_missing_and_leaves_nothing(start, spec_file, data):
     process = start("run", spec_file, "--data", data, "--json", "--workers", 1)
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=deadlines.PROCESS_S)
     assert process.returncode == 0, err
     assert json.loads(out)["counts"]["completed"] == 24
     assert find_marked(owner(data)) == []
@@ -87,18 +88,18 @@ def test_run_uses_the_service_of_the_folder_and_ctrl_c_pauses(start, up, spec_fi
         seen = run.stderr.readline()
         assert seen
     run.send_signal(signal.SIGINT)
-    _, err = run.communicate(timeout=60)
+    _, err = run.communicate(timeout=deadlines.PROCESS_S)
     assert run.returncode == 130
     assert "Campaign 1 is paused after" in err
     assert "eigenfail campaign resume 1" in err
 
     replayed = start("episode", "replay", "1/0", "--url", address["url"])
-    assert replayed.wait(timeout=60) == 0
+    assert replayed.wait(timeout=deadlines.PROCESS_S) == 0
 
     worker.send_signal(signal.SIGTERM)
-    assert worker.wait(timeout=30) == 0
+    assert worker.wait(timeout=deadlines.PROCESS_S) == 0
     service.send_signal(signal.SIGTERM)
-    assert service.wait(timeout=30) == 0
+    assert service.wait(timeout=deadlines.PROCESS_S) == 0
     assert find_marked(owner(data)) == []
 
 
@@ -111,7 +112,7 @@ def test_up_notices_that_a_part_was_killed(up, data):
         if "eigenfail_services" in process.cmdline()
     ]
     services.kill()
-    _, err = service.communicate(timeout=30)
+    _, err = service.communicate(timeout=deadlines.PROCESS_S)
     assert service.returncode == 3
     assert "The services process ended by itself (exit code -9)" in err
     assert "Traceback" not in err

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import deadlines
 import psutil
 import pytest
 
@@ -142,7 +143,7 @@ def test_what_a_killed_command_line_left_is_ended_by_the_next_one(stand_ins, pla
         env=os.environ | {OWNER_MARK: owner(plan)},
     )
     with local_service.local_service(plan):
-        assert left.wait(timeout=5) == -signal.SIGKILL
+        assert left.wait(timeout=deadlines.PROCESS_S) == -signal.SIGKILL
 
 
 @pytest.mark.fault("services killed together with their command line")

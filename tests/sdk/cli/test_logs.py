@@ -3,12 +3,13 @@
 import sys
 import time
 
+import deadlines
 import pytest
 
 from eigenfail.hosting import processes
 from eigenfail.hosting.processes import Log, ServicePart, rotate_regularly, stop_parts
 
-PATIENCE_S = 60.0
+PATIENCE_S = deadlines.PROCESS_S
 
 WRITER = """
 import os, subprocess, sys, time

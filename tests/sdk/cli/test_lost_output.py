@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import deadlines
 import psutil
 import pytest
 
@@ -13,7 +14,7 @@ pytestmark = pytest.mark.service
 
 PROGRAM = [sys.executable, "-c", "from eigenfail.cli.main import main; main()"]
 FULL = Path("/dev/full")
-PATIENCE_S = 120.0
+PATIENCE_S = deadlines.PROCESS_S
 LINES = [["--version"], ["--help"], ["doctor", "--json"], ["db", "current"]]
 
 

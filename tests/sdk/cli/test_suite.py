@@ -26,31 +26,21 @@ def rows(printed):
     return [line.split() for line in printed.splitlines()[2:]]
 
 
-def test_a_suite_is_run_and_shown_as_one_table(eigenfail, suite_file):
-    run = eigenfail("suite", "run", suite_file)
-    assert run.exit_code == 0, run.output
-    header, _, *table = run.stdout.splitlines()
-    assert header.split()[:5] == ["member", "state", "id", "method", "episodes"]
-    assert "failure rate [95 %]" in header
-    found = [row[:5] for row in map(str.split, table[:3])]
-    assert found == [[f"seed={n}", "done", f"{n}", "monte_carlo", "12"] for n in (1, 2, 3)]
-    assert "seeds: 3 of 3 campaigns over: 36/36 episodes" in run.stderr
-    assert "\x1b" not in run.stdout + run.stderr
-    assert eigenfail("suite", "show", suite_file).stdout == run.stdout
+def test_a_suite_is_run_and_shown_as_one_table(check_session, eigenfail, suite_file):
+    run = ("suite", "run", suite_file)
+    check_session("cli/suite/run", run, ("suite", "list"), ("suite", "show", "seeds"))
+    shown = eigenfail("suite", "show", suite_file)
+    assert "\x1b" not in shown.stdout
+    assert shown.stdout == eigenfail(*run).stdout
+    told = json.loads(eigenfail("suite", "show", "seeds", "--json").stdout)
+    assert (told["suite"], told["columns"], told["earlier"]) == ("seeds", ["seed"], 0)
 
 
 @pytest.mark.fault("campaign whose every episode errors")
-def test_a_suite_with_an_errored_member_exits_with_3_and_says_why(eigenfail, suite_file):
+def test_a_suite_with_an_errored_member_exits_with_3_and_says_why(check_session, suite_file):
     grid = suite_file.read_text().replace('planner = "idm"\n', "").replace("[1, 2, 3]", "[1]")
     suite_file.write_text(f'{grid}planner = ["idm", "test_raises"]\n')
-    run = eigenfail("suite", "run", suite_file)
-    assert run.exit_code == 3, run.output
-    assert "All 12 episodes errored" in run.stderr
-    assert "run the suite under a different name" in run.stderr
-    assert "a stranger's bug" in run.stderr
-    states = [row.split()[2] for row in run.stdout.splitlines()[2:4]]
-    assert states == ["done", "errored"]
-    assert "1 done, 1 errored" in " ".join(eigenfail("suite", "list").stdout.split())
+    check_session("cli/suite/errored", ("suite", "run", suite_file), ("suite", "list"))
 
 
 def test_run_again_it_does_nothing_twice(eigenfail, suite_file, store):
@@ -72,22 +62,17 @@ def test_a_client_that_was_killed_goes_on(eigenfail, suite_file, service, store)
     assert {member["summary"]["counts"]["completed"] for member in members} == {12}
 
 
-def test_a_dry_run_tells_the_budget_and_creates_nothing(eigenfail, suite_file, store):
-    dry = eigenfail("suite", "run", suite_file, "--dry-run")
-    assert dry.exit_code == 0
-    assert "seeds: 3 campaigns, 36 episodes in all" in dry.stdout
-    plan = json.loads(eigenfail("suite", "run", suite_file, "--dry-run", "--json").stdout)
+def test_a_dry_run_tells_the_budget_and_creates_nothing(
+    check_session, eigenfail, suite_file, store
+):
+    dry = ("suite", "run", suite_file, "--dry-run")
+    check_session("cli/suite/before", dry, ("suite", "show", suite_file), ("suite", "show", "no"))
+    plan = json.loads(eigenfail(*dry, "--json").stdout)
     assert (plan["suite"], plan["campaigns"], plan["episodes"]) == ("seeds", 3, 36)
     assert plan["members"][2]["spec"]["seed"] == 3
-    assert store.campaigns.page(10).items == ()
-
-
-def test_before_it_runs_the_table_holds_dashes(eigenfail, suite_file):
-    shown = eigenfail("suite", "show", suite_file)
-    assert shown.exit_code == 0
-    assert rows(shown.stdout)[0] == ["seed=1", *"–" * 10]
     members = json.loads(eigenfail("suite", "show", suite_file, "--json").stdout)["members"]
     assert members[0] == {"name": "seed=1", "state": None, "stopped_because": "", "summary": None}
+    assert store.campaigns.page(10).items == ()
 
 
 def test_ctrl_c_pauses_all_and_the_same_command_goes_on(eigenfail, suite_file, service, store):
@@ -129,21 +114,12 @@ method = "monte_carlo"
 """
 
 
-def test_a_member_runs_behind_the_one_that_it_names(eigenfail, suite_file, store):
+def test_a_member_runs_behind_the_one_that_it_names(check_session, eigenfail, suite_file, store):
     suite_file.write_text(CHAIN)
     assert eigenfail("suite", "run", suite_file, "--dry-run").exit_code == 0
-    run = eigenfail("suite", "run", suite_file)
-    assert run.exit_code == 0, run.output
-    *members, note = rows(run.stdout)
-    assert " ".join(note).startswith("A rate without an interval is a share of the episodes")
-    assert [row[:5] for row in members] == [
-        ["again", "done", "2", "replay", "2"],
-        ["searched", "done", "1", "monte_carlo", "12"],
-    ]
+    check_session("cli/suite/chain", ("suite", "run", suite_file))
     assert store.campaigns.get(2).spec.settings["campaign"] == 1
-    assert "seeds: 2 of 2 campaigns over: 14/14 episodes" in run.stderr
-    again = eigenfail("suite", "run", suite_file)
-    assert again.stdout == run.stdout
+    eigenfail("suite", "run", suite_file)
     assert len(store.campaigns.page(10).items) == 2
 
 
@@ -171,7 +147,7 @@ def test_the_gate_closes_if_any_member_found_failures(eigenfail, suite_file):
     assert eigenfail("suite", "run", suite_file, "--gate").exit_code == 1
 
 
-def test_a_dead_member_is_service_trouble_after_the_table(eigenfail, suite_file, store, service):
+def test_a_dead_member_is_service_trouble_after_the_table(check_session, suite_file, service):
     class Deadly(type(service)):
         def run_some(self, campaign):
             if campaign.id == 2:
@@ -180,25 +156,20 @@ def test_a_dead_member_is_service_trouble_after_the_table(eigenfail, suite_file,
                 super().run_some(campaign)
 
     service.__class__ = Deadly
-    run = eigenfail("suite", "run", suite_file, "--gate")
-    assert run.exit_code == 3
-    assert "Campaign 2 is dead: The learner ended." in run.stderr
-    assert rows(run.stdout)[1][:3] == ["seed=2", "dead", "2"]
+    check_session("cli/suite/dead", ("suite", "run", suite_file, "--gate"))
 
 
 @pytest.mark.parametrize(
-    ("varied", "words"),
+    ("name", "varied"),
     [
-        ("seed = []", "has no values"),
-        ("sede = [1]", "Did you mean 'seed'?"),
-        ('planner = ["rulebok"]', "Did you mean 'rulebook'?"),
+        ("no_values", "seed = []"),
+        ("field", "sede = [1]"),
+        ("planner", 'planner = ["rulebok"]'),
     ],
 )
-def test_what_is_wrong_in_a_suite_exits_with_2(eigenfail, suite_file, store, varied, words):
+def test_what_is_wrong_in_a_suite_exits_with_2(check_session, suite_file, store, name, varied):
     suite_file.write_text(suite_file.read_text().replace("seed = [1, 2, 3]", varied))
-    refused = eigenfail("suite", "run", suite_file)
-    assert refused.exit_code == 2
-    assert words in refused.stderr
+    check_session(f"cli/errors/suite_{name}", ("suite", "run", suite_file))
     assert store.campaigns.page(10).items == ()
 
 
@@ -209,20 +180,6 @@ def test_people_see_one_bar(eigenfail, suite_file, monkeypatch):
     assert "3 of 3 campaigns over" in run.stderr
     assert "36/36" in run.stderr
     assert run.stdout.startswith("{")
-
-
-def test_suites_of_a_service_are_listed_and_shown_by_their_names(eigenfail, suite_file):
-    assert eigenfail("suite", "run", suite_file).exit_code == 0
-    listed = eigenfail("suite", "list")
-    assert rows(listed.stdout) == [["seeds", "3", "done", "3", "36/36", "10"]], listed.output
-    shown = eigenfail("suite", "show", "seeds")
-    header, _, *table = shown.stdout.splitlines()
-    assert header.split()[:4] == ["member", "state", "seed", "id"]
-    assert [row.split()[:4] for row in table[:3]] == [
-        [f"seed={n}", "done", f"{n}", f"{n}"] for n in (1, 2, 3)
-    ]
-    told = json.loads(eigenfail("suite", "show", "seeds", "--json").stdout)
-    assert (told["suite"], told["columns"], told["earlier"]) == ("seeds", ["seed"], 0)
 
 
 def test_settings_that_a_member_leaves_out_are_the_default(eigenfail, tmp_path):
@@ -237,17 +194,9 @@ def test_settings_that_a_member_leaves_out_are_the_default(eigenfail, tmp_path):
     assert ["default" in row.split() for row in table] == [True, False]
 
 
-def test_a_suite_that_the_service_does_not_know_is_an_error(eigenfail):
-    shown = eigenfail("suite", "show", "nobody")
-    assert shown.exit_code == 2
-    assert "eigenfail suite list" in shown.stderr
-
-
-def test_no_member_is_created_unless_all_can_be(eigenfail, suite_file, store):
+def test_no_member_is_created_unless_all_can_be(check_session, suite_file, store):
     more = '[[campaigns]]\nname = "odd"\nmethod = "cem"\nsettings.rounds = 1\n'
     suite_file.write_text(suite_file.read_text().replace("[grid]\nseed = [1, 2, 3]\n", more))
     suite_file.write_text(suite_file.read_text() + '[[campaigns]]\nname = "even"\n')
-    refused = eigenfail("suite", "run", suite_file)
-    assert refused.exit_code == 2
-    assert "member 'odd': settings: 'rounds' is not known." in refused.stderr
+    check_session("cli/errors/suite_member", ("suite", "run", suite_file))
     assert store.campaigns.page(1).items == ()

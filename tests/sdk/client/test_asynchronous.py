@@ -6,6 +6,7 @@ import threading
 from contextlib import aclosing
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+import deadlines
 import httpx2
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from eigenfail.client import asynchronous
 from eigenfail.errors import NotFound, UnknownName
 
 FOREVER_S = 3600.0
-WITHIN_S = 20.0
+WITHIN_S = deadlines.PROCESS_S
 
 
 @pytest.fixture

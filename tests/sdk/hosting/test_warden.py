@@ -5,12 +5,13 @@ import signal
 import subprocess
 import sys
 
+import deadlines
 import psutil
 import pytest
 
 from eigenfail.hosting.processes import OWNER_MARK, guard_owner, remove_afterwards
 
-WITHIN_S = 20.0
+WITHIN_S = deadlines.PROCESS_S
 
 pytestmark = pytest.mark.service
 

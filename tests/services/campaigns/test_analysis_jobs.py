@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 
+import deadlines
 import msgspec
 import psutil
 import pytest
@@ -341,7 +342,9 @@ def test_a_thread_that_a_planner_left_behind_does_not_keep_the_process(
     store.analyses.create(campaign(store, 3), QUICK)
     script = LINGERING.format(found=found)
     command = [sys.executable, "-c", script, url]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    ended = subprocess.run(
+        command, capture_output=True, text=True, timeout=deadlines.PROCESS_S, check=False
+    )
     assert ended.returncode == status, ended.stderr
     assert told in store.analyses.get(1).problem
     store.close()
@@ -437,7 +440,7 @@ def lives(process: psutil.Process) -> bool:
 
 
 def until(problem: str, holds) -> None:
-    deadline_s = time.monotonic() + 60.0
+    deadline_s = time.monotonic() + deadlines.PROCESS_S
     while not holds():
         assert time.monotonic() < deadline_s, problem
         time.sleep(0.01)

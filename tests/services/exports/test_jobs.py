@@ -6,6 +6,7 @@ import stat
 import threading
 import time
 
+import deadlines
 import pytest
 
 from eigenfail.errors import NotFound, ServiceError
@@ -15,7 +16,7 @@ from eigenfail_services import export_jobs
 from eigenfail_services.export_jobs import ExportJobs, find_export_folder
 from eigenfail_services.store import open_store
 
-WITHIN_S = 20.0
+WITHIN_S = deadlines.PROCESS_S
 JOIN_S = 0.2
 """Enough for a thread that nothing holds."""
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
+import deadlines
 import pytest
 import zmq
 from structlog.testing import capture_logs
@@ -25,7 +26,7 @@ from eigenfail_services.store import open_store
 from eigenfail_workers.worker import hub_connection
 from eigenfail_workers.worker.hub_connection import HubConnection
 
-PATIENCE_S = 60.0
+PATIENCE_S = deadlines.PROCESS_S
 SILENCE_MS = 500
 GREETING_BYTES = 64
 """What every ZeroMQ says first, whoever it is that connects."""

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 
+import deadlines
 import pytest
 import zmq
 from store_checks.examples import running
@@ -17,7 +18,7 @@ from eigenfail_services.store import open_store
 
 pytestmark = pytest.mark.service
 
-DEADLINE_S = 60.0
+DEADLINE_S = deadlines.PROCESS_S
 EPISODES = 4
 
 

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import deadlines
 import psutil
 import pytest
 
@@ -11,7 +12,7 @@ from eigenfail.wire.messages import Stop
 from eigenfail_services.hub import learner_link
 from eigenfail_services.hub.learner_link import LearnerLink
 
-WITHIN_S = 120.0
+WITHIN_S = deadlines.PROCESS_S
 
 pytestmark = pytest.mark.service
 

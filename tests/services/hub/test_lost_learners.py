@@ -12,6 +12,7 @@ from itertools import count
 from math import nan
 from pathlib import Path
 
+import deadlines
 import numpy as np
 import psutil
 import pytest
@@ -49,7 +50,7 @@ pytestmark = pytest.mark.service
 
 LIMIT_S = 5.0
 MEMORY_MIB = 400.0
-DEADLINE_S = 120.0
+DEADLINE_S = deadlines.PROCESS_S
 UNMEASURED = 3
 """Every third result has measures that are none: what is stored of it has no measures at all."""
 

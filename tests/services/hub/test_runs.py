@@ -4,6 +4,7 @@ import sys
 from collections import deque
 from math import inf, nan
 
+import deadlines
 import msgspec
 import numpy as np
 import pytest
@@ -310,7 +311,7 @@ def mute(keys: list[str], monkeypatch: pytest.MonkeyPatch) -> LearnerLink:
 
 
 @pytest.mark.service
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(deadlines.TEST_S)
 def test_a_learner_that_never_connects_keeps_nobody_waiting(mute: LearnerLink) -> None:
     for _ in range(3):
         mute.send(Observed(()))

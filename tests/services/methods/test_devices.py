@@ -6,6 +6,7 @@ That torch sees a GPU is pretended, as no test may need one; nothing here touche
 import time
 from contextlib import ExitStack, closing
 
+import deadlines
 import numpy as np
 import pytest
 import torch
@@ -21,7 +22,7 @@ from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.store import open_store
 
 EPISODES, HORIZON = 100, 5
-DEADLINE_S = 120.0
+DEADLINE_S = deadlines.PROCESS_S
 QUICK = {"first_steps": 5, "steps": 5, "initial_share": 0.2, "round_size": 20}
 NO_GPU = "settings.device: cuda is asked for, and torch finds no GPU where the learner runs."
 

@@ -13,6 +13,7 @@ from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 
+import deadlines
 import psycopg
 import pytest
 from sqlalchemy import text
@@ -29,7 +30,7 @@ from eigenfail_services.upkeep.verify import verify
 
 pytestmark = pytest.mark.service
 
-PATIENCE_S = 120.0
+PATIENCE_S = deadlines.PROCESS_S
 ENOUGH = 640
 """Results committed before the backup is begun."""
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from threading import Event, Thread
 from types import SimpleNamespace
 
+import deadlines
 import pytest
 from sqlalchemy import make_url
 from store_checks.examples import deliver, running
@@ -22,7 +23,7 @@ from eigenfail_services.campaigns import supervisor
 from eigenfail_services.store import Store, open_store
 from eigenfail_services.upkeep.verify import verify
 
-PATIENCE_S = 60.0
+PATIENCE_S = deadlines.PROCESS_S
 CHUNK = 65_536
 COMMIT = b"COMMIT\0"
 PORT = ".s.PGSQL.5432"

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
+import deadlines
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -365,7 +366,7 @@ def test_a_file_without_permissions_is_noticed_by_health() -> None:
             capture_output=True,
             text=True,
             check=False,
-            timeout=120,
+            timeout=deadlines.PROCESS_S,
         )
     assert done.returncode == 7, done.stderr
     assert "may no longer be read and written" in done.stdout

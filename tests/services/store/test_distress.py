@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
+import deadlines
 import pytest
 from store_checks.examples import deliver, running
 
@@ -22,7 +23,7 @@ from eigenfail_services.upkeep.verify import verify
 
 pytestmark = pytest.mark.service
 
-PATIENCE_S = 120.0
+PATIENCE_S = deadlines.PROCESS_S
 
 CUT = "SELECT pg_terminate_backend(pid, 60000) FROM pg_stat_activity WHERE datname = '{}'"
 """Returns when the connections are gone."""

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
+import deadlines
 import pytest
 from store_checks.crowds import at_once
 from store_checks.jobs import waited_for
@@ -21,7 +22,7 @@ pytestmark = pytest.mark.service
 
 Answer = TypeVar("Answer")
 
-PATIENCE_S = 300.0
+PATIENCE_S = deadlines.CAMPAIGN_S
 MOST_TURNS = 2_000
 """Of another writer, while one waits for four of its own: more would be starving."""
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
+import deadlines
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -125,7 +126,7 @@ with Database(find_backend(sys.argv[1])).writing() as connection:
 
 
 @pytest.mark.fault("SIGSTOP of the services")
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(deadlines.TEST_S)
 def test_who_stands_still_as_it_hands_over_rows_holds_nobody_up(prepared_postgres_url, store):
     """It is not between two statements: only the whole change has a limit there."""
     campaign = running(store)
@@ -149,7 +150,7 @@ def test_an_earlier_event_never_appears_after_a_later_one(database, store) -> No
             time.sleep(0.3)
             assert not quick.done()
             assert store.events.after(0, 10) == []
-        assert quick.result(10).id == slow.id + 1
+        assert quick.result(deadlines.PROCESS_S).id == slow.id + 1
     assert [event.message for event in store.events.after(0, 10)] == ["slow", "quick"]
 
 
@@ -167,7 +168,7 @@ def test_a_mover_waits_for_a_commit_and_loses_none_of_it(database, store) -> Non
             move = pool.submit(store.campaigns.move, campaign.id, CampaignState.DONE)
             time.sleep(0.3)
             assert not move.done()
-        assert move.result(10).state is CampaignState.DONE
+        assert move.result(deadlines.PROCESS_S).state is CampaignState.DONE
 
 
 def test_no_analysis_begins_while_its_campaign_loses_noise(database, store) -> None:
@@ -178,7 +179,7 @@ def test_no_analysis_begins_while_its_campaign_loses_noise(database, store) -> N
             analysis = pool.submit(store.analyses.create, campaign.id, AnalysisSettings())
             time.sleep(0.3)
             assert not analysis.done()
-        assert analysis.result(10).campaign == campaign.id
+        assert analysis.result(deadlines.PROCESS_S).campaign == campaign.id
 
 
 def test_a_claimed_row_holds_up_nobody_else(database, store) -> None:

@@ -8,6 +8,8 @@ from functools import partial
 from threading import Barrier
 from typing import TypeVar
 
+import deadlines
+
 from eigenfail.errors import IllegalTransition
 from eigenfail.testing import expect
 from eigenfail.testing.examples import result, spec
@@ -18,7 +20,7 @@ from store_checks.examples import deliver, equal, running
 
 CROWD = 8
 EACH = 12
-PATIENCE_S = 300.0
+PATIENCE_S = deadlines.CAMPAIGN_S
 """Nobody waits as long, not even on a busy machine."""
 
 Answer = TypeVar("Answer")

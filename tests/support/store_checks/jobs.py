@@ -2,6 +2,8 @@
 
 import time
 
+import deadlines
+
 from eigenfail.testing import expect
 from eigenfail.testing.examples import result, spec
 from eigenfail.values import AnalysisSettings, AnalysisState, CampaignState
@@ -9,7 +11,7 @@ from eigenfail.values.records import Job, JobKind
 from eigenfail_services.store import Store
 from store_checks.examples import deliver, equal, running
 
-LONG_S, SHORT_S, PATIENCE_S = 600.0, 0.05, 60.0
+LONG_S, SHORT_S, PATIENCE_S = 600.0, 0.05, deadlines.PROCESS_S
 PASSED_S = 0.0
 """A lease that is over as soon as it begins."""
 

@@ -7,12 +7,13 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import deadlines
 import pytest
 import zmq
 
 from eigenfail.wire.messages import Assembler, Piece, encode, read_worker_message
 
-WITHIN_S = 120.0
+WITHIN_S = deadlines.PROCESS_S
 LOADED = "from eigenfail_workers import __main__; __main__.main()"
 
 

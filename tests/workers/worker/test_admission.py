@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from threading import Thread
 
+import deadlines
 import pytest
 import zmq
 from structlog.testing import capture_logs
@@ -16,7 +17,7 @@ from eigenfail_workers import __main__ as program
 from eigenfail_workers.worker import hub_connection
 from eigenfail_workers.worker.hub_connection import HubConnection
 
-PATIENCE_S = 60.0
+PATIENCE_S = deadlines.PROCESS_S
 HTTP = b"HTTP/1.1 400 Bad Request\r\nConnection: close\r\n\r\n"
 
 

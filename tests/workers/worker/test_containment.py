@@ -8,6 +8,7 @@ from itertools import count
 from pathlib import Path
 from threading import Thread
 
+import deadlines
 import numpy as np
 import psutil
 import pytest
@@ -41,7 +42,7 @@ def worker(lasting_hub) -> Iterator[Parent]:
     finally:
         worker.shut_down()
         worker.shut_down()
-        thread.join(timeout=60)
+        thread.join(timeout=deadlines.PROCESS_S)
     assert not thread.is_alive()
 
 
@@ -164,7 +165,7 @@ def test_a_worker_passes_on_a_limited_part_of_what_each_episode_prints(
     assert [hub.hear(Results).results[0].fault for _ in tasks] == [None] * 3
     hub.say(Ack(1, (0, 1, 2)))
     worker.terminate()
-    assert worker.wait(60) == 0
+    assert worker.wait(deadlines.PROCESS_S) == 0
     said = (tmp_path / "said").read_text()
     resets = len(tasks) + 1  # the limit holds before the first episode, too
     assert KIB < said.count("x") < resets * 2 * KIB

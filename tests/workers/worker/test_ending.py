@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from threading import Thread
 
+import deadlines
 import psutil
 import pytest
 
@@ -80,7 +81,7 @@ def test_a_worker_that_is_told_to_stop_waits_for_what_it_handed_in(
     assert hub.hear(Results).results[0].index == 0
     hub.say(Ack(1, (0,)))
     assert not isinstance(hub.hear(Goodbye | Results), Results)
-    assert worker.wait(timeout=60) == 0
+    assert worker.wait(timeout=deadlines.PROCESS_S) == 0
 
 
 @pytest.mark.fault("SIGTERM or Ctrl-C of a worker, once or twice")
@@ -90,7 +91,7 @@ def test_a_second_signal_ends_its_patience(hub, start_worker, eventually) -> Non
     stop(worker, signal.SIGINT, eventually)
     worker.send_signal(signal.SIGTERM)
     hub.hear(Goodbye)
-    assert worker.wait(timeout=60) == 0
+    assert worker.wait(timeout=deadlines.PROCESS_S) == 0
 
 
 def test_who_has_nothing_to_hand_over_leaves_in_the_middle_of_an_episode(hub, start_worker) -> None:
@@ -101,7 +102,7 @@ def test_who_has_nothing_to_hand_over_leaves_in_the_middle_of_an_episode(hub, st
         pass
     worker.terminate()
     hub.hear(Goodbye)
-    assert worker.wait(timeout=60) == 0
+    assert worker.wait(timeout=deadlines.PROCESS_S) == 0
 
 
 def hanging() -> Setup:
@@ -120,7 +121,7 @@ def serving(hub) -> Iterator[tuple[Parent, Thread]]:
     finally:
         worker.shut_down()
         worker.shut_down()
-        thread.join(timeout=60)
+        thread.join(timeout=deadlines.PROCESS_S)
 
 
 def test_the_patience_has_an_end(hub, serving, monkeypatch) -> None:
@@ -128,7 +129,7 @@ def test_the_patience_has_an_end(hub, serving, monkeypatch) -> None:
     worker, thread = serving
     worker.shut_down()
     hub.hear(Goodbye)
-    thread.join(timeout=60)
+    thread.join(timeout=deadlines.PROCESS_S)
     assert not thread.is_alive()
 
 
@@ -138,7 +139,7 @@ def test_a_hub_that_says_goodbye_still_may_say_what_it_has(hub, serving, monkeyp
     hub.say(Goodbye())
     assert isinstance(hub.hear(Goodbye | Heartbeat), Heartbeat)
     hub.say(Ack(1, (0,)))
-    thread.join(timeout=60)
+    thread.join(timeout=deadlines.PROCESS_S)
     assert not thread.is_alive()
 
 
@@ -147,7 +148,7 @@ def test_who_says_goodbye_twice_is_not_waited_for(hub, serving, monkeypatch) -> 
     _, thread = serving
     hub.say(Goodbye())
     hub.say(Goodbye())
-    thread.join(timeout=60)
+    thread.join(timeout=deadlines.PROCESS_S)
     assert not thread.is_alive()
 
 
@@ -160,7 +161,7 @@ def test_a_worker_on_which_no_inner_process_starts_leaves_its_episodes_to_others
     hub.hear(Hello)
     hub.say(Welcome(heartbeat_s=SELDOM_S), SETUP, lease(0, 1, 2))
     assert not isinstance(hub.hear(Goodbye | Results), Results)
-    assert worker.wait(timeout=60) == 3
+    assert worker.wait(timeout=deadlines.PROCESS_S) == 3
     (said,) = [line for line in (tmp_path / "said").read_text().splitlines() if "inner" in line]
     assert "No inner process can start here: 10 ended, one after the other" in said
     assert "(the last with exit status 1)" in said
@@ -204,7 +205,7 @@ def test_the_process_of_an_actor_ends_so_that_ray_starts_another(hub, tmp_path) 
         env=os.environ | {"PYTHONPATH": path},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=deadlines.PROCESS_S,
         check=False,
     )
     assert (ended.returncode, "raised nothing" in ended.stdout) == (3, False)

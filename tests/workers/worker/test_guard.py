@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 
+import deadlines
 import psutil
 import pytest
 
@@ -69,7 +70,7 @@ def test_who_left_its_session_is_ended_too(asked, eventually) -> None:
             first.kill()
         else:
             guard.stdin.close()
-        guard.wait(timeout=60)
+        guard.wait(timeout=deadlines.PROCESS_S)
         assert not orphan.is_running()
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+import deadlines
 import pytest
 
 from eigenfail_workers.worker import resources
@@ -30,7 +31,7 @@ def pump() -> Iterator[tuple[OutputLimiter, Callable[[bytes], None], Callable[[]
 
         def finish() -> None:
             closing.close()
-            pump.join(60)
+            pump.join(deadlines.PROCESS_S)
 
         yield pump, write, finish
         finish()
@@ -38,7 +39,7 @@ def pump() -> Iterator[tuple[OutputLimiter, Callable[[bytes], None], Callable[[]
 
 def wait_for(capfd: pytest.CaptureFixture[str], words: str) -> str:
     """What has been passed on and logged when these words are among it."""
-    said, until_s = "", time.monotonic() + 60
+    said, until_s = "", time.monotonic() + deadlines.PROCESS_S
     while words not in said:
         assert time.monotonic() < until_s, said
         said += "".join(capfd.readouterr())

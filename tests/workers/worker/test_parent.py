@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from threading import Thread
 from types import SimpleNamespace
 
+import deadlines
 import psutil
 import pytest
 
@@ -55,7 +56,7 @@ def serving(hub, episode_limit_s: float) -> Iterator[Parent]:
     yield worker
     worker.shut_down()
     worker.shut_down()
-    thread.join(timeout=60)
+    thread.join(timeout=deadlines.PROCESS_S)
     assert not thread.is_alive()
     assert not [p for p in psutil.Process().children() if "worker.child" in " ".join(p.cmdline())]
 
