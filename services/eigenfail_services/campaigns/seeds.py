@@ -57,11 +57,14 @@ class _Member(NamedTuple):
 def group_alike(campaigns: Sequence[Campaign]) -> tuple[Group, ...]:
     """Group campaigns that differ only in name, priority and seed, in the order of their first."""
     found: dict[bytes, list[Campaign]] = {}
+    filled: dict[bytes, bytes] = {}
     for campaign in campaigns:
-        alike = replace(
-            fill_defaults(campaign.spec), name="alike", seed=0, priority=Priority.NORMAL
-        )
-        found.setdefault(msgspec.msgpack.encode(alike, order="sorted"), []).append(campaign)
+        alike = replace(campaign.spec, name="alike", seed=0, priority=Priority.NORMAL)
+        # Filling in defaults takes most of the time: once for all campaigns that are written alike.
+        written = msgspec.msgpack.encode(alike, order="sorted")
+        if written not in filled:
+            filled[written] = msgspec.msgpack.encode(fill_defaults(alike), order="sorted")
+        found.setdefault(filled[written], []).append(campaign)
     return tuple(map(tuple, found.values()))
 
 
@@ -197,26 +200,38 @@ def _find_first_failures(members: Sequence[_Member]) -> FirstFailures:
 
 
 def _price_failures(members: Sequence[_Member]) -> Cost:
+    bills = [member.summary.cost for member in members]
+    failures = [member.summary.counts.failures for member in members]
+    return price_over_seeds(
+        PairSums.of([bill.total_usd for bill in bills], failures),
+        sum(bill.instance_hours for bill in bills),
+        sum(member.summary.counts.completed for member in members),
+        SamplingDesign.of([member.campaign.spec for member in members]),
+    )
+
+
+def price_over_seeds(
+    sums: PairSums, instance_hours: float, completed: int, design: SamplingDesign
+) -> Cost:
     """Return total price ÷ all failures with its interval across seeds, or a lower bound.
 
     Where no seed has a failure, episodes that were drawn from p(x) bound the cost as those of one
     campaign do. Those of a search bound it by their seeds: with 95 % confidence a seed finds
     failures with a probability of at most 1 − 0.05^(1/n), and then in all of its episodes at most.
+
+    Args:
+        sums: over the seeds, of price [USD] and failures.
+        instance_hours: of all seeds. [h]
+        completed: episodes of all seeds.
+        design: how the episodes came about.
     """
-    bills = [member.summary.cost for member in members]
-    total_usd = sum(bill.total_usd for bill in bills)
-    hours = sum(bill.instance_hours for bill in bills)
-    failures = [member.summary.counts.failures for member in members]
-    if any(failures):
-        ratio = find_ratio(PairSums.of([bill.total_usd for bill in bills], failures))
-        return Cost(total_usd, hours, ratio.value, ratio.interval, ratio.at_least)
-    completed = sum(member.summary.counts.completed for member in members)
-    design = SamplingDesign.of([member.campaign.spec for member in members])
-    pooled = price_failures(total_usd, hours, design.make_rate(0, completed))
+    if sums.failures:
+        return Cost(sums.price, instance_hours, *find_ratio(sums))
+    pooled = price_failures(sums.price, instance_hours, design.make_rate(0, completed))
     if pooled.at_least_usd is not None:
         return pooled
     return replace(
-        pooled, at_least_usd=total_usd / (completed * upper_bound_of_none(len(members))) or None
+        pooled, at_least_usd=sums.price / (completed * upper_bound_of_none(sums.n)) or None
     )
 
 

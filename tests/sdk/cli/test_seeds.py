@@ -83,7 +83,7 @@ def test_ctrl_c_pauses_all_and_the_same_command_goes_on(repeat, service, store):
     service.__class__, working = Interrupting, service.__class__
     stopped = repeat("--seeds", 2, "--episodes", 48)
     assert stopped.exit_code == INTERRUPTED
-    assert "To continue: eigenfail " in stopped.stderr
+    assert "To continue: eigenfail" in stopped.stderr
     assert {campaign.state for campaign in store.campaigns.page(10).items} == {"paused"}
     service.__class__ = working
     assert repeat("--seeds", 2, "--episodes", 48).exit_code == 0
