@@ -85,3 +85,7 @@ def test_ids_that_are_none_are_refused(http, problem, ids):
 
 def test_a_campaign_that_there_is_not_is_a_problem(http, problem, two_seeds):
     problem(http.get("/api/v1/seeds?campaigns=1,99"), 404)
+
+
+def test_an_id_beyond_all_integers_is_no_campaign(http, problem):
+    problem(http.get(f"/api/v1/seeds?campaigns={'9' * 19}"), 404)
