@@ -39,6 +39,7 @@ from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.operations import Presence, Pruning, Staffing, WorkerShare
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.report import Export, ExportRequest, Report
+from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.wire import http
 from eigenfail.wire.http import (
@@ -83,6 +84,7 @@ BODIES = (
     Page[FailureMode],
     Page[PeerCosts],
     Page[Pruning],
+    Page[SeedSpread],
     Page[Summary],
     Page[Presence],
     Page[WorkerShare],

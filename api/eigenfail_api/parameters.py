@@ -18,8 +18,15 @@ from eigenfail_services.store import Store
 
 LARGEST = 2**63 - 1
 IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18}){0,99}$"
+MANY_IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18})*$"
+LONGEST_IDS = 20_000
+"""As many ids as a suite has members at most. [characters]"""
 EXPORT = "^[0-9a-f]{32}$"
-FORMS = {IDS: "ids such as 1 or 1,2,3", EXPORT: "the id of an export, 32 hexadecimal digits"}
+FORMS = {
+    IDS: "ids such as 1 or 1,2,3",
+    MANY_IDS: "ids such as 1 or 1,2,3",
+    EXPORT: "the id of an export, 32 hexadecimal digits",
+}
 """Descriptions of patterns, for messages."""
 
 

@@ -87,6 +87,7 @@ def format_value(value: Any) -> str:
     return msgspec.json.encode(value).decode()
 
 
+LEAST_SEEDS = 2
 MOST_MEMBERS = 1000
 
 Axes = Mapping[KeyPath, list[Any]]
@@ -312,6 +313,43 @@ class Suite(msgspec.Struct, frozen=True):
     def episodes(self) -> int:
         """Total number of episodes of all members."""
         return sum(member.spec.episodes for member in self.members)
+
+    @property
+    def has_seeds(self) -> bool:
+        """Whether members have several seeds."""
+        return len({member.spec.seed for member in self.members}) > 1
+
+    @classmethod
+    def repeat(cls, spec: CampaignSpec, seeds: int) -> Self:
+        """Return the suite of a campaign with its own seed and those that follow it: s, s + 1, ….
+
+        The suite has the campaign's name, and its members are called "seed=s". Episodes of
+        different campaign seeds are independent, also of neighbouring ones.
+
+        Args:
+            spec: the campaign, with the first seed.
+            seeds: number of seeds.
+
+        Raises:
+            InvalidValue: fewer than two seeds, more than 1000, a seed that is too large, or a name
+                that becomes too long.
+        """
+        if not LEAST_SEEDS <= seeds <= MOST_MEMBERS:
+            raise InvalidValue(
+                "seeds",
+                f"{seeds} is not between {LEAST_SEEDS} and {MOST_MEMBERS}.",
+                "A spread takes at least two seeds; omit the option to run the campaign once.",
+            )
+        fields = msgspec.to_builtins(spec)
+        del fields["name"]
+        numbers = range(spec.seed, spec.seed + seeds)
+        return cls(
+            spec.name,
+            tuple(
+                _make_member(spec.name, f"seed={seed}", {**fields, "seed": seed}, spec.name)
+                for seed in numbers
+            ),
+        )
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Self:

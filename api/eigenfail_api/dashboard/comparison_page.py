@@ -41,7 +41,6 @@ from eigenfail_api.routes.analyses import COMPARISONS, parse_ids
 from eigenfail_services.campaigns.comparison import (
     FEWEST,
     MOST,
-    Group,
     SettingValues,
     against_first,
     are_sampled,
@@ -52,6 +51,7 @@ from eigenfail_services.campaigns.comparison import (
     pick_campaigns,
 )
 from eigenfail_services.campaigns.costs import find_spending
+from eigenfail_services.campaigns.seeds import Group
 from eigenfail_services.campaigns.summary import find_course, summarise
 from eigenfail_services.store import Store
 

@@ -149,14 +149,15 @@ def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
         title=f"Cost per failure by method: {name_of(group.peers)}",
         caption=(
             "USD per failure over all campaigns of a method, log scale. A method that draws noise "
-            "from p(x) has the 95 % interval that its failure rate gives, a search has none; "
+            "from p(x) has the 95 % interval that its failure rate gives; a search has one across "
+            "seeds if its campaigns differ in their seeds alone, otherwise none; "
             "an arrow is the lower bound of a method without failures. "
             f"{' '.join([describe_shared(group.peers), *own])}"
         ),
         data={"campaigns": [make_method_point(each) for each in methods]},
         columns=(
             *("Method", *COLUMNS, "Failures", "Episodes", "Rate"),
-            *("Spent [USD]", "Campaigns"),
+            *("Spent [USD]", "Campaigns", "Seeds of the interval"),
         ),
         rows=tuple(map(make_method_row, methods)),
     )
@@ -206,6 +207,7 @@ def make_method_row(found: MethodCost) -> tuple[str, ...]:
         rate_of(found.failure_rate),
         format_number(found.cost.total_usd),
         format_count(found.campaigns),
+        format_count(found.seeds or None),
     )
 
 

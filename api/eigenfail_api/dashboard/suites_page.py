@@ -13,10 +13,14 @@ from eigenfail.presentation.figures import (
     format_count,
     format_number,
     format_usd,
+    put_unit,
 )
+from eigenfail.presentation.seeds import label_spread, list_spread, tabulate_spreads
+from eigenfail.presentation.tables import Table, format_cell
 from eigenfail.suites import format_value
 from eigenfail.values import FINAL_STATES, CampaignState, Page
 from eigenfail.values.episode import ERRORED
+from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteRow, SuiteStanding, SuiteTable
 from eigenfail.values.variation import in_words
 from eigenfail_api.dashboard import rendering
@@ -33,7 +37,7 @@ from eigenfail_api.dashboard.rendering import (
     page,
 )
 from eigenfail_api.parameters import Before, Stored
-from eigenfail_services.campaigns.summary import make_suite_table
+from eigenfail_services.campaigns.suites import make_suite_table
 
 DEFAULT = "default"
 SEED = "seed"
@@ -90,14 +94,31 @@ class MemberLine(msgspec.Struct, frozen=True, kw_only=True):
     comparison: str
 
 
+class MeanLine(msgspec.Struct, frozen=True, kw_only=True):
+    """The row of means over the seeds of a group."""
+
+    name: str
+    failures: Tile
+    cost: Tile
+    likelihood: Tile
+    severity: Tile
+
+
 class SuiteView(msgspec.Struct, frozen=True, kw_only=True):
-    """One suite's page."""
+    """One suite's page.
+
+    Attributes:
+        means: a row for each group of members that differ in their seeds alone.
+        over_seeds: mean and spread of these groups; None without one.
+    """
 
     name: str
     address: str
     tiles: tuple[tuple[str, Tile], ...]
     columns: tuple[str, ...]
     lines: tuple[MemberLine, ...]
+    means: tuple[MeanLine, ...]
+    over_seeds: Table | None
     first: str
     tells_probability: bool
     costs: Chart | None
@@ -148,6 +169,8 @@ def make_suite_view(table: SuiteTable) -> SuiteView:
         tiles=make_tiles(table),
         columns=table.columns,
         lines=tuple(make_member_line(table, row) for row in table.members),
+        means=tuple(make_mean_line(each, table) for each in table.over_seeds),
+        over_seeds=tabulate_spreads(table.over_seeds) if table.over_seeds else None,
         first=table.members[0].member,
         tells_probability=any(summary.estimate for summary in found),
         costs=make_cost_chart(found),
@@ -194,6 +217,18 @@ def make_member_line(table: SuiteTable, row: SuiteRow) -> MemberLine:
         severity=format_number(summary.mean_severity),
         probability=rendering.make_probability_tile(summary.estimate),
         comparison=make_comparison_address(table, row),
+    )
+
+
+def make_mean_line(spread: SeedSpread, table: SuiteTable) -> MeanLine:
+    """Return the line of means over the seeds of a group."""
+    _, _, share, likelihood, severity, _, cost = map(format_cell, list_spread(spread))
+    return MeanLine(
+        name=label_spread(spread, len(table.over_seeds) == 1),
+        failures=Tile(share.value, share.notes),
+        cost=Tile(put_unit(cost.value, "USD"), cost.notes),
+        likelihood=Tile(likelihood.value, likelihood.notes),
+        severity=Tile(severity.value, severity.notes),
     )
 
 

@@ -20,12 +20,15 @@ from eigenfail.values import (
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.report import MOST_CAMPAIGNS, Report
 from eigenfail.values.safety import TAIL_LEVEL
+from eigenfail.values.seeds import SeedSpread
 from eigenfail.wire.http import PREFIX, ProofRequest
 from eigenfail_api.concurrency import ConcurrencyLimit, SerialExecutor
 from eigenfail_api.openapi import JSON, document_route, problem_response, schema
 from eigenfail_api.parameters import (
     IDS,
     LARGEST,
+    LONGEST_IDS,
+    MANY_IDS,
     AnalysisId,
     Before,
     CampaignId,
@@ -40,6 +43,7 @@ from eigenfail_services.campaigns.comparison import compare
 from eigenfail_services.campaigns.costs import compare_peers, find_spending
 from eigenfail_services.campaigns.proofs import launch_replays, read_result, summarise_proof
 from eigenfail_services.campaigns.region import find_region_in_process
+from eigenfail_services.campaigns.seeds import find_spreads
 from eigenfail_services.campaigns.summary import find_safety
 from eigenfail_services.reports.report import Made, make
 from eigenfail_services.store.clock import now_ms
@@ -116,10 +120,28 @@ Ids = Annotated[
 ]
 
 
+SeedIds = Annotated[
+    str,
+    Query(
+        pattern=MANY_IDS,
+        max_length=LONGEST_IDS,
+        description="Ids of campaigns, comma-separated; those that differ in more than the seed "
+        "are several groups.",
+        examples=["1,2"],
+    ),
+]
+
+
 @figures_router.get("/comparisons", dependencies=[COMPARISONS], **document_route(Comparison))
 def get_comparison(store: Stored, a: Ids, b: Ids) -> Json:
     """Compare failure rates, cost, likelihood and pairs of two campaigns, or of several seeds."""
     return Json(compare(store, parse_ids(a), parse_ids(b)))
+
+
+@figures_router.get("/seeds", **document_route(Page[SeedSpread]))
+def list_spreads(store: Stored, campaigns: SeedIds) -> Json:
+    """List mean and spread over seeds of each group of campaigns that differ in their seeds."""
+    return Json(Page(find_spreads(store, parse_ids(campaigns))))
 
 
 def parse_ids(ids: str) -> tuple[int, ...]:

@@ -42,10 +42,10 @@ from eigenfail_services.campaigns.drafts import (
     read_drafts,
 )
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
+from eigenfail_services.campaigns.suites import make_suite_table
 from eigenfail_services.campaigns.summary import (
     find_course,
     find_newest_policy,
-    make_suite_table,
     summaries_of,
     summarise,
 )

@@ -8,6 +8,7 @@ import typer
 from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE
 from eigenfail.cli import completion
 from eigenfail.errors import InvalidValue
+from eigenfail.suites import LEAST_SEEDS, MOST_MEMBERS
 from eigenfail.values import Priority
 
 Url = Annotated[
@@ -46,6 +47,16 @@ Episodes = Annotated[
 ]
 Seed = Annotated[
     int | None, typer.Option("--seed", min=0, help="Seed, replacing that of the file.")
+]
+Seeds = Annotated[
+    int | None,
+    typer.Option(
+        "--seeds",
+        min=LEAST_SEEDS,
+        max=MOST_MEMBERS,
+        help="Run this many campaigns as one suite, with the seed and those that follow it, and "
+        "print mean and spread over seeds.",
+    ),
 ]
 Urgency = Annotated[
     Priority | None,

@@ -2,13 +2,14 @@
 
 import typer
 
-from eigenfail.cli.connection import MaybeUrl, connect_for_campaign
+from eigenfail.cli.connection import MaybeUrl, Place, connect_for_campaign, this_command
 from eigenfail.cli.options import (
     AsJson,
     Data,
     Episodes,
     Gate,
     Seed,
+    Seeds,
     SpecFile,
     StopCost,
     StopCv,
@@ -20,10 +21,12 @@ from eigenfail.cli.options import (
 )
 from eigenfail.cli.render import describe_minimal, follow_or_pause, judge, show
 from eigenfail.cli.specs import read_spec
+from eigenfail.cli.suite import judge_all, run_and_show
 from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
 from eigenfail.presentation.campaigns import tabulate_results
 from eigenfail.presentation.terminal import render
+from eigenfail.suites import Suite
 
 app = typer.Typer(add_completion=False)
 
@@ -37,6 +40,7 @@ def run(
     workers: Workers = 0,
     episodes: Episodes = None,
     seed: Seed = None,
+    seeds: Seeds = None,
     priority: Urgency = None,
     stop_failures: StopFailures = None,
     stop_half_width: StopHalfWidth = None,
@@ -51,6 +55,9 @@ def run(
     Uses the service at --url, or one that runs on the data folder or, if no folder is named, at the
     default address; otherwise starts one on the folder for as long as the campaign takes.
     Ctrl-C pauses the campaign and prints how to resume it.
+
+    With --seeds N it is run with N seeds, as a suite of its name: the same command goes on where it
+    was interrupted, and runs nothing twice. Intervals of means hold across seeds.
     """
     stop = {
         "failures": stop_failures,
@@ -60,13 +67,25 @@ def run(
         "cost_usd": stop_cost_usd,
     }
     spec = read_spec(file, stop, episodes=episodes, seed=seed, priority=priority)
-    with connect_for_campaign(context, spec, url, Plan(data, 0, workers)) as (client, place):
+    plan = Plan(data, 0, workers)
+    if seeds is not None:
+        suite = Suite.repeat(spec, seeds)
+        ended, result, place = run_and_show(context, suite, url, plan, this_command(), as_json)
+        _tell_end(place)
+        judge_all(ended, gate, result)
+        return
+    with connect_for_campaign(context, spec, url, plan) as (client, place):
         created = client.campaigns.create(spec)
-        ended = follow_or_pause(client, created.id, place.check, place.again)
-        summary = client.campaigns.summary(ended.id)
-        words = describe_minimal(client, ended)
+        campaign = follow_or_pause(client, created.id, place.check, place.again)
+        summary = client.campaigns.summary(campaign.id)
+        words = describe_minimal(client, campaign)
     show(summary, as_json, lambda: render(tabulate_results([summary]), *words))
+    _tell_end(place)
+    judge(campaign, gate, summary)
+
+
+def _tell_end(place: Place) -> None:
+    """Say that a service that was started for this run has ended, and how to start it again."""
     if place.again:
         over = "The service that was started for this campaign has ended. To read its results,"
         typer.echo(f"{over} start one in a second terminal: {place.again}", err=True)
-    judge(ended, gate, summary)

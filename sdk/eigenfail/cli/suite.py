@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.cli.connection import MaybeUrl, connect_for_suite, connect_to
+from eigenfail.cli.connection import MaybeUrl, Place, connect_for_suite, connect_to
 from eigenfail.cli.options import AsJson, Data, Gate, Limit, Url, Workers
 from eigenfail.cli.render import judge, make_errored_error, run_suite, show, show_rows
 from eigenfail.client import Client
@@ -17,8 +17,8 @@ from eigenfail.presentation.suites import (
     SuitePlan,
     SuiteResult,
     describe_suite,
+    describe_suite_result,
     tabulate_plan,
-    tabulate_suite_result,
     tabulate_suites,
 )
 from eigenfail.presentation.terminal import render
@@ -66,11 +66,29 @@ def run(
         plan = SuitePlan(suite.name, len(suite.members), suite.episodes, suite.members)
         show(plan, as_json, lambda: render(tabulate_plan(plan)))
         raise typer.Exit
-    with connect_for_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
-        ended = run_suite(client, suite, place.check, f"eigenfail suite run {file}")
+    command, place = f"eigenfail suite run {file}", Plan(data, 0, workers)
+    ended, result, _ = run_and_show(context, suite, url, place, command, as_json)
+    judge_all(ended, gate, result)
+
+
+def run_and_show(
+    context: typer.Context, suite: Suite, url: str | None, plan: Plan, command: str, as_json: bool
+) -> tuple[tuple[Campaign, ...], SuiteResult, Place]:
+    """Run what is missing of a suite, print its results, and return both with the service.
+
+    Args:
+        context: of the command.
+        suite: the campaigns.
+        url: address of a service that runs already; None finds or starts one.
+        plan: the service that is started if none runs.
+        command: the command that continues the suite after Ctrl-C.
+        as_json: whether to print JSON.
+    """
+    with connect_for_suite(context, suite, url, plan) as (client, place):
+        ended = run_suite(client, suite, place.check, command)
         result = summarize_suite(client, suite)
-    show(result, as_json, lambda: render(tabulate_suite_result(result)))
-    _judge_all(ended, gate, result)
+    show(result, as_json, lambda: render(*describe_suite_result(result)))
+    return ended, result, place
 
 
 @app.command("list")
@@ -98,7 +116,7 @@ def show_suite(
     with connect_to(context, url) as client:
         if _is_file(suite):
             result = summarize_suite(client, Suite.read(suite))
-            show(result, as_json, lambda: render(tabulate_suite_result(result)))
+            show(result, as_json, lambda: render(*describe_suite_result(result)))
         else:
             found = client.suites.table(suite)
             show(found, as_json, lambda: render(*describe_suite(found)))
@@ -118,10 +136,10 @@ def summarize_suite(client: Client, suite: Suite) -> SuiteResult:
         else MemberResult(member.name)
         for member, campaign, summary in zip(suite.members, campaigns, summaries, strict=True)
     )
-    return SuiteResult(suite.name, suite.episodes, members)
+    return SuiteResult(suite.name, suite.episodes, members, client.suites.over_seeds(suite))
 
 
-def _judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: SuiteResult) -> None:
+def judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: SuiteResult) -> None:
     """Exit with 1 if a gate was asked for and any campaign found failures.
 
     Raises:

@@ -29,6 +29,7 @@ from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.operations import Pruning, WorkerShare
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.safety import TAIL_LEVEL
+from eigenfail.values.seeds import SeedSpread
 from eigenfail.wire.http import CampaignCheck, Digest, read_fields
 from eigenfail.worlds import drawn_for
 
@@ -314,6 +315,19 @@ class Campaigns:
             InvalidValue: a side without a campaign, or a campaign that is named twice.
         """
         return self._link.get("/comparisons", Comparison, {"a": _join_ids(a), "b": _join_ids(b)})
+
+    def over_seeds(self, campaigns: Sequence[int]) -> tuple[SeedSpread, ...]:
+        """Mean and spread of campaigns that differ in their seeds alone.
+
+        Args:
+            campaigns: ids; those that differ in more are several groups, and a group with one seed
+                or without a completed episode is left out.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        asked = {"campaigns": _join_ids(campaigns)}
+        return self._link.get("/seeds", Page[SeedSpread], asked).items
 
     def minimal(self, campaign: int) -> MinimalFailure:
         """How little noise a failure needs, so far: of a campaign of the method `minimal`.

@@ -14,6 +14,7 @@ from eigenfail.errors import IllegalTransition
 from eigenfail.frames import Rows
 from eigenfail.suites import Suite, list_ready_members, match_campaigns
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Page, Summary
+from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable, suite_of
 
 PAUSE_WITHIN_S = 60.0
@@ -122,6 +123,11 @@ class Suites:
             self._campaigns.summary(campaign.id) if campaign else None
             for campaign in self.find(suite)
         )
+
+    def over_seeds(self, suite: Suite) -> tuple[SeedSpread, ...]:
+        """Mean and spread of the members that differ in their seeds alone, group by group."""
+        ids = [campaign.id for campaign in self.find(suite) if campaign]
+        return self._campaigns.over_seeds(ids) if suite.has_seeds and ids else ()
 
     def list(self) -> Rows[SuiteStanding]:
         """All suites that have campaigns, those with the newest ones first."""

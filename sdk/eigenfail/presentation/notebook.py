@@ -21,6 +21,7 @@ from eigenfail.presentation.campaigns import (
     tabulate_results,
 )
 from eigenfail.presentation.episodes import tabulate_episodes
+from eigenfail.presentation.seeds import tabulate_spreads
 from eigenfail.presentation.suites import describe_suite, tabulate_suites
 from eigenfail.presentation.tables import Block, FactTable, Table, name_columns
 from eigenfail.values import (
@@ -35,6 +36,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.report import Report
+from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 
 Blocks = tuple[Block, ...]
@@ -67,6 +69,11 @@ def _(value: Campaign) -> Blocks:
 @describe.register
 def _(value: Summary) -> Blocks:
     return (tabulate_results([value]),)
+
+
+@describe.register
+def _(value: SeedSpread) -> Blocks:
+    return (tabulate_spreads([value]),)
 
 
 @describe.register

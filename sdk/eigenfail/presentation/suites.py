@@ -1,6 +1,6 @@
 """Tables of suites: the planned campaigns, and their results."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import msgspec
 
@@ -16,6 +16,7 @@ from eigenfail.presentation.campaigns import (
     note_results,
 )
 from eigenfail.presentation.figures import UNKNOWN, count_noun, format_count
+from eigenfail.presentation.seeds import label_spread, list_spread, tabulate_spreads
 from eigenfail.presentation.tables import (
     Block,
     Cell,
@@ -26,6 +27,7 @@ from eigenfail.presentation.tables import (
 from eigenfail.suites import SuiteMember, format_value
 from eigenfail.values import CampaignState, Summary
 from eigenfail.values.campaign import state_word
+from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteRow, SuiteStanding, SuiteTable
 from eigenfail.values.variation import in_words
 
@@ -55,11 +57,16 @@ class MemberResult(msgspec.Struct, frozen=True):
 
 
 class SuiteResult(msgspec.Struct, frozen=True):
-    """The results of a suite's members."""
+    """The results of a suite's members.
+
+    Attributes:
+        over_seeds: mean and spread of the members that differ in their seeds alone.
+    """
 
     suite: str
     episodes: int
     members: tuple[MemberResult, ...]
+    over_seeds: tuple[SeedSpread, ...] = ()
 
 
 def tabulate_plan(plan: SuitePlan) -> Table:
@@ -77,15 +84,30 @@ def tabulate_plan(plan: SuitePlan) -> Table:
     return Table(plan.suite, (*columns, *numbers), rows, (f"{plan.suite}: {counts} in all",))
 
 
-def tabulate_suite_result(result: SuiteResult) -> Table:
-    """Return the results of the members, one a row."""
+def describe_suite_result(result: SuiteResult) -> tuple[Block, ...]:
+    """Return the results of the members, one a row, and their means and spread over seeds."""
+    return (_tabulate_members(result), *_describe_spreads(result.over_seeds))
+
+
+def _describe_spreads(spreads: Sequence[SeedSpread]) -> tuple[Block, ...]:
+    return ("", tabulate_spreads(spreads)) if spreads else ()
+
+
+def _tabulate_members(result: SuiteResult) -> Table:
     found = [member.summary for member in result.members if member.summary]
     last = [PROBABILITY] if any(summary.estimate for summary in found) else []
     columns = (*name_columns("Member", "State"), ID, *name_columns("Method"), *RESULTS, *last)
     rows = tuple(
         tuple(_list_member(member, has_probability=bool(last))) for member in result.members
     )
-    return Table(result.suite, columns, rows, note_results(found))
+    means = tuple(
+        (
+            *(label_spread(spread, len(result.over_seeds) == 1), "", "", spread.method),
+            *(*list_spread(spread), *([None] if last else [])),
+        )
+        for spread in result.over_seeds
+    )
+    return Table(result.suite, columns, (*rows, *means), note_results(found))
 
 
 def _list_member(member: MemberResult, *, has_probability: bool) -> Iterator[Cell]:
@@ -139,9 +161,22 @@ def describe_suite(found: SuiteTable) -> tuple[Block, ...]:
         )
         for row in found.members
     )
+    means = tuple(
+        (
+            *(label_spread(spread, len(found.over_seeds) == 1), "", *("" for _ in found.columns)),
+            *("", *_list_means(spread), *([None] if last else [])),
+        )
+        for spread in found.over_seeds
+    )
     remarks = " ".join(note_omissions(found))
-    table = Table(found.suite, columns, rows, note_results(summaries))
-    return (table, *([remarks] if remarks else []))
+    table = Table(found.suite, columns, (*rows, *means), note_results(summaries))
+    return (table, *([remarks] if remarks else []), *_describe_spreads(found.over_seeds))
+
+
+def _list_means(spread: SeedSpread) -> tuple[Cell, ...]:
+    """Return the cells of means over seeds in the columns of a suite that the service knows."""
+    *figures, _, cost = list_spread(spread)
+    return (*figures, cost)
 
 
 def format_settings(row: SuiteRow, columns: Iterable[str]) -> tuple[str, ...]:

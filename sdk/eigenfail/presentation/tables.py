@@ -205,7 +205,7 @@ def _(value: Rate) -> FormattedCell:
 
 @_format.register
 def _(value: Cost) -> FormattedCell:
-    """The cost per failure in USD, or its lower bound where there is no failure."""
+    """The cost per failure in USD, with what is known of its interval; a bound without failures."""
     if value.per_failure_usd is None:
         if value.at_least_usd is None:
             return FormattedCell(UNKNOWN, basis=(NO_FAILURE,))
@@ -213,7 +213,9 @@ def _(value: Cost) -> FormattedCell:
         return FormattedCell(bound, basis=("95 % lower bound",))
     amount = figures.format_usd(value.per_failure_usd)
     if value.interval_usd is None:
-        return FormattedCell(amount)
+        known = value.at_least_usd is not None
+        open_above = f"[{figures.format_usd(value.at_least_usd)}, ∞)" if known else ""
+        return FormattedCell(amount, open_above)
     return FormattedCell(amount, figures.format_usd_interval(value.interval_usd))
 
 

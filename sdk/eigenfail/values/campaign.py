@@ -463,8 +463,8 @@ class Cost(msgspec.Struct, frozen=True):
     Attributes:
         total_usd: price per instance-hour × instance-hours.
         per_failure_usd: total ÷ failures; None while there is none.
-        interval_usd: interval of the cost per failure, from the interval of the failure rate; None
-            while there is no failure.
+        interval_usd: interval of the cost per failure, from the interval of the failure rate or
+            across seeds; None while there is no failure, and where it has no upper end.
         at_least_usd: lower bound of the cost per failure (95 %), which holds without failures too.
     """
 

@@ -169,6 +169,11 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
         ends_at_failures: whether one of the campaigns has the stop rule `failures`.
         instance_hours: instance-hours of all campaigns. [h]
         total_usd: total cost of all campaigns. [USD]
+        seeds: number of campaigns with a completed episode, if these differ in name, priority and
+            seed alone, each with its own seed, and the others cost nothing; otherwise 0.
+        usd_squares: sum of the squared costs of campaigns. [USD²]
+        failure_squares: sum of the squared numbers of failures.
+        usd_failures: sum of cost × failures. [USD]
     """
 
     peers: Peers
@@ -180,6 +185,10 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
     ends_at_failures: bool
     instance_hours: float
     total_usd: float
+    seeds: int = 0
+    usd_squares: float = 0.0
+    failure_squares: float = 0.0
+    usd_failures: float = 0.0
 
 
 class MethodCost(msgspec.Struct, frozen=True, kw_only=True):
@@ -189,6 +198,9 @@ class MethodCost(msgspec.Struct, frozen=True, kw_only=True):
         campaigns: how many were pooled.
         newest: the id of the newest one.
         failure_rate: over the episodes of all of them; None before the first one.
+        cost: total cost ÷ failures. Its interval is that of the failure rate where episodes are
+            drawn from p(x); of a search it is across seeds, and there is none unless `seeds`.
+        seeds: number of seeds across which the interval holds; 0 where it does not rest on seeds.
     """
 
     method: str
@@ -198,6 +210,7 @@ class MethodCost(msgspec.Struct, frozen=True, kw_only=True):
     failures: int
     failure_rate: Rate | None
     cost: Cost
+    seeds: int = 0
 
 
 class PeerCosts(msgspec.Struct, frozen=True, kw_only=True):

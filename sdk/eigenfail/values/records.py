@@ -256,6 +256,7 @@ class Totals(msgspec.Struct, frozen=True):
         severity: None where no failure has one.
         conflicts: over all completed episodes.
         fault: fault of the errored episodes; None where none errored.
+        first_failure: smallest index of a collision; None without one.
     """
 
     failures: int
@@ -264,6 +265,7 @@ class Totals(msgspec.Struct, frozen=True):
     severity: float | None
     conflicts: ConflictTotals = ConflictTotals()
     fault: FrequentFault | None = None
+    first_failure: int | None = None
 
 
 PORTION = 2_000

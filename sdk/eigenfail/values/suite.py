@@ -7,6 +7,7 @@ import msgspec
 
 from eigenfail.values.campaign import CampaignState, Settings
 from eigenfail.values.episode import ERRORED
+from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.showing import Brief, Shown, Tabular
 from eigenfail.values.summary import Summary
 
@@ -91,6 +92,7 @@ class SuiteTable(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
         members: members in the order in which they were first created.
         earlier: number of earlier campaigns that are replaced by a newer one of the same name.
         left_out: members beyond the most that a table holds, the oldest ones.
+        over_seeds: mean and spread of the members that differ in their seeds alone, group by group.
     """
 
     suite: str
@@ -98,3 +100,4 @@ class SuiteTable(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
     members: tuple[SuiteRow, ...]
     earlier: int = 0
     left_out: int = 0
+    over_seeds: tuple[SeedSpread, ...] = ()

@@ -121,6 +121,7 @@ class Summary(Shown, msgspec.Struct, frozen=True):
             cannot choose, and what to do; empty where the method can choose any.
         rate_note: what the stop rule `failures` does to the failure rate under p(x); empty for
             other campaigns.
+        first_failure: index of the first episode that failed; None without one.
     """
 
     campaign: int
@@ -139,6 +140,7 @@ class Summary(Shown, msgspec.Struct, frozen=True):
     errored: Errored = Errored()
     reach: str = ""
     rate_note: str = ""
+    first_failure: int | None = None
 
     @property
     def remark(self) -> str:

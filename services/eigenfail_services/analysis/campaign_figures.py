@@ -103,8 +103,12 @@ class SamplingDesign(NamedTuple):
             InvalidValue: no episode, or not 0 <= k <= n.
         """
         found = stopped_rate(k, n) if self.ends_at_failures else rate(k, n)
-        sampled = all(traits_of(method).draws_from_prior for method in self.methods)
-        return replace(found, sampled=sampled)
+        return replace(found, sampled=self.is_sampled)
+
+    @property
+    def is_sampled(self) -> bool:
+        """Whether all episodes are drawn from p(x)."""
+        return all(traits_of(method).draws_from_prior for method in self.methods)
 
 
 def choose_block_length(counts: Counts, wanted: int | None = None) -> int:

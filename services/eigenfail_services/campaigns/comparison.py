@@ -37,7 +37,6 @@ from eigenfail_services.analysis.campaign_figures import (
     price_failures,
     sum_instance_hours,
 )
-from eigenfail_services.campaigns.drafts import fill_defaults
 from eigenfail_services.campaigns.pairing import (
     find_differing_fields,
     find_distinctions,
@@ -46,6 +45,7 @@ from eigenfail_services.campaigns.pairing import (
     list_unpairable,
     pair_episodes,
 )
+from eigenfail_services.campaigns.seeds import Group, group_alike
 from eigenfail_services.campaigns.summary import divide, find_failure_rate
 from eigenfail_services.statistics.comparison import LEAST_VALUES, difference, effect_size, mcnemar
 from eigenfail_services.statistics.intervals import clopper_pearson
@@ -299,8 +299,6 @@ FEWEST, MOST = 2, 12
 
 ABSENT = "–"
 
-Group = tuple[Campaign, ...]
-
 
 class SettingValues(msgspec.Struct, frozen=True):
     """The values of one setting in several campaigns, as text.
@@ -335,13 +333,8 @@ def pick_campaigns(ids: Sequence[int], store: Store) -> tuple[Campaign, ...]:
 
 def group_by_seed(campaigns: Sequence[Campaign]) -> tuple[Group, ...]:
     """Group campaigns that differ only in name and seed; if that is one group, each is alone."""
-    found: dict[bytes, list[Campaign]] = {}
-    for campaign in campaigns:
-        alike = replace(fill_defaults(campaign.spec), name="alike", seed=0)
-        found.setdefault(msgspec.msgpack.encode(alike, order="sorted"), []).append(campaign)
-    if len(found) == 1:
-        return tuple((campaign,) for campaign in campaigns)
-    return tuple(map(tuple, found.values()))
+    found = group_alike(campaigns)
+    return found if len(found) > 1 else tuple((campaign,) for campaign in campaigns)
 
 
 def against_first(store: Store, found: Sequence[Group]) -> tuple[Comparison, ...]:

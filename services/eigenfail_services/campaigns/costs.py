@@ -34,7 +34,9 @@ from eigenfail_services.analysis.campaign_figures import (
     split_time,
     was_cut,
 )
+from eigenfail_services.campaigns.seeds import price_over_seeds
 from eigenfail_services.campaigns.summary import divide, find_cost, find_safety, find_worker_shares
+from eigenfail_services.statistics.seed_spread import PairSums
 from eigenfail_services.store import Store
 
 MAX_ANALYSES_SEARCHED = 100
@@ -115,8 +117,10 @@ NEW = object()
 
 POOLED = (
     "All campaigns of a method are pooled that have planner, scenario, simulator, disturbance "
-    "model and all their settings in common: their costs and failures are summed, and intervals "
-    "are those of the pooled failure rate. Campaigns of one method may differ in its settings."
+    "model and all their settings in common: their costs and failures are summed. The interval of "
+    "a method that draws from p(x) is that of the pooled failure rate; that of a search is across "
+    "seeds, and is there if its campaigns differ in their seeds alone. Campaigns of one method may "
+    "differ in its settings."
 )
 LEFT_OUT = "Replays, shrunk failures and evaluated policies are left out: they find nothing new."
 NO_BASELINE = "There is no Monte Carlo campaign to compare with."
@@ -197,6 +201,8 @@ def _merge_pools(pools: Sequence[Pool]) -> Pool:
         ends_at_failures=any(pool.ends_at_failures for pool in pools),
         instance_hours=sum(pool.instance_hours for pool in pools),
         total_usd=sum(pool.total_usd for pool in pools),
+        # Not known to differ in their seeds alone where some write a default down and others not.
+        seeds=pools[0].seeds if len(pools) == 1 else 0,
     )
 
 
@@ -210,6 +216,7 @@ def _make_peer_costs(pools: Sequence[Pool]) -> PeerCosts:
 def _make_method_cost(pool: Pool) -> MethodCost:
     design = SamplingDesign((pool.method,), pool.ends_at_failures)
     found = design.make_rate(pool.failures, pool.completed) if pool.completed else None
+    seeds = pool.seeds if pool.seeds > 1 and not design.is_sampled else 0
     return MethodCost(
         method=pool.method,
         campaigns=pool.campaigns,
@@ -217,8 +224,16 @@ def _make_method_cost(pool: Pool) -> MethodCost:
         completed=pool.completed,
         failures=pool.failures,
         failure_rate=found,
-        cost=price_failures(pool.total_usd, pool.instance_hours, found),
+        cost=price_over_seeds(_sum_pairs(pool), pool.instance_hours, pool.completed, design)
+        if seeds
+        else price_failures(pool.total_usd, pool.instance_hours, found),
+        seeds=seeds,
     )
+
+
+def _sum_pairs(pool: Pool) -> PairSums:
+    sums = (pool.total_usd, pool.failures, pool.usd_squares, pool.failure_squares)
+    return PairSums(pool.seeds, *sums, pool.usd_failures)
 
 
 def _rank_cost(found: MethodCost) -> tuple[bool, bool, float]:

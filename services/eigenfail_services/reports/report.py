@@ -11,7 +11,15 @@ from functools import cached_property
 
 from eigenfail.values.report import Report
 from eigenfail.wire.http import encode
-from eigenfail_services.reports import causes, costs, courses, evidence, failure_modes, outcomes
+from eigenfail_services.reports import (
+    causes,
+    costs,
+    courses,
+    evidence,
+    failure_modes,
+    outcomes,
+    seeds,
+)
 from eigenfail_services.reports import material as materials
 from eigenfail_services.reports.material import Material
 from eigenfail_services.reports.page import ReportPart, draw, page, to_csv
@@ -21,6 +29,7 @@ MakePart = Callable[[Material], ReportPart | None]
 
 PARTS: tuple[MakePart, ...] = (
     outcomes.make_results,
+    seeds.make_over_seeds,
     outcomes.make_setup,
     courses.make_safety,
     courses.make_learning,

@@ -5,12 +5,24 @@ Results are only ever added, so an answer holds as long as their number is the s
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
+from functools import reduce
 from math import ceil
 from threading import Lock
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import msgspec
-from sqlalchemy import Connection, Double, Select, case, cast, func, or_, select
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Double,
+    Select,
+    String,
+    case,
+    cast,
+    func,
+    or_,
+    select,
+)
 
 from eigenfail.values import Outcome
 from eigenfail.values.comparison import Peers, Pool
@@ -154,6 +166,10 @@ SECONDS_PER_HOUR = 3_600.0
 _PEERS = Peers.__struct_fields__
 
 
+_BESIDES = ("settings", "episodes", "stop", "price_usd_per_hour", "instances", "scene_every")
+"""Fields in which campaigns of one method and equal peers may still differ, beside the seed."""
+
+
 _STRUCTURED = ("planner_settings", "scenario_parameters", "disturbance")
 
 
@@ -166,6 +182,8 @@ def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
             *(spec_field(name).label(name) for name in (*_PEERS, "method")),
             *(campaigns.c.id, campaigns.c.completed, campaigns.c.failures),
             *(hours.label("hours"), usd.label("usd"), ends_at_failures.label("ends_at_failures")),
+            spec_field("seed").label("seed"),
+            _join_fields(_BESIDES).label("besides"),
         )
         .order_by(campaigns.c.id)
         .subquery()
@@ -173,6 +191,7 @@ def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
     )
     same = [facts[name] for name in (*_PEERS, "method")]
     newest = func.max(facts.id).label("newest")
+    counted, crashes = facts.completed > 0, cast(facts.failures, Double)
     query = (
         select(
             *same,
@@ -183,6 +202,13 @@ def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
             func.max(facts.ends_at_failures).label("ends_at_failures"),
             func.sum(facts.hours).label("instance_hours"),
             func.sum(facts.usd).label("total_usd"),
+            func.sum(facts.usd * facts.usd).label("usd_squares"),
+            func.sum(crashes * crashes).label("failure_squares"),
+            func.sum(facts.usd * crashes).label("usd_failures"),
+            func.count().filter(counted).label("seeds"),
+            func.count(facts.seed.distinct()).filter(counted).label("different"),
+            func.count(facts.besides.distinct()).filter(counted).label("kinds"),
+            func.count().filter(~counted, facts.usd > 0.0).label("in_vain"),
         )
         .group_by(*same)
         .order_by(newest.desc())
@@ -190,10 +216,19 @@ def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
     return tuple(_to_pool(dict(found)) for found in connection.execute(query).mappings())
 
 
+def _join_fields(names: Sequence[str]) -> ColumnElement[str]:
+    """Return fields of a campaign's spec as one text, which is equal where all of them are."""
+    texts = [func.coalesce(cast(spec_field(name), String), "") for name in names]
+    return reduce(lambda left, right: left + "|" + right, texts)
+
+
 def _to_pool(found: dict[str, Any]) -> Pool:
     given = {name: found.pop(name) for name in _PEERS}
     parts = {name: msgspec.json.decode(given[name]) for name in _STRUCTURED}
     found["ends_at_failures"] = bool(found["ends_at_failures"])
+    different, kinds, in_vain = (found.pop(name) for name in ("different", "kinds", "in_vain"))
+    if different < found["seeds"] or kinds > 1 or in_vain:
+        found["seeds"] = 0
     return Pool(peers=msgspec.convert(given | parts, Peers), **found)
 
 

@@ -333,6 +333,7 @@ def sum_campaigns(connection: Connection, chosen: Sequence[int]) -> dict[int, To
     query = select(
         collisions.campaign,
         func.count().label("failures"),
+        func.min(collisions["index"]).label("first_failure"),
         func.coalesce(func.sum(collisions.log_probability), 0.0).label("log_probability"),
         func.coalesce(func.sum(collisions.steps), 0).label("steps"),
         func.sum(collisions.severity).label("severity"),
@@ -368,6 +369,7 @@ def _to_totals(found: Row[*tuple[object, ...]] | None, near: int, ended: _Ended)
         log_probability=found.log_probability,
         steps=found.steps,
         severity=found.severity,
+        first_failure=found.first_failure,
         conflicts=replace(
             safe,
             unavoidable=found.unavoidable,

@@ -92,6 +92,7 @@ ROUTES = {
         GET /api/v1/scenarios/{name}
         GET /api/v1/simulators
         GET /api/v1/simulators/{name}
+        GET /api/v1/seeds
         GET /api/v1/suites
         GET /api/v1/suites/{suite}
         GET /api/v1/workers

@@ -62,3 +62,32 @@ def test_names_are_quoted_and_escaped(http, make):
 
 def test_a_suite_that_there_is_not_is_a_page_too(check_page):
     check_page("dashboard/suite/unknown", "/suites/nobody", status=404)
+
+
+def test_seeds_of_one_campaign_have_a_row_of_means(http, look, make, deliver, result):
+    for seed in (1, 2, 3):
+        make(f"s: seed={seed}", seed=seed)
+    deliver(3, result(2, Outcome.COLLISION))
+    text = look("/suites/s")
+    assert "mean over 3 seeds 55.6 % 95 %: [31.7, 79.5]" in text
+    assert (
+        "Share of episodes that failed, mean over 3 seeds [95 % interval of the mean]: 55.6 % "
+        "[31.7, 79.5]; median 50.0 %, worst 50.0 % with seed 1."
+    ) in text
+    assert 'aria-label="Over seeds"' in http.get("/suites/s").text
+
+
+def test_each_group_of_seeds_has_its_row(look, make):
+    for distance_m in (53.0, 60.0):
+        for seed in (1, 2):
+            name = f"s: {distance_m:g} {seed}"
+            make(name, seed=seed, scenario_parameters={"distance_m": distance_m})
+    text = look("/suites/s")
+    for distance_m in (53, 60):
+        assert f"distance_m={distance_m}: mean over 2 seeds 50.0 % the same for 2 seeds" in text
+
+
+def test_without_several_seeds_there_is_no_mean(look, make):
+    make("s: a", seed=1)
+    make("s: b", seed=2, planner="rulebook")
+    assert "Over seeds" not in look("/suites/s")

@@ -8,6 +8,8 @@ from msgspec.structs import replace
 
 from eigenfail.frames import SHOWN, Rows
 from eigenfail.presentation.notebook import to_html
+from eigenfail.values import Cost, Interval
+from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
 
 NASTY = "<script>alert('[b]x[/b]')</script>"
 MOST_REPR = 6_000
@@ -74,6 +76,32 @@ def test_every_page_is_small_well_formed_and_escaped(client, campaign, fields, t
     assert "&lt;script&gt;" in pages["suite"]._repr_html_()
     assert pages["episodes"]._repr_html_() == "<p>Nothing.</p>"
     assert f"{campaign.id}: &lt;script&gt;" in pages["report"]._repr_html_()
+
+
+def test_campaigns_over_seeds_are_shown_as_their_table():
+    cost = Cost(2.0, 1.0, 0.5, None, 0.25)
+    share = SeedFigure(
+        n=2, mean=0.2, deviation=0.1, least=0.1, median=0.2, most=0.3, interval=Interval(0.0, 0.9)
+    )
+    spread = SeedSpread(
+        name="ast",
+        method="ast",
+        campaigns=(1, 2),
+        seeds=(0, 1),
+        completed=20,
+        failures=4,
+        share=share,
+        worst=SeedValue(1, 2, 0.1),
+        log_probability_per_step=None,
+        mean_severity=None,
+        first=FirstFailures(median=4.5, worst=7, worst_seed=1, without=0, within=10),
+        cost=cost,
+    )
+    text = spread._repr_html_()
+    assert tags(text) <= ALLOWED
+    assert "<td>20.0 % [0, 90.0]</td>" in text
+    assert "<td>0.500 [0.250, ∞)</td>" in text
+    assert spread.to_pandas()["share_mean"].tolist() == [0.2]
 
 
 def test_a_repr_is_short_however_much_a_value_holds(client, campaign):

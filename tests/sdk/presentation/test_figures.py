@@ -151,7 +151,8 @@ def test_a_probability_comes_with_its_interval_and_number_of_episodes():
     ("cost", "text"),
     [
         (Cost(1.0, 1.0, 0.25, Interval(0.1, 0.6), 0.1), "0.250 [0.100, 0.600]"),
-        (Cost(1.0, 1.0, 0.25, None, 0.1), "0.250"),
+        (Cost(1.0, 1.0, 0.25, None, 0.1), "0.250 [0.100, ∞)"),
+        (Cost(1.0, 1.0, 0.25, None, None), "0.250"),
         (Cost(1.0, 1.0, None, None, 10.5), "≥ 10.50"),
         (Cost(0.0, 0.0, None, None, None), "–"),
     ],

@@ -11,7 +11,7 @@ from eigenfail.presentation.campaigns import (
     tabulate_campaigns,
     tabulate_results,
 )
-from eigenfail.presentation.suites import MemberResult, SuiteResult, tabulate_suite_result
+from eigenfail.presentation.suites import MemberResult, SuiteResult, describe_suite_result
 from eigenfail.presentation.terminal import render
 from eigenfail.values import (
     ONE_REGION,
@@ -81,7 +81,7 @@ def test_a_suites_table_has_that_column_where_a_member_tells_one():
         ]
         return SuiteResult("s", 3, (*members, MemberResult("missing")))
 
-    lines = text(tabulate_suite_result(suite(None, TOLD, REFUSED))).splitlines()
+    lines = text(*describe_suite_result(suite(None, TOLD, REFUSED))).splitlines()
     assert lines[0].rstrip().endswith("P(failure) [95 %]")
     assert [line.rstrip().endswith("(n = 9,100)") for line in lines[2:6]] == [
         False,
@@ -89,7 +89,7 @@ def test_a_suites_table_has_that_column_where_a_member_tells_one():
         False,
         False,
     ]
-    assert "P(failure)" not in text(tabulate_suite_result(suite(None)))
+    assert "P(failure)" not in text(*describe_suite_result(suite(None)))
 
 
 def test_a_campaigns_facts_say_what_the_probability_rests_on():

@@ -2,12 +2,13 @@
 
 import msgspec
 import pytest
-from store_checks.examples import running
+from store_checks.examples import deliver, running
 
-from eigenfail.testing.examples import spec
+from eigenfail.testing.examples import collision, result, spec
 from eigenfail.values.comparison import Peers, Pool
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail_services.campaigns.costs import compare_peers
+from eigenfail_services.campaigns.seeds import find_spreads
 from eigenfail_services.store import open_store
 
 PEERS = Peers(
@@ -109,3 +110,70 @@ def test_a_distribution_is_a_value_of_its_own():
         [pool(2, scenario_parameters=drawn), pool(1, scenario_parameters=drawn)]
     )
     assert group.peers.scenario_parameters == drawn
+
+
+def search(store, seed, failures, **changes):
+    """A search that is done: ten episodes, the first of which failed, at 1.5 USD and more."""
+    fields = {"method": "cem", "seed": seed, "price_usd_per_hour": 1.5}
+    campaign = running(store, **fields | changes)
+    deliver(store, campaign, *(collision(n) if n < failures else result(n) for n in range(10)))
+    store.campaigns.add_active(campaign.id, 3600.0 * (1.0 + 0.1 * seed))
+    return campaign.id
+
+
+def price(store):
+    """The cost of the only method."""
+    ((found,),) = [group.methods for group in compare_peers(store.figures.pools())]
+    return found
+
+
+def test_a_search_over_seeds_has_the_interval_of_its_campaigns(store):
+    ids = [search(store, seed, failures) for seed, failures in ((0, 4), (1, 6), (2, 5), (3, 5))]
+    found, (spread,) = price(store), find_spreads(store, ids)
+    assert found.seeds == 4
+    assert found.cost.interval_usd.low < found.cost.per_failure_usd
+    for name in ("per_failure_usd", "total_usd", "at_least_usd", "instance_hours"):
+        assert getattr(found.cost, name) == pytest.approx(getattr(spread.cost, name))
+    assert found.cost.interval_usd.high == pytest.approx(spread.cost.interval_usd.high)
+
+
+def test_without_a_failure_the_seeds_bound_its_cost(store):
+    ids = [search(store, seed, 0) for seed in range(3)]
+    found, (spread,) = price(store), find_spreads(store, ids)
+    assert found.cost.per_failure_usd is None
+    assert found.cost.at_least_usd == pytest.approx(spread.cost.at_least_usd)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"settings": {"elite": 0.5}},
+        {"episodes": 20},
+        {"price_usd_per_hour": 2.0},
+        {"seed": 0},
+    ],
+)
+def test_campaigns_that_differ_in_more_have_no_interval_across_seeds(store, other):
+    search(store, 0, 4)
+    search(store, **{"seed": 1, "failures": 6} | other)
+    found = price(store)
+    assert (found.seeds, found.failures) == (0, 10)
+    assert (found.cost.interval_usd, found.cost.at_least_usd) == (None, None)
+
+
+def test_a_campaign_that_has_not_begun_does_not_count_and_one_in_vain_leaves_no_interval(store):
+    search(store, 0, 4)
+    search(store, 1, 6)
+    store.campaigns.create(spec(method="cem", seed=2, episodes=20))
+    assert price(store).seeds == 2
+    in_vain = running(store, method="cem", seed=3, price_usd_per_hour=1.5)
+    store.campaigns.add_active(in_vain.id, 60.0)
+    assert price(store).seeds == 0
+
+
+def test_random_episodes_keep_the_interval_of_their_rate(store):
+    for seed in (0, 1):
+        search(store, seed, 4 + seed, method="monte_carlo")
+    found = price(store)
+    assert found.seeds == 0
+    assert found.cost.at_least_usd == pytest.approx(3.15 / (20 * found.failure_rate.interval.high))

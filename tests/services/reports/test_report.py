@@ -13,6 +13,7 @@ from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.presentation.figures import format_amount, format_utc
 from eigenfail.values.report import Report, ReportTable
 from eigenfail.wire.http import decode
+from eigenfail_services.campaigns.seeds import find_spreads
 from eigenfail_services.campaigns.summary import find_safety, summarise
 from eigenfail_services.reports.page import MOST_ROWS, format_plain, to_csv
 from eigenfail_services.reports.report import Made, make
@@ -214,3 +215,29 @@ def test_what_no_report_can_be_made_of_is_refused(store: Store, campaigns: tuple
 def test_a_campaign_that_is_not_there_is_named(store: Store) -> None:
     with pytest.raises(NotFound, match="99"):
         make(store, (1, 99), NOW_MS)
+
+
+def test_campaigns_that_differ_by_seed_have_a_section_over_seeds(
+    made: Made, store: Store, page: Any
+) -> None:
+    (spread,) = find_spreads(store, (1, 2, 3, 4))
+    (row,) = records(table(made.report, "over-seeds"))
+    assert (row["campaigns"], row["seeds"], row["n"]) == ("1, 3", "1, 3", 34)
+    assert row["failures"] == spread.failures
+    assert spread.share.interval
+    assert (row["share"], row["share_low"], row["share_high"]) == (
+        spread.share.mean,
+        spread.share.interval.low,
+        spread.share.interval.high,
+    )
+    assert row["share_deviation"] == spread.share.deviation
+    assert row["cost_per_failure"] == spread.cost.per_failure_usd
+    assert (
+        "Share of episodes that failed, mean over 2 seeds [95 % interval of the mean]" in page.text
+    )
+    assert "No episode is completed with seed 4" in page.text
+
+
+def test_without_campaigns_that_differ_by_seed_there_is_no_such_section(store: Store) -> None:
+    names = {section.name for section in make(store, (1, 2), NOW_MS).report.sections}
+    assert "over-seeds" not in names

@@ -134,6 +134,21 @@ def pools_campaigns(store: Store) -> None:
     equal(pool.peers.planner_settings, {}, "The settings that are none")
     equal(pool.peers.disturbance, one.disturbance, "The disturbance model")
     equal(pools[0].peers, pool.peers, "What methods have in common")
+    equal([each.seeds for each in pools], [0, 0, 0], "Seeds of campaigns that differ in more")
+
+
+def pools_seeds(store: Store) -> None:
+    """Of campaigns that differ in their seeds alone the squares are summed, too."""
+    for seed, failures in ((5, 1), (6, 3), (7, 0)):
+        campaign = running(store, seed=seed, name=f"seed {seed}", price_usd_per_hour=2.0)
+        store.campaigns.add_active(campaign.id, 1800.0 * (1 + failures))
+        deliver(store, campaign, *(collision(n) for n in range(failures)), result(9))
+    store.campaigns.create(spec(seed=8, episodes=20))
+    (pool,) = store.figures.pools()
+    equal((pool.campaigns, pool.seeds), (4, 3), "Seeds with an episode")
+    equal((pool.total_usd, pool.usd_squares), (7.0, 21.0), "Money and its squares")
+    equal((pool.failures, pool.failure_squares), (4, 10.0), "Failures and their squares")
+    equal(pool.usd_failures, 14.0, "Money times failures")
 
 
 def filters_campaigns(store: Store) -> None:
@@ -179,6 +194,7 @@ CHECKS = (
     samples_episodes,
     counts_workers,
     pools_campaigns,
+    pools_seeds,
     filters_campaigns,
     lists_the_latest_events,
 )

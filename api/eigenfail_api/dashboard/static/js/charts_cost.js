@@ -64,9 +64,14 @@ function decades(campaigns) {
   };
 }
 
+function interval(one) {
+  if (one.low !== null) return `, ${compact(one.low)} – ${compact(one.high)}`;
+  return one.at_least === null ? "" : `, at least ${compact(one.at_least)} (95 %)`;
+}
+
 function linesOf(one) {
   const found = one.value === null
     ? `at least ${compact(one.at_least)} USD per failure (95 %)`
-    : `${compact(one.value)} USD per failure${one.low === null ? "" : `, ${compact(one.low)} – ${compact(one.high)}`}`;
+    : `${compact(one.value)} USD per failure${interval(one)}`;
   return [one.method, found, `${one.failures} failures in ${one.completed} episodes`];
 }

@@ -1,0 +1,168 @@
+"""Tables of campaigns over seeds: mean, spread, and the cost of a failure with its interval."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+from eigenfail.presentation.figures import (
+    UNKNOWN,
+    count_noun,
+    format_count,
+    format_interval,
+    format_number,
+    format_share,
+)
+from eigenfail.presentation.tables import (
+    Cell,
+    FormattedCell,
+    Table,
+    count_columns,
+    list_notes,
+    name_columns,
+)
+from eigenfail.values import Interval
+from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread
+
+OVER_SEEDS = "Over seeds"
+SHARE = "Share of episodes that failed"
+MEAN_OF = "[95 % interval of the mean]"
+NO_INTERVAL = "These seeds give no interval of the cost per failure."
+OPEN_ABOVE = (
+    "The number of failures varies so much between these seeds that the cost per failure has a "
+    "lower bound alone (95 %)."
+)
+
+Format = Callable[[float], str]
+
+
+def label_spread(spread: SeedSpread, is_only: bool) -> str:
+    """Return the name of a row that holds means over seeds.
+
+    Args:
+        spread: the campaigns.
+        is_only: whether there is no other group, from which its settings would distinguish it.
+    """
+    words = f"mean over {count_noun(len(spread.seeds), 'seed')}"
+    return words if is_only else f"{spread.name}: {words}"
+
+
+def list_spread(spread: SeedSpread) -> tuple[Cell, ...]:
+    """Return the cells of means over seeds in the columns of a campaign's results."""
+    return (
+        *(spread.completed, spread.failures),
+        _format_mean(spread.share, format_share, _format_share_interval),
+        _format_mean(spread.log_probability_per_step, format_number, format_interval),
+        _format_mean(spread.mean_severity, format_number, format_interval),
+        *(None, spread.cost),
+    )
+
+
+def tabulate_spreads(spreads: Sequence[SeedSpread]) -> Table:
+    """Return mean, spread, median and worst seed of each figure, one a row, group by group."""
+    is_only = len(spreads) == 1
+    over = count_noun(len(spreads[0].seeds), "seed") if is_only else "seeds"
+    columns = (
+        *name_columns(*([] if is_only else ["Group"]), OVER_SEEDS),
+        *count_columns(f"Mean over {over} [95 %]", "Std dev", "Smallest"),
+        *count_columns("Median", "Largest", "Worst seed"),
+    )
+    rows = tuple(
+        row if is_only else (f"{spread.name}, {count_noun(len(spread.seeds), 'seed')}", *row)
+        for spread in spreads
+        for row in _list_rows(spread)
+    )
+    remarks = (
+        sentence if is_only else f"{spread.name}: {sentence}"
+        for spread in spreads
+        for sentence in list_remarks(spread)
+    )
+    shared = list_notes(spread.notes for spread in spreads)
+    return Table(OVER_SEEDS, columns, rows, (*remarks, *shared))
+
+
+def _list_rows(spread: SeedSpread) -> Iterator[tuple[Cell, ...]]:
+    worst = FormattedCell(f"{spread.worst.seed}", sample=format_share(spread.worst.value))
+    yield (
+        SHARE,
+        _format_mean(spread.share, format_share, _format_share_interval),
+        *_list_extremes(spread.share, format_share),
+        None if spread.share.is_constant else worst,
+    )
+    for name, figure in (
+        ("log p/step of the failures [nats]", spread.log_probability_per_step),
+        ("Severity of the failures [m²/s²]", spread.mean_severity),
+    ):
+        yield (
+            name,
+            _format_mean(figure, format_number, format_interval),
+            *_list_extremes(figure, format_number),
+            None,
+        )
+    yield ("Episodes to the first failure", None, None, None, *_list_first(spread.first))
+    yield ("Cost per failure, total ÷ all [USD]", spread.cost, None, None, None, None, None)
+
+
+def _list_extremes(figure: SeedFigure | None, write: Format) -> tuple[Cell, ...]:
+    if figure is None:
+        return (None, None, None, None)
+    deviation = UNKNOWN if figure.deviation is None else write(figure.deviation)
+    return (deviation, *map(write, (figure.least, figure.median, figure.most)))
+
+
+def _list_first(found: FirstFailures) -> tuple[Cell, ...]:
+    """Return the median, the largest number, and the seed with it."""
+    none = f"none in {count_noun(found.within, 'episode')}"
+    largest = none if found.worst is None else format_count(found.worst)
+    median = UNKNOWN if found.median is None else f"{found.median:,g}"
+    return (median, largest, str(found.worst_seed))
+
+
+def _format_mean(
+    figure: SeedFigure | None, write: Format, write_interval: Callable[[Interval], str]
+) -> FormattedCell:
+    if figure is None:
+        return FormattedCell(UNKNOWN)
+    value = write(figure.mean)
+    if figure.interval is not None:
+        return FormattedCell(value, write_interval(figure.interval))
+    same = f"the same for {count_noun(figure.n, 'seed')}" if figure.is_constant else ""
+    return FormattedCell(value, sample=same)
+
+
+def _format_share_interval(interval: Interval) -> str:
+    return format_interval(interval, 100.0)
+
+
+def list_remarks(spread: SeedSpread) -> Iterator[str]:
+    """Return the mean share in a sentence, and what is special about these seeds."""
+    yield _describe_share(spread)
+    figure, first = spread.log_probability_per_step, spread.first
+    if first.without and first.without < len(spread.seeds):
+        yield (
+            f"Seeds without a failure, {first.without} of {len(spread.seeds)}, count in the share, "
+            "in the first failure and in the cost per failure"
+            f"{'' if figure is None else f'; log p and severity are of the other {figure.n}'}."
+        )
+    yield from _describe_cost(spread)
+
+
+def _describe_share(spread: SeedSpread) -> str:
+    share, seeds = spread.share, count_noun(len(spread.seeds), "seed")
+    if share.interval is not None:
+        mean = _format_mean(share, format_share, _format_share_interval).line
+        return (
+            f"{SHARE}, mean over {seeds} {MEAN_OF}: {mean}; median {format_share(share.median)}, "
+            f"worst {format_share(spread.worst.value)} with seed {spread.worst.seed}."
+        )
+    if share.is_constant:
+        return (
+            f"{SHARE}: {format_share(share.mean)} with each of {seeds}. Equal values show no "
+            "spread, so that there is no interval of the mean."
+        )
+    return f"{SHARE}: {format_share(share.mean)} with one seed, which shows no spread."
+
+
+def _describe_cost(spread: SeedSpread) -> Iterator[str]:
+    cost = spread.cost
+    if not spread.failures and cost.at_least_usd is not None:
+        yield "No seed found a failure: the cost per failure is a lower bound (95 %)."
+    elif spread.failures and cost.interval_usd is None and len(spread.seeds) > 1:
+        yield NO_INTERVAL if cost.at_least_usd is None else OPEN_ABOVE

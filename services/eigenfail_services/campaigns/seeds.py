@@ -1,0 +1,261 @@
+"""Campaigns that differ in their seeds alone: how they are found, and their figures over seeds."""
+
+from collections.abc import Iterator, Sequence
+from math import inf
+from typing import Any, NamedTuple
+
+import msgspec
+from msgspec.structs import replace
+
+from eigenfail.intervals import upper_bound_of_none
+from eigenfail.suites import KeyPath, format_value, list_leaves, shorten_paths
+from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, Cost, Priority, Summary
+from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
+from eigenfail.values.variation import in_words
+from eigenfail_services.analysis.campaign_figures import SamplingDesign, price_failures
+from eigenfail_services.campaigns.drafts import fill_defaults
+from eigenfail_services.campaigns.summary import summaries_of
+from eigenfail_services.statistics.seed_spread import PairSums, find_ratio, measure_spread
+from eigenfail_services.store import Store
+
+Group = tuple[Campaign, ...]
+
+DRAWN = "scenario_parameters"
+"""A parameter may have a distribution in place of a value: that is one setting."""
+
+SEED: KeyPath = ("seed",)
+DEFAULTS = "defaults"
+"""Name of a group that has none of the settings in which others differ."""
+
+OF_THE_SEARCH = (
+    "The interval is that of the mean over seeds of this search with this budget, not of a failure "
+    "rate under p(x)."
+)
+
+
+class _Member(NamedTuple):
+    """A campaign of a group with a completed episode, and its summary."""
+
+    campaign: Campaign
+    summary: Summary
+
+    @property
+    def seed(self) -> int:
+        return self.campaign.spec.seed
+
+    @property
+    def share(self) -> float:
+        return self.summary.counts.failures / self.summary.counts.completed
+
+    @property
+    def first(self) -> float:
+        """Number of episodes up to the first failure; infinite without one."""
+        found = self.summary.first_failure
+        return inf if found is None else found + 1.0
+
+
+def group_alike(campaigns: Sequence[Campaign]) -> tuple[Group, ...]:
+    """Group campaigns that differ only in name, priority and seed, in the order of their first."""
+    found: dict[bytes, list[Campaign]] = {}
+    filled: dict[bytes, bytes] = {}
+    for campaign in campaigns:
+        alike = replace(campaign.spec, name="alike", seed=0, priority=Priority.NORMAL)
+        # Filling in defaults takes most of the time: once for all campaigns that are written alike.
+        written = msgspec.msgpack.encode(alike, order="sorted")
+        if written not in filled:
+            filled[written] = msgspec.msgpack.encode(fill_defaults(alike), order="sorted")
+        found.setdefault(filled[written], []).append(campaign)
+    return tuple(map(tuple, found.values()))
+
+
+def list_differing(specs: Sequence[CampaignSpec]) -> list[KeyPath]:
+    """Return the paths at which specs differ, in the order of a spec's fields; names aside."""
+    given = [list_given_settings(spec) for spec in specs]
+    paths = dict.fromkeys(path for one in given for path in one)
+    absent = object()
+    found = [path for path in paths if any(_differs(path, given[0], one, absent) for one in given)]
+    return sorted(found, key=lambda path: CampaignSpec.__struct_fields__.index(path[0]))
+
+
+def _differs(
+    path: KeyPath, one: dict[KeyPath, Any], other: dict[KeyPath, Any], absent: object
+) -> bool:
+    return bool(one.get(path, absent) != other.get(path, absent))
+
+
+def list_given_settings(spec: CampaignSpec) -> dict[KeyPath, Any]:
+    """Return all settings of a campaign but name and priority, by path."""
+    table = msgspec.to_builtins(spec)
+    del table["name"], table["priority"]
+    drawn = table.pop(DRAWN)
+    found: dict[KeyPath, Any] = {path: value for path, value in list_leaves(table) if value != {}}
+    return found | {(DRAWN, name): value for name, value in drawn.items()}
+
+
+def find_spreads(store: Store, campaigns: Sequence[int]) -> tuple[SeedSpread, ...]:
+    """Return the figures over seeds of each group of campaigns that differ in their seeds alone.
+
+    Args:
+        store: where campaigns are.
+        campaigns: their ids; each counts once.
+
+    Raises:
+        NotFound: no such campaign.
+    """
+    found = [store.campaigns.get(campaign) for campaign in dict.fromkeys(campaigns)]
+    return make_spreads(found, summaries_of(store, found))
+
+
+def make_spreads(
+    campaigns: Sequence[Campaign], summaries: Sequence[Summary]
+) -> tuple[SeedSpread, ...]:
+    """Return the figures over seeds of each group with several seeds.
+
+    Groups in which no campaign has completed an episode are left out.
+
+    Args:
+        campaigns: campaigns of any kind, each once.
+        summaries: their summaries, in the same order.
+    """
+    if len({campaign.spec.seed for campaign in campaigns}) < 2:
+        return ()
+    summary_of = {summary.campaign: summary for summary in summaries}
+    groups = group_alike(campaigns)
+    paths = list_differing([campaign.spec for campaign in campaigns]) if len(groups) > 1 else []
+    names = shorten_paths(path for path in paths if path != SEED)
+    found = (_make_spread(group, summary_of, names) for group in groups if _has_seeds(group))
+    return tuple(spread for spread in found if spread is not None)
+
+
+def _has_seeds(group: Group) -> bool:
+    return len({campaign.spec.seed for campaign in group}) > 1
+
+
+def _make_spread(
+    group: Group, summary_of: dict[int, Summary], names: dict[KeyPath, str]
+) -> SeedSpread | None:
+    members = _pick_members(group, summary_of)
+    if not members:
+        return None
+    summaries = [member.summary for member in members]
+    worst = min(members, key=lambda member: (member.share, -member.first, member.seed))
+    return SeedSpread(
+        name=_name_group(group[0].spec, names),
+        method=group[0].spec.method,
+        campaigns=tuple(member.campaign.id for member in members),
+        seeds=tuple(member.seed for member in members),
+        completed=sum(summary.counts.completed for summary in summaries),
+        failures=sum(summary.counts.failures for summary in summaries),
+        share=measure_spread([member.share for member in members], 0.0, 1.0),
+        worst=SeedValue(worst.seed, worst.campaign.id, worst.share),
+        log_probability_per_step=_measure_known(
+            [summary.log_probability_per_step for summary in summaries]
+        ),
+        mean_severity=_measure_known([summary.mean_severity for summary in summaries], 0.0),
+        first=_find_first_failures(members),
+        cost=_price_failures(members),
+        notes=tuple(_list_notes(group, members)),
+    )
+
+
+def _pick_members(group: Group, summary_of: dict[int, Summary]) -> list[_Member]:
+    """Return the campaigns with a completed episode by seed; of one seed the one furthest on."""
+    found: dict[int, _Member] = {}
+    for campaign in sorted(group, key=lambda each: (summary_of[each.id].counts.completed, each.id)):
+        if summary_of[campaign.id].counts.completed:
+            found[campaign.spec.seed] = _Member(campaign, summary_of[campaign.id])
+    return [found[seed] for seed in sorted(found)]
+
+
+def _name_group(spec: CampaignSpec, names: dict[KeyPath, str]) -> str:
+    if not names:
+        return spec.method
+    given = list_given_settings(spec)
+    words = [f"{name}={_format(given[path])}" for path, name in names.items() if path in given]
+    return ", ".join(words) or DEFAULTS
+
+
+def _format(value: object) -> str:
+    drawn = in_words({"": value}) if isinstance(value, dict) else {}
+    return drawn.get("") or format_value(value)
+
+
+def _measure_known(values: Sequence[float | None], lowest: float = -inf) -> SeedFigure | None:
+    known = [value for value in values if value is not None]
+    return measure_spread(known, lowest) if known else None
+
+
+def _find_first_failures(members: Sequence[_Member]) -> FirstFailures:
+    ordered = sorted(member.first for member in members)
+    middle = len(ordered) // 2
+    median = (ordered[middle] + ordered[-middle - 1]) / 2.0
+    worst = max(members, key=lambda each: (each.first, each.summary.counts.completed, -each.seed))
+    return FirstFailures(
+        median=None if median == inf else median,
+        worst=None if worst.first == inf else int(worst.first),
+        worst_seed=worst.seed,
+        without=ordered.count(inf),
+        within=worst.summary.counts.completed,
+    )
+
+
+def _price_failures(members: Sequence[_Member]) -> Cost:
+    bills = [member.summary.cost for member in members]
+    failures = [member.summary.counts.failures for member in members]
+    return price_over_seeds(
+        PairSums.of([bill.total_usd for bill in bills], failures),
+        sum(bill.instance_hours for bill in bills),
+        sum(member.summary.counts.completed for member in members),
+        SamplingDesign.of([member.campaign.spec for member in members]),
+    )
+
+
+def price_over_seeds(
+    sums: PairSums, instance_hours: float, completed: int, design: SamplingDesign
+) -> Cost:
+    """Return total price ÷ all failures with its interval across seeds, or a lower bound.
+
+    Where no seed has a failure, episodes that were drawn from p(x) bound the cost as those of one
+    campaign do. Those of a search bound it by their seeds: with 95 % confidence a seed finds
+    failures with a probability of at most 1 − 0.05^(1/n), and then in all of its episodes at most.
+
+    Args:
+        sums: over the seeds, of price [USD] and failures.
+        instance_hours: of all seeds. [h]
+        completed: episodes of all seeds.
+        design: how the episodes came about.
+    """
+    if sums.failures:
+        return Cost(sums.price, instance_hours, *find_ratio(sums))
+    pooled = price_failures(sums.price, instance_hours, design.make_rate(0, completed))
+    if pooled.at_least_usd is not None:
+        return pooled
+    return replace(
+        pooled, at_least_usd=sums.price / (completed * upper_bound_of_none(sums.n)) or None
+    )
+
+
+def _list_notes(group: Group, members: Sequence[_Member]) -> Iterator[str]:
+    specs = [campaign.spec for campaign in group]
+    if not SamplingDesign.of(specs).is_sampled:
+        yield OF_THE_SEARCH
+    counted = {member.seed for member in members}
+    if missing := sorted({spec.seed for spec in specs} - counted):
+        yield (
+            f"No episode is completed with seed {_join(missing)}: the figures are of the other "
+            f"{len(counted)}."
+        )
+    if repeated := len(group) - len({spec.seed for spec in specs}):
+        yield f"Campaigns with the seed of another one are not counted twice: {repeated} left out."
+    if unfinished := sum(member.campaign.state not in FINAL_STATES for member in members):
+        yield f"{unfinished} of {len(members)} campaigns have not ended: figures may still change."
+    lengths = [member.summary.counts.completed for member in members]
+    if min(lengths) < max(lengths):
+        yield (
+            f"The seeds have {min(lengths):,} to {max(lengths):,} completed episodes; each counts "
+            "alike in a mean."
+        )
+
+
+def _join(seeds: Sequence[int]) -> str:
+    return ", ".join(map(str, seeds))
