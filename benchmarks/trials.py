@@ -5,6 +5,7 @@ from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
+import eigenfailures
 import reproduction
 import varied
 from crew import Crew
@@ -67,6 +68,7 @@ TRIALS = (
     Trial(("merge_in.ast.",), partial(merge, "ast")),
     Trial(("merge_in.difs.",), partial(merge, "difs")),
     Trial(("paper.", "cut_in.eigenfailures."), reproduction.find),
+    Trial(("eigenfailures.",), eigenfailures.reproduce),
     Trial(("cut_in.true_failures.",), confirmed),
     Trial(("cut_in.rulebook.plain_monte_carlo.",), plain_monte_carlo),
     Trial(("bridges.",), found_in_others),

@@ -31,6 +31,10 @@ SURE = 0.25
 
 FEWEST_PER_COMPONENT = 4
 
+PATIENCE = 3
+"""Number of components to try beyond the best number so far: two and three normals describe four
+regions around the origin no better than one."""
+
 TRIAL_ITERATIONS, ITERATIONS = 10, 20
 
 TRIAL_STARTS, STARTS = 4, 6
@@ -187,7 +191,7 @@ def fit_mixture(
     folds = rng.permutation(len(z)) % FOLDS
     best, scores = 1, _score_held_out(samples, 1, folds, rng)
     for count in range(2, most + 1):
-        if len(z) < FEWEST_PER_COMPONENT * (count + 1):
+        if len(z) < FEWEST_PER_COMPONENT * (count + 1) or count > best + PATIENCE:
             break
         more = _score_held_out(samples, count, folds, rng)
         gain = (more - scores) * weights / weights.mean()
