@@ -118,8 +118,9 @@ def judge_result(result: MixtureResult, episodes: int) -> Estimate:
     if result.uncovered > MOST_UNCOVERED:
         return _refuse(
             episodes,
-            f"{result.uncovered:.0%} of the failures that were found lie where the mixture hardly "
-            f"draws: it has lost a failure region. {TAKE_SUBSET}, or repeat it with another seed.",
+            f"{result.uncovered:.0%} of the failures that were kept from the fit lie where the "
+            "mixture hardly draws: it has lost a failure region, or the noise has too many values "
+            f"for so few failures. {TAKE_SUBSET}, or give it more episodes.",
         )
     return Estimate(
         by=BY,

@@ -41,7 +41,10 @@ def test_even_weights_are_an_estimate_with_an_interval():
             MixtureResult(10_000, np.arange(1.0, 2001.0) ** -0.9, 0.0),
             "The largest weights are too unequal",
         ),
-        (MixtureResult(1000, EVEN, 0.5), "50% of the failures that were found lie where"),
+        (
+            MixtureResult(1000, EVEN, 0.5),
+            "50% of the failures that were kept from the fit lie where",
+        ),
     ],
 )
 def test_a_number_that_is_not_to_be_trusted_is_not_printed(result, problem):
