@@ -3,6 +3,7 @@
 Their episodes are those of the service's campaigns: rounds, seeds and learners are the product's.
 """
 
+from collections.abc import Sequence
 from functools import cache
 from math import nan
 from typing import Any, NamedTuple
@@ -25,6 +26,7 @@ from eigenfail.values import (
     Predecessor,
     learner_seed,
 )
+from eigenfail_services.campaigns.learner_context import stack_noise
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.engine import Engine
 
@@ -60,11 +62,11 @@ class Found(NamedTuple):
     state: bytes
 
 
-def search(spec: CampaignSpec, earlier: Found | None = None) -> Found:
-    """Run a campaign; one of `evaluate` uses what an earlier one has learnt."""
+def search(spec: CampaignSpec, earlier: Found | None = None, noise: Sequence[Floats] = ()) -> Found:
+    """Run a campaign; one of `evaluate` uses what an earlier one has learnt, some inject noise."""
     method = plugins.load(plugins.METHODS, spec.method)
     given = read_settings(method.Settings, spec.settings, "settings")
-    learner: Learner = method(context(spec, earlier), given)
+    learner: Learner = method(context(spec, earlier, noise), given)
     rounds = Rounds(learner, spec.seed, spec.episodes)
     results = list(run_in_process(rounds, engine(msgspec.json.encode(spec.setup()))))
     z = np.concatenate([result.noise.z for result in results])
@@ -107,14 +109,16 @@ def changed(found: Found, **settings: Any) -> Found:
     return found._replace(spec=spec)
 
 
-def context(spec: CampaignSpec, earlier: Found | None) -> LearnerContext:
+def context(
+    spec: CampaignSpec, earlier: Found | None, noise: Sequence[Floats] = ()
+) -> LearnerContext:
     """What the service would give the learner."""
     steps = horizon(spec.scenario)
     return LearnerContext(
         seed=learner_seed(spec.seed),
         episodes=spec.episodes,
         horizon=steps,
-        trajectories=np.zeros((0, steps, 2), np.float32),
+        trajectories=stack_noise(noise, steps),
         predecessors=() if earlier is None else (predecessor(earlier, steps),),
     )
 

@@ -18,7 +18,7 @@ from eigenfail.cli.options import (
     Urgency,
     Workers,
 )
-from eigenfail.cli.render import describe_minimal, follow_or_pause, judge, show
+from eigenfail.cli.render import describe_method_result, follow_or_pause, judge, show
 from eigenfail.cli.specs import read_spec
 from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
@@ -64,7 +64,7 @@ def run(
         created = client.campaigns.create(spec)
         ended = follow_or_pause(client, created.id, place.check, place.again)
         summary = client.campaigns.summary(ended.id)
-        words = describe_minimal(client, ended)
+        words = describe_method_result(client, ended)
     show(summary, as_json, lambda: render(tabulate_results([summary]), *words))
     if place.again:
         over = "The service that was started for this campaign has ended. To read its results,"
