@@ -104,6 +104,13 @@ class Reference(NamedTuple):
         return float((self.shares(failures) >= LEAST_SHARE).mean())
 
 
+class TrueFailures(NamedTuple):
+    """Failures under p(x): noise z of each, shape (steps to the collision, 2), and their modes."""
+
+    noise: tuple[Floats, ...]
+    reference: Reference
+
+
 def brute_force() -> BruteForce:
     """What is kept of the draws."""
     kept = (ROOT / "benchmarks" / "true_failures.json").read_bytes()
@@ -143,13 +150,19 @@ def plain_monte_carlo(_crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
 
 def reference(crew: Crew) -> Reference:
     """The reference for `rulebook` in `cut_in` at its defaults."""
+    return true_failures(crew).reference
+
+
+def true_failures(crew: Crew) -> TrueFailures:
+    """The true failures of `rulebook` in `cut_in` at its defaults, each up to its collision."""
     found = brute_force()
     z = found.noise(horizon(found.scenario))
     played = crew.inject(staged(found.scenario, "rulebook"), z)
     ends_s = [one.measures.collided_s for one in played]
     failures = [one for one, end_s in zip(z, ends_s, strict=True) if end_s is not None]
-    first_s = min(end_s for end_s in ends_s if end_s is not None)
-    return modes(failures, round(first_s / step_s(found.scenario)))
+    ends = [round(end_s / step_s(found.scenario)) for end_s in ends_s if end_s is not None]
+    noise = tuple(one[:end] for one, end in zip(failures, ends, strict=True))
+    return TrueFailures(noise, modes(failures, min(ends)))
 
 
 def modes(failures: Sequence[Floats], shown: int) -> Reference:

@@ -3,6 +3,7 @@
 Their episodes are those of the service's campaigns: rounds, seeds and learners are the product's.
 """
 
+from collections.abc import Sequence
 from functools import cache
 from math import nan
 from typing import Any, NamedTuple
@@ -27,6 +28,7 @@ from eigenfail.values import (
     Predecessor,
     learner_seed,
 )
+from eigenfail_services.campaigns.learner_context import stack_noise
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.functions import FunctionEngine
@@ -63,9 +65,9 @@ class Found(NamedTuple):
     state: bytes
 
 
-def search(spec: CampaignSpec, earlier: Found | None = None) -> Found:
-    """Run a campaign; one of `evaluate` uses what an earlier one has learnt."""
-    given = context(spec, horizon(spec.scenario), earlier)
+def search(spec: CampaignSpec, earlier: Found | None = None, noise: Sequence[Floats] = ()) -> Found:
+    """Run a campaign; one of `evaluate` uses what an earlier one has learnt, some inject noise."""
+    given = context(spec, horizon(spec.scenario), earlier, noise)
     return run(spec, given, engine(msgspec.json.encode(spec.setup())))
 
 
@@ -122,13 +124,15 @@ def changed(found: Found, **settings: Any) -> Found:
     return found._replace(spec=spec)
 
 
-def context(spec: CampaignSpec, steps: int, earlier: Found | None) -> LearnerContext:
+def context(
+    spec: CampaignSpec, steps: int, earlier: Found | None, noise: Sequence[Floats] = ()
+) -> LearnerContext:
     """What the service would give the learner, for episodes of some steps at most."""
     return LearnerContext(
         seed=learner_seed(spec.seed),
         episodes=spec.episodes,
         horizon=steps,
-        trajectories=np.zeros((0, steps, 2), np.float32),
+        trajectories=stack_noise(noise, steps),
         predecessors=() if earlier is None else (predecessor(earlier, steps),),
     )
 

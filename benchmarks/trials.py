@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import eigenfailures
 import reproduction
 import varied
+from chains import chains
 from crew import Crew
 from curves import Curve
 from faults import faults, kinds
@@ -63,6 +64,7 @@ TRIALS = (
     Trial(("cut_in.ast_", "cut_in.heuristic."), likely_ast),
     Trial(("cut_in.difs", "cut_in.cem_held_back."), difs),
     Trial(("cut_in.cem.",), cem),
+    Trial(("chains.",), chains),
     Trial(("merge_in.rulebook.mc2000.",), partial(calm, "merge_in")),
     Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
     Trial(("merge_in.ast.",), partial(merge, "ast")),

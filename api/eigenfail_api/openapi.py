@@ -36,6 +36,7 @@ from eigenfail.values import (
 from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey, Quotas, Usage
 from eigenfail.values.campaign import PriorityChange
 from eigenfail.values.comparison import PeerCosts
+from eigenfail.values.mixing import ChainMixing
 from eigenfail.values.operations import Presence, Pruning, Staffing, WorkerShare
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.report import Export, ExportRequest, Report
@@ -65,6 +66,7 @@ BODIES = (
     CampaignCheck,
     CampaignCost,
     CampaignSpec,
+    ChainMixing,
     Comparison,
     Course,
     EpisodeDetail,

@@ -18,6 +18,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.campaign import CampaignFilter, PriorityChange
 from eigenfail.values.learning import Policy
+from eigenfail.values.mixing import ChainMixing
 from eigenfail.values.operations import Pruning
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.wire.http import PREFIX, CampaignCheck, Digest, make_problem
@@ -34,6 +35,7 @@ from eigenfail_api.parameters import (
     body_of,
     plain_body,
 )
+from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
 from eigenfail_services.campaigns.drafts import (
     clone,
     fill_defaults,
@@ -272,6 +274,12 @@ def get_course(store: Stored, campaign: CampaignId, per: Per = None) -> Json:
 def get_minimal_failure(store: Stored, campaign: CampaignId) -> Json:
     """Get the smallest noise that still fails, of a campaign that minimises a failure."""
     return Json(find_minimal_failure(store, store.campaigns.get(campaign)))
+
+
+@router.get("/{campaign}/mixing", **document_route(ChainMixing))
+def get_chain_mixing(store: Stored, campaign: CampaignId) -> Json:
+    """Get how far the chains of a campaign have mixed, by R-hat and effective sample size."""
+    return Json(find_chain_mixing(store, store.campaigns.get(campaign)))
 
 
 @router.get("/{campaign}/digest", **document_route(Digest))

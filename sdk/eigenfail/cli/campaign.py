@@ -21,7 +21,7 @@ from eigenfail.cli.options import (
 )
 from eigenfail.cli.render import (
     TerminalView,
-    describe_minimal,
+    describe_method_result,
     find_missing_workers,
     follow,
     judge,
@@ -247,7 +247,7 @@ def show_campaign(
             draw=lambda seen: render(
                 *describe_campaign(*seen),
                 *find_missing_workers(client, seen[0]),
-                *describe_minimal(client, seen[0]),
+                *describe_method_result(client, seen[0]),
             ),
         )
         page.watch(as_json) if watched else page.show(as_json)
@@ -295,7 +295,7 @@ def watch(
     with interruptible(), connect_to(context, url) as client:
         ended = follow(client, campaign)
         summary = client.campaigns.summary(campaign)
-        words = describe_minimal(client, ended)
+        words = describe_method_result(client, ended)
     show(summary, as_json, lambda: render(tabulate_results([summary]), *words))
     judge(ended, gate, summary)
 

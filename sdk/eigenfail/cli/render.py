@@ -18,6 +18,8 @@ from eigenfail.client.campaigns import AT_REST
 from eigenfail.client.link import wait_until
 from eigenfail.errors import Conflict, EigenfailError, IllegalTransition, ServiceError
 from eigenfail.presentation.episodes import describe_minimal_failure
+from eigenfail.presentation.mixing import describe_chain_mixing
+from eigenfail.presentation.tables import Block
 from eigenfail.progress import PlainLines, Standing, display, headline, reporter, standing
 from eigenfail.suites import Suite
 from eigenfail.values import (
@@ -366,9 +368,6 @@ def _sum_counts(seen: Snapshots) -> Counts:
 FAILURES_FOUND = 1
 
 
-MINIMAL = "minimal"
-
-
 def judge(campaign: Campaign, gate: bool, summary: Summary | None = None) -> None:
     """Exit with 1 if a gate was asked for and failures were found.
 
@@ -415,11 +414,19 @@ def make_errored_error(campaign: Campaign, summary: Summary | None) -> ServiceEr
     )
 
 
-def describe_minimal(client: Client, campaign: Campaign) -> tuple[str, ...]:
-    """Return the minimal failure of a campaign in sentences; none for one of another method."""
-    if campaign.spec.method != MINIMAL:
+METHOD_RESULTS: dict[str, Callable[[Client, int], tuple[Block, ...]]] = {
+    "minimal": lambda client, id_: describe_minimal_failure(client.campaigns.minimal(id_)),
+    "chains": lambda client, id_: describe_chain_mixing(client.campaigns.mixing(id_)),
+}
+"""What campaigns of some methods come to besides their failures."""
+
+
+def describe_method_result(client: Client, campaign: Campaign) -> tuple[Block, ...]:
+    """Return what a campaign came to besides its failures; nothing of most methods."""
+    describe = METHOD_RESULTS.get(campaign.spec.method)
+    if describe is None:
         return ()
     try:
-        return ("", *describe_minimal_failure(client.campaigns.minimal(campaign.id)))
+        return ("", *describe(client, campaign.id))
     except Conflict as error:
         return ("", str(error))

@@ -19,7 +19,7 @@ from eigenfail.cli.options import (
     Urgency,
     Workers,
 )
-from eigenfail.cli.render import describe_minimal, follow_or_pause, judge, show
+from eigenfail.cli.render import describe_method_result, follow_or_pause, judge, show
 from eigenfail.cli.specs import read_spec
 from eigenfail.cli.suite import judge_all, run_and_show
 from eigenfail.hosting.folder import DEFAULT_DATA
@@ -78,7 +78,7 @@ def run(
         created = client.campaigns.create(spec)
         campaign = follow_or_pause(client, created.id, place.check, place.again)
         summary = client.campaigns.summary(campaign.id)
-        words = describe_minimal(client, campaign)
+        words = describe_method_result(client, campaign)
     show(summary, as_json, lambda: render(tabulate_results([summary]), *words))
     _tell_end(place)
     judge(campaign, gate, summary)

@@ -26,6 +26,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.campaign import LONGEST_NAME, PriorityChange
 from eigenfail.values.comparison import PeerCosts
+from eigenfail.values.mixing import ChainMixing
 from eigenfail.values.operations import Pruning, WorkerShare
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.safety import TAIL_LEVEL
@@ -337,6 +338,15 @@ class Campaigns:
             Conflict: it shrinks no failure, or no replay of it has failed.
         """
         return self._link.get(f"/campaigns/{campaign}/minimal", MinimalFailure)
+
+    def mixing(self, campaign: int) -> ChainMixing:
+        """How far the chains of a campaign of the method `chains` have mixed.
+
+        Raises:
+            NotFound: no such campaign.
+            Conflict: it has no chains, or none has started.
+        """
+        return self._link.get(f"/campaigns/{campaign}/mixing", ChainMixing)
 
     def digest(self, campaign: int) -> str:
         """SHA-256 over the results that are in: equal for equal campaigns.

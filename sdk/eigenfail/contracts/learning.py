@@ -85,6 +85,8 @@ class Injection(StrEnum):
     NOTHING = "nothing"
     TRAJECTORIES = "trajectories"
     ONE_FAILURE = "one failure"
+    FAILURES = "failures"
+    """Those of an ended campaign, with episodes of as many steps."""
 
 
 class ModeProbability(StrEnum):

@@ -1,7 +1,7 @@
 """Noise of failures of different length, aligned at the start or at the collision."""
 
 import hashlib
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -235,6 +235,41 @@ def select_latest(failures: Aligned, campaigns: Collection[int]) -> Aligned:
         in_time = own[np.argsort(failures.episodes[own])]
         kept[in_time[: len(own) // 2]] = False
     return failures if kept.all() else failures.take(np.flatnonzero(kept))
+
+
+def select_samples(failures: Aligned, first_samples: Mapping[int, int]) -> Aligned:
+    """Return the failures without those of a campaign before its first sample.
+
+    Args:
+        failures: failures of one or several campaigns.
+        first_samples: index of the first sample, by id of a campaign. All failures of a campaign
+            that has none from there on are kept.
+    """
+    kept = np.ones(len(failures.episodes), np.bool_)
+    for campaign, first in first_samples.items():
+        early = (failures.campaigns == campaign) & (failures.episodes < first)
+        if (late := (failures.campaigns == campaign) & ~early).any():
+            kept &= late | (failures.campaigns != campaign)
+    return failures if kept.all() else failures.take(np.flatnonzero(kept))
+
+
+class EarlyFailures(NamedTuple):
+    """Failures that an analysis of the latest failures leaves out.
+
+    Attributes:
+        learning: ids of the campaigns of which only the latest half counts.
+        first_samples: index of the first failure that counts, by id of a campaign.
+    """
+
+    learning: Collection[int]
+    first_samples: Mapping[int, int]
+
+    def leave_out(self, failures: Aligned) -> Aligned:
+        """Return the failures without the early ones."""
+        return select_samples(select_latest(failures, self.learning), self.first_samples)
+
+
+NONE_EARLY = EarlyFailures((), {})
 
 
 def _place_batch(portion: FailureBatch, horizon: int, how: str) -> _PlacedBatch:

@@ -1,7 +1,7 @@
 """The analysis of failures: from their noise to failure modes."""
 
 import hashlib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 
 import msgspec
 import numpy as np
@@ -14,14 +14,15 @@ from eigenfail.values import AnalysisResult, AnalysisSettings, InfluenceShare
 from eigenfail.values.arrays import encode_array
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.alignment import (
+    NONE_EARLY,
     Aligned,
+    EarlyFailures,
     FailureBatch,
     check_clusterer,
     find_moments,
     gather_failures,
     measure_before_collision,
     median_steps,
-    select_latest,
 )
 from eigenfail_services.analysis.clusters import (
     CLUSTERERS,
@@ -86,7 +87,7 @@ def analyse_gathered(
     settings: AnalysisSettings,
     step_s: float | None,
     episodes: Mapping[int, int],
-    learning: Collection[int] = (),
+    early: EarlyFailures = NONE_EARLY,
 ) -> AnalysisResult:
     """`analyse_portions` of failures that were gathered before, with settings that were checked.
 
@@ -95,10 +96,10 @@ def analyse_gathered(
         settings: settings of the analysis.
         step_s: duration of a step; None where it has none. [s]
         episodes: how many of each campaign have ended, by its id.
-        learning: ids of the campaigns of which `failures = "latest"` takes the latest half.
+        early: failures that `failures = "latest"` leaves out.
     """
     only_latest = settings.failures == "latest"
-    failures = select_latest(gathered, learning) if only_latest else gathered
+    failures = early.leave_out(gathered) if only_latest else gathered
     # A sum over two threads rounds otherwise than over one.
     with threadpool_limits(limits=1), config_context(**LEAN):
         return _make_result(failures, gathered, settings, step_s, episodes)

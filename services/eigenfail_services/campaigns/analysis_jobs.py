@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple, Self
 
 import msgspec
@@ -32,7 +32,9 @@ from eigenfail_services.analysis.alignment import check_clusterer
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
 from eigenfail_services.campaigns.explanations import describe_modes
 from eigenfail_services.campaigns.mode_probability import add_probabilities
+from eigenfail_services.campaigns.resolution import resolve_method
 from eigenfail_services.hub.metrics import Timeout
+from eigenfail_services.methods import find_first_sample
 from eigenfail_services.store import Store
 
 WORLD_FIELDS = ("scenario", "scenario_parameters", "planner", "planner_settings", "simulator")
@@ -276,6 +278,38 @@ def _gives_proposals_up(campaign: Campaign) -> bool:
     return traits.learns and traits.mode_probability is ModeProbability.UNKNOWN
 
 
+def find_first_samples(campaigns: Sequence[Campaign]) -> dict[int, int]:
+    """Return the index of the first episode whose failure is a sample, by id of a campaign.
+
+    Campaigns whose method has no burn-in are left out.
+    """
+    found = {each.id: _find_first_sample(each.spec) for each in campaigns}
+    return {campaign: first for campaign, first in found.items() if first}
+
+
+def _find_first_sample(spec: CampaignSpec) -> int:
+    try:
+        settings = resolve_method(spec.method, spec.settings).settings
+    except InputError:  # a method that is not installed here any more
+        return 0
+    return find_first_sample(settings, spec.episodes)
+
+
+def _describe_samples(first_samples: Mapping[int, int], result: AnalysisResult) -> Iterator[str]:
+    """Yield a remark on each campaign with a burn-in: which failures were taken."""
+    taken = list(zip(result.campaigns, result.episodes, strict=True))
+    for campaign, first in first_samples.items():
+        own = [index for number, index in taken if number == campaign]
+        if own and min(own) >= first:
+            yield (
+                f"Campaign {campaign}: the {len(own)} failures after burn-in, from episode {first} "
+                "on, were analysed, each once. Whether they are samples of p(z | failure), its "
+                "mixing says."
+            )
+        elif own:
+            yield f"Campaign {campaign}: failures from before the end of burn-in were analysed."
+
+
 GROUPS = (
     "Its modes are groups of this search: another seed may find others, and their shares are no "
     "probabilities under p(x)."
@@ -311,7 +345,7 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
             together.
     """
     # scikit-learn takes a second to load.
-    from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
+    from eigenfail_services.analysis.alignment import EarlyFailures, FailureBatch, gather_failures
     from eigenfail_services.analysis.job import analyse_gathered, hash_result
 
     begun = find_basis(store, analysis.campaign, analysis.settings)
@@ -319,13 +353,17 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     failures = gather_failures(read, begun.horizon, analysis.settings)
     base = begun.recounted(store)
     learning = frozenset(each.id for each in base.campaigns if _gives_proposals_up(each))
-    result = analyse_gathered(failures, analysis.settings, base.step_s, base.ended, learning)
+    samples = find_first_samples(base.campaigns)
+    result = analyse_gathered(
+        failures, analysis.settings, base.step_s, base.ended, EarlyFailures(learning, samples)
+    )
     whole = msgspec.structs.replace(
         add_probabilities(store, base.campaigns, result),
         sources=base.sources(result.campaigns),
         notes=(
             *list_notes(base),
             *_describe_learning(failures.campaigns.tolist(), learning, result),
+            *_describe_samples(samples, result),
         ),
         words=describe_modes(store, analysis, result, base.step_s),
     )

@@ -170,7 +170,7 @@ def _find_predecessors(campaign: ResolvedCampaign, store: "Store") -> tuple[Pred
     named = searching.given_references(Reference.LEARNER, Reference.OWN_LEARNER)
     for name, number in named.items():
         field = f"{searching.field}.{name}"
-        before = _find_ended(number, field, store)
+        before = find_ended(number, field, store)
         if searching.traits.references[name] is Reference.OWN_LEARNER:
             _check_same_method(before, searching.name, field)
         else:
@@ -182,7 +182,12 @@ def _find_predecessors(campaign: ResolvedCampaign, store: "Store") -> tuple[Pred
     return ()
 
 
-def _find_ended(campaign: int, field: str, store: "Store") -> Campaign:
+def find_ended(campaign: int, field: str, store: "Store") -> Campaign:
+    """Return an earlier campaign that a setting names.
+
+    Raises:
+        InvalidValue: it does not exist, or has not ended.
+    """
     # A campaign that goes on would make a later one depend on the clock.
     try:
         before = store.campaigns.get(campaign)
@@ -264,7 +269,7 @@ def _find_data(campaign: ResolvedCampaign, store: "Store") -> tuple[Campaign, ..
     searching = campaign.searching
     for name, numbers in searching.given_references(Reference.EPISODES).items():
         field = f"{searching.field}.{name}"
-        named = tuple(_find_ended(number, field, store) for number in sorted(set(numbers)))
+        named = tuple(find_ended(number, field, store) for number in sorted(set(numbers)))
         for before in named:
             _check_data(before, field, campaign.horizon)
             _refuse_pruned(before, field, store)
@@ -281,6 +286,15 @@ def _check_data(before: Campaign, field: str, steps: int) -> None:
     if not before.counts.completed:
         problem = f"campaign {before.id} has not completed a single episode."
         raise InvalidValue(field, problem, "Name one that has.")
+    check_horizon(before, field, steps)
+
+
+def check_horizon(before: Campaign, field: str, steps: int) -> None:
+    """Make sure that the episodes of an earlier campaign have as many steps as here.
+
+    Raises:
+        InvalidValue: they have not.
+    """
     there = world_of(before.spec.simulator).horizon(before.spec)
     if there != steps:
         problem = (

@@ -18,6 +18,8 @@ from eigenfail_services.campaigns.resolution import (
     ResolvedCampaign,
     ResolvedMethod,
     check_estimates,
+    check_horizon,
+    find_ended,
     find_references,
     find_searching,
     read_trajectories,
@@ -197,7 +199,22 @@ def _check_collision(campaign: int, episode: int, field: str, store: "Store") ->
         raise InvalidValue(field, problem, remedy)
 
 
+def _check_failures(campaign: ResolvedCampaign, store: "Store") -> None:
+    """Check that the named campaign has failures that can be injected here.
+
+    Raises:
+        InvalidValue: it has not ended, has no failure, or has episodes of another length.
+    """
+    field = f"{campaign.searching.field}.campaign"
+    before = find_ended(campaign.searching.given["campaign"], field, store)
+    if not before.counts.failures:
+        problem = f"campaign {before.id} has no failure to start from."
+        raise InvalidValue(field, problem, "Name a campaign with failures, such as one of ast.")
+    check_horizon(before, field, campaign.horizon)
+
+
 INJECTION_CHECKS: Mapping[Injection, Callable[[ResolvedCampaign, "Store"], None]] = {
+    Injection.FAILURES: _check_failures,
     Injection.ONE_FAILURE: _check_failure,
     Injection.TRAJECTORIES: _check_trajectories,
 }

@@ -30,6 +30,19 @@ class Reaching(Protocol):
         """Return the largest disturbance that the method can choose, and how to go beyond it."""
 
 
+@runtime_checkable
+class BurningIn(Protocol):
+    """Settings of a method whose early failures are no samples of what it looks for."""
+
+    def first_sample(self, episodes: int) -> int:
+        """Return the index of the first episode whose failure is a sample."""
+
+
+def find_first_sample(settings: Any, episodes: int) -> int:
+    """Return the index of the first episode whose failure counts; 0 where all do."""
+    return settings.first_sample(episodes) if isinstance(settings, BurningIn) else 0
+
+
 def check_budget(settings: Any, episodes: int) -> None:
     """Raise InvalidValue for a budget that is too small for a method."""
     if isinstance(settings, Budgeted):

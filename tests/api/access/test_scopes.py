@@ -72,6 +72,7 @@ ROUTES = {
         GET /api/v1/campaigns/{campaign}/episodes/{index}/steps
         GET /api/v1/campaigns/{campaign}/episodes/{index}/worker
         GET /api/v1/campaigns/{campaign}/minimal
+        GET /api/v1/campaigns/{campaign}/mixing
         GET /api/v1/campaigns/{campaign}/policy
         GET /api/v1/campaigns/{campaign}/prunings
         GET /api/v1/campaigns/{campaign}/safety

@@ -12,6 +12,7 @@ from eigenfail_services.analysis.alignment import (
     FailureBatch,
     gather_failures,
     select_latest,
+    select_samples,
 )
 
 SHORT = np.array([[1, -1], [2, -2]], np.float32)
@@ -72,6 +73,27 @@ def test_the_earlier_half_of_the_failures_of_a_campaign_is_left_out(learning, le
     )
     assert [z[0, 0] for z in found.noise] == found.episodes.tolist()
     assert found.steps.tolist() == [2] * left
+
+
+@pytest.mark.parametrize(
+    ("first_samples", "kept"),
+    [
+        ({}, [3, 5, 8, 30, 1, 2, 40]),
+        ({1: 8}, [8, 30, 1, 2, 40]),
+        ({1: 6, 2: 3}, [8, 30, 40]),
+        ({1: 31}, [3, 5, 8, 30, 1, 2, 40]),
+    ],
+)
+def test_failures_of_a_campaign_before_its_first_sample_are_left_out(first_samples, kept) -> None:
+    """Where there is none from there on, all of them stay."""
+    batches = [
+        FailureBatch(campaign, Failures(indices, tuple(np.full((2, 2), i) for i in indices)))
+        for campaign, indices in ((1, (3, 5, 8, 30)), (2, (1, 2, 40)))
+    ]
+    gathered = gather_failures(batches, 4, AnalysisSettings())
+    found = select_samples(gathered, first_samples)
+    assert sorted(found.episodes.tolist()) == sorted(kept)
+    assert [z[0, 0] for z in found.noise] == found.episodes.tolist()
 
 
 def test_of_several_at_the_collision_the_median_length_counts() -> None:

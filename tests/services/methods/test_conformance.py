@@ -9,6 +9,7 @@ from eigenfail.testing.learner import CORRIDOR, LearnerSuite
 from eigenfail.values import LearnerContext
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
 from eigenfail_services.methods.cem import CrossEntropyMethod
+from eigenfail_services.methods.chains import FailureChains
 from eigenfail_services.methods.cma import CovarianceAdaptation
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.methods.held import HeldNoise
@@ -50,6 +51,18 @@ class TestReplay(LearnerSuite):
     method = Replay
     settings = MappingProxyType({"round_size": 6, "repeats": 2})
     budget = 60
+
+
+class TestChains(LearnerSuite):
+    method = FailureChains
+    settings = MappingProxyType({"campaign": 1, "chains": 4})
+    budget = 60
+
+    def learner(self, seed=0):
+        noise = np.random.default_rng(seed).normal(1.5, 1.0, (9, CORRIDOR.steps, 2))
+        context = LearnerContext(seed, self.budget, CORRIDOR.steps, noise.astype(np.float32))
+        settings = read_settings(FailureChains.Settings, self.settings, "settings")
+        return FailureChains(context, settings)
 
 
 class TestMinimal(LearnerSuite):

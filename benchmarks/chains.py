@@ -1,0 +1,88 @@
+"""Figures: chains of failures on `cut_in`, from failures of AST, against the true failures."""
+
+from collections.abc import Iterator, Sequence
+from math import log, pi
+from statistics import fmean
+
+import numpy as np
+from crew import Crew
+from figures import Figure
+from learning_figures import failure_rate, of_seeds
+from mode_reference import TrueFailures, true_failures
+from searches import EARLIER, Found, search, side_by_side
+
+from eigenfail.settings import read_settings
+from eigenfail.values import CampaignSpec, Floats
+from eigenfail_services.campaigns.chain_mixing import measure_projections
+from eigenfail_services.methods.chains import ChainSettings, read_state
+
+SEEDS = 2
+SEARCHED, MOVED = 400, 6000
+SETTINGS = {"campaign": EARLIER}
+
+
+def chains(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """Campaigns of chains from the failures of AST, one for each seed."""
+    searched = side_by_side(crew, [spec_of("ast", SEARCHED, seed + i) for i in range(SEEDS)])
+    starts = [[one.z for one in run.crashes] for run in searched]
+    specs = [spec_of("chains", MOVED, seed + i, **SETTINGS) for i in range(SEEDS)]
+    runs = crew.each(search, specs, [None] * SEEDS, starts)
+    truth = true_failures(crew)
+    yield "chains.share_failing", of_seeds([failure_rate(run) for run in runs], "share", MOVED)
+    yield from compared(runs, starts, truth)
+    yield from mixed(runs)
+
+
+def spec_of(method: str, episodes: int, seed: int, **settings: int) -> CampaignSpec:
+    """A campaign with all else as it is by default."""
+    return CampaignSpec(
+        name=method,
+        method=method,
+        episodes=episodes,
+        seed=seed,
+        settings=settings,
+        scenario="cut_in",
+    )
+
+
+def compared(
+    runs: Sequence[Found], starts: Sequence[Sequence[Floats]], truth: TrueFailures
+) -> Iterator[tuple[str, Figure]]:
+    """How likely the samples are, and how many groups they reach, beside the true failures."""
+    known = log_p_per_step(truth.noise)
+    found = [samples(run) for run in runs]
+    gaps = [log_p_per_step(each) - known for each in found]
+    before = ", ".join(f"{log_p_per_step(each) - known:.3f}" for each in starts)
+    of_starts = f"; of the failures of AST {before}; {len(truth.noise)} true failures"
+    yield "chains.log_p_gap", of_seeds(gaps, "nat", len(gaps), of_starts)
+    groups = truth.reference
+    reached = [groups.spread(each) for each in found]
+    of_ast = ", ".join(f"{groups.spread(each):.3g}" for each in starts)
+    note = f"; of the failures of AST {of_ast}; groups that hold 5 % of the samples"
+    yield "chains.group_coverage", of_seeds(reached, "share", len(groups.centres), note)
+
+
+def samples(run: Found) -> list[Floats]:
+    """Noise of the failures after burn-in."""
+    settings = read_settings(ChainSettings, dict(SETTINGS), "settings")
+    first = settings.first_sample(run.spec.episodes)
+    early = sum(run.crashed[:first])
+    return [one.z for one in run.crashes[early:]]
+
+
+def log_p_per_step(noise: Sequence[Floats]) -> float:
+    """log p(z) over all steps ÷ steps; of noise from p(z) −2.838."""
+    steps = sum(map(len, noise))
+    squares = sum(float(np.square(z, dtype=np.float64).sum()) for z in noise)
+    return -0.5 * squares / steps - log(2.0 * pi)
+
+
+def mixed(runs: Sequence[Found]) -> Iterator[tuple[str, Figure]]:
+    """What the diagnostics say of them: the worst projections."""
+    states = [read_state(run.state) for run in runs]
+    found = [measure_projections(facts.projections, trace) for facts, trace in states]
+    worst = "; worst: " + ", ".join(each[0].name for each in found)
+    n = fmean(len(trace) for _, trace in states)
+    yield "chains.worst_r_hat", of_seeds([each[0].r_hat for each in found], "ratio", int(n), worst)
+    fewest = [min(one.effective for one in each) for each in found]
+    yield "chains.fewest_effective", of_seeds(fewest, "samples", int(n))

@@ -1,0 +1,167 @@
+"""Samples of p(z | failure): Markov chains that move from failure to failure.
+
+Every move leaves the standard normal p(z) unchanged and is reversible with respect to it, and it is
+accepted where the noise that it proposes still fails. The chains are then reversible with respect
+to p(z | failure), whatever the sizes of the moves, as long as these do not change (Metropolis et
+al. 1953; for pCN Cotter et al. 2013, Statistical Science 28, 424–446; for components Au and Beck
+2001, Probabilistic Engineering Mechanics 16, 263–277).
+
+An episode ends with its failure, so that noise after that step has the distribution p(z) given the
+noise before it: it is drawn anew before each move, which needs no episode (a Gibbs step).
+
+Chains do not show the regions of failures that no move reaches from their starts; `mixing` says
+whether they have forgotten their starts.
+"""
+
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+from math import exp, sqrt
+from types import MappingProxyType
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.values import Floats
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Steps = NDArray[np.int64]
+
+SHORTEST_WINDOW, LONGEST_WINDOW = 3, 15
+"""Steps of a window that is redrawn."""
+
+AXIS_CHOICES = (slice(0, 2), slice(0, 1), slice(1, 2))
+"""Columns of a window that is redrawn."""
+
+SMALLEST_SIZE = 0.005
+
+
+class MoveKind(StrEnum):
+    """Ways in which a chain may move."""
+
+    REDRAW = "redraw"
+    WINDOW = "window"
+    PCN = "pcn"
+
+
+FIRST_SIZES: Mapping[str, float] = MappingProxyType({MoveKind.REDRAW: 0.1, MoveKind.PCN: 0.2})
+"""Sizes of the moves that have one, before they are adapted."""
+
+
+def redraw_components(z: Array, size: float, rng: np.random.Generator) -> Array:
+    """Return noise of which each value was redrawn with probability `size`; at least one was."""
+    chosen = rng.random(z.shape) < size
+    chosen.flat[rng.integers(chosen.size)] = True
+    return np.where(chosen, rng.standard_normal(z.shape), z)
+
+
+def redraw_window(z: Array, _size: float, rng: np.random.Generator) -> Array:
+    """Return noise of which 3 to 15 successive steps of one axis or both were redrawn."""
+    longest = min(LONGEST_WINDOW, len(z))
+    width = int(rng.integers(min(SHORTEST_WINDOW, longest), longest + 1))
+    # Windows reach beyond both ends, so that the first and last steps are redrawn as often.
+    first = int(rng.integers(1 - width, len(z)))
+    moved = z.copy()
+    inside = moved[max(first, 0) : first + width, AXIS_CHOICES[rng.integers(len(AXIS_CHOICES))]]
+    inside[:] = rng.standard_normal(inside.shape)
+    return moved
+
+
+def step_pcn(z: Array, size: float, rng: np.random.Generator) -> Array:
+    """Return sqrt(1 − s²) · z + s · e with e ~ N(0, I) and the size s: preconditioned CN."""
+    kept: Array = sqrt(1.0 - size**2) * z
+    return kept + size * rng.standard_normal(z.shape)
+
+
+MOVES: Mapping[MoveKind, Callable[[Array, float, np.random.Generator], Array]] = MappingProxyType(
+    {
+        MoveKind.REDRAW: redraw_components,
+        MoveKind.WINDOW: redraw_window,
+        MoveKind.PCN: step_pcn,
+    }
+)
+
+
+class MoveMix(msgspec.Struct, frozen=True, kw_only=True):
+    """How chains move.
+
+    Attributes:
+        weights: relative number of moves of each kind.
+        acceptance: share of the moves that is to be accepted, by the choice of their sizes.
+        adapted: number of moves of each chain after which the sizes stay as they are.
+    """
+
+    weights: Mapping[MoveKind, float]
+    acceptance: float
+    adapted: int
+
+
+class ChainSampler:
+    """Moves chains of failures side by side; what it draws depends on its seed and its state only.
+
+    Args:
+        z: noise of a failure of each chain, shape (chains, steps, 2); values after its end do not
+            count.
+        ends: number of steps to the failure of each chain, shape (chains,).
+        mix: how the chains move.
+        seed: seed of every draw.
+
+    Attributes:
+        z: noise of the present failures. [sigma]
+        ends: their numbers of steps.
+        sizes: present size of each kind of move that has one.
+        moved: number of moves of each chain that were tried.
+    """
+
+    def __init__(self, z: Floats, ends: Steps, mix: MoveMix, seed: int) -> None:
+        self.z, self.ends = z, ends
+        self.sizes = dict(FIRST_SIZES)
+        self.moved = 0
+        self._mix = mix
+        self._seed = seed
+
+    def propose(self, chains: int) -> Floats:
+        """Return the noise to which the first chains would move, shape (chains, steps, 2)."""
+        rng = np.random.default_rng([self._seed, self.moved])
+        kinds = self._draw_kinds()
+        return np.stack([self._move(i, kinds[i], rng) for i in range(chains)]).astype(np.float32)
+
+    def _move(self, chain: int, kind: MoveKind, rng: np.random.Generator) -> Array:
+        z = self.z[chain].astype(np.float64)
+        tail = z[self.ends[chain] :]
+        tail[:] = rng.standard_normal(tail.shape)
+        return MOVES[kind](z, self.sizes.get(kind, 0.0), rng)
+
+    def _draw_kinds(self) -> list[MoveKind]:
+        # A generator of its own: the kinds are needed again when the results have come.
+        rng = np.random.default_rng([self._seed, self.moved, 1])
+        kinds = list(MoveKind)
+        weights = np.array([self._mix.weights[kind] for kind in kinds])
+        drawn = rng.choice(len(kinds), len(self.z), p=weights / weights.sum())
+        return [kinds[place] for place in drawn.tolist()]
+
+    def accept(self, z: Floats, ends: Steps, failed: Mask, ran: Mask) -> None:
+        """Move the chains whose proposals failed; the others stay where they are.
+
+        Args:
+            z: noise that was proposed to the first chains, shape (n, steps, 2).
+            ends: numbers of steps after which these episodes ended, shape (n,).
+            failed: which of them failed.
+            ran: which of them were completed; the others say nothing about the sizes.
+        """
+        n = len(z)
+        self.z[:n][failed] = z[failed]
+        self.ends[:n][failed] = ends[failed]
+        if self.moved < self._mix.adapted:
+            self._adapt(failed, ran)
+        self.moved += 1
+
+    def _adapt(self, failed: Mask, ran: Mask) -> None:
+        """Change the size of each kind of move towards the acceptance (Robbins and Monro 1951)."""
+        kinds = np.array(self._draw_kinds()[: len(failed)])
+        for kind, size in self.sizes.items():
+            tried = failed[ran & (kinds == kind)]
+            if tried.size:
+                change = (float(tried.mean()) - self._mix.acceptance) / sqrt(1.0 + self.moved)
+                self.sizes[kind] = min(max(size * exp(change), SMALLEST_SIZE), 1.0)

@@ -1,0 +1,114 @@
+"""Chains of failures, against p(z | failure) of half spaces."""
+
+from math import exp, pi, sqrt
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+
+from eigenfail_services.statistics.failure_chains import (
+    MOVES,
+    ChainSampler,
+    MoveKind,
+    MoveMix,
+    redraw_window,
+)
+
+STEPS, BETA = 5, 2.0
+DIRECTION = np.ones((STEPS, 2)) / sqrt(2 * STEPS)
+TAIL_MEAN = exp(-(BETA**2) / 2) / sqrt(2 * pi) / NormalDist().cdf(-BETA)
+"""Mean of N(0, 1) beyond BETA; its second moment is 1 + BETA · TAIL_MEAN."""
+
+
+def mix_of(*kinds, adapted=0):
+    weights = {kind: float(kind in kinds) for kind in MoveKind}
+    return MoveMix(weights=weights, acceptance=0.4, adapted=adapted)
+
+
+def along(z):
+    return np.sum(z * DIRECTION, axis=(1, 2))
+
+
+def sample(mix, chains=60, moves=500, burn_in=100):
+    """States of chains in the half space z·w >= BETA, shape (draws, chains, steps, 2)."""
+    starts = np.tile((3.0 * DIRECTION).astype(np.float32), (chains, 1, 1))
+    ends = np.full(chains, STEPS)
+    sampler = ChainSampler(starts, ends.copy(), mix, seed=7)
+    states = []
+    for _ in range(moves):
+        z = sampler.propose(chains)
+        sampler.accept(z, ends, along(z) >= BETA, np.ones(chains, bool))
+        states.append(sampler.z.copy())
+    return np.stack(states[burn_in:]), sampler
+
+
+@pytest.mark.parametrize(
+    "kinds", [(MoveKind.REDRAW,), (MoveKind.WINDOW,), (MoveKind.PCN,), tuple(MoveKind)]
+)
+def test_samples_of_a_half_space_are_a_truncated_normal(kinds):
+    states, _ = sample(mix_of(*kinds, adapted=100))
+    z = states.reshape(-1, STEPS, 2).astype(np.float64)
+    normal = along(z)
+    assert normal.min() >= BETA - 1e-5
+    assert normal.mean() == pytest.approx(TAIL_MEAN, abs=0.03)
+    assert normal.var() == pytest.approx(1 + BETA * TAIL_MEAN - TAIL_MEAN**2, rel=0.12)
+    square = np.square(z).sum(axis=(1, 2))
+    assert square.mean() == pytest.approx(2 * STEPS - 1 + 1 + BETA * TAIL_MEAN, rel=0.03)
+
+
+@pytest.mark.parametrize("kind", MoveKind)
+@pytest.mark.parametrize("size", [0.05, 0.5, 1.0])
+def test_each_move_leaves_the_prior_unchanged(kind, size):
+    rng = np.random.default_rng(1)
+    z = rng.standard_normal((3000, 20, 2))
+    moved = np.stack([MOVES[kind](each, size, rng) for each in z])
+    assert moved.mean(axis=0) == pytest.approx(0.0, abs=0.09)
+    assert moved.var(axis=0) == pytest.approx(1.0, abs=0.14)
+    # Reversible: the covariance of before and after is symmetric, and no step is left out.
+    before, after = z.reshape(len(z), -1), moved.reshape(len(z), -1)
+    crossed = before.T @ after / len(z)
+    assert crossed == pytest.approx(crossed.T, abs=0.12)
+    assert (before != after).any(axis=0).all()
+
+
+def test_a_window_has_3_to_15_steps_and_reaches_every_step_as_often():
+    rng = np.random.default_rng(2)
+    changed = np.stack([redraw_window(np.zeros((60, 2)), 0.0, rng) != 0 for _ in range(4000)])
+    widths = changed[..., 0].sum(axis=1)
+    assert widths.max() == 15
+    assert changed.mean(axis=(0, 2)) == pytest.approx(changed.mean(), rel=0.2)
+
+
+def test_noise_after_the_failure_is_drawn_anew():
+    starts = np.full((4, 10, 2), 2.0, np.float32)
+    sampler = ChainSampler(starts, np.full(4, 6), mix_of(MoveKind.PCN), seed=3)
+    sampler.sizes[MoveKind.PCN] = 0.0
+    proposed = sampler.propose(4)
+    assert (proposed[:, :6] == 2.0).all()
+    assert abs(proposed[:, 6:].mean()) < 0.5
+
+
+def test_sizes_follow_the_acceptance_and_then_stay():
+    states, sampler = sample(mix_of(MoveKind.PCN, adapted=150), moves=300, burn_in=150)
+    accepted = (states[1:] != states[:-1]).any(axis=(2, 3)).mean()
+    assert accepted == pytest.approx(0.4, abs=0.08)
+    frozen = dict(sampler.sizes)
+    z = sampler.propose(60)
+    sampler.accept(z, np.full(60, STEPS), np.zeros(60, bool), np.ones(60, bool))
+    assert sampler.sizes == frozen
+
+
+def test_a_chain_whose_move_does_not_fail_or_is_not_run_stays():
+    starts = np.arange(3 * 4 * 2, dtype=np.float32).reshape(3, 4, 2)
+    sampler = ChainSampler(starts.copy(), np.full(3, 4), mix_of(MoveKind.PCN, adapted=9), seed=1)
+    size = sampler.sizes[MoveKind.PCN]
+    z, nothing = sampler.propose(3), np.zeros(3, bool)
+    sampler.accept(z, np.full(3, 4), nothing, nothing)
+    assert (sampler.z == starts).all()
+    assert sampler.sizes[MoveKind.PCN] == size
+    moved = np.array([False, True, False])
+    z = sampler.propose(3)
+    sampler.accept(z, np.array([4, 3, 4]), moved, np.ones(3, bool))
+    assert (sampler.z[moved] == z[moved]).all()
+    assert (sampler.z[~moved] == starts[~moved]).all()
+    assert sampler.ends.tolist() == [4, 3, 4]
