@@ -16,7 +16,7 @@ from eigenfail.values import CampaignSpec, Floats
 from eigenfail_services.campaigns.chain_mixing import measure_projections
 from eigenfail_services.methods.chains import ChainSettings, read_state
 
-SEEDS = 2
+SEEDS = 3
 SEARCHED, MOVED = 400, 6000
 SETTINGS = {"campaign": EARLIER}
 

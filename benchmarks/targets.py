@@ -74,9 +74,7 @@ TARGETS = {
             *("lead_brake.rulebook", "lead_brake.idm"),
         )
     },
-    "chains.share_failing": Target(low=0.4),
     "chains.log_p_gap": Target(low=-0.1, high=0.1),
-    "chains.group_coverage": Target(low=0.9),
     "faults.kinds": Target(low=40.0),
     "faults.storm.kinds": Target(low=13.0),
     "faults.injected": Target(low=120.0),

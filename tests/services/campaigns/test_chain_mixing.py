@@ -68,7 +68,7 @@ def moved(campaigns) -> int:
 def test_the_mixing_of_a_campaign_is_told(campaigns, moved) -> None:
     found = find_chain_mixing(campaigns.store, campaigns.store.campaigns.get(moved))
     assert (found.chains, found.started) == (CHAINS, CHAINS)
-    assert found.first_sample == CHAINS * (1 + 7)
+    assert found.first_sample == CHAINS * (1 + 10)
     assert found.moves == EPISODES - found.first_sample
     assert found.draws == found.moves // CHAINS
     late = campaigns.store.episodes.finished(moved, range(found.first_sample, EPISODES))
@@ -84,7 +84,7 @@ def test_the_mixing_of_a_campaign_is_told(campaigns, moved) -> None:
 
 
 def test_an_analysis_takes_the_failures_after_burn_in_and_says_so(campaigns, moved) -> None:
-    first = CHAINS * 8
+    first = CHAINS * 11
     results = {}
     for failures in ("latest", "all"):
         settings = AnalysisSettings(failures=failures, clusters=2, bootstrap=0)

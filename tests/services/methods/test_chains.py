@@ -85,8 +85,9 @@ def test_samples_are_distributed_as_failures_of_monte_carlo():
 
 def test_chains_of_a_plane_border_mix():
     problem = HalfSpace(0.1, steady_noise(2))
-    learner = make(1.2 * problem.likeliest[None], 3200, chains=8, redraw=0, window=0)
-    run(learner, 3200, FunctionEngine(problem.function, problem.steps))
+    small = {"redraw": 0, "window": 0, "acceptance": 0.4, "burn_in": 0.2}
+    learner = make(1.2 * problem.likeliest[None], 4800, chains=8, **small)
+    run(learner, 4800, FunctionEngine(problem.function, problem.steps))
     facts, trace = read_state(learner.state())
     projections = measure_projections(facts.projections, trace)
     assert judge_mixing(projections)[0], projections
@@ -214,7 +215,7 @@ def test_a_campaign_without_failures_is_refused():
 
 def test_other_directions_of_the_noise_are_watched():
     facts, trace = read_state(make(steady(2.0)).state())
-    assert trace.shape == (0, 20, len(facts.projections))
+    assert trace.shape == (0, 10, len(facts.projections))
     assert "component 1 of the known failures" in facts.projections
     alike, _ = read_state(make(steady(2.0, n=1)).state())
     assert not any(name.startswith("component") for name in alike.projections)
