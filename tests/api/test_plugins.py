@@ -9,7 +9,7 @@ from eigenfail import plugins
 from eigenfail.functions import ALLOWED_VARIABLE
 
 EXPECTED = {
-    "methods": {"monte_carlo", "ast", "difs", "cem", "chains", "replay", "subset"},
+    "methods": {"monte_carlo", "ast", "difs", "cem", "replay", "subset"},
     "planners": {"idm", "rulebook"},
     "scenarios": {"cut_in", "lead_brake", "merge_in"},
     "simulators": {"function", "highway", "point_mass"},
