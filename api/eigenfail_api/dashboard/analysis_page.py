@@ -50,7 +50,7 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
         id="eigenfailure-chart",
         kind="eigenfailures",
         title="Eigenfailures",
-        caption="Cluster centroid of each mode, mapped back to noise over time [sigma]."
+        caption="Centre of the noise of each mode over time [sigma]."
         + (" Bands: from 10 to 90 % of the noise of its failures at each step." if bands else ""),
         data={
             **{axis: [list_floats(z[:, way]) for z in modes] for way, axis in enumerate(AXES)},
