@@ -5,8 +5,8 @@ of methods, those of these methods alone. It fails if, on any, fewer than 88 of 
 intervals hold the truth (a lower bound must not exceed it by more than its own random error), if
 the mean of the printed estimates is below 0.8 of the truth, or if fewer than 90 of 100 campaigns
 print a number. `mixture` may refuse any number of them; its limits hold for what it prints, where
-that is twenty numbers or more. With several failure regions importance sampling finds the share of the
-one that its proposal has found: its mean shows how much a bound misses.
+that is twenty numbers or more. With several failure regions importance sampling finds the share of
+the one that its proposal has found: its mean shows how much a bound misses.
 """
 
 import sys
