@@ -16,7 +16,7 @@ PROCESSES ?= 3
 REQUESTS ?= 25000
 
 .DEFAULT_GOAL := help
-.PHONY: help image-steps setup chromium headers tools demo test coverage lint format bench volume claims intervals pictures site openapi faults screens vendor soak explore hostile overload lock clean
+.PHONY: help image-steps setup chromium headers tools demo test quick coverage lint format bench volume claims intervals pictures site openapi faults screens vendor soak explore hostile overload lock clean
 
 help: ## this list
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -55,6 +55,9 @@ demo: setup ## a short campaign of each method, analysed, replayed, priced
 test: setup chromium headers tools lint ## every check and every test
 	$(BIN)/python -m pytest -q tests/test_full_loop.py
 	$(BIN)/python -m pytest tests $(SPREAD)
+
+quick: setup ## the tests that start no services and no browser; a third of the time
+	$(BIN)/python -m pytest tests -m "not service and not browser" $(SPREAD)
 
 coverage: setup chromium headers tools ## which lines the tests reach; takes half as long again
 	$(BIN)/coverage erase
