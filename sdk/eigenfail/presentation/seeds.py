@@ -27,7 +27,7 @@ MEAN_OF = "[95 % interval of the mean]"
 NO_INTERVAL = "These seeds give no interval of the cost per failure."
 OPEN_ABOVE = (
     "The number of failures varies so much between these seeds that the cost per failure has a "
-    "lower bound alone (95 %)."
+    "lower bound alone (97.5 %)."
 )
 
 Format = Callable[[float], str]

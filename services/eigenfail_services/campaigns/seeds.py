@@ -8,6 +8,11 @@ import msgspec
 from msgspec.structs import replace
 
 from eigenfail.intervals import upper_bound_of_none
+from eigenfail.presentation.figures import (
+    format_interval,
+    format_no_event,
+    format_share,
+)
 from eigenfail.suites import KeyPath, format_value, list_leaves, shorten_paths
 from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, Cost, Priority, Summary
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
@@ -237,8 +242,8 @@ def price_over_seeds(
 
 def _list_notes(group: Group, members: Sequence[_Member]) -> Iterator[str]:
     specs = [campaign.spec for campaign in group]
-    if not SamplingDesign.of(specs).is_sampled:
-        yield OF_THE_SEARCH
+    design = SamplingDesign.of(specs)
+    yield _describe_pooled_rate(design, members) if design.is_sampled else OF_THE_SEARCH
     counted = {member.seed for member in members}
     if missing := sorted({spec.seed for spec in specs} - counted):
         yield (
@@ -255,6 +260,21 @@ def _list_notes(group: Group, members: Sequence[_Member]) -> Iterator[str]:
             f"The seeds have {min(lengths):,} to {max(lengths):,} completed episodes; each counts "
             "alike in a mean."
         )
+
+
+def _describe_pooled_rate(design: SamplingDesign, members: Sequence[_Member]) -> str:
+    """Return the failure rate of all episodes together, which were all drawn from p(x)."""
+    failures = sum(member.summary.counts.failures for member in members)
+    rate = design.make_rate(failures, sum(member.summary.counts.completed for member in members))
+    if not rate.k:
+        found = format_no_event(rate.n, rate.interval.high if rate.interval else 1.0)
+    else:
+        ends = f" {format_interval(rate.interval, 100.0)}" if rate.interval else ""
+        found = f"{format_share(rate.value)}{ends} of {rate.n:,}"
+    return (
+        f"All episodes were drawn from p(x): together their failure rate is {found}. Quote this "
+        "interval rather than that of the mean over seeds."
+    )
 
 
 def _join(seeds: Sequence[int]) -> str:

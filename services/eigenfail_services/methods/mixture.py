@@ -1,5 +1,6 @@
 """Mixture sampling: importance sampling from normals around every failure region that was found."""
 
+from math import log10
 from typing import Annotated
 
 import msgspec
@@ -25,7 +26,11 @@ FEWEST_EFFECTIVE = 25.0
 """Effective failures below which nothing is printed."""
 
 LARGEST_TAIL_INDEX = 0.7
-"""Of the weights (Vehtari et al. 2024, JMLR 25 (72)): beyond it their mean converges too slowly."""
+"""Of the weights of many draws (Vehtari et al. 2024, JMLR 25 (72)): beyond it their mean converges
+too slowly. With n draws the limit is 1 − 1 / log10(n), if that is less."""
+
+MOST_VALUES = 1_000
+"""Values of noise of an episode: the time of a fit grows with the cube of their number."""
 
 MOST_UNCOVERED = 0.05
 """Share of the chains' ends that the last mixture may leave uncovered."""
@@ -52,15 +57,26 @@ class MixtureSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
                 "episodes",
                 f"{episodes} are too few to find the failure regions and to draw from them; the "
                 f"least is {FEWEST_EPISODES}.",
-                "Give more episodes: with 2,000 the estimate is good in up to ten dimensions.",
+                "Give more episodes: 2,000 are enough for most problems with up to ten values.",
             )
+
+
+def check_values(horizon: int) -> None:
+    """Raise InvalidValue if the noise of an episode has too many values."""
+    if 2 * horizon > MOST_VALUES:
+        raise InvalidValue(
+            "method",
+            f"mixture takes noise of up to {MOST_VALUES} values, and {horizon} steps have "
+            f"{2 * horizon}.",
+            "Take method subset.",
+        )
 
 
 class MixtureMethod(WaveLearner[MixtureSampling]):
     """Finds failure regions with wider noise, fits a mixture to them, and draws from it.
 
     Raises:
-        InvalidValue: the budget is too small.
+        InvalidValue: the budget is too small, or the noise has too many values.
     """
 
     Settings = MixtureSettings
@@ -69,6 +85,7 @@ class MixtureMethod(WaveLearner[MixtureSampling]):
 
     def __init__(self, context: LearnerContext, settings: MixtureSettings) -> None:
         settings.check_budget(context.episodes)
+        check_values(context.horizon)
         self._settings = settings
         super().__init__(context, settings.round_size)
 
@@ -83,37 +100,34 @@ class MixtureMethod(WaveLearner[MixtureSampling]):
         simulation, result = self._driver.simulation, self._driver.simulation.result
         episodes = simulation.episodes_run
         if not self._driver.is_done:
-            unfinished = "The budget ended early." if self._is_spent else "Not known yet."
-            problem = f"{unfinished} The estimate rests on the last draws."
+            problem = "Not known before the last draws are completed, on which it rests alone."
             return _refuse(episodes, problem) if episodes else None
         if result is None:
-            return _refuse(
-                episodes,
-                f"Wider noise, up to four sigma, met {simulation.wide_failures} failures, and it "
-                f"takes {FEWEST_FAILURES}. {TAKE_SUBSET}, or give it more episodes.",
-            )
+            return _refuse(episodes, _explain_early_end(simulation, self._context.episodes))
         return judge_result(result, episodes)
 
 
 def judge_result(result: MixtureResult, episodes: int) -> Estimate:
     """Return the estimate, or the reason why its number is not to be trusted."""
+    if result.errored == result.draws:
+        return _refuse(episodes, "All of the last draws errored: correct what raised.")
     if not len(result.weights):
         return _refuse(episodes, f"None of the last draws failed. {TAKE_SUBSET}.")
     effective = result.effective
     if effective < FEWEST_EFFECTIVE:
         return _refuse(
             episodes,
-            f"{len(result.weights)} failures are worth {effective:.1f} by their weights, and it "
-            f"takes {FEWEST_EFFECTIVE:.0f}: no mixture of normals comes close to these failures. "
-            f"{TAKE_SUBSET}, or give it more episodes.",
+            f"The {len(result.weights)} failures carry the information of {effective:.1f} "
+            f"independent ones, and {FEWEST_EFFECTIVE:.0f} are needed: the fitted normals do not "
+            f"match the failures well. {TAKE_SUBSET}, or give it more episodes.",
         )
     index = estimate_tail_index(result.weights)
-    if index > LARGEST_TAIL_INDEX:
+    limit = min(1.0 - 1.0 / log10(result.draws), LARGEST_TAIL_INDEX)
+    if index > limit:
         return _refuse(
             episodes,
-            f"The largest weights are too unequal (tail index {index:.2f}, at most "
-            f"{LARGEST_TAIL_INDEX}): rare heavy ones are probably missing. {TAKE_SUBSET}, or give "
-            "it more episodes.",
+            f"The largest weights are too unequal (tail index {index:.2f}, at most {limit:.2f}): "
+            f"rare heavy ones are probably missing. {TAKE_SUBSET}, or give it more episodes.",
         )
     if result.uncovered > MOST_UNCOVERED:
         return _refuse(
@@ -129,7 +143,29 @@ def judge_result(result: MixtureResult, episodes: int) -> Estimate:
         cv=result.cv,
         interval=log_normal(result.probability, result.cv, result.effective_for_variance),
         effective=effective,
-        note=BLIND,
+        note=BLIND + _describe_errors(result),
+    )
+
+
+def _describe_errors(result: MixtureResult) -> str:
+    if not result.errored:
+        return ""
+    return f" {result.errored} of the {result.draws} last draws errored, and count as no failure."
+
+
+def _explain_early_end(simulation: MixtureSampling, budget: int) -> str:
+    """Return why no mixture was fitted."""
+    if not simulation.episodes_run:
+        return "Every episode errored: correct what raised."
+    if not simulation.are_failures_rare:
+        return (
+            f"Failures are not rare: it ended after {simulation.episodes_run} of {budget} "
+            "episodes. Take method monte_carlo."
+        )
+    return (
+        f"Noise of one to four sigma met {simulation.found_failures} failures, and "
+        f"{FEWEST_FAILURES} are needed: it ended after {simulation.episodes_run} of {budget} "
+        f"episodes. {TAKE_SUBSET}, or give it more episodes."
     )
 
 

@@ -87,8 +87,12 @@ class NormalComponent(NamedTuple):
         return density
 
     def transform(self, standard: Array) -> Array:
-        """Turn standard normal values of shape (n, size) into draws of this normal."""
-        moved: Array = self.mean + (standard * np.sqrt(self.variances)) @ self.axes.T
+        """Turn standard normal values of shape (n, size) into draws of this normal.
+
+        By the symmetric root of the covariance: the signs of the axes are LAPACK's choice, and must
+        not change the draws.
+        """
+        moved: Array = self.mean + ((standard @ self.axes) * np.sqrt(self.variances)) @ self.axes.T
         return moved
 
 

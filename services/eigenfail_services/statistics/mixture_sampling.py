@@ -7,7 +7,8 @@ is met there in about Q(b / s) of the episodes, so that regions of very differen
 met about equally often. Short Markov chains lead these failures to where p(z | failure) is large,
 and each keeps its region. A mixture of normals is fitted to their ends, refitted twice to the
 weighted failures that were drawn from it, and then stands still: the estimate rests on the last
-draws alone, which are independent draws of one q, so that it is unbiased and its variance is known.
+draws alone, which are draws of one q. It is unbiased; an episode that errored counts as no failure.
+The draws are stratified by component, and their variance is estimated as that of independent ones.
 
 Sources: Owen and Zhou 2000, J. Am. Stat. Assoc. 95, 135–143 (mixtures, defensive components);
 Veach and Guibas 1995 (the balance heuristic, for the weights of the refits); Cotter et al. 2013,
@@ -48,8 +49,9 @@ corners and four branches with seeds that no figure rests on."""
 FEWEST_DRAWS = 20
 """Of each scale."""
 
-FEWEST_FAILURES = 5
-"""Failures of wider noise below which no mixture is fitted."""
+FEWEST_FAILURES = 9
+"""Failures of the noise at all scales below which no mixture is fitted: a third of the chains that
+start from them check it."""
 
 MOVES, MOST_MOVES = 15, 25
 """Moves of a chain: as many as it takes to forget the wide noise in ten dimensions; at most."""
@@ -85,19 +87,21 @@ class MixtureResult(NamedTuple):
     """What the last draws say.
 
     Attributes:
-        draws: number of the last draws that ran.
+        draws: number of the last draws, with those that errored.
+        errored: number of those that errored.
         weights: p / q of their failures, shape (failures,).
         uncovered: share of the chains' ends that no fit has seen at which p / q is many times its
             mean over failures.
     """
 
     draws: int
+    errored: int
     weights: Array
     uncovered: float
 
     @property
     def probability(self) -> float:
-        """Mean of the weights over all draws, those without failure counted as 0."""
+        """Mean of the weights over all draws, 0 of those without failure: P(failure and ran)."""
         return float(self.weights.sum()) / self.draws
 
     @property
@@ -143,7 +147,8 @@ class MixtureSampling:
 
     Attributes:
         episodes_run: episodes whose robustness is known.
-        wide_failures: failures of wider noise; None before all of it was run.
+        found_failures: failures of the noise at all scales; None before all of it was run.
+        are_failures_rare: whether fewer draws of p(z) failed than make a search worthwhile.
         result: what the last draws say; None before the end, and where no mixture was fitted.
     """
 
@@ -155,21 +160,20 @@ class MixtureSampling:
         self._rng = np.random.default_rng([*seed])
         self._requested = 0
         self.episodes_run = 0
-        self.wide_failures: int | None = None
+        self.found_failures: int | None = None
+        self.are_failures_rare = True
         self.result: MixtureResult | None = None
 
     def run(self) -> Sampling:
         """Find the regions, fit the mixture, and draw from it. To be called once."""
         wide, scale = yield from self._draw_wide_noise()
         failures = np.concatenate([draws.z[draws.failed] for draws in wide])
-        self.wide_failures = len(failures)
-        if len(failures) < FEWEST_FAILURES:
+        self.found_failures = len(failures)
+        if len(failures) < FEWEST_FAILURES or not self.are_failures_rare:
             return
         ends = yield from self._move_chains(failures)
-        prior = make_prior_proposal(self._size).components
-        broad = (
-            prior if scale == 1.0 else prior + make_scaled_proposal(self._size, scale).components
-        )
+        prior, scaled = make_prior_proposal(self._size), make_scaled_proposal(self._size, scale)
+        broad = prior.components + scaled.components
         held_out = np.arange(len(ends)) % HELD_OUT == HELD_OUT - 1
         known = ends[~held_out]
         pure = fit_mixture(known, np.ones(len(known)), self._components, (), self._rng)
@@ -179,8 +183,9 @@ class MixtureSampling:
             seen = [*seen, (yield from self._draw(mixture, int(TRIAL_SHARE * self._budget)))]
             if (refit := self._refit(seen, broad)) is not None:
                 mixture = refit.join(first, FIRST_MIXTURE_SHARE)
-        last = yield from self._draw(mixture, self._budget - self._requested)
-        self.result = make_result(last, ends[held_out])
+        count = self._budget - self._requested
+        last = yield from self._draw(mixture, count)
+        self.result = make_result(last, count, ends[held_out])
 
     def _draw(
         self, proposal: MixtureProposal, count: int
@@ -207,6 +212,7 @@ class MixtureSampling:
         shares = [draws.failed.mean() if len(draws.failed) else 0.0 for draws in wide]
         enough = [place for place, share in enumerate(shares) if share >= ENOUGH_FAILING]
         chosen = enough[0] if enough else int(np.argmax(shares))
+        self.are_failures_rare = shares[0] < ENOUGH_FAILING
         more = yield from self._draw(proposals[chosen], int(WIDE_SHARE * self._budget))
         return [*wide, more], SCALES[chosen]
 
@@ -271,7 +277,7 @@ def count_effective_draws(weights: Array) -> float:
     return float(weights.sum() ** 2 / np.square(weights).sum())
 
 
-def make_result(last: ProposalDraws, ends: Array) -> MixtureResult:
+def make_result(last: ProposalDraws, count: int, ends: Array) -> MixtureResult:
     """Return what the last draws say, and whether they cover failures that no fit has seen.
 
     Over failures, the mean of p / q is E_q[w²] / P. At a failure that q hardly reaches it is much
@@ -279,18 +285,21 @@ def make_result(last: ProposalDraws, ends: Array) -> MixtureResult:
     leave their means uncertain. The weights of the draws themselves show neither.
 
     Args:
-        last: draws of the last mixture.
+        last: draws of the last mixture that ran.
+        count: number of its draws, with those that errored. Errors are more frequent where the
+            mixture draws than under p(z), so that they cannot be left out of the mean.
         ends: ends of chains that were kept from every fit, shape (n, size).
     """
     prior = make_prior_proposal(ends.shape[1])
     failures = last.z[last.failed]
     weights = np.exp(prior.log_density(failures) - last.proposal.log_density(failures))
+    errored = count - len(last.z)
     if not len(weights):
-        return MixtureResult(len(last.z), weights, 1.0)
+        return MixtureResult(count, errored, weights, 1.0)
     typical = float(np.square(weights).sum() / weights.sum())
     at_ends = prior.log_density(ends) - last.proposal.log_density(ends)
     uncovered = float(np.mean(at_ends > log(UNCOVERED_WEIGHT * typical)))
-    return MixtureResult(len(last.z), weights, uncovered)
+    return MixtureResult(count, errored, weights, uncovered)
 
 
 def estimate_tail_index(weights: Array) -> float:

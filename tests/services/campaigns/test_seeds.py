@@ -132,7 +132,9 @@ def test_without_any_failure_random_episodes_bound_the_cost_by_their_number(stor
     made = [search(store, seed, "." * LENGTH, method="monte_carlo") for seed in range(3)]
     (found,) = find_spreads(store, ids(made))
     assert found.cost.at_least_usd == pytest.approx(4.95 / (30 * (1.0 - 0.05 ** (1 / 30))))
-    assert found.notes == ()
+    # 1 − 0.05^(1/30)
+    (note,) = found.notes
+    assert "together their failure rate is 0 of 30: ≤ 9.51 %. Quote this interval" in note
 
 
 def test_what_is_open_missing_or_unequal_is_said(store: Store) -> None:

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import LearnerContext
+from eigenfail.values import (
+    EpisodeResult,
+    LearnerContext,
+    Measures,
+    NoiseTrajectory,
+    Outcome,
+)
 from eigenfail_services.methods.mixture import (
     BLIND,
     MixtureMethod,
@@ -22,7 +28,7 @@ def make_learner(episodes=600):
 
 
 def test_even_weights_are_an_estimate_with_an_interval():
-    estimate = judge_result(MixtureResult(1000, EVEN, 0.0), 2000)
+    estimate = judge_result(MixtureResult(1000, 0, EVEN, 0.0), 2000)
     assert estimate.probability == pytest.approx(0.003)
     assert estimate.bound is None
     assert estimate.effective == pytest.approx(300.0)
@@ -35,14 +41,17 @@ def test_even_weights_are_an_estimate_with_an_interval():
 @pytest.mark.parametrize(
     ("result", "problem"),
     [
-        (MixtureResult(1000, np.zeros(0), 1.0), "None of the last draws failed"),
-        (MixtureResult(1000, np.geomspace(1e-9, 1e-3, 100), 0.0), "are worth 14."),
+        (MixtureResult(1000, 0, np.zeros(0), 1.0), "None of the last draws failed"),
         (
-            MixtureResult(10_000, np.arange(1.0, 2001.0) ** -0.9, 0.0),
+            MixtureResult(1000, 0, np.geomspace(1e-9, 1e-3, 100), 0.0),
+            "failures carry the information of 14.",
+        ),
+        (
+            MixtureResult(10_000, 0, np.arange(1.0, 2001.0) ** -0.9, 0.0),
             "The largest weights are too unequal",
         ),
         (
-            MixtureResult(1000, EVEN, 0.5),
+            MixtureResult(1000, 0, EVEN, 0.5),
             "50% of the failures that were kept from the fit lie where",
         ),
     ],
@@ -52,6 +61,47 @@ def test_a_number_that_is_not_to_be_trusted_is_not_printed(result, problem):
     assert problem in estimate.problem
     assert "Take method subset" in estimate.problem
     assert (estimate.probability, estimate.interval) == (None, None)
+
+
+def test_last_draws_that_errored_are_named():
+    estimate = judge_result(MixtureResult(1000, 40, EVEN, 0.0), 2000)
+    assert estimate.note.endswith("40 of the 1000 last draws errored, and count as no failure.")
+    nothing = judge_result(MixtureResult(1000, 1000, np.zeros(0), 1.0), 0)
+    assert nothing.problem == "All of the last draws errored: correct what raised."
+
+
+@pytest.mark.parametrize(
+    ("outcome", "problem"),
+    [
+        (Outcome.SAFE, "Noise of one to four sigma met 0 failures, and 9 are needed: it ended"),
+        (Outcome.COLLISION, "Failures are not rare: it ended after"),
+        (Outcome.ERRORED, "Every episode errored"),
+    ],
+)
+def test_a_search_that_ends_early_says_why(outcome, problem):
+    learner = make_learner()
+    while sources := learner.propose(600).sources:
+        learner.observe([make_result(i, source, outcome) for i, source in enumerate(sources)])
+    assert problem in learner.estimate().problem
+
+
+def make_result(index, source, outcome):
+    measures = None if outcome is Outcome.ERRORED else Measures(1.0)
+    noise = NoiseTrajectory(source.z, np.ones_like(source.z))
+    return EpisodeResult(
+        index=index,
+        seed=0,
+        outcome=outcome,
+        steps=len(source.z),
+        noise=noise,
+        source="trajectory",
+        measures=measures,
+    )
+
+
+def test_noise_of_too_many_values_is_refused():
+    with pytest.raises(InvalidValue, match="501 steps have 1002"):
+        MixtureMethod(LearnerContext(7, 600, 501, NOTHING), MixtureSettings())
 
 
 def test_before_the_end_there_is_no_number():
