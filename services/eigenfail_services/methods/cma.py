@@ -268,6 +268,9 @@ class CovarianceAdaptation:
             covariance = archive.take(arrays, "covariance", (runs, dimension, dimension))
             counts = archive.take(arrays, "counts", (runs, 4)).tolist()
             scores = archive.take(arrays, "scores", (runs, self._settings.population, 2)).tolist()
+            for _, draw, proposed, scored in counts:
+                if draw < 0 or not 0 <= scored <= proposed <= self._settings.population:
+                    raise ValueError(f"a run has {scored} scores of {proposed} candidates")
         self._facts = facts
         for i, run in enumerate(self._runs):
             generation, draw, proposed, scored = counts[i]

@@ -144,5 +144,9 @@ class WaveLearner(ABC, Generic[S]):
         driver = SimulationDriver(self._make_simulation())
         with archive.wrap_errors(self.kind):
             driver.add_robustness(arrays["robustness_m"].astype(np.float64).tolist())
+            if facts.proposed > len(driver.wave):
+                raise ValueError(
+                    f"{facts.proposed} trajectories of a wave of {len(driver.wave)} were proposed"
+                )
         driver.proposed = facts.proposed
         self._driver = driver

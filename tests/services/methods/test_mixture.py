@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, ProtocolError
 from eigenfail.values import (
     EpisodeResult,
     LearnerContext,
@@ -11,6 +11,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
 )
+from eigenfail_services.methods import archive
 from eigenfail_services.methods.mixture import (
     BLIND,
     MixtureMethod,
@@ -109,6 +110,13 @@ def test_before_the_end_there_is_no_number():
     assert learner.estimate() is None
     learner.propose(600)
     assert learner.lookahead == 0
+
+
+def test_a_state_that_does_not_fit_the_wave_is_refused():
+    facts = MixtureMethod._Facts(10_000)
+    state = archive.write("mixture", facts, {"robustness_m": np.zeros(0)})
+    with pytest.raises(ProtocolError, match="10000 trajectories of a wave of 20 were proposed"):
+        make_learner().restore(state)
 
 
 def test_a_budget_that_is_too_small_is_refused():
