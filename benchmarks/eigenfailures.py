@@ -22,7 +22,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.analysis import Centre
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
+from eigenfail_services.analysis.alignment import EarlyFailures, FailureBatch, gather_failures
 from eigenfail_services.analysis.job import analyse_gathered
 
 EPISODES, SEEDS = 400, 20
@@ -30,6 +30,7 @@ DISTANCES_M = (58.0, 53.0, 63.0)
 """The scenario of the campaigns, and its neighbours."""
 
 CENTRES: tuple[Centre, ...] = ("median", "mean")
+LEARNT = EarlyFailures((1,), {})
 COMMAND = "python benchmarks/claims.py --only eigenfailures."
 
 
@@ -76,7 +77,7 @@ def reproduce_campaign(seed: int) -> dict[Centre, Reproduced]:
     for centre in CENTRES:
         asked = AnalysisSettings(bootstrap=0, centre=centre)
         gathered = gather_failures([FailureBatch(1, failures)], steps, asked)
-        modes = analyse_gathered(gathered, asked, None, {1: EPISODES}, {1}).modes
+        modes = analyse_gathered(gathered, asked, None, {1: EPISODES}, LEARNT).modes
         noise = [mode.eigenfailure for mode in modes]
         failed = tuple(count_failing(spec, distance_m, noise) for distance_m in DISTANCES_M)
         found[centre] = Reproduced(failed, len(modes))
