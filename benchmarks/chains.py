@@ -48,7 +48,7 @@ def spec_of(method: str, episodes: int, seed: int, **settings: int) -> CampaignS
 def compared(
     runs: Sequence[Found], starts: Sequence[Sequence[Floats]], truth: TrueFailures
 ) -> Iterator[tuple[str, Figure]]:
-    """How likely the samples are, and how many groups they reach, beside the true failures."""
+    """Compare the samples with the true failures: log p per step, and groups that they reach."""
     known = log_p_per_step(truth.noise)
     found = [samples(run) for run in runs]
     gaps = [log_p_per_step(each) - known for each in found]

@@ -5,7 +5,7 @@ of methods, those of these methods alone. It fails if, on any, fewer than 88 of 
 intervals hold the truth (a lower bound must not exceed it by more than its own random error), if
 the mean of the printed estimates is below 0.8 of the truth, or if fewer than 90 of 100 campaigns
 print a number. `mixture` may refuse any number of them; its limits hold for what it prints, where
-that is twenty numbers or more. With several failure regions importance sampling finds the share of
+that is ten numbers or more. With several failure regions importance sampling finds the share of
 the one that its proposal has found: its mean shows how much a bound misses.
 """
 
@@ -39,7 +39,7 @@ from eigenfail_services.statistics.intervals import log_normal
 
 SEEDS = range(100, 200)
 LEAST_HELD, LEAST_MEAN, LEAST_TOLD = 0.88, 0.8, 0.9
-FEWEST_JUDGED = 20
+FEWEST_JUDGED = 10
 SHIFTING = {"batch": 200, "mean_smoothing": 0.3, "min_std": 1.0, "max_mean": 3.0, "mean_window": 1}
 
 

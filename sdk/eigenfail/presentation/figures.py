@@ -141,9 +141,15 @@ def format_signed_interval(interval: Bounds, factor: float = 1.0) -> str:
 
 
 def format_usd_interval(interval: Bounds) -> str:
-    """Return an interval of an amount of money in brackets, rounded outwards."""
-    low, high = round_down(interval.low), round_up(interval.high)
+    """Return an interval of an amount of money in brackets, rounded outwards as far as it shows."""
+    low = round_down(interval.low, _count_usd_digits(interval.low))
+    high = round_up(interval.high, _count_usd_digits(interval.high))
     return f"[{format_usd(low)}, {format_usd(high)}]"
+
+
+def _count_usd_digits(amount: float) -> int:
+    """Return the significant digits of an amount as it is printed, with cents at least."""
+    return DIGITS if amount <= 0.0 else max(DIGITS, floor(log10(amount)) + 3)
 
 
 def format_duration(seconds: float | None) -> str:

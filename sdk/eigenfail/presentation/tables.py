@@ -205,7 +205,7 @@ def _(value: Rate) -> FormattedCell:
 
 @_format.register
 def _(value: Cost) -> FormattedCell:
-    """The cost per failure in USD, with what is known of its interval; a bound without failures."""
+    """The cost per failure in USD, with its interval or lower end; a bound without failures."""
     if value.per_failure_usd is None:
         if value.at_least_usd is None:
             return FormattedCell(UNKNOWN, basis=(NO_FAILURE,))

@@ -22,8 +22,10 @@ BY = "mixture sampling"
 FEWEST_EPISODES = 500
 """Below this the chains are too few and too short for any of the known problems."""
 
-FEWEST_EFFECTIVE = 25.0
-"""Effective failures below which nothing is printed."""
+FEWEST_EFFECTIVE = 25
+"""Effective failures below which nothing is printed. With fewer than there are values of noise
+nothing is printed either: of 100 campaigns on a half space in 40 dimensions 14 of the 16 intervals
+that were printed without this rule held the probability."""
 
 LARGEST_TAIL_INDEX = 0.7
 """Of the weights of many draws (Vehtari et al. 2024, JMLR 25 (72)): beyond it their mean converges
@@ -104,21 +106,28 @@ class MixtureMethod(WaveLearner[MixtureSampling]):
             return _refuse(episodes, problem) if episodes else None
         if result is None:
             return _refuse(episodes, _explain_early_end(simulation, self._context.episodes))
-        return judge_result(result, episodes)
+        return judge_result(result, episodes, 2 * self._context.horizon)
 
 
-def judge_result(result: MixtureResult, episodes: int) -> Estimate:
-    """Return the estimate, or the reason why its number is not to be trusted."""
+def judge_result(result: MixtureResult, episodes: int, values: int) -> Estimate:
+    """Return the estimate, or the reason why its number is not to be trusted.
+
+    Args:
+        result: what the last draws say.
+        episodes: number of episodes that ran.
+        values: values of noise of an episode.
+    """
     if result.errored == result.draws:
         return _refuse(episodes, "All of the last draws errored: correct what raised.")
     if not len(result.weights):
         return _refuse(episodes, f"None of the last draws failed. {TAKE_SUBSET}.")
     effective = result.effective
-    if effective < FEWEST_EFFECTIVE:
+    needed = max(FEWEST_EFFECTIVE, values)
+    if effective < needed:
         return _refuse(
             episodes,
             f"The {len(result.weights)} failures carry the information of {effective:.1f} "
-            f"independent ones, and {FEWEST_EFFECTIVE:.0f} are needed: the fitted normals do not "
+            f"independent ones, and {needed} are needed: the fitted normals do not "
             f"match the failures well. {TAKE_SUBSET}, or give it more episodes.",
         )
     index = estimate_tail_index(result.weights)

@@ -7,7 +7,7 @@ al. 1953; for pCN Cotter et al. 2013, Statistical Science 28, 424–446; for com
 2001, Probabilistic Engineering Mechanics 16, 263–277).
 
 An episode ends with its failure, so that noise after that step has the distribution p(z) given the
-noise before it: it is drawn anew before each move, which needs no episode (a Gibbs step).
+noise before it: it is redrawn before each move, which needs no episode (a Gibbs step).
 
 Chains do not show the regions of failures that no move reaches from their starts; `mixing` says
 whether they have forgotten their starts.

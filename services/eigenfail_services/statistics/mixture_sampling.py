@@ -30,6 +30,7 @@ from eigenfail_services.statistics.gaussian_mixture import (
     make_prior_proposal,
     make_scaled_proposal,
 )
+from eigenfail_services.statistics.subset_simulation import count_effective
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -107,7 +108,7 @@ class MixtureResult(NamedTuple):
     @property
     def effective(self) -> float:
         """Effective number of failures: (sum of weights)² ÷ sum of their squares (Kish 1965)."""
-        return count_effective_draws(self.weights)
+        return count_effective(self.weights)
 
     @property
     def effective_for_variance(self) -> float:
@@ -116,7 +117,7 @@ class MixtureResult(NamedTuple):
         It is smaller than `effective` where a few weights make most of the variance, which is then
         known as badly as from that many draws.
         """
-        return count_effective_draws(np.square(self.weights))
+        return count_effective(np.square(self.weights))
 
     @property
     def cv(self) -> float:
@@ -253,7 +254,7 @@ class MixtureSampling:
             return None
         wanted = min(max(4 * self._size, 60), 0.5 * len(z))
         power, relative = 1.0, log_weights - log_weights.max()
-        while count_effective_draws(np.exp(power * relative)) < wanted and power > 0.02:
+        while count_effective(np.exp(power * relative)) < wanted and power > 0.02:
             power *= TEMPERING
         weights = np.exp(power * relative)
         return fit_mixture(z, weights / weights.mean(), self._components, broad, self._rng)
@@ -270,11 +271,6 @@ def weigh_by_balance(seen: Sequence[ProposalDraws]) -> tuple[Array, Array]:
         log(len(draws.z)) + draws.proposal.log_density(z) for draws in seen if len(draws.z) > 0
     ]
     return z, prior.log_density(z) - np.logaddexp.reduce(parts)
-
-
-def count_effective_draws(weights: Array) -> float:
-    """Return the effective number of weighted draws (Kish 1965)."""
-    return float(weights.sum() ** 2 / np.square(weights).sum())
 
 
 def make_result(last: ProposalDraws, count: int, ends: Array) -> MixtureResult:

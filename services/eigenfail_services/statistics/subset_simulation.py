@@ -497,13 +497,13 @@ def make_level(chains: Chains, threshold: float) -> SubsetLevel:
     return SubsetLevel(threshold, float((chains.values <= threshold).mean()), chains.acceptance)
 
 
-def count_effective(descendants: NDArray[np.number]) -> float:
-    """Return the effective number of first draws behind failures: (sum d)² ÷ sum d² (Kish 1965).
+def count_effective(weights: NDArray[np.number]) -> float:
+    """Return the effective number of weighted draws: (sum w)² ÷ sum w² (Kish 1965).
 
     Args:
-        descendants: number of failures that descend from each first draw; not all zero.
+        weights: weight of each draw, such as the failures that descend from it; not all zero.
     """
-    return float(descendants.sum() ** 2 / np.square(descendants).sum())
+    return float(weights.sum() ** 2 / np.square(weights).sum())
 
 
 def estimate_cv(effective: float, draws: int, levels: int) -> float:

@@ -29,7 +29,7 @@ def make_learner(episodes=600):
 
 
 def test_even_weights_are_an_estimate_with_an_interval():
-    estimate = judge_result(MixtureResult(1000, 0, EVEN, 0.0), 2000)
+    estimate = judge_result(MixtureResult(1000, 0, EVEN, 0.0), 2000, 10)
     assert estimate.probability == pytest.approx(0.003)
     assert estimate.bound is None
     assert estimate.effective == pytest.approx(300.0)
@@ -58,16 +58,21 @@ def test_even_weights_are_an_estimate_with_an_interval():
     ],
 )
 def test_a_number_that_is_not_to_be_trusted_is_not_printed(result, problem):
-    estimate = judge_result(result, 2000)
+    estimate = judge_result(result, 2000, 10)
     assert problem in estimate.problem
     assert "Take method subset" in estimate.problem
     assert (estimate.probability, estimate.interval) == (None, None)
 
 
+def test_fewer_failures_than_values_of_noise_are_too_few():
+    estimate = judge_result(MixtureResult(1000, 0, EVEN, 0.0), 2000, 400)
+    assert "information of 300.0 independent ones, and 400 are needed" in estimate.problem
+
+
 def test_last_draws_that_errored_are_named():
-    estimate = judge_result(MixtureResult(1000, 40, EVEN, 0.0), 2000)
+    estimate = judge_result(MixtureResult(1000, 40, EVEN, 0.0), 2000, 10)
     assert estimate.note.endswith("40 of the 1000 last draws errored, and count as no failure.")
-    nothing = judge_result(MixtureResult(1000, 1000, np.zeros(0), 1.0), 0)
+    nothing = judge_result(MixtureResult(1000, 1000, np.zeros(0), 1.0), 0, 10)
     assert nothing.problem == "All of the last draws errored: correct what raised."
 
 
