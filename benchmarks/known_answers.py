@@ -12,7 +12,6 @@ from sklearn.metrics import adjusted_rand_score
 from undisturbed import number
 
 from eigenfail import plugins
-from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
 from eigenfail.values import AnalysisSettings, LearnerContext, learner_seed
 from eigenfail.values.records import Failures
@@ -118,7 +117,7 @@ def finds_both(seed: int) -> bool:
     nothing = np.zeros((0, problem.steps, 2), np.float32)
     context = LearnerContext(learner_seed(seed), CORNER_EPISODES, problem.steps, nothing)
     learner = method(context, read_settings(method.Settings, {}, "settings"))
-    engine = FunctionEngine(of_batch(problem.robustness), problem.steps)
+    engine = FunctionEngine(problem.robustness, problem.steps)
     results = run_in_process(Rounds(learner, seed, CORNER_EPISODES), engine)
     left = [one.noise.z[0, 0] < 0.0 for one in results if one.is_failure]
     return bool(left) and LEAST_SHARE <= float(np.mean(left)) <= 1.0 - LEAST_SHARE

@@ -15,7 +15,6 @@ from known_problems import Problem
 
 from eigenfail import plugins
 from eigenfail.contracts import EpisodeEngine, Learner
-from eigenfail.functions import of_batch
 from eigenfail.reproduction.programme import FRESH
 from eigenfail.settings import read_settings
 from eigenfail.values import (
@@ -73,7 +72,7 @@ def search(spec: CampaignSpec, earlier: Found | None = None, noise: Sequence[Flo
 
 def search_function(spec: CampaignSpec, problem: Problem) -> Found:
     """Run a campaign whose episodes are calls of a function of the noise."""
-    function = FunctionEngine(of_batch(problem.robustness), problem.steps)
+    function = FunctionEngine(problem.robustness, problem.steps)
     return run(spec, context(spec, problem.steps, None), function)
 
 
