@@ -1,15 +1,16 @@
 """The error of `subset` beside that of OpenTURNS' SubsetSampling at equal calls, on known problems.
 
     pip install '.[peers]'
-    python benchmarks/openturns_beside.py [--calls 2000 10000] [--seeds 40] [--problems walk series]
+    python benchmarks/openturns_beside.py [--calls 2000 10000] [--seeds 40] [--first-seed 1000]
+        [--problems walk series]
 
-Both run in this process, on the same functions, with the same seeds; no seed was used in tuning. An
-error is the root mean square of p ÷ P − 1, where a run that gives no number counts as p = 0. Below
-1, the ratio of the errors is in favour of `subset`. Its interval, of 90 %, is the bootstrap's over
-the seeds: with 40 seeds a ratio is uncertain by a factor of about 1.4, with 200 by 1.2. Who always
-printed 0 would have the error 1. Where both errors are larger, neither program estimates P at that
-budget, and the few runs that met failures decide the ratio: such rows are marked, and left out of
-the two figures at the end.
+Both run in this process, on the same functions, with the same seeds; tune with other ones
+(--first-seed). An error is the root mean square of p ÷ P − 1, where a run that gives no number
+counts as p = 0. Below 1, the ratio of the errors is in favour of `subset`. Its interval, of 90 %,
+is the bootstrap's over the seeds: with 40 seeds a ratio is uncertain by a factor of about 1.4, with
+200 by 1.2. A program that always prints 0 has the error 1. Where both errors are larger, neither
+program estimates P at that budget, and the few runs that met failures decide the ratio: such rows
+are marked, and left out of the two figures at the end.
 
 OpenTURNS has no budget: it takes the samples on a level, N, and goes on until failures are reached.
 Its calls are the evaluations of the function that really happen, N on the first level and 0.9 N on
@@ -195,7 +196,8 @@ def format_row(one: Comparison) -> str:
     errors = f"{one.subset.error:13.2f} {one.openturns.error:9.2f}"
     means = f"{one.subset.ratios.mean():12.2f} {one.openturns.ratios.mean():9.2f}"
     ratio = f"{one.ratio:5.2f} [{low:4.2f}, {high:5.2f}]"
-    return f"{one.problem:30} {one.budget:6} {calls}  {errors}  {ratio:22} {means}{NO_ESTIMATE * (not one.is_informative)}"
+    mark = "" if one.is_informative else NO_ESTIMATE
+    return f"{one.problem:30} {one.budget:6} {calls}  {errors}  {ratio:22} {means}{mark}"
 
 
 def main() -> None:
