@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import eigenfailures
 import reproduction
+import splitting
 import varied
 from chains import chains
 from crew import Crew
@@ -53,6 +54,7 @@ TRIALS = (
     Trial(("cut_in.rulebook.mc2000.",), partial(calm, "cut_in")),
     Trial(("cut_in.idm.mc2000.",), partial(frail, "cut_in")),
     Trial(("cut_in.rulebook.p_fail",), partial(p_fail, "cut_in")),
+    Trial(("cut_in.p_fail",), splitting.find),
     Trial(
         (
             *("cut_in.rulebook.held", "cut_in.rulebook.white", "cut_in.rulebook.square3."),

@@ -71,7 +71,7 @@ class Engine:
 
     def _run(self, task: EpisodeTask) -> EpisodeResult:
         began = perf_counter()
-        recorder = Recorder(self._setup.disturbance.shape)
+        recorder = Recorder(self._setup.disturbance.shape, task.importance)
         try:
             result = self._run_to_end(task, recorder)
         except (EpisodeError, InputError) as error:

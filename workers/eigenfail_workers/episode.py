@@ -95,6 +95,7 @@ def make_result(
         source=task.source_kind,
         measures=recorder.measures(dt_s),
         states=noise.states(),
+        importance=recorder.importance(),
         scene=recorder.scene(dt_s) if keep_scene else None,
     )
 

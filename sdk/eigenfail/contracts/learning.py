@@ -120,6 +120,8 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
         pairable: whether episodes of equal seed and settings have the same noise, independent of
             earlier results.
         has_members: whether its settings name the `method` and `settings` of several learners.
+        needs_course: whether it continues episodes from one of their steps, which functions do not
+            have, and for which the scenario must be the same in each episode.
         injects: recorded noise that it needs.
         mode_probability: way in which the probability of a failure mode is found.
         chart_mark: index of its colour and shape in charts; None derives one from its name.
@@ -133,6 +135,7 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
     is_evidence: bool = False
     pairable: bool = False
     has_members: bool = False
+    needs_course: bool = False
     injects: Injection = Injection.NOTHING
     mode_probability: ModeProbability = ModeProbability.UNKNOWN
     chart_mark: int | None = None

@@ -67,7 +67,7 @@ def result(
 
 
 def collision(index: int, steps: int = 3, **changes: Any) -> EpisodeResult:
-    """Return the result of an episode with a collision, its scene and observed states."""
+    """Return the result of an episode with a collision, with all that a result may have."""
     scene = Scene(
         dt_s=0.1,
         vehicles=floats(index, steps + 1, 2, 4),
@@ -77,6 +77,7 @@ def collision(index: int, steps: int = 3, **changes: Any) -> EpisodeResult:
     )
     states = floats(index, steps, len(STATE))
     fields: dict[str, Any] = {"scene": scene, "states": states, "source": "policy"}
+    fields["importance"] = floats(index, steps)
     return result(index, Outcome.COLLISION, steps, **fields | changes)
 
 

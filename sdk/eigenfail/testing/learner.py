@@ -107,6 +107,7 @@ class ToyEngine:
             source=task.source_kind,
             measures=self._measures(course, len(beyond) > 0),
             states=states[:steps] if isinstance(task.source, PolicySource) else None,
+            importance=course[:steps].astype(np.float32) if task.importance else None,
         )
 
     def _noise(self, task: EpisodeTask, random: np.random.Generator, states: Floats) -> Floats:

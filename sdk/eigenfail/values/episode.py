@@ -23,10 +23,27 @@ class PriorSource(msgspec.Struct, frozen=True, tag="prior"):
     """Draw every z_t from the disturbance model itself."""
 
 
+class Importance(StrEnum):
+    """An importance function: how close an episode is to a collision, after each step.
+
+    Splitting continues the episodes in which it has been largest. It decides how precise an
+    estimate is, and not what it estimates.
+    """
+
+    REQUIRED_BRAKING = "required_braking"
+    TIME_TO_COLLISION = "time_to_collision"
+    DISTANCE = "distance"
+
+
 class TrajectorySource(msgspec.Struct, frozen=True, eq=False, tag="trajectory"):
-    """Inject this z, shape (steps, 2); after its end no noise is injected."""
+    """Inject this z, shape (steps, 2); after its end no noise is injected.
+
+    Attributes:
+        importance: importance function whose values the result is to have; None for no values.
+    """
 
     z: Floats
+    importance: Importance | None = None
 
 
 class PolicySource(msgspec.Struct, frozen=True, tag="policy"):
@@ -55,6 +72,11 @@ class EpisodeTask(msgspec.Struct, frozen=True, eq=False):
     def source_kind(self) -> str:
         """Kind of its disturbance source: prior, trajectory or policy."""
         return str(self.source.__struct_config__.tag)
+
+    @property
+    def importance(self) -> Importance | None:
+        """Importance function whose values its result is to have; None for no values."""
+        return self.source.importance if isinstance(self.source, TrajectorySource) else None
 
 
 class EpisodeSetup(msgspec.Struct, frozen=True):
@@ -118,6 +140,7 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False):
         measures: None if the episode errored.
         noise: the disturbances injected; empty if the episode errored before its first step.
         states: what the adversary saw, shape (steps, len(policy.STATE)), for policy sources.
+        importance: importance after each step, shape (steps,), where its source asks for it.
         scene: the full trajectories, for collisions and a sample of the others.
         wall_s: time the worker spent on the episode; not part of the digest.
         source: kind of its disturbance source: prior, trajectory or policy.
@@ -131,6 +154,7 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False):
     source: str
     measures: Measures | None = None
     states: Floats | None = None
+    importance: Floats | None = None
     scene: Scene | None = None
     fault: EpisodeFault | None = None
     wall_s: float = 0.0

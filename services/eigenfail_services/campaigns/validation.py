@@ -12,7 +12,7 @@ from eigenfail.errors import InvalidValue, NotFound, UnknownName
 from eigenfail.settings import convert
 from eigenfail.values import CampaignSpec
 from eigenfail.values.variation import KINDS
-from eigenfail.worlds import list_simulators, world_of
+from eigenfail.worlds import CampaignWorld, list_simulators, world_of
 from eigenfail_services.campaigns.resolution import (
     READERS,
     ResolvedCampaign,
@@ -70,7 +70,26 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
         check_estimates(searching, "stop.cv")
     world = world_of(spec.simulator)
     world.check(spec)
+    if searching.traits.needs_course:
+        _check_course(spec, world)
     return ResolvedCampaign(spec, world, world.horizon(spec), method, searching)
+
+
+def _check_course(spec: CampaignSpec, world: CampaignWorld) -> None:
+    """Raises InvalidValue where no episode can continue another one from a step on."""
+    if not world.has_road:
+        raise InvalidValue(
+            "method",
+            f"{spec.method} continues episodes from a step on, and functions have no steps.",
+            "Take subset or mixture.",
+        )
+    if varied := list_varied(spec):
+        raise InvalidValue(
+            "scenario_parameters",
+            f"{spec.method} continues episodes from a step on, and with {', '.join(varied)} drawn "
+            "for each episode none is like another.",
+            "Give fixed values, or take method monte_carlo.",
+        )
 
 
 def _refuse_unstorable(spec: CampaignSpec) -> None:

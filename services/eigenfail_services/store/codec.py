@@ -146,6 +146,7 @@ def _state_width(found: RowMapping) -> int:
 def to_result(found: RowMapping, scene: bytes | None = None) -> EpisodeResult:
     """Return a result from an episode's row, its blobs, and its campaign's spec."""
     states, z, sigma = found["states"], to_floats(found["z"], 2), to_floats(found["sigma"], 2)
+    importance = found["importance"]
     return EpisodeResult(
         index=found["index"],
         seed=found["seed"],
@@ -155,6 +156,7 @@ def to_result(found: RowMapping, scene: bytes | None = None) -> EpisodeResult:
         source=found["source"],
         measures=_measures(found),
         states=None if states is None else to_floats(states, _state_width(found)),
+        importance=None if importance is None else to_floats(importance, 1)[:, 0],
         scene=None if scene is None else to_scene(scene),
         fault=_fault(found["fault_kind"], found["fault_message"]),
         wall_s=found["wall_s"],

@@ -278,6 +278,7 @@ def _blobs(result: EpisodeResult) -> dict[str, object]:
         "z": to_blob(result.noise.z),
         "sigma": to_blob(result.noise.sigma),
         "states": None if result.states is None else to_blob(result.states),
+        "importance": None if result.importance is None else to_blob(result.importance),
     }
 
 
@@ -301,6 +302,7 @@ _SAME_SCENE = (scenes.c.campaign == episodes.c.campaign) & (scenes.c["index"] ==
 _RESULTS = (
     select(*episodes.c, campaigns.c.spec)
     .add_columns(trajectories.c.z, trajectories.c.sigma, trajectories.c.states)
+    .add_columns(trajectories.c.importance)
     .select_from(episodes)
     .join(campaigns, campaigns.c.id == episodes.c.campaign)
     .outerjoin(trajectories, _SAME_TRAJECTORY)

@@ -90,7 +90,7 @@ def _to_kept(delivery: Delivery, campaign: Campaign) -> Kept:
 
 def _fits(result: EpisodeResult, campaign: Campaign) -> bool:
     """Return whether a result belongs to the campaign, and can be read back as it was written."""
-    noise, states = result.noise, result.states
+    noise, states, importance = result.noise, result.states, result.importance
     return (
         0 <= result.index < campaign.counts.planned
         and 0 <= result.seed <= MAX_SEED
@@ -99,6 +99,7 @@ def _fits(result: EpisodeResult, campaign: Campaign) -> bool:
         and noise.sigma.shape == noise.z.shape
         and (not len(noise.z) or noise.shape == campaign.spec.disturbance.shape)
         and (states is None or (_is_table(states, len(STATE)) and len(states) == result.steps))
+        and (importance is None or importance.shape == (result.steps,))
     )
 
 

@@ -35,6 +35,7 @@ _BYTES = (
     func.length(trajectories.c.z)
     + func.length(trajectories.c.sigma)
     + func.coalesce(func.length(trajectories.c.states), 0)
+    + func.coalesce(func.length(trajectories.c.importance), 0)
     + func.coalesce(func.length(scenes.c.scene), 0)
 )
 _HAS_SCENE = scenes.c.campaign.is_not(None)

@@ -30,7 +30,7 @@ from sqlalchemy.types import TypeEngine
 
 from eigenfail.values import MEASURES, Priority
 
-VERSION = "0017"
+VERSION = "0018"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -176,7 +176,8 @@ episodes = Table(
 episode_index = episodes.c["index"]
 """The column `index` of the episodes; `episodes.c.index` is a method."""
 
-# Blobs of little-endian float32, row-major: z and sigma with 2 columns, states with len(STATE).
+# Blobs of little-endian float32, row-major: z and sigma with 2 columns, states with len(STATE),
+# importance with 1.
 trajectories = Table(
     "trajectories",
     metadata,
@@ -185,6 +186,7 @@ trajectories = Table(
     Column("z", LargeBinary, nullable=False),
     Column("sigma", LargeBinary, nullable=False),
     Column("states", LargeBinary),
+    Column("importance", LargeBinary),
     ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
 )
 

@@ -17,6 +17,7 @@ from eigenfail_services.methods.minimal import Minimal
 from eigenfail_services.methods.mixture import MixtureMethod
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.replay import Replay
+from eigenfail_services.methods.splitting import MultilevelSplitting
 from eigenfail_services.methods.subset import SubsetMethod
 
 
@@ -39,6 +40,12 @@ class TestSubsetSimulation(LearnerSuite):
     method = SubsetMethod
     settings = MappingProxyType({"samples": 20, "round_size": 6})
     budget = 60
+
+
+class TestMultilevelSplitting(LearnerSuite):
+    method = MultilevelSplitting
+    settings = MappingProxyType({"runs": 5, "particles": 20, "round_size": 33})
+    budget = 400
 
 
 class TestMixtureSampling(LearnerSuite):

@@ -59,6 +59,7 @@ def same_result(found: EpisodeResult, given: EpisodeResult) -> None:
     alike(found.noise.z, given.noise.z, "z")
     alike(found.noise.sigma, given.noise.sigma, "sigma")
     alike(found.states, given.states, "states")
+    alike(found.importance, given.importance, "importance")
     same_scene(found.scene, given.scene)
     equal(found.digest(), given.digest(), "The digest of a result that is read")
 

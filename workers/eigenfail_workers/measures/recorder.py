@@ -9,6 +9,7 @@ import numpy as np
 from eigenfail.errors import SimulatorError
 from eigenfail.values import (
     Floats,
+    Importance,
     Measures,
     NoiseTrajectory,
     Observation,
@@ -21,6 +22,11 @@ from eigenfail.values.disturbance import Pair
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail_workers.measures.conflict import TrafficConflict, find_conflict
 from eigenfail_workers.measures.geometry import distance_lower_bound, separation, velocity
+from eigenfail_workers.measures.importance import (
+    Approach,
+    Encounter,
+    compute_importance,
+)
 
 HARD_BRAKING_MPS2 = 3.0
 """Braking beyond this is hard: about the 10 ft/s² that ITE's formula for yellow lights takes for a
@@ -151,10 +157,13 @@ class Recorder:
 
     Args:
         shape: shape of the noise whose z is added.
+        importance: importance function to be recorded; None for none.
     """
 
-    def __init__(self, shape: Shape = WHITE_NOISE) -> None:
+    def __init__(self, shape: Shape = WHITE_NOISE, importance: Importance | None = None) -> None:
         self._shape = shape
+        self._importance = importance
+        self._importances: list[float] = []
         self._z: list[Pair] = []
         self._sigma: list[Pair] = []
         self._course: list[Observation] = []
@@ -191,10 +200,16 @@ class Recorder:
         if observation.off_road and self._left_road_step is None:
             self._left_road_step = observation.step
         self._last_drac_mps2 = 0.0
-        for vehicle in range(len(observation.others)):
-            self._compare(observation, vehicle)
+        compared = [
+            self._compare(observation, vehicle) for vehicle in range(len(observation.others))
+        ]
+        if self._importance is not None and observation.step:
+            control = observation.applied or observation.control
+            acceleration_mps2 = control.acceleration_mps2 if control else 0.0
+            approach = Approach(compared, acceleration_mps2)
+            self._importances.append(compute_importance(self._importance, approach))
 
-    def _compare(self, observation: Observation, vehicle: int) -> None:
+    def _compare(self, observation: Observation, vehicle: int) -> Encounter:
         ego, other = observation.ego, observation.others[vehicle]
         between = separation(ego, other)
         self._robustness_m = min(self._robustness_m, between.distance_m)
@@ -202,6 +217,7 @@ class Recorder:
         if conflict is not None:
             self._violations.add(observation.step, vehicle, conflict)
             self._last_drac_mps2 = max(self._last_drac_mps2, conflict.drac_mps2)
+        return Encounter(between.distance_m, conflict)
 
     def noise(self) -> NoiseTrajectory:
         """Return the disturbances so far."""
@@ -227,6 +243,11 @@ class Recorder:
             clipped_steps=ride.clipped_steps,
             final_drac_mps2=None if collided else self._last_drac_mps2,
         )
+
+    def importance(self) -> Floats | None:
+        """Return the importance after each step, shape (steps,); None where it is not recorded."""
+        recorded = np.array(self._importances, np.float32)
+        return None if self._importance is None else recorded
 
     def scene(self, dt_s: float) -> Scene:
         """Return the course of the episode."""

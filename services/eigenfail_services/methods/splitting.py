@@ -1,0 +1,278 @@
+"""Adaptive multilevel splitting: episodes that come close to a collision are continued."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from eigenfail.contracts import MethodTraits
+from eigenfail.errors import InvalidValue, LearnerFailed
+from eigenfail.values import (
+    EpisodeResult,
+    Estimate,
+    Floats,
+    Importance,
+    LearnerContext,
+    Outcome,
+    Proposal,
+    TrajectorySource,
+)
+from eigenfail_services.methods import archive
+from eigenfail_services.methods.wave_learner import MAX_VALUES_PER_ROUND
+from eigenfail_services.statistics.intervals import log_normal
+from eigenfail_services.statistics.multilevel_splitting import (
+    SplittingCounts,
+    SplittingRun,
+    pool_runs,
+)
+
+BY = "multilevel splitting"
+
+FEWEST_PARTICLES = 20
+"""Episodes of a run below which nearly every run dies out."""
+
+EPISODES_PER_PARTICLE = 16
+"""Episodes that a run takes for each of those that it holds, down to P = 1e-6: 1 + log(1 / P), and
+a margin, since a level gives up whole ties."""
+
+DIED_OUT = "Give it more episodes: then each run holds more."
+
+
+class SplittingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of `splitting`."""
+
+    runs: Annotated[
+        int, Meta(ge=5, le=100, description="independent runs, whose differences give the error")
+    ] = 10
+    particles: Annotated[
+        Annotated[int, Meta(ge=FEWEST_PARTICLES, le=100_000)] | None,
+        Meta(
+            description="episodes that a run holds; none given: what the budget allows down to "
+            "P = 1e-6"
+        ),
+    ] = None
+    given_up: Annotated[
+        float, Meta(gt=0.0, le=0.5, description="share of them that is given up at a level")
+    ] = 0.1
+    importance: Annotated[
+        Importance,
+        Meta(
+            description="what tells how close an episode is to a collision: `required_braking`, "
+            "`time_to_collision` or `distance`"
+        ),
+    ] = Importance.REQUIRED_BRAKING
+    round_size: Annotated[
+        int, Meta(ge=1, le=100_000, description="episodes in a round at most")
+    ] = 10_000
+
+    def choose_particles(self, episodes: int) -> int:
+        """Return the number of episodes that each run holds."""
+        return self.particles or episodes // (self.runs * EPISODES_PER_PARTICLE)
+
+    def check_budget(self, episodes: int) -> None:
+        """Raise InvalidValue if the budget allows too few episodes in each run."""
+        chosen = self.choose_particles(episodes)
+        if chosen < FEWEST_PARTICLES or episodes < self.runs * chosen:
+            fewest = self.runs * max(self.particles or 0, FEWEST_PARTICLES) * EPISODES_PER_PARTICLE
+            raise InvalidValue(
+                "episodes",
+                f"{episodes} are too few for {self.runs} runs; they take {fewest}.",
+                "Give more episodes, or take fewer runs: 5 at least.",
+            )
+
+
+class MultilevelSplitting:
+    """Runs several independent splittings side by side, a level of all of them at a time.
+
+    Attributes:
+        lookahead: 0, as each level depends on the one before.
+
+    Raises:
+        InvalidValue: the budget is too small.
+    """
+
+    Settings = SplittingSettings
+    traits = MethodTraits(learns=False, needs_course=True, chart_mark=13, references={})
+    kind = "splitting"
+    lookahead = 0
+
+    class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """State besides the arrays.
+
+        Attributes:
+            proposed: number of episodes of the wave that were proposed.
+            episodes_run: episodes that could be run so far.
+            errored: episodes that errored so far.
+            failed: of the episodes of the wave with a result, whether each failed.
+            lost: of these, whether each errored.
+            counts: counts of each run.
+        """
+
+        proposed: Annotated[int, Meta(ge=0)]
+        episodes_run: int
+        errored: int
+        failed: tuple[bool, ...]
+        lost: tuple[bool, ...]
+        counts: tuple[SplittingCounts, ...]
+
+    def __init__(self, context: LearnerContext, settings: SplittingSettings) -> None:
+        settings.check_budget(context.episodes)
+        self._settings = settings
+        self._horizon = context.horizon
+        self._round_size = min(
+            settings.round_size, 1 + MAX_VALUES_PER_ROUND // (2 * context.horizon)
+        )
+        shape = settings.choose_particles(context.episodes), context.horizon
+        self._runs = [
+            SplittingRun((context.seed, number), shape, settings.given_up)
+            for number in range(settings.runs)
+        ]
+        self._proposed, self._episodes_run, self._errored = 0, 0, 0
+        self._wave = self._join_waves()
+        self._importances: list[Floats | None] = []
+        self._failed: list[bool] = []
+
+    def _join_waves(self) -> Floats:
+        waves = [run.wave.z for run in self._runs if run.wave is not None]
+        return np.concatenate(waves) if waves else self._runs[0].z[:0]
+
+    def propose(self, n: int) -> Proposal:
+        """Return the rest of the level of all runs, at most a round; nothing after the end."""
+        count = min(n, self._round_size)
+        chosen = self._wave[self._proposed : self._proposed + count]
+        self._proposed += len(chosen)
+        importance = self._settings.importance
+        return Proposal(tuple(TrajectorySource(z, importance) for z in chosen))
+
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
+        """Take in episodes; once those of a level are complete, the next level follows.
+
+        Raises:
+            LearnerFailed: an episode has no importance.
+        """
+        for result in results:
+            is_lost = result.outcome is Outcome.ERRORED
+            if not is_lost and result.importance is None:
+                raise LearnerFailed(
+                    f"Episode {result.index} came without the importance of its steps.",
+                    "Run workers of the same release as the controller.",
+                )
+            self._importances.append(None if is_lost else result.importance)
+            self._failed.append(result.is_failure)
+            self._errored += is_lost
+            self._episodes_run += not is_lost
+        if len(self._failed) == len(self._wave):
+            self._finish_wave()
+
+    def _finish_wave(self) -> None:
+        first = 0
+        for run in self._runs:
+            if run.wave is not None:
+                end = first + len(run.wave.rows)
+                run.add(self._importances[first:end], self._failed[first:end])
+                first = end
+        self._wave = self._join_waves()
+        self._proposed, self._importances, self._failed = 0, [], []
+
+    def estimate(self) -> Estimate | None:
+        """Return the failure probability; before the end of all runs, why there is none."""
+        found = [run.probability for run in self._runs if run.probability is not None]
+        if problem := self._find_problem(found):
+            return Estimate(by=BY, episodes=self._episodes_run, problem=problem)
+        pooled = pool_runs(found)
+        return Estimate(
+            by=BY,
+            episodes=self._episodes_run,
+            probability=pooled.probability,
+            cv=pooled.cv,
+            interval=log_normal(pooled.probability, pooled.cv, len(found)),
+            note=self._describe(pooled.reached),
+        )
+
+    def _find_problem(self, found: Sequence[float]) -> str:
+        """Return why there is no estimate; empty if there is one."""
+        unfaithful = sum(run.counts.unfaithful for run in self._runs)
+        if unfaithful:
+            return (
+                f"{unfaithful} episodes did not repeat the course of the episode that they "
+                "continue. Splitting needs a simulation whose course follows from the noise alone: "
+                "take method subset."
+            )
+        if len(found) < len(self._runs):
+            return (
+                f"{len(found)} of {len(self._runs)} runs have reached failures or died out. Where "
+                "the budget is spent, failures are rarer than it allows for: give more episodes, "
+                "or set fewer `particles`."
+            )
+        reached = sum(one > 0.0 for one in found)
+        if 2 * reached <= len(found):
+            return f"{len(found) - reached} of {len(found)} runs died out. {DIED_OUT}"
+        return ""
+
+    def _describe(self, reached: int) -> str:
+        """Return what a reader must know besides the number."""
+        died = len(self._runs) - reached
+        errors = f"{self._errored} episodes errored and count as no failures. "
+        return (
+            f"Mean of {len(self._runs)} independent runs, and the interval follows from their "
+            f"differences. {f'{died} of them died out and count as 0. ' if died else ''}"
+            f"{errors if self._errored else ''}"
+            "Kinds of failure that few episodes come near may be missing in all of them."
+        )
+
+    def state(self) -> bytes:
+        """Return the episodes of all runs, and the results of the open level."""
+        known = [
+            np.zeros(self._horizon, np.float32) if one is None else self._pad(one)
+            for one in self._importances
+        ]
+        arrays: dict[str, archive.Array] = {
+            "z": np.stack([run.z for run in self._runs]),
+            "courses": np.stack([run.courses for run in self._runs]),
+            "importances": np.reshape(known, (len(known), self._horizon)).astype(np.float32),
+            "steps": np.array(
+                [0 if one is None else len(one) for one in self._importances], np.int64
+            ),
+        }
+        facts = self._Facts(
+            self._proposed,
+            self._episodes_run,
+            self._errored,
+            tuple(self._failed),
+            tuple(one is None for one in self._importances),
+            tuple(run.counts for run in self._runs),
+        )
+        return archive.write(self.kind, facts, arrays)
+
+    def _pad(self, importance: Floats) -> Floats:
+        return np.pad(importance, (0, self._horizon - len(importance)))
+
+    def restore(self, state: bytes) -> None:
+        """Restore a state, from which the runs go on bit for bit.
+
+        Raises:
+            ProtocolError: the bytes are not a state of this method.
+        """
+        facts, arrays = archive.read(self.kind, state, self._Facts)
+        shape = (len(self._runs), *self._runs[0].courses.shape)
+        with archive.wrap_errors(self.kind):
+            z = archive.take(arrays, "z", (*shape, 2))
+            courses = archive.take(arrays, "courses", shape)
+            received = len(facts.failed)
+            importances = archive.take(arrays, "importances", (received, self._horizon))
+            steps = archive.take(arrays, "steps", (received,)).tolist()
+            if not all(0 <= one <= self._horizon for one in steps):
+                raise ValueError("a result has more steps than an episode")
+            if len(facts.lost) != received or received > facts.proposed:
+                raise ValueError(f"there are {received} results of {facts.proposed} episodes")
+            for run, *held in zip(self._runs, z, courses, facts.counts, strict=True):
+                run.restore(*held)
+        self._wave = self._join_waves()
+        self._proposed, self._episodes_run = facts.proposed, facts.episodes_run
+        self._errored, self._failed = facts.errored, list(facts.failed)
+        self._importances = [
+            None if is_lost else row[:count]
+            for row, count, is_lost in zip(importances, steps, facts.lost, strict=True)
+        ]

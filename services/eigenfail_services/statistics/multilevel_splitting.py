@@ -1,0 +1,192 @@
+"""The probability of a rare failure by adaptive multilevel splitting, inside episodes.
+
+A run holds n episodes. Again and again those whose importance stayed lowest are given up, at least
+a fixed share of them, and each is replaced by a continuation of another one: it has the noise of
+that episode up to the step after which its importance first exceeded the level, and new noise from
+then on. Once enough episodes fail, P(failure) is estimated by (share that was kept at the first
+level) · (share kept at the second) · … · (share of the last episodes that failed). That is
+unbiased for any importance function, any n and any share, as long as all episodes at or below the
+level are given up, ties included. A bad importance function costs variance.
+Source: Cérou and Guyader 2007, Stochastic Analysis and Applications 25 (2), 417–443; unbiased:
+Bréhier, Gazeau, Goudenège, Lelièvre and Rousset 2016, Annals of Applied Probability 26 (6),
+3559–3601 (theorem 4.1).
+
+What a run says of its own error is too small wherever the importance function is imperfect: its
+episodes descend from few. Several independent runs show the error by their differences.
+"""
+
+from collections.abc import Sequence
+from math import ceil, exp, inf, log1p, sqrt
+from statistics import fmean, stdev
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.values import Floats
+
+
+class SplittingCounts(NamedTuple):
+    """Numbers of a run that its arrays do not hold.
+
+    Attributes:
+        waves: number of waves that were run.
+        log_kept: logarithm of the product of the shares that were kept at the levels.
+        unfaithful: continuations whose importance did not exceed the level that the episode they
+            continue had exceeded: the simulation did not repeat itself.
+    """
+
+    waves: int = 0
+    log_kept: float = 0.0
+    unfaithful: int = 0
+
+
+class SplittingWave(NamedTuple):
+    """The episodes of a run that are to be run next.
+
+    Attributes:
+        level: importance at or below which episodes were given up.
+        rows: places of these among the episodes of the run, shape (m,).
+        z: noise of those that replace them, shape (m, steps, 2).
+        courses: courses of the episodes that they continue, up to the step at which these exceeded
+            the level, and constant from there on; shape (m, steps).
+    """
+
+    level: float
+    rows: NDArray[np.intp]
+    z: Floats
+    courses: Floats
+
+
+class SplittingRun:
+    """One run: its episodes, and those that are to be run next.
+
+    All draws follow from the seed and the number of the wave, so that arrays and counts are the
+    whole state of a run.
+
+    Attributes:
+        z: noise of the present episodes, shape (n, steps, 2), float32.
+        courses: largest importance so far after each step, shape (n, steps), float32; infinite from
+            the collision on.
+        counts: other numbers of the state.
+        wave: episodes to be run next; None after the end.
+        probability: estimate of P(failure); None before the end.
+
+    Args:
+        seed: seed of every draw.
+        shape: number of episodes, and of their steps.
+        given_up: least share of the episodes that is given up at a level.
+    """
+
+    def __init__(self, seed: Sequence[int], shape: tuple[int, int], given_up: float) -> None:
+        self._seed = tuple(seed)
+        self._given_up = given_up
+        self.z: Floats = np.zeros((*shape, 2), np.float32)
+        self.courses: Floats = np.full(shape, -np.inf, np.float32)
+        self.counts = SplittingCounts()
+        self.probability: float | None = None
+        rows = np.arange(shape[0])
+        self.wave: SplittingWave | None = SplittingWave(
+            -inf, rows, self._draw_noise(len(rows)), self.courses.copy()
+        )
+
+    def restore(self, z: Floats, courses: Floats, counts: SplittingCounts) -> None:
+        """Go on from a state."""
+        self.z, self.courses, self.counts = z, courses, counts
+        if counts.waves:
+            self.wave = self._choose_wave()
+
+    def add(self, importances: Sequence[Floats | None], failed: Sequence[bool]) -> None:
+        """Take in the episodes of the wave, and choose the next ones.
+
+        Args:
+            importances: importance after each step of each episode, shape (up to steps,); None of
+                an episode that errored: it counts as one that comes no closer to a collision.
+            failed: whether each ended in a collision.
+        """
+        wave, counts, n = self.wave, self.counts, len(self.z)
+        if wave is None:
+            raise ValueError("the run has ended")
+        self.z[wave.rows], self.courses[wave.rows] = wave.z, wave.courses
+        for row, importance, collided in zip(wave.rows, importances, failed, strict=True):
+            if importance is not None:
+                self.courses[row] = make_course(importance, collided, self.courses.shape[1])
+        stayed = int(np.count_nonzero(self.courses[wave.rows, -1] <= wave.level))
+        self.counts = SplittingCounts(
+            counts.waves + 1,
+            counts.log_kept + (log1p(-len(wave.rows) / n) if counts.waves else 0.0),
+            counts.unfaithful + (stayed if counts.waves else 0),
+        )
+        self.wave = self._choose_wave()
+
+    def _choose_wave(self) -> SplittingWave | None:
+        """Return continuations in place of the lowest episodes; end the run if there are none."""
+        highest = self.courses[:, -1].astype(np.float64)
+        level = float(np.sort(highest)[ceil(self._given_up * len(highest)) - 1])
+        if level == inf:
+            self.probability = exp(self.counts.log_kept) * float(np.mean(highest == inf))
+            return None
+        remaining = np.flatnonzero(highest > level)
+        if not len(remaining):
+            self.probability = 0.0
+            return None
+        return self._continue_some(remaining, np.flatnonzero(highest <= level), level)
+
+    def _continue_some(
+        self, remaining: NDArray[np.intp], rows: NDArray[np.intp], level: float
+    ) -> SplittingWave:
+        random = np.random.default_rng([*self._seed, self.counts.waves, PARENTS])
+        parents = random.choice(remaining, len(rows))
+        courses = self.courses[parents]
+        crossing = (courses > level).argmax(axis=1)
+        is_common = np.arange(courses.shape[1]) <= crossing[:, None]
+        reached = courses[np.arange(len(rows)), crossing]
+        z = np.where(is_common[:, :, None], self.z[parents], self._draw_noise(len(rows)))
+        return SplittingWave(level, rows, z, np.where(is_common, courses, reached[:, None]))
+
+    def _draw_noise(self, n: int) -> Floats:
+        random = np.random.default_rng([*self._seed, self.counts.waves, NOISE])
+        return random.standard_normal((n, *self.z.shape[1:]), np.float32)
+
+
+NOISE, PARENTS = 1, 2
+"""What numbers are drawn for, as part of their seed."""
+
+
+def make_course(importance: Floats, collided: bool, steps: int) -> Floats:
+    """Return the largest importance so far after each step, shape (steps,).
+
+    Args:
+        importance: importance after each step of the episode, shape (up to steps,).
+        collided: whether it ended in a collision: from its last step on the course is infinite.
+        steps: length of the course; after the end of the episode it stays as it is.
+    """
+    course = np.full(steps, -np.inf, np.float32)
+    course[: len(importance)] = np.nan_to_num(importance, nan=-np.inf, neginf=-np.inf)
+    course = np.minimum(np.maximum.accumulate(course), np.finfo(np.float32).max)
+    if collided:
+        course[max(len(importance) - 1, 0) :] = np.inf
+    return course
+
+
+class PooledRuns(NamedTuple):
+    """Mean of independent runs.
+
+    Attributes:
+        probability: mean of their estimates, those of runs that died out among them, which are 0.
+        cv: coefficient of variation of that mean, from the differences between the runs; infinite
+            without a failure.
+        reached: number of runs that reached failures.
+    """
+
+    probability: float
+    cv: float
+    reached: int
+
+
+def pool_runs(probabilities: Sequence[float]) -> PooledRuns:
+    """Return the mean of the estimates of at least two independent runs, with its variation."""
+    mean = fmean(probabilities)
+    deviation = stdev(probabilities) / sqrt(len(probabilities))
+    reached = sum(one > 0.0 for one in probabilities)
+    return PooledRuns(mean, deviation / mean if mean else inf, reached)

@@ -1,0 +1,145 @@
+"""The method `splitting`: what it prints, and what it refuses to print."""
+
+import numpy as np
+import pytest
+
+from eigenfail.errors import InvalidValue, LearnerFailed, ProtocolError
+from eigenfail.testing.learner import Corridor, ToyEngine
+from eigenfail.values import EpisodeTask, Importance, LearnerContext
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.methods import archive
+from eigenfail_services.methods.splitting import MultilevelSplitting, SplittingSettings
+
+CORRIDOR = Corridor(steps=30, gain=0.1, wall=0.9)
+NOTHING = np.zeros((0, CORRIDOR.steps, 2), np.float32)
+
+
+def make_learner(seed=0, episodes=3200, **settings):
+    context = LearnerContext(seed, episodes, CORRIDOR.steps, NOTHING)
+    return MultilevelSplitting(context, SplittingSettings(**settings))
+
+
+def run(seed, episodes=3200, engine=None, **settings):
+    rounds = Rounds(make_learner(seed, episodes, **settings), seed, episodes)
+    count = sum(1 for _ in run_in_process(rounds, engine or ToyEngine(CORRIDOR)))
+    return rounds.estimate(), count
+
+
+class ForgetfulEngine(ToyEngine):
+    """Runs each episode with noise of its own, whatever noise it is given."""
+
+    def _noise(self, task, random, states):
+        return random.standard_normal((len(states), 2), np.float32)
+
+
+class DeafEngine(ToyEngine):
+    """Returns no importance."""
+
+    def run(self, tasks):
+        return super().run([EpisodeTask(t.index, t.seed, strip(t.source)) for t in tasks])
+
+
+def strip(source):
+    return type(source)(source.z)
+
+
+def test_its_interval_holds_the_probability_at_a_fraction_of_the_budget():
+    rng = np.random.default_rng(4)
+    draws = [rng.standard_normal((50_000, CORRIDOR.steps, 2)) for _ in range(20)]
+    counted = sum(int((CORRIDOR.course(z).max(axis=1) >= CORRIDOR.wall).sum()) for z in draws)
+    truth = counted / 1_000_000
+    assert 100 <= counted <= 1000
+    found = [run(seed)[0] for seed in range(40)]
+    held = sum(one.interval.low <= truth <= one.interval.high for one in found)
+    assert held >= 36
+    mean = np.mean([one.probability for one in found])
+    assert 0.75 < mean / truth < 1.3
+    assert np.std([one.probability for one in found]) / mean < 0.5
+
+
+def test_it_stops_where_all_runs_have_reached_failures():
+    estimate, count = run(3)
+    assert estimate.by == "multilevel splitting"
+    assert estimate.bound is None
+    assert count == estimate.episodes < 3200
+    assert "Mean of 10 independent runs" in estimate.note
+
+
+def test_before_the_end_it_says_what_is_missing():
+    learner = make_learner()
+    assert "0 of 10 runs have reached failures" in learner.estimate().problem
+
+
+def test_a_budget_that_ends_before_the_runs_gives_no_number():
+    estimate, count = run(3, 900, particles=60)
+    assert count == 900
+    assert estimate.probability is None
+    assert "give more episodes" in estimate.problem
+
+
+def test_runs_that_died_out_count_as_0_and_are_told():
+    rare = ToyEngine(Corridor(steps=30, gain=0.1, wall=1.1))
+    found = [run(seed, particles=20, engine=rare)[0] for seed in range(12)]
+    told = [one for one in found if one.probability is not None and "died out" in one.note]
+    refused = [one for one in found if one.probability is None]
+    assert told or refused
+    assert all("died out" in one.problem for one in refused)
+
+
+def test_a_simulation_that_does_not_repeat_itself_is_refused():
+    estimate, _ = run(3, engine=ForgetfulEngine(CORRIDOR))
+    assert estimate.probability is None
+    assert "did not repeat the course" in estimate.problem
+    assert "subset" in estimate.problem
+
+
+def test_errored_episodes_are_told():
+    estimate, count = run(3, engine=ToyEngine(CORRIDOR, faulty=range(0, 400, 50)))
+    assert estimate.episodes == count - 8
+    assert "8 episodes errored and count as no failures" in estimate.note
+
+
+def test_workers_without_importance_are_refused():
+    with pytest.raises(LearnerFailed, match="Episode 0 came without the importance"):
+        run(3, engine=DeafEngine(CORRIDOR))
+
+
+def test_it_asks_for_its_importance():
+    sources = make_learner(importance=Importance.DISTANCE).propose(5).sources
+    assert {one.importance for one in sources} == {Importance.DISTANCE}
+
+
+def test_a_budget_that_is_too_small_is_refused():
+    with pytest.raises(InvalidValue, match="they take 3200"):
+        make_learner(episodes=3199)
+    with pytest.raises(InvalidValue, match="they take 1600"):
+        make_learner(episodes=1599, runs=5)
+    with pytest.raises(InvalidValue, match="they take 16000"):
+        make_learner(episodes=999, particles=100)
+
+
+def test_particles_follow_from_the_budget():
+    assert SplittingSettings().choose_particles(16_000) == 100
+    assert SplittingSettings(particles=30).choose_particles(16_000) == 30
+
+
+def test_it_goes_on_from_the_middle_of_a_level():
+    one, other = make_learner(5, round_size=70), make_learner(5, round_size=70)
+    engine = ToyEngine(CORRIDOR, faulty=(3, 30))
+    first = 0
+    for _ in range(9):
+        sources = one.propose(3200).sources
+        tasks = [EpisodeTask(first + i, 0, source) for i, source in enumerate(sources)]
+        one.observe(list(engine.run(tasks)))
+        first += len(tasks)
+    other.restore(one.state())
+    assert other.state() == one.state()
+    ours, theirs = one.propose(3200).sources, other.propose(3200).sources
+    assert all(np.array_equal(a.z, b.z) for a, b in zip(ours, theirs, strict=True))
+
+
+def test_a_state_that_does_not_fit_is_refused():
+    with pytest.raises(ProtocolError, match="should have shape"):
+        make_learner(runs=5, particles=30).restore(make_learner(runs=6, particles=30).state())
+    with pytest.raises(ProtocolError):
+        make_learner().restore(archive.write("splitting", SplittingSettings(), {}))

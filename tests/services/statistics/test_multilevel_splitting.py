@@ -1,0 +1,190 @@
+"""Adaptive multilevel splitting on a walk whose probability is known."""
+
+from math import inf, sqrt
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from eigenfail_services.statistics.multilevel_splitting import (
+    SplittingCounts,
+    SplittingRun,
+    make_course,
+    pool_runs,
+)
+
+STEPS, WALL = 12, 11.0
+
+
+def exceed_wall() -> float:
+    """Return P(a walk of standard normal steps exceeds the wall), by quadrature on a grid."""
+    grid, width = np.linspace(-30.0, WALL, 4101, retstep=True)
+    inside = norm.pdf(grid)
+    kernel = norm.pdf(grid[:, None] - grid[None, :]) * width
+    for _ in range(STEPS - 1):
+        inside = kernel @ inside
+    return 1.0 - float(np.trapezoid(inside, dx=width))
+
+
+P = exceed_wall()
+
+
+def walk(z):
+    """Return the importance after each step, and whether the walk exceeded the wall."""
+    y = np.cumsum(z[:, :, 0].astype(np.float64), axis=1)
+    beyond = y > WALL
+    failed = beyond.any(axis=1)
+    last = np.where(failed, beyond.argmax(axis=1), STEPS - 1)
+    return [row[: end + 1].astype(np.float32) for row, end in zip(y, last, strict=True)], failed
+
+
+def finish(run, importance=lambda y: y):
+    while run.wave is not None:
+        courses, failed = walk(run.wave.z)
+        run.add([importance(y) for y in courses], failed.tolist())
+    return run
+
+
+def estimate(seed, n=40, given_up=0.1, importance=lambda y: y):
+    return finish(SplittingRun((seed,), (n, STEPS), given_up), importance).probability
+
+
+def expect_mean(found, truth):
+    deviation = np.std(found, ddof=1) / sqrt(len(found))
+    assert abs(np.mean(found) - truth) < 3.5 * deviation
+    assert deviation < 0.15 * truth
+
+
+def test_the_truth_of_the_walk():
+    rng = np.random.default_rng(1)
+    y = rng.standard_normal((400_000, STEPS)).cumsum(axis=1).max(axis=1)
+    drawn = float((y > WALL).mean())
+    assert abs(drawn - P) < 4.0 * sqrt(P / 400_000)
+    assert 1e-4 < P < 2e-3
+
+
+@pytest.mark.parametrize("given_up", [0.02, 0.1, 0.4])
+def test_it_is_unbiased_whatever_share_is_given_up(given_up):
+    expect_mean([estimate(seed, given_up=given_up) for seed in range(250)], P)
+
+
+def test_it_is_unbiased_with_an_importance_of_few_values_whose_ties_kill_runs():
+    found = [estimate(seed, importance=lambda y: np.floor(y / 3.0)) for seed in range(800)]
+    assert 0.0 in found
+    expect_mean(found, P)
+
+
+def test_it_is_unbiased_with_an_importance_that_says_little():
+    found = [
+        estimate(seed, 80, importance=lambda y: y + 3.0 * np.sin(2.0 * np.arange(len(y))))
+        for seed in range(300)
+    ]
+    expect_mean(found, P)
+
+
+def test_it_is_far_more_precise_than_as_many_plain_draws():
+    found, drawn = [], []
+    for seed in range(100):
+        run, count = SplittingRun((seed,), (100, STEPS), 0.1), 0
+        while run.wave is not None:
+            count += len(run.wave.rows)
+            courses, failed = walk(run.wave.z)
+            run.add(courses, failed.tolist())
+        found.append(run.probability)
+        drawn.append(count)
+    assert np.std(found) / P < 0.6 * sqrt(1.0 / P / np.mean(drawn))
+
+
+def test_continuations_have_the_noise_of_another_one_until_it_exceeded_the_level():
+    run = SplittingRun((5,), (30, STEPS), 0.1)
+    courses, failed = walk(run.wave.z)
+    run.add(courses, failed.tolist())
+    before, wave = run.z.copy(), run.wave
+    for z in wave.z:
+        common = [int((np.cumprod((z == other).all(axis=1))).sum()) for other in before]
+        parent = int(np.argmax(common))
+        steps = common[parent]
+        assert parent not in wave.rows
+        assert run.courses[parent, steps - 1] > wave.level
+        assert steps == 1 or run.courses[parent, steps - 2] <= wave.level
+
+
+def test_a_run_goes_on_bit_for_bit_from_its_state():
+    whole, half = SplittingRun((3,), (30, STEPS), 0.1), SplittingRun((3,), (30, STEPS), 0.1)
+    for _ in range(4):
+        courses, failed = walk(half.wave.z)
+        half.add(courses, failed.tolist())
+    other = SplittingRun((3,), (30, STEPS), 0.1)
+    other.restore(half.z.copy(), half.courses.copy(), half.counts)
+    assert finish(other).probability == finish(whole).probability
+    assert np.array_equal(other.z, whole.z)
+
+
+def test_seeds_differ():
+    assert estimate(1) != estimate(2)
+
+
+def test_errored_episodes_come_no_closer():
+    """With a tenth of the first draws lost, P is that of the rest times nine tenths."""
+    found = []
+    for seed in range(250):
+        run, first = SplittingRun((seed,), (40, STEPS), 0.1), True
+        while run.wave is not None:
+            courses, failed = walk(run.wave.z)
+            if first:
+                courses[:4], failed[:4] = [None] * 4, False
+            first = False
+            run.add(courses, failed.tolist())
+        assert run.counts.unfaithful == 0
+        found.append(run.probability)
+    expect_mean(found, 0.9 * P)
+
+
+def test_a_simulation_that_does_not_repeat_itself_is_noticed():
+    run, random = SplittingRun((3,), (30, STEPS), 0.1), np.random.default_rng(0)
+    for _ in range(3):
+        courses, failed = walk(random.standard_normal(run.wave.z.shape))
+        run.add(courses, failed.tolist())
+    assert run.counts.unfaithful > 0
+
+
+def test_where_all_are_equal_the_run_dies_out():
+    run = SplittingRun((3,), (30, STEPS), 0.1)
+    run.add([np.zeros(STEPS, np.float32)] * 30, [False] * 30)
+    assert (run.wave, run.probability) == (None, 0.0)
+
+
+def test_where_nearly_all_fail_the_first_draws_are_the_estimate():
+    run = SplittingRun((3,), (30, STEPS), 0.1)
+    run.add([np.arange(3, dtype=np.float32)] * 30, [False] + [True] * 29)
+    assert (run.wave, run.probability) == (None, pytest.approx(29 / 30))
+    assert run.counts == SplittingCounts(waves=1)
+
+
+def test_an_ended_run_takes_no_more():
+    run = finish(SplittingRun((3,), (30, STEPS), 0.1))
+    with pytest.raises(ValueError, match="has ended"):
+        run.add([], [])
+
+
+def test_courses_are_running_maxima_and_infinite_from_the_collision_on():
+    importance = np.array([1.0, 3.0, 2.0], np.float32)
+    assert make_course(importance, False, 5).tolist() == [1.0, 3.0, 3.0, 3.0, 3.0]
+    assert make_course(importance, True, 5).tolist() == [1.0, 3.0, inf, inf, inf]
+
+
+def test_what_is_no_number_is_no_importance():
+    strange = np.array([np.nan, 1.0, np.inf, np.nan], np.float32)
+    course = make_course(strange, False, 5)
+    assert course[0] == -inf
+    assert course[1] == 1.0
+    assert np.isfinite(course[2:]).all()
+    assert course[2] > 1e30
+
+
+def test_the_error_of_a_mean_is_that_between_the_runs():
+    pooled = pool_runs([1.0, 2.0, 3.0, 0.0])
+    assert pooled.probability == 1.5
+    assert pooled.cv == pytest.approx(np.std([1.0, 2.0, 3.0, 0.0], ddof=1) / 2.0 / 1.5)
+    assert pooled.reached == 3
+    assert pool_runs([0.0, 0.0]) == (0.0, inf, 0)
