@@ -23,10 +23,21 @@ LEAST_SHARE = 0.05
 ONE_RUN = {"runs": 1, "first_spread": 0.0, "first_step": 1.0}
 """CMA-ES as it is usually run: once, from the most likely noise."""
 
+MANY_FAILURES = {
+    "runs": 2,
+    "population": 6,
+    "first_spread": 0.5,
+    "first_step": 0.8,
+    "max_std": 0.7,
+    "failing_share": 1.0,
+}
+"""CMA-ES for many failures: no generation is to have an episode that does not fail."""
+
 SEARCHES: dict[str, tuple[str, dict[str, Any]]] = {
     "held": ("held", {}),
     "cma": ("cma", {}),
     "cma_one_run": ("cma", ONE_RUN),
+    "cma_many": ("cma", MANY_FAILURES),
     "ast": ("ast", {}),
     "cem": ("cem", {}),
     "difs": ("difs", {}),
