@@ -33,12 +33,24 @@ MANY_FAILURES = {
 }
 """CMA-ES for many failures: no generation is to have an episode that does not fail."""
 
+WIDE = {
+    "runs": 10,
+    "population": 6,
+    "first_spread": 3.0,
+    "first_step": 0.7,
+    "max_std": 0.7,
+    "failing_share": 1.0,
+}
+"""CMA-ES for failures far apart: many runs, which start beyond ordinary noise."""
+
 SEARCHES: dict[str, tuple[str, dict[str, Any]]] = {
     "held": ("held", {}),
     "cma": ("cma", {}),
     "cma_one_run": ("cma", ONE_RUN),
     "cma_many": ("cma", MANY_FAILURES),
+    "cma_wide": ("cma", WIDE),
     "ast": ("ast", {}),
+    "ast_wide": ("ast", {"amplitude": 4.0}),
     "cem": ("cem", {}),
     "difs": ("difs", {}),
 }
