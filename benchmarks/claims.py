@@ -18,6 +18,7 @@ import reproduction
 import typer
 from crew import crew
 from figures import ROOT, Figure, write
+from peers import count_points
 from reproduction import Run
 from targets import TARGETS, aimed, missed
 from trials import TRIALS, Finding
@@ -31,7 +32,9 @@ def found(prefix: str, seed: int) -> dict[str, Finding]:
     findings: dict[str, Finding] = {}
     with crew() as hands:
         for trial in TRIALS:
-            if trial.concerns(prefix):
+            if trial.concerns(prefix) and trial.missing:
+                print(f"{trial.prefixes[0]}… kept: {', '.join(trial.missing)} not installed")
+            elif trial.concerns(prefix):
                 began = time.perf_counter()
                 findings |= trial.find(hands, seed)
                 print(f"{trial.prefixes[0]}… {time.perf_counter() - began:.0f} s", flush=True)
@@ -53,11 +56,21 @@ def write_beside(to: Path, findings: dict[str, Finding]) -> None:
 
 
 def kept(path: Path, prefix: str) -> dict[str, Figure]:
-    """The figures in the file whose names begin otherwise."""
+    """The figures in the file whose names begin otherwise, or that cannot be found here."""
     if not path.exists():
         return {}
     figures = msgspec.json.decode(path.read_bytes(), type=dict[str, Figure])
-    return {name: figure for name, figure in figures.items() if not name.startswith(prefix)}
+    without = tuple(own for trial in TRIALS if trial.missing for own in trial.prefixes)
+    return {
+        name: figure
+        for name, figure in figures.items()
+        if not name.startswith(prefix) or name.startswith(without)
+    }
+
+
+def concerns_points(prefix: str) -> bool:
+    """Whether a prefix concerns searches, of which the points that dominate are counted."""
+    return prefix.startswith("search.") or "search.".startswith(prefix)
 
 
 def table(figures: dict[str, Figure], late: list[str]) -> Iterator[str]:
@@ -84,9 +97,11 @@ def main(
     """Find, write, show."""
     findings = found(only, seed)
     figures = {n: aimed(n, one, seed) for n, one in findings.items() if isinstance(one, Figure)}
-    if not figures:
+    counted = dict(count_points(kept(to, only) | figures)) if concerns_points(only) else {}
+    if not figures and not any(name.startswith(only) for name in counted):
         print(f"No figure's name begins with '{only}'; some are {', '.join(sorted(TARGETS))}.")
         raise typer.Exit(2)
+    figures |= {name: aimed(name, one, seed) for name, one in counted.items()}
     write(to, kept(to, only) | figures)
     write_beside(to, findings)
     late = missed(figures, only)

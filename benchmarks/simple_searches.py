@@ -4,17 +4,18 @@
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from math import sqrt
-from typing import Any, NamedTuple
+from math import comb, sqrt
+from typing import Any, NamedTuple, Protocol
 
+import msgspec
 import numpy as np
 from crew import Crew
 from figures import Figure
 from known_problems import Noise, Problem, four_branches, two_modes, walk
 from learning_figures import first_failure, log_p_per_step, of_seeds
-from searches import Found, search, search_function
+from searches import Crash, Found, search, search_function
 
-from eigenfail.values import CampaignSpec, Floats
+from eigenfail.values import CampaignSpec
 
 CALLS, SEEDS = 1000, 10
 LEAST_SHARE = 0.05
@@ -22,11 +23,34 @@ LEAST_SHARE = 0.05
 ONE_RUN = {"runs": 1, "first_spread": 0.0, "first_step": 1.0}
 """CMA-ES as it is usually run: once, from the most likely noise."""
 
+MANY_FAILURES = {
+    "runs": 2,
+    "population": 6,
+    "first_spread": 0.5,
+    "first_step": 0.8,
+    "max_std": 0.7,
+    "failing_share": 1.0,
+}
+"""CMA-ES for many failures: no generation is to have an episode that does not fail."""
+
+WIDE = {
+    "runs": 10,
+    "population": 6,
+    "first_spread": 3.0,
+    "first_step": 0.7,
+    "max_std": 0.7,
+    "failing_share": 1.0,
+}
+"""CMA-ES for failures far apart: many runs, which start beyond ordinary noise."""
+
 SEARCHES: dict[str, tuple[str, dict[str, Any]]] = {
     "held": ("held", {}),
     "cma": ("cma", {}),
     "cma_one_run": ("cma", ONE_RUN),
+    "cma_many": ("cma", MANY_FAILURES),
+    "cma_wide": ("cma", WIDE),
     "ast": ("ast", {}),
+    "ast_wide": ("ast", {"amplitude": 4.0}),
     "cem": ("cem", {}),
     "difs": ("difs", {}),
 }
@@ -64,12 +88,27 @@ FUNCTIONS = {
     "corners": KnownRegions(two_modes, find_corner),
     "four_branches": KnownRegions(four_branches, find_branch),
 }
-PLACES = ("cut_in", *FUNCTIONS)
+PLACES = ("cut_in", "merge_in", *FUNCTIONS)
+
+
+class Run(Protocol):
+    """What is described of a search: whether each episode failed, and the failures."""
+
+    @property
+    def crashed(self) -> tuple[bool, ...]: ...
+
+    @property
+    def crashes(self) -> tuple[Crash, ...]: ...
 
 
 def compare(place: str, name: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     """A search in a scenario, or on a function with known regions."""
     runs = crew.each(find, [place] * SEEDS, [name] * SEEDS, range(seed, seed + SEEDS))
+    yield from describe(place, name, runs)
+
+
+def describe(place: str, name: str, runs: Sequence[Run]) -> Iterator[tuple[str, Figure]]:
+    """Figures of a search, from its runs."""
     prefix = f"search.{place}.{name}"
     for what, unit, value_of in (
         ("failures", "episodes", count_failures),
@@ -90,33 +129,37 @@ def find(place: str, name: str, seed: int) -> Found:
     spec = CampaignSpec(name=name, method=method, episodes=CALLS, seed=seed, settings=settings)
     if place in FUNCTIONS:
         return search_function(spec, FUNCTIONS[place].make())
-    return search(spec)
+    return search(msgspec.structs.replace(spec, scenario=place))
 
 
-def count_failures(run: Found) -> float:
+def count_failures(run: Run) -> float:
     """Episodes that failed."""
     return float(sum(run.crashed))
 
 
-def find_distance(run: Found) -> float | None:
+def find_distance(run: Run) -> float | None:
     """Mean over all pairs of failures of the root mean square difference of z. [sigma]
 
     It is taken over the steps that both have. Independent draws of p(x) are sqrt(2) apart.
     """
-    noise = [one.z.astype(np.float64) for one in run.crashes]
-    distances = [d for i, z in enumerate(noise) for d in _list_distances(z, noise[:i])]
-    return float(np.mean(distances)) if distances else None
+    noise = sorted((one.z.astype(np.float64).ravel() for one in run.crashes), key=len)
+    if len(noise) < 2:
+        return None
+    padded = np.zeros((len(noise), len(noise[-1])))
+    for row, z in zip(padded, noise, strict=True):
+        row[: len(z)] = z
+    squares = np.cumsum(padded**2, axis=1)
+    distances = 0.0
+    for i, z in enumerate(noise):
+        # Those behind it are as long or longer: it has the steps that both have.
+        last = len(z) - 1
+        dots = padded[i + 1 :, : len(z)] @ z
+        sums = squares[i + 1 :, last] + squares[i, last] - 2.0 * dots
+        distances += float(np.sqrt(np.maximum(sums, 0.0) / len(z)).sum())
+    return distances / comb(len(noise), 2)
 
 
-def _list_distances(z: Floats, others: Sequence[Floats]) -> list[float]:
-    common = (min(len(z), len(other)) for other in others)
-    return [
-        sqrt(np.mean((z[:steps] - other[:steps]) ** 2))
-        for steps, other in zip(common, others, strict=True)
-    ]
-
-
-def count_regions(place: str, run: Found) -> int:
+def count_regions(place: str, run: Run) -> int:
     """Number of regions that hold at least `LEAST_SHARE` of the failures."""
     regions = [FUNCTIONS[place].find_region(one.z) for one in run.crashes]
     counts = [regions.count(region) for region in set(regions)]

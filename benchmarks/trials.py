@@ -22,6 +22,8 @@ from mode_reference import confirmed, plain_monte_carlo
 from monte_carlo import calm, frail
 from noise_models import PLANNERS, noise_models
 from other_scenarios import held_noise, merges, ordinary
+from peer_tools import PEERS
+from peers import compare_peer
 from probability import p_fail
 from reproduction import Run
 from shaped import shaped
@@ -39,6 +41,8 @@ class Trial(NamedTuple):
 
     prefixes: tuple[str, ...]
     find: Find
+    missing: tuple[str, ...] = ()
+    """Packages that it needs and that are not installed: its figures stay as they were found."""
 
     def concerns(self, prefix: str) -> bool:
         """Whether one of its figures may begin like this."""
@@ -91,6 +95,14 @@ TRIALS = (
     *(
         Trial((f"search.{place}.{name}.",), partial(compare, place, name))
         for place, name in product(PLACES, SEARCHES)
+    ),
+    *(
+        Trial(
+            (f"search.{place}.{name}.",),
+            partial(compare_peer, place, name),
+            tuple(peer.list_missing()),
+        )
+        for place, (name, peer) in product(PLACES, PEERS.items())
     ),
     Trial(("fuzz.",), fuzzed),
     Trial(("faults.kinds",), kinds),

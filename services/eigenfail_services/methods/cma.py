@@ -73,6 +73,14 @@ class CmaSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
             description="a run starts anew once its largest standard deviation is less [sigma]",
         ),
     ] = 0.05
+    failing_share: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=1.0,
+            description="share of a generation that is to fail: with less its failures rank equal",
+        ),
+    ] = 0.0
 
 
 class Score(msgspec.Struct, frozen=True, order=True):
@@ -94,6 +102,17 @@ def score_episode(result: EpisodeResult) -> Score:
         return Score(inf, inf)
     z = result.noise.z.astype(np.float64)
     return Score(robustness, float(np.sum(z**2)))
+
+
+def level_failures(scores: list[Score], share: float) -> list[Score]:
+    """Return scores in which failures rank equal, if a smaller share than this one failed.
+
+    The likeliest failures lie on the border of their region, and a generation around them fails
+    half of the time. Ranked equal, failures pull the mean to their middle, away from the border.
+    """
+    if sum(score.robustness_m == 0.0 for score in scores) >= share * len(scores):
+        return scores
+    return [Score(0.0, 0.0) if score.robustness_m == 0.0 else score for score in scores]
 
 
 class EvolutionRun:
@@ -140,10 +159,11 @@ class EvolutionRun:
         self._candidates = self._draw_candidates()
 
     def _finish_generation(self) -> None:
-        order = sorted(range(len(self.scores)), key=self.scores.__getitem__)
+        scores = level_failures(self.scores, self._settings.failing_share)
+        order = sorted(range(len(scores)), key=scores.__getitem__)
         self.draw += 1
         # A generation in which no episode could be run has no information: it is drawn again.
-        if isfinite(self.scores[order[0]].robustness_m):
+        if isfinite(scores[order[0]].robustness_m):
             self.distribution = self.distribution.adapt(self._candidates[order], self._rates)
             deviation = self.distribution.find_largest_deviation()
             # Noise has a standard deviation of 1. Without a limit the strategy takes ever larger

@@ -9,7 +9,12 @@ from eigenfail.settings import read_settings
 from eigenfail.testing.learner import ToyEngine
 from eigenfail.values import EpisodeTask, LearnerContext, TrajectorySource, episode_seed
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods.cma import CovarianceAdaptation, Score, score_episode
+from eigenfail_services.methods.cma import (
+    CovarianceAdaptation,
+    Score,
+    level_failures,
+    score_episode,
+)
 from eigenfail_workers.functions import FunctionEngine
 
 
@@ -92,6 +97,28 @@ def test_failures_get_likelier():
     assert np.mean(late) < 0.8 * np.mean(early)
     assert np.median(late) < 1.1 * 100.0
     assert min(squares) >= 100.0
+
+
+def test_failures_rank_equal_in_a_generation_of_which_too_few_failed():
+    likely, unlikely, near, far = Score(0.0, 2.0), Score(0.0, 9.0), Score(1.0, 3.0), Score(4.0, 1.0)
+    generation = [near, unlikely, far, likely]
+    assert level_failures(generation, 0.5) == generation
+    assert level_failures(generation, 0.51) == [near, Score(0.0, 0.0), far, Score(0.0, 0.0)]
+    assert level_failures([near, far], 1.0) == [near, far]
+    assert level_failures([likely, unlikely], 1.0) == [likely, unlikely]
+
+
+def test_with_a_failing_share_more_episodes_fail_and_failures_are_less_likely():
+    def search(share):
+        learner = make_learner(runs=1, failing_share=share)
+        results = list(run_in_process(Rounds(learner, 1, 600), make_engine(push)))
+        failures = [result for result in results[200:] if result.is_failure]
+        squares = [np.sum(one.noise.z.astype(float) ** 2) for one in failures]
+        return len(failures), np.mean(squares)
+
+    (few, likely), (many, unlikely) = search(0.0), search(1.0)
+    assert few < 330 < 345 < many
+    assert likely < unlikely
 
 
 def test_runs_take_turns_and_none_depends_on_the_results_of_another():
