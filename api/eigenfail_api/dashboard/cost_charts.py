@@ -219,4 +219,6 @@ def rate_of(rate: Rate | None) -> str:
         return f"{format_share(rate.value)} {OWN_EPISODES}"
     if not rate.k:
         return format_upper_bound(rate.interval.high)
+    if rate.value is None:
+        return format_percent_interval(rate.interval)
     return f"{format_share(rate.value)} ({format_percent_interval(rate.interval)})"

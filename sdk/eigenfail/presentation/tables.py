@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from eigenfail.presentation import figures
 from eigenfail.presentation.figures import UNKNOWN
+from eigenfail.presentation.rates import BASES
 from eigenfail.values import Cost, Estimate, Figure, MeanTime, Rate
 
 NO_EPISODE = "no episode completed"
@@ -198,9 +199,10 @@ def _(value: Rate) -> FormattedCell:
         return FormattedCell(figures.format_share(value.value), basis=(OWN_EPISODES,))
     if not value.k:
         bound = figures.format_upper_bound(value.interval.high)
-        return FormattedCell(bound, sample=f"0 of {value.n:,}", basis=("95 % upper bound",))
+        basis = ("95 % upper bound", *BASES[value.design])
+        return FormattedCell(bound, sample=f"0 of {value.n:,}", basis=basis)
     interval = figures.format_interval(value.interval, 100.0)
-    return FormattedCell(figures.format_share(value.value), interval)
+    return FormattedCell(figures.format_share(value.value), interval, basis=BASES[value.design])
 
 
 @_format.register

@@ -29,6 +29,7 @@ from eigenfail.values.campaign import (
     Overhead,
     Priority,
     Rate,
+    RateDesign,
     RunPart,
     StopRules,
 )
@@ -209,6 +210,7 @@ __all__ = [
     "ProvenMode",
     "ProvenScenario",
     "Rate",
+    "RateDesign",
     "Region",
     "ReplayKind",
     "Replayed",

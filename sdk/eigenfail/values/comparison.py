@@ -166,7 +166,7 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
         newest: the id of the newest one.
         completed: episodes.
         failures: collisions among them.
-        ends_at_failures: whether one of the campaigns has the stop rule `failures`.
+        judges_failures: whether a stop rule of one of the campaigns judges failures.
         instance_hours: instance-hours of all campaigns. [h]
         total_usd: total cost of all campaigns. [USD]
         seeds: number of campaigns with a completed episode, if these differ in name, priority and
@@ -182,7 +182,7 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
     newest: int
     completed: int
     failures: int
-    ends_at_failures: bool
+    judges_failures: bool
     instance_hours: float
     total_usd: float
     seeds: int = 0

@@ -411,13 +411,13 @@ def draw_learning(group: tuple[Subject, ...]) -> Drawing:
             look, blocks = mark(subject.place), subject.course.blocks
             middle = [(block.first + block.last) / 2.0 for block in blocks]
             rates = [block.failure_rate for block in blocks]
-            bounds = [rate.interval or Interval(rate.value, rate.value) for rate in rates]
+            bounds = [rate.interval or Interval(rate.share, rate.share) for rate in rates]
             pairs = list(zip(rates, bounds, strict=True))
-            down = [100.0 * (rate.value - each.low) for rate, each in pairs]
-            up = [100.0 * (each.high - rate.value) for rate, each in pairs]
+            down = [100.0 * (rate.share - each.low) for rate, each in pairs]
+            up = [100.0 * (each.high - rate.share) for rate, each in pairs]
             above.errorbar(
                 middle,
-                [100.0 * rate.value for rate in rates],
+                [100.0 * rate.share for rate in rates],
                 yerr=[[max(each, 0.0) for each in down], [max(each, 0.0) for each in up]],
                 capsize=2.0,
                 elinewidth=0.8,

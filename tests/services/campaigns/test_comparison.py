@@ -20,6 +20,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
     Rate,
+    RateDesign,
     StopRules,
 )
 from eigenfail_services.campaigns.comparison import compare
@@ -30,7 +31,7 @@ from eigenfail_services.campaigns.pairing import (
     find_mixed_fields,
 )
 from eigenfail_services.statistics.comparison import difference
-from eigenfail_services.statistics.intervals import clopper_pearson, rate, stopped_rate
+from eigenfail_services.statistics.intervals import clopper_pearson, rate
 from eigenfail_services.store import Store, open_store
 
 EPISODES = 50
@@ -114,15 +115,17 @@ def test_what_it_says_is_plain(store: Store) -> None:
 
 
 def test_a_side_that_stopped_at_its_failures_has_exact_intervals(store: Store) -> None:
-    stop = StopRules(failures=5)
+    stop = StopRules(failures=25)
     a, b = campaign(store, range(5), stop=stop), campaign(store, range(3, 23), stop=stop)
     found = compare(store, [a], [b])
-    assert (found.a.failure_rate, found.b.failure_rate) == (
-        stopped_rate(5, 50),
-        stopped_rate(20, 50),
-    )
-    assert found.difference == difference(5, 50, 20, 50, clopper_pearson)
-    assert found.difference != difference(5, 50, 20, 50)
+    # The budget ended both before their 25th failure: as with a fixed number of episodes.
+    exact = [
+        replace(rate(k, 50), interval=clopper_pearson(k, 50), design=RateDesign.FAILURES)
+        for k in (5, 20)
+    ]
+    assert [found.a.failure_rate, found.b.failure_rate] == exact
+    assert found.difference == difference(*exact)
+    assert any("ended none of these episodes" in warning for warning in found.warnings)
 
 
 def test_no_difference_is_said_to_be_none(store: Store) -> None:
