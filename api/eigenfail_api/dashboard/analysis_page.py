@@ -137,8 +137,8 @@ def make_influence_chart(result: AnalysisResult) -> Chart:
         id="influence-chart",
         kind="influence",
         title="Influence over time",
-        caption="How much noise at each step matters: components weighted by explained variance. "
-        "Marks: the moments of greatest influence.",
+        caption="Where the noise of the failures differs, which is no cause: components weighted "
+        "by explained variance. Marks: the moments of greatest influence.",
         data={
             **{axis: list_floats(result.influence[:, way]) for way, axis in enumerate(AXES)},
             "moments": [draw_moment(each) for each in result.moments],

@@ -87,7 +87,7 @@ FailuresChoice = Annotated[
 ]
 
 Prove = Annotated[
-    bool, typer.Option("--prove", help="Replay eigenfailures and medoids, also in variations.")
+    bool, typer.Option("--prove", help="Replay eigenfailures and medoids, also in other scenarios.")
 ]
 Variations = Annotated[
     list[str] | None,

@@ -125,7 +125,7 @@ class Comparison(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
         difference: None before both have completed an episode.
         pairs: None where episodes are not paired.
         unpaired_because: why not, in words; empty where they are.
-        effect: None with fewer than two campaigns on a side.
+        effect: None with so few campaigns that even full separation could be chance.
         distinctions: settings in which the sides differ.
         sentences: summary of the comparison, one sentence per finding.
         warnings: limitations of the result.

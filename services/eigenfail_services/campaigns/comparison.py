@@ -1,6 +1,7 @@
 """Two groups of campaigns compared, in numbers and sentences; many campaigns side by side."""
 
 from collections.abc import Iterator, Sequence
+from math import comb
 
 import msgspec
 from msgspec.structs import replace
@@ -47,11 +48,16 @@ from eigenfail_services.campaigns.pairing import (
 )
 from eigenfail_services.campaigns.seeds import Group, group_alike
 from eigenfail_services.campaigns.summary import divide, find_failure_rate
-from eigenfail_services.statistics.comparison import LEAST_VALUES, difference, effect_size, mcnemar
+from eigenfail_services.statistics.comparison import (
+    SIGNIFICANCE,
+    can_distinguish,
+    difference,
+    effect_size,
+    mcnemar,
+)
 from eigenfail_services.store import Store
 
 SMALLEST_P = 1e-4
-SIGNIFICANCE = 0.05
 
 
 def _list_sentences(found: Comparison) -> tuple[str, ...]:
@@ -62,7 +68,7 @@ def _list_sentences(found: Comparison) -> tuple[str, ...]:
         _describe_pairs(pairs) if pairs else f"Episodes are not paired: {found.unpaired_because}",
         f"A failure costs {_format_price(a.cost)} with A, {_format_price(b.cost)} with B.",
         *_compare_likelihood(a, b),
-        *([_compare_seeds(found.effect)] if found.effect else []),
+        *([_compare_seeds(found.effect)] if found.effect else _explain_no_effect(a, b)),
     )
 
 
@@ -302,9 +308,23 @@ def _bound_both_sides(rate: Rate, campaigns: Sequence[Campaign]) -> Rate:
 
 
 def _find_effect(a: Side, b: Side) -> EffectSize | None:
-    """Return A12 over the campaigns; None with fewer than two completed ones on a side."""
-    known = [[value for value in side.rates if value is not None] for side in (a, b)]
-    return effect_size(*known) if min(map(len, known)) >= LEAST_VALUES else None
+    """Return A12 over the campaigns; None where they are too few to show anything."""
+    ones, others = (_list_known_rates(side) for side in (a, b))
+    return effect_size(ones, others) if can_distinguish(len(ones), len(others)) else None
+
+
+def _list_known_rates(side: Side) -> list[float]:
+    return [value for value in side.rates if value is not None]
+
+
+def _explain_no_effect(a: Side, b: Side) -> Iterator[str]:
+    """Yield why there is no effect size, where somebody gave several seeds for one."""
+    n_a, n_b = (len(_list_known_rates(side)) for side in (a, b))
+    if min(n_a, n_b) > 1 and not can_distinguish(n_a, n_b):
+        yield (
+            f"{n_a} and {n_b} campaigns show no effect over seeds: full separation would be chance "
+            f"with p = {2.0 / comb(n_a + n_b, n_a):.2g}. Run four seeds of each, or more."
+        )
 
 
 FEWEST, MOST = 2, 12

@@ -55,10 +55,10 @@ REPLAY_COLUMNS = (
 
 
 PROOF_WORDS = (
-    "An eigenfailure is proven by injecting it again: it must end in a collision in the scenario "
-    "in which its failures were found, and says more if it does so in others. Medoids are real "
-    "failures, injected in the same way. Replays are counted: they repeat chosen noise, so that "
-    "their share estimates no probability."
+    "An eigenfailure is injected again: if it ends in a collision in the scenario in which its "
+    "failures were found, it is a failure itself, and says more if it is one in others too. "
+    "Medoids are failures that happened, injected in the same way. Replays are deterministic and "
+    "repeat chosen noise: they are counted, and their share estimates no probability."
 )
 
 
@@ -83,7 +83,7 @@ def make_proof(material: Material) -> ReportPart | None:
         return None
     section = ReportSection(
         name="proof",
-        title="Proof by replay",
+        title="Replays of modes",
         words=(PROOF_WORDS, *map(describe_proof, proven)),
         tables=(
             make_table(

@@ -73,7 +73,7 @@ def test_the_share_is_told_in_the_same_words_everywhere():
     share, note = tabulate_spreads([SPREAD]).notes
     assert share == (
         "Share of episodes that failed, mean over 3 seeds [95 % interval of the mean]: 50.0 % "
-        "[25.0, 75.0]; median 50.0 %, worst 40.0 % with seed 2."
+        "[25.0, 75.0]; median 50.0 %, fewest 40.0 %, with seed 2."
     )
     assert note == "A note."
 

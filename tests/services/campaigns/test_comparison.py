@@ -136,19 +136,28 @@ def test_no_difference_is_said_to_be_none(store: Store) -> None:
 
 
 def test_seeds_are_pooled_and_have_an_effect_size(store: Store) -> None:
-    a = [campaign(store, range(k), seed=k) for k in (1, 2, 3)]
-    b = [campaign(store, range(k + 2), seed=k, planner="idm") for k in (3, 1, 2)]
+    a = [campaign(store, range(k), seed=k) for k in (1, 2, 3, 4)]
+    b = [campaign(store, range(k + 2), seed=k, planner="idm") for k in (3, 1, 2, 4)]
     found = compare(store, a, b)
     assert found.a.campaigns == tuple(a)
-    assert found.a.failure_rate == rate(6, 150)
-    assert found.a.rates == (0.02, 0.04, 0.06)
-    assert found.a.cost.instance_hours == pytest.approx(3.0)
+    assert found.a.failure_rate == rate(10, 200)
+    assert found.a.rates == (0.02, 0.04, 0.06, 0.08)
+    assert found.a.cost.instance_hours == pytest.approx(4.0)
     assert found.pairs is not None
-    assert (found.pairs.n, found.pairs.only_b, found.pairs.only_a) == (150, 6, 0)
+    assert (found.pairs.n, found.pairs.only_b, found.pairs.only_a) == (200, 8, 0)
     assert found.effect is not None
-    # {1, 2, 3} against {3, 4, 5}: of 9 pairs 8 are won and one is a tie.
-    assert found.effect.a12 == pytest.approx(8.5 / 9)
-    assert "0.94: large effect (Vargha–Delaney A12, n = 3 and 3 campaigns)" in found.sentences[-1]
+    # {1, 2, 3, 4} against {3, 4, 5, 6}: of 16 pairs 13 are won and two are ties.
+    assert found.effect.a12 == pytest.approx(14 / 16)
+    assert "0.88: large effect (Vargha–Delaney A12, n = 4 and 4 campaigns)" in found.sentences[-1]
+
+
+def test_two_seeds_on_each_side_are_said_to_show_no_effect(store: Store) -> None:
+    a = [campaign(store, range(k), seed=k) for k in (1, 2)]
+    b = [campaign(store, range(k + 9), seed=k, planner="idm") for k in (1, 2)]
+    found = compare(store, a, b)
+    assert found.effect is None
+    assert found.sentences[-1].startswith("2 and 2 campaigns show no effect over seeds:")
+    assert "with p = 0.33" in found.sentences[-1]
 
 
 UNPAIRED = [
