@@ -483,10 +483,15 @@ def describe_mode_card(result: AnalysisResult, place: int) -> str:
 
 def make_proof_tiles(proven: ProvenMode) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of the replays of a mode's two trajectories in all scenarios."""
-    return (
+    tiles = (
         ("Eigenfailure reproduced", describe_reproduction(proven.eigenfailure)),
         ("Medoid reproduced", describe_reproduction(proven.medoid)),
     )
+    if proven.nearest is None:
+        return tiles
+    place, _, words = proven.nearest.words.partition(": ")
+    nearest = Tile(f"t = {format_number(proven.nearest.t)}", (words or place,))
+    return (*tiles, ("Nearest failing point", nearest))
 
 
 def describe_peak(mode: FailureMode) -> str:

@@ -258,7 +258,9 @@ def count_reproductions(proof: Proof) -> Iterator[str]:
     for mode in proof.modes:
         parts = (format_reproduction(mode.eigenfailure), format_reproduction(mode.medoid))
         yield f"Mode {mode.mode + 1}: eigenfailure {parts[0]}; medoid {parts[1]}."
-        if mode.eigenfailure.rate and not mode.eigenfailure.rate.k:
+        if mode.nearest:
+            yield f"Mode {mode.mode + 1}: nearest failing point {mode.nearest.words}."
+        elif mode.eigenfailure.rate and not mode.eigenfailure.rate.k:
             yield f"Mode {mode.mode + 1}: {NO_FAILURE}"
 
 

@@ -103,8 +103,14 @@ def describe_proof(proven: Proven) -> str:
     return (
         f"Campaign {proven.found.subject.id}: of its eigenfailures {format_reproduced(here)} "
         f"failed again in the same scenario, {format_reproduced(everywhere)} over all scenarios."
-        f"{unfinished}"
+        f"{unfinished}{describe_nearest(proven.proof)}"
     )
+
+
+def describe_nearest(proof: Proof) -> str:
+    """Return where the failing noise nearest to each mode's centre is; empty if not known."""
+    places = [f"{each.number} at {each.nearest.words}" for each in proof.modes if each.nearest]
+    return f" Nearest failing points, by mode: {'; '.join(places)}." if places else ""
 
 
 def format_reproduced(found: Reproduction) -> str:
