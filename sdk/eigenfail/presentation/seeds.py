@@ -115,7 +115,7 @@ def _list_first(found: FirstFailures) -> tuple[Cell, ...]:
     none = f"none in {count_noun(found.within, 'episode')}"
     largest = none if found.worst is None else format_count(found.worst)
     median = UNKNOWN if found.median is None else f"{found.median:,g}"
-    return (median, largest, str(found.worst_seed))
+    return (median, largest, FormattedCell(str(found.worst_seed), sample="latest"))
 
 
 def _format_mean(
