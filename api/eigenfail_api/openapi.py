@@ -188,7 +188,7 @@ Node = dict[str, Any]
 TAGS = {
     "campaigns": "Budgeted searches for failures: create, follow, steer, summarise, compare.",
     "episodes": "The simulation runs of campaigns.",
-    "analyses": "Failures grouped into failure modes, and their proof by replay.",
+    "analyses": "Failures grouped into failure modes, and replays of these modes.",
     "suites": "Named sets of campaigns that run, resume and are judged together.",
     "events": "Events as a list or as a stream.",
     "workers": "Processes that run episodes.",

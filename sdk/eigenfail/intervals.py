@@ -19,13 +19,22 @@ def find_interval(k: int, n: int) -> Interval:
     Raises:
         InvalidValue: no trial, or not 0 <= k <= n.
     """
-    if not (n >= 1 and 0 <= k <= n):
-        raise InvalidValue("k of n", f"{k} of {n} is no share.", "Count at least one trial.")
+    refuse_no_share(k, n)
     if k == 0:
         return Interval(0.0, upper_bound_of_none(n))
     if k == n:
         return Interval(1.0 - upper_bound_of_none(n), 1.0)
     return wilson(k, n)
+
+
+def refuse_no_share(k: int, n: int) -> None:
+    """Make sure that k of n is a share.
+
+    Raises:
+        InvalidValue: no trial, or not 0 <= k <= n.
+    """
+    if not (n >= 1 and 0 <= k <= n):
+        raise InvalidValue("k of n", f"{k} of {n} is no share.", "Count at least one trial.")
 
 
 def wilson(k: int, n: int) -> Interval:

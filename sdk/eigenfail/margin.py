@@ -1,6 +1,6 @@
-"""The noise margin of a planner: the largest scale of the noise at which it is safe.
+"""The noise margin of a planner: the largest scale of the noise at which it passes.
 
-Safe is a scale at which no failure is found, or whose failure rate is at most a target with 95 %
+A scale passes if no failure is found at it, or if its failure rate is at most a target with 95 %
 confidence. The margin is found by bisection. Each step is a campaign, which is created once and
 found again.
 """
@@ -52,13 +52,13 @@ class ScaleRange(msgspec.Struct, frozen=True):
 class ScaleVerdict(StrEnum):
     """What the episodes of a scale show."""
 
-    SAFE = "safe"
+    PASSED = "passed"
     UNDECIDED = "undecided"
     FAILING = "failing"
 
 
 class Criterion(Protocol):
-    """What makes a scale safe."""
+    """What makes a scale pass."""
 
     @property
     def failures(self) -> int | None:
@@ -72,13 +72,13 @@ class Criterion(Protocol):
 
 
 class NoFailure(msgspec.Struct, frozen=True):
-    """A scale is safe if the search finds no failure, which does not prove that there is none."""
+    """A scale passes if the search finds no failure, which does not prove that there is none."""
 
     failures: int | None = 1
 
     def judge(self, rate: Rate) -> ScaleVerdict:
         """Return what the failure rate of a scale shows."""
-        return ScaleVerdict.FAILING if rate.k else ScaleVerdict.SAFE
+        return ScaleVerdict.FAILING if rate.k else ScaleVerdict.PASSED
 
     def describe(self, step: "MarginStep") -> str:
         """Return what the step shows about its scale, as a clause."""
@@ -89,7 +89,7 @@ class NoFailure(msgspec.Struct, frozen=True):
 
 
 class RateAtMost(msgspec.Struct, frozen=True):
-    """A scale is safe if its failure rate is at most a target, with 95 % confidence.
+    """A scale passes if its failure rate is at most a target, with 95 % confidence.
 
     Attributes:
         target: largest failure rate that is accepted.
@@ -110,7 +110,7 @@ class RateAtMost(msgspec.Struct, frozen=True):
                 "target", "the method chooses its noise: its episodes bound no failure rate.", MC
             )
         if rate.interval.high <= self.target:
-            return ScaleVerdict.SAFE
+            return ScaleVerdict.PASSED
         return ScaleVerdict.FAILING if rate.interval.low > self.target else ScaleVerdict.UNDECIDED
 
     def describe(self, step: "MarginStep") -> str:
@@ -118,7 +118,7 @@ class RateAtMost(msgspec.Struct, frozen=True):
         where, share = f"at {_times(step)} the specified noise", f"{100.0 * self.target:.4g} %"
         counted = f"{step.failures} of {_count_episodes(step)} failed"
         words = {
-            ScaleVerdict.SAFE: f"with 95 % confidence at most {share} of the episodes fail",
+            ScaleVerdict.PASSED: f"with 95 % confidence at most {share} of the episodes fail",
             ScaleVerdict.FAILING: f"with 95 % confidence more than {share} of the episodes fail",
             ScaleVerdict.UNDECIDED: f"it is undecided whether at most {share} of the episodes fail",
         }
@@ -131,7 +131,7 @@ TAIL = 0.025
 
 
 def choose_criterion(target: float | None, spec: CampaignSpec) -> Criterion:
-    """Return the criterion of a target; without one, a scale is safe if no failure is found.
+    """Return the criterion of a target; without one, a scale passes if no failure is found.
 
     Raises:
         InvalidValue: the method chooses its noise, or the budget cannot show the target.
@@ -193,7 +193,7 @@ class MarginStep(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def is_safe(self) -> bool:
         """Whether the scale is safe by the criterion of the search."""
-        return self.verdict is ScaleVerdict.SAFE
+        return self.verdict is ScaleVerdict.PASSED
 
 
 class Margin(msgspec.Struct, frozen=True, kw_only=True):
@@ -367,7 +367,7 @@ def read_step(client: Client, campaign: Campaign, criterion: Criterion) -> Margi
     if rate is None or not (is_done or criterion.judge(rate) is ScaleVerdict.FAILING):
         came = f"{campaign.state_word} after {campaign.counts.completed} completed episodes"
         raise ServiceError(
-            f"Campaign {campaign.id} is {came}: it cannot show whether its scale is safe.",
+            f"Campaign {campaign.id} is {came}: it cannot show whether its scale passes.",
             f"See why: eigenfail campaign show {campaign.id}. Then use another seed or budget: "
             "the same search would find the same campaign.",
         )

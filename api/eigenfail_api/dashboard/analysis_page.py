@@ -137,8 +137,8 @@ def make_influence_chart(result: AnalysisResult) -> Chart:
         id="influence-chart",
         kind="influence",
         title="Influence over time",
-        caption="How much noise at each step matters: components weighted by explained variance. "
-        "Marks: the moments of greatest influence.",
+        caption="Where the noise of the failures differs, which is no cause: components weighted "
+        "by explained variance. Marks: the moments of greatest influence.",
         data={
             **{axis: list_floats(result.influence[:, way]) for way, axis in enumerate(AXES)},
             "moments": [draw_moment(each) for each in result.moments],
@@ -483,10 +483,15 @@ def describe_mode_card(result: AnalysisResult, place: int) -> str:
 
 def make_proof_tiles(proven: ProvenMode) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of the replays of a mode's two trajectories in all scenarios."""
-    return (
+    tiles = (
         ("Eigenfailure reproduced", describe_reproduction(proven.eigenfailure)),
         ("Medoid reproduced", describe_reproduction(proven.medoid)),
     )
+    if proven.nearest is None:
+        return tiles
+    place, _, words = proven.nearest.words.partition(": ")
+    nearest = Tile(f"t = {format_number(proven.nearest.t)}", (words or place,))
+    return (*tiles, ("Nearest failing point", nearest))
 
 
 def describe_peak(mode: FailureMode) -> str:

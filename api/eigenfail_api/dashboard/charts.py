@@ -77,7 +77,7 @@ def make_curve_chart(course: Course) -> Chart:
         data={
             "middle": [(block.first + block.last) / 2.0 for block in blocks],
             "span": [format_span(block) for block in blocks],
-            "rate": round_values(100.0 * block.failure_rate.value for block in blocks),
+            "rate": round_values(100.0 * block.failure_rate.share for block in blocks),
             "low": round_values(list_percent_ends(blocks, "low")),
             "high": round_values(list_percent_ends(blocks, "high")),
         },

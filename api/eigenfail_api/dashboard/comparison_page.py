@@ -249,7 +249,7 @@ def describe_pairs(found: Comparison) -> str:
 def describe_effect(found: Comparison) -> str:
     """Return the effect over campaigns of several seeds as text."""
     if found.effect is None:
-        return "needs two seeds per group"
+        return "needs four seeds per group"
     return f"{format_number(found.effect.a12)}, {found.effect.magnitude}"
 
 

@@ -49,11 +49,13 @@ def format_cells(price: Cost) -> tuple[str, str]:
 
 MOST_BARS = 25
 REPLAY = "replay"
+REPETITIONS = frozenset({REPLAY, "nearest"})
+"""Methods whose failures are those of an analysis, replayed."""
 
 
 def make_cost_chart(summaries: Sequence[Summary]) -> Chart | None:
     """Return the chart of the newest campaigns' cost per failure, or its lower bound above zero."""
-    found = [summary for summary in summaries if summary.method != REPLAY]
+    found = [summary for summary in summaries if summary.method not in REPETITIONS]
     priced = [summary for summary in found if has_price(summary.cost)]
     if not priced:
         return None
@@ -219,4 +221,6 @@ def rate_of(rate: Rate | None) -> str:
         return f"{format_share(rate.value)} {OWN_EPISODES}"
     if not rate.k:
         return format_upper_bound(rate.interval.high)
+    if rate.value is None:
+        return format_percent_interval(rate.interval)
     return f"{format_share(rate.value)} ({format_percent_interval(rate.interval)})"

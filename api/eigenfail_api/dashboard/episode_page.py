@@ -39,7 +39,13 @@ from eigenfail.worlds import drawn_for, world_of
 from eigenfail_api.dashboard.charts import Chart, make_reference
 from eigenfail_api.dashboard.cost_charts import REPLAY
 from eigenfail_api.dashboard.episodes_page import FAILURE_CONDITIONS as FAILURES
-from eigenfail_api.dashboard.rendering import OUTCOME_BADGES, Badge, make_campaign_badge, page
+from eigenfail_api.dashboard.rendering import (
+    OUTCOME_BADGES,
+    Badge,
+    make_campaign_badge,
+    make_outcome_badge,
+    page,
+)
 from eigenfail_api.dashboard.scene import (
     Jump,
     list_jumps,
@@ -273,7 +279,9 @@ def make_episode_view(
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
         index=result.index,
-        badge=OUTCOME_BADGES[result.outcome],
+        badge=make_outcome_badge(
+            result.outcome, is_unresolved=assess(result.outcome, measures).unresolved
+        ),
         facts=list_facts(result, dt_s),
         varied=list_drawn_parameters(campaign, result),
         ride=list_ride(result),

@@ -38,8 +38,8 @@ from eigenfail_api.dashboard.charts import Chart, make_parallel_chart, spread
 from eigenfail_api.dashboard.rendering import (
     ANALYSIS_BADGES,
     CLUSTERERS,
-    OUTCOME_BADGES,
     Badge,
+    make_outcome_badge,
     page,
 )
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
@@ -156,7 +156,7 @@ def make_episode_line(row: EpisodeRow) -> EpisodeLine:
     return EpisodeLine(
         campaign=row.campaign,
         index=row.index,
-        badge=OUTCOME_BADGES[row.outcome],
+        badge=make_outcome_badge(row.outcome, is_unresolved=row.assessed.unresolved),
         conflict=describe_conflict(row),
         cells=tuple(format_cell(row, column) for column, *_ in FIGURES),
         has_scene=row.has_scene,

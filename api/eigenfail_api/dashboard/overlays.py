@@ -176,7 +176,7 @@ def make_rate_chart(compared: Sequence[Compared]) -> Chart:
 
 def list_percents(one: Compared) -> list[float]:
     """Return the failure rates by block [%]."""
-    return [100.0 * block.failure_rate.value for block in one.course.blocks]
+    return [100.0 * block.failure_rate.share for block in one.course.blocks]
 
 
 def make_cost_chart(compared: Sequence[Compared]) -> Chart:

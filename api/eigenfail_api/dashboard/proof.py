@@ -56,7 +56,9 @@ class ProofView(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         ended: replays that are in, of `planned`.
-        may_ask: whether asking would replay anything: nothing was, or some of it was cut off.
+        may_ask: whether asking would replay anything: nothing was, or some of it was cut off, or
+            centres do not fail.
+        asks_for_points: whether it would search the nearest failing points.
         tallies: how many failed again, of those tried.
     """
 
@@ -64,6 +66,7 @@ class ProofView(msgspec.Struct, frozen=True, kw_only=True):
     planned: int
     is_done: bool
     may_ask: bool
+    asks_for_points: bool
     tallies: tuple[tuple[str, Tile], ...]
     scenarios: tuple[ScenarioLine, ...]
     replays: tuple[ReplayLine, ...]
@@ -77,7 +80,8 @@ def make_proof_view(found: Proof) -> ProofView:
         ended=sum(replay.outcome is not None for replay in replays),
         planned=len(replays),
         is_done=found.done,
-        may_ask=not found.scenarios or cut_off,
+        may_ask=not found.scenarios or cut_off or bool(found.done and found.unplaced),
+        asks_for_points=bool(found.unplaced),
         tallies=make_tallies(found),
         scenarios=tuple(map(make_scenario_line, found.scenarios)),
         replays=tuple(line for scenario in found.scenarios for line in replay_lines(scenario)),

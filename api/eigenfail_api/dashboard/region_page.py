@@ -98,7 +98,7 @@ def make_box_line(box: Box) -> BoxLine:
         bounds=tuple(bound.words for bound in box.bounds),
         coverage=make_share_tile(box.coverage),
         inside=make_share_tile(box.precision),
-        percent=100.0 * box.precision.value if box.precision else 0.0,
+        percent=100.0 * box.precision.share if box.precision else 0.0,
     )
 
 

@@ -288,6 +288,17 @@ OUTCOME_BADGES = {
 }
 
 
+UNRESOLVED_BADGE = Badge("unresolved", "◐", "waiting")
+"""Of an episode without a collision that ended while braking could not avoid one any more."""
+
+
+def make_outcome_badge(outcome: Outcome, *, is_unresolved: bool | None) -> Badge:
+    """Return the badge of how an episode ended."""
+    if outcome is Outcome.SAFE and is_unresolved:
+        return UNRESOLVED_BADGE
+    return OUTCOME_BADGES[outcome]
+
+
 NOTHING_YET = ("no episode completed",)
 
 

@@ -24,9 +24,10 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
     Scene,
+    assess,
 )
 from eigenfail_api.dashboard.charts import Chart, round_rows, round_values
-from eigenfail_api.dashboard.rendering import OUTCOME_BADGES, Badge
+from eigenfail_api.dashboard.rendering import Badge, make_outcome_badge
 from eigenfail_services.campaigns.explanations import measure_clearances
 
 
@@ -205,7 +206,9 @@ def make_clip_view(campaign: Campaign, result: EpisodeResult, mission: Mission |
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
         index=result.index,
-        badge=OUTCOME_BADGES[result.outcome],
+        badge=make_outcome_badge(
+            result.outcome, is_unresolved=assess(result.outcome, result.measures).unresolved
+        ),
         scene=make_scene_chart(result.scene, mission, result.outcome, name)
         if result.scene
         else None,

@@ -155,7 +155,7 @@ COSTS = Depends(ConcurrencyLimit("bills"), scope="function")
 @figures_router.get("/costs", dependencies=[COSTS], **document_route(Page[PeerCosts]))
 def list_costs(store: Stored) -> Json:
     """List the cost per failure by method, over all campaigns of one planner and scenario."""
-    return Json(Page(compare_peers(store.figures.pools())))
+    return Json(Page(compare_peers(store.figures.pools(), store.campaigns.get)))
 
 
 @figures_router.get(

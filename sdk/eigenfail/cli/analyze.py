@@ -87,7 +87,7 @@ FailuresChoice = Annotated[
 ]
 
 Prove = Annotated[
-    bool, typer.Option("--prove", help="Replay eigenfailures and medoids, also in variations.")
+    bool, typer.Option("--prove", help="Replay eigenfailures and medoids, also in other scenarios.")
 ]
 Variations = Annotated[
     list[str] | None,
@@ -121,7 +121,8 @@ def analyze(
     """Group the failures of a campaign into failure modes.
 
     With --prove, eigenfailures and medoids are replayed in the same scenario and in its
-    neighbours, and the number that fail again is printed.
+    neighbours, and the number that fail again is printed. Where the centre of a mode does not
+    fail, the nearest noise that does is searched on the way to its medoid.
     """
     given = {
         "align": align.value,
@@ -168,6 +169,9 @@ def prove_analysis(client: Client, analysis: int, given: Sequence[str]) -> Proof
     launched = client.analyses.prove(analysis, variations or None)
     for scenario in launched.scenarios:
         follow(client, scenario.campaign)
+    if client.analyses.proof(analysis).unplaced:
+        for search in client.analyses.prove(analysis, variations or None).searches:
+            follow(client, search)
     return client.analyses.proof(analysis)
 
 

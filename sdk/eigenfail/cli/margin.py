@@ -137,7 +137,7 @@ def _draw_report(report: MarginReport) -> Group:
 
 def _draw_steps(steps: tuple[MarginStep, ...]) -> Table:
     """One row for each scale that was tried."""
-    columns = ("scale", "id", "episodes", "failures", "failure rate [95 %]", "verdict")
+    columns = ("scale", "id", "episodes", "failures", "failed [95 %]", "verdict")
     grid = start_grid(*columns, right=columns[:-1])
     for step in steps:
         figures = (step.campaign, step.episodes, step.failures)

@@ -49,10 +49,13 @@ TOO_FEW = "Eigenfailures of so few components may not fail again: use more with 
 
 
 def tabulate_modes(campaign: int, result: AnalysisResult) -> Table:
-    """Return the failure modes of a campaign, counted from 1; disturbances in sigma."""
+    """Return the failure modes of a campaign, counted from 1; disturbances in sigma.
+
+    Where they are not distinct they are called groups.
+    """
     has_probability = any(mode.probability for mode in result.modes)
     columns = (
-        *count_columns("Mode", "Failures"),
+        *count_columns("Mode" if result.distinct else "Group", "Failures"),
         TableColumn("Share", "share"),
         *(TableColumn(f"Mean {axis}", "sigma") for axis in AXES),
         *name_columns(*(f"Peak {axis}" for axis in AXES), "Medoid"),
@@ -67,7 +70,7 @@ def tabulate_modes(campaign: int, result: AnalysisResult) -> Table:
         )
         for place, mode in enumerate(result.modes, start=1)
     )
-    return Table("Failure modes", columns, rows)
+    return Table("Failure modes" if result.distinct else "Groups of failures", columns, rows)
 
 
 def _list_disturbances(mode: FailureMode) -> Iterator[Cell]:
@@ -115,14 +118,14 @@ def describe_findings(result: AnalysisResult) -> Iterator[str]:
         moments = [each for each in result.moments if each.axis == axis]
         if moments:
             times = ", ".join(map(format_moment, moments))
-            yield f"{axis.capitalize()} noise matters most {times}."
+            yield f"{axis.capitalize()} noise differs most between failures {times}."
     yield from map(describe_influence, result.before_collision)
     for place, mode in enumerate(result.modes, start=1):
         if mode.probability and mode.probability.problem:
             yield f"Mode {place} has no probability: {mode.probability.problem}"
     bounds = (mode.probability for mode in result.modes if mode.probability)
     for reason in dict.fromkeys(each.note for each in bounds if each.bound):
-        yield f"Probabilities with ≥ are lower bounds: {reason}"
+        yield f'Probabilities with "at least" are lower bounds: {reason}'
     if result.digest:
         yield f"Digest of every number (SHA-256): {result.digest}"
 
@@ -165,7 +168,7 @@ def format_moment(found: Moment) -> str:
 def describe_influence(found: InfluenceShare) -> str:
     """Return the share of the influence that lies in the last seconds before the collision."""
     if found.both is None:
-        return f"No step of the last {found.seconds:g} s or before has any influence."
+        return f"Failures differ in no step of the last {found.seconds:g} s or before."
     parts = {"longitudinal": found.longitudinal, "lateral": found.lateral}
     apart = ", ".join(f"{axis} {format_share(share)}" for axis, share in parts.items() if share)
     return (
@@ -180,7 +183,10 @@ def tabulate_moments(result: AnalysisResult) -> Table:
         (each.axis.capitalize(), format_moment(each), each.influence) for each in result.moments
     )
     columns = (*name_columns("Axis", "When"), TableColumn("Influence"))
-    note = "Influence: components weighted by explained variance."
+    note = (
+        "Influence: components weighted by explained variance. It says where the noise of the "
+        "failures differs, not what causes them."
+    )
     return Table("Moments of greatest influence", columns, rows, (note,))
 
 
@@ -192,7 +198,7 @@ def tabulate_influence(result: AnalysisResult) -> Table:
         (f"Last {each.seconds:g} s", each.time, each.longitudinal, each.lateral, each.both)
         for each in result.before_collision
     )
-    note = "The shares would equal that of the time if no moment mattered more than another."
+    note = "The shares would equal that of the time if the failures differed alike at all moments."
     return Table("Influence before the collision", columns, rows, (note,))
 
 
@@ -252,7 +258,9 @@ def count_reproductions(proof: Proof) -> Iterator[str]:
     for mode in proof.modes:
         parts = (format_reproduction(mode.eigenfailure), format_reproduction(mode.medoid))
         yield f"Mode {mode.mode + 1}: eigenfailure {parts[0]}; medoid {parts[1]}."
-        if mode.eigenfailure.rate and not mode.eigenfailure.rate.k:
+        if mode.nearest:
+            yield f"Mode {mode.mode + 1}: nearest failing point {mode.nearest.words}."
+        elif mode.eigenfailure.rate and not mode.eigenfailure.rate.k:
             yield f"Mode {mode.mode + 1}: {NO_FAILURE}"
 
 

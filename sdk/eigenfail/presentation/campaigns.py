@@ -49,7 +49,7 @@ from eigenfail.versions import describe_mixed
 from eigenfail.worlds import describe_disturbance, world_of
 
 ID = TableColumn("Id")
-RATE = TableColumn("Failure rate [95 %]")
+RATE = TableColumn("Failed [95 %]")
 LIKELIHOOD = TableColumn("log p/step", "nats")
 SEVERITY = TableColumn("Severity", "m²/s²")
 COST = TableColumn("USD/failure [95 %]")
@@ -62,8 +62,8 @@ RESULTS = (
 )
 PARTS_OF_TIME = ("simulation_s", "learning_s", "waiting_s", "lost_s")
 SEARCHES = (
-    "A rate without an interval is a share of the episodes that the method chose, no failure rate "
-    "under p(x); the cost per failure rests on the same episodes."
+    '"Of its search" is a share of the episodes that the method chose, no failure rate under p(x); '
+    "the cost per failure rests on the same episodes."
 )
 STEPS_OF_COST = 10
 """Number of rows of the table of failures by cost."""
@@ -108,7 +108,7 @@ def note_results(summaries: Iterable[Summary]) -> tuple[str, ...]:
     return (
         *((SEARCHES,) if searches else ()),
         *(f"Campaign {each.campaign}: {each.remark}" for each in found if each.remark),
-        *(f"≥: {reason}" for reason in dict.fromkeys(bounds)),
+        *(f"At least: {reason}" for reason in dict.fromkeys(bounds)),
     )
 
 

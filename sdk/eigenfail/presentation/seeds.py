@@ -56,13 +56,16 @@ def list_spread(spread: SeedSpread) -> tuple[Cell, ...]:
 
 
 def tabulate_spreads(spreads: Sequence[SeedSpread]) -> Table:
-    """Return mean, spread, median and worst seed of each figure, one a row, group by group."""
+    """Return mean, spread, median and range of each figure, one a row, group by group.
+
+    Beside the share of failures stands the seed that has the fewest.
+    """
     is_only = len(spreads) == 1
     over = count_noun(len(spreads[0].seeds), "seed") if is_only else "seeds"
     columns = (
         *name_columns(*([] if is_only else ["Group"]), OVER_SEEDS),
         *count_columns(f"Mean over {over} [95 %]", "Std dev", "Smallest"),
-        *count_columns("Median", "Largest", "Worst seed"),
+        *count_columns("Median", "Largest", "Seed with fewest"),
     )
     rows = tuple(
         row if is_only else (f"{spread.name}, {count_noun(len(spread.seeds), 'seed')}", *row)
@@ -112,7 +115,7 @@ def _list_first(found: FirstFailures) -> tuple[Cell, ...]:
     none = f"none in {count_noun(found.within, 'episode')}"
     largest = none if found.worst is None else format_count(found.worst)
     median = UNKNOWN if found.median is None else f"{found.median:,g}"
-    return (median, largest, str(found.worst_seed))
+    return (median, largest, FormattedCell(str(found.worst_seed), sample="latest"))
 
 
 def _format_mean(
@@ -150,7 +153,7 @@ def _describe_share(spread: SeedSpread) -> str:
         mean = _format_mean(share, format_share, _format_share_interval).line
         return (
             f"{SHARE}, mean over {seeds} {MEAN_OF}: {mean}; median {format_share(share.median)}, "
-            f"worst {format_share(spread.worst.value)} with seed {spread.worst.seed}."
+            f"fewest {format_share(spread.worst.value)}, with seed {spread.worst.seed}."
         )
     if share.is_constant:
         return (

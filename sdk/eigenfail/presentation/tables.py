@@ -13,11 +13,14 @@ from typing import NamedTuple
 
 from eigenfail.presentation import figures
 from eigenfail.presentation.figures import UNKNOWN
+from eigenfail.presentation.rates import BASES
 from eigenfail.values import Cost, Estimate, Figure, MeanTime, Rate
 
 NO_EPISODE = "no episode completed"
 NO_FAILURE = "no failure"
 OWN_EPISODES = "of the episodes that the method chose"
+OF_SEARCH = "of its search"
+"""Behind a share of such episodes where a column also has failure rates under p(x)."""
 
 _SENTENCE_CASE = re.compile(r"[A-Z][a-z]+\b")
 
@@ -195,12 +198,13 @@ def _(value: int) -> FormattedCell:
 def _(value: Rate) -> FormattedCell:
     """A share with its interval; of no event, the upper bound, near 3 / n."""
     if value.interval is None:
-        return FormattedCell(figures.format_share(value.value), basis=(OWN_EPISODES,))
+        return FormattedCell(f"{figures.format_share(value.value)} {OF_SEARCH}")
     if not value.k:
         bound = figures.format_upper_bound(value.interval.high)
-        return FormattedCell(bound, sample=f"0 of {value.n:,}", basis=("95 % upper bound",))
+        basis = ("95 % upper bound", *BASES[value.design])
+        return FormattedCell(bound, sample=f"0 of {value.n:,}", basis=basis)
     interval = figures.format_interval(value.interval, 100.0)
-    return FormattedCell(figures.format_share(value.value), interval)
+    return FormattedCell(figures.format_share(value.value), interval, basis=BASES[value.design])
 
 
 @_format.register
@@ -224,8 +228,9 @@ def _(value: Estimate) -> FormattedCell:
     """The failure probability with its interval or as a lower bound, or why it is not known."""
     sample, notes = f"n = {value.episodes:,}", tuple(filter(None, (value.note,)))
     if value.probability is not None and value.bound is not None:
-        bound = f"≥ {figures.format_number(figures.round_down(value.probability))}"
-        return FormattedCell(bound, "", sample, ("lower bound", f"by {value.by}", *notes))
+        bound = f"at least {figures.format_number(figures.round_down(value.probability))}"
+        basis = ("lower bound without a confidence level", f"by {value.by}", *notes)
+        return FormattedCell(bound, "", sample, basis)
     if value.probability is None or value.interval is None:
         return FormattedCell(UNKNOWN, basis=(f"by {value.by}", value.problem))
     basis = (f"by {value.by}, cv {figures.format_number(value.cv)}", *notes)

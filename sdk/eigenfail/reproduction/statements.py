@@ -296,7 +296,7 @@ def is_above_half(rate: Rate | None) -> Judgement:
     if rate is None:
         return None
     interval = find_interval(rate.k, rate.n)
-    return None if interval.low <= 0.5 <= interval.high else rate.value > 0.5
+    return None if interval.low <= 0.5 <= interval.high else rate.share > 0.5
 
 
 def fails_more_often(comparison: Comparison) -> Judgement:

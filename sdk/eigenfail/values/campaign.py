@@ -26,11 +26,12 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     repeated to the episode.
 
     Attributes:
-        failures: number of collisions. The rate of a campaign that stops at its first
-            failures is too high on average, the more so the smaller its rounds are.
-        half_width: half the width of Wilson's 95 % interval of failures ÷ completed episodes fell
-            to this. It is judged for every method, also for a search, whose share is no
-            probability. The interval that is shown may be another: one-sided after no failure.
+        failures: number of collisions. The failure rate is estimated without bias, and its
+            interval is exact for this rule.
+        half_width: half the width of the 95 % confidence sequence of failures ÷ completed episodes
+            fell to this. That interval, which is also the one shown, may be looked at after every
+            round, and is wider than one of a fixed number of episodes. It is judged for every
+            method, also for a search, whose share is no probability.
         cv: the coefficient of variation of the failure probability, or of its lower bound, fell to
             this, for methods that estimate one.
         wall_s: maximum running time, without pauses.
@@ -44,9 +45,9 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     cost_usd: Annotated[float, Meta(gt=0.0, le=MAX_USD)] | None = None
 
     @property
-    def ends_at_failures(self) -> bool:
-        """Whether a number of failures may end the campaign."""
-        return self.failures is not None
+    def judges_failures(self) -> bool:
+        """Whether the number of failures, or the rate that is known by it, may end the campaign."""
+        return self.failures is not None or self.half_width is not None
 
     def given(self) -> dict[str, float]:
         """The rules that there are, by name."""
@@ -433,22 +434,44 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
         return state_word(self.state, self.counts)
 
 
-class Rate(msgspec.Struct, frozen=True):
-    """k of n, with its interval.
+class RateDesign(StrEnum):
+    """How the number of trials behind a rate came about, which decides its estimate and interval.
 
-    Attributes:
-        interval: 95 % interval of a random sample: Clopper and Pearson's where the campaign has the
-            stop rule `failures`, else Wilson's; one-sided for 0 and for n of n. None where the n
-            are no random sample.
-        sampled: whether the n were drawn from p(x). The episodes of a search were not: it chose
-            them, so that their share estimates no probability, and has no interval.
+    `fixed`: it was fixed beforehand: k ÷ n, and Wilson's interval. `failures`: a number of failures
+    may have ended the trials: an estimate without bias, and the exact interval of that rule.
+    `sequence`: the trials may have ended at any look at their results: k ÷ n, which is biased, and
+    a confidence sequence, which holds at every look.
     """
 
-    value: float
+    FIXED = "fixed"
+    FAILURES = "failures"
+    SEQUENCE = "sequence"
+
+
+class Rate(msgspec.Struct, frozen=True):
+    """k of n, with its estimate and interval.
+
+    Attributes:
+        value: the estimate; None where there is none without bias, as with the stop rule
+            `failures = 1`.
+        interval: 95 % interval, as the design says; one-sided for 0 and for n of n. None where the
+            n are no random sample.
+        sampled: whether the n were drawn from p(x). The episodes of a search were not: it chose
+            them, so that their share estimates no probability, and has no interval.
+        design: how the number of trials came about.
+    """
+
+    value: float | None
     k: int
     n: int
     interval: Interval | None
     sampled: bool = True
+    design: RateDesign = RateDesign.FIXED
+
+    @property
+    def share(self) -> float:
+        """k ÷ n, whatever it estimates."""
+        return self.k / self.n
 
     def __post_init__(self) -> None:
         if not self.sampled and self.interval is not None:

@@ -125,7 +125,7 @@ class Comparison(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
         difference: None before both have completed an episode.
         pairs: None where episodes are not paired.
         unpaired_because: why not, in words; empty where they are.
-        effect: None with fewer than two campaigns on a side.
+        effect: None with so few campaigns that even full separation could be chance.
         distinctions: settings in which the sides differ.
         sentences: summary of the comparison, one sentence per finding.
         warnings: limitations of the result.
@@ -166,7 +166,7 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
         newest: the id of the newest one.
         completed: episodes.
         failures: collisions among them.
-        ends_at_failures: whether one of the campaigns has the stop rule `failures`.
+        judges_failures: whether a stop rule of one of the campaigns judges failures.
         instance_hours: instance-hours of all campaigns. [h]
         total_usd: total cost of all campaigns. [USD]
         seeds: number of campaigns with a completed episode, if these differ in name, priority and
@@ -182,7 +182,7 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
     newest: int
     completed: int
     failures: int
-    ends_at_failures: bool
+    judges_failures: bool
     instance_hours: float
     total_usd: float
     seeds: int = 0

@@ -102,12 +102,42 @@ def _short(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
+class NearestFailure(msgspec.Struct, frozen=True):
+    """The failing noise nearest to a mode's centre, on the straight way to its medoid.
+
+    Attributes:
+        t: where it is on the way: 0, the centre itself fails; 1, nothing before the medoid does, as
+            far as it was tried.
+        campaign: with `index` the episode that failed.
+    """
+
+    t: float
+    campaign: int
+    index: int
+
+    @property
+    def words(self) -> str:
+        """Where it is, in words."""
+        if self.t == 0.0:
+            return "t = 0: the centre itself fails"
+        where = f"episode {self.campaign}/{self.index}"
+        if self.t == 1.0:
+            return f"t = 1: nothing before the medoid fails, {where}"
+        return f"t = {self.t:.3g} of the way from the centre to the medoid, {where}"
+
+
 class ProvenMode(msgspec.Struct, frozen=True):
-    """What one mode's two trajectories did, over all scenarios; `mode` counts from 0."""
+    """What one mode's two trajectories did, over all scenarios; `mode` counts from 0.
+
+    Attributes:
+        nearest: the failing noise nearest to its centre, in the scenario of its failures: what to
+            quote as its eigenfailure. None while that is not known.
+    """
 
     mode: int
     eigenfailure: Reproduction
     medoid: Reproduction
+    nearest: NearestFailure | None = None
 
     @property
     def number(self) -> int:
@@ -122,6 +152,10 @@ class Proof(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
         done: whether there are replays, and all have ended.
         reproduced: the eigenfailures in the same scenario.
         eigenfailures: replays of eigenfailures in all scenarios together; `medoids` likewise.
+        searches: campaigns of the method `nearest`, for modes whose centre does not fail.
+        unplaced: modes, from 0, whose centre did not fail in the same scenario, and whose nearest
+            failing point is not known. Once the replays have ended, asking for them again searches
+            it.
     """
 
     analysis: int
@@ -131,6 +165,8 @@ class Proof(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     medoids: Reproduction
     modes: tuple[ProvenMode, ...]
     scenarios: tuple[ProvenScenario, ...]
+    searches: tuple[int, ...] = ()
+    unplaced: tuple[int, ...] = ()
 
 
 Account = dict[str, str | float]

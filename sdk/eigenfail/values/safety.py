@@ -136,7 +136,7 @@ class Safety(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         collisions: ÷ completed episodes; None before the first one, as `near_misses`.
         near_misses: MinTTC < 1.5 s without a collision ÷ completed episodes.
-        conflicts: unavoidable versus planner's failure, and the mean lead times.
+        conflicts: unavoidable versus planner failures, and the mean lead times.
         unresolved: episodes that are no collisions only because they ended.
         ttc: distribution of MinTTC [s].
         drac: distribution of the largest DRAC [m/s²].

@@ -108,7 +108,8 @@ class Summary(Shown, msgspec.Struct, frozen=True):
     """The row of a campaign in a result table.
 
     Attributes:
-        failure_rate: collisions within the horizon ÷ completed episodes; None before the first one.
+        failure_rate: of collisions within the horizon among completed episodes; None before the
+            first one.
         mean_log_probability: mean log-probability of the failures, summed over their steps.
         log_probability_per_step: log-probability per step of the failures: sum of log p over all
             their steps ÷ steps.
@@ -119,8 +120,8 @@ class Summary(Shown, msgspec.Struct, frozen=True):
         errored: episodes that could not be completed, with their most frequent reason.
         reach: reach of a campaign that ended without a failure: which disturbances its method
             cannot choose, and what to do; empty where the method can choose any.
-        rate_note: what the stop rule `failures` does to the failure rate under p(x); empty for
-            other campaigns.
+        rate_note: how the failure rate under p(x) is estimated where a stop rule judged failures;
+            empty for other campaigns.
         first_failure: index of the first episode that failed; None without one.
     """
 

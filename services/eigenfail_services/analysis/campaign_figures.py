@@ -12,7 +12,6 @@ from eigenfail.methods import traits_of
 from eigenfail.values import (
     BlockTotals,
     Campaign,
-    CampaignSpec,
     Conflicts,
     Cost,
     CostPoint,
@@ -36,8 +35,8 @@ from eigenfail.values import (
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail.values.safety import TAIL_LEVEL, FailurePoint
 from eigenfail.values.summary import MOST_BLOCKS
+from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.statistics.comparison import rank_correlation
-from eigenfail_services.statistics.intervals import rate, stopped_rate
 from eigenfail_services.statistics.tail_risk import tail_risk
 
 BLOCK_LENGTH = 100
@@ -77,40 +76,6 @@ def _make_block(totals: BlockTotals, per: int, campaign: Campaign) -> CourseBloc
     )
 
 
-class SamplingDesign(NamedTuple):
-    """How the episodes of campaigns came about, which decides what their rates may state.
-
-    Attributes:
-        methods: of the campaigns. Only where all of them draw noise from p(x) are the episodes a
-            random sample.
-        ends_at_failures: whether the stop rule `failures` may have ended one of them: Wilson's
-            interval does not hold there.
-    """
-
-    methods: tuple[str, ...]
-    ends_at_failures: bool = False
-
-    @classmethod
-    def of(cls, specs: Sequence[CampaignSpec]) -> "SamplingDesign":
-        """Return the design of campaigns whose episodes are counted together."""
-        ends = any(spec.stop.ends_at_failures for spec in specs)
-        return cls(tuple(spec.method for spec in specs), ends)
-
-    def make_rate(self, k: int, n: int) -> Rate:
-        """Return k of n episodes, with the interval that holds; without one for a search.
-
-        Raises:
-            InvalidValue: no episode, or not 0 <= k <= n.
-        """
-        found = stopped_rate(k, n) if self.ends_at_failures else rate(k, n)
-        return replace(found, sampled=self.is_sampled)
-
-    @property
-    def is_sampled(self) -> bool:
-        """Whether all episodes are drawn from p(x)."""
-        return all(traits_of(method).draws_from_prior for method in self.methods)
-
-
 def choose_block_length(counts: Counts, wanted: int | None = None) -> int:
     """Return the number of indices of a block: 100, at most a tenth and at least a fiftieth of all.
 
@@ -141,8 +106,10 @@ SECONDS_PER_HOUR = 3600.0
 def price_failures(total_usd: float, instance_hours: float, failures: Rate | None) -> Cost:
     """Return what failures cost: the total ÷ their number, with the rate's interval.
 
-    The bounds are total ÷ (completed × bound of the rate), so that a campaign without a failure
-    has a lower bound instead of an infinite cost. A rate without an interval leads to none here.
+    The quotient is without bias where a number of failures ended the campaign, as the mean number
+    of episodes up to the k-th failure is k ÷ p. The bounds are total ÷ (completed × bound of the
+    rate), so that a campaign without a failure has a lower bound instead of an infinite cost. A
+    rate without an interval leads to none here.
 
     Args:
         total_usd: price of all instance-hours.
@@ -325,7 +292,9 @@ def make_safety(
         name=campaign.spec.name,
         method=method,
         completed=totals.completed,
-        collisions=_make_share(design, totals.failures, totals.completed),
+        collisions=_make_share(
+            SamplingDesign.of_failures([campaign]), totals.failures, totals.completed
+        ),
         near_misses=_make_share(design, conflicts.near_misses, totals.completed),
         conflicts=conflicts,
         ttc=_count_violations(design, totals.ttc, NEAR_MISS_TTC_S, totals.completed),

@@ -16,7 +16,7 @@ from sklearn.tree import DecisionTreeClassifier
 
 from eigenfail.values import Box, Region
 from eigenfail.values.comparison import Bound
-from eigenfail_services.analysis.campaign_figures import SamplingDesign
+from eigenfail_services.analysis.sampling_design import SamplingDesign
 
 Table = NDArray[np.float64]
 Flags = NDArray[np.bool_]

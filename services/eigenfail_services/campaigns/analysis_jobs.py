@@ -310,6 +310,15 @@ def _describe_samples(first_samples: Mapping[int, int], result: AnalysisResult) 
             yield f"Campaign {campaign}: failures from before the end of burn-in were analysed."
 
 
+def _describe_given_number(settings: AnalysisSettings, result: AnalysisResult) -> Iterator[str]:
+    """Yield that the number of distinct modes was given, not found."""
+    if settings.clusters is not None and result.distinct:
+        yield (
+            f"The number of modes, {settings.clusters}, was given (clusters): distinct are the "
+            "groups, their number was not found in the failures. Leave it out to have it chosen."
+        )
+
+
 GROUPS = (
     "Its modes are groups of this search: another seed may find others, and their shares are no "
     "probabilities under p(x)."
@@ -362,6 +371,7 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
         sources=base.sources(result.campaigns),
         notes=(
             *list_notes(base),
+            *_describe_given_number(analysis.settings, result),
             *_describe_learning(failures.campaigns.tolist(), learning, result),
             *_describe_samples(samples, result),
         ),

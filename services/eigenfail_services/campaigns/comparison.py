@@ -1,12 +1,12 @@
 """Two groups of campaigns compared, in numbers and sentences; many campaigns side by side."""
 
 from collections.abc import Iterator, Sequence
+from math import comb
 
 import msgspec
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
-from eigenfail.intervals import wilson
 from eigenfail.presentation.figures import (
     format_amount,
     format_interval,
@@ -17,6 +17,7 @@ from eigenfail.presentation.figures import (
     format_usd_interval,
     round_down,
 )
+from eigenfail.presentation.rates import explain_design, format_rate
 from eigenfail.values import (
     FINAL_STATES,
     Campaign,
@@ -32,11 +33,11 @@ from eigenfail.values import (
 )
 from eigenfail.versions import describe_mixed
 from eigenfail_services.analysis.campaign_figures import (
-    SamplingDesign,
     bill_usd,
     price_failures,
     sum_instance_hours,
 )
+from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.pairing import (
     find_differing_fields,
     find_distinctions,
@@ -47,12 +48,16 @@ from eigenfail_services.campaigns.pairing import (
 )
 from eigenfail_services.campaigns.seeds import Group, group_alike
 from eigenfail_services.campaigns.summary import divide, find_failure_rate
-from eigenfail_services.statistics.comparison import LEAST_VALUES, difference, effect_size, mcnemar
-from eigenfail_services.statistics.intervals import clopper_pearson
+from eigenfail_services.statistics.comparison import (
+    SIGNIFICANCE,
+    can_distinguish,
+    difference,
+    effect_size,
+    mcnemar,
+)
 from eigenfail_services.store import Store
 
 SMALLEST_P = 1e-4
-SIGNIFICANCE = 0.05
 
 
 def _list_sentences(found: Comparison) -> tuple[str, ...]:
@@ -63,7 +68,7 @@ def _list_sentences(found: Comparison) -> tuple[str, ...]:
         _describe_pairs(pairs) if pairs else f"Episodes are not paired: {found.unpaired_because}",
         f"A failure costs {_format_price(a.cost)} with A, {_format_price(b.cost)} with B.",
         *_compare_likelihood(a, b),
-        *([_compare_seeds(found.effect)] if found.effect else []),
+        *([_compare_seeds(found.effect)] if found.effect else _explain_no_effect(a, b)),
     )
 
 
@@ -75,8 +80,7 @@ def _describe_failures(side: Side) -> str:
         return f"fails in {rate.k} of the {rate.n} episodes that it chose"
     if not rate.k:
         return f"fails in {format_no_event(rate.n, rate.interval.high)}"
-    share = f"{format_share(rate.value)} {format_interval(rate.interval, 100.0)}"
-    return f"fails in {share} of {rate.n} episodes"
+    return f"fails in {format_rate(rate)} of {rate.n} episodes"
 
 
 def are_sampled(*sides: Side) -> bool:
@@ -208,11 +212,10 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         _summarise_side(store, others),
         pair_episodes(store, ones, others),
     )
-    design = SamplingDesign.of([campaign.spec for campaign in (*ones, *others)])
     found = Comparison(
         a=left,
         b=right,
-        difference=_find_difference(left, right, design.ends_at_failures),
+        difference=_find_difference(left, right, ones, others),
         pairs=mcnemar(pairing.totals) if pairing.totals else None,
         unpaired_because=pairing.because,
         effect=_find_effect(left, right),
@@ -222,6 +225,7 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         *_list_confounders(find_differing_fields(found.distinctions)),
         *_warn_of_mixture("A", find_mixed_fields(_list_specs(ones))),
         *_warn_of_mixture("B", find_mixed_fields(_list_specs(others))),
+        *_explain_designs(left, right),
         *warn_of_seeds([*ones, *others]),
         *_warn_of_errors("A", ones),
         *_warn_of_errors("B", others),
@@ -229,6 +233,11 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         *warn_of_unfinished([*ones, *others]),
     )
     return replace(found, sentences=_list_sentences(found), warnings=caveats)
+
+
+def _explain_designs(*sides: Side) -> tuple[str, ...]:
+    rates = [side.failure_rate for side in sides if side.failure_rate]
+    return tuple(dict.fromkeys(filter(None, map(explain_design, rates))))
 
 
 def _list_specs(campaigns: Sequence[Campaign]) -> list[CampaignSpec]:
@@ -259,15 +268,15 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
     completed = sum(campaign.counts.completed for campaign in campaigns)
     failures = sum(campaign.counts.failures for campaign in campaigns)
     rates = [find_failure_rate(campaign) for campaign in campaigns]
-    specs = [campaign.spec for campaign in campaigns]
-    pooled = SamplingDesign.of(specs).make_rate(failures, completed) if completed else None
+    design = SamplingDesign.of_failures(campaigns)
+    pooled = design.make_rate(failures, completed) if completed else None
     severities = [each.severity for each in totals if each.severity is not None]
     return Side(
         campaigns=tuple(campaign.id for campaign in campaigns),
         completed=completed,
         failures=failures,
         failure_rate=pooled,
-        rates=tuple(each.value if each else None for each in rates),
+        rates=tuple(each.share if each else None for each in rates),
         log_probability_per_step=divide(
             sum(each.log_probability for each in totals), sum(each.steps for each in totals)
         ),
@@ -282,17 +291,40 @@ def _sum_cost(campaigns: Sequence[Campaign], failures: Rate | None) -> Cost:
     return price_failures(total_usd, hours, failures)
 
 
-def _find_difference(a: Side, b: Side, ends_at_failures: bool) -> Difference | None:
-    if not (a.completed and b.completed):
+def _find_difference(
+    a: Side, b: Side, ones: Sequence[Campaign], others: Sequence[Campaign]
+) -> Difference | None:
+    if a.failure_rate is None or b.failure_rate is None:
         return None
-    bounds = clopper_pearson if ends_at_failures else wilson
-    return difference(a.failures, a.completed, b.failures, b.completed, bounds)
+    return difference(
+        _bound_both_sides(a.failure_rate, ones), _bound_both_sides(b.failure_rate, others)
+    )
+
+
+def _bound_both_sides(rate: Rate, campaigns: Sequence[Campaign]) -> Rate:
+    """Return a rate with a two-sided interval, of a search as if its episodes were a sample."""
+    bounds = SamplingDesign.of_failures(campaigns).find_bounds(rate.k, rate.n)
+    return replace(rate, interval=bounds, sampled=True)
 
 
 def _find_effect(a: Side, b: Side) -> EffectSize | None:
-    """Return A12 over the campaigns; None with fewer than two completed ones on a side."""
-    known = [[value for value in side.rates if value is not None] for side in (a, b)]
-    return effect_size(*known) if min(map(len, known)) >= LEAST_VALUES else None
+    """Return A12 over the campaigns; None where they are too few to show anything."""
+    ones, others = (_list_known_rates(side) for side in (a, b))
+    return effect_size(ones, others) if can_distinguish(len(ones), len(others)) else None
+
+
+def _list_known_rates(side: Side) -> list[float]:
+    return [value for value in side.rates if value is not None]
+
+
+def _explain_no_effect(a: Side, b: Side) -> Iterator[str]:
+    """Yield why there is no effect size, where somebody gave several seeds for one."""
+    n_a, n_b = (len(_list_known_rates(side)) for side in (a, b))
+    if min(n_a, n_b) > 1 and not can_distinguish(n_a, n_b):
+        yield (
+            f"{n_a} and {n_b} campaigns show no effect over seeds: full separation would be chance "
+            f"with p = {2.0 / comb(n_a + n_b, n_a):.2g}. Run four seeds of each, or more."
+        )
 
 
 FEWEST, MOST = 2, 12

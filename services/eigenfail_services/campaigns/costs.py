@@ -1,7 +1,7 @@
 """Costs of campaigns and of methods, and figures for pages."""
 
 from collections import defaultdict
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, NamedTuple
 
@@ -28,16 +28,18 @@ from eigenfail_services.analysis.campaign_figures import (
     BY_CLOCK,
     PAUSED,
     KnownModes,
-    SamplingDesign,
     make_cost_curve,
     price_failures,
     split_time,
     was_cut,
 )
+from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.seeds import price_over_seeds
 from eigenfail_services.campaigns.summary import divide, find_cost, find_safety, find_worker_shares
 from eigenfail_services.statistics.seed_spread import PairSums
 from eigenfail_services.store import Store
+
+ReadCampaign = Callable[[int], Campaign]
 
 MAX_ANALYSES_SEARCHED = 100
 """Newest analyses among which a finished one is searched for."""
@@ -134,8 +136,13 @@ def list_methods(pools: Sequence[Pool]) -> list[str]:
     return sorted({pool.method for pool in pools})
 
 
-def compare_peers(pools: Sequence[Pool]) -> tuple[PeerCosts, ...]:
-    """Return the costs of all groups of comparable campaigns, the newest campaign's group first."""
+def compare_peers(pools: Sequence[Pool], read: ReadCampaign | None = None) -> tuple[PeerCosts, ...]:
+    """Return the costs of all groups of comparable campaigns, the newest campaign's group first.
+
+    Args:
+        pools: of campaigns.
+        read: returns a campaign, for the exact figures of one that is alone in its pool.
+    """
     groups: dict[Hashable, dict[str, list[Pool]]] = defaultdict(lambda: defaultdict(list))
     for pool in pools:
         if traits_of(pool.method).finds_new:
@@ -143,7 +150,8 @@ def compare_peers(pools: Sequence[Pool]) -> tuple[PeerCosts, ...]:
             group = groups[_make_hashable(msgspec.to_builtins(peers))]
             group[pool.method].append(msgspec.structs.replace(pool, peers=peers))
     return tuple(
-        _make_peer_costs([*map(_merge_pools, by_method.values())]) for by_method in groups.values()
+        _make_peer_costs([*map(_merge_pools, by_method.values())], read)
+        for by_method in groups.values()
     )
 
 
@@ -198,7 +206,7 @@ def _merge_pools(pools: Sequence[Pool]) -> Pool:
         campaigns=sum(pool.campaigns for pool in pools),
         completed=sum(pool.completed for pool in pools),
         failures=sum(pool.failures for pool in pools),
-        ends_at_failures=any(pool.ends_at_failures for pool in pools),
+        judges_failures=any(pool.judges_failures for pool in pools),
         instance_hours=sum(pool.instance_hours for pool in pools),
         total_usd=sum(pool.total_usd for pool in pools),
         # Not known to differ in their seeds alone where some write a default down and others not.
@@ -206,15 +214,18 @@ def _merge_pools(pools: Sequence[Pool]) -> Pool:
     )
 
 
-def _make_peer_costs(pools: Sequence[Pool]) -> PeerCosts:
-    methods = sorted(map(_make_method_cost, pools), key=_rank_cost)
+def _make_peer_costs(pools: Sequence[Pool], read: ReadCampaign | None) -> PeerCosts:
+    methods = sorted((_make_method_cost(pool, read) for pool in pools), key=_rank_cost)
     return PeerCosts(
         peers=pools[0].peers, methods=tuple(methods), notes=tuple(_list_peer_notes(methods))
     )
 
 
-def _make_method_cost(pool: Pool) -> MethodCost:
-    design = SamplingDesign((pool.method,), pool.ends_at_failures)
+def _make_method_cost(pool: Pool, read: ReadCampaign | None) -> MethodCost:
+    design = SamplingDesign((pool.method,), pool.judges_failures)
+    if pool.judges_failures and pool.campaigns == 1 and read is not None:
+        # The same figures as on the page of that campaign.
+        design = SamplingDesign.of_failures([read(pool.newest)])
     found = design.make_rate(pool.failures, pool.completed) if pool.completed else None
     seeds = pool.seeds if pool.seeds > 1 and not design.is_sampled else 0
     return MethodCost(

@@ -11,6 +11,7 @@ from eigenfail import plugins
 from eigenfail.contracts import ModeProbability
 from eigenfail.errors import NoisePruned
 from eigenfail.methods import traits_of
+from eigenfail.presentation.rates import explain_design
 from eigenfail.settings import read_settings
 from eigenfail.values import (
     FINAL_STATES,
@@ -19,8 +20,10 @@ from eigenfail.values import (
     EpisodeResult,
     Estimate,
     Outcome,
+    Rate,
 )
 from eigenfail.values.records import EpisodeRow
+from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.methods.subset import (
     SubsetMethodSettings,
@@ -29,7 +32,6 @@ from eigenfail_services.methods.subset import (
 )
 from eigenfail_services.statistics import importance, pooled_estimate
 from eigenfail_services.statistics.importance import WeightedFailures
-from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.store import Store
 
 PAGE = 1_000
@@ -175,20 +177,20 @@ def estimate_by_known_proposal(
 def _estimate_by_counts(
     _store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
 ) -> ModeEstimates:
-    counted = Counter(mode_of.values())
-    return [estimate_share(counted[mode], campaign.counts.completed) for mode in range(modes)]
+    counted, completed = Counter(mode_of.values()), campaign.counts.completed
+    design = SamplingDesign.of([campaign.spec])
+    return [estimate_share(design.make_rate(counted[mode], completed)) for mode in range(modes)]
 
 
-def estimate_share(failures: int, episodes: int) -> Estimate:
-    """Return the estimate from k failures among n episodes."""
-    found = rate(failures, episodes)
+def estimate_share(found: Rate) -> Estimate:
+    """Return the estimate from a number of failures among episodes that were drawn from p(x)."""
     return Estimate(
         by=COUNTING,
-        episodes=episodes,
+        episodes=found.n,
         probability=found.value,
-        cv=sqrt((1.0 - found.value) / failures) if failures else None,
+        cv=sqrt((1.0 - found.share) / found.k) if found.k else None,
         interval=found.interval,
-        note=SAME_FAILURES,
+        note=f"{SAME_FAILURES} {explain_design(found)}".rstrip(),
     )
 
 

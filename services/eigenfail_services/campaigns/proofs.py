@@ -16,6 +16,7 @@ from eigenfail.values import (
     CampaignState,
     EpisodeResult,
     FailureMode,
+    NearestFailure,
     Outcome,
     Proof,
     ProvenMode,
@@ -31,10 +32,14 @@ from eigenfail.worlds import drawn_for, world_of
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.validation import check_spec, is_distribution, list_varied
+from eigenfail_services.methods.nearest import MOST_EPISODES, place_trials
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.store import Store
 from eigenfail_services.store.codec import spec_hash
+
+REPLAY, NEAREST = "replay", "nearest"
+"""Methods of the campaigns that are linked to an analysis."""
 
 
 class ReplayWorld(NamedTuple):
@@ -138,21 +143,66 @@ def summarise_proof(store: Store, analysis: Analysis) -> Proof:
     homes = KNOWN_WORLDS.get(
         store, analysis.id, None, lambda: _list_worlds(store, analysis, result)
     )
-    replays = [store.campaigns.get(each) for each in store.analyses.replays(analysis.id)]
+    linked = [store.campaigns.get(each) for each in store.analyses.replays(analysis.id)]
+    replays = [each for each in linked if each.spec.method == REPLAY]
     scenarios = tuple(
         _find_scenario(store, analysis, homes, each) for each in _keep_latest(replays)
     )
     everything = [replay for scenario in scenarios for replay in scenario.replays]
     same = [replay for scenario in scenarios if scenario.is_same for replay in scenario.replays]
+    searches = [each for each in linked if each.spec.method == NEAREST]
+    nearest = _find_centres(same) | _find_nearest_points(store, analysis, result, searches)
+    states = [*(each.state for each in scenarios), *(each.state for each in searches)]
     return Proof(
         analysis=analysis.id,
-        done=bool(replays) and all(each.state in FINAL_STATES for each in scenarios),
+        done=bool(replays) and all(state in FINAL_STATES for state in states),
         reproduced=_count_reproductions(_count_kind(same, ReplayKind.EIGENFAILURE)),
         eigenfailures=_count_reproductions(_count_kind(everything, ReplayKind.EIGENFAILURE)),
         medoids=_count_reproductions(_count_kind(everything, ReplayKind.MEDOID)),
-        modes=tuple(_summarise_mode(everything, mode) for mode in range(len(result.modes))),
+        modes=tuple(
+            _summarise_mode(everything, mode, nearest.get(mode))
+            for mode in range(len(result.modes))
+        ),
         scenarios=scenarios,
+        searches=tuple(each.id for each in searches),
+        unplaced=tuple(
+            each.mode
+            for each in _count_kind(same, ReplayKind.EIGENFAILURE)
+            if each.outcome is Outcome.SAFE and each.mode not in nearest
+        ),
     )
+
+
+def _find_centres(same: Iterable[ReplayedNoise]) -> dict[int, NearestFailure]:
+    """Return the modes whose centre fails in the scenario in which its failures happened."""
+    return {
+        each.mode: NearestFailure(0.0, each.campaign, each.index)
+        for each in _count_kind(same, ReplayKind.EIGENFAILURE)
+        if each.reproduced
+    }
+
+
+def _find_nearest_points(
+    store: Store, analysis: Analysis, result: AnalysisResult, searches: Iterable[Campaign]
+) -> dict[int, NearestFailure]:
+    """Return the nearest failing points of the modes whose search has ended, by mode."""
+    found: dict[int, NearestFailure] = {}
+    for search in searches:
+        if search.state is CampaignState.DONE:
+            modes = [number - 1 for number in _list_modes(search.spec)]
+            ended = store.episodes.finished(search.id, range(search.spec.episodes))
+            results = sorted(ended, key=lambda each: each.index)
+            trials = place_trials(len(modes), [each.is_failure for each in results])
+            for place, mode in enumerate(modes):
+                failing = [n for n, each in enumerate(trials) if each.mode == place and each.failed]
+                nearest = min(failing, key=lambda n: trials[n].t, default=None)
+                medoid = result.modes[mode]
+                found[mode] = (
+                    NearestFailure(1.0, medoid.medoid_campaign or analysis.campaign, medoid.medoid)
+                    if nearest is None
+                    else NearestFailure(trials[nearest].t, search.id, nearest)
+                )
+    return found
 
 
 def _find_scenario(
@@ -245,10 +295,12 @@ def _read_replay(planned: ReplayedNoise, results: Mapping[int, EpisodeResult]) -
     )
 
 
-def _summarise_mode(replays: Sequence[ReplayedNoise], mode: int) -> ProvenMode:
+def _summarise_mode(
+    replays: Sequence[ReplayedNoise], mode: int, nearest: NearestFailure | None
+) -> ProvenMode:
     ours = [replay for replay in replays if replay.mode == mode]
     eigenfailure, medoid = (_count_reproductions(_count_kind(ours, kind)) for kind in ReplayKind)
-    return ProvenMode(mode, eigenfailure, medoid)
+    return ProvenMode(mode, eigenfailure, medoid, nearest)
 
 
 def _count_kind(replays: Iterable[ReplayedNoise], what: ReplayKind) -> Iterator[ReplayedNoise]:
@@ -344,6 +396,9 @@ def launch_replays(
 ) -> Proof:
     """Queue a replay in each scenario that has none yet, and return the proof so far.
 
+    Once all of these have ended, it also queues the search for the nearest failing point of each
+    mode whose centre did not fail in the scenario of its failures.
+
     Args:
         store: where campaigns are.
         analysis: analysis that is done.
@@ -371,7 +426,30 @@ def launch_replays(
     specs = [check_spec(_make_replay(analysis, analysed, *pair)).spec for pair in pairs]
     for spec in specs:
         _launch_replay(store, analysis.id, spec, made_by)
+    found = summarise_proof(store, analysis)
+    if not (found.done and found.unplaced):
+        return found
+    for home in _list_worlds(store, analysis, result):
+        modes = [mode for mode in home.modes if mode in found.unplaced]
+        if modes:
+            spec = check_spec(_make_search(analysis, analysed, home, modes)).spec
+            _launch_replay(store, analysis.id, spec, made_by)
     return summarise_proof(store, analysis)
+
+
+def _make_search(
+    analysis: Analysis, analysed: CampaignSpec, home: ReplayWorld, modes: Sequence[int]
+) -> CampaignSpec:
+    name = f"{analysed.name}: nearest failing points of analysis {analysis.id}"
+    return msgspec.structs.replace(
+        home.spec,
+        name=name[-LONGEST_NAME:],
+        method=NEAREST,
+        settings={"analysis": analysis.id, "modes": [mode + 1 for mode in modes]},
+        episodes=MOST_EPISODES * len(modes),
+        stop=StopRules(),
+        scene_every=1,
+    )
 
 
 def _refuse_distributions(variations: Sequence[Parameters]) -> None:
@@ -403,7 +481,7 @@ def _make_replay(
     return msgspec.structs.replace(
         spec,
         name=name[-LONGEST_NAME:],
-        method="replay",
+        method=REPLAY,
         settings=settings | some,
         episodes=len(ReplayKind) * len(home.modes),
         stop=StopRules(),

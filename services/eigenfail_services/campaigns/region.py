@@ -14,7 +14,7 @@ from eigenfail.processes import answer
 from eigenfail.values import Campaign, CampaignSpec, Region
 from eigenfail.values.comparison import MOST_TRIALS
 from eigenfail.worlds import world_of
-from eigenfail_services.analysis.campaign_figures import SamplingDesign
+from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.comparison import warn_of_unfinished
 from eigenfail_services.campaigns.pairing import find_mixed_fields, list_unpairable
 from eigenfail_services.store import Store

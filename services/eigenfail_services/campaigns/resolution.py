@@ -319,9 +319,12 @@ def read_trajectories(method: ResolvedMethod, store: "Store") -> Sequence[Floats
         NotFound: there is no such analysis or episode.
     """
     named = method.given_references(Reference.NOISE)
+    # A method may replay other kinds than `replay` where nothing is given.
+    what = getattr(method.settings, "what", None)
+    given = method.given if what is None else {**method.given, "what": what}
     for name, read in READERS.items():
         if name in named:
-            return read(method.given, store)
+            return read(given, store)
     return ()
 
 

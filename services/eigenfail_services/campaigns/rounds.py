@@ -10,7 +10,6 @@ import msgspec
 
 from eigenfail.contracts import EpisodeEngine, Estimator, Learner, Trained
 from eigenfail.errors import LearnerFailed, ProtocolError
-from eigenfail.intervals import wilson
 from eigenfail.values import (
     EpisodeResult,
     EpisodeTask,
@@ -24,6 +23,8 @@ from eigenfail.values import (
     episode_seed,
 )
 from eigenfail.values.arrays import decode_array, encode_array
+from eigenfail_services.analysis.sampling_design import MOST_AHEAD, OPEN_WAS_FINISHED
+from eigenfail_services.statistics.intervals import confidence_sequence
 
 
 class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -39,10 +40,14 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return Tally(self.completed + completed, self.failures + failures)
 
     def half_width(self) -> float | None:
-        """Half the width of the failure rate's 95 % Wilson interval; None before any episode."""
+        """Half the width of the failure rate's confidence sequence; None before any episode.
+
+        The interval is looked at after every round: one of a fixed number of episodes would not
+        hold at the look that ends the campaign.
+        """
         if not self.completed:
             return None
-        interval = wilson(self.failures, self.completed)
+        interval = confidence_sequence(self.failures, self.completed)
         return (interval.high - interval.low) / 2.0
 
 
@@ -53,9 +58,10 @@ RESULT_RULES = ("failures", "half_width", "cv")
 def limit_lookahead(lookahead: int, rules: StopRules) -> int:
     """Return how many rounds may be open besides the oldest one.
 
-    With rules on results no more than one, or they would take effect late.
+    With rules on results no more than `MOST_AHEAD`, or they would take effect late.
     """
-    return lookahead if rules.given().keys().isdisjoint(RESULT_RULES) else min(lookahead, 1)
+    unjudged = rules.given().keys().isdisjoint(RESULT_RULES)
+    return lookahead if unjudged else min(lookahead, MOST_AHEAD)
 
 
 def judge_results(rules: StopRules, tally: Tally, estimate: Estimate | None) -> str:
@@ -159,7 +165,6 @@ def read_checkpoint(data: bytes) -> Checkpoint:
 
 
 NO_RULES = StopRules()
-OPEN_WAS_FINISHED = " The round that was open was finished."
 
 
 class Rounds:
@@ -247,7 +252,7 @@ class Rounds:
         """Return which rule holds, and that open rounds are finished all the same."""
         estimate = self.estimate() if self._rules.cv is not None else None
         words = judge_results(self._rules, self._tally, estimate)
-        return words and words + (OPEN_WAS_FINISHED if self._open else "")
+        return f"{words} {OPEN_WAS_FINISHED}" if words and self._open else words
 
     def _lookahead(self) -> int:
         return limit_lookahead(self._learner.lookahead, self._rules)

@@ -8,16 +8,14 @@ import msgspec
 from msgspec.structs import replace
 
 from eigenfail.intervals import upper_bound_of_none
-from eigenfail.presentation.figures import (
-    format_interval,
-    format_no_event,
-    format_share,
-)
+from eigenfail.presentation.figures import format_no_event
+from eigenfail.presentation.rates import explain_design, format_rate
 from eigenfail.suites import KeyPath, format_value, list_leaves, shorten_paths
 from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, Cost, Priority, Summary
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
 from eigenfail.values.variation import in_words
-from eigenfail_services.analysis.campaign_figures import SamplingDesign, price_failures
+from eigenfail_services.analysis.campaign_figures import price_failures
+from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.drafts import fill_defaults
 from eigenfail_services.campaigns.summary import summaries_of
 from eigenfail_services.statistics.seed_spread import PairSums, find_ratio, measure_spread
@@ -269,12 +267,12 @@ def _describe_pooled_rate(design: SamplingDesign, members: Sequence[_Member]) ->
     if not rate.k:
         found = format_no_event(rate.n, rate.interval.high if rate.interval else 1.0)
     else:
-        ends = f" {format_interval(rate.interval, 100.0)}" if rate.interval else ""
-        found = f"{format_share(rate.value)}{ends} of {rate.n:,}"
-    return (
+        found = f"{format_rate(rate)} of {rate.n:,}"
+    quoted = (
         f"All episodes were drawn from p(x): together their failure rate is {found}. Quote this "
         "interval rather than that of the mean over seeds."
     )
+    return f"{quoted} {explain_design(rate)}".rstrip()
 
 
 def _join(seeds: Sequence[int]) -> str:

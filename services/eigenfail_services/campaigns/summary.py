@@ -7,6 +7,7 @@ import msgspec
 import structlog
 
 from eigenfail.errors import InputError, NotFound
+from eigenfail.presentation.rates import explain_design
 from eigenfail.values import (
     FINAL_STATES,
     Campaign,
@@ -28,7 +29,6 @@ from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.summary import Errored
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.campaign_figures import (
-    SamplingDesign,
     bill_usd,
     choose_block_length,
     make_course,
@@ -36,6 +36,7 @@ from eigenfail_services.analysis.campaign_figures import (
     price_failures,
     sum_instance_hours,
 )
+from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.resolution import find_searching, resolve_method
 from eigenfail_services.campaigns.rounds import read_checkpoint
@@ -57,13 +58,13 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
     Rate and cost rest on the campaign's counts, means on the totals: while a campaign runs the two
     may have been read a few results apart.
     """
-    completed = campaign.counts.completed
+    completed, rate = campaign.counts.completed, find_failure_rate(campaign)
     return Summary(
         campaign=campaign.id,
         name=campaign.spec.name,
         method=campaign.spec.method,
         counts=campaign.counts,
-        failure_rate=find_failure_rate(campaign),
+        failure_rate=rate,
         mean_log_probability=divide(totals.log_probability, totals.failures),
         log_probability_per_step=divide(totals.log_probability, totals.steps),
         mean_severity=divide(totals.severity, totals.failures),
@@ -74,7 +75,7 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
         unresolved=summarise_unresolved(campaign, totals.conflicts),
         errored=_describe_errored(campaign, totals.fault),
         reach=_find_reach(campaign),
-        rate_note=_explain_stop_rule(campaign, find_failure_rate(campaign)),
+        rate_note=explain_design(rate) if rate else "",
         first_failure=totals.first_failure,
     )
 
@@ -152,23 +153,11 @@ def _find_horizon_s(text: bytes) -> float | None:
 
 
 def find_failure_rate(campaign: Campaign) -> Rate | None:
-    """Return collisions within the horizon ÷ completed episodes; None before the first episode."""
+    """Return the failure rate of the completed episodes; None before the first one."""
     counts = campaign.counts
     if not counts.completed:
         return None
-    return SamplingDesign.of([campaign.spec]).make_rate(counts.failures, counts.completed)
-
-
-def _explain_stop_rule(campaign: Campaign, rate: Rate | None) -> str:
-    """Return what the stop rule `failures` does to a rate under p(x); else nothing."""
-    affected = campaign.spec.stop.ends_at_failures and rate and rate.sampled and rate.k
-    return STOP_AT_FAILURES if affected else ""
-
-
-STOP_AT_FAILURES = (
-    "A campaign with the stop rule `failures` has too large a share of failures on average. The "
-    "interval allows for the rule, whether or not the rule ended the campaign."
-)
+    return SamplingDesign.of_failures([campaign]).make_rate(counts.failures, counts.completed)
 
 
 def find_cost(campaign: Campaign) -> Cost:

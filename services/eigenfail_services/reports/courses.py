@@ -59,7 +59,8 @@ HOW_TO_READ = (
     "have been required to avoid the crash; thresholds are 1.5 s and 7.0 m/s². A near miss is "
     "MinTTC below 1.5 s without a collision. A collision is unavoidable where DRAC was above "
     "7.0 m/s² when TTC first fell below 1.5 s, or where nothing showed before the contact; "
-    "otherwise it is a planner's failure. Lead times end at the collision."
+    "otherwise it counts as a planner failure: it is not shown to be unavoidable. Lead times end "
+    "at the collision."
 )
 
 
@@ -100,9 +101,9 @@ def list_measure_rows(subject: Subject) -> list[tuple[Cell, ...]]:
         ("DRAC above threshold", *format_safety_share(found.drac.beyond)),
         ("DRAC median", None, found.drac.n, found.drac.median, None, None, "m/s²"),
         ("DRAC worst", None, found.drac.n, found.drac.worst, None, None, "m/s²"),
-        ("collisions unavoidable", *count(conflicts.unavoidable, collided)),
-        ("collisions by the planner", *count(conflicts.planner_failures, collided)),
-        ("collisions not classified", *count(conflicts.unclassified, collided)),
+        ("collisions, unavoidable", *count(conflicts.unavoidable, collided)),
+        ("collisions, planner failures", *count(conflicts.planner_failures, collided)),
+        ("collisions, not classified", *count(conflicts.unclassified, collided)),
         ("mean lead time of MinTTC", *make_mean_row(conflicts.ttc_lead)),
         ("mean lead time of DRAC", *make_mean_row(conflicts.drac_lead)),
         ("severity mean", *make_severity_row(found.severity, found.severity.mean)),
@@ -192,7 +193,7 @@ FIGURES = {
     "MinTTC below 1.5 s": lambda s: format_exceedance(s.safety.ttc, "s"),
     "DRAC above 7.0 m/s²": lambda s: format_exceedance(s.safety.drac, "m/s²"),
     "Unavoidable": lambda s: format_collisions(s.safety.conflicts.unavoidable, s),
-    "Planner's failures": lambda s: format_collisions(s.safety.conflicts.planner_failures, s),
+    "Planner failures": lambda s: format_collisions(s.safety.conflicts.planner_failures, s),
     "Not classified": lambda s: format_collisions(s.safety.conflicts.unclassified, s),
     "Lead time of MinTTC": lambda s: format_lead(s.safety.conflicts.ttc_lead),
     "Lead time of DRAC": lambda s: format_lead(s.safety.conflicts.drac_lead),
@@ -411,13 +412,13 @@ def draw_learning(group: tuple[Subject, ...]) -> Drawing:
             look, blocks = mark(subject.place), subject.course.blocks
             middle = [(block.first + block.last) / 2.0 for block in blocks]
             rates = [block.failure_rate for block in blocks]
-            bounds = [rate.interval or Interval(rate.value, rate.value) for rate in rates]
+            bounds = [rate.interval or Interval(rate.share, rate.share) for rate in rates]
             pairs = list(zip(rates, bounds, strict=True))
-            down = [100.0 * (rate.value - each.low) for rate, each in pairs]
-            up = [100.0 * (each.high - rate.value) for rate, each in pairs]
+            down = [100.0 * (rate.share - each.low) for rate, each in pairs]
+            up = [100.0 * (each.high - rate.share) for rate, each in pairs]
             above.errorbar(
                 middle,
-                [100.0 * rate.value for rate in rates],
+                [100.0 * rate.share for rate in rates],
                 yerr=[[max(each, 0.0) for each in down], [max(each, 0.0) for each in up]],
                 capsize=2.0,
                 elinewidth=0.8,

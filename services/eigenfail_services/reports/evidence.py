@@ -55,10 +55,10 @@ REPLAY_COLUMNS = (
 
 
 PROOF_WORDS = (
-    "An eigenfailure is proven by injecting it again: it must end in a collision in the scenario "
-    "in which its failures were found, and says more if it does so in others. Medoids are real "
-    "failures, injected in the same way. Replays are counted: they repeat chosen noise, so that "
-    "their share estimates no probability."
+    "An eigenfailure is injected again: if it ends in a collision in the scenario in which its "
+    "failures were found, it is a failure itself, and says more if it is one in others too. "
+    "Medoids are failures that happened, injected in the same way. Replays are deterministic and "
+    "repeat chosen noise: they are counted, and their share estimates no probability."
 )
 
 
@@ -83,7 +83,7 @@ def make_proof(material: Material) -> ReportPart | None:
         return None
     section = ReportSection(
         name="proof",
-        title="Proof by replay",
+        title="Replays of modes",
         words=(PROOF_WORDS, *map(describe_proof, proven)),
         tables=(
             make_table(
@@ -103,8 +103,14 @@ def describe_proof(proven: Proven) -> str:
     return (
         f"Campaign {proven.found.subject.id}: of its eigenfailures {format_reproduced(here)} "
         f"failed again in the same scenario, {format_reproduced(everywhere)} over all scenarios."
-        f"{unfinished}"
+        f"{unfinished}{describe_nearest(proven.proof)}"
     )
+
+
+def describe_nearest(proof: Proof) -> str:
+    """Return where the failing noise nearest to each mode's centre is; empty if not known."""
+    places = [f"{each.number} at {each.nearest.words}" for each in proof.modes if each.nearest]
+    return f" Nearest failing points, by mode: {'; '.join(places)}." if places else ""
 
 
 def format_reproduced(found: Reproduction) -> str:

@@ -168,7 +168,7 @@ def describe_outcome(subject: Subject) -> str:
         if rate.interval is None
         else f"(95 %: {format_percent_interval(rate.interval)})"
     )
-    share = f"{format_share(rate.value)} {sure}"
+    share = f"{format_share(rate.value)} {sure}" if rate.value is not None else sure
     return f"{who}: {found}, {share}; {price(subject)}. {summary.remark}".strip()
 
 

@@ -1,13 +1,13 @@
 """Comparisons of two samples: failure rates, paired episodes, effect sizes, rank correlation."""
 
-from collections.abc import Callable, Sequence
-from math import atanh, sqrt, tanh
+from collections.abc import Sequence
+from math import atanh, comb, sqrt, tanh
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue
-from eigenfail.intervals import Z, wilson
+from eigenfail.intervals import Z
 from eigenfail.values import (
     Difference,
     EffectSize,
@@ -16,38 +16,42 @@ from eigenfail.values import (
     Magnitude,
     McNemar,
     PairTotals,
+    Rate,
 )
 
 
-def difference(
-    k_a: int, n_a: int, k_b: int, n_b: int, bounds: Callable[[int, int], Interval] = wilson
-) -> Difference:
-    """Return k_b of n_b minus k_a of n_a, with its 95 % interval, for independent samples.
+def difference(a: Rate, b: Rate) -> Difference:
+    """Return the rate of b minus that of a, with its 95 % interval, for independent samples.
 
-    Newcombe's hybrid score interval: with the intervals (l, u) of the two shares p, Wilson's,
+    Newcombe's hybrid score interval: with the intervals (l, u) of the two rates p, Wilson's,
     d − sqrt((p_b − l_b)² + (u_a − p_a)²) to d + sqrt((u_b − p_b)² + (p_a − l_a)²). Of paired
     samples that mostly agree it is wider than it need be: see `mcnemar`.
     Source: Newcombe 1998, Statistics in Medicine 17, 873–890, method 10; with other intervals:
     Zou and Donner 2008, Statistics in Medicine 27, 1693–1702.
 
     Args:
-        k_a: events on the first side.
-        n_a: its trials.
-        k_b: events on the second side.
-        n_b: its trials.
-        bounds: interval of k of n; `clopper_pearson` where events may have ended the trials.
+        a: with a two-sided interval. Of a rate without an estimate, the share is taken.
+        b: the same.
 
     Raises:
-        InvalidValue: no trial, or not 0 <= k <= n.
+        InvalidValue: a rate without an interval.
     """
-    for k, n in ((k_a, n_a), (k_b, n_b)):
-        if not (n >= 1 and 0 <= k <= n):
-            raise InvalidValue("k of n", f"{k} of {n} is no share.", "Count at least one trial.")
-    p_a, p_b, a, b = k_a / n_a, k_b / n_b, bounds(k_a, n_a), bounds(k_b, n_b)
+    for rate in (a, b):
+        if rate.interval is None:
+            problem = f"{rate.k} of {rate.n} has no interval."
+            raise InvalidValue("rate", problem, "Compare random samples.")
+    (p_a, low_a, high_a), (p_b, low_b, high_b) = map(_place_rate, (a, b))
     value = p_b - p_a
-    low = value - sqrt((p_b - b.low) ** 2 + (a.high - p_a) ** 2)
-    high = value + sqrt((b.high - p_b) ** 2 + (p_a - a.low) ** 2)
-    return Difference(value, Interval(max(-1.0, low), min(1.0, high)), n_a, n_b)
+    low = value - sqrt((p_b - low_b) ** 2 + (high_a - p_a) ** 2)
+    high = value + sqrt((high_b - p_b) ** 2 + (p_a - low_a) ** 2)
+    return Difference(value, Interval(max(-1.0, low), min(1.0, high)), a.n, b.n)
+
+
+def _place_rate(rate: Rate) -> tuple[float, float, float]:
+    """Return the estimate of a rate, inside its interval, and both ends of that."""
+    bounds = rate.interval or Interval(0.0, 1.0)
+    value = rate.share if rate.value is None else rate.value
+    return min(max(value, bounds.low), bounds.high), bounds.low, bounds.high
 
 
 def mcnemar(pairs: PairTotals) -> McNemar:
@@ -71,8 +75,18 @@ def mcnemar(pairs: PairTotals) -> McNemar:
     )
 
 
-LEAST_VALUES = 2
-"""Fewest values on each side of an effect size: a single value has no spread."""
+SIGNIFICANCE = 0.05
+
+
+def can_distinguish(n_a: int, n_b: int) -> bool:
+    """Whether so many values a side could show a difference at all, were they fully apart.
+
+    The p-value of the exact rank-sum test is then 2 ÷ (n_a + n_b over n_a), the smallest there is
+    (Mann and Whitney 1947, Annals of Mathematical Statistics 18, 50–60): 0.33 with two values on
+    each side, 0.1 with three, 0.029 with four.
+    """
+    return 2.0 / comb(n_a + n_b, n_a) <= SIGNIFICANCE
+
 
 THRESHOLDS = (
     (0.21, Magnitude.LARGE),
@@ -90,11 +104,11 @@ def effect_size(a: Sequence[float], b: Sequence[float]) -> EffectSize:
     Source: Vargha and Delaney 2000, Journal of Educational and Behavioral Statistics 25, 101–132.
 
     Raises:
-        InvalidValue: fewer than two values on a side.
+        InvalidValue: so few values that chance would set them apart, too.
     """
-    if min(len(a), len(b)) < LEAST_VALUES:
-        problem = f"{len(a)} and {len(b)} values have no effect size."
-        raise InvalidValue("values", problem, f"Give at least {LEAST_VALUES} on each side.")
+    if not can_distinguish(len(a), len(b)):
+        problem = f"{len(a)} and {len(b)} values have no effect size that says anything."
+        raise InvalidValue("values", problem, "Give four on each side, or three and five.")
     wins = sum((y > x) + (y == x) / 2.0 for x in a for y in b)
     a12 = wins / (len(a) * len(b))
     return EffectSize(a12, name_magnitude(a12), len(a), len(b))

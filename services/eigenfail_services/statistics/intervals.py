@@ -1,11 +1,10 @@
 """Rates with their 95 % intervals, and the intervals of estimates."""
 
-from math import exp, inf, log, sqrt
+from collections.abc import Callable
+from math import exp, inf, lgamma, log, sqrt
 from statistics import NormalDist
 
-from msgspec.structs import replace
-
-from eigenfail.intervals import ERROR, find_interval
+from eigenfail.intervals import ERROR, find_interval, refuse_no_share
 from eigenfail.values import Interval, Rate
 
 
@@ -19,26 +18,10 @@ def rate(k: int, n: int) -> Rate:
     return Rate(k / n, k, n, bounds)
 
 
-def stopped_rate(k: int, n: int) -> Rate:
-    """Return k of n, where the trials ended once there were enough events, or at their limit.
-
-    The interval holds at such a stop; the share itself is too large on average.
-
-    Raises:
-        InvalidValue: no trial, or not 0 <= k <= n.
-    """
-    fixed = rate(k, n)
-    return replace(fixed, interval=clopper_pearson(k, n)) if 0 < k < n else fixed
-
-
 def clopper_pearson(k: int, n: int) -> Interval:
     """Return the exact two-sided interval of a probability after k events in n trials.
 
-    All p at which neither k or more nor k or fewer events have a probability below 2.5 %. It also
-    holds where the trials ended with the k-th event (inverse sampling, Haldane 1945, Biometrika 33,
-    222–225): P(N <= n) = P(at least k events in n trials) gives the same lower end, and the upper
-    end of that case is smaller. Wilson's interval does not hold there: where the first event ends
-    the trials, it contains the truth in as few as 79 % of cases.
+    All p at which neither k or more nor k or fewer events have a probability below 2.5 %.
     Source: Clopper and Pearson 1934, Biometrika 26, 404–413.
     """
     from scipy.special import betaincinv  # imported late: the API starts sooner without it
@@ -46,6 +29,60 @@ def clopper_pearson(k: int, n: int) -> Interval:
     tail = ERROR / 2.0
     low = float(betaincinv(k, n - k + 1, tail)) if k else 0.0
     return Interval(low, float(betaincinv(k + 1, n - k, 1.0 - tail)) if k < n else 1.0)
+
+
+PRIOR = 0.5
+"""Both parameters of the mixing Beta distribution of `confidence_sequence`: near 0 and 1, where
+failures are rare or the rule, its sets are narrower than those of the uniform distribution."""
+
+BISECTIONS = 60
+
+
+def confidence_sequence(k: int, n: int) -> Interval:
+    """Return the set of p that holds the truth after every trial at once, with 95 %.
+
+    It may be looked at after each trial, and the trials may end at any look for any reason. The
+    likelihood of the outcomes, averaged over Beta(1/2, 1/2) and divided by that of the true p, is
+    a martingale of mean 1; by Ville's inequality it ever exceeds 1 ÷ 0.05 in at most 5 % of
+    sequences. The set holds the p at which it is below that:
+
+        B(k + 1/2, n − k + 1/2) ÷ B(1/2, 1/2) < p^k · (1 − p)^(n − k) ÷ 0.05.
+
+    Source: Robbins 1970, Annals of Mathematical Statistics 41, 1397–1409; Howard, Ramdas, McAuliffe
+    and Sekhon 2021, Annals of Statistics 49, 1055–1080.
+
+    Raises:
+        InvalidValue: no trial, or not 0 <= k <= n.
+    """
+    refuse_no_share(k, n)
+    averaged = _log_beta(k + PRIOR, n - k + PRIOR) - _log_beta(PRIOR, PRIOR)
+    least = averaged + log(ERROR)
+
+    def is_inside(p: float) -> bool:
+        return _log_power(p, k) + _log_power(1.0 - p, n - k) > least
+
+    return Interval(_find_end(is_inside, k / n, 0.0), _find_end(is_inside, k / n, 1.0))
+
+
+def _find_end(is_inside: Callable[[float], bool], inside: float, outside: float) -> float:
+    """Return where a set that holds one point ends on the way to another one."""
+    if is_inside(outside):
+        return outside
+    for _ in range(BISECTIONS):
+        middle = (inside + outside) / 2.0
+        inside, outside = (middle, outside) if is_inside(middle) else (inside, middle)
+    return outside
+
+
+def _log_beta(a: float, b: float) -> float:
+    return lgamma(a) + lgamma(b) - lgamma(a + b)
+
+
+def _log_power(p: float, times: int) -> float:
+    """Return times · log p, which is 0 for no times and minus infinity for p = 0."""
+    if not times:
+        return 0.0
+    return times * log(p) if p > 0.0 else -inf
 
 
 def log_normal(probability: float, cv: float, effective: float = inf) -> Interval:

@@ -121,6 +121,7 @@ def _explain_too_few(risk: SeverityRisk, least: int, what: str) -> str:
     needed = ceil(least / (1.0 - risk.level) - ROUNDING)
     leave = "failure leaves" if risk.n == 1 else "failures leave"
     return (
-        f"{risk.n} {leave} {risk.beyond:.3g} beyond the quantile of {risk.level:g}, and {what} "
-        f"take {least}: {needed} failures. They need more episodes, or a lower level."
+        f"{what} at {100.0 * risk.level:g} % need at least {least} failures above that quantile, "
+        f"hence {needed} failures in all; {risk.n} {leave} {risk.beyond:.3g}. Run more episodes, "
+        "or take a lower level."
     )

@@ -17,6 +17,7 @@ from sqlalchemy import (
     Double,
     Select,
     String,
+    and_,
     case,
     cast,
     func,
@@ -176,12 +177,13 @@ _STRUCTURED = ("planner_settings", "scenario_parameters", "disturbance")
 def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
     hours = campaigns.c.active_s * cast(spec_field("instances"), Double) / SECONDS_PER_HOUR
     usd = hours * cast(spec_field("price_usd_per_hour"), Double)
-    ends_at_failures = case((spec_field("stop.failures").is_(None), 0), else_=1)
+    rules = (spec_field("stop.failures"), spec_field("stop.half_width"))
+    judges_failures = case((and_(*(rule.is_(None) for rule in rules)), 0), else_=1)
     facts = (
         select(
             *(spec_field(name).label(name) for name in (*_PEERS, "method")),
             *(campaigns.c.id, campaigns.c.completed, campaigns.c.failures),
-            *(hours.label("hours"), usd.label("usd"), ends_at_failures.label("ends_at_failures")),
+            *(hours.label("hours"), usd.label("usd"), judges_failures.label("judges_failures")),
             spec_field("seed").label("seed"),
             _join_fields(_BESIDES).label("besides"),
         )
@@ -199,7 +201,7 @@ def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
             func.count().label("campaigns"),
             func.sum(facts.completed).label("completed"),
             func.sum(facts.failures).label("failures"),
-            func.max(facts.ends_at_failures).label("ends_at_failures"),
+            func.max(facts.judges_failures).label("judges_failures"),
             func.sum(facts.hours).label("instance_hours"),
             func.sum(facts.usd).label("total_usd"),
             func.sum(facts.usd * facts.usd).label("usd_squares"),
@@ -225,7 +227,7 @@ def _join_fields(names: Sequence[str]) -> ColumnElement[str]:
 def _to_pool(found: dict[str, Any]) -> Pool:
     given = {name: found.pop(name) for name in _PEERS}
     parts = {name: msgspec.json.decode(given[name]) for name in _STRUCTURED}
-    found["ends_at_failures"] = bool(found["ends_at_failures"])
+    found["judges_failures"] = bool(found["judges_failures"])
     different, kinds, in_vain = (found.pop(name) for name in ("different", "kinds", "in_vain"))
     if different < found["seeds"] or kinds > 1 or in_vain:
         found["seeds"] = 0

@@ -20,9 +20,7 @@ def test_the_page_asks_for_campaigns_and_compares_them(
     check_page("dashboard/comparison/one_side", f"/comparison?a={a}")
     check_page("dashboard/comparison/two_sides", f"/comparison?a={a}&b={b}")
     # Wilson's interval of 2 in 10.
-    assert "Failure rate [95 %] 20.0 % 95 %: [5.66, 51.0] 40.0 %" in look(
-        f"/comparison?a={a}&b={b}"
-    )
+    assert "Failed [95 %] 20.0 % 95 %: [5.66, 51.0] 40.0 %" in look(f"/comparison?a={a}&b={b}")
 
 
 @pytest.fixture

@@ -98,7 +98,7 @@ def test_what_docstrings_say_of_fields_is_their_help():
     fields = {field.name: field for field in list_fields(make_layout(Texts({}, {})))}
     assert "that reappears" in fields["planner_settings.tracker.again_speed_sd_mps"].help
     assert fields["planner_settings.tracker.again_speed_sd_mps"].unit == "m/s"
-    assert "Wilson's 95 % interval" in fields["stop.half_width"].help
+    assert "95 % confidence sequence" in fields["stop.half_width"].help
     assert fields["seed"].hint.endswith("Whole, at least 0. Default 0.")
 
 

@@ -92,7 +92,7 @@ def test_what_a_tail_takes_is_true_in_every_state(look, store, driven, moves):
     for state in moves:
         store.campaigns.move(driven, state)
     text = look(f"/campaigns/{driven}/measures")
-    assert "take 5: 100 failures. They need more episodes, or a lower level." in text
+    assert "hence 100 failures in all; " in text
     assert "Let it run on" not in text
 
 

@@ -58,8 +58,13 @@ def test_a_probability_has_its_interval_beside_it(campaign):
 
 def test_a_lower_bound_has_no_interval_and_no_cv_beside_it(campaign):
     figure = shown(replace(campaign, estimate=BOUND))["Failure probability"]
-    assert figure.value == "≥ 3.65×10⁻⁶"
-    assert figure.notes == ("n = 9,100", "lower bound", "by importance sampling", BOUND.note)
+    assert figure.value == "at least 3.65×10⁻⁶"
+    assert figure.notes == (
+        "n = 9,100",
+        "lower bound without a confidence level",
+        "by importance sampling",
+        BOUND.note,
+    )
 
 
 def test_a_refusal_says_why(campaign):
@@ -77,4 +82,4 @@ def test_no_failure_is_an_upper_bound(campaign):
     figure = make_failure_tile(summarise(drawn, nothing))
     assert figure == Tile("0 of 2,000", ("≤ 0.150 %", "95 % upper bound"))
     chosen = make_failure_tile(summarise(campaign, nothing))
-    assert chosen == Tile("0 of 2,000", ("0 %", "of the episodes that the method chose"))
+    assert chosen == Tile("0 of 2,000", ("0 % of its search",))

@@ -72,7 +72,7 @@ def test_seeds_of_one_campaign_have_a_row_of_means(http, look, make, deliver, re
     assert "mean over 3 seeds 55.6 % 95 %: [31.6, 79.5]" in text
     assert (
         "Share of episodes that failed, mean over 3 seeds [95 % interval of the mean]: 55.6 % "
-        "[31.6, 79.5]; median 50.0 %, worst 50.0 % with seed 1."
+        "[31.6, 79.5]; median 50.0 %, fewest 50.0 %, with seed 1."
     ) in text
     assert 'aria-label="Over seeds"' in http.get("/suites/s").text
 

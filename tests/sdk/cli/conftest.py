@@ -22,6 +22,7 @@ from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.store import open_store
 
 CONTROLLER = """
@@ -88,6 +89,9 @@ class WorkingService(httpx2.BaseTransport):
             self.run_some(campaign)
 
     def run_some(self, campaign):
+        if campaign.spec.method == "nearest":
+            self.run_rounds(campaign)
+            return
         first = campaign.counts.planned - campaign.counts.open
         last = min(first + self.episodes_at_once, campaign.spec.episodes)
         engine = plugins.load(plugins.ENGINES, "default")(campaign.spec.setup())
@@ -97,6 +101,17 @@ class WorkingService(httpx2.BaseTransport):
         self.store.campaigns.add_active(campaign.id, 0.5)
         if last == campaign.spec.episodes:
             self.store.campaigns.move(campaign.id, "done")
+
+    def run_rounds(self, campaign):
+        """Run a campaign whose episodes depend on those before, at once."""
+        spec = campaign.spec
+        method = plugins.load(plugins.METHODS, spec.method)
+        learner = method(learner_context(campaign, self.store), method.Settings(**spec.settings))
+        engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
+        rounds = Rounds(learner, spec.seed, spec.episodes)
+        results = [Delivery(each, "by hand") for each in run_in_process(rounds, engine)]
+        self.store.episodes.commit(campaign.id, results)
+        self.store.campaigns.move(campaign.id, "done")
 
     def task(self, campaign, index):
         spec, source = campaign.spec, PriorSource()

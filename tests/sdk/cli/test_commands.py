@@ -275,7 +275,10 @@ def test_an_episode_is_written_with_a_slash(check_session):
 def test_failures_are_grouped_replayed_and_counted(check_session, eigenfail, done, store):
     check_session("cli/analyze/prove", ("analyze", done, "--clusters", 2, "--prove"))
     replays = store.analyses.replays(1)
-    assert [store.campaigns.get(each).counts.completed for each in replays] == [4, 4, 4]
+    *in_scenarios, search = map(store.campaigns.get, replays)
+    assert [each.counts.completed for each in in_scenarios] == [4, 4, 4]
+    # The centres of both modes do not fail.
+    assert (search.spec.method, search.counts.completed) == ("nearest", 28)
     found = json.loads(eigenfail("analyze", done, "--clusters", 2, "--json").stdout)
     assert len(found["analysis"]["result"]["modes"]) == 2
     assert found["proof"] is None

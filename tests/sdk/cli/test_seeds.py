@@ -26,12 +26,15 @@ def test_members_one_row_of_means_and_the_spread_are_printed(repeat, store):
     assert run.exit_code == 0, run.output
     lines = list_lines(run.stdout)
     header, _, *members = lines[:5]
-    assert header.startswith("member state id method episodes failures failure rate [95 %]")
+    assert header.startswith("member state id method episodes failures failed [95 %]")
     assert [line.split()[0] for line in members] == ["seed=1", "seed=2", "seed=3"]
     (mean,) = [line for line in lines if line.startswith("mean over 3 seeds")]
     failures = [campaign.counts.failures for campaign in store.campaigns.page(10).items]
     assert mean.split()[4:7] == ["monte_carlo", "72", str(sum(failures))]
-    assert "over seeds mean over 3 seeds [95 %] std dev smallest median largest worst seed" in lines
+    assert (
+        "over seeds mean over 3 seeds [95 %] std dev smallest median largest seed with fewest"
+        in lines
+    )
     words = "Share of episodes that failed, mean over 3 seeds [95 % interval of the mean]: "
     assert any(line.startswith(words) for line in lines)
     assert [campaign.spec.seed for campaign in store.campaigns.page(10).items] == [3, 2, 1]

@@ -7,8 +7,9 @@ from msgspec.structs import replace
 
 from eigenfail.gate.reruns import JudgedBy, RerunSide, judge_rerun
 from eigenfail.gate.verdicts import GateVerdict, RunOutcomes, judge_outcome, judge_pairs
+from eigenfail.intervals import wilson
 from eigenfail.values import Comparison as Found
-from eigenfail.values import Estimate, Interval, Outcome, PairTotals
+from eigenfail.values import Estimate, Interval, Outcome, PairTotals, Rate
 from eigenfail_services.statistics.comparison import difference, mcnemar
 
 HIT, SAFE, FAILED = Outcome.COLLISION, Outcome.SAFE, Outcome.ERRORED
@@ -100,7 +101,8 @@ def comparison(before, now, is_paired):
     totals = PairTotals(*(both.count(each) for each in ((HIT, HIT), (HIT, SAFE), (SAFE, HIT))))
     totals = replace(totals, neither=both.count((SAFE, SAFE)))
     ran = [len(found) - found.count(FAILED) for found in (before, now)]
-    rates = (before.count(HIT), ran[0], now.count(HIT), ran[1])
+    counted = zip((before.count(HIT), now.count(HIT)), ran, strict=True)
+    rates = [Rate(k / n, k, n, wilson(k, n)) for k, n in counted if n]
     return Found(
         a=None,
         b=None,

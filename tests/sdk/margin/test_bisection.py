@@ -23,7 +23,9 @@ from eigenfail.margin import (
 )
 from eigenfail.settings import convert
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
-from eigenfail_services.statistics.intervals import clopper_pearson, rate, stopped_rate
+from eigenfail_services.analysis.sampling_design import SamplingDesign
+from eigenfail_services.statistics.intervals import clopper_pearson, rate
+from eigenfail_services.statistics.stopped_trials import StoppedTrials
 
 WIDE = ScaleRange(0.5, 3.0, 0.1)
 
@@ -209,17 +211,21 @@ def test_the_fewest_failures_that_decide_are_where_the_exact_interval_leaves_the
 @pytest.mark.parametrize(
     ("failures", "episodes", "verdict"),
     [
-        (0, 59, ScaleVerdict.SAFE),  # 0.95^59 < 5 %
+        (0, 59, ScaleVerdict.PASSED),  # 0.95^59 < 5 %
         (0, 58, ScaleVerdict.UNDECIDED),
         (4, 200, ScaleVerdict.UNDECIDED),  # [0.5, 5.04] %
-        (3, 200, ScaleVerdict.SAFE),  # [0.3, 4.3] %
+        (3, 200, ScaleVerdict.PASSED),  # [0.3, 4.3] %
         (17, 200, ScaleVerdict.FAILING),  # [5.03, 13.3] %
         (16, 200, ScaleVerdict.UNDECIDED),  # [4.6, 12.7] %
         (17, 120, ScaleVerdict.FAILING),
     ],
 )
 def test_a_target_needs_an_interval_on_one_side_of_it(failures, episodes, verdict):
-    assert TARGET.judge(stopped_rate(failures, episodes)) is verdict
+    # Rounds of 10, one of them open besides: at 200 episodes the budget ended the step.
+    late = (0, 20) if episodes == 200 else (10, 10)
+    ends = StoppedTrials(17, episodes - sum(late), *late)
+    design = SamplingDesign(("monte_carlo",), judges_failures=True, ends=ends)
+    assert TARGET.judge(design.make_rate(failures, episodes)) is verdict
 
 
 def test_as_many_failures_as_end_a_step_decide_it():

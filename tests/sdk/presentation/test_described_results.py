@@ -115,13 +115,13 @@ def test_remarks_on_an_analysis_tell_what_limits_it():
             "1 is the same modes, 0 is chance."
         ),
         "12.5 % of the failures were near no mode.",
-        "Lateral noise matters most 2.50 s before the collision, at step 7.",
+        "Lateral noise differs most between failures 2.50 s before the collision, at step 7.",
         (
             "The last 1 s before the collision, 12.0 % of the time, hold 5.00 % of the influence "
             "(longitudinal 6.40 %)."
         ),
         "Mode 1 has no probability: It drifted.",
-        "Probabilities with ≥ are lower bounds: One region.",
+        'Probabilities with "at least" are lower bounds: One region.',
         "Digest of every number (SHA-256): abc",
     ]
 
@@ -133,7 +133,7 @@ def test_an_analysis_of_an_earlier_release_has_no_remarks_on_what_it_did_not_mea
 
 def test_no_influence_at_all_is_said_and_its_shares_are_dashes():
     nothing = share_of(2.0, 0.2, None, None, None)
-    assert describe_influence(nothing) == ("No step of the last 2 s or before has any influence.")
+    assert describe_influence(nothing) == ("Failures differ in no step of the last 2 s or before.")
     table = tabulate_influence(analysis(before_collision=(nothing,)))
     assert texts(table) == [("Last 2 s", "20.0 %", "–", "–", "–")]
 

@@ -142,8 +142,8 @@ def test_a_probability_comes_with_its_interval_and_number_of_episodes():
     assert format_line(told) == "3.65×10⁻⁶ [2.20×10⁻⁶, 5.94×10⁻⁶] (n = 9,100)"
     assert format_cell(told).basis == ("by subset simulation, cv 0.200",)
     bound = Estimate(by="sampling", episodes=600, probability=1.2e-5, note="Why.", bound="lower")
-    basis = ("n = 600", "lower bound", "by sampling", "Why.")
-    assert format_cell(bound).lines == ("≥ 1.20×10⁻⁵", *basis)
+    basis = ("n = 600", "lower bound without a confidence level", "by sampling", "Why.")
+    assert format_cell(bound).lines == ("at least 1.20×10⁻⁵", *basis)
     refused = Estimate(by="importance sampling", episodes=9100, problem="Too few.")
     assert format_cell(refused) == FormattedCell("–", basis=("by importance sampling", "Too few."))
 
@@ -162,11 +162,11 @@ def test_cost_per_failure_is_never_infinite_or_zero_for_want_of_failures(cost, t
     assert format_line(cost) == text
 
 
-@pytest.mark.parametrize(("k", "text"), [(347, "86.8 %"), (0, "0 %")])
+@pytest.mark.parametrize(("k", "text"), [(347, "86.8 % of its search"), (0, "0 % of its search")])
 def test_a_share_of_the_episodes_of_a_search_has_no_interval(k, text):
     share = Rate(k / 400, k, 400, Interval(0.0, 0.9), sampled=False)
     assert share.interval is None
-    assert format_cell(share).lines == (text, "of the episodes that the method chose")
+    assert format_cell(share).lines == (text,)
     assert Rate(k / 400, k, 400, Interval(0.0, 0.9)).interval == Interval(0.0, 0.9)
 
 

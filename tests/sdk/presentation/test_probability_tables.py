@@ -102,17 +102,17 @@ def test_a_campaigns_facts_say_what_the_probability_rests_on():
 def test_a_lower_bound_stands_in_the_tables_without_an_interval(tables):
     tabulate, row = tables
     shown = text(tabulate([row(BOUND), row(BOUND)]))
-    assert shown.count("≥ 3.70×10⁻⁶ (n = 9,100)") == 2
+    assert shown.count("at least 3.70×10⁻⁶ (n = 9,100)") == 2
 
 
 def test_a_result_table_says_once_why_probabilities_are_lower_bounds():
     assert text(tabulate_results([summary(BOUND), summary(BOUND)])).count(BOUND.note) == 1
-    assert "≥:" not in text(tabulate_results([summary(TOLD)]))
+    assert "At least:" not in text(tabulate_results([summary(TOLD)]))
 
 
 def test_a_campaigns_facts_tell_a_lower_bound_with_its_reason():
     shown = text(list_campaign_facts(campaign(BOUND)))
-    assert "≥ 3.70×10⁻⁶ (n = 9,100), importance sampling" in shown
+    assert "at least 3.70×10⁻⁶ (n = 9,100), importance sampling" in shown
     assert "cv" not in shown
     assert BOUND.note in shown
 

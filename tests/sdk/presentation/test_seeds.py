@@ -65,7 +65,7 @@ def test_each_figure_has_its_spread_and_the_worst_seed_beside_the_median():
     found = lines(SPREAD)
     share = ["50.0 % [25.0, 75.0]", "10.0 %", "40.0 %", "50.0 %", "60.0 %", "2 (40.0 %)"]
     assert found["Share of episodes that failed"] == share
-    assert found["Episodes to the first failure"][3:] == ["12.5", "1,040", "3"]
+    assert found["Episodes to the first failure"][3:] == ["12.5", "1,040", "3 (latest)"]
     assert found["log p/step of the failures [nats]"] == ["–"] * 6
 
 
@@ -73,7 +73,7 @@ def test_the_share_is_told_in_the_same_words_everywhere():
     share, note = tabulate_spreads([SPREAD]).notes
     assert share == (
         "Share of episodes that failed, mean over 3 seeds [95 % interval of the mean]: 50.0 % "
-        "[25.0, 75.0]; median 50.0 %, worst 40.0 % with seed 2."
+        "[25.0, 75.0]; median 50.0 %, fewest 40.0 %, with seed 2."
     )
     assert note == "A note."
 
@@ -99,7 +99,7 @@ def test_equal_values_are_said_to_be_equal():
 def test_without_a_failure_the_cost_is_a_bound():
     found, notes = lines(NOTHING), tabulate_spreads([NOTHING]).notes
     assert found["Cost per failure, total ÷ all [USD]"][0] == "≥ 0.00100"
-    assert found["Episodes to the first failure"][3:] == ["–", "none in 400 episodes", "1"]
+    assert found["Episodes to the first failure"][3:] == ["–", "none in 400 episodes", "1 (latest)"]
     assert "No seed found a failure: the cost per failure is a lower bound (95 %)." in notes
     assert notes[0].startswith("Share of episodes that failed: 0 % with each of 3 seeds.")
 

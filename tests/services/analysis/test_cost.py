@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from eigenfail.values import Cost, Rate
 from eigenfail_services.analysis.campaign_figures import price_failures
-from eigenfail_services.statistics.intervals import clopper_pearson, rate, stopped_rate
+from eigenfail_services.statistics.intervals import clopper_pearson, rate
 
 
 def seconds(clock: str) -> float:
@@ -81,7 +81,8 @@ def test_the_failures_of_a_search_have_a_price_without_bounds() -> None:
 
 
 def test_the_bounds_are_those_of_the_rate() -> None:
-    found = price(3600.0, 1, 6.0, stopped_rate(1, 300))
+    exact = msgspec.structs.replace(rate(1, 300), interval=clopper_pearson(1, 300))
+    found = price(3600.0, 1, 6.0, exact)
     assert found.interval_usd is not None
     assert found.interval_usd.low == pytest.approx(6.0 / (300 * clopper_pearson(1, 300).high))
     assert found.interval_usd.high == pytest.approx(6.0 / (300 * clopper_pearson(1, 300).low))

@@ -20,6 +20,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
     Rate,
+    RateDesign,
     StopRules,
 )
 from eigenfail_services.campaigns.comparison import compare
@@ -30,7 +31,7 @@ from eigenfail_services.campaigns.pairing import (
     find_mixed_fields,
 )
 from eigenfail_services.statistics.comparison import difference
-from eigenfail_services.statistics.intervals import clopper_pearson, rate, stopped_rate
+from eigenfail_services.statistics.intervals import clopper_pearson, rate
 from eigenfail_services.store import Store, open_store
 
 EPISODES = 50
@@ -114,15 +115,17 @@ def test_what_it_says_is_plain(store: Store) -> None:
 
 
 def test_a_side_that_stopped_at_its_failures_has_exact_intervals(store: Store) -> None:
-    stop = StopRules(failures=5)
+    stop = StopRules(failures=25)
     a, b = campaign(store, range(5), stop=stop), campaign(store, range(3, 23), stop=stop)
     found = compare(store, [a], [b])
-    assert (found.a.failure_rate, found.b.failure_rate) == (
-        stopped_rate(5, 50),
-        stopped_rate(20, 50),
-    )
-    assert found.difference == difference(5, 50, 20, 50, clopper_pearson)
-    assert found.difference != difference(5, 50, 20, 50)
+    # The budget ended both before their 25th failure: as with a fixed number of episodes.
+    exact = [
+        replace(rate(k, 50), interval=clopper_pearson(k, 50), design=RateDesign.FAILURES)
+        for k in (5, 20)
+    ]
+    assert [found.a.failure_rate, found.b.failure_rate] == exact
+    assert found.difference == difference(*exact)
+    assert any("ended none of these episodes" in warning for warning in found.warnings)
 
 
 def test_no_difference_is_said_to_be_none(store: Store) -> None:
@@ -133,19 +136,28 @@ def test_no_difference_is_said_to_be_none(store: Store) -> None:
 
 
 def test_seeds_are_pooled_and_have_an_effect_size(store: Store) -> None:
-    a = [campaign(store, range(k), seed=k) for k in (1, 2, 3)]
-    b = [campaign(store, range(k + 2), seed=k, planner="idm") for k in (3, 1, 2)]
+    a = [campaign(store, range(k), seed=k) for k in (1, 2, 3, 4)]
+    b = [campaign(store, range(k + 2), seed=k, planner="idm") for k in (3, 1, 2, 4)]
     found = compare(store, a, b)
     assert found.a.campaigns == tuple(a)
-    assert found.a.failure_rate == rate(6, 150)
-    assert found.a.rates == (0.02, 0.04, 0.06)
-    assert found.a.cost.instance_hours == pytest.approx(3.0)
+    assert found.a.failure_rate == rate(10, 200)
+    assert found.a.rates == (0.02, 0.04, 0.06, 0.08)
+    assert found.a.cost.instance_hours == pytest.approx(4.0)
     assert found.pairs is not None
-    assert (found.pairs.n, found.pairs.only_b, found.pairs.only_a) == (150, 6, 0)
+    assert (found.pairs.n, found.pairs.only_b, found.pairs.only_a) == (200, 8, 0)
     assert found.effect is not None
-    # {1, 2, 3} against {3, 4, 5}: of 9 pairs 8 are won and one is a tie.
-    assert found.effect.a12 == pytest.approx(8.5 / 9)
-    assert "0.94: large effect (Vargha–Delaney A12, n = 3 and 3 campaigns)" in found.sentences[-1]
+    # {1, 2, 3, 4} against {3, 4, 5, 6}: of 16 pairs 13 are won and two are ties.
+    assert found.effect.a12 == pytest.approx(14 / 16)
+    assert "0.88: large effect (Vargha–Delaney A12, n = 4 and 4 campaigns)" in found.sentences[-1]
+
+
+def test_two_seeds_on_each_side_are_said_to_show_no_effect(store: Store) -> None:
+    a = [campaign(store, range(k), seed=k) for k in (1, 2)]
+    b = [campaign(store, range(k + 9), seed=k, planner="idm") for k in (1, 2)]
+    found = compare(store, a, b)
+    assert found.effect is None
+    assert found.sentences[-1].startswith("2 and 2 campaigns show no effect over seeds:")
+    assert "with p = 0.33" in found.sentences[-1]
 
 
 UNPAIRED = [

@@ -237,7 +237,7 @@ def test_intervals_of_counted_modes_hold_their_probabilities() -> None:
         x = rng.standard_normal(500)
         counts = (int((x > 1.0).sum()), int((x < -1.5).sum()))
         for count, p in zip(counts, truth, strict=True):
-            found = estimate_share(count, 500).interval
+            found = estimate_share(rate(count, 500)).interval
             assert found is not None
             held += found.low <= p <= found.high
     assert 0.93 * 400 <= held <= 0.97 * 400

@@ -29,7 +29,7 @@ def pool(newest, method="monte_carlo", failures=1, **peers):
         newest=newest,
         completed=10,
         failures=failures,
-        ends_at_failures=False,
+        judges_failures=False,
         instance_hours=2.0,
         total_usd=3.0,
     )

@@ -19,6 +19,7 @@ from eigenfail.values import (
     ExplainedStep,
     HeavyTailed,
     LearnerContext,
+    NearestFailure,
     NoiseTrajectory,
 )
 from eigenfail.values.disturbance import Correlated
@@ -38,6 +39,7 @@ from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.campaigns.validation import check_references
 from eigenfail_services.methods.minimal import Minimal, read_state
 from eigenfail_services.methods.minimal_search import compute_energy
+from eigenfail_services.methods.nearest import mix_noise
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.store import open_store
 
@@ -114,6 +116,37 @@ def test_every_medoid_fails_again_where_it_was_found_and_everything_is_told(hous
         again = house.store.episodes.get(replay.campaign, replay.index)
         assert again.digest() == stored.digest()
         assert replay.log_probability == stored.noise.log_probability
+
+
+def test_where_a_centre_does_not_fail_the_nearest_failing_point_is_searched() -> None:
+    house = House()
+    campaign = house.run(episodes=40, seed=3)
+    analysis = house.store.analyses.get(house.analysed(campaign))
+    for scenario in launch_replays(house.store, analysis, [{}]).scenarios:
+        assert launch_replays(house.store, analysis, [{}]).searches == ()  # they have not ended
+        house.finish(scenario.campaign)
+    proof = summarise_proof(house.store, analysis)
+    assert (proof.done, proof.unplaced) == (True, (0,))
+    assert [mode.nearest for mode in proof.modes] == [None, NearestFailure(0.0, 2, 1)]
+    (search,) = launch_replays(house.store, analysis, [{}]).searches
+    assert launch_replays(house.store, analysis, [{}]).searches == (search,)
+    house.finish(search)
+    proof = summarise_proof(house.store, analysis)
+    assert (proof.done, proof.unplaced) == (True, ())
+    nearest, centre = (mode.nearest for mode in proof.modes)
+    assert nearest is not None
+    assert centre is not None
+    assert centre.words == "t = 0: the centre itself fails"
+    episode = house.store.episodes.get(nearest.campaign, nearest.index)
+    mode = analysis.result.modes[0]
+    medoid = house.store.episodes.get(campaign, mode.medoid).noise.z
+    medoid = np.pad(medoid, ((0, len(mode.eigenfailure) - len(medoid)), (0, 0)))
+    mixed = mix_noise(mode.eigenfailure, medoid, nearest.t)
+    assert episode.is_failure
+    assert 0.0 < nearest.t < 1.0
+    assert np.allclose(episode.noise.z, mixed[: len(episode.noise.z)], atol=1e-6)
+    below = house.store.episodes.finished(search, range(20))
+    assert all(not each.is_failure for each in below if each.index == 0)
 
 
 QUEUED_BEFORE = (
@@ -287,8 +320,17 @@ def test_where_the_scenario_varies_each_mode_is_replayed_in_what_its_medoid_drew
     mode = again[0].mode
     assert told.modes[mode].medoid.rate.n == told.modes[mode].eigenfailure.rate.n == 2
     before = len(varied.store.campaigns.page(100).items)
-    assert launch_replays(varied.store, varied.analysis, None) == told
-    assert len(varied.store.campaigns.page(100).items) == before
+    searching = launch_replays(varied.store, varied.analysis, None)
+    assert (searching.scenarios, searching.modes) == (told.scenarios, told.modes)
+    # Each centre that did not fail is searched in what the medoid of its mode drew.
+    assert len(searching.searches) == len(told.unplaced)
+    for search in searching.searches:
+        spec = varied.store.campaigns.get(search).spec
+        (number,) = spec.settings["modes"]
+        mode = varied.analysis.result.modes[number - 1]
+        drawn = read_drawn(varied.store, varied.analysis, mode)
+        assert spec.scenario_parameters.items() >= drawn.items()
+    assert len(varied.store.campaigns.page(100).items) == before + len(searching.searches)
 
 
 def test_each_draw_is_told_by_name(varied) -> None:

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail.intervals import wilson
 from eigenfail.values import (
     EpisodeFault,
     EpisodeResult,
@@ -19,6 +18,7 @@ from eigenfail.values import (
     unrunnable,
 )
 from eigenfail_services.campaigns.rounds import Rounds, Tally, judge_results, judge_time
+from eigenfail_services.statistics.intervals import confidence_sequence
 
 
 class Steady:
@@ -110,7 +110,7 @@ def test_an_interval_that_is_narrow_enough_stops_at_the_first_such_round():
     episodes = len(run(rounds, every_third))
 
     def half_width(n):
-        interval = wilson(sum(map(every_third, range(n))), n)
+        interval = confidence_sequence(sum(map(every_third, range(n))), n)
         return (interval.high - interval.low) / 2.0
 
     assert half_width(episodes) <= 0.1 < half_width(episodes - 10)

@@ -16,6 +16,7 @@ from eigenfail_services.methods.held import HeldNoise
 from eigenfail_services.methods.minimal import Minimal
 from eigenfail_services.methods.mixture import MixtureMethod
 from eigenfail_services.methods.monte_carlo import MonteCarlo
+from eigenfail_services.methods.nearest import NearestFailingPoint
 from eigenfail_services.methods.replay import Replay
 from eigenfail_services.methods.splitting import MultilevelSplitting
 from eigenfail_services.methods.subset import SubsetMethod
@@ -80,6 +81,18 @@ class TestMinimal(LearnerSuite):
         noise = np.random.default_rng(seed).normal(1.5, 1.0, (1, CORRIDOR.steps, 2))
         context = LearnerContext(seed, self.budget, CORRIDOR.steps, noise.astype(np.float32))
         return Minimal(context, read_settings(Minimal.Settings, self.settings, "settings"))
+
+
+class TestNearestFailingPoint(LearnerSuite):
+    method = NearestFailingPoint
+    settings = MappingProxyType({"analysis": 1})
+
+    def learner(self, seed=0):
+        noise = np.random.default_rng(seed).normal(0.2, 0.1, (4, CORRIDOR.steps, 2))
+        noise[2:] += 2.0
+        context = LearnerContext(seed, self.budget, CORRIDOR.steps, noise.astype(np.float32))
+        settings = read_settings(NearestFailingPoint.Settings, self.settings, "settings")
+        return NearestFailingPoint(context, settings)
 
 
 class TestAdaptiveStressTesting(LearnerSuite):

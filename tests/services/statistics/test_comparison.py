@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import PairTotals
+from eigenfail.intervals import wilson
+from eigenfail.values import Interval, PairTotals, Rate
 from eigenfail_services.statistics.comparison import difference, mcnemar
 
 # Newcombe 1998, Table II, method 10: p1 − p2 for k1/n1 and k2/n2.
@@ -26,10 +27,14 @@ NEWCOMBE = [
 
 @pytest.mark.parametrize(("b", "a", "bounds"), NEWCOMBE)
 def test_the_published_intervals(b, a, bounds) -> None:
-    found = difference(*a, *b)
+    found = difference(make_rate(*a), make_rate(*b))
     assert found.value == pytest.approx(b[0] / b[1] - a[0] / a[1])
     assert (found.interval.low, found.interval.high) == pytest.approx(bounds, abs=5e-5)
     assert (found.n_a, found.n_b) == (a[1], b[1])
+
+
+def make_rate(k: int, n: int) -> Rate:
+    return Rate(k / n, k, n, wilson(k, n))
 
 
 shares = st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
@@ -37,17 +42,23 @@ shares = st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.j
 
 @given(shares, shares)
 def test_the_sides_may_be_swapped(a, b) -> None:
-    one, other = difference(*a, *b), difference(*b, *a)
+    one, other = difference(make_rate(*a), make_rate(*b)), difference(make_rate(*b), make_rate(*a))
     assert one.value == pytest.approx(-other.value)
     assert one.interval.low == pytest.approx(-other.interval.high, abs=1e-12)
     assert -1.0 <= one.interval.low <= one.value + 1e-12
     assert one.value - 1e-12 <= one.interval.high <= 1.0
 
 
-@pytest.mark.parametrize("wrong", [(0, 0, 1, 2), (1, 2, 3, 2), (-1, 2, 1, 2)])
-def test_what_is_no_share_is_refused(wrong) -> None:
-    with pytest.raises(InvalidValue, match="is no share"):
-        difference(*wrong)
+def test_episodes_of_a_search_have_no_difference() -> None:
+    searched = Rate(0.5, 1, 2, None, sampled=False)
+    with pytest.raises(InvalidValue, match="1 of 2 has no interval"):
+        difference(make_rate(1, 2), searched)
+
+
+def test_without_an_estimate_the_share_stands_for_it_inside_the_interval() -> None:
+    bounds = Interval(0.1, 0.3)
+    found = difference(make_rate(5, 50), Rate(None, 2, 4, bounds))
+    assert found.value == pytest.approx(0.3 - 0.1)
 
 
 @pytest.mark.parametrize(

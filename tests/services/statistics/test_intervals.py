@@ -1,17 +1,15 @@
 """Intervals against published figures, their defining equations, and simulation."""
 
-from collections.abc import Callable, Iterator
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binom
+from scipy.special import betaln, xlog1py, xlogy
 
 from eigenfail.errors import InvalidValue
 from eigenfail.intervals import Z, find_interval, upper_bound_of_none, wilson
 from eigenfail.values import Interval
-from eigenfail_services.statistics.intervals import clopper_pearson, rate, stopped_rate
+from eigenfail_services.statistics.intervals import clopper_pearson, confidence_sequence, rate
 
 
 @st.composite
@@ -136,60 +134,67 @@ def test_the_exact_interval_gives_the_published_figures(k, n, low, high) -> None
     assert (found.low, found.high) == pytest.approx((low, high), abs=5e-5)
 
 
-Ends = Iterator[tuple[int, int, float]]
+@pytest.mark.parametrize(("p", "rounds"), [(0.3, 1), (0.3, 10), (0.05, 1), (0.05, 10)])
+def test_a_confidence_sequence_holds_at_all_looks_at_once(p: float, rounds: int) -> None:
+    outcomes = np.random.default_rng(18).random((2000, 600)) < p
+    counts = outcomes.cumsum(axis=1)[:, rounds - 1 :: rounds]
+    held = np.ones(len(counts), bool)
+    for place, n in enumerate(range(rounds, 601, rounds)):
+        known = {k: confidence_sequence(k, n) for k in np.unique(counts[:, place]).tolist()}
+        inside = {k: found.low <= p <= found.high for k, found in known.items()}
+        held &= np.array([inside[k] for k in counts[:, place].tolist()])
+    assert held.mean() >= 0.95
 
 
-def end_trials(p: float, limit: int, enough: Callable[[int, int], bool], size: int) -> Ends:
-    """Yield k, n and the probability of each end of trials that are judged after rounds."""
-    alive, n = np.ones(1), 0
-    while n < limit:
-        n += size
-        alive = np.convolve(alive, binom.pmf(np.arange(size + 1), size, p))
-        for k in np.flatnonzero(alive > 1e-12).tolist():
-            if n == limit or enough(k, n):
-                yield k, n, float(alive[k])
-                alive[k] = 0.0
+def test_wilson_s_interval_does_not_hold_at_all_looks() -> None:
+    counts = (np.random.default_rng(18).random((500, 600)) < 0.3).cumsum(axis=1)[:, 9::10]
+    held = np.ones(len(counts), bool)
+    for place, n in enumerate(range(10, 601, 10)):
+        ends = [wilson(k, n) for k in counts[:, place].tolist()]
+        held &= [found.low <= 0.3 <= found.high for found in ends]
+    assert held.mean() < 0.85
 
 
-RULES = [1, 2, 3, 10]
-CHANCES = [0.001, 0.002, 0.003, 0.01, 0.03, 0.1, 0.3]
+@pytest.mark.parametrize("p", [0.3, 0.05])
+@pytest.mark.parametrize("half_width", [0.05, 0.1])
+def test_the_rule_half_width_stops_with_an_interval_that_holds(p: float, half_width: float) -> None:
+    """Over 2000 campaigns of rounds of 10, at the look at which each one stops."""
+    counts = (np.random.default_rng(7).random((2000, 2000)) < p).cumsum(axis=1)[:, 9::10]
+    held, open_ones = 0, np.ones(len(counts), bool)
+    for place, n in enumerate(range(10, 2001, 10)):
+        known = {k: confidence_sequence(k, n) for k in np.unique(counts[open_ones, place]).tolist()}
+        for row in np.flatnonzero(open_ones):
+            found = known[int(counts[row, place])]
+            if found.high - found.low <= 2.0 * half_width:
+                open_ones[row] = False
+                held += found.low <= p <= found.high
+        if not open_ones.any():
+            break
+    assert not open_ones.any()
+    assert held >= 0.95 * len(counts)
 
 
-@pytest.mark.parametrize("size", [1, 10, 100])
-@pytest.mark.parametrize("most", RULES)
-def test_the_interval_holds_where_events_end_the_trials(most: int, size: int) -> None:
-    for p in CHANCES:
-        ends = list(end_trials(p, 1000, lambda k, _n: k >= most, size))
-        assert sum(chance for *_, chance in ends) == pytest.approx(1.0, abs=1e-6)
-        held = [one for one in ends if holds(stopped_rate(*one[:2]).interval, p)]
-        # As elsewhere, no event at all spends all 5 % on the upper end.
-        assert sum(chance for *_, chance in held) >= 0.92
+@given(shares())
+def test_a_confidence_sequence_ends_where_the_likelihood_ratio_is_20(
+    share: tuple[int, int],
+) -> None:
+    k, n = share
+    found = confidence_sequence(k, n)
+    assert 0.0 <= found.low <= k / n <= found.high <= 1.0
+    ends = [p for p in (found.low, found.high) if 1e-9 < p < 1.0 - 1e-9]
+    for p in ends:
+        mixed = betaln(k + 0.5, n - k + 0.5) - betaln(0.5, 0.5)
+        ratio = mixed - (xlogy(k, p) + xlog1py(n - k, -p))
+        assert ratio == pytest.approx(np.log(20.0), abs=1e-4)
 
 
-def holds(found: Interval, p: float) -> bool:
-    return found.low <= p <= found.high
-
-
-def test_wilson_s_interval_does_not_hold_there() -> None:
-    ends = end_trials(0.003, 1000, lambda k, _n: k >= 1, 1)
-    assert sum(chance for k, n, chance in ends if holds(find_interval(k, n), 0.003)) < 0.8
-
-
-@pytest.mark.parametrize("p", CHANCES)
-def test_wilson_s_interval_holds_where_its_own_width_ends_the_trials(p: float) -> None:
-    def known(k: int, n: int) -> bool:
-        found = wilson(k, n)
-        return found.high - found.low <= 2.0 * 0.05
-
-    ends = end_trials(p, 1000, known, 10)
-    assert sum(chance for k, n, chance in ends if holds(find_interval(k, n), p)) >= 0.92
-
-
-def test_a_stopped_rate_is_that_of_fixed_trials_where_all_ended_alike() -> None:
-    assert stopped_rate(0, 40) == rate(0, 40)
-    assert stopped_rate(40, 40) == rate(40, 40)
-    assert stopped_rate(9, 300).value == 0.03
-    assert stopped_rate(9, 300).interval == clopper_pearson(9, 300)
+@given(shares())
+def test_a_confidence_sequence_is_wider_than_one_look(
+    share: tuple[int, int],
+) -> None:
+    k, n = share
+    sequence, once = confidence_sequence(k, n), clopper_pearson(k, n)
+    assert sequence.high - sequence.low > 0.99 * (once.high - once.low)
 
 
 def test_a_rate_says_what_it_rests_on() -> None:

@@ -23,7 +23,7 @@ def test_a_hundred_numbers_by_hand() -> None:
     assert risk.var.value == 95.0
     assert risk.cvar.value == pytest.approx((96 + 97 + 98 + 99 + 100) / 5.0)
     assert risk.var.interval is risk.cvar.interval is None
-    assert "their intervals take 15: 300 failures" in risk.problem
+    assert "hence 300 failures in all" in risk.problem
 
 
 def test_where_the_quantile_splits_a_value_it_counts_in_part() -> None:
@@ -43,8 +43,8 @@ def test_too_few_failures_have_a_mean_and_nothing_else() -> None:
     risk = tail_risk(HUNDRED[:99], 0.95)
     assert risk.mean.value == 50.0
     assert risk.var is risk.cvar is None
-    assert "99 failures leave 4.95 beyond" in risk.problem
-    assert "VaR and CVaR take 5: 100 failures" in risk.problem
+    assert "99 failures leave 4.95." in risk.problem
+    assert "VaR and CVaR at 95 % need at least 5 failures" in risk.problem
 
 
 def test_no_failure_has_nothing() -> None:

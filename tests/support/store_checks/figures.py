@@ -128,7 +128,7 @@ def pools_campaigns(store: Store) -> None:
     equal((pool.instance_hours, pool.total_usd), (1.5, 3.5), "Hours and money")
     equal(pool.method, one.method, "The method")
     equal(
-        [each.ends_at_failures for each in pools], [False, False, True], "Stop rule of one of them"
+        [each.judges_failures for each in pools], [False, False, True], "Stop rule of one of them"
     )
     equal(pools[1].peers.planner_settings, {"gap": 2.0}, "Other settings of the planner")
     equal(pool.peers.planner_settings, {}, "The settings that are none")

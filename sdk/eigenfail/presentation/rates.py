@@ -1,0 +1,61 @@
+"""The words for what a failure rate under p(x) estimates, and how."""
+
+from collections.abc import Mapping
+
+from eigenfail.presentation.figures import format_interval, format_percent_interval, format_share
+from eigenfail.values import Rate, RateDesign
+
+NO_ESTIMATE = (
+    "With the stop rule `failures` no estimate without bias is of use at this end (it would be 0, "
+    "as with `failures = 1`): the failure rate is given by its interval alone, which is exact for "
+    "the rule."
+)
+
+RULE_NOT_MET = (
+    "The stop rule `failures` ended none of these episodes: the failure rate is failures ÷ "
+    "episodes, which over all ends that the rule allows is without bias, with the exact interval "
+    "of Clopper and Pearson."
+)
+
+SENTENCES: Mapping[RateDesign, str] = {
+    RateDesign.FIXED: "",
+    RateDesign.FAILURES: (
+        "The failure rate is not failures ÷ episodes, which the stop rule `failures` makes too "
+        "large on average, but the estimate without bias for this rule; its interval is exact."
+    ),
+    RateDesign.SEQUENCE: (
+        "A stop rule judged the failures while they came in: the failure rate is failures ÷ "
+        "episodes, which is biased then, with a confidence sequence, an interval that holds at "
+        "whatever round a campaign ended. Quote the interval."
+    ),
+}
+
+BASES: Mapping[RateDesign, tuple[str, ...]] = {
+    RateDesign.FIXED: (),
+    RateDesign.FAILURES: ("estimate for the stop rule",),
+    RateDesign.SEQUENCE: ("confidence sequence",),
+}
+
+
+def format_rate(rate: Rate) -> str:
+    """Return the estimate of a rate with its interval in percent, or the one of both that is known.
+
+    The upper bound of no event is `format_no_event`.
+    """
+    if rate.interval is None:
+        return format_share(rate.value)
+    if rate.value is None:
+        return format_percent_interval(rate.interval)
+    return f"{format_share(rate.value)} {format_interval(rate.interval, 100.0)}"
+
+
+def explain_design(rate: Rate) -> str:
+    """Return how a rate is estimated where a stop rule judged failures, as a sentence.
+
+    Empty for a fixed number of episodes, and where none failed, which leaves only an upper bound.
+    """
+    if not rate.k or rate.design is not RateDesign.FAILURES:
+        return SENTENCES[rate.design] if rate.k else ""
+    if rate.value is None:
+        return NO_ESTIMATE
+    return RULE_NOT_MET if rate.value == rate.share else SENTENCES[rate.design]

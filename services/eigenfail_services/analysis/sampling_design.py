@@ -1,0 +1,143 @@
+"""The choice of estimator: what a number of failures among episodes may state, by their design."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from eigenfail.errors import EigenfailError
+from eigenfail.intervals import wilson
+from eigenfail.methods import describe_method, traits_of
+from eigenfail.values import Campaign, CampaignSpec, Interval, Rate, RateDesign
+from eigenfail_services.statistics.intervals import confidence_sequence, rate
+from eigenfail_services.statistics.stopped_trials import StoppedTrials
+
+MOST_AHEAD = 1
+"""Rounds that are open besides the oldest one, at most, where a rule judges their results."""
+
+RULE_HELD = "(rule: failures = "
+OPEN_WAS_FINISHED = "The round that was open was finished."
+"""How `Campaign.stopped_because` names the rule `failures`, and the round after its last look."""
+
+
+class SamplingDesign(NamedTuple):
+    """How the episodes of campaigns came about, which decides what their rates may state.
+
+    Every figure takes its estimate and its interval from here.
+
+    Attributes:
+        methods: of the campaigns. Only where all of them draw noise from p(x) are the episodes a
+            random sample.
+        judges_failures: whether a stop rule on failures may have ended one of them. Their number of
+            episodes is then no fixed one, so that neither k ÷ n nor Wilson's interval is that of
+            such a sample.
+        ends: how the rule `failures` ended the episodes of one campaign, where that is known.
+    """
+
+    methods: tuple[str, ...]
+    judges_failures: bool = False
+    ends: StoppedTrials | None = None
+
+    @classmethod
+    def of(cls, specs: Sequence[CampaignSpec]) -> "SamplingDesign":
+        """Return the design of campaigns whose episodes are counted together.
+
+        Also that of other events than failures, in the episodes of one campaign: no exact design is
+        known of these, but a confidence sequence holds at the end of any campaign.
+        """
+        judges = any(spec.stop.judges_failures for spec in specs)
+        return cls(tuple(spec.method for spec in specs), judges)
+
+    @classmethod
+    def of_failures(cls, campaigns: Sequence[Campaign]) -> "SamplingDesign":
+        """Return the design of the failures in all episodes of campaigns, of one or several."""
+        design = cls.of([campaign.spec for campaign in campaigns])
+        if len(campaigns) == 1 and design.judges_failures and design.is_sampled:
+            return design._replace(ends=find_end(campaigns[0]))
+        return design
+
+    def make_rate(self, k: int, n: int) -> Rate:
+        """Return k of n episodes, with estimate and interval that hold; without for a search.
+
+        Raises:
+            InvalidValue: no episode, or not 0 <= k <= n.
+        """
+        fixed = rate(k, n)
+        if not self.is_sampled:
+            return replace(fixed, interval=None, sampled=False)
+        if not self.judges_failures:
+            return fixed
+        if self.ends and self.ends.trials == n:
+            return _make_stopped_rate(self.ends, fixed)
+        return replace(fixed, interval=confidence_sequence(k, n), design=RateDesign.SEQUENCE)
+
+    def find_bounds(self, k: int, n: int) -> Interval:
+        """Return the two-sided interval of k of n episodes, also where all ended alike.
+
+        Raises:
+            InvalidValue: no episode, or not 0 <= k <= n.
+        """
+        if not self.judges_failures:
+            return wilson(k, n)
+        if self.ends and self.ends.trials == n:
+            return self.ends.find_bounds(k)
+        return confidence_sequence(k, n)
+
+    @property
+    def is_sampled(self) -> bool:
+        """Whether all episodes are drawn from p(x)."""
+        return all(traits_of(method).draws_from_prior for method in self.methods)
+
+
+def _make_stopped_rate(ends: StoppedTrials, fixed: Rate) -> Rate:
+    # Where all episodes ended alike, all 5 % are spent on the one side that is open, as elsewhere.
+    one_sided = fixed.k in (0, fixed.n)
+    return replace(
+        fixed,
+        value=ends.estimate(fixed.k),
+        interval=fixed.interval if one_sided else ends.find_bounds(fixed.k),
+        design=RateDesign.FAILURES,
+    )
+
+
+def find_end(campaign: Campaign) -> StoppedTrials | None:
+    """Return how the rule `failures` ended the episodes of a campaign so far.
+
+    None where that is not known: with a second rule that judges failures, rounds of unknown size,
+    and of a campaign with enough failures whose end is still to come, or with errored episodes,
+    which leave its rounds with fewer completed ones.
+    """
+    limit, counts = campaign.spec.stop.failures, campaign.counts
+    if limit is None or campaign.spec.stop.half_width is not None:
+        return None
+    if counts.failures < limit:
+        # The estimate and the interval are those of a fixed number, wherever the looks were.
+        return StoppedTrials(limit, 0, 0, counts.completed)
+    rounds = _find_rounds(campaign.spec)
+    return None if rounds is None or counts.errored else _place_end(campaign, limit, *rounds)
+
+
+def _place_end(campaign: Campaign, limit: int, size: int, ahead: int) -> StoppedTrials | None:
+    completed, because = campaign.counts.completed, campaign.stopped_because
+    if RULE_HELD in because:
+        late = size if OPEN_WAS_FINISHED in because else 0
+        early = completed - late - size
+        return StoppedTrials(limit, early, size, late) if early >= 0 else None
+    if completed < campaign.spec.episodes:
+        return None
+    # The rule was not judged any more once the last round was open.
+    early = max((completed - 1) // size - ahead, 0) * size
+    return StoppedTrials(limit, early, 0, completed - early)
+
+
+def _find_rounds(spec: CampaignSpec) -> tuple[int, int] | None:
+    """Return the size of a campaign's rounds, and how many are open besides the oldest one."""
+    try:
+        description = describe_method(spec.method)
+        settings = description.read_settings(spec.settings, "settings")
+        sizes = description.find_round_sizes(settings, spec.episodes)
+    except EigenfailError:  # not installed here any more, or with other settings
+        return None
+    if sizes is None or sizes.first != sizes.later:
+        return None
+    return sizes.later, min(description.lookahead, MOST_AHEAD)

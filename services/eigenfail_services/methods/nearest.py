@@ -1,0 +1,213 @@
+"""Nearest failing points: from the centre of a mode towards its medoid, the first noise that fails.
+
+The centre of the noise of failures need not be a failure itself. Its medoid is one: on the straight
+way between them, (1 − t) · centre + t · medoid, the smallest t at which an episode fails gives the
+noise nearest to the centre that does. Failing is not taken to be monotone in t: after the centre
+itself (t = 0) a grid is tried over the whole way, and the gap below its first failing point is then
+halved. What lies between grid points that do not fail is not tried.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from eigenfail.contracts import Injection, MethodTraits, Reference
+from eigenfail.errors import InvalidValue
+from eigenfail.values import (
+    EpisodeResult,
+    Floats,
+    LearnerContext,
+    Proposal,
+    ReplayKind,
+    TrajectorySource,
+)
+from eigenfail_services.methods import archive
+
+GRID = 8
+"""Parts of the way from centre to medoid whose ends are tried: t = 1/8, 2/8, … 7/8."""
+
+HALVINGS = 6
+"""Halvings of the part below the first failing point: t is known to 1/512 of the way then."""
+
+MOST_EPISODES = GRID + HALVINGS
+"""Of one mode: the centre, the other points of the grid, and the halvings."""
+
+Id = Annotated[int, msgspec.Meta(ge=1)]
+Tried = Mapping[float, bool]
+"""Whether an episode failed, by t."""
+
+
+def list_next_points(tried: Tried) -> list[float]:
+    """Return the values of t to try next on the way of one mode; none once it is searched."""
+    if 0.0 not in tried:
+        return [0.0]
+    if tried[0.0]:
+        return []
+    grid = [step / GRID for step in range(1, GRID)]
+    if missing := [t for t in grid if t not in tried]:
+        return missing
+    if len(tried) >= MOST_EPISODES:
+        return []
+    failing = find_nearest(tried)
+    below = max(t for t in tried if t < failing)
+    return [(below + failing) / 2.0]
+
+
+def find_nearest(tried: Tried) -> float:
+    """Return the smallest t that failed; 1, the medoid, where none did."""
+    return min((t for t, failed in tried.items() if failed), default=1.0)
+
+
+class Trial(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An episode: its mode, counted from 0 among those of the campaign, and where it is on its way.
+
+    Attributes:
+        failed: whether it ended in a collision; None while it has no result.
+    """
+
+    mode: int
+    t: float
+    failed: bool | None = None
+
+
+class NearestSearch:
+    """The search on the ways of several modes; it knows points and outcomes, and no noise."""
+
+    def __init__(self, modes: int, trials: Sequence[Trial] = ()) -> None:
+        self.trials = list(trials)
+        self._modes = modes
+
+    def open(self, most: int) -> list[Trial]:
+        """Return the next points of all modes, at most as many, which `close` awaits."""
+        points = (
+            Trial(mode, t) for mode in range(self._modes) for t in list_next_points(self.read(mode))
+        )
+        opened = list(points)[:most]
+        self.trials += opened
+        return opened
+
+    def close(self, outcomes: Sequence[bool]) -> None:
+        """Record whether the oldest points without a result failed."""
+        waiting = [place for place, trial in enumerate(self.trials) if trial.failed is None]
+        for place, failed in zip(waiting, outcomes, strict=False):
+            self.trials[place] = msgspec.structs.replace(self.trials[place], failed=failed)
+
+    def read(self, mode: int) -> dict[float, bool]:
+        """Return what is known of the way of a mode."""
+        return {
+            each.t: each.failed
+            for each in self.trials
+            if each.mode == mode and each.failed is not None
+        }
+
+
+def place_trials(modes: int, outcomes: Sequence[bool]) -> list[Trial]:
+    """Return the trials of a campaign from its outcomes, in index order.
+
+    The search is deterministic: what was tried follows from what failed.
+    """
+    search, seen = NearestSearch(modes), 0
+    while seen < len(outcomes) and (opened := search.open(len(outcomes) - seen)):
+        search.close(outcomes[seen : seen + len(opened)])
+        seen += len(opened)
+    return search.trials
+
+
+class NearestSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of `nearest`."""
+
+    analysis: Annotated[Id, msgspec.Meta(description="whose modes are searched")]
+    modes: Annotated[
+        tuple[Id, ...],
+        msgspec.Meta(description="of that analysis, counted from 1; none given: all"),
+    ] = ()
+    what: Annotated[
+        tuple[ReplayKind, ...],
+        msgspec.Meta(description="the two ends of a way: eigenfailure, then medoid"),
+    ] = (ReplayKind.EIGENFAILURE, ReplayKind.MEDOID)
+
+
+class NearestFailingPoint:
+    """Searches the way from each mode's centre to its medoid for the first point that fails.
+
+    It has no random draws, and takes up to 14 episodes a mode: one where the centre fails.
+
+    Args:
+        context: its trajectories are the centres of the modes, then their medoids.
+        settings: name the analysis and its modes.
+
+    Raises:
+        InvalidValue: there are no such pairs of trajectories.
+
+    Attributes:
+        lookahead: 0, as each point depends on the results of those before.
+    """
+
+    Settings = NearestSettings
+
+    class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """State: the trials so far."""
+
+        trials: tuple[Trial, ...]
+
+    traits = MethodTraits(
+        learns=False,
+        finds_new=False,
+        is_evidence=True,
+        injects=Injection.TRAJECTORIES,
+        chart_mark=6,
+        references={"analysis": Reference.NOISE},
+    )
+    lookahead = 0
+
+    def __init__(self, context: LearnerContext, _settings: NearestSettings) -> None:
+        count = len(context.trajectories)
+        if not count or count % 2:
+            raise InvalidValue(
+                "settings",
+                f"they name {count} trajectories, no pairs of a centre and a medoid.",
+                'Name an analysis with failure modes; leave "what" as it is.',
+            )
+        half = count // 2
+        self._centres, self._medoids = context.trajectories[:half], context.trajectories[half:]
+        self._search = NearestSearch(half)
+
+    def propose(self, n: int) -> Proposal:
+        """Return the next points of all modes; none once all are searched."""
+        opened = self._search.open(n)
+        return Proposal(
+            tuple(
+                TrajectorySource(
+                    mix_noise(self._centres[each.mode], self._medoids[each.mode], each.t)
+                )
+                for each in opened
+            )
+        )
+
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
+        """Record which points failed; one that errored counts as a point that did not."""
+        self._search.close([result.is_failure for result in results])
+
+    def state(self) -> bytes:
+        """Return the trials so far."""
+        return archive.write("nearest", self._Facts(tuple(self._search.trials)), {})
+
+    def restore(self, state: bytes) -> None:
+        """Restore a state.
+
+        Raises:
+            ProtocolError: the bytes are not a state of this method.
+        """
+        facts, _ = archive.read("nearest", state, self._Facts)
+        self._search = NearestSearch(len(self._centres), facts.trials)
+
+
+def mix_noise(centre: Floats, medoid: Floats, t: float) -> Floats:
+    """Return (1 − t) · centre + t · medoid, shape (steps, 2) [sigma].
+
+    A medoid's noise is 0 after its collision, which ended the episode.
+    """
+    mixed: Floats = np.float32(1.0 - t) * centre + np.float32(t) * medoid
+    return mixed
