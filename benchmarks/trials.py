@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import eigenfailures
 import reproduction
 import splitting
+import transfer
 import varied
 from chains import chains
 from crew import Crew
@@ -68,6 +69,8 @@ TRIALS = (
     ),
     Trial(("cut_in.ast.",), ast),
     Trial(("cut_in.ast_", "cut_in.heuristic."), likely_ast),
+    Trial(("ast.transfer",), transfer.over_a_distribution),
+    Trial(("ast.one_scenario.",), transfer.from_one_scenario),
     Trial(("cut_in.difs", "cut_in.cem_held_back."), difs),
     Trial(("cut_in.cem.",), cem),
     Trial(("chains.",), chains),

@@ -1,7 +1,6 @@
 """AST as a learner: soft actor-critic on the paper's decision process (Lee et al. 2020)."""
 
 from collections.abc import Callable, Sequence
-from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -19,6 +18,8 @@ from eigenfail.values import (
     Proposal,
 )
 from eigenfail_services.methods import archive
+from eigenfail_services.methods.ast.attempts import WINDOW, Attempt, Count, RestartRule
+from eigenfail_services.methods.ast.averaging import PolicyAverage
 from eigenfail_services.methods.ast.decisions import AmplitudeSchedule, is_usable, make_decisions
 from eigenfail_services.methods.ast.probability import PolicyProbability, read_open_policies
 from eigenfail_services.methods.ast.reward import (
@@ -61,13 +62,6 @@ def make_reward(settings: AstSettings, horizon: int) -> Reward:
     return REWARDS[settings.reward](settings, horizon)
 
 
-Count = Annotated[int, msgspec.Meta(ge=0)]
-
-
-WINDOW = 100
-"""Number of the last episodes from which convergence is determined."""
-
-
 class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """State of a learner besides its arrays.
 
@@ -83,6 +77,8 @@ class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         fresh: number of decisions without gradient steps yet.
         recent: whether the last episodes in the buffer failed.
         converged: whether training has ended.
+        failures: number of failures among the observed episodes.
+        attempt: the present attempt.
         sums: sums of the importance weights of failures.
         under: encoded policies of the open rounds that will be weighted.
     """
@@ -97,6 +93,8 @@ class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fresh: Count = 0
     recent: tuple[bool, ...] = ()
     converged: bool = False
+    failures: Count = 0
+    attempt: Attempt = Attempt()
     sums: WeightedFailures = WeightedFailures()
     under: bytes = b""
 
@@ -110,6 +108,12 @@ class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Return the state after episodes were added to the buffer."""
         recent = (*self.recent, *failed)[-WINDOW:]
         return msgspec.structs.replace(self, kept=self.kept + len(failed), recent=recent)
+
+    def with_attempt(self, attempt: Attempt) -> "AstFacts":
+        """Return the state at the start of an attempt, with the policy of its new networks."""
+        return msgspec.structs.replace(
+            self, version=self.version + 1, fresh=0, recent=(), attempt=attempt
+        )
 
     def has_failure_share(self, share: float) -> bool:
         """Whether at least a share of the last 100 episodes failed."""
@@ -156,7 +160,8 @@ class AdaptiveStressTesting:
     for `hold` steps. Draws from the prior would teach nothing, as any tracker filters white noise.
 
     When `converged_share` of the last 100 episodes failed, training ends, and the campaign goes on
-    with the present policy.
+    with the present policy. When next to none failed after `patience` episodes, training starts
+    anew with other networks; as long as nothing has failed, with a larger amplitude.
 
     Raises:
         InvalidValue: the campaign of `warm_start` is not available or does not fit.
@@ -173,13 +178,18 @@ class AdaptiveStressTesting:
     def __init__(self, context: LearnerContext, settings: AstSettings) -> None:
         self._settings = settings
         self._reward = make_reward(settings, context.horizon)
-        self._trainer = make_trainer(settings.trainer, settings.options(context.seed))
+        self._seed = context.seed
+        self._trainer = self._make_trainer(Attempt())
+        self._average = PolicyAverage(settings.averaged)
         self._warm_up = min(settings.warm_up, context.episodes // 4)
         first = settings.first_amplitude or settings.amplitude
         self._amplitudes = AmplitudeSchedule(first, settings.amplitude, context.episodes)
         self._facts = AstFacts(amplitude=first)
+        self._restarts = RestartRule(
+            settings.patience, settings.amplitude, settings.largest_amplitude, context.episodes
+        )
         self._horizon = context.horizon
-        self._probability = PolicyProbability(settings.hold, settings.amplitude, context.episodes)
+        self._probability = PolicyProbability(settings.hold, context.episodes)
         if settings.warm_start is not None:
             _adopt_networks(self._trainer, context, settings.warm_start)
 
@@ -191,14 +201,14 @@ class AdaptiveStressTesting:
     def propose(self, n: int) -> Proposal:
         """Return a round with the newest policy."""
         count, facts = min(n, self._settings.round_size), self._facts
-        facts = facts.with_amplitude(self._amplitudes.get_amplitude(facts.proposed))
+        facts = facts.with_amplitude(self._get_amplitude(facts.proposed))
         self._facts = structs.replace(facts, proposed=facts.proposed + count)
         policy = self._make_policy(facts)
         self._probability.begin(facts.proposed, policy)
         return _propose_policy(policy, count)
 
     def exploit(self, n: int) -> Proposal:
-        """Return n episodes with the newest policy at its last amplitude, without learning."""
+        """Return n episodes with the mean of the last policies at the last amplitude."""
         return _propose_policy(self._make_final_policy(), n)
 
     def weigh(self, sums: WeightedFailures, results: Sequence[EpisodeResult]) -> WeightedFailures:
@@ -207,11 +217,12 @@ class AdaptiveStressTesting:
 
     def tell(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
         """Return a lower bound of the failure probability; None without episodes."""
-        return self._probability.tell(sums, horizon)
+        return self._probability.tell(sums, horizon, self._get_last_amplitude())
 
     def estimate(self) -> Estimate | None:
         """Return the estimate over the second half of the budget; None where hold > 1."""
-        return self._probability.estimate(self._facts.observed, self._horizon)
+        reach = self._get_last_amplitude()
+        return self._probability.estimate(self._facts.observed, self._horizon, reach)
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Learn from completed episodes, until training has converged.
@@ -221,16 +232,26 @@ class AdaptiveStressTesting:
             LearnerFailed: an episode holds NaN.
         """
         first = self._facts.observed
-        self._facts = structs.replace(self._facts, observed=first + len(results))
+        self._facts = structs.replace(
+            self._facts,
+            observed=first + len(results),
+            failures=self._facts.failures + sum(result.is_failure for result in results),
+        )
         self._probability.end(first, results)
-        if not self._facts.converged:
+        # A round that was proposed before a restart has the old amplitude, and is not learnt from.
+        if not self._facts.converged and first >= self._facts.attempt.first:
             self._add_to_buffer([result for result in results if is_usable(result)], first)
             self._facts = structs.replace(self._facts, converged=self._has_converged())
             self._train()
+            self._restart_if_stuck()
 
     def state(self) -> bytes:
-        """Return networks, optimizers, replay buffer, failures of the reward, counters and sums."""
-        arrays = {**self._trainer.arrays(), **self._reward.arrays()}
+        """Return networks, optimizers, replay buffer, what the reward keeps, counters and sums."""
+        arrays = {
+            **self._trainer.arrays(),
+            **self._reward.arrays(),
+            **self._average.arrays(),
+        }
         weighed = self._probability
         facts = structs.replace(self._facts, sums=weighed.sums, under=weighed.encode_open())
         return archive.write("ast", facts, arrays)
@@ -245,12 +266,28 @@ class AdaptiveStressTesting:
         with archive.wrap_errors("ast"):
             policies = read_open_policies(facts.under)
             reward = self._reward.load(arrays)
-            self._trainer.load(arrays)
+            trainer = self._make_trainer(facts.attempt)
+            trainer.load(arrays)
+            average = PolicyAverage(self._settings.averaged)
+            average.load(arrays, trainer.policy(facts.version))
         self._probability.load(facts.sums, policies)
-        self._reward, self._facts = reward, facts
+        self._trainer, self._average, self._reward, self._facts = trainer, average, reward, facts
+
+    def _make_trainer(self, attempt: Attempt) -> Trainer:
+        options = self._settings.options(attempt.derive_seed(self._seed))
+        return make_trainer(self._settings.trainer, options)
+
+    def _get_amplitude(self, episode: int) -> float:
+        """Return the amplitude of the round of the present attempt that begins with an episode."""
+        return self._amplitudes.get_amplitude(episode) * self._facts.attempt.widening
+
+    def _get_last_amplitude(self) -> float:
+        """Return the amplitude at which the present attempt ends. [sigma]"""
+        return self._amplitudes.last * self._facts.attempt.widening
 
     def _make_final_policy(self) -> Policy:
-        return self._make_policy(self._facts.with_amplitude(self._amplitudes.last))
+        facts = self._facts.with_amplitude(self._get_last_amplitude())
+        return self._average.apply(self._make_policy(facts))
 
     def _make_policy(self, facts: AstFacts) -> Policy:
         """Return the present actor, with version and amplitude of a state."""
@@ -260,7 +297,7 @@ class AdaptiveStressTesting:
     def _add_to_buffer(self, results: Sequence[EpisodeResult], first: int) -> None:
         """Add a round to the replay buffer; `first` is the number of its first episode."""
         facts, fresh = self._facts, self._facts.fresh
-        process, amplitude = self._settings.process(), self._amplitudes.get_amplitude(first)
+        process, amplitude = self._settings.process(), self._get_amplitude(first)
         for result in results:
             found = make_decisions(result, self._reward, process, amplitude)
             self._trainer.add(found)
@@ -278,7 +315,8 @@ class AdaptiveStressTesting:
     def _train(self) -> None:
         """Take the gradient steps for the fresh decisions."""
         facts = self._facts
-        if facts.fresh and not facts.converged and facts.kept >= self._warm_up:
+        kept = facts.kept - facts.attempt.kept_before
+        if facts.fresh and not facts.converged and kept >= self._warm_up:
             trainings = facts.trainings + 1
             self._trainer.train(facts.fresh * self._settings.gradient_steps, draw=trainings)
             self._facts = structs.replace(
@@ -288,6 +326,18 @@ class AdaptiveStressTesting:
                 trained=facts.kept,
                 fresh=0,
             )
+            self._average.add(self._make_policy(self._facts))
+
+    def _restart_if_stuck(self) -> None:
+        """Start the next attempt where the present one finds next to nothing."""
+        facts, rule = self._facts, self._restarts
+        if not facts.converged and rule.is_stuck(facts.attempt, facts.observed, facts.recent):
+            attempt = rule.start_next(
+                facts.attempt, facts.proposed, facts.kept, found=facts.failures > 0
+            )
+            self._facts = facts.with_attempt(attempt)
+            self._trainer = self._make_trainer(attempt)
+            self._average = PolicyAverage(self._settings.averaged)
 
 
 def _propose_policy(policy: Policy, count: int) -> Proposal:

@@ -122,23 +122,21 @@ _policies = msgspec.msgpack.Decoder(dict[int, Policy], dec_hook=decode_array)
 class PolicyProbability:
     """Sums of importance weights over the rounds of the second half of the budget.
 
-    By then the amplitude is constant, and the early policies, whose few heavy weights would
-    dominate the sum, have ended. A policy never depends on the round that it runs, so that the sums
-    are unbiased while it is trained. With hold > 1 there are no weights: noise that is held lies in
-    a set that has probability 0 under p(z).
+    By then the amplitude is constant unless a restart widens it, and the early policies, whose few
+    heavy weights would dominate the sum, have ended. A policy never depends on the round that it
+    runs, so that the sums are unbiased while it is trained. With hold > 1 there are no weights:
+    noise that is held lies in a set that has probability 0 under p(z).
 
     Args:
         hold: number of steps for which an action stays.
-        amplitude: largest |z| in the second half. [sigma]
         budget: budget of the campaign, in episodes.
 
     Attributes:
         sums: over the weighted episodes.
     """
 
-    def __init__(self, hold: int, amplitude: float, budget: int) -> None:
+    def __init__(self, hold: int, budget: int) -> None:
         self._has_density = hold == 1
-        self._amplitude = amplitude
         self._budget = budget
         self._open: dict[int, Policy] = {}
         self.sums = WeightedFailures()
@@ -163,16 +161,23 @@ class PolicyProbability:
         failures = [result for result in ran if result.is_failure]
         return sums.after(log_weights(failures, policy), len(ran))
 
-    def tell(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
-        """Return the estimate from some sums; None without episodes."""
-        note = f"{describe_reach(self._amplitude, horizon)} {ONE_POLICY}"
+    def tell(self, sums: WeightedFailures, horizon: int, amplitude: float) -> Estimate | None:
+        """Return the estimate from some sums; None without episodes.
+
+        Args:
+            sums: sums of the weighted episodes.
+            horizon: number of steps of a full episode.
+            amplitude: largest |z| of their policies. [sigma]
+        """
+        note = f"{describe_reach(amplitude, horizon)} {ONE_POLICY}"
         return sums.estimate(ADVICE, note) if sums.episodes else None
 
-    def estimate(self, observed: int, horizon: int) -> Estimate | None:
+    def estimate(self, observed: int, horizon: int, amplitude: float) -> Estimate | None:
         """Return the estimate from the campaign's own sums; None where noise is held."""
         if not self._has_density:
             return None
-        return self.tell(self.sums, horizon) or explain_nothing_counted(observed, self._budget)
+        told = self.tell(self.sums, horizon, amplitude)
+        return told or explain_nothing_counted(observed, self._budget)
 
     def encode_open(self) -> bytes:
         """Return the policies of the rounds that run."""

@@ -120,6 +120,10 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     - `converged_share`: ending the training at less leaves a policy that fails less often.
     - `first_amplitude`: none; an amplitude that shrinks fails more often in training, and less in
       other scenarios.
+    - `averaged`: the last version may have lost a corner of the scenario that earlier ones had. The
+      default is 1, as a training that ends with 100 failures in a row has lost nothing where it was
+      trained.
+    - `patience`: without restarts a seed may find a few failures where another finds hundreds.
     - `reward`: `dissimilarity` gives failures that differ more, somewhat fewer of them.
 
     The paper's main runs had episodes of about 800 steps and used alpha 5000, c_dist 1000,
@@ -205,6 +209,29 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
             description="share of failures in 100 episodes that ends training; None: no end"
         ),
     ] = 1.0
+    averaged: Annotated[
+        int,
+        msgspec.Meta(
+            ge=1,
+            le=10_000,
+            description="policy versions whose mean `evaluate` uses; 1: the last one alone",
+        ),
+    ] = 1
+    patience: Annotated[
+        Annotated[int, msgspec.Meta(ge=100, le=1_000_000)] | None,
+        msgspec.Meta(
+            description="episodes after which a training that finds next to nothing starts anew, "
+            "if as many are left; None: never"
+        ),
+    ] = 200
+    largest_amplitude: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=10.0,
+            description="largest |z| to which `amplitude` is widened while nothing fails [sigma]",
+        ),
+    ] = 4.0
     warm_start: Annotated[
         Annotated[int, msgspec.Meta(ge=1)] | None,
         msgspec.Meta(description="campaign of `ast` whose networks are the initial ones"),
@@ -227,9 +254,19 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         """Return the largest noise that a policy can choose, and how to go beyond it."""
         largest = max(self.amplitude, self.first_amplitude or 0.0)
         held = f", held for {self.hold} steps" if self.hold > 1 else ""
+        most = f"{largest:g} sigma{held}{self._describe_widening()}"
         return (
-            f"The method explores disturbances of at most {largest:g} sigma{held}; failures beyond "
-            "are out of its reach. Raise `amplitude`, or run cem, difs or subset."
+            f"The method explores disturbances of at most {most}; failures beyond are out of its "
+            "reach. Raise `amplitude`, or run cem, difs or subset."
+        )
+
+    def _describe_widening(self) -> str:
+        """Return how the amplitude grows while nothing fails, as a clause; empty if it does not."""
+        if self.patience is None or self.largest_amplitude <= self.amplitude:
+            return ""
+        return (
+            f", and of up to {self.largest_amplitude:g} sigma in restarts after every "
+            f"{self.patience} episodes without a failure, where as many are left"
         )
 
     def process(self) -> DecisionProcess:

@@ -1,0 +1,181 @@
+"""Figures: whether a policy of AST fails the planner elsewhere, from ten seeds: worst and median.
+
+One policy is trained over a distribution of the scenario (`examples/transfer.toml`), the other at
+its defaults, with the default settings. Both are then used without learning.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import cache
+from math import log, pi
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from crew import Crew
+from figures import ROOT, Figure
+from learning_figures import each, of_seeds
+from samples import COMMAND
+from searches import Crash, Found, evaluations, side_by_side
+
+from eigenfail.values import CampaignSpec, episode_seed
+from eigenfail.values.variation import Variation, read_variation
+from eigenfail_workers.scenarios.cut_in import CutIn, CutInParameters
+
+SEEDS, EPISODES, DRAWN = 10, 40, 100
+EXAMPLE = ROOT / "examples" / "transfer.toml"
+
+PLACES: dict[str, tuple[float, ...]] = {
+    "distance_m": (52.0, 55.0, 58.0, 61.0, 64.0),
+    "actor_speed_mps": (12.0, 13.25, 14.0),
+    "ego_speed_mps": (22.0, 23.0, 25.0),
+}
+"""One parameter differs from its default, by at most 6 m, 1.5 m/s and 2 m/s: as far as the
+scenario's bounds allow, which are 12 m/s for the car and 25 m/s for the truck."""
+
+
+class Share(NamedTuple):
+    """Episodes that failed, of those of a policy at one place."""
+
+    failed: int
+    episodes: int
+
+    @property
+    def value(self) -> float:
+        """Failures ÷ episodes."""
+        return self.failed / self.episodes
+
+
+class Transfer(NamedTuple):
+    """What one policy does: its share of failures at each place, and its failures."""
+
+    shares: dict[str, Share]
+    crashes: tuple[Crash, ...]
+
+    def find_worst(self) -> str:
+        """Return the place with the smallest share."""
+        return min(self.shares, key=lambda place: self.shares[place].value)
+
+
+def over_a_distribution(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """The policy of `examples/transfer.toml`."""
+    found = list_transfers(crew, seed, read_example())
+    worst = [one.shares[one.find_worst()].value for one in found]
+    median = of_seeds(worst, "share", EPISODES)
+    places = ", ".join(one.find_worst() for one in found)
+    lowest = msgspec.structs.replace(
+        median,
+        value=min(worst),
+        note=f"worst of {SEEDS} seeds, at the worst of {len(found[0].shares)} places: "
+        f"{', '.join(f'{value:.4g}' for value in worst)}; at {places}",
+    )
+    yield "ast.transfer_worst", lowest
+    yield "ast.transfer_median", median
+    yield from summarize("ast.transfer", found)
+
+
+def from_one_scenario(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """The policy of the default settings, trained at the scenario's defaults."""
+    spec = CampaignSpec(name="ast", method="ast", episodes=1000, scenario="cut_in")
+    found = list_transfers(crew, seed, spec)
+    worst = [one.shares[one.find_worst()].value for one in found]
+    yield "ast.one_scenario.worst_place", of_seeds(worst, "share", EPISODES)
+    yield from summarize("ast.one_scenario", found)
+
+
+def list_transfers(crew: Crew, seed: int, spec: CampaignSpec) -> list[Transfer]:
+    """Train a policy from each seed, and evaluate it at all places."""
+    specs = [msgspec.structs.replace(spec, seed=seed + i) for i in range(SEEDS)]
+    trained = side_by_side(crew, specs)
+    runs = {
+        f"{name} {value:g}": evaluations(crew, trained, EPISODES, **{name: value})
+        for name, values in PLACES.items()
+        for value in values
+    }
+    spread = [over_the_range(found) for found in trained]
+    drawn = evaluations(crew, spread, DRAWN)
+    return [
+        Transfer(
+            shares={
+                **{place: Share(sum(at[i].crashed), EPISODES) for place, at in runs.items()},
+                "drawn": count_reachable(drawn[i]),
+            },
+            crashes=tuple(crash for at in (*runs.values(), drawn) for crash in at[i].crashes),
+        )
+        for i in range(SEEDS)
+    ]
+
+
+def over_the_range(found: Found) -> Found:
+    """The same knowledge, to be evaluated over the distribution of the example."""
+    given = read_example().scenario_parameters
+    return found._replace(spec=msgspec.structs.replace(found.spec, scenario_parameters=given))
+
+
+def read_example() -> CampaignSpec:
+    """The campaign of the example."""
+    return msgspec.toml.decode(EXAMPLE.read_bytes(), type=CampaignSpec)
+
+
+def count_reachable(run: Found) -> Share:
+    """Failures among the draws in which the truck, at its initial speed, would reach the car.
+
+    In the others, of closing speeds below 9.4 m/s, the episode ends before that.
+    """
+    variation = read_cut_in(msgspec.json.encode(run.spec.scenario_parameters))
+    reached = [
+        crashed
+        for i, crashed in enumerate(run.crashed)
+        if is_reachable(variation.draw(episode_seed(run.spec.seed, i)))
+    ]
+    return Share(sum(reached), len(reached))
+
+
+def is_reachable(parameters: CutInParameters) -> bool:
+    """Whether the truck would reach the car within the episode if both kept their speeds."""
+    situation = CutIn()(parameters, 0)
+    closing_mps = parameters.ego_speed_mps - parameters.actor_speed_mps
+    lasts_s = situation.steps * situation.mission.dt_s
+    return parameters.initial_gap_m < closing_mps * lasts_s
+
+
+@cache
+def read_cut_in(parameters: bytes) -> Variation:
+    """The distribution of the scenario, from its parameters in JSON."""
+    return read_variation(CutInParameters, msgspec.json.decode(parameters))
+
+
+def summarize(prefix: str, found: Sequence[Transfer]) -> Iterator[tuple[str, Figure]]:
+    """The share at each place, smallest and median of the seeds; how likely the failures are."""
+    for place in found[0].shares:
+        shares = [one.shares[place] for one in found]
+        values = [share.value for share in shares]
+        name = place.replace("_mps", "").replace("_m", "").replace(" ", "_")
+        n = sum(share.episodes for share in shares)
+        yield (
+            f"{prefix}.{name}",
+            Figure(
+                value=min(values),
+                unit="share",
+                n=n,
+                spread=(min(values), max(values)),
+                note=f"worst of the seeds; {each(values)}",
+                command=COMMAND,
+            ),
+        )
+    n = sum(len(one.crashes) for one in found)
+    yield f"{prefix}.log_p_per_step", of_seeds([compute_log_p(one) for one in found], "nat", n)
+    in_sigma = [compute_log_p_of_z(one) for one in found]
+    yield f"{prefix}.log_p_z_per_step", of_seeds(in_sigma, "nat", n)
+
+
+def compute_log_p(one: Transfer) -> float:
+    """log p of the failures over all of their steps ÷ steps."""
+    steps = sum(len(crash.z) for crash in one.crashes)
+    return sum(crash.log_probability for crash in one.crashes) / steps
+
+
+def compute_log_p_of_z(one: Transfer) -> float:
+    """The same of z, standard normal under p: −2.838 for noise from p."""
+    steps = sum(len(crash.z) for crash in one.crashes)
+    squares = sum(float(np.square(crash.z, dtype=np.float64).sum()) for crash in one.crashes)
+    return -0.5 * squares / steps - log(2.0 * pi)

@@ -1,0 +1,83 @@
+"""Mean of the weights of a policy's last versions."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from msgspec import structs
+
+from eigenfail.values import Floats, Layer, Policy
+from eigenfail_services.methods.archive import Arrays, take
+
+
+class PolicyAverage:
+    """Running mean of the weights of a policy over its trainings.
+
+    The last steps of stochastic training scatter about a solution, and their mean lies nearer to it
+    (Polyak and Juditsky 1992, SIAM J. Control Optim. 30; Izmailov et al. 2018, UAI). It is that of
+    all versions up to `length`, and exponential with the rate 1 / `length` from then on.
+
+    Args:
+        length: number of versions; with 1, the mean is the last version.
+    """
+
+    def __init__(self, length: int) -> None:
+        self._length = length
+        self._count = 0
+        self._weights: Floats = np.zeros(0, np.float32)
+
+    def add(self, policy: Policy) -> None:
+        """Add the next version."""
+        if self._length == 1:
+            return
+        weights = np.concatenate([array.ravel() for array in _list_weights(policy)])
+        if not self._count:
+            self._weights = np.zeros_like(weights)
+        self._count += 1
+        share = np.float32(1.0 / min(self._count, self._length))
+        self._weights = self._weights + share * (weights - self._weights)
+
+    def apply(self, policy: Policy) -> Policy:
+        """Return the policy with the mean weights, or with its own before any training."""
+        if not self._count:
+            return policy
+        parts = iter(_split(self._weights, _list_weights(policy)))
+        layers = [Layer(weight, bias) for weight, bias in zip(parts, parts, strict=True)]
+        *hidden, mean, log_std = layers
+        return structs.replace(policy, hidden=tuple(hidden), mean=mean, log_std=log_std)
+
+    def arrays(self) -> Arrays:
+        """Return the mean weights and the number of versions; nothing where `length` is 1."""
+        if self._length == 1:
+            return {}
+        counted = np.array([self._count], np.int64)
+        return {"average.weights": self._weights, "average.count": counted}
+
+    def load(self, arrays: Arrays, policy: Policy) -> None:
+        """Restore the state.
+
+        Args:
+            arrays: what `arrays` returned.
+            policy: a policy of the same shape.
+
+        Raises:
+            ValueError: an array is missing or has another shape.
+        """
+        if self._length == 1:
+            return
+        self._count = int(take(arrays, "average.count", (1,))[0])
+        size = sum(array.size for array in _list_weights(policy)) if self._count else 0
+        self._weights = take(arrays, "average.weights", (size,)).astype(np.float32)
+
+
+def _list_weights(policy: Policy) -> Iterator[Floats]:
+    for layer in (*policy.hidden, policy.mean, policy.log_std):
+        yield layer.weight
+        yield layer.bias
+
+
+def _split(vector: Floats, like: Iterator[Floats]) -> Iterator[Floats]:
+    """Yield the parts of a vector, in the shapes of some arrays."""
+    start = 0
+    for array in like:
+        yield vector[start : start + array.size].reshape(array.shape)
+        start += array.size
