@@ -22,7 +22,7 @@ def p_fail(scenario: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]
     """P(failure) of `rulebook` at a scenario's defaults."""
     simulation = simulate(scenario, crew, seed)
     results = [run.result for run in simulation.runs if run.result is not None]
-    found = pool_simulations(results, simulation.runs[0].draws, simulation.trajectories_run)
+    found = pool_simulations(results, simulation.trajectories_run)
     ends = found.interval and (found.interval.low, found.interval.high)
     yield (
         f"{scenario}.rulebook.p_fail",
@@ -49,11 +49,12 @@ def simulate(scenario: str, crew: Crew, seed: int) -> SubsetSimulation:
 
 def story(simulation: SubsetSimulation) -> str:
     """How the estimate came about."""
-    levels = ", ".join(f"{one.threshold:.3g}" for one in simulation.pilots[-1].levels)
+    levels = ", ".join(f"{one.threshold:.3g}" for one in simulation.first.levels)
     runs = [run.result for run in simulation.runs if run.result is not None]
     found = ", ".join(f"{one.probability or 0.0:.2g}" for one in runs)
     first_draws = ", ".join(str(one.distinct_first_draws) for one in runs)
+    draws = " and ".join(str(one.draws) for one in runs)
     return (
-        f"subset simulation, levels at {levels} m; {len(runs)} runs of {simulation.runs[0].draws} "
-        f"samples on a level: {found}, from {first_draws} first draws"
+        f"subset simulation, levels at {levels} m; {len(runs)} runs of {draws} samples on a level: "
+        f"{found}, from {first_draws} first draws"
     )

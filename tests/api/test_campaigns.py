@@ -52,7 +52,7 @@ def test_keys_have_a_length(http, fields, problem, key):
 def test_a_budget_that_its_method_cannot_begin_with_is_refused(http, fields, problem, store):
     told = problem(http.post(URL, json={**fields, "method": "subset", "episodes": 100}), 422)
     assert told["field"] == "episodes"
-    assert "100 are fewer than 20 samples on each of 7 levels in a pilot run" in told["detail"]
+    assert "100 are fewer than 20 samples on each of 7 levels in 2 runs" in told["detail"]
     assert told["remedy"].startswith("Give more episodes")
     assert store.campaigns.page(10).items == ()
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from math import inf
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from msgspec import Meta
@@ -22,7 +22,6 @@ from eigenfail_services.statistics.subset_simulation import (
     FEWEST_SAMPLES,
     PLANNED_LEVELS,
     Chains,
-    LevelRun,
     SubsetEnd,
     SubsetEstimate,
     SubsetSettings,
@@ -47,13 +46,13 @@ class SubsetMethodSettings(SubsetSettings, frozen=True, forbid_unknown_fields=Tr
             raise InvalidValue(
                 "episodes",
                 f"{episodes} are fewer than {FEWEST_SAMPLES} samples on each of {PLANNED_LEVELS} "
-                f"levels in a pilot run and {self.runs} further runs, which take {fewest}.",
+                f"levels in {self.runs} runs, which take {fewest}.",
                 "Give more episodes: with tens of thousands the estimate is good.",
             )
 
 
 class SubsetMethod(WaveLearner[SubsetSimulation]):
-    """Descends the levels of robustness to failures: a pilot run, then several independent runs.
+    """Descends the levels of robustness to failures: one run chooses them, the others repeat them.
 
     A wave of episodes is requested at a time: draws from p(x) on the first level, then a move
     of every chain of all runs.
@@ -66,7 +65,8 @@ class SubsetMethod(WaveLearner[SubsetSimulation]):
     traits = MethodTraits(
         learns=False, mode_probability=ModeProbability.LEVELS, chart_mark=4, references={}
     )
-    kind = "subset"
+    # States of earlier releases, whose first run was a pilot run, ask for other episodes.
+    kind = "subset over the levels of its first run"
 
     def __init__(self, context: LearnerContext, settings: SubsetMethodSettings) -> None:
         settings.check_budget(context.episodes)
@@ -84,7 +84,7 @@ class SubsetMethod(WaveLearner[SubsetSimulation]):
         found = [one.result for one in simulation.runs if one.result is not None]
         if not found:
             return explain_missing_runs(simulation)
-        return pool_simulations(found, simulation.runs[0].draws, simulation.trajectories_run)
+        return pool_simulations(found, simulation.trajectories_run)
 
 
 def start_simulation(context: LearnerContext, settings: SubsetSettings) -> SubsetSimulation:
@@ -96,6 +96,13 @@ MIN_EFFECTIVE_FIRST_DRAWS = 5.0
 """Behind the failures of a mode; with fewer, both the mode and its share are due to chance."""
 
 NO_MODE = -1
+
+
+class ReachedRun(NamedTuple):
+    """Estimate of a run that reached failures, and the samples of its last level."""
+
+    result: SubsetEstimate
+    chains: Chains
 
 
 def estimate_modes(
@@ -116,18 +123,31 @@ def estimate_modes(
         modes: number of modes.
 
     Returns:
-        None unless all runs reached failures.
+        None unless all runs reached failures, and where the simulation asks for fewer episodes than
+        the campaign ran: an earlier release ran it, whose noise was different.
     """
-    index_of = replay_waves(simulation, robustness)
-    chains = [each.chains for each in simulation.runs]
-    if not chains or any(each is None for each in chains):
+    index_of, replayed = replay_waves(simulation, robustness)
+    reached = [
+        ReachedRun(run.result, run.chains) for run in simulation.runs if run.result and run.chains
+    ]
+    if replayed < len(robustness) or not reached or len(reached) < len(simulation.runs):
         return None
-    labels = [label_samples(each, index_of, mode_of) for each in chains if each is not None]
-    return tuple(_estimate_mode(simulation, labels, mode) for mode in range(modes))
+    labels = [label_samples(each.chains, index_of, mode_of) for each in reached]
+    by_mode = [
+        [_restrict_to_mode(run, each == mode) for run, each in zip(reached, labels, strict=True)]
+        for mode in range(modes)
+    ]
+    return tuple(_estimate_mode(each, simulation.trajectories_run) for each in by_mode)
 
 
-def replay_waves(simulation: SubsetSimulation, robustness: Sequence[float]) -> dict[bytes, int]:
-    """Run a simulation again; return the index of each failure by its noise."""
+def replay_waves(
+    simulation: SubsetSimulation, robustness: Sequence[float]
+) -> tuple[dict[bytes, int], int]:
+    """Run a simulation again.
+
+    Returns:
+        The index of each failure by its noise, and the number of episodes that were asked for.
+    """
     driver, index_of, count = SimulationDriver(simulation), dict[bytes, int](), 0
     while not driver.is_done and count + len(driver.wave) <= len(robustness):
         values = robustness[count : count + len(driver.wave)]
@@ -137,7 +157,7 @@ def replay_waves(simulation: SubsetSimulation, robustness: Sequence[float]) -> d
         index_of |= {driver.wave[row].tobytes(): count + row for row in failed}
         count += len(values)
         driver.add_robustness(values)
-    return index_of
+    return index_of, count
 
 
 def label_samples(
@@ -151,36 +171,32 @@ def label_samples(
     return modes
 
 
-def _estimate_mode(
-    simulation: SubsetSimulation, labels: Sequence[NDArray[np.int64]], mode: int
-) -> Estimate:
-    """Return the estimate of one mode, or the reason why there is none."""
-    estimates = [
-        _restrict_to_mode(run, modes == mode)
-        for run, modes in zip(simulation.runs, labels, strict=True)
-    ]
+def _estimate_mode(estimates: Sequence[SubsetEstimate], episodes: int) -> Estimate:
+    """Return the estimate of one mode from those of all runs, or the reason why there is none."""
     effective = sum(one.effective_first_draws for one in estimates)
     if effective < MIN_EFFECTIVE_FIRST_DRAWS:
         problem = (
             f"Its failures on the last level are worth {effective:.1f} independent first draws, and"
             f" it takes {MIN_EFFECTIVE_FIRST_DRAWS:.0f}. Give the campaign more episodes."
         )
-        return refuse_estimate(simulation.trajectories_run, problem)
-    return pool_simulations(estimates, simulation.runs[0].draws, simulation.trajectories_run)
+        return refuse_estimate(episodes, problem)
+    return pool_simulations(estimates, episodes)
 
 
-def _restrict_to_mode(run: LevelRun, inside: NDArray[np.bool_]) -> SubsetEstimate:
+def _restrict_to_mode(run: ReachedRun, inside: NDArray[np.bool_]) -> SubsetEstimate:
     """Return a run's estimate as if only the samples in `inside` had failed.
 
     They get robustness 0, all others of the last level infinity; the levels before stay.
 
     Args:
-        run: run over the levels.
+        run: run that reached failures.
         inside: mask of these samples, shape (length, chains).
     """
-    trajectories_run = run.result.trajectories_run if run.result else 0
-    if run.chains is None or not inside.any():
-        return estimate_without_failures(run.levels, SubsetEnd.MISSED, trajectories_run)
+    found = run.result
     restricted = run.chains._replace(values=np.where(inside, 0.0, inf))
-    levels = (*run.levels[:-1], make_level(restricted, 0.0))
-    return estimate_from_failures(levels, restricted, run.draws, trajectories_run)
+    levels = (*found.levels[:-1], make_level(restricted, 0.0))
+    if not inside.any():
+        return estimate_without_failures(
+            levels, SubsetEnd.MISSED, found.draws, found.trajectories_run
+        )
+    return estimate_from_failures(levels, restricted, found.draws, found.trajectories_run)

@@ -13,6 +13,7 @@ from statistics import stdev
 from eigenfail.values import Estimate
 from eigenfail_services.statistics.intervals import find_quantile, log_normal
 from eigenfail_services.statistics.subset_simulation import (
+    FEWEST_SAMPLES,
     SubsetEnd,
     SubsetEstimate,
     SubsetLevel,
@@ -111,13 +112,16 @@ MORE = "Give it more episodes."
 BLIND = "It does not include failure types that no sample came near."
 
 
-def pool_simulations(found: Sequence[SubsetEstimate], samples: int, episodes: int) -> Estimate:
+def pool_simulations(found: Sequence[SubsetEstimate], episodes: int) -> Estimate:
     """Return the estimate of runs over the same levels that have all ended.
 
+    The share of each level is that of the samples of all runs, each run weighted by its first
+    draws. Where runs differ much, the product of these shares has a smaller error than the mean of
+    the runs' products; its variation is that of the mean.
+
     Args:
-        found: result of each of them; at least one.
-        samples: samples on each level of each.
-        episodes: number of episodes of these runs and of the pilot run.
+        found: result of each of them; at least one, that of the run that chose the levels first.
+        episodes: number of episodes of these runs.
     """
     reached = [one for one in found if one.probability is not None]
     if not reached:
@@ -126,15 +130,20 @@ def pool_simulations(found: Sequence[SubsetEstimate], samples: int, episodes: in
             episodes, f"No failure was reached: {deepest.end}. {_describe_depth(deepest.levels)}"
         )
     missed = len(reached) < len(found)
-    known = [(one.probability or 0.0, one.cv, one.effective_first_draws) for one in reached]
+    cvs = _find_cvs(found)
+    known = [
+        (one.probability, cv, one.effective_first_draws)
+        for one, cv in zip(found, cvs, strict=True)
+        if one.probability is not None
+    ]
     most = max(one.effective_first_draws for one in reached)
     if disagree(known) or (missed and most > MOST_BESIDE_NONE):
         return refuse_estimate(episodes, _describe_disagreement(found))
     # A run without a failure counts as 0: without it, the mean would be too large on average.
     probabilities = [one.probability or 0.0 for one in found]
-    even = [1.0 / len(found)] * len(found)
-    probability = fsum(probabilities) / len(found)
-    cv = combine_cvs(probabilities, even, [one.cv for one in found]) or 0.0
+    draws = sum(one.draws for one in found)
+    cv = combine_cvs(probabilities, [one.draws / draws for one in found], cvs) or 0.0
+    probability = _multiply_pooled_shares(found)
     effective = sum(one.effective_first_draws for one in found)
     return Estimate(
         by=SUBSET_SIMULATION,
@@ -143,8 +152,29 @@ def pool_simulations(found: Sequence[SubsetEstimate], samples: int, episodes: in
         cv=cv,
         interval=log_normal(probability, cv, effective),
         effective=effective,
-        note=_list_doubts(len(found), samples),
+        note=_list_doubts(len(found), max(one.draws for one in found)),
     )
+
+
+def _multiply_pooled_shares(found: Sequence[SubsetEstimate]) -> float:
+    """Return the product of the shares of the levels, each of the samples of all runs on it."""
+    shares = []
+    for number in range(max(len(one.levels) for one in found)):
+        there = [one for one in found if number < len(one.levels)]
+        reached = fsum(one.draws * one.levels[number].share for one in there)
+        shares.append(reached / sum(one.draws for one in there))
+    return prod(shares)
+
+
+def _find_cvs(found: Sequence[SubsetEstimate]) -> list[float]:
+    """Return the coefficient of variation of each run.
+
+    The lineages of the first run hide a part of its error, since it chose its levels itself. It is
+    at least as uncertain as the other runs would be with its number of first draws.
+    """
+    first, *others = found
+    of_others = [one.cv * sqrt(one.draws / first.draws) for one in others]
+    return [max(first.cv, *of_others, 0.0), *(one.cv for one in others)]
 
 
 def _describe_disagreement(found: Sequence[SubsetEstimate]) -> str:
@@ -174,28 +204,23 @@ def estimate_unfinished(simulation: SubsetSimulation, spent: bool) -> Estimate |
         simulation: simulation as it stands.
         spent: whether there will be no more episodes.
     """
-    episodes, deepest = simulation.trajectories_run, _find_deepest(simulation)
-    if not deepest:
-        return refuse_estimate(episodes, f"Not one level was finished. {MORE}") if spent else None
+    episodes, levels = simulation.trajectories_run, simulation.first.levels
     if spent:
-        return refuse_estimate(
-            episodes, f"The budget ended before failures did. {_describe_depth(deepest)} {MORE}"
-        )
-    return refuse_estimate(episodes, f"Not known yet. {_describe_depth(deepest)}")
+        ended = "the second run" if simulation.runs else "the first level"
+        return refuse_estimate(episodes, f"The budget ended before {ended} did. {MORE}")
+    if simulation.runs:
+        return refuse_estimate(episodes, "Not known yet. The first run has reached failures.")
+    if levels:
+        return refuse_estimate(episodes, f"Not known yet. {_describe_depth(levels)}")
+    return None
 
 
 def explain_missing_runs(simulation: SubsetSimulation) -> Estimate:
-    """Return the estimate of a simulation that ended with its pilot runs, with the reason."""
-    depth = _describe_depth(_find_deepest(simulation))
-    if simulation.end is SubsetEnd.REACHED:
-        problem = f"The pilot run left too few episodes for the estimate. {MORE}"
-    else:
-        problem = f"No failure was reached: {simulation.end}. {depth}"
+    """Return the estimate of a simulation that ended with its first run, with the reason."""
+    first, end = simulation.first, simulation.end
+    fewer = f" Set samples to {max(first.draws // 2, FEWEST_SAMPLES)}." * (end is SubsetEnd.CUT)
+    problem = f"No failure was reached: {end}. {_describe_depth(first.levels)}{fewer}"
     return refuse_estimate(simulation.trajectories_run, problem)
-
-
-def _find_deepest(simulation: SubsetSimulation) -> Sequence[SubsetLevel]:
-    return min((each.levels for each in simulation.pilots), key=_multiply_shares)
 
 
 def _describe_depth(levels: Sequence[SubsetLevel]) -> str:

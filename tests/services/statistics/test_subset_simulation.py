@@ -10,18 +10,20 @@ from msgspec import structs
 from eigenfail.errors import InvalidValue
 from eigenfail_services.statistics.intervals import find_quantile
 from eigenfail_services.statistics.subset_simulation import (
+    FEWEST_SAMPLES,
     ConditionalSampler,
     SubsetEnd,
     SubsetSettings,
     _find_next_threshold,
     count_effective,
     estimate_cv,
+    find_starts,
     simulate_subsets,
 )
 
 STEPS = 20
 BUDGET = 5_000
-SETTINGS = SubsetSettings(runs=1)
+SETTINGS = SubsetSettings()
 
 
 def half_space(p):
@@ -52,8 +54,8 @@ def played(dialogue, robustness):
 
 
 def simulated(robustness, budget, seed, steps=STEPS, settings=SETTINGS):
-    """The result of the only run of a simulation."""
-    (run,) = simulate_subsets(robustness, steps, budget, settings, seed).runs
+    """The result of the run over fixed levels."""
+    _, run = simulate_subsets(robustness, steps, budget, settings, seed).runs
     return run.result
 
 
@@ -91,13 +93,15 @@ def test_an_estimate_is_the_product_of_its_levels_and_says_what_it_cost():
     simulation = simulate_subsets(
         lambda z: (calls.append(len(z)), far(z))[1], STEPS, BUDGET, SETTINGS, 3
     )
-    (pilot,), (run,) = simulation.pilots, simulation.runs
+    first, run = simulation.runs
     found = run.result
     thresholds = [level.threshold for level in found.levels]
     assert thresholds == sorted(set(thresholds), reverse=True)
     assert thresholds[-1] == 0.0
-    assert thresholds == [level.threshold for level in pilot.levels]
-    assert all(abs(level.share - 0.1) <= 0.03 for level in pilot.levels[:-1])
+    assert thresholds == [level.threshold for level in first.levels]
+    assert all(abs(level.share - 0.1) <= 0.03 for level in first.levels[:-1])
+    assert simulation.first is first
+    assert first.result.probability == prod(level.share for level in first.levels)
     assert found.probability == pytest.approx(prod(level.share for level in found.levels))
     assert found.cv == estimate_cv(found.effective_first_draws, run.draws, len(thresholds))
     assert 1 < found.effective_first_draws <= found.distinct_first_draws < 100
@@ -141,19 +145,31 @@ def test_where_failures_are_out_of_reach_it_ends_and_says_so(robustness, end):
     settings = SubsetSettings(most_levels=8)
     found = simulate_subsets(robustness, STEPS, BUDGET, settings, 1)
     assert (found.end, found.runs) == (end, [])
-    assert all(len(pilot.levels) <= 8 for pilot in found.pilots)
-    assert all(level.threshold > 0.0 for pilot in found.pilots for level in pilot.levels)
+    assert len(found.first.levels) <= 8
+    assert all(level.threshold > 0.0 for level in found.first.levels)
 
 
-def test_where_a_pilot_is_too_small_a_larger_one_follows():
-    """A plateau that one draw in a thousand leaves; behind it, one in ten fails."""
+def test_the_first_run_leaves_the_others_enough_episodes():
+    """Beyond about ten levels nothing would be left for a second run; fewer samples do it."""
+    far = half_space(1e-12)
+    cut = simulate_subsets(far, STEPS, BUDGET, SETTINGS, 1)
+    assert (cut.end, cut.runs) == (SubsetEnd.CUT, [])
+    assert 0.7 * BUDGET < cut.trajectories_run <= BUDGET - FEWEST_SAMPLES * len(cut.first.levels)
+    fewer = structs.replace(SETTINGS, samples=cut.first.draws // 2)
+    found = simulate_subsets(far, STEPS, BUDGET, fewer, 1)
+    assert found.end is SubsetEnd.REACHED
+    assert found.first.draws == cut.first.draws // 2
+    assert FEWEST_SAMPLES <= found.runs[1].draws <= found.first.draws
 
-    def robustness(z):
-        return np.where(z[:, 0, 0] > NormalDist().inv_cdf(0.999), half_space(0.1)(z[:, 1:]), 9.0)
 
-    found = [simulate_subsets(robustness, STEPS, BUDGET, SETTINGS, seed) for seed in range(10)]
-    assert any(len(one.pilots) > 1 and one.end is SubsetEnd.REACHED for one in found)
-    assert all(one.trajectories_run <= BUDGET for one in found)
+def test_several_runs_share_what_the_first_one_leaves():
+    settings = structs.replace(SETTINGS, runs=4)
+    found = simulate_subsets(half_space(1e-4), STEPS, 10_000, settings, 1)
+    assert 0.9 * 10_000 < found.trajectories_run <= 10_000
+    first, *others = (run.result for run in found.runs)
+    assert {one.draws for one in others} == {others[0].draws}
+    assert others[0].draws * len(first.levels) * 3 < 10_000
+    assert len({one.probability for one in (first, *others)}) == 4
 
 
 @pytest.mark.parametrize(
@@ -198,7 +214,7 @@ def test_samples_of_a_level_are_distributed_as_the_noise_below_it():
     """Of the half space beyond 2 sigma: mean phi(2)/Q(2) along its normal, nothing across it."""
     sampler = ConditionalSampler(np.random.default_rng(2), acceptance=0.4)
     first = played(sampler.draw_independent(20_000, 2), half_space(0.5))
-    starts = sampler.choose_starts(first, -2.0, 400)
+    starts = find_starts(first, -2.0)[:400]
     chains = played(sampler.move_chains(first, -2.0, starts, 49), half_space(0.5))
     z = chains.z.reshape(-1, 4)
     assert chains.z.shape[2:] == (2, 2)
