@@ -41,8 +41,9 @@ LEAST = "of the draws, only those that once crashed it were run again"
 
 PLAIN_FAILURES, PLAIN_EPISODES = 118 + 79, 3_325_000 + 2_500_000
 PLAIN = (
-    "plain Monte Carlo, run once with each of two compiled ports of the scenario and the planner that "
-    "are not part of the project (118 of 3,325,000 and 79 of 2,500,000); each failure was run again with the planner itself and collided; the "
+    "plain Monte Carlo, run once with each of two compiled ports of the scenario and the planner "
+    "that are not part of the project (118 of 3,325,000 and 79 of 2,500,000); each failure was run "
+    "again with the planner itself and collided; the "
     "counts are stored in benchmarks/mode_reference.py and are not run again, whatever the seed"
 )
 """As many episodes would take the planner itself a day on two cores."""
