@@ -13,6 +13,7 @@ from eigenfail.values import (
     STATE,
     EpisodeResult,
     EpisodeTask,
+    Importance,
     Layer,
     Outcome,
     Policy,
@@ -228,3 +229,20 @@ def test_what_does_not_exist_is_refused_at_once(
 ) -> None:
     with pytest.raises(error):
         make_engine(**changes)
+
+
+@pytest.mark.parametrize("simulator", SIMULATORS)
+def test_importance_comes_where_it_is_asked_for_and_changes_nothing(
+    make_engine: MakeEngine, simulator: str
+) -> None:
+    plain = trajectory(3)
+    asking = TrajectorySource(plain.z, Importance.DISTANCE)
+    engine = make_engine(simulator=simulator, scenario_parameters=CLOSE)
+    without, result = engine.run([EpisodeTask(0, 1, source) for source in (plain, asking)])
+    assert without.importance is None
+    assert result.importance is not None
+    assert result.importance.shape == (result.steps,)
+    assert result.digest() == without.digest()
+    assert result.measures is not None
+    nearest = 0.0 if result.is_failure else result.measures.robustness_m
+    assert -result.importance.max() == pytest.approx(nearest, rel=1e-6)

@@ -186,3 +186,25 @@ def test_a_function_is_listed_to_be_launched_but_not_to_be_read(monkeypatch):
     with pytest.raises(InvalidValue, match="eigenfail up --functions m"):
         check_spec(spec)
     assert resolve_campaign(spec).horizon == fill_defaults(spec).scenario_parameters["steps"] == 7
+
+
+SPLITTING = {"method": "splitting", "episodes": 4000}
+
+
+def test_splitting_takes_a_scenario_with_fixed_parameters():
+    spec = but(**SPLITTING, scenario_parameters={"distance_m": 55.0})
+    assert check_spec(spec).spec is spec
+
+
+def test_splitting_is_refused_where_parameters_are_drawn():
+    with pytest.raises(InvalidValue, match="distance_m, actor_speed_mps drawn") as refusal:
+        check_spec(but(**SPLITTING, scenario_parameters=VARIED))
+    assert refusal.value.field == "scenario_parameters"
+
+
+def test_splitting_is_refused_for_functions(monkeypatch):
+    monkeypatch.setenv("EIGENFAIL_FUNCTIONS", "m")
+    function = {"simulator": "function", "scenario": "function", "planner": "m:f"}
+    spec = but(**SPLITTING, **function, planner_settings={}, scenario_parameters={"steps": 7})
+    with pytest.raises(InvalidValue, match="functions have no steps"):
+        check_spec(spec)
