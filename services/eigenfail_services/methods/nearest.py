@@ -157,7 +157,7 @@ class NearestFailingPoint:
         finds_new=False,
         is_evidence=True,
         injects=Injection.TRAJECTORIES,
-        chart_mark=6,
+        chart_mark=14,
         references={"analysis": Reference.NOISE},
     )
     lookahead = 0
