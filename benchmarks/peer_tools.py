@@ -194,12 +194,12 @@ def search_by_pycma(task: Task, value_of: Callable[[Answer], float]) -> None:
 
 
 def search_by_pycma_raw(task: Task) -> None:
-    """The library cma, which is told the robustness."""
+    """The library cma, which ranks candidates by robustness."""
     search_by_pycma(task, lambda answer: answer.robustness)
 
 
 def search_by_pycma_likely(task: Task) -> None:
-    """The library cma, which is told our rank: robustness, then likelihood."""
+    """The library cma with the ranks of our method: by robustness, failures by likelihood."""
     search_by_pycma(task, rank_likely)
 
 

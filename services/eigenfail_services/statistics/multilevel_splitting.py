@@ -11,8 +11,8 @@ Source: Cérou and Guyader 2007, Stochastic Analysis and Applications 25 (2), 41
 Bréhier, Gazeau, Goudenège, Lelièvre and Rousset 2016, Annals of Applied Probability 26 (6),
 3559–3601 (theorem 4.1).
 
-What a run says of its own error is too small wherever the importance function is imperfect: its
-episodes descend from few. Several independent runs show the error by their differences.
+The error that a single run states is too small wherever the importance function is imperfect: its
+episodes descend from few. The differences between several independent runs show the error.
 """
 
 from collections.abc import Sequence

@@ -50,7 +50,7 @@ def predict_required_braking(approach: Approach) -> float:
     """Return DRAC if the ego keeps its acceleration for a second; 0 without a conflict. [m/s²]
 
     Where the planner brakes already the need shrinks, and where it accelerates the need grows.
-    On `cut_in`, splitting by this took three quarters of the episodes that it took by DRAC itself
+    On `cut_in`, in 24 to 40 runs of each, splitting by this took fewer episodes than by DRAC itself
     for the same precision.
     """
     return max(
