@@ -233,8 +233,7 @@ class SubsetEstimate(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         draws: number of independent first draws, which is that of the samples on a level.
-        probability: probability of a failure; None if none was reached: failures are rarer then
-            than the product of the levels' shares.
+        probability: probability of a failure; None if none was reached.
         cv: coefficient of variation of that product; 0 without it.
         effective_first_draws: effective number of independent first draws from which the failures
             descend; 0 without failures.

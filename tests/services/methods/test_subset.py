@@ -134,8 +134,19 @@ def test_without_a_failure_it_says_how_far_it_came(searched):
     walled = searched(lambda z: np.maximum(half_space(1e-5)(z), 1.0), 20_000)[0].estimate()
     assert flat.probability is walled.probability is walled.interval is None
     assert "No failure was reached: robustness falls no further" in flat.problem
-    assert "falls to 1 m with a probability of about" in walled.problem
-    assert "failures are rarer" in walled.problem
+    assert "Robustness is 1 m or less with a probability of about" in walled.problem
+    assert "nothing of failures of which no sample came near" in walled.problem
+
+
+def test_an_interval_over_more_than_four_orders_of_magnitude_is_refused(searched):
+    told = [searched(half_space(1e-6), 1_000, seed=seed)[0].estimate() for seed in range(12)]
+    wide = [one.problem for one in told if one.problem and "independent first draws" in one.problem]
+    kept = [one.interval for one in told if one.interval]
+    assert wide
+    assert kept
+    assert all(one.high <= 1e4 * one.low for one in kept)
+    low, high = map(float, wide[0].partition("from ")[2].split(". ")[0].split(" to "))
+    assert high > 1e4 * low
 
 
 def test_a_budget_that_ends_too_soon_is_spent_and_gives_no_number(searched):
@@ -156,7 +167,7 @@ def test_failures_beyond_too_many_levels_are_refused_with_what_helps(searched):
     assert found.probability is None
     assert found.problem.startswith("No failure was reached: the other runs need the episodes")
     fewer = int(found.problem.removesuffix(".").rpartition(" ")[2])
-    assert found.problem.endswith(f"failures are rarer. Set samples to {fewer}.")
+    assert found.problem.endswith(f"came near. Set samples to {fewer}.")
     told = searched(half_space(1e-12), 2_000, samples=fewer)[0].estimate()
     assert not told.problem.startswith("No failure was reached")
 
@@ -169,7 +180,7 @@ def test_on_the_way_it_says_that_it_is_not_known_yet(noise_engine):
     for _ in range(5):
         (opened,) = rounds.open()
         rounds.complete(list(engine.run(opened.tasks)))
-    assert learner.estimate().problem.startswith("Not known yet. Robustness falls to")
+    assert learner.estimate().problem.startswith("Not known yet. Robustness is")
     assert learner.estimate().episodes == 218 + 4 * 22
     while not learner.estimate().problem.endswith("The first run has reached failures."):
         (opened,) = rounds.open()
