@@ -396,12 +396,12 @@ def make_failure_tile(summary: Summary) -> Tile:
     """Return the tile of the number and share of failures."""
     rate = summary.failure_rate
     if rate is None:
-        nothing_yet = () if summary.remark else NOTHING_YET
-        return Tile(UNKNOWN, nothing_yet, summary.remark, *mark_of(summary))
+        nothing_yet = () if summary.rate_remark else NOTHING_YET
+        return Tile(UNKNOWN, nothing_yet, summary.rate_remark, *mark_of(summary))
     share = format_cell(rate)
     notes = (share.line,) if rate.k else (share.value, *share.basis)
     value = f"{format_count(rate.k)} of {format_count(rate.n)}"
-    return Tile(value, notes, summary.remark, *mark_of(summary))
+    return Tile(value, notes, summary.rate_remark, *mark_of(summary))
 
 
 def mark_of(summary: Summary) -> tuple[str, str]:

@@ -46,7 +46,9 @@ High = Annotated[
 Tolerance = Annotated[
     float,
     typer.Option(
-        min=FINEST, max=LARGEST_SCALE, help="Largest distance between a safe and a failing scale."
+        min=FINEST,
+        max=LARGEST_SCALE,
+        help="Largest distance between a scale that passed and one that did not.",
     ),
 ]
 Budget = Annotated[

@@ -193,9 +193,12 @@ def describe_rates(
 
 
 def _describe_interval(comparison: Comparison) -> str:
-    """The difference of the failure rates, with its interval."""
+    """The difference of the failure rates, with its interval if both are of random samples."""
     found = comparison.difference
     if found is None:
         return ""
-    interval = format_signed_interval(found.interval, 100.0)
-    return f" (difference {format_signed(100.0 * found.value)} % {interval})"
+    difference = f"difference {format_signed(100.0 * found.value)} %"
+    rates = (comparison.a.failure_rate, comparison.b.failure_rate)
+    if not all(rate is not None and rate.sampled for rate in rates):
+        return f" ({difference}, without an interval: the method chose the episodes)"
+    return f" ({difference} {format_signed_interval(found.interval, 100.0)})"

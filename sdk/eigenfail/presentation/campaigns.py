@@ -213,7 +213,7 @@ def _list_findings(summary: Summary) -> FactTable:
     chosen = ", chosen by the method" if searched else ""
     rows = (
         ("failure rate", f"{rate} (n = {format_count(summary.counts.completed)}{chosen})"),
-        *([("", summary.remark)] if summary.remark else []),
+        *([("", summary.rate_remark)] if summary.rate_remark else []),
         ("log p per step", f"{format_number(summary.log_probability_per_step)} of failures ({n})"),
         ("severity", f"{format_number(summary.mean_severity)} m²/s², mean of failures ({n})"),
         ("cost per failure", f"{format_line(summary.cost)} USD ({n})"),

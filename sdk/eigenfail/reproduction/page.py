@@ -170,9 +170,11 @@ def _format_claim(
 def _format_statements(found: PaperReproduction) -> Iterator[str]:
     yield "## Statements of the paper\n"
     yield (
-        "Every campaign was run with one seed, so that no verdict is final. Verdicts on the sweep\n"
-        "compare one run with one other. Means and rates are compared by the 95 % intervals of\n"
-        "independent draws; shares of variance and influence have none.\n"
+        "Every campaign was run with one seed, so that no verdict is final: it is about these\n"
+        "runs. Means and rates are compared by the 95 % intervals of independent draws; shares of\n"
+        "variance and influence have none. The episodes of the sweep are not independent: there\n"
+        "the interval is a rule that passes over small differences, and no test. Verdicts on the\n"
+        "sweep compare one run with one other, and another seed may reverse them.\n"
     )
     yield "| the paper | here | numbers | why |\n|---|---|---|---|"
     for one in found.statements:

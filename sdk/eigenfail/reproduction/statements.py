@@ -232,8 +232,8 @@ def _judge_modes(name: str, result: AnalysisResult) -> PaperStatement:
         f"There are {MODES} distinct failure modes.",
         result.distinct and len(result.modes) == MODES,
         f"{name}: {result.verdict}",
-        "Failures of this planner in this scenario have one mode under brute force, too: one "
-        "cause, a tracker that loses the other car.",
+        "The failures that brute force found under p(x) have no groups beyond those of noise, "
+        "either; that does not show that there is one mode.",
     )
 
 

@@ -370,7 +370,11 @@ def build_component_table(found: Analyses) -> PaperTable:
         PaperRow(f"{name}: {axis}", _read_components(axis, result))
         for (name, axis), result in found.items()
     )
-    note = "Aligned at the collision; silhouettes count only where they exceed those of noise."
+    note = (
+        "Aligned at the collision; silhouettes count only where they exceed those of noise. One "
+        "mode stands where no modes are distinct. The interval of the Rand index is that of "
+        "bootstrap resamples of one campaign's failures."
+    )
     return PaperTable("components", "Principal components and modes", COMPONENTS, tuple(rows), note)
 
 
@@ -409,7 +413,11 @@ def build_replay_table(found: Mapping[str, Proof]) -> PaperTable:
         for name, proof in found.items()
         for scenario in proof.scenarios
     )
-    return PaperTable("eigenfailures", "Eigenfailures replayed", REPLAYS, tuple(rows))
+    note = (
+        "One eigenfailure and one medoid of each group of failures, also where the groups are no "
+        "distinct modes. A replay always has the same result: these are counts, no rates."
+    )
+    return PaperTable("eigenfailures", "Eigenfailures replayed", REPLAYS, tuple(rows), note)
 
 
 def _read_replays(scenario: ProvenScenario) -> tuple[PaperNumber, ...]:

@@ -314,7 +314,7 @@ IMPORTANCE_SAMPLING = "importance sampling"
 
 ONE_REGION = (
     "Importance sampling from one Gaussian sees one failure region; others are missed, so the true "
-    "probability may be larger."
+    "probability may be larger. Its own random error is not taken off."
 )
 
 

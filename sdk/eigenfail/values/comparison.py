@@ -54,7 +54,8 @@ class Difference(msgspec.Struct, frozen=True):
     """Failure rate of B minus that of A, as shares of one.
 
     Attributes:
-        interval: Newcombe's hybrid score interval.
+        interval: Newcombe's hybrid score interval; of searches as if their episodes were a
+            sample, which they are not: a rule of the gate, and not to be quoted.
         n_a: completed episodes of A.
         n_b: number of episodes of B.
     """

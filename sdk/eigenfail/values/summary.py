@@ -145,7 +145,14 @@ class Summary(Shown, msgspec.Struct, frozen=True):
 
     @property
     def remark(self) -> str:
-        """Return the remarks on the failure rate, as sentences; empty if there are none."""
+        """The remarks on the rate, and why there is no failure probability; empty if none."""
+        problem = self.estimate.problem if self.estimate else ""
+        no_probability = f"No failure probability: {problem}" if problem else ""
+        return " ".join(filter(None, (self.rate_remark, no_probability)))
+
+    @property
+    def rate_remark(self) -> str:
+        """The remarks on the failure rate, as sentences; empty if there are none."""
         missed = f"No failure was found. {self.reach}" if self.reach else ""
         unresolved = self.unresolved.words(self.counts.completed)
         errored = self.errored.words(self.counts)

@@ -9,7 +9,7 @@ from eigenfail.gate.reruns import JudgedBy, RerunSide, judge_rerun
 from eigenfail.gate.verdicts import GateVerdict, RunOutcomes, judge_outcome, judge_pairs
 from eigenfail.intervals import wilson
 from eigenfail.values import Comparison as Found
-from eigenfail.values import Estimate, Interval, Outcome, PairTotals, Rate
+from eigenfail.values import Cost, Estimate, Interval, Outcome, PairTotals, Rate, Side
 from eigenfail_services.statistics.comparison import difference, mcnemar
 
 HIT, SAFE, FAILED = Outcome.COLLISION, Outcome.SAFE, Outcome.ERRORED
@@ -95,17 +95,33 @@ def compared(campaign, row):
     return make
 
 
+def side(failures, completed, is_sampled):
+    """A side of a comparison, whose episodes are a random sample or those of a search."""
+    rate = Rate(failures / completed, failures, completed, None, sampled=is_sampled)
+    return Side(
+        campaigns=(1,),
+        completed=completed,
+        failures=failures,
+        failure_rate=rate,
+        rates=(rate.value,),
+        log_probability_per_step=None,
+        mean_severity=None,
+        cost=Cost(0.0, 0.0, None, None, None),
+    )
+
+
 def comparison(before, now, is_paired):
     """What the service makes of two lists of outcomes."""
     both = list(zip(before, now, strict=False))
     totals = PairTotals(*(both.count(each) for each in ((HIT, HIT), (HIT, SAFE), (SAFE, HIT))))
     totals = replace(totals, neither=both.count((SAFE, SAFE)))
     ran = [len(found) - found.count(FAILED) for found in (before, now)]
-    counted = zip((before.count(HIT), now.count(HIT)), ran, strict=True)
+    counted = [*zip((before.count(HIT), now.count(HIT)), ran, strict=True)]
     rates = [Rate(k / n, k, n, wilson(k, n)) for k, n in counted if n]
+    sides = [side(*each, is_paired) for each in counted] if all(ran) else [None, None]
     return Found(
-        a=None,
-        b=None,
+        a=sides[0],
+        b=sides[1],
         difference=difference(*rates) if all(ran) else None,
         pairs=mcnemar(totals) if is_paired else None,
         unpaired_because="" if is_paired else "it learns.",
@@ -163,6 +179,8 @@ def test_a_search_is_new_beyond_chance_alone(compared):
     assert "1 of 50 did: none now, though no fewer than chance" in search(1, 0).words
     assert search(0, 1).verdict == "new"
     assert "had no failures" in search(0, 1).words
+    # The interval decides, but the episodes of a search are no sample that it could be told of.
+    assert "(difference +30.0 %, without an interval: the method chose" in search(5, 20).words
     assert search(5, 20).unpaired_because == "it learns."
     assert search(5, 20).counts == {}
     assert {each.verdict for each in search(5, 20).findings} == {"unproven"}

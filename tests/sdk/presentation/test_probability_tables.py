@@ -110,6 +110,17 @@ def test_a_result_table_says_once_why_probabilities_are_lower_bounds():
     assert "At least:" not in text(tabulate_results([summary(TOLD)]))
 
 
+def test_a_result_table_says_why_there_is_no_probability():
+    missing = "Campaign 3: No failure probability: Too few count."
+    assert missing in text(tabulate_results([summary(REFUSED)]))
+    assert missing in text(*describe_suite_result(SuiteResult("s", 3, (member(REFUSED),)))[:1])
+    assert "No failure probability" not in text(tabulate_results([summary(TOLD), summary(BOUND)]))
+
+
+def member(estimate):
+    return MemberResult("m", CampaignState.DONE, "", summary(estimate))
+
+
 def test_a_campaigns_facts_tell_a_lower_bound_with_its_reason():
     shown = text(list_campaign_facts(campaign(BOUND)))
     assert "at least 3.70×10⁻⁶ (n = 9,100), importance sampling" in shown

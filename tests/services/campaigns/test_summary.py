@@ -137,6 +137,8 @@ def test_the_learners_estimate_is_the_summarys() -> None:
     told = Estimate(by="subset simulation", episodes=7, problem="Not known yet.")
     with_estimate = replace(campaign(Counts(10)), estimate=told)
     assert summarise(with_estimate, NOTHING).estimate == told
+    assert summarise(with_estimate, NOTHING).remark == "No failure probability: Not known yet."
+    assert summarise(with_estimate, NOTHING).rate_remark == ""
     assert summarise(campaign(Counts(10)), NOTHING).estimate is None
 
 

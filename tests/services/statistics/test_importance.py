@@ -33,7 +33,7 @@ def test_it_is_a_lower_bound_without_an_interval_and_says_why():
     assert (found.bound, found.interval) == ("lower", None)
     assert found.note == (
         "Importance sampling from one Gaussian sees one failure region; others are missed, so the "
-        "true probability may be larger."
+        "true probability may be larger. Its own random error is not taken off."
     )
 
 

@@ -113,7 +113,7 @@ ADVICE = (
 )
 ONE_POLICY = (
     "Importance sampling from one policy sees the failure regions that the policy leads to; others "
-    "are missed, so the true probability may be larger."
+    "are missed, so the true probability may be larger. Its own random error is not taken off."
 )
 _encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _policies = msgspec.msgpack.Decoder(dict[int, Policy], dec_hook=decode_array)
