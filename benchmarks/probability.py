@@ -7,9 +7,9 @@ from crew import Crew, horizon, staged
 from figures import Figure
 from samples import COMMAND
 
+from eigenfail_services.statistics.conditional_sampler import Array
 from eigenfail_services.statistics.pooled_estimate import pool_simulations
 from eigenfail_services.statistics.subset_simulation import (
-    Array,
     SubsetSettings,
     SubsetSimulation,
     simulate_subsets,

@@ -12,6 +12,7 @@ from eigenfail.contracts import MethodTraits, ModeProbability
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Estimate, LearnerContext
 from eigenfail_services.methods.wave_learner import SimulationDriver, WaveLearner
+from eigenfail_services.statistics.conditional_sampler import Chains
 from eigenfail_services.statistics.pooled_estimate import (
     estimate_unfinished,
     explain_missing_runs,
@@ -21,7 +22,6 @@ from eigenfail_services.statistics.pooled_estimate import (
 from eigenfail_services.statistics.subset_simulation import (
     FEWEST_SAMPLES,
     PLANNED_LEVELS,
-    Chains,
     SubsetEnd,
     SubsetEstimate,
     SubsetSettings,

@@ -20,8 +20,8 @@ error.
 
 from collections.abc import Callable, Generator, Sequence
 from enum import StrEnum
-from math import ceil, exp, inf, prod, sqrt
-from typing import Annotated, NamedTuple
+from math import ceil, inf, prod, sqrt
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -30,122 +30,13 @@ from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Interval
+from eigenfail_services.statistics.conditional_sampler import (
+    Array,
+    Chains,
+    ConditionalSampler,
+    find_starts,
+)
 from eigenfail_services.statistics.intervals import log_normal
-
-Array = NDArray[np.float64]
-
-FIRST_STEP = 0.6
-SMALLEST_STEP = 0.001
-
-
-class Chains(NamedTuple):
-    """Samples of one level: Markov chains side by side, each from a sample of the level before.
-
-    Attributes:
-        z: shape (length, chains, steps, 2).
-        values: their robustness, shape (length, chains). [m]
-        first_draw_of_chain: index of the independent first draw from which each chain descends,
-            shape (chains,).
-        acceptance: share of the moves that were accepted; 1 where none was made.
-    """
-
-    z: Array
-    values: Array
-    first_draw_of_chain: NDArray[np.intp]
-    acceptance: float = 1.0
-
-
-Sampling = Generator[Array, Array, Chains]
-"""Yields trajectories z, shape (n, steps, 2); is sent robustness, shape (n,); returns a level.
-
-Where episodes errored (NaN) the samples are of the noise that can be run: draws are made anew, and
-a chain whose move was not run stays where it is.
-"""
-
-
-class ConditionalSampler:
-    """Draws samples of z on each level, as Markov chains from the samples that reach it.
-
-    Moves are preconditioned Crank–Nicolson's: z' = sqrt(1 − s²)·z + s·xi leaves the standard normal
-    unchanged (Cotter et al. 2013, Statistical Science 28, 424–446), so that a move is accepted
-    wherever it stays on the level. The step s follows the acceptance (Papaioannou et al. 2015,
-    Probabilistic Engineering Mechanics 41, 89–103).
-
-    Args:
-        rng: generator of every draw.
-        acceptance: share of the moves to be accepted, by the choice of the step.
-
-    Attributes:
-        trajectories_requested: trajectories that were yielded.
-        trajectories_run: those of them whose robustness is known.
-    """
-
-    def __init__(self, rng: np.random.Generator, acceptance: float) -> None:
-        self._rng = rng
-        self._acceptance = acceptance
-        self._step = FIRST_STEP
-        self.trajectories_requested = 0
-        self.trajectories_run = 0
-
-    def draw_independent(self, samples: int, steps: int) -> Sampling:
-        """Draw independent samples: chains of length 1."""
-        z, values = np.empty((0, steps, 2)), np.empty(0)
-        while missing := samples - len(z):
-            drawn = self._rng.standard_normal((missing, steps, 2))
-            robustness = yield drawn
-            self._record(robustness)
-            ran = ~np.isnan(robustness)
-            z, values = np.concatenate([z, drawn[ran]]), np.concatenate([values, robustness[ran]])
-        return Chains(z[None], values[None], np.arange(samples))
-
-    def move_chains(
-        self, above: Chains, threshold: float, starts: NDArray[np.intp], moves: int
-    ) -> Sampling:
-        """Draw samples at or below a threshold, in chains of 1 + `moves` samples from each start.
-
-        Args:
-            above: samples of the level before.
-            threshold: robustness that no sample may exceed. [m]
-            starts: positions of the first samples among those of the level before; at least one.
-            moves: number of moves of each chain; with none, the starts are the samples.
-        """
-        z = [above.z.reshape(above.values.size, *above.z.shape[2:])[starts]]
-        values = [above.values.ravel()[starts]]
-        accepted = []
-        for move in range(1, moves + 1):
-            proposed = self._propose(z[-1])
-            robustness = yield proposed
-            self._record(robustness)
-            share = self._measure_acceptance(robustness, threshold)
-            # False where robustness is NaN, so that the chain stays.
-            accept = robustness <= threshold
-            z.append(np.where(accept[:, None, None], proposed, z[-1]))
-            values.append(np.where(accept, robustness, values[-1]))
-            accepted.append(share)
-            self._adapt(share, move)
-        first_draws = above.first_draw_of_chain[starts % len(above.first_draw_of_chain)]
-        acceptance = float(np.mean(accepted)) if accepted else 1.0
-        return Chains(np.stack(z), np.stack(values), first_draws, acceptance)
-
-    def _propose(self, z: Array) -> Array:
-        kept: Array = sqrt(1.0 - self._step**2) * z
-        return kept + self._step * self._rng.standard_normal(z.shape)
-
-    def _record(self, robustness: Array) -> None:
-        """Count trajectories whose robustness has come."""
-        self.trajectories_requested += len(robustness)
-        self.trajectories_run += int(np.count_nonzero(~np.isnan(robustness)))
-
-    def _measure_acceptance(self, robustness: Array, threshold: float) -> float:
-        """Return the share of the moves that stay on the level; if none was run, the aim."""
-        known = robustness[~np.isnan(robustness)]
-        return float((known <= threshold).mean()) if known.size else self._acceptance
-
-    def _adapt(self, accepted: float, move: int) -> None:
-        """Take larger steps while too many moves are accepted, smaller ones while too few."""
-        change = exp((accepted - self._acceptance) / sqrt(move))
-        self._step = min(max(self._step * change, SMALLEST_STEP), 1.0)
-
 
 FEWEST_SAMPLES = 20
 """Samples on a level below which neither a level nor its probability is estimated."""
@@ -512,11 +403,6 @@ def _find_next_threshold(values: Array, before: float, share: float) -> float | 
             return None
         quantile = float(smaller[-1])
     return max(quantile, 0.0)
-
-
-def find_starts(chains: Chains, threshold: float) -> NDArray[np.intp]:
-    """Return the positions of the samples that reach a threshold, in row-major order."""
-    return np.flatnonzero(chains.values <= threshold)
 
 
 def make_level(chains: Chains, threshold: float) -> SubsetLevel:

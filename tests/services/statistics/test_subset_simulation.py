@@ -8,16 +8,15 @@ import pytest
 from msgspec import structs
 
 from eigenfail.errors import InvalidValue
+from eigenfail_services.statistics.conditional_sampler import ConditionalSampler, find_starts
 from eigenfail_services.statistics.intervals import find_quantile
 from eigenfail_services.statistics.subset_simulation import (
     FEWEST_SAMPLES,
-    ConditionalSampler,
     SubsetEnd,
     SubsetSettings,
     _find_next_threshold,
     count_effective,
     estimate_cv,
-    find_starts,
     simulate_subsets,
 )
 
