@@ -11,13 +11,18 @@ shows how much a bound misses.
 """
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from math import sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
+from crew import Crew
+from crew import crew as open_crew
+from figures import Figure
 from known_problems import PROBLEMS, Problem, half_space, two_half_spaces
+from samples import COMMAND
 
 from eigenfail.contracts import Learner
 from eigenfail.settings import read_settings
@@ -38,7 +43,7 @@ from eigenfail_services.methods.mixture import MixtureMethod
 from eigenfail_services.methods.subset import SubsetMethod
 from eigenfail_services.statistics.intervals import log_normal
 
-SEEDS = range(100, 200)
+SEEDS, FIRST_SEED = 100, 20_261_122
 LEAST_HELD, LEAST_MEAN, LEAST_TOLD = 0.88, 0.8, 0.9
 FEWEST_JUDGED = 10
 SHIFTING = {"batch": 200, "mean_smoothing": 0.3, "min_std": 1.0, "max_mean": 3.0, "mean_window": 1}
@@ -160,46 +165,121 @@ PLANS = (
 )
 
 
-def compare_errors(verdicts: Mapping[tuple[str, int, str], Verdict]) -> float:
-    """Return the median of the error of `mixture` ÷ that of `subset`, in up to 20 dimensions."""
-    low = {problem.name for problem in PROBLEMS if 2 * problem.steps <= 20}
-    mixture, subset = MixtureMethod.__name__, SubsetMethod.__name__
-    ratios = [
-        one.error / verdicts[subset, episodes, problem].error
-        for (method, episodes, problem), one in verdicts.items()
-        if method == mixture and problem in low and one.is_judged
+class Place(NamedTuple):
+    """A plan and a problem, by their numbers: functions do not go from process to process."""
+
+    plan: int
+    problem: int
+
+    def describe(self) -> str:
+        """Return the name in the table."""
+        plan = PLANS[self.plan]
+        return f"{plan.method.__name__} {plan.episodes} {plan.problems[self.problem].name}"
+
+
+def judge_place(place: Place, crew: Crew, seed: int) -> Verdict:
+    """Run the campaigns of a plan on a problem."""
+    seeds = range(seed, seed + SEEDS)
+    found = crew.each(estimate_at, [place] * SEEDS, seeds)
+    return judge(found, PLANS[place.plan].problems[place.problem].probability)
+
+
+def estimate_at(place: Place, seed: int) -> Estimate:
+    """Return the estimate of one campaign."""
+    plan = PLANS[place.plan]
+    return estimate(plan, plan.problems[place.problem], seed)
+
+
+def find_figures(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """The figures of all plans."""
+    yield from summarize(dict(judge_all(range(len(PLANS)), crew, seed)))
+
+
+def judge_all(plans: Iterable[int], crew: Crew, seed: int) -> Iterator[tuple[Place, Verdict]]:
+    """Judge plans on all of their problems, and print each verdict when it is known."""
+    print(f"{'method, episodes, problem':50} told  held  mean  error")
+    for plan in plans:
+        for problem in range(len(PLANS[plan].problems)):
+            place = Place(plan, problem)
+            one = judge_place(place, crew, seed)
+            figures = f"{one.told:4.2f}  {one.held:4.2f}  {one.mean:4.2f}  {one.error:4.2f}"
+            print(f"{place.describe():50} {figures}{' lower bound' * one.is_bound}", flush=True)
+            yield place, one
+
+
+def summarize(verdicts: Mapping[Place, Verdict]) -> Iterator[tuple[str, Figure]]:
+    """The worst of the verdicts, and what share of the campaigns printed a number."""
+    judged = {place: one for place, one in verdicts.items() if one.is_judged}
+    widest = min(judged, key=lambda place: judged[place].held)
+    unbounded = [place for place, one in judged.items() if not one.is_bound]
+    lowest = min(unbounded, key=lambda place: judged[place].mean)
+    told = float(np.mean([one.told for one in verdicts.values()]))
+    make = partial(Figure, n=SEEDS, command=COMMAND)
+    worst = f"{SEEDS} campaigns on each of {len(judged)} places (method, budget and problem) with "
+    worst += f"{FEWEST_JUDGED} numbers or more; the worst is"
+    yield (
+        "intervals.covered_min",
+        make(value=judged[widest].held, unit="share", note=f"{worst} {widest.describe()}"),
+    )
+    yield (
+        "intervals.low_bias_worst",
+        make(
+            value=judged[lowest].mean,
+            unit="mean ÷ truth",
+            note=f"{worst} {lowest.describe()}; without lower bounds",
+        ),
+    )
+    yield (
+        "intervals.told_share",
+        make(value=told, unit="share", note=f"of all campaigns, on {len(verdicts)} places"),
+    )
+    ratios = compare_errors(verdicts)
+    if ratios:
+        yield (
+            "mixture_over_subset",
+            make(
+                value=float(np.median(ratios)),
+                unit="ratio of errors",
+                note="median of the problems of up to 20 dimensions, at 2,000 and 10,000 episodes,"
+                f" on which `mixture` printed {FEWEST_JUDGED} numbers or more: {len(ratios)}",
+            ),
+        )
+
+
+def compare_errors(verdicts: Mapping[Place, Verdict]) -> list[float]:
+    """Return the errors of `mixture` ÷ those of `subset`, in up to 20 dimensions."""
+    by_name = {
+        (PLANS[place.plan].method, PLANS[place.plan].episodes, place.problem): one
+        for place, one in verdicts.items()
+    }
+    return [
+        one.error / by_name[SubsetMethod, episodes, problem].error
+        for (method, episodes, problem), one in by_name.items()
+        if method is MixtureMethod
+        and one.is_judged
+        and 2 * PROBLEMS[problem].steps <= 20
+        and (SubsetMethod, episodes, problem) in by_name
     ]
-    return float(np.median(ratios))
+
+
+def list_faults(verdicts: Mapping[Place, Verdict]) -> Iterator[str]:
+    """The places beyond a limit, and the plans that print too few numbers."""
+    yield from (place.describe() for place, one in verdicts.items() if not one.is_good())
+    for number in dict.fromkeys(place.plan for place in verdicts):
+        plan = PLANS[number]
+        told = np.mean([one.told for place, one in verdicts.items() if place.plan == number])
+        if told < plan.least_told:
+            yield f"{plan.method.__name__} {plan.episodes}, all problems: told {told:.2f}"
 
 
 def main() -> None:
-    chosen = [plan for plan in PLANS if plan.method.__name__ in sys.argv[1:]] or PLANS
-    verdicts, poor = {}, []
-    print(f"{'method, episodes, problem':50} told  held  mean  error")
-    for plan in chosen:
-        told: list[float] = []
-        for problem in plan.problems:
-            found = [estimate(plan, problem, seed) for seed in SEEDS]
-            one = judge(found, problem.probability)
-            place = plan.method.__name__, plan.episodes, problem.name
-            name = f"{place[0]} {place[1]} {place[2]}"
-            verdicts[place] = one
-            poor += [] if one.is_good() else [name]
-            figures = f"{one.told:4.2f}  {one.held:4.2f}  {one.mean:4.2f}  {one.error:4.2f}"
-            print(f"{name:50} {figures}{' lower bound' * one.is_bound}", flush=True)
-            told.append(one.told)
-        share = np.mean(told)
-        name = f"{plan.method.__name__} {plan.episodes}, all problems"
-        poor += [] if share >= plan.least_told else [f"{name}: told {share:.2f}"]
-    judged = [one for one in verdicts.values() if one.is_judged]
-    estimates = [one for one in judged if not one.is_bound]
-    print(f"intervals.covered_min {min(one.held for one in judged):.2f}")
-    print(f"intervals.low_bias_worst {min(one.mean for one in estimates):.2f}")
-    print(f"intervals.told_share {np.mean([one.told for one in verdicts.values()]):.3f}")
-    if chosen is PLANS:
-        print(f"mixture_over_subset {compare_errors(verdicts):.2f}")
-    if poor:
-        sys.exit("Beyond the limits:\n" + "\n".join(poor))
+    named = [at for at, plan in enumerate(PLANS) if plan.method.__name__ in sys.argv[1:]]
+    with open_crew() as crew:
+        verdicts = dict(judge_all(named or range(len(PLANS)), crew, FIRST_SEED))
+    for name, figure in summarize(verdicts):
+        print(f"{name} {figure.value:.2f}: {figure.note}")
+    if faults := list(list_faults(verdicts)):
+        sys.exit("Beyond the limits:\n" + "\n".join(faults))
 
 
 if __name__ == "__main__":

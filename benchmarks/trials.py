@@ -6,6 +6,7 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import eigenfailures
+import intervals
 import reproduction
 import splitting
 import transfer
@@ -107,6 +108,7 @@ TRIALS = (
         )
         for place, (name, peer) in product(PLACES, PEERS.items())
     ),
+    Trial(("intervals.", "mixture_over_subset"), intervals.find_figures),
     Trial(("fuzz.",), fuzzed),
     Trial(("faults.kinds",), kinds),
     Trial(

@@ -84,7 +84,8 @@ class SubsetMethod(WaveLearner[SubsetSimulation]):
         found = [one.result for one in simulation.runs if one.result is not None]
         if not found:
             return explain_missing_runs(simulation)
-        return pool_simulations(found, simulation.trajectories_run)
+        wide = simulation.wide.estimate if simulation.wide else None
+        return pool_simulations(found, simulation.trajectories_run, wide)
 
 
 def start_simulation(context: LearnerContext, settings: SubsetSettings) -> SubsetSimulation:

@@ -20,8 +20,8 @@ error.
 
 from collections.abc import Callable, Generator, Sequence
 from enum import StrEnum
-from math import ceil, inf, prod, sqrt
-from typing import Annotated
+from math import ceil, inf, log, prod, sqrt
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
@@ -220,6 +220,7 @@ class LevelRun:
         levels: levels that were passed so far.
         chains: samples of the last level, once failures were reached; None before that.
         draws: number of independent first draws.
+        max_trajectories: trajectories that it requests at most.
         result: estimate, after the end.
 
     Args:
@@ -242,7 +243,7 @@ class LevelRun:
         self._thresholds = thresholds
         self._sampler = sampler
         self.draws = settings.choose_draws(max_trajectories, len(thresholds))
-        self._max_trajectories = min(max_trajectories, self.draws * len(thresholds))
+        self.max_trajectories = min(max_trajectories, self.draws * len(thresholds))
         self.levels: list[SubsetLevel] = []
         self.chains: Chains | None = None
         self.result: SubsetEstimate | None = None
@@ -261,7 +262,7 @@ class LevelRun:
                 return self.result
             if number < len(self._thresholds):
                 is_last = number + 1 == len(self._thresholds)
-                left = self._max_trajectories - sampler.trajectories_requested
+                left = self.max_trajectories - sampler.trajectories_requested
                 chosen = left if is_last else min(self.draws - len(starts), left)
                 moves = max(chosen // len(starts), 0)
                 chains = yield from sampler.move_chains(chains, threshold, starts, moves)
@@ -270,6 +271,65 @@ class LevelRun:
             self.levels, chains, self.draws, sampler.trajectories_run
         )
         return self.result
+
+
+WIDE_SHARE = 0.05
+"""Share of the budget that is drawn of wide noise."""
+
+WIDE_REACH = 4.0
+"""Distance from the origin that wide noise adds, beside that of p(z). [sigma]"""
+
+MOST_WIDE_VALUES = 40
+"""Values of a trajectory beyond which the weights of wide noise say nothing: none is drawn."""
+
+
+class WideEstimate(NamedTuple):
+    """Estimates of a probability from the weights p(z) ÷ q(z) of failures among draws from q.
+
+    Attributes:
+        probability: their sum ÷ number of draws, which is unbiased. A single weight may dominate.
+        without_largest: the same without the largest weight, which is too low on average.
+    """
+
+    probability: float
+    without_largest: float
+
+
+class WideNoise:
+    """An estimate of P(robustness <= 0) from independent draws of N(0, s²·I), s > 1.
+
+    It is unbiased (importance sampling), and has a large error. It shows failures of which no
+    sample of p(z) came near: chains pass by them wherever robustness falls faster elsewhere.
+
+    Attributes:
+        trajectories_run: trajectories whose robustness is known.
+        estimate: what the failures among the draws say; None before the end.
+
+    Args:
+        draws: number of draws.
+        steps: number of steps of the noise.
+        rng: generator of every draw.
+    """
+
+    def __init__(self, draws: int, steps: int, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._shape = draws, steps, 2
+        self.trajectories_run = 0
+        self.estimate: WideEstimate | None = None
+
+    def run(self) -> Generator[Array, Array, None]:
+        """Draw all trajectories at once. To be called once."""
+        size = self._shape[1] * self._shape[2]
+        variance = 1.0 + WIDE_REACH**2 / size
+        z = sqrt(variance) * self._rng.standard_normal(self._shape)
+        robustness = yield z
+        ran = ~np.isnan(robustness)
+        self.trajectories_run = int(np.count_nonzero(ran))
+        squares = np.square(z[robustness <= 0.0]).sum(axis=(1, 2))
+        log_weights = 0.5 * (size * log(variance) - (1.0 - 1.0 / variance) * squares)
+        shares = np.exp(log_weights) / max(self.trajectories_run, 1)
+        rest = shares.sum() - shares.max(initial=0.0)
+        self.estimate = WideEstimate(float(shares.sum()), float(rest))
 
 
 class SubsetSimulation:
@@ -287,6 +347,7 @@ class SubsetSimulation:
         first: run that chooses the levels.
         end: end of the first run; None before.
         runs: all runs, the first run before the others, once that has reached failures; else empty.
+        wide: draws of wide noise beside the other runs; None before, and where there are none.
     """
 
     def __init__(
@@ -299,12 +360,14 @@ class SubsetSimulation:
         self._samplers: list[ConditionalSampler] = []
         self.first = FirstRun(steps, budget, settings, self._make_sampler())
         self.runs: list[FirstRun | LevelRun] = []
+        self.wide: WideNoise | None = None
         self.end: SubsetEnd | None = None
 
     @property
     def trajectories_run(self) -> int:
         """Number of trajectories whose robustness is known so far, of all runs."""
-        return sum(each.trajectories_run for each in self._samplers)
+        wide = self.wide.trajectories_run if self.wide else 0
+        return wide + sum(each.trajectories_run for each in self._samplers)
 
     def run(self) -> Generator[Array, Array, None]:
         """Yields trajectories and is sent their robustness, as `Sampling`.
@@ -315,20 +378,31 @@ class SubsetSimulation:
         self.end = yield from self.first.run()
         if self.end is not SubsetEnd.REACHED:
             return
-        thresholds = [level.threshold for level in self.first.levels]
-        left = self._budget - self._samplers[0].trajectories_requested
+        settings, thresholds = self._settings, [level.threshold for level in self.first.levels]
+        spent = self._samplers[0].trajectories_requested
+        left = self._budget - spent
+        most_wide = 0
+        if 2 * self._steps <= MOST_WIDE_VALUES:
+            free = max(left - settings.count_reserved(len(thresholds)), 0)
+            most_wide = min(ceil(WIDE_SHARE * self._budget), free)
         others = [
             LevelRun(
                 self._steps,
                 thresholds,
-                left // (self._settings.runs - 1),
-                self._settings,
+                (left - most_wide) // (settings.runs - 1),
+                settings,
                 self._make_sampler(),
             )
-            for _ in range(1, self._settings.runs)
+            for _ in range(1, settings.runs)
         ]
         self.runs = [self.first, *others]
-        yield from _run_side_by_side([each.run() for each in others])
+        beside: list[Generator[Array, Array, object]] = [each.run() for each in others]
+        planned = spent + sum(each.max_trajectories for each in others)
+        if draws := min(most_wide, ceil(WIDE_SHARE * planned)):
+            rng = np.random.default_rng([*self._seed, settings.runs])
+            self.wide = WideNoise(draws, self._steps, rng)
+            beside.append(self.wide.run())
+        yield from _run_side_by_side(beside)
 
     def _make_sampler(self) -> ConditionalSampler:
         rng = np.random.default_rng([*self._seed, len(self._samplers)])
@@ -336,7 +410,9 @@ class SubsetSimulation:
         return self._samplers[-1]
 
 
-def _run_side_by_side(runs: Sequence[Running]) -> Generator[Array, Array, None]:
+def _run_side_by_side(
+    runs: Sequence[Generator[Array, Array, object]],
+) -> Generator[Array, Array, None]:
     """Yield the noise of all runs together, until the last of them has ended."""
     waiting = {place: next(run) for place, run in enumerate(runs)}
     while waiting:

@@ -14,6 +14,7 @@ from eigenfail_services.statistics.subset_simulation import (
     FEWEST_SAMPLES,
     SubsetEnd,
     SubsetSettings,
+    WideNoise,
     _find_next_threshold,
     count_effective,
     estimate_cv,
@@ -231,3 +232,22 @@ def test_samples_of_a_level_are_distributed_as_the_noise_below_it():
 def test_what_is_no_robustness_is_refused(broken):
     with pytest.raises(InvalidValue, match="one finite number for each trajectory"):
         simulate_subsets(broken, STEPS, BUDGET, SETTINGS, 1)
+
+
+def test_wide_noise_estimates_a_rare_probability_without_bias():
+    p, found = 1e-5, []
+    for seed in range(200):
+        wide = WideNoise(400, 2, np.random.default_rng(seed))
+        running = wide.run()
+        z = next(running)
+        with pytest.raises(StopIteration):
+            running.send(half_space(p)(z))
+        found.append(wide.estimate)
+    mean = np.mean([one.probability for one in found])
+    assert mean == pytest.approx(p, rel=0.1)
+    assert all(one.without_largest <= one.probability for one in found)
+
+
+def test_no_wide_noise_is_drawn_of_long_trajectories():
+    assert simulate_subsets(half_space(1e-3), 20, 3_000, SETTINGS, 1).wide
+    assert simulate_subsets(half_space(1e-3), 21, 3_000, SETTINGS, 1).wide is None
