@@ -56,6 +56,9 @@ class ChainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     pcn: Annotated[Weight, Meta(description="weight of moves that change all values a little")] = (
         0.25
     )
+    shift: Annotated[
+        Weight, Meta(description="weight of moves that shift a segment by 1 to 10 steps")
+    ] = 1.0
 
     def __post_init__(self) -> None:
         """Check that there is a move.
@@ -64,7 +67,7 @@ class ChainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
             InvalidValue: all weights are 0.
         """
         if not any(self.weights.values()):
-            problem = "the weights redraw, window and pcn are all 0, so that no chain moves."
+            problem = "the weights redraw, window, pcn and shift are all 0: no chain moves."
             raise InvalidValue("settings.redraw", problem, "Make one of them positive.")
 
     @property
