@@ -42,13 +42,13 @@ class ChainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ]
     chains: Annotated[
         int, Meta(ge=2, le=1000, description="chains, each of which moves once in a round")
-    ] = 10
+    ] = 5
     burn_in: Annotated[
         float, Meta(ge=0.0, le=0.9, description="share of the budget before samples count")
     ] = 0.4
     acceptance: Annotated[
         float, Meta(ge=0.1, le=0.9, description="share of the moves that is to fail")
-    ] = 0.25
+    ] = 0.3
     redraw: Annotated[Weight, Meta(description="weight of moves that redraw random values")] = 1.0
     window: Annotated[
         Weight, Meta(description="weight of moves that redraw 3 to 15 successive steps")

@@ -215,7 +215,7 @@ def test_a_campaign_without_failures_is_refused():
 
 def test_other_directions_of_the_noise_are_watched():
     facts, trace = read_state(make(steady(2.0)).state())
-    assert trace.shape == (0, 10, len(facts.projections))
+    assert trace.shape == (0, 5, len(facts.projections))
     assert "component 1 of the known failures" in facts.projections
     alike, _ = read_state(make(steady(2.0, n=1)).state())
     assert not any(name.startswith("component") for name in alike.projections)
