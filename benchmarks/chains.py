@@ -18,6 +18,9 @@ from eigenfail_services.methods.chains import ChainSettings, read_state
 
 SEEDS = 3
 SEARCHED, MOVED = 400, 6000
+EARLY = 0.05
+"""Share of the true failures that counts as early: those of AST are nearly all of that kind."""
+
 SETTINGS = {"campaign": EARLIER}
 
 
@@ -48,7 +51,7 @@ def spec_of(method: str, episodes: int, seed: int, **settings: int) -> CampaignS
 def compared(
     runs: Sequence[Found], starts: Sequence[Sequence[Floats]], truth: TrueFailures
 ) -> Iterator[tuple[str, Figure]]:
-    """Compare the samples with the true failures: log p per step, and groups that they reach."""
+    """Compare the samples with the true failures: log p per step, groups, and early collisions."""
     known = log_p_per_step(truth.noise)
     found = [samples(run) for run in runs]
     gaps = [log_p_per_step(each) - known for each in found]
@@ -60,6 +63,12 @@ def compared(
     of_ast = ", ".join(f"{groups.spread(each):.3g}" for each in starts)
     note = f"; of the failures of AST {of_ast}; groups that hold 5 % of the samples"
     yield "chains.group_coverage", of_seeds(reached, "share", len(groups.centres), note)
+    earliest = float(np.quantile([len(z) for z in truth.noise], EARLY))
+    early = [share_before(each, earliest) for each in found]
+    of_ast = ", ".join(f"{share_before(each, earliest):.3g}" for each in starts)
+    of_true = share_before(truth.noise, earliest)
+    note = f"; of the failures of AST {of_ast}, of the true ones {of_true:.3g}; before step "
+    yield "chains.share_early", of_seeds(early, "share", len(early), f"{note}{earliest:.0f}")
 
 
 def samples(run: Found) -> list[Floats]:
@@ -68,6 +77,11 @@ def samples(run: Found) -> list[Floats]:
     first = settings.first_sample(run.spec.episodes)
     early = sum(run.crashed[:first])
     return [one.z for one in run.crashes[early:]]
+
+
+def share_before(noise: Sequence[Floats], step: float) -> float:
+    """Share of failures with fewer steps up to the collision."""
+    return fmean(len(z) < step for z in noise)
 
 
 def log_p_per_step(noise: Sequence[Floats]) -> float:

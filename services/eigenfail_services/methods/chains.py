@@ -42,13 +42,13 @@ class ChainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ]
     chains: Annotated[
         int, Meta(ge=2, le=1000, description="chains, each of which moves once in a round")
-    ] = 10
+    ] = 5
     burn_in: Annotated[
         float, Meta(ge=0.0, le=0.9, description="share of the budget before samples count")
     ] = 0.4
     acceptance: Annotated[
         float, Meta(ge=0.1, le=0.9, description="share of the moves that is to fail")
-    ] = 0.25
+    ] = 0.3
     redraw: Annotated[Weight, Meta(description="weight of moves that redraw random values")] = 1.0
     window: Annotated[
         Weight, Meta(description="weight of moves that redraw 3 to 15 successive steps")
@@ -56,6 +56,9 @@ class ChainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     pcn: Annotated[Weight, Meta(description="weight of moves that change all values a little")] = (
         0.25
     )
+    shift: Annotated[
+        Weight, Meta(description="weight of moves that shift a segment by 1 to 10 steps")
+    ] = 1.0
 
     def __post_init__(self) -> None:
         """Check that there is a move.
@@ -64,7 +67,7 @@ class ChainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
             InvalidValue: all weights are 0.
         """
         if not any(self.weights.values()):
-            problem = "the weights redraw, window and pcn are all 0, so that no chain moves."
+            problem = "the weights redraw, window, pcn and shift are all 0: no chain moves."
             raise InvalidValue("settings.redraw", problem, "Make one of them positive.")
 
     @property

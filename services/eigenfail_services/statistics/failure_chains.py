@@ -31,8 +31,11 @@ Steps = NDArray[np.int64]
 SHORTEST_WINDOW, LONGEST_WINDOW = 3, 15
 """Steps of a window that is redrawn."""
 
+LONGEST_SHIFT = 10
+"""Steps by which a segment is shifted at most. From 7 to 17 about as many shifts are accepted."""
+
 AXIS_CHOICES = (slice(0, 2), slice(0, 1), slice(1, 2))
-"""Columns of a window that is redrawn."""
+"""Columns of a window that is redrawn, or of a segment that is shifted."""
 
 SMALLEST_SIZE = 0.005
 
@@ -43,6 +46,7 @@ class MoveKind(StrEnum):
     REDRAW = "redraw"
     WINDOW = "window"
     PCN = "pcn"
+    SHIFT = "shift"
 
 
 FIRST_SIZES: Mapping[str, float] = MappingProxyType({MoveKind.REDRAW: 0.1, MoveKind.PCN: 0.2})
@@ -74,11 +78,30 @@ def step_pcn(z: Array, size: float, rng: np.random.Generator) -> Array:
     return kept + size * rng.standard_normal(z.shape)
 
 
+def shift_segment(z: Array, size: float, rng: np.random.Generator) -> Array:
+    """Return noise of which a segment of one axis or both was rotated by up to 10 steps.
+
+    It moves what happens in the segment to another time, which no small change of its values does.
+    The values are those of before in another order, which is as likely, and a rotation back has the
+    probability of that forth. Noise of a single step is redrawn.
+    """
+    if len(z) == 1:
+        return redraw_window(z, size, rng)
+    first, last = np.sort(rng.choice(len(z), 2, replace=False)).tolist()
+    # Less than the segment is long: a full turn changes nothing, and would count as a failure.
+    shift = int(rng.integers(1, min(LONGEST_SHIFT, last - first) + 1)) * int(rng.choice((-1, 1)))
+    moved = z.copy()
+    segment = moved[first : last + 1, AXIS_CHOICES[rng.integers(len(AXIS_CHOICES))]]
+    segment[:] = np.roll(segment, shift, axis=0)
+    return moved
+
+
 MOVES: Mapping[MoveKind, Callable[[Array, float, np.random.Generator], Array]] = MappingProxyType(
     {
         MoveKind.REDRAW: redraw_components,
         MoveKind.WINDOW: redraw_window,
         MoveKind.PCN: step_pcn,
+        MoveKind.SHIFT: shift_segment,
     }
 )
 

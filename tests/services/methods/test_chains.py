@@ -85,7 +85,7 @@ def test_samples_are_distributed_as_failures_of_monte_carlo():
 
 def test_chains_of_a_plane_border_mix():
     problem = HalfSpace(0.1, steady_noise(2))
-    small = {"redraw": 0, "window": 0, "acceptance": 0.4, "burn_in": 0.2}
+    small = {"redraw": 0, "window": 0, "shift": 0, "acceptance": 0.4, "burn_in": 0.2}
     learner = make(1.2 * problem.likeliest[None], 4800, chains=8, **small)
     run(learner, 4800, FunctionEngine(problem.function, problem.steps))
     facts, trace = read_state(learner.state())
@@ -100,7 +100,7 @@ def corner_starts(*sides):
 
 def run_corners(*sides):
     problem = TwoModes()
-    learner = make(corner_starts(*sides), 4000, chains=8, redraw=0, window=0)
+    learner = make(corner_starts(*sides), 4000, chains=8, redraw=0, window=0, shift=0)
     results = run(learner, 4000, FunctionEngine(problem.function, problem.steps))
     facts, trace = read_state(learner.state())
     projections = measure_projections(facts.projections, trace)
@@ -175,7 +175,7 @@ def test_moves_that_are_safe_or_errored_are_not_accepted():
     facts, trace = read_state(learner.state())
     assert (facts.moved, facts.tried, facts.accepted) == (2, 2, 1)
     assert (trace[0, 1] == trace[1, 1])[:2].all()
-    assert trace[0, 0, 0] != trace[1, 0, 0]
+    assert (trace[0, 0] != trace[1, 0]).any()
 
 
 def test_sizes_change_in_burn_in_only_and_samples_come_after_it():
@@ -197,7 +197,7 @@ def test_sizes_change_in_burn_in_only_and_samples_come_after_it():
 @pytest.mark.parametrize(
     ("settings", "episodes", "words"),
     [
-        ({"redraw": 0, "window": 0, "pcn": 0}, 400, r"settings.redraw: .* all 0"),
+        ({"redraw": 0, "window": 0, "pcn": 0, "shift": 0}, 400, r"settings.redraw: .* all 0"),
         ({"chains": 50}, 400, r"episodes: 400 are fewer than 10 rounds of 50 chains"),
         ({"chains": 1}, 400, r"settings.chains"),
         ({"burn_in": 0.95}, 400, r"settings.burn_in"),
@@ -215,7 +215,7 @@ def test_a_campaign_without_failures_is_refused():
 
 def test_other_directions_of_the_noise_are_watched():
     facts, trace = read_state(make(steady(2.0)).state())
-    assert trace.shape == (0, 10, len(facts.projections))
+    assert trace.shape == (0, 5, len(facts.projections))
     assert "component 1 of the known failures" in facts.projections
     alike, _ = read_state(make(steady(2.0, n=1)).state())
     assert not any(name.startswith("component") for name in alike.projections)

@@ -12,6 +12,7 @@ from eigenfail_services.statistics.failure_chains import (
     MoveKind,
     MoveMix,
     redraw_window,
+    shift_segment,
 )
 
 STEPS, BETA = 5, 2.0
@@ -43,7 +44,14 @@ def sample(mix, chains=60, moves=500, burn_in=100):
 
 
 @pytest.mark.parametrize(
-    "kinds", [(MoveKind.REDRAW,), (MoveKind.WINDOW,), (MoveKind.PCN,), tuple(MoveKind)]
+    "kinds",
+    [
+        (MoveKind.REDRAW,),
+        (MoveKind.WINDOW,),
+        (MoveKind.PCN,),
+        (MoveKind.REDRAW, MoveKind.SHIFT),
+        tuple(MoveKind),
+    ],
 )
 def test_samples_of_a_half_space_are_a_truncated_normal(kinds):
     states, _ = sample(mix_of(*kinds, adapted=100))
@@ -77,6 +85,50 @@ def test_a_window_has_3_to_15_steps_and_reaches_every_step_as_often():
     widths = changed[..., 0].sum(axis=1)
     assert widths.max() == 15
     assert changed.mean(axis=(0, 2)) == pytest.approx(changed.mean(), rel=0.2)
+
+
+def test_a_shift_moves_a_segment_by_at_most_10_steps_and_never_leaves_all_in_place():
+    rng = np.random.default_rng(4)
+    before = np.arange(120.0).reshape(60, 2)
+    reached = set()
+    for _ in range(2000):
+        after = shift_segment(before, 0.0, rng)
+        changed = np.flatnonzero((after != before).any(axis=1))
+        assert changed.size >= 2
+        segment = slice(changed[0], changed[-1] + 1)
+        for was, now in zip(before[segment].T, after[segment].T, strict=True):
+            turns = [by for by in range(-10, 11) if (np.roll(was, by) == now).all()]
+            assert turns
+            reached |= set(turns)
+    assert reached == set(range(-10, 11))
+
+
+def find_pulses(z, length=4):
+    """Step at which the largest sum of successive values of the first axis begins, and that sum."""
+    sums = np.lib.stride_tricks.sliding_window_view(z[..., 0], length, axis=1).sum(axis=2)
+    return sums.argmax(axis=1), sums.max(axis=1) / sqrt(length)
+
+
+def share_of_late_pulses(*kinds):
+    """Share of late ones in the end where a pulse at any step fails and all chains start early."""
+    starts = np.zeros((60, 40, 2), np.float32)
+    starts[:, 3:7, 0] = 2.5
+    ends, all_ran = np.full(60, 40), np.ones(60, bool)
+    sampler = ChainSampler(starts, ends.copy(), mix_of(*kinds, adapted=100), seed=9)
+    for _ in range(500):
+        z = sampler.propose(60)
+        sampler.accept(z, ends, find_pulses(z)[1] >= 4.5, all_ran)
+    return float((find_pulses(sampler.z)[0] > 18).mean())
+
+
+def test_shifts_reach_failures_at_another_time():
+    assert share_of_late_pulses(MoveKind.REDRAW) < 0.1
+    assert share_of_late_pulses(MoveKind.REDRAW, MoveKind.SHIFT) == pytest.approx(0.5, abs=0.2)
+
+
+def test_noise_of_a_single_step_is_redrawn_rather_than_shifted():
+    z = np.ones((1, 2))
+    assert (shift_segment(z, 0.0, np.random.default_rng(1)) != z).any()
 
 
 def test_noise_after_the_failure_is_drawn_anew():
