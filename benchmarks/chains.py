@@ -1,4 +1,4 @@
-"""Figures: chains of failures on `cut_in`, from failures of AST, against the true failures."""
+"""Figures: chains of failures on `cut_in`, from those of splitting or AST, and the true ones."""
 
 from collections.abc import Iterator, Sequence
 from math import log, pi
@@ -17,23 +17,27 @@ from eigenfail_services.campaigns.chain_mixing import measure_projections
 from eigenfail_services.methods.chains import ChainSettings, read_state
 
 SEEDS = 3
-SEARCHED, MOVED = 400, 6000
+FOUND_IN = {"splitting": 20_000, "ast": 400}
+"""Episodes of the campaign that finds the failures of which chains start, by its method."""
+
+MOVED = 6000
 EARLY = 0.05
 """Share of the true failures that counts as early: those of AST are nearly all of that kind."""
 
 SETTINGS = {"campaign": EARLIER}
 
 
-def chains(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
-    """Campaigns of chains from the failures of AST, one for each seed."""
-    searched = side_by_side(crew, [spec_of("ast", SEARCHED, seed + i) for i in range(SEEDS)])
-    starts = [[one.z for one in run.crashes] for run in searched]
+def chains(method: str, prefix: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """Campaigns of chains from the failures of a method, one for each seed."""
+    found_in = [spec_of(method, FOUND_IN[method], seed + i) for i in range(SEEDS)]
+    starts = [[one.z for one in run.crashes] for run in side_by_side(crew, found_in)]
     specs = [spec_of("chains", MOVED, seed + i, **SETTINGS) for i in range(SEEDS)]
     runs = crew.each(search, specs, [None] * SEEDS, starts)
     truth = true_failures(crew)
-    yield "chains.share_failing", of_seeds([failure_rate(run) for run in runs], "share", MOVED)
-    yield from compared(runs, starts, truth)
-    yield from mixed(runs)
+    share = of_seeds([failure_rate(run) for run in runs], "share", MOVED)
+    yield f"{prefix}.share_failing", share
+    for name, figure in (*compared(method, runs, starts, truth), *mixed(runs)):
+        yield f"{prefix}.{name}", figure
 
 
 def spec_of(method: str, episodes: int, seed: int, **settings: int) -> CampaignSpec:
@@ -49,26 +53,28 @@ def spec_of(method: str, episodes: int, seed: int, **settings: int) -> CampaignS
 
 
 def compared(
-    runs: Sequence[Found], starts: Sequence[Sequence[Floats]], truth: TrueFailures
+    method: str, runs: Sequence[Found], starts: Sequence[Sequence[Floats]], truth: TrueFailures
 ) -> Iterator[tuple[str, Figure]]:
     """Compare the samples with the true failures: log p per step, groups, and early collisions."""
     known = log_p_per_step(truth.noise)
     found = [samples(run) for run in runs]
     gaps = [log_p_per_step(each) - known for each in found]
     before = ", ".join(f"{log_p_per_step(each) - known:.3f}" for each in starts)
-    of_starts = f"; of the failures of AST {before}; {len(truth.noise)} true failures"
-    yield "chains.log_p_gap", of_seeds(gaps, "nat", len(gaps), of_starts)
+    note = f"; of the failures of {method} {before}; {len(truth.noise)} true failures"
+    yield "log_p_gap", of_seeds(gaps, "nat", len(gaps), note)
     groups = truth.reference
     reached = [groups.spread(each) for each in found]
-    of_ast = ", ".join(f"{groups.spread(each):.3g}" for each in starts)
-    note = f"; of the failures of AST {of_ast}; groups that hold 5 % of the samples"
-    yield "chains.group_coverage", of_seeds(reached, "share", len(groups.centres), note)
+    of_starts = ", ".join(f"{groups.spread(each):.3g}" for each in starts)
+    note = f"; of the failures of {method} {of_starts}; groups that hold 5 % of the samples"
+    yield "group_coverage", of_seeds(reached, "share", len(groups.centres), note)
     earliest = float(np.quantile([len(z) for z in truth.noise], EARLY))
     early = [share_before(each, earliest) for each in found]
-    of_ast = ", ".join(f"{share_before(each, earliest):.3g}" for each in starts)
+    of_starts = ", ".join(f"{share_before(each, earliest):.3g}" for each in starts)
     of_true = share_before(truth.noise, earliest)
-    note = f"; of the failures of AST {of_ast}, of the true ones {of_true:.3g}; before step "
-    yield "chains.share_early", of_seeds(early, "share", len(early), f"{note}{earliest:.0f}")
+    note = (
+        f"; of the failures of {method} {of_starts}, of the true ones {of_true:.3g}; before step "
+    )
+    yield "share_early", of_seeds(early, "share", len(early), f"{note}{earliest:.0f}")
 
 
 def samples(run: Found) -> list[Floats]:
@@ -97,6 +103,6 @@ def mixed(runs: Sequence[Found]) -> Iterator[tuple[str, Figure]]:
     found = [measure_projections(facts.projections, trace) for facts, trace in states]
     worst = "; worst: " + ", ".join(each[0].name for each in found)
     n = fmean(len(trace) for _, trace in states)
-    yield "chains.worst_r_hat", of_seeds([each[0].r_hat for each in found], "ratio", int(n), worst)
+    yield "worst_r_hat", of_seeds([each[0].r_hat for each in found], "ratio", int(n), worst)
     fewest = [min(one.effective for one in each) for each in found]
-    yield "chains.fewest_effective", of_seeds(fewest, "samples", int(n))
+    yield "fewest_effective", of_seeds(fewest, "samples", int(n))
