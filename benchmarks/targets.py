@@ -79,9 +79,6 @@ TARGETS = {
         )
     },
     "chains.log_p_gap": Target(low=-0.1, high=0.1),
-    "intervals.covered_min": Target(low=0.88),
-    "intervals.low_bias_worst": Target(low=0.8),
-    "mixture_over_subset": Target(high=0.5),
     "search.dominated": Target(high=0.0),
     "faults.kinds": Target(low=40.0),
     "faults.storm.kinds": Target(low=13.0),
