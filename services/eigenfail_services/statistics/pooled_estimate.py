@@ -164,8 +164,9 @@ def pool_simulations(
     if wide and wide.without_largest > FAR_ABOVE * interval.high:
         return refuse_estimate(
             episodes,
-            "Wider noise meets failures that the levels passed by: by these P is about "
-            f"{wide.probability:.0e}, by the levels {probability:.0e}. Take method mixture.",
+            "Wider noise meets failures that the levels passed by: P is about "
+            f"{wide.probability:.0e} by these and {probability:.0e} by the levels. "
+            "Take method mixture.",
         )
     is_confirmed = wide and probability / NEAR <= wide.probability <= probability * NEAR
     if interval.high > WIDEST_INTERVAL * interval.low and not is_confirmed:
