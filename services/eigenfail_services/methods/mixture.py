@@ -1,6 +1,6 @@
 """Mixture sampling: importance sampling from normals around every failure region that was found."""
 
-from math import log10
+from math import inf, log10
 from typing import Annotated
 
 import msgspec
@@ -14,7 +14,7 @@ from eigenfail_services.statistics.mixture_sampling import (
     FEWEST_FAILURES,
     MixtureResult,
     MixtureSampling,
-    estimate_tail_index,
+    fit_tail,
 )
 
 BY = "mixture sampling"
@@ -130,7 +130,8 @@ def judge_result(result: MixtureResult, episodes: int, values: int) -> Estimate:
             f"independent ones, and {needed} are needed: the fitted normals do not "
             f"match the failures well. {TAKE_SUBSET}, or give it more episodes.",
         )
-    index = estimate_tail_index(result.weights)
+    tail = fit_tail(result.weights)
+    index = tail.shape if tail else inf
     limit = min(1.0 - 1.0 / log10(result.draws), LARGEST_TAIL_INDEX)
     if index > limit:
         return _refuse(

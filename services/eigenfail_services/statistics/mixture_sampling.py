@@ -16,7 +16,7 @@ Statistical Science 28, 424–446 (moves); Vehtari et al. 2024, JMLR 25 (72) (ta
 """
 
 from collections.abc import Generator, Sequence
-from math import inf, log, sqrt
+from math import log, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -121,8 +121,17 @@ class MixtureResult(NamedTuple):
 
     @property
     def cv(self) -> float:
-        """Coefficient of variation of `probability`."""
-        return sqrt(max(1.0 / self.effective - 1.0 / self.draws, 0.0))
+        """Coefficient of variation of `probability`.
+
+        Rare heavy weights are often missing among the draws, and their variance with them. So the
+        mean square of the largest weights is at least that of the distribution fitted to them.
+        """
+        squares = np.square(np.sort(self.weights))
+        total = float(squares.sum())
+        if tail := fit_tail(self.weights):
+            seen = float(squares[-tail.size :].sum())
+            total += max(tail.size * tail.find_mean_square() - seen, 0.0)
+        return sqrt(max(total / float(self.weights.sum()) ** 2 - 1.0 / self.draws, 0.0))
 
 
 Sampling = Generator[Array, Array, None]
@@ -298,27 +307,58 @@ def make_result(last: ProposalDraws, count: int, ends: Array) -> MixtureResult:
     return MixtureResult(count, errored, weights, uncovered)
 
 
-def estimate_tail_index(weights: Array) -> float:
-    """Return the shape k of a generalised Pareto distribution of the largest weights.
+class WeightTail(NamedTuple):
+    """A generalised Pareto distribution of the largest weights.
 
-    Above 0.7 their sum is not to be trusted, whatever its variance says (Vehtari et al. 2024). The
-    estimator is that of Zhang and Stephens (2009, Technometrics 51, 316–325), with the prior of
-    Vehtari et al.; infinite for too few weights.
+    Attributes:
+        size: number of these weights.
+        start: value that they exceed.
+        scale: its scale.
+        shape: its shape, of which values above 0.7 say that the sum of the weights is not to be
+            trusted, whatever its variance says (Vehtari et al. 2024).
+    """
+
+    size: int
+    start: float
+    scale: float
+    shape: float
+
+    def find_mean_square(self) -> float:
+        """Return the mean square of such weights, of a shape held within the bounds."""
+        shape = min(max(self.shape, LEAST_SHAPE), LARGEST_SHAPE)
+        mean = self.scale / (1.0 - shape)
+        square = 2.0 * self.scale * mean / (1.0 - 2.0 * shape)
+        return self.start**2 + 2.0 * self.start * mean + square
+
+
+LEAST_SHAPE, LARGEST_SHAPE = 0.0, 0.45
+"""Bounds of the shape in the variance, which is infinite from 0.5 on."""
+
+FEWEST_IN_TAIL = 5
+
+
+def fit_tail(weights: Array) -> WeightTail | None:
+    """Return the distribution of the largest weights; None of too few.
+
+    The estimator is that of Zhang and Stephens (2009, Technometrics 51, 316–325), with the prior of
+    Vehtari et al.
     """
     ordered = np.sort(weights)
     tail = int(min(len(ordered) / 5, 3.0 * sqrt(len(ordered))))
-    if tail < 5:
-        return inf
-    excess = ordered[-tail:] - ordered[-tail - 1]
+    if tail < FEWEST_IN_TAIL:
+        return None
+    start = float(ordered[-tail - 1])
+    excess = ordered[-tail:] - start
     excess = excess[excess > 0.0]
     count = len(excess)
-    if count < 5:
-        return 0.0
+    if count < FEWEST_IN_TAIL:
+        return WeightTail(tail, start, 0.0, 0.0)
     grid = np.arange(1, 31 + int(sqrt(count)))
     quartile = excess[int(count / 4 + 0.5) - 1]
     rates = 1.0 / excess[-1] + (1.0 - np.sqrt(len(grid) / (grid - 0.5))) / (3.0 * quartile)
     shapes = np.log1p(-rates[:, None] * excess).mean(axis=1)
     likelihoods = count * (np.log(-rates / shapes) - shapes - 1.0)
     posterior = np.exp(likelihoods - np.logaddexp.reduce(likelihoods))
-    shape = float(np.log1p(-float(posterior @ rates) * excess).mean())
-    return (count * shape + 10.0 * 0.5) / (count + 10.0)
+    rate = float(posterior @ rates)
+    shape = float(np.log1p(-rate * excess).mean())
+    return WeightTail(tail, start, -shape / rate, (count * shape + 10.0 * 0.5) / (count + 10.0))
