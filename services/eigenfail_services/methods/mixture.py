@@ -146,12 +146,13 @@ def judge_result(result: MixtureResult, episodes: int, values: int) -> Estimate:
             "mixture hardly draws: it has lost a failure region, or the noise has too many values "
             f"for so few failures. {TAKE_SUBSET}, or give it more episodes.",
         )
+    cv = result.cv
     return Estimate(
         by=BY,
         episodes=episodes,
         probability=result.probability,
-        cv=result.cv,
-        interval=log_normal(result.probability, result.cv, result.effective_for_variance),
+        cv=cv,
+        interval=log_normal(result.probability, cv, result.effective_for_variance),
         effective=effective,
         note=BLIND + _describe_errors(result),
     )

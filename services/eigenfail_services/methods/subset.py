@@ -19,16 +19,18 @@ from eigenfail_services.statistics.pooled_estimate import (
     pool_simulations,
     refuse_estimate,
 )
-from eigenfail_services.statistics.subset_simulation import (
-    FEWEST_SAMPLES,
-    PLANNED_LEVELS,
+from eigenfail_services.statistics.subset_estimate import (
     SubsetEnd,
     SubsetEstimate,
-    SubsetSettings,
-    SubsetSimulation,
     estimate_from_failures,
     estimate_without_failures,
     make_level,
+)
+from eigenfail_services.statistics.subset_simulation import (
+    FEWEST_SAMPLES,
+    PLANNED_LEVELS,
+    SubsetSettings,
+    SubsetSimulation,
 )
 
 

@@ -30,7 +30,9 @@ from eigenfail_services.statistics.gaussian_mixture import (
     make_prior_proposal,
     make_scaled_proposal,
 )
-from eigenfail_services.statistics.subset_simulation import count_effective
+from eigenfail_services.statistics.subset_estimate import (
+    count_effective,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -12,11 +12,13 @@ from statistics import stdev
 
 from eigenfail.values import Estimate
 from eigenfail_services.statistics.intervals import find_quantile, log_normal
-from eigenfail_services.statistics.subset_simulation import (
-    FEWEST_SAMPLES,
+from eigenfail_services.statistics.subset_estimate import (
     SubsetEnd,
     SubsetEstimate,
     SubsetLevel,
+)
+from eigenfail_services.statistics.subset_simulation import (
+    FEWEST_SAMPLES,
     SubsetSimulation,
     WideEstimate,
 )

@@ -19,24 +19,32 @@ error.
 """
 
 from collections.abc import Callable, Generator, Sequence
-from enum import StrEnum
-from math import ceil, inf, log, prod, sqrt
+from math import ceil, inf, sqrt
 from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Interval
 from eigenfail_services.statistics.conditional_sampler import (
     Array,
     Chains,
     ConditionalSampler,
     find_starts,
 )
-from eigenfail_services.statistics.intervals import log_normal
+from eigenfail_services.statistics.gaussian_mixture import (
+    make_prior_proposal,
+    make_scaled_proposal,
+)
+from eigenfail_services.statistics.subset_estimate import (
+    SubsetEnd,
+    SubsetEstimate,
+    SubsetLevel,
+    estimate_from_failures,
+    estimate_without_failures,
+    make_level,
+)
 
 FEWEST_SAMPLES = 20
 """Samples on a level below which neither a level nor its probability is estimated."""
@@ -93,56 +101,6 @@ class SubsetSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     def _count_trajectories_per_draw(self, levels: int) -> float:
         """Return the trajectories of a run for each of its first draws; starts are not rerun."""
         return 1.0 + (levels - 1) * (1.0 - self.level_share)
-
-
-class SubsetEnd(StrEnum):
-    """Why a subset simulation ended."""
-
-    REACHED = "failures were reached"
-    STALLED = "robustness falls no further"
-    SPENT = "all levels were spent"
-    MISSED = "no sample reached the next level"
-    CUT = "the other runs need the episodes that are left"
-
-
-class SubsetLevel(msgspec.Struct, frozen=True):
-    """One level.
-
-    Attributes:
-        threshold: robustness at or below which a sample is on it.
-        share: probability of that, given the level before.
-        acceptance: share of the moves that were accepted on the level before; 1 on the first.
-    """
-
-    threshold: float
-    share: float
-    acceptance: float
-
-
-class SubsetEstimate(msgspec.Struct, frozen=True, kw_only=True):
-    """The result of one run.
-
-    Attributes:
-        draws: number of independent first draws, which is that of the samples on a level.
-        probability: probability of a failure; None if none was reached.
-        cv: coefficient of variation of that product; 0 without it.
-        effective_first_draws: effective number of independent first draws from which the failures
-            descend; 0 without failures.
-        interval: 95 %, log-normal around `probability`; None without it. It knows nothing of a kind
-            of failure of which no sample showed the beginning.
-        distinct_first_draws: number of independent first draws from which the failures descend.
-        trajectories_run: trajectories whose robustness is known.
-    """
-
-    draws: int
-    probability: float | None
-    cv: float
-    effective_first_draws: float
-    interval: Interval | None
-    distinct_first_draws: int
-    trajectories_run: int
-    levels: tuple[SubsetLevel, ...]
-    end: SubsetEnd
 
 
 Running = Generator[Array, Array, SubsetEstimate]
@@ -277,7 +235,7 @@ WIDE_SHARE = 0.05
 """Share of the budget that is drawn of wide noise."""
 
 WIDE_REACH = 4.0
-"""Distance from the origin that wide noise adds, beside that of p(z). [sigma]"""
+"""The mean of |z|² is that of p(z) and the square of this. [sigma]"""
 
 MOST_WIDE_VALUES = 40
 """Values of a trajectory beyond which the weights of wide noise say nothing: none is drawn."""
@@ -320,13 +278,14 @@ class WideNoise:
     def run(self) -> Generator[Array, Array, None]:
         """Draw all trajectories at once. To be called once."""
         size = self._shape[1] * self._shape[2]
-        variance = 1.0 + WIDE_REACH**2 / size
-        z = sqrt(variance) * self._rng.standard_normal(self._shape)
+        scale = sqrt(1.0 + WIDE_REACH**2 / size)
+        z = scale * self._rng.standard_normal(self._shape)
         robustness = yield z
         ran = ~np.isnan(robustness)
         self.trajectories_run = int(np.count_nonzero(ran))
-        squares = np.square(z[robustness <= 0.0]).sum(axis=(1, 2))
-        log_weights = 0.5 * (size * log(variance) - (1.0 - 1.0 / variance) * squares)
+        failures = z[robustness <= 0.0].reshape(-1, size)
+        wide, prior = make_scaled_proposal(size, scale), make_prior_proposal(size)
+        log_weights = prior.log_density(failures) - wide.log_density(failures)
         shares = np.exp(log_weights) / max(self.trajectories_run, 1)
         rest = shares.sum() - shares.max(initial=0.0)
         self.estimate = WideEstimate(float(shares.sum()), float(rest))
@@ -347,7 +306,7 @@ class SubsetSimulation:
         first: run that chooses the levels.
         end: end of the first run; None before.
         runs: all runs, the first run before the others, once that has reached failures; else empty.
-        wide: draws of wide noise beside the other runs; None before, and where there are none.
+        wide: run of wide noise; None before the end of the first run, and where none is drawn.
     """
 
     def __init__(
@@ -396,13 +355,13 @@ class SubsetSimulation:
             for _ in range(1, settings.runs)
         ]
         self.runs = [self.first, *others]
-        beside: list[Generator[Array, Array, object]] = [each.run() for each in others]
+        running: list[Generator[Array, Array, object]] = [each.run() for each in others]
         planned = spent + sum(each.max_trajectories for each in others)
         if draws := min(most_wide, ceil(WIDE_SHARE * planned)):
             rng = np.random.default_rng([*self._seed, settings.runs])
             self.wide = WideNoise(draws, self._steps, rng)
-            beside.append(self.wide.run())
-        yield from _run_side_by_side(beside)
+            running.append(self.wide.run())
+        yield from _run_side_by_side(running)
 
     def _make_sampler(self) -> ConditionalSampler:
         rng = np.random.default_rng([*self._seed, len(self._samplers)])
@@ -479,66 +438,3 @@ def _find_next_threshold(values: Array, before: float, share: float) -> float | 
             return None
         quantile = float(smaller[-1])
     return max(quantile, 0.0)
-
-
-def make_level(chains: Chains, threshold: float) -> SubsetLevel:
-    """Return the level at a threshold, and the share of the samples before that reaches it."""
-    return SubsetLevel(threshold, float((chains.values <= threshold).mean()), chains.acceptance)
-
-
-def count_effective(weights: NDArray[np.number]) -> float:
-    """Return the effective number of weighted draws: (sum w)² ÷ sum w² (Kish 1965).
-
-    Args:
-        weights: weight of each draw, such as the failures that descend from it; not all zero.
-    """
-    return float(weights.sum() ** 2 / np.square(weights).sum())
-
-
-def estimate_cv(effective: float, draws: int, levels: int) -> float:
-    """Return the coefficient of variation of a product of shares over fixed levels.
-
-    1 − (1 − 1 / effective) · (n / (n − 1))^levels is an unbiased estimate of its square, with n
-    first draws (Lee and Whiteley 2018, equation 9). With one level it is the binomial one.
-    """
-    kept = (1.0 - 1.0 / effective) * (draws / (draws - 1.0)) ** levels
-    return sqrt(max(1.0 - kept, 0.0))
-
-
-def estimate_from_failures(
-    levels: Sequence[SubsetLevel], chains: Chains, draws: int, trajectories_run: int
-) -> SubsetEstimate:
-    """Return the estimate of a run that reached failures, with its log-normal interval."""
-    failures = (chains.values <= 0.0).sum(axis=0)
-    descendants = np.bincount(chains.first_draw_of_chain, failures)
-    probability = prod(one.share for one in levels)
-    effective = count_effective(descendants)
-    cv = estimate_cv(effective, draws, len(levels))
-    return SubsetEstimate(
-        draws=draws,
-        probability=probability,
-        cv=cv,
-        effective_first_draws=effective,
-        interval=log_normal(probability, cv, effective),
-        distinct_first_draws=int(np.count_nonzero(descendants)),
-        trajectories_run=trajectories_run,
-        levels=tuple(levels),
-        end=SubsetEnd.REACHED,
-    )
-
-
-def estimate_without_failures(
-    levels: Sequence[SubsetLevel], end: SubsetEnd, draws: int, trajectories_run: int
-) -> SubsetEstimate:
-    """Return the estimate of a run that reached no failure."""
-    return SubsetEstimate(
-        draws=draws,
-        probability=None,
-        cv=0.0,
-        effective_first_draws=0.0,
-        interval=None,
-        distinct_first_draws=0,
-        trajectories_run=trajectories_run,
-        levels=tuple(levels),
-        end=end,
-    )

@@ -33,7 +33,10 @@ from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkp
 from eigenfail_services.methods.subset import estimate_modes
 from eigenfail_services.methods.wave_learner import SimulationDriver
 from eigenfail_services.statistics.intervals import log_normal, rate
-from eigenfail_services.statistics.subset_simulation import SubsetSettings, SubsetSimulation
+from eigenfail_services.statistics.subset_simulation import (
+    SubsetSettings,
+    SubsetSimulation,
+)
 from eigenfail_services.store import Store, open_store
 
 HIGH, LOW = 3.0, 3.4

@@ -60,18 +60,20 @@ def searched(noise_engine):
 
 @pytest.mark.parametrize("p", [1e-3, 1e-4, 1e-5, 1e-6])
 def test_a_half_space_lies_in_its_interval(searched, p):
-    held = 0
+    held, widths, cvs = 0, [], []
     for seed in range(6):
         learner, results = searched(half_space(p), 12_000, seed=seed)
         found = learner.estimate()
         assert isinstance(learner, Estimator)
         held += found.interval.low <= p <= found.interval.high
-        assert found.interval.high / found.interval.low < 50
-        assert 0 < found.cv < 0.8
+        widths.append(found.interval.high / found.interval.low)
+        cvs.append(found.cv)
         assert 11_000 < found.episodes == len(results) <= 12_000
         assert (found.by, found.problem) == ("subset simulation", "")
     # One of twenty misses: three of six would in one case of 500.
     assert held >= 4
+    assert np.median(widths) < 10
+    assert 0 < min(cvs) <= np.median(cvs) < 0.5
 
 
 def test_both_modes_are_counted(searched):
@@ -81,9 +83,9 @@ def test_both_modes_are_counted(searched):
     assert found.interval.low <= p <= found.interval.high
 
 
-def test_ten_thousand_times_as_often_as_monte_carlo(searched):
+def test_thirty_thousand_times_as_often_as_monte_carlo(searched):
     _, results = searched(half_space(1e-6), 12_000)
-    assert sum(result.is_failure for result in results) > 12_000 * 1e-6 * 1e4
+    assert sum(result.is_failure for result in results) >= 12_000 * 1e-6 * 3e4
 
 
 def test_one_run_gives_the_numbers_of_the_statistics(searched):
@@ -114,6 +116,7 @@ def test_failures_that_the_levels_pass_by_are_met_by_wider_noise(searched):
     held = [one for one in numbers if one.interval.low <= truth <= one.interval.high]
     assert [one for one in found if one.problem.startswith("Wider noise meets failures")]
     assert len(held) >= 0.8 * len(numbers) > 0
+    assert all("samples on a level are few" in one.note for one in numbers if one not in held)
 
 
 def test_few_samples_are_called_few(searched):

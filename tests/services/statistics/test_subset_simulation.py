@@ -10,14 +10,16 @@ from msgspec import structs
 from eigenfail.errors import InvalidValue
 from eigenfail_services.statistics.conditional_sampler import ConditionalSampler, find_starts
 from eigenfail_services.statistics.intervals import find_quantile
+from eigenfail_services.statistics.subset_estimate import (
+    SubsetEnd,
+    count_effective,
+    estimate_cv,
+)
 from eigenfail_services.statistics.subset_simulation import (
     FEWEST_SAMPLES,
-    SubsetEnd,
     SubsetSettings,
     WideNoise,
     _find_next_threshold,
-    count_effective,
-    estimate_cv,
     simulate_subsets,
 )
 
