@@ -70,17 +70,19 @@ class NormalComponent(NamedTuple):
 
     Attributes:
         mean: shape (size,).
-        axes: orthonormal axes as columns, shape (size, size).
+        axes: orthonormal axes as columns, shape (size, size); None where all variances are equal,
+            so that any axes are principal ones.
         variances: variance along each axis, shape (size,).
     """
 
     mean: Array
-    axes: Array
+    axes: Array | None
     variances: Array
 
     def log_density(self, z: Array) -> Array:
         """Return the log density of z of shape (n, size), shape (n,)."""
-        along = (z - self.mean) @ self.axes
+        away = z - self.mean
+        along = away if self.axes is None else away @ self.axes
         exponents = np.square(along) @ (1.0 / self.variances)
         constant = np.log(self.variances).sum() + len(self.mean) * log(2.0 * pi)
         density: Array = -0.5 * (exponents + constant)
@@ -92,14 +94,17 @@ class NormalComponent(NamedTuple):
         By the symmetric root of the covariance: the signs of the axes are LAPACK's choice, and must
         not change the draws.
         """
-        moved: Array = self.mean + ((standard @ self.axes) * np.sqrt(self.variances)) @ self.axes.T
+        deviations = np.sqrt(self.variances)
+        if self.axes is None:
+            scaled: Array = self.mean + standard * deviations
+            return scaled
+        moved: Array = self.mean + ((standard @ self.axes) * deviations) @ self.axes.T
         return moved
 
 
 def make_round_component(mean: Array, variance: float = 1.0) -> NormalComponent:
     """Return a normal with the same variance in all directions."""
-    size = len(mean)
-    return NormalComponent(mean, np.eye(size), np.full(size, variance))
+    return NormalComponent(mean, None, np.full(len(mean), variance))
 
 
 class MixtureProposal(NamedTuple):
@@ -251,8 +256,10 @@ def _maximise_likelihood(
     components = (*broad, *(make_round_component(mean) for mean in means))
     even = np.full(len(components), 1.0 / len(components))
     mixture = MixtureProposal(even, components, len(broad))
+    of_broad = [component.log_density(z) for component in broad]
     for _ in range(iterations):
-        joint = mixture.log_joint_densities(z)
+        of_fitted = [one.log_density(z) for one in mixture.components[len(broad) :]]
+        joint = np.log(mixture.shares)[:, None] + np.stack([*of_broad, *of_fitted])
         memberships = np.exp(joint - np.logaddexp.reduce(joint)) * weights
         shares = memberships.sum(axis=1) / weights.sum()
         kept = [k for k in range(len(broad), len(shares)) if shares[k] > LEAST_SHARE]
