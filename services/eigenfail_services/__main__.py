@@ -20,7 +20,7 @@ from eigenfail.errors import EigenfailError, StoreUnavailable
 from eigenfail.processes import die_with_parent, end_now
 from eigenfail.values.access import redact
 from eigenfail_services import bounds, observability
-from eigenfail_services.campaigns import ray_launcher
+from eigenfail_services.campaigns import launcher_options
 from eigenfail_services.campaigns.analysis_jobs import (
     DATABASE_VARIABLE,
     AnalysisJobs,
@@ -53,7 +53,7 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--advertise", help="the hub's address, as workers of Ray reach it")
     keys = os.environ.get(KEYS_VARIABLE) or None
     parser.add_argument("--hub-keys", type=Path, default=keys, help="folder of its keys")
-    ray_launcher.add_arguments(parser)
+    launcher_options.add_arguments(parser)
     bounds.add_arguments(parser)
     observability.add_arguments(parser)
     commands = parser.add_subparsers(title="commands")
@@ -91,7 +91,7 @@ def serve(arguments: argparse.Namespace) -> None:
     """Run hub, supervisor and workers until SIGTERM or Ctrl-C."""
     keys, launcher = (
         load_keys(arguments.hub, arguments.hub_keys),
-        ray_launcher.create_launcher(arguments),
+        launcher_options.create_launcher(arguments),
     )
     stopping = Event()
     for number in (signal.SIGTERM, signal.SIGINT):

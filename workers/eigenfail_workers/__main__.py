@@ -12,6 +12,7 @@ from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE, EPISODE_OPTION, 
 from eigenfail.command_line import Parser
 from eigenfail.errors import EigenfailError
 from eigenfail.files import read_private
+from eigenfail.processes import PARENT_VARIABLE, die_with_parent
 from eigenfail.values.access import redact
 from eigenfail.wire.keys import WorkerKey, read_worker_key
 from eigenfail_workers.limits import (
@@ -40,6 +41,8 @@ def read_key(file: str | None) -> WorkerKey | None:
 
 def main() -> None:
     """Serve one hub until it says goodbye, or until SIGTERM or Ctrl-C."""
+    if PARENT_VARIABLE in os.environ:  # the services have started it
+        die_with_parent()
     try:
         logs.configure("worker")
         serve()

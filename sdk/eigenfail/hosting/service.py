@@ -109,7 +109,7 @@ def refuse_scaling(least: int | None, most: int | None, idle_s: float | None) ->
     """Raise InvalidValue if workers are to scale, and this service starts none."""
     for option, given in (("--max-workers", most), ("--min-workers", least), ("--idle-s", idle_s)):
         if given is not None:
-            remedy = f"Omit {option}, or let Ray start workers: --launcher ray."
+            remedy = f"Omit {option}, or have workers started: --launcher ray or local."
             raise InvalidValue(option, "scales workers, and --launcher none starts none.", remedy)
 
 
@@ -145,9 +145,10 @@ NEEDED_MODULES = ("fastapi", "sqlalchemy", "torch", "zmq")
 
 
 class Launcher(StrEnum):
-    """What starts workers: Ray on this machine, or users who call `eigenfail worker`."""
+    """What starts workers: Ray, the service itself on this machine, or users by hand."""
 
     RAY = "ray"
+    LOCAL = "local"
     NONE = "none"
 
 
@@ -170,7 +171,7 @@ class Plan:
     data: Path
     port: int
     workers: int = 0
-    launcher: Launcher = Launcher.RAY
+    launcher: Launcher = Launcher.LOCAL
     hub_port: int = 0
     span: Span | None = None
     path: tuple[Path, ...] = ()

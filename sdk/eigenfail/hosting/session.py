@@ -29,7 +29,8 @@ class Local(AbstractContextManager[Client]):
         data: folder of its database and logs, kept afterwards; None takes a temporary one.
         workers: how many; 0 is one per core.
         port: port of its dashboard and API; 0 is any free one.
-        launcher: starts the workers: Ray, or none for a service with workers of its own.
+        launcher: starts the workers: `local`, as processes of the service; `ray`; or `none` where
+            they are started by hand.
         planners: planners of one's own, as "module:Class" by the name that campaigns give; so they
             need not be installed. The modules are found where this process finds them.
     """
@@ -39,7 +40,7 @@ class Local(AbstractContextManager[Client]):
         data: Path | str | None = None,
         workers: int = 0,
         port: int = 0,
-        launcher: Launcher | str = Launcher.RAY,
+        launcher: Launcher | str = Launcher.LOCAL,
         planners: Mapping[str, str] = NOTHING,
     ) -> None:
         if workers < 0:

@@ -24,6 +24,11 @@ class Notice(msgspec.Struct, frozen=True):
     message: str
 
 
+def describe_missing_workers(episodes: int) -> str:
+    """Return what to tell where episodes wait and no worker may be started."""
+    return f"{episodes} episodes wait, and no worker may be started: --max-workers is 0."
+
+
 def never() -> bool:
     """Return False: the start is never given up."""
     return False
@@ -200,7 +205,7 @@ def _list_new_names() -> Iterator[str]:
 
 
 class WorkerNames:
-    """The names of the workers that Ray is to have: added and dropped with the need.
+    """The names of the workers that are to run: added and dropped with the need.
 
     Attributes:
         names: names in the order in which they were added.

@@ -1,6 +1,5 @@
 """Workers on Ray: as many as the work needs, on a Ray that is started again when it is lost."""
 
-import argparse
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -10,14 +9,13 @@ import msgspec
 import structlog
 
 from eigenfail.errors import ClusterUnavailable
-from eigenfail.hosting.service import Span, refuse_scaling, span_of
+from eigenfail.hosting.service import Span
 from eigenfail.wire.keys import WorkerKey
 from eigenfail_services.campaigns.launcher import (
-    NoLauncher,
     Notice,
-    WorkerLauncher,
     WorkerNames,
     WorkerPool,
+    describe_missing_workers,
     never,
 )
 from eigenfail_services.campaigns.ray_link import (
@@ -99,9 +97,6 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
 
 
 LOOK_EVERY_S = 0.05
-
-
-NO_ROOM = "{} episodes wait, and Ray may be asked for no worker: the limit (--max-workers) is 0."
 
 
 log = structlog.get_logger()
@@ -215,7 +210,7 @@ class RayLauncher:
         self._roll.look(self._clock(), demand)
         if self._span.most == 0 and demand.work.episodes and not self._said_none:
             self._said_none = True
-            self._say(ASKED, NO_ROOM.format(demand.work.episodes))
+            self._say(ASKED, describe_missing_workers(demand.work.episodes))
         if self._standing is not None:
             placed = {*self._standing.placed, *self._standing.unplaced}
             table.drain_workers(placed.difference(self._roll.names))
@@ -240,51 +235,3 @@ def first_link(begin: StartRay) -> RayLink:
             "Free memory, or raise the limits of processes and open files (`ulimit -u -n`); or "
             "start with `--launcher none` and workers by `eigenfail worker --connect`.",
         ) from error
-
-
-def ray_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
-    """Return a launcher that has Ray start the workers.
-
-    Raises:
-        InvalidValue: the numbers of workers do not go together.
-    """
-    least, most = arguments.min_workers, arguments.max_workers
-    span = span_of(arguments.workers, least, most, arguments.idle_s)
-    return RayLauncher(span, arguments.ray_address)
-
-
-def no_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
-    """Return a launcher that starts no workers.
-
-    Raises:
-        InvalidValue: numbers of workers are given although none are started here.
-    """
-    refuse_scaling(arguments.min_workers, arguments.max_workers, arguments.idle_s)
-    return NoLauncher()
-
-
-LAUNCHERS: dict[str, Callable[[argparse.Namespace], WorkerLauncher]] = {
-    "ray": ray_launcher,
-    "none": no_launcher,
-}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the number of workers and their launcher."""
-    parser.add_argument("--workers", type=int, help="number of workers; default: one per core")
-    parser.add_argument("--min-workers", type=int, help="number of idle workers to keep running; 0")
-    parser.add_argument("--max-workers", type=int, help="scale with the work, up to this number")
-    parser.add_argument(
-        "--idle-s", type=float, help="time after which idle workers are stopped [s]; 60"
-    )
-    parser.add_argument("--launcher", choices=LAUNCHERS, default="ray")
-    parser.add_argument("--ray-address", default=None, help="of a running cluster")
-
-
-def create_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
-    """Return the launcher that the options name.
-
-    Raises:
-        InvalidValue: the numbers of workers do not go together.
-    """
-    return LAUNCHERS[arguments.launcher](arguments)

@@ -46,7 +46,7 @@ def test_a_block_has_a_client_and_a_folder_that_is_gone_afterwards(started):
     with eigenfail.local(workers=3) as client:
         (plan,) = started
         assert client.url == Stub.address.url
-        assert (plan.port, plan.workers, plan.launcher) == (0, 3, Launcher.RAY)
+        assert (plan.port, plan.workers, plan.launcher) == (0, 3, Launcher.LOCAL)
         assert plan.data.is_dir()
     assert started == [None]
     assert not plan.data.exists()

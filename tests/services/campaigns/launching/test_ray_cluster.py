@@ -10,9 +10,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from eigenfail.hosting.service import Plan, make_commands
+from eigenfail.hosting.service import Launcher, Plan, make_commands
 from eigenfail_services import __main__ as services
-from eigenfail_services.campaigns import ray_launcher
+from eigenfail_services.campaigns import launcher_options
 from eigenfail_services.campaigns.ray_process import ALONE, ENVIRONMENT, RayCluster
 
 WANTED = ("RAY_AUTH_MODE", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER")
@@ -62,7 +62,9 @@ def test_one_that_runs_elsewhere_is_spoken_with_by_token_too(begun, monkeypatch)
 
 
 def test_up_has_ray_started_so_and_nobody_else():
-    words = make_commands(Plan(Path("data"), 0, 2), "sqlite://", 8440, 8441)["services"]
+    words = make_commands(Plan(Path("data"), 0, 2, Launcher.RAY), "sqlite://", 8440, 8441)[
+        "services"
+    ]
     arguments = services.parse(words[words.index("eigenfail_services") + 1 :])
     assert (arguments.launcher, arguments.ray_address) == ("ray", None)
-    assert ray_launcher.create_launcher(arguments)
+    assert launcher_options.create_launcher(arguments)

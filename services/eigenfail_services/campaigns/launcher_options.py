@@ -1,0 +1,75 @@
+"""The options of the services' command line for workers: how many, and what starts them."""
+
+import argparse
+from collections.abc import Callable
+
+from eigenfail.hosting.service import Launcher, Span, refuse_scaling, span_of
+from eigenfail_services.campaigns.launcher import NoLauncher, WorkerLauncher
+from eigenfail_services.campaigns.process_launcher import ProcessLauncher
+from eigenfail_services.campaigns.ray_launcher import RayLauncher
+
+
+def make_ray_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return a launcher that has Ray start the workers.
+
+    Raises:
+        InvalidValue: the numbers of workers do not go together.
+    """
+    return RayLauncher(_read_span(arguments), arguments.ray_address)
+
+
+def make_process_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return a launcher whose workers are processes of this machine.
+
+    Raises:
+        InvalidValue: the numbers of workers do not go together.
+    """
+    return ProcessLauncher(_read_span(arguments))
+
+
+def _read_span(arguments: argparse.Namespace) -> Span:
+    """Return the numbers of workers.
+
+    Raises:
+        InvalidValue: they do not go together.
+    """
+    least, most = arguments.min_workers, arguments.max_workers
+    return span_of(arguments.workers, least, most, arguments.idle_s)
+
+
+def make_no_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return a launcher that starts no workers.
+
+    Raises:
+        InvalidValue: numbers of workers are given although none are started here.
+    """
+    refuse_scaling(arguments.min_workers, arguments.max_workers, arguments.idle_s)
+    return NoLauncher()
+
+
+LAUNCHERS: dict[Launcher, Callable[[argparse.Namespace], WorkerLauncher]] = {
+    Launcher.RAY: make_ray_launcher,
+    Launcher.LOCAL: make_process_launcher,
+    Launcher.NONE: make_no_launcher,
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the number of workers and their launcher."""
+    parser.add_argument("--workers", type=int, help="number of workers; default: one per core")
+    parser.add_argument("--min-workers", type=int, help="number of idle workers to keep running; 0")
+    parser.add_argument("--max-workers", type=int, help="scale with the work, up to this number")
+    parser.add_argument(
+        "--idle-s", type=float, help="time after which idle workers are stopped [s]; 60"
+    )
+    parser.add_argument("--launcher", type=Launcher, choices=tuple(Launcher), default=Launcher.RAY)
+    parser.add_argument("--ray-address", default=None, help="of a running cluster")
+
+
+def create_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return the launcher that the options name.
+
+    Raises:
+        InvalidValue: the numbers of workers do not go together.
+    """
+    return LAUNCHERS[arguments.launcher](arguments)
