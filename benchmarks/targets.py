@@ -80,6 +80,7 @@ TARGETS = {
     },
     "chains.log_p_gap": Target(low=-0.1, high=0.1),
     "search.dominated": Target(high=0.0),
+    "subset_over_openturns_worst": Target(high=1.1),
     "faults.kinds": Target(low=40.0),
     "faults.storm.kinds": Target(low=13.0),
     "faults.injected": Target(low=120.0),

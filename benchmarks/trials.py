@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import eigenfailures
 import intervals
+import openturns_beside
 import reproduction
 import splitting
 import transfer
@@ -113,6 +114,11 @@ TRIALS = (
         for place, (name, peer) in product(PLACES, PEERS.items())
     ),
     Trial(("intervals.", "mixture_over_subset"), intervals.find_figures),
+    Trial(
+        ("subset_over_openturns",),
+        openturns_beside.find_figures,
+        openturns_beside.list_missing(),
+    ),
     Trial(("fuzz.",), fuzzed),
     Trial(("faults.kinds",), kinds),
     Trial(
