@@ -10,6 +10,7 @@ from played_worker import PlayedWorker
 from eigenfail.errors import ProtocolError
 from eigenfail.testing.examples import result, spec
 from eigenfail.values import EpisodeTask, Policy, PolicySource, PriorSource
+from eigenfail.values.learning import MOST_POLICIES
 from eigenfail.wire.messages import (
     PROTOCOL,
     Heartbeat,
@@ -30,7 +31,6 @@ from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
 from eigenfail_services.store import open_store
-from eigenfail_workers.worker.inner_processes import MAX_POLICIES
 
 SETUP = spec().setup()
 TASK = EpisodeTask(0, 100, PriorSource())
@@ -193,7 +193,7 @@ def test_so_does_one_whose_policy_did(worker: PlayedWorker) -> None:
     "that episode alone.",
 )
 def test_policies_of_the_future_do_not_end_a_worker(worker: PlayedWorker) -> None:
-    later = (Policy(10**6 + n, (), LAYER, LAYER, 3.0, 1) for n in range(MAX_POLICIES))
+    later = (Policy(10**6 + n, (), LAYER, LAYER, 3.0, 1) for n in range(MOST_POLICIES))
     lease = Lease(1, (EpisodeTask(0, 100, PolicySource(2)),))
     now = PolicyUpdate(1, Policy(2, (), LAYER, LAYER, 3.0, 1))
     said_by(worker, Welcome(1.0), Setup(1, SETUP), now, lease, *(PolicyUpdate(1, p) for p in later))

@@ -24,7 +24,7 @@ from eigenfail.values import (
     VehicleState,
     episode_seed,
 )
-from eigenfail_workers.noise.policy import MAX_POLICIES
+from eigenfail.values.learning import MOST_POLICIES
 
 MakeEngine = Callable[..., EpisodeEngine]
 
@@ -207,9 +207,9 @@ def test_scenes_are_kept_of_collisions_and_of_every_nth_episode(make_engine: Mak
 
 def test_the_newest_policies_are_kept(make_engine: MakeEngine) -> None:
     engine = make_engine()
-    for version in range(MAX_POLICIES + 1):
+    for version in range(MOST_POLICIES + 1):
         engine.add_policy(policy(version))
-    todo = [EpisodeTask(i, 1, PolicySource(v)) for i, v in enumerate((0, 1, MAX_POLICIES))]
+    todo = [EpisodeTask(i, 1, PolicySource(v)) for i, v in enumerate((0, 1, MOST_POLICIES))]
     outcomes = [result.outcome for result in engine.run(todo)]
     assert outcomes[0] is Outcome.ERRORED
     assert Outcome.ERRORED not in outcomes[1:]

@@ -96,6 +96,9 @@ class PriorityChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 MAX_EPISODES = 10_000_000
 
 
+MOST_PARALLEL = 100_000
+
+
 LONGEST_NAME = 200
 
 
@@ -139,6 +142,9 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         stop: stop rules, which may end the campaign before its budget is spent.
         price_usd_per_hour: price of one instance.
         instances: how many instances the campaign occupies while it runs.
+        parallel: episodes that are to run at a time; a method that learns from each round does not
+            wait for the last one then. It is part of what the campaign is, so that the episodes are
+            the same for any number of workers. None: a few rounds, whatever their size.
         scene_every: besides all collisions, keep the scene of every n-th episode.
         priority: how large its share of the workers is beside other campaigns, and how soon it has
             its turn; it may be changed later, and changes no episode.
@@ -185,6 +191,15 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     )
     disturbance: DisturbanceModel = DisturbanceModel()
     stop: StopRules = StopRules()
+    parallel: Annotated[
+        Annotated[int, msgspec.Meta(ge=1, le=MOST_PARALLEL)] | None,
+        SpecField(
+            help="Number of episodes to run at a time, which is that of the workers to keep busy; "
+            "none: two to four rounds.",
+            section=Section.CAMPAIGN,
+            label="in parallel",
+        ),
+    ] = None
     price_usd_per_hour: Annotated[
         float,
         msgspec.Meta(ge=0.0, le=100_000.0),

@@ -1,5 +1,6 @@
 """What passes between a method's learner and those who run its episodes."""
 
+from math import ceil
 from typing import Any
 
 import msgspec
@@ -87,6 +88,27 @@ class Experience(msgspec.Struct, frozen=True, eq=False):
     robustness_m: Floats
 
 
+IN_FLIGHT = 1.75
+"""Episodes that are proposed and not yet observed, for each that is to run at a time: those that
+are on their way, and those whose round waits for its slowest episode. With 2, `ast` wastes more on
+old policies; with 1.5, workers wait where episodes differ in length."""
+
+MOST_POLICIES = 64
+"""Policy versions that a worker keeps for a campaign, and rounds that may be open at a time."""
+
+
+def count_rounds_ahead(parallel: int | None, round_size: int, least: int) -> int:
+    """Return how many rounds to keep open besides the oldest one.
+
+    Args:
+        parallel: episodes that are to run at a time; None where the campaign does not say.
+        round_size: episodes in a round.
+        least: what the method takes by itself.
+    """
+    wanted = ceil(IN_FLIGHT * parallel / round_size) - 1 if parallel else 0
+    return max(least, wanted)
+
+
 class LearnerContext(msgspec.Struct, frozen=True, eq=False):
     """What a learner is born with.
 
@@ -97,6 +119,7 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
         trajectories: noise trajectories z to start from, shape (n, horizon, 2); n may be 0.
         predecessors: learners of earlier campaigns that the settings name.
         experience: experience of earlier campaigns that the settings name; None if they name none.
+        parallel: episodes that the campaign wants to run at a time; None where it does not say.
     """
 
     seed: int
@@ -105,6 +128,7 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
     trajectories: Floats
     predecessors: tuple[Predecessor, ...] = ()
     experience: Experience | None = None
+    parallel: int | None = None
 
     def predecessor(self, campaign: int) -> Predecessor | None:
         """The learner of that campaign, if it is at hand."""

@@ -54,6 +54,7 @@ def learner_context(campaign: Campaign, store: Store) -> LearnerContext:
         trajectories=stack_noise(trajectories, resolved.horizon),
         predecessors=resolved.references.predecessors,
         experience=read_experience(resolved.references.data, resolved.horizon, store),
+        parallel=campaign.spec.parallel,
     )
 
 

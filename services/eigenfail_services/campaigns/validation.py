@@ -11,6 +11,7 @@ from eigenfail.contracts import Injection, Reference
 from eigenfail.errors import InvalidValue, NotFound, UnknownName
 from eigenfail.settings import convert
 from eigenfail.values import CampaignSpec
+from eigenfail.values.learning import IN_FLIGHT, MOST_POLICIES, count_rounds_ahead
 from eigenfail.values.variation import KINDS
 from eigenfail.worlds import CampaignWorld, list_simulators, world_of
 from eigenfail_services.campaigns.resolution import (
@@ -72,7 +73,31 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
     world.check(spec)
     if searching.traits.needs_course:
         _check_course(spec, world)
-    return ResolvedCampaign(spec, world, world.horizon(spec), method, searching)
+    resolved = ResolvedCampaign(spec, world, world.horizon(spec), method, searching)
+    if spec.parallel is not None:
+        _check_parallel(resolved, spec.parallel)
+    return resolved
+
+
+def _check_parallel(campaign: ResolvedCampaign, parallel: int) -> None:
+    """Raises InvalidValue where a method waits for each round, or would have too many open."""
+    searching = campaign.searching
+    if not searching.description.lookahead:
+        raise InvalidValue(
+            "parallel",
+            f"{searching.name} learns from each round before it proposes the next one, so that no "
+            "more episodes run at a time than a round has.",
+            "Leave it out; to keep more workers busy, run several seeds side by side.",
+        )
+    pace = find_pace(campaign)
+    if pace is not None and pace.ahead >= MOST_POLICIES:
+        least = ceil(IN_FLIGHT * parallel / MOST_POLICIES)
+        raise InvalidValue(
+            "parallel",
+            f"{parallel} episodes at a time are more than {MOST_POLICIES} open rounds of "
+            f"{pace.later} hold.",
+            f"Set {pace.setting} to {least} or more.",
+        )
 
 
 def _check_course(spec: CampaignSpec, world: CampaignWorld) -> None:
@@ -315,5 +340,7 @@ def find_pace(campaign: ResolvedCampaign) -> RoundPace | None:
     sizes = searching.description.find_round_sizes(searching.settings, episodes)
     if sizes is None:
         return None
-    ahead = limit_lookahead(searching.description.lookahead, campaign.spec.stop)
+    least = searching.description.lookahead
+    wanted = count_rounds_ahead(campaign.spec.parallel, sizes.later, least)
+    ahead = limit_lookahead(wanted, campaign.spec.stop)
     return RoundPace(sizes.first, sizes.later, ahead, f"{searching.field}.{sizes.setting}")

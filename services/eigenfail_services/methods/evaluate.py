@@ -24,6 +24,7 @@ from eigenfail.values import (
     Proposal,
     TrajectorySource,
 )
+from eigenfail.values.learning import count_rounds_ahead
 from eigenfail_services.methods import archive
 from eigenfail_services.statistics.importance import WeightedFailures
 
@@ -71,7 +72,7 @@ class Evaluate:
         ProtocolError: its state is not one of its method.
 
     Attributes:
-        lookahead: 3, so that no worker waits for the end of a round.
+        lookahead: 3, or what `parallel` takes: no worker waits for the end of a round.
     """
 
     Settings = EvaluateSettings
@@ -96,6 +97,7 @@ class Evaluate:
     def __init__(self, context: LearnerContext, settings: EvaluateSettings) -> None:
         self._campaign = settings.campaign
         self._round_size = settings.round_size
+        self.lookahead = count_rounds_ahead(context.parallel, self._round_size, self.lookahead)
         self._horizon = context.horizon
         self._learner = restore_learner(context, settings.campaign)
         self._exploit = _get_exploit(self._learner, settings.campaign)

@@ -12,6 +12,7 @@ import numpy as np
 
 from eigenfail.contracts import MethodTraits
 from eigenfail.values import EpisodeResult, LearnerContext, Proposal, TrajectorySource
+from eigenfail.values.learning import count_rounds_ahead
 from eigenfail_services.methods import archive
 
 
@@ -36,7 +37,7 @@ class HeldNoise:
     Each axis of each episode has a phase of its own, so that a change may come at any step.
 
     Attributes:
-        lookahead: 3, so that no worker waits for the end of a round.
+        lookahead: 3, or what `parallel` takes: no worker waits for the end of a round.
     """
 
     Settings = HeldNoiseSettings
@@ -56,6 +57,7 @@ class HeldNoise:
         self._horizon = context.horizon
         self._settings = settings
         self._rounds = 0
+        self.lookahead = count_rounds_ahead(context.parallel, settings.round_size, self.lookahead)
 
     def propose(self, n: int) -> Proposal:
         """Return a round of held noise, which depends on the seed and the number of the round."""

@@ -7,6 +7,7 @@ import msgspec
 
 from eigenfail.contracts import MethodTraits, ModeProbability
 from eigenfail.values import EpisodeResult, LearnerContext, PriorSource, Proposal
+from eigenfail.values.learning import count_rounds_ahead
 from eigenfail_services.methods import archive
 
 
@@ -14,7 +15,7 @@ class MonteCarlo:
     """Draws from p(x), without learning.
 
     Attributes:
-        lookahead: 3, so that no worker waits for the end of a round.
+        lookahead: 3, or what `parallel` takes: no worker waits for the end of a round.
     """
 
     class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -38,8 +39,9 @@ class MonteCarlo:
     )
     lookahead = 3
 
-    def __init__(self, _context: LearnerContext, settings: Settings) -> None:
+    def __init__(self, context: LearnerContext, settings: Settings) -> None:
         self._round_size = settings.round_size
+        self.lookahead = count_rounds_ahead(context.parallel, self._round_size, self.lookahead)
 
     def propose(self, n: int) -> Proposal:
         """Return a round of draws from the prior."""

@@ -15,6 +15,7 @@ from eigenfail.values import (
     ReplayKind,
     TrajectorySource,
 )
+from eigenfail.values.learning import count_rounds_ahead
 from eigenfail_services.methods import archive
 
 Id = Annotated[int, msgspec.Meta(ge=1)]
@@ -90,6 +91,7 @@ class Replay:
             )
         self._trajectories = [np.float32(settings.scale) * z for z in context.trajectories]
         self._round_size = settings.round_size
+        self.lookahead = count_rounds_ahead(context.parallel, self._round_size, self.lookahead)
         self._total = len(context.trajectories) * settings.repeats
         self._proposed = 0
 

@@ -102,6 +102,17 @@ class TestAdaptiveStressTesting(LearnerSuite):
     )
 
 
+class TestAdaptiveStressTestingInParallel(LearnerSuite):
+    method = AdaptiveStressTesting
+    settings = MappingProxyType({"round_size": 4, "warm_up": 4, "gradient_steps": 1})
+
+    def learner(self, seed=0):
+        nothing = np.zeros((0, CORRIDOR.steps, 2), np.float32)
+        context = LearnerContext(seed, self.budget, CORRIDOR.steps, nothing, parallel=8)
+        settings = read_settings(AdaptiveStressTesting.Settings, self.settings, "settings")
+        return AdaptiveStressTesting(context, settings)
+
+
 class TestAdaptiveStressTestingByStableBaselines(LearnerSuite):
     method = AdaptiveStressTesting
     settings = MappingProxyType(

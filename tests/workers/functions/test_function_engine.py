@@ -27,8 +27,8 @@ from eigenfail.values import (
     White,
     episode_seed,
 )
+from eigenfail.values.learning import MOST_POLICIES
 from eigenfail_workers.functions import FunctionEngine
-from eigenfail_workers.noise.policy import MAX_POLICIES
 
 STEPS = 12
 SHAPES = (White(), Correlated(), HeavyTailed())
@@ -273,10 +273,10 @@ def test_a_policy_that_is_not_known_fails_its_episode():
 
 def test_the_oldest_policies_make_room():
     engine = FunctionEngine(half_space, STEPS)
-    for version in range(MAX_POLICIES + 1):
+    for version in range(MOST_POLICIES + 1):
         engine.add_policy(policy(version))
     first, last = engine.run(
-        [EpisodeTask(0, 0, PolicySource(0)), EpisodeTask(1, 0, PolicySource(MAX_POLICIES))]
+        [EpisodeTask(0, 0, PolicySource(0)), EpisodeTask(1, 0, PolicySource(MOST_POLICIES))]
     )
     assert first.fault is not None
     assert last.fault is None

@@ -13,9 +13,7 @@ import numpy as np
 from eigenfail.errors import InvalidValue
 from eigenfail.values import STATE, Floats, Layer, Observation, Policy, VehicleState
 from eigenfail.values.disturbance import Pair
-
-MAX_POLICIES = 16
-"""More versions than a learner has in use at a time, and far fewer than it makes."""
+from eigenfail.values.learning import MOST_POLICIES
 
 ACTIONS = 2
 LOG_STD_MIN, LOG_STD_MAX = np.float32(-20.0), np.float32(2.0)
@@ -143,5 +141,5 @@ def store_policy(policies: MutableMapping[int, Policy], policy: Policy) -> None:
     """Add a copy of a policy version, and drop the oldest versions."""
     policies.pop(policy.version, None)
     policies[policy.version] = copy_policy(policy)
-    while len(policies) > MAX_POLICIES:
+    while len(policies) > MOST_POLICIES:
         del policies[next(iter(policies))]

@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 from eigenfail.errors import ServiceError
 from eigenfail.values import EpisodeSetup, Policy, PolicySource
+from eigenfail.values.learning import MOST_POLICIES
 from eigenfail.wire.messages import PolicyUpdate, Setup
 from eigenfail.worlds import world_of
 from eigenfail_workers.limits import Limits
@@ -32,9 +33,6 @@ MAX_FAILED_STARTS = 20
 
 MAX_UNREADY_STARTS = 10
 """Most child processes in a row that end before they can take an episode."""
-
-MAX_POLICIES = 8
-"""Policy versions kept for a campaign: more than it can have open rounds at a time."""
 
 
 class ProcessFailures:
@@ -105,7 +103,7 @@ class CampaignSetups:
         """Keep a policy version; the oldest versions are dropped."""
         versions = self._policies.setdefault(message.campaign, {})
         versions[message.policy.version] = message.policy
-        for old in sorted(versions)[:-MAX_POLICIES]:
+        for old in sorted(versions)[:-MOST_POLICIES]:
             del versions[old]
 
     def drop(self, campaign: int) -> None:

@@ -17,6 +17,7 @@ from eigenfail.values import (
     Predecessor,
     Proposal,
 )
+from eigenfail.values.learning import count_rounds_ahead
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.ast.attempts import WINDOW, Attempt, Count, RestartRule
 from eigenfail_services.methods.ast.averaging import PolicyAverage
@@ -167,7 +168,8 @@ class AdaptiveStressTesting:
         InvalidValue: the campaign of `warm_start` is not available or does not fit.
 
     Attributes:
-        lookahead: 1, as the next policy is trained while the previous round still runs.
+        lookahead: 1, as the next policy is trained while the previous round still runs; or what
+            `parallel` takes: then policies learn from older rounds.
     """
 
     Settings = AstSettings
@@ -179,6 +181,7 @@ class AdaptiveStressTesting:
         self._settings = settings
         self._reward = make_reward(settings, context.horizon)
         self._seed = context.seed
+        self.lookahead = count_rounds_ahead(context.parallel, settings.round_size, self.lookahead)
         self._trainer = self._make_trainer(Attempt())
         self._average = PolicyAverage(settings.averaged)
         self._warm_up = min(settings.warm_up, context.episodes // 4)
