@@ -24,14 +24,19 @@ MOVED = 6000
 EARLY = 0.05
 """Share of the true failures that counts as early: those of AST are nearly all of that kind."""
 
-SETTINGS = {"campaign": EARLIER}
+SETTINGS: dict[str, dict[str, float]] = {
+    "splitting": {"campaign": EARLIER, "chains": 20, "burn_in": 0.1},
+    "ast": {"campaign": EARLIER},
+}
+"""Settings of the chains by the method that finds their starts, as docs/methods.md recommends them:
+failures of splitting are nearly samples already, and more chains hold more of its families."""
 
 
 def chains(method: str, prefix: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     """Campaigns of chains from the failures of a method, one for each seed."""
     found_in = [spec_of(method, FOUND_IN[method], seed + i) for i in range(SEEDS)]
     starts = [[one.z for one in run.crashes] for run in side_by_side(crew, found_in)]
-    specs = [spec_of("chains", MOVED, seed + i, **SETTINGS) for i in range(SEEDS)]
+    specs = [spec_of("chains", MOVED, seed + i, **SETTINGS[method]) for i in range(SEEDS)]
     runs = crew.each(search, specs, [None] * SEEDS, starts)
     truth = true_failures(crew)
     share = of_seeds([failure_rate(run) for run in runs], "share", MOVED)
@@ -40,8 +45,8 @@ def chains(method: str, prefix: str, crew: Crew, seed: int) -> Iterator[tuple[st
         yield f"{prefix}.{name}", figure
 
 
-def spec_of(method: str, episodes: int, seed: int, **settings: int) -> CampaignSpec:
-    """A campaign with all else as it is by default."""
+def spec_of(method: str, episodes: int, seed: int, **settings: float) -> CampaignSpec:
+    """A campaign with all other settings as they are by default."""
     return CampaignSpec(
         name=method,
         method=method,
@@ -79,7 +84,7 @@ def compared(
 
 def samples(run: Found) -> list[Floats]:
     """Noise of the failures after burn-in."""
-    settings = read_settings(ChainSettings, dict(SETTINGS), "settings")
+    settings = read_settings(ChainSettings, dict(run.spec.settings), "settings")
     first = settings.first_sample(run.spec.episodes)
     early = sum(run.crashed[:first])
     return [one.z for one in run.crashes[early:]]

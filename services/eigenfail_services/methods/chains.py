@@ -28,9 +28,6 @@ FEWEST_ROUNDS = 10
 MOST_DRAWS = 40_000
 """Of all chains together, that are kept for the diagnostics; of more, every k-th move is kept."""
 
-CANDIDATES = 10
-"""Failures of which a chain starts from the likeliest one."""
-
 Weight = Annotated[float, Meta(ge=0.0, le=1000.0)]
 
 
@@ -49,16 +46,23 @@ class ChainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     acceptance: Annotated[
         float, Meta(ge=0.1, le=0.9, description="share of the moves that is to fail")
     ] = 0.3
-    redraw: Annotated[Weight, Meta(description="weight of moves that redraw random values")] = 1.0
+    redraw: Annotated[Weight, Meta(description="weight of moves that redraw random values")] = 0.25
     window: Annotated[
         Weight, Meta(description="weight of moves that redraw 3 to 15 successive steps")
-    ] = 1.0
+    ] = 0.25
     pcn: Annotated[Weight, Meta(description="weight of moves that change all values a little")] = (
         0.25
     )
     shift: Annotated[
         Weight, Meta(description="weight of moves that shift a segment by 1 to 10 steps")
-    ] = 1.0
+    ] = 1.5
+    smooth: Annotated[
+        Weight, Meta(description="weight of moves that redraw sums over 5 to 30 steps")
+    ] = 1.5
+    detail: Annotated[
+        Weight,
+        Meta(description="weight of moves that redraw 10 to 50 steps but for mean and trend"),
+    ] = 2.0
 
     def __post_init__(self) -> None:
         """Check that there is a move.
@@ -67,13 +71,20 @@ class ChainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
             InvalidValue: all weights are 0.
         """
         if not any(self.weights.values()):
-            problem = "the weights redraw, window, pcn and shift are all 0: no chain moves."
+            problem = "the weights of all kinds of moves are 0: no chain moves."
             raise InvalidValue("settings.redraw", problem, "Make one of them positive.")
 
     @property
     def weights(self) -> dict[MoveKind, float]:
         """Weight of each kind of move."""
-        return {kind: getattr(self, kind) for kind in MoveKind}
+        return {
+            MoveKind.REDRAW: self.redraw,
+            MoveKind.WINDOW: self.window,
+            MoveKind.PCN: self.pcn,
+            MoveKind.SHIFT: self.shift,
+            MoveKind.SMOOTH: self.smooth,
+            MoveKind.DETAIL: self.detail,
+        }
 
     def check_budget(self, episodes: int) -> None:
         """Raise InvalidValue if the budget allows too few moves."""
@@ -267,28 +278,27 @@ class FailureChains:
 
 
 def choose_starts(failures: Floats, chains: int, seed: int) -> Floats:
-    """Return a failure for each chain, spread over the failures in their order.
+    """Return a failure for each chain: a systematic sample of the failures (Kitagawa 1996).
 
-    Of each of as many equal parts as there are chains, it is the likeliest of some that are drawn,
-    as unlikely ones take long to be forgotten; where there are fewer failures, each starts several
-    chains.
+    The failures are sorted by their noise from the first step on. Those of `splitting` that descend
+    from one episode share their first steps, and are then neighbours: each family has its share of
+    the chains, but for less than one. Where there are fewer failures than chains, each starts
+    several.
 
     Args:
         failures: z of each, shape (n, steps, 2).
         chains: number of chains.
-        seed: seed of the draws.
+        seed: seed of the draw.
     """
     rng = np.random.default_rng([seed, 0, 0])
     n = len(failures)
     if n <= chains:
         places = np.resize(rng.permutation(n), chains)
     else:
-        steps = np.maximum(count_steps(failures), 1)
-        square = np.square(failures, dtype=np.float64).sum(axis=(1, 2)) / steps
-        parts = (
-            rng.permutation(part)[:CANDIDATES] for part in np.array_split(np.arange(n), chains)
-        )
-        places = np.array([part[square[part].argmin()] for part in parts])
+        values = failures.reshape(n, -1)
+        # lexsort takes its last key first.
+        order = np.lexsort(values.T[::-1])
+        places = order[((np.arange(chains) + rng.random()) * n / chains).astype(int)]
     starts: Floats = failures[places]
     return starts
 

@@ -34,6 +34,16 @@ SHORTEST_WINDOW, LONGEST_WINDOW = 3, 15
 LONGEST_SHIFT = 10
 """Steps by which a segment is shifted at most. From 7 to 17 about as many shifts are accepted."""
 
+MOST_SUMS = 5
+SHORTEST_SUM, LONGEST_SUM = 5, 30
+"""Weighted sums of the noise that a move redraws at most, and the steps of each."""
+
+SHORTEST_DETAIL, LONGEST_DETAIL = 10, 50
+"""Steps of a window whose detail is redrawn."""
+
+FEWEST_DETAILED = 3
+"""Steps that have more than a mean and a trend."""
+
 AXIS_CHOICES = (slice(0, 2), slice(0, 1), slice(1, 2))
 """Columns of a window that is redrawn, or of a segment that is shifted."""
 
@@ -47,6 +57,8 @@ class MoveKind(StrEnum):
     WINDOW = "window"
     PCN = "pcn"
     SHIFT = "shift"
+    SMOOTH = "smooth"
+    DETAIL = "detail"
 
 
 FIRST_SIZES: Mapping[str, float] = MappingProxyType({MoveKind.REDRAW: 0.1, MoveKind.PCN: 0.2})
@@ -62,12 +74,9 @@ def redraw_components(z: Array, size: float, rng: np.random.Generator) -> Array:
 
 def redraw_window(z: Array, _size: float, rng: np.random.Generator) -> Array:
     """Return noise of which 3 to 15 successive steps of one axis or both were redrawn."""
-    longest = min(LONGEST_WINDOW, len(z))
-    width = int(rng.integers(min(SHORTEST_WINDOW, longest), longest + 1))
-    # Windows reach beyond both ends, so that the first and last steps are redrawn as often.
-    first = int(rng.integers(1 - width, len(z)))
+    window = _draw_window(len(z), SHORTEST_WINDOW, LONGEST_WINDOW, rng)
     moved = z.copy()
-    inside = moved[max(first, 0) : first + width, AXIS_CHOICES[rng.integers(len(AXIS_CHOICES))]]
+    inside = moved[window, AXIS_CHOICES[rng.integers(len(AXIS_CHOICES))]]
     inside[:] = rng.standard_normal(inside.shape)
     return moved
 
@@ -96,12 +105,61 @@ def shift_segment(z: Array, size: float, rng: np.random.Generator) -> Array:
     return moved
 
 
+def redraw_sums(z: Array, _size: float, rng: np.random.Generator) -> Array:
+    """Return noise of which 1 to 5 weighted sums of one axis over 5 to 30 steps were redrawn.
+
+    A planner filters what it senses: sums over many steps matter to it, and moves that redraw
+    single steps hardly change them. With weights u of length 1, here half a sine wave, the sum
+    u·z ~ N(0, 1) is independent of the rest of z: drawing it anew, z' = z + (e − u·z) u, is a Gibbs
+    step of p(z), and is reversible. A sequence of such steps is as likely as its reverse, since
+    windows and axes are drawn independently of z and of each other: the whole is reversible too.
+    Moves that are larger in some directions than in others: Cui, Law and Marzouk 2016, Journal of
+    Computational Physics 304, 109–137.
+    """
+    moved = z.copy()
+    for _ in range(int(rng.integers(1, MOST_SUMS + 1))):
+        column = moved[_draw_window(len(z), SHORTEST_SUM, LONGEST_SUM, rng), rng.integers(2)]
+        u = np.sin(np.pi * (np.arange(len(column)) + 0.5) / len(column))
+        u /= np.linalg.norm(u)
+        column += (rng.standard_normal() - u @ column) * u
+    return moved
+
+
+def redraw_detail(z: Array, size: float, rng: np.random.Generator) -> Array:
+    """Return noise of which 10 to 50 steps were redrawn but for the mean and trend of each axis.
+
+    The counterpart of `redraw_sums`: what a filter passes stays, and the rest, which is independent
+    of it under p(z), is drawn anew. Noise of one step or two has no detail, and is redrawn.
+    """
+    if len(z) < FEWEST_DETAILED:
+        return redraw_window(z, size, rng)
+    window = _draw_window(len(z), SHORTEST_DETAIL, LONGEST_DETAIL, rng, FEWEST_DETAILED)
+    moved = z.copy()
+    inside = moved[window]
+    kept = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, len(inside)), 2))[0]
+    drawn = rng.standard_normal(inside.shape)
+    inside[:] = drawn + kept @ (kept.T @ (inside - drawn))
+    return moved
+
+
+def _draw_window(
+    steps: int, shortest: int, longest: int, rng: np.random.Generator, inside: int = 1
+) -> slice:
+    """Return a window of the noise that has at least `inside` steps of it."""
+    width = int(rng.integers(min(shortest, steps), min(longest, steps) + 1))
+    # Windows reach beyond both ends, so that the first and last steps are redrawn as often.
+    first = int(rng.integers(inside - width, steps - inside + 1))
+    return slice(max(first, 0), first + width)
+
+
 MOVES: Mapping[MoveKind, Callable[[Array, float, np.random.Generator], Array]] = MappingProxyType(
     {
         MoveKind.REDRAW: redraw_components,
         MoveKind.WINDOW: redraw_window,
         MoveKind.PCN: step_pcn,
         MoveKind.SHIFT: shift_segment,
+        MoveKind.SMOOTH: redraw_sums,
+        MoveKind.DETAIL: redraw_detail,
     }
 )
 

@@ -112,7 +112,8 @@ def test_a_campaign_with_less_than_its_burn_in_is_not_judged(campaigns) -> None:
 
 
 def test_starts_that_are_safe_in_another_scenario_end_the_campaign(campaigns) -> None:
-    number = campaigns.chains(scenario_parameters={"distance_m": 70.0})
+    faster_car = {"distance_m": 70.0, "actor_speed_mps": 16.0}
+    number = campaigns.chains(scenario_parameters=faster_car)
     with pytest.raises(LearnerFailed, match="None of the 5 failures"):
         campaigns.finish(number)
 

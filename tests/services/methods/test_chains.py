@@ -19,6 +19,7 @@ from eigenfail_services.methods.chains import (
     count_steps,
     read_state,
 )
+from eigenfail_services.statistics.failure_chains import MoveKind
 from eigenfail_workers.functions import FunctionEngine
 
 sys.path.append(str(Path(__file__).parent / "toys"))
@@ -27,6 +28,8 @@ from problems import HalfSpace, TwoModes
 from problems import steady as steady_noise
 
 CORRIDOR = Corridor(steps=20, wall=0.55)
+
+NO_MOVES = {kind.value: 0 for kind in MoveKind}
 
 
 def make(trajectories, episodes=400, seed=1, **settings):
@@ -85,7 +88,7 @@ def test_samples_are_distributed_as_failures_of_monte_carlo():
 
 def test_chains_of_a_plane_border_mix():
     problem = HalfSpace(0.1, steady_noise(2))
-    small = {"redraw": 0, "window": 0, "shift": 0, "acceptance": 0.4, "burn_in": 0.2}
+    small = NO_MOVES | {"pcn": 1, "acceptance": 0.4, "burn_in": 0.2}
     learner = make(1.2 * problem.likeliest[None], 4800, chains=8, **small)
     run(learner, 4800, FunctionEngine(problem.function, problem.steps))
     facts, trace = read_state(learner.state())
@@ -100,7 +103,7 @@ def corner_starts(*sides):
 
 def run_corners(*sides):
     problem = TwoModes()
-    learner = make(corner_starts(*sides), 4000, chains=8, redraw=0, window=0, shift=0)
+    learner = make(corner_starts(*sides), 4000, chains=8, **NO_MOVES | {"pcn": 1})
     results = run(learner, 4000, FunctionEngine(problem.function, problem.steps))
     facts, trace = read_state(learner.state())
     projections = measure_projections(facts.projections, trace)
@@ -121,14 +124,25 @@ def test_chains_from_one_corner_never_show_the_other():
     assert all(one.noise.z[0, 0] > 0 for one in results if one.is_failure)
 
 
-def test_starts_are_spread_over_the_campaign_and_the_seed_chooses():
-    failures = np.arange(1, 101, dtype=np.float32)[:, None, None] * np.ones((1, 3, 2), np.float32)
-    first = choose_starts(failures, 5, 1)[:, 0, 0]
-    assert ((first - 1) // 20).tolist() == [0, 1, 2, 3, 4]
-    assert choose_starts(failures, 5, 1)[:, 0, 0].tolist() == first.tolist()
-    assert choose_starts(failures, 5, 2)[:, 0, 0].tolist() != first.tolist()
-    assert (first - 1).max() % 20 < 20
-    assert np.mean((first - 1) % 20) < 6  # the likeliest of ten of twenty
+def test_each_family_of_failures_has_its_share_of_the_starts():
+    """Failures that share their first step descend from one episode."""
+    rng = np.random.default_rng(1)
+    families = np.repeat([3.0, -1.0, 0.5, 2.0], [50, 25, 20, 5])
+    failures = rng.standard_normal((100, 3, 2)).astype(np.float32)
+    failures[:, 0] = families[:, None]
+    failures = rng.permutation(failures)
+    starts = choose_starts(failures, 20, 1)
+    counts = [int((starts[:, 0, 0] == value).sum()) for value in (3.0, -1.0, 0.5, 2.0)]
+    assert counts == pytest.approx([10, 5, 4, 1], abs=0.99)
+    assert (choose_starts(failures, 20, 1) == starts).all()
+    assert not all((choose_starts(failures, 20, seed) == starts).all() for seed in range(2, 6))
+
+
+def test_each_failure_is_as_likely_a_start():
+    failures = np.random.default_rng(2).standard_normal((30, 3, 2)).astype(np.float32)
+    chosen = np.concatenate([choose_starts(failures, 4, seed) for seed in range(1500)])
+    counts = [(chosen == each).all(axis=(1, 2)).sum() for each in failures]
+    assert counts == pytest.approx([200] * 30, abs=55)
 
 
 def test_of_few_failures_each_starts_several_chains():
@@ -182,7 +196,7 @@ def test_sizes_change_in_burn_in_only_and_samples_come_after_it():
     settings = ChainSettings(campaign=1, chains=4, burn_in=0.5)
     assert settings.count_moves(44) == (5, 10)
     assert settings.first_sample(44) == 24
-    learner = make(steady(2.0, n=4), 44, chains=4, burn_in=0.5)
+    learner = make(steady(2.0, n=4), 44, chains=4, burn_in=0.5, redraw=2, pcn=2)
     sizes = []
     for _ in range(11):
         step_through(learner, [COLLISION] * 4)
@@ -197,7 +211,7 @@ def test_sizes_change_in_burn_in_only_and_samples_come_after_it():
 @pytest.mark.parametrize(
     ("settings", "episodes", "words"),
     [
-        ({"redraw": 0, "window": 0, "pcn": 0, "shift": 0}, 400, r"settings.redraw: .* all 0"),
+        (NO_MOVES, 400, r"settings.redraw: the weights of all kinds of moves are 0"),
         ({"chains": 50}, 400, r"episodes: 400 are fewer than 10 rounds of 50 chains"),
         ({"chains": 1}, 400, r"settings.chains"),
         ({"burn_in": 0.95}, 400, r"settings.burn_in"),

@@ -11,6 +11,8 @@ from eigenfail_services.statistics.failure_chains import (
     ChainSampler,
     MoveKind,
     MoveMix,
+    redraw_detail,
+    redraw_sums,
     redraw_window,
     shift_segment,
 )
@@ -50,6 +52,8 @@ def sample(mix, chains=60, moves=500, burn_in=100):
         (MoveKind.WINDOW,),
         (MoveKind.PCN,),
         (MoveKind.REDRAW, MoveKind.SHIFT),
+        (MoveKind.REDRAW, MoveKind.SMOOTH),
+        (MoveKind.SMOOTH, MoveKind.DETAIL),
         tuple(MoveKind),
     ],
 )
@@ -101,6 +105,36 @@ def test_a_shift_moves_a_segment_by_at_most_10_steps_and_never_leaves_all_in_pla
             assert turns
             reached |= set(turns)
     assert reached == set(range(-10, 11))
+
+
+def test_redrawn_sums_are_smooth_and_reach_every_step_of_each_axis():
+    rng = np.random.default_rng(5)
+    changes = np.stack([redraw_sums(np.zeros((60, 2)), 0.0, rng) for _ in range(4000)])
+    assert np.square(changes).sum(axis=(1, 2)).mean() == pytest.approx(3.0, rel=0.1)
+    assert (changes != 0).mean(axis=0) == pytest.approx(0.22, abs=0.12)
+    # Successive changes differ little: nearly all of the change is below a tenth of the rate.
+    spectrum = np.square(np.abs(np.fft.rfft(changes, axis=1))).mean(axis=(0, 2))
+    assert spectrum[7:].sum() < 0.25 * spectrum.sum()
+
+
+def test_redrawn_detail_keeps_mean_and_trend_of_a_window():
+    rng = np.random.default_rng(6)
+    before = rng.standard_normal((60, 2))
+    ramp = np.arange(60.0)
+    for _ in range(500):
+        change = redraw_detail(before, 0.0, rng) - before
+        rows = np.flatnonzero(change.any(axis=1))
+        assert 3 <= len(rows) <= 50
+        assert rows[-1] - rows[0] == len(rows) - 1
+        assert change.sum(axis=0) == pytest.approx(0.0, abs=1e-9)
+        assert ramp @ change == pytest.approx(0.0, abs=1e-8)
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_noise_without_detail_is_redrawn(steps):
+    z = np.ones((steps, 2))
+    rng = np.random.default_rng(1)
+    assert any((redraw_detail(z, 0.0, rng) != z).any() for _ in range(5))
 
 
 def find_pulses(z, length=4):
