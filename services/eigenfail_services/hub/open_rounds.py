@@ -25,8 +25,11 @@ class RoundCollector:
 
     def __init__(self) -> None:
         self._rounds: dict[int, Round] = {}
+        self._tasks: dict[int, EpisodeTask] = {}
         self._results: dict[int, EpisodeResult] = {}
-        self._expected: set[int] = set()
+        # Counted, since the oldest round is asked for at each turn of the hub.
+        self._missing: dict[int, int] = {}
+        self._round_of: dict[int, int] = {}
 
     def list_new_tasks(self, rounds: Iterable[Round]) -> tuple[EpisodeTask, ...]:
         """Return the tasks of those rounds that are not open."""
@@ -34,37 +37,42 @@ class RoundCollector:
 
     def open(self, rounds: Iterable[Round]) -> tuple[EpisodeTask, ...]:
         """Open those rounds that are not open, and return their tasks."""
-        rounds = tuple(rounds)
-        tasks = self.list_new_tasks(rounds)
-        self._rounds = {r.number: r for r in rounds} | self._rounds
-        self._expected.update(task.index for task in tasks)
-        return tasks
+        fresh = [r for r in rounds if r.number not in self._rounds]
+        for r in fresh:
+            self._rounds[r.number] = r
+            self._missing[r.number] = len(r.tasks)
+            self._tasks.update((task.index, task) for task in r.tasks)
+            self._round_of.update((task.index, r.number) for task in r.tasks)
+        return tuple(task for r in fresh for task in r.tasks)
 
     def find_pending_task(self, index: int) -> EpisodeTask | None:
         """Return the task of an episode of an open round that has no result yet."""
-        if index not in self._expected or index in self._results:
-            return None
-        return next(t for r in self._rounds.values() for t in r.tasks if t.index == index)
+        return None if index in self._results else self._tasks.get(index)
 
     def count_pending(self) -> int:
         """Return the number of results that open rounds still need."""
-        return len(self._expected) - len(self._results)
+        return sum(self._missing.values())
 
     def add(self, result: EpisodeResult) -> None:
         """Add a result; one that no open round needs is ignored."""
-        if result.index in self._expected:
-            self._results[result.index] = result
+        number = self._round_of.get(result.index)
+        if number is None:
+            return
+        if result.index not in self._results:
+            self._missing[number] -= 1
+        self._results[result.index] = result
 
     def pop_complete(self) -> tuple[EpisodeResult, ...] | None:
         """Close the oldest round and return its results, if all are there."""
         if not self._rounds:
             return None
         number = min(self._rounds)
-        indices = [task.index for task in self._rounds[number].tasks]
-        if any(index not in self._results for index in indices):
+        if self._missing[number]:
             return None
-        del self._rounds[number]
-        self._expected.difference_update(indices)
+        indices = [task.index for task in self._rounds.pop(number).tasks]
+        del self._missing[number]
+        for index in indices:
+            del self._tasks[index], self._round_of[index]
         return tuple(self._results.pop(index) for index in indices)
 
     def find_policy(self, version: int) -> Policy:
