@@ -9,12 +9,16 @@ from eigenfail import plugins
 from eigenfail.contracts import MethodTraits, Paced
 from eigenfail.errors import EigenfailError
 from eigenfail.settings import read_settings
-from eigenfail.values import RoundSizes
+from eigenfail.values import CampaignSpec, RoundSizes
+from eigenfail.values.learning import count_rounds_ahead
 
 ROUND_SIZE = "round_size"
 """A setting that methods without `round_sizes` are taken to keep to."""
 
 UNDECLARED = MethodTraits()
+
+RESULT_RULES = ("failures", "half_width", "cv")
+"""Stop rules that are judged after each round, on its results."""
 
 
 class MethodDescription(msgspec.Struct, frozen=True):
@@ -80,6 +84,26 @@ def describe_method(name: str) -> MethodDescription:
         exploits=not isinstance(plugin, type) or hasattr(plugin, "exploit"),
         lookahead=getattr(plugin, "lookahead", 1),
     )
+
+
+def count_open_episodes(spec: CampaignSpec) -> int | None:
+    """Return how many episodes of a campaign are open at a time, and so may run.
+
+    None where that is not known: its method is not installed here or has members, or stop rules on
+    results keep fewer rounds open.
+    """
+    if not spec.stop.given().keys().isdisjoint(RESULT_RULES):
+        return None
+    try:
+        description = describe_method(spec.method)
+        sizes = description.find_round_sizes(
+            description.read_settings(spec.settings, "settings"), spec.episodes
+        )
+    except EigenfailError:
+        return None
+    if sizes is None or description.traits.has_members:
+        return None
+    return sizes.later * (1 + count_rounds_ahead(spec.parallel, sizes.later, description.lookahead))
 
 
 def traits_of(name: str) -> MethodTraits:

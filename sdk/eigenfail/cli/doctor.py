@@ -22,6 +22,7 @@ from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable, StoreUnavailable
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
 from eigenfail.hosting.service import load_database_tool
+from eigenfail.methods import count_open_episodes, describe_method
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.values import CampaignState
 from eigenfail.values.operations import Presence, Verification
@@ -94,6 +95,7 @@ def check_service(context: typer.Context, url: str) -> Iterator[Finding]:
             yield Finding(what, "answers")
             yield check_workers(client)
             yield from list_unrunnable_campaigns(client)
+            yield from list_narrow_campaigns(client)
         elif isinstance(trouble, StoreUnavailable):
             yield Finding(what, trouble.problem, True, trouble.remedy)
         else:
@@ -121,6 +123,31 @@ def list_unrunnable_campaigns(client: Client) -> Iterator[Finding]:
     except EigenfailError:
         return
     yield from (Finding(f"campaign {each.campaign}", each.message, True) for each in stranded)
+
+
+def list_narrow_campaigns(client: Client) -> Iterator[Finding]:
+    """Return the running campaigns, if all of their open episodes together are too few.
+
+    Workers are idle then, however many there are.
+    """
+    try:
+        workers = len(client.present_workers())
+        running = list(client.campaigns.list(CampaignState.RUNNING))
+    except EigenfailError:
+        return
+    known = [(each, count_open_episodes(each.spec)) for each in running]
+    opened = [count for _, count in known if count is not None]
+    if len(opened) < len(known) or sum(opened) >= workers:
+        return
+    for campaign, count in known:
+        waits = not describe_method(campaign.spec.method).lookahead
+        yield Finding(
+            f"campaign {campaign.id}",
+            f"runs at most {count} episodes at a time, and {workers} workers are connected",
+            remedy="run several seeds side by side: eigenfail run --seeds N"
+            if waits
+            else f"to use all of them, launch it with parallel = {workers}",
+        )
 
 
 def _describe_versions(workers: Sequence[Presence]) -> str:

@@ -10,6 +10,7 @@ import msgspec
 
 from eigenfail.contracts import EpisodeEngine, Estimator, Learner, Trained
 from eigenfail.errors import LearnerFailed, ProtocolError
+from eigenfail.methods import RESULT_RULES
 from eigenfail.values import (
     EpisodeResult,
     EpisodeTask,
@@ -49,10 +50,6 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return None
         interval = confidence_sequence(self.failures, self.completed)
         return (interval.high - interval.low) / 2.0
-
-
-RESULT_RULES = ("failures", "half_width", "cv")
-"""Stop rules that are judged after each round, on its results."""
 
 
 def limit_lookahead(lookahead: int, rules: StopRules) -> int:

@@ -9,6 +9,7 @@ import msgspec
 
 from eigenfail.contracts import Injection, Reference
 from eigenfail.errors import InvalidValue, NotFound, UnknownName
+from eigenfail.methods import RESULT_RULES
 from eigenfail.settings import convert
 from eigenfail.values import CampaignSpec
 from eigenfail.values.learning import IN_FLIGHT, MOST_POLICIES, count_rounds_ahead
@@ -26,7 +27,7 @@ from eigenfail_services.campaigns.resolution import (
     read_trajectories,
     resolve_method,
 )
-from eigenfail_services.campaigns.rounds import RESULT_RULES, limit_lookahead
+from eigenfail_services.campaigns.rounds import limit_lookahead
 from eigenfail_services.methods import check_budget
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load

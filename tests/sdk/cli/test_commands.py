@@ -7,17 +7,18 @@ import signal
 from types import SimpleNamespace
 
 import httpx2
+import msgspec
 import numpy as np
 import pytest
 
 from eigenfail import replays
 from eigenfail.cli import connection as places_module
-from eigenfail.cli.doctor import check_workers
+from eigenfail.cli.doctor import check_workers, list_narrow_campaigns
 from eigenfail.cli.render import INTERRUPTED
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.service import Plan
-from eigenfail.values import CampaignState
+from eigenfail.values import CampaignSpec, CampaignState
 from eigenfail.values.operations import Arrival, Presence, Retention, Staffing
 from eigenfail.versions import versions
 
@@ -435,3 +436,40 @@ def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
     found = SimpleNamespace(name=source)
     context = SimpleNamespace(get_parameter_source=lambda _: found)
     assert list(places_module._list_addresses(context, Plan(tmp_path, 0))) == places
+
+
+@pytest.mark.parametrize(
+    ("changes", "workers", "told"),
+    [
+        ({"method": "ast"}, 20, []),
+        (
+            {"method": "ast"},
+            21,
+            [
+                "runs at most 20 episodes at a time, and 21 workers are connected: "
+                "to use all of them, launch it with parallel = 21"
+            ],
+        ),
+        ({"method": "ast", "parallel": 30}, 60, []),
+        (
+            {"method": "cem", "settings": {"batch": 10}},
+            11,
+            [
+                "runs at most 10 episodes at a time, and 11 workers are connected: "
+                "run several seeds side by side: eigenfail run --seeds N"
+            ],
+        ),
+        ({"method": "ast", "stop": {"failures": 3}}, 500, []),
+        ({"method": "somewhere_else"}, 500, []),
+    ],
+)
+def test_the_doctor_says_when_campaigns_are_too_narrow_for_the_workers(changes, workers, told):
+    spec = msgspec.convert({"name": "n", "episodes": 1000} | changes, CampaignSpec)
+    campaign = SimpleNamespace(id=7, spec=spec)
+    client = SimpleNamespace(
+        present_workers=lambda: (None,) * workers,
+        campaigns=SimpleNamespace(list=lambda _state: iter((campaign,))),
+    )
+    findings = list(list_narrow_campaigns(client))
+    assert [f"{one.found}: {one.remedy}" for one in findings] == told
+    assert not any(one.wrong for one in findings)
