@@ -446,8 +446,8 @@ def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
             {"method": "ast"},
             21,
             [
-                "runs at most 20 episodes at a time, and 21 workers are connected: "
-                "to use all of them, launch it with parallel = 21"
+                "runs at most 20 episodes at a time, and 21 workers are connected"
+                + ": to use all of them, launch it with parallel = 21"
             ],
         ),
         ({"method": "ast", "parallel": 30}, 60, []),
@@ -455,8 +455,8 @@ def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
             {"method": "cem", "settings": {"batch": 10}},
             11,
             [
-                "runs at most 10 episodes at a time, and 11 workers are connected: "
-                "run several seeds side by side: eigenfail run --seeds N"
+                "runs at most 10 episodes at a time, and 11 workers are connected"
+                + ": run several seeds side by side: eigenfail run --seeds N"
             ],
         ),
         ({"method": "ast", "stop": {"failures": 3}}, 500, []),
