@@ -133,6 +133,7 @@ def context(
         horizon=steps,
         trajectories=stack_noise(noise, steps),
         predecessors=() if earlier is None else (predecessor(earlier, steps),),
+        parallel=spec.parallel,
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import eigenfailures
 import intervals
 import openturns_beside
+import parallel
 import reproduction
 import splitting
 import transfer
@@ -71,6 +72,7 @@ TRIALS = (
     ),
     Trial(("cut_in.ast.",), ast),
     Trial(("cut_in.ast_", "cut_in.heuristic."), likely_ast),
+    Trial(("ast_parallel_",), parallel.find_figures),
     Trial(("ast.transfer",), transfer.over_a_distribution),
     Trial(("ast.one_scenario.",), transfer.from_one_scenario),
     Trial(("cut_in.difs", "cut_in.cem_held_back."), difs),
