@@ -208,15 +208,22 @@ class DiffusionFailureSampling:
         return tuple(TrajectorySource(z) for z in samples)
 
     def _make_examples(self) -> Examples:
+        """Return the elite, and for the network the least robust of all besides.
+
+        Failures have the condition 0, however far they lie beyond the border: that is what
+        samples at robustness 0 are to be like.
+        """
         trials, facts, kinds = self._trials, self._facts, self._assign_kinds()
-        rows = self._schedule.select(trials, kinds, facts.threshold_m or 0.0, self._settings)
-        robustness = trials.robustness - trials.find_offsets(kinds)
+        elite = self._schedule.select(trials, kinds, facts.threshold_m or 0.0, self._settings)
+        rows = np.union1d(elite, trials.select_replay(self._settings.replay))
+        distances = np.maximum(trials.robustness, 0.0) - trials.find_offsets(kinds)
         known = len(self._model.mixture.shares)
         return Examples(
             z=trials.z[rows],
             unseen=trials.find_unseen()[rows],
-            condition=robustness[rows] / np.float32(facts.scale_m),
+            condition=distances[rows] / np.float32(facts.scale_m),
             held_out=rows % HELD_OUT_EVERY == 0,
+            elite=np.isin(rows, elite),
             modes=known if trials.has_elites(self._settings.elite, kinds) else MOST_MODES,
         )
 

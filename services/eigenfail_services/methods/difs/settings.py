@@ -36,6 +36,7 @@ class Examples(msgspec.Struct, frozen=True, eq=False):
         unseen: whether no noise was injected in a step, shape (n, horizon).
         condition: robustness ÷ scale, shape (n,).
         held_out: whether a trajectory only validates the network, shape (n,).
+        elite: whether the mixture is fitted to a trajectory, shape (n,).
         modes: largest number of components of the mixture.
     """
 
@@ -43,6 +44,7 @@ class Examples(msgspec.Struct, frozen=True, eq=False):
     unseen: NDArray[np.bool_]
     condition: Floats
     held_out: NDArray[np.bool_]
+    elite: NDArray[np.bool_]
     modes: int
 
 
@@ -59,9 +61,9 @@ STEPS_PER_JITTER = 30
 class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `difs`.
 
-    `many_rounds` draws little from the prior and then trains after every few episodes, on the
-    least robust trajectories of all. `paper` draws 500 from the prior, trains, draws 500 below the
-    threshold, trains, and samples the rest at robustness 0.
+    `many_rounds` draws little from the prior and then trains after every few episodes. `paper`
+    draws 500 from the prior, trains, draws 500 below the threshold, trains, and samples the rest at
+    robustness 0.
     """
 
     schedule: Annotated[
@@ -91,8 +93,17 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = 0.3
     elite: Annotated[
         int,
-        msgspec.Meta(ge=1, le=100_000, description="trajectories that many_rounds trains on"),
+        msgspec.Meta(
+            ge=1, le=100_000, description="trajectories to which many_rounds fits the mixture"
+        ),
     ] = 20
+    replay: Annotated[
+        Share,
+        msgspec.Meta(
+            description="share of all trajectories, the least robust, that train the network "
+            "besides the elite"
+        ),
+    ] = 0.25
     likely_share: Annotated[
         float,
         msgspec.Meta(gt=0.0, le=1.0, description="share of the elite in the newest failures"),
@@ -100,7 +111,7 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     target_rate: Annotated[
         float,
         msgspec.Meta(gt=0.0, lt=1.0, description="target failure rate of the guidance"),
-    ] = 0.2
+    ] = 0.3
     guidance: Annotated[
         float, msgspec.Meta(ge=-0.9, le=10.0, description="initial weight of the condition")
     ] = 0.15
@@ -109,10 +120,16 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         msgspec.Meta(description="weight at robustness 0; none: that of the last round"),
     ] = None
     first_steps: Annotated[
-        int, msgspec.Meta(ge=1, le=1_000_000, description="gradient steps of the first training")
+        int,
+        msgspec.Meta(
+            ge=0, le=1_000_000, description="gradient steps of the first training; 0: no network"
+        ),
     ] = 300
     steps: Annotated[
-        int, msgspec.Meta(ge=1, le=1_000_000, description="gradient steps of each later training")
+        int,
+        msgspec.Meta(
+            ge=0, le=1_000_000, description="gradient steps of each later training; 0: no network"
+        ),
     ] = 100
     jitter: Annotated[
         int,
@@ -121,17 +138,17 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         ),
     ] = 3
     width: Annotated[
-        int, msgspec.Meta(ge=1, le=4096, description="width of the denoiser's hidden layers")
-    ] = 64
+        int, msgspec.Meta(ge=1, le=4096, description="channels of the denoiser's hidden layers")
+    ] = 24
     learning_rate: Annotated[
         float, msgspec.Meta(gt=0.0, le=1.0, description="learning rate of AdamW")
-    ] = 3e-4
+    ] = 2e-3
     weight_decay: Annotated[
         float, msgspec.Meta(ge=0.0, le=1.0, description="weight decay of AdamW")
     ] = 1e-5
     batch_size: Annotated[
         int, msgspec.Meta(ge=1, le=100_000, description="trajectories in a gradient step")
-    ] = 64
+    ] = 32
     ema: Annotated[
         float, msgspec.Meta(ge=0.0, lt=1.0, description="decay of the averaged weights")
     ] = 0.995
@@ -227,15 +244,25 @@ class TrialMemory:
         each = ceil(count / len(kept))
         return np.concatenate([self._best(rows, each, likely_share) for rows in kept])
 
+    def select_replay(self, share: float) -> Rows:
+        """Return the least robust share of the trajectories.
+
+        The network learns from more than the elite how noise depends on robustness.
+        """
+        order = np.argsort(self.robustness, kind="stable")
+        return order[: ceil(share * len(self))]
+
     def find_offsets(self, kinds: Rows) -> Floats:
         """Return the distance from the best of all to the best of each's kind, shape (n,). [m]
 
+        All failures have the distance 0: the condition says that an episode fails, not how badly.
         With this subtracted, the lowest robustness of all denotes the best of each kind. Otherwise
         samples would be requested that a kind has never reached, and the model would leave it.
         """
+        distances = np.maximum(self.robustness, 0.0)
         best = np.full(kinds.max(initial=0) + 1, np.inf, np.float32)
-        np.minimum.at(best, kinds, self.robustness)
-        late: Floats = best[kinds] - self.robustness.min()
+        np.minimum.at(best, kinds, distances)
+        late: Floats = best[kinds] - distances.min()
         return late
 
     def has_elites(self, count: int, kinds: Rows) -> bool:
@@ -332,7 +359,7 @@ class Schedule(Protocol):
     def select(
         self, trials: TrialMemory, kinds: Rows, threshold_m: float, settings: DifsSettings
     ) -> Rows:
-        """Return the trajectories of the next training; `kinds` are their components."""
+        """Return the trajectories of the next mixture; `kinds` are their components."""
 
 
 class ManyRounds:
