@@ -163,7 +163,7 @@ class DiffusionFailureSampling:
 
     def _train(self) -> None:
         first = self._facts.draws == 0
-        steps = self._settings.first_steps if first else self._settings.steps
+        steps = self._plan.first_steps if first else self._plan.steps
         self._model.train(self._make_examples(), steps, self._next_draw())
 
     def _lower_threshold(self, fresh: TrialMemory) -> None:

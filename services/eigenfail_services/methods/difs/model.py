@@ -170,6 +170,18 @@ TRUST_SAMPLES = 1024
 """Number of noised trajectories from which the trust in the correction is estimated."""
 
 
+def weigh_elite(elite: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the chance of each trajectory in training, the elite together as much as the others.
+
+    The others show how noise depends on robustness; by their number, they would displace the
+    likely failures of the elite.
+    """
+    count, most = len(elite), np.count_nonzero(elite)
+    if most == count:
+        return np.full(count, 1.0 / count)
+    return np.where(elite, 0.5 / most, 0.5 / (count - most))
+
+
 class DiffusionModel:
     """Learns p(x | r) from examples, and samples from it.
 
@@ -203,8 +215,9 @@ class DiffusionModel:
         elite = prepare_elite(z, unseen, self._options.jitter)
         self.mixture = fit_mixture(elite, examples.modes)
         given = self._make_tensors(examples)
-        self._train_correction(given.select(~held_out), steps, generator)
-        self._estimate_trust(given.select(held_out), generator)
+        chances = self._make_tensor(weigh_elite(examples.elite))
+        self._train_correction(given.select(~held_out), chances[~held_out], steps, generator)
+        self._estimate_trust(given.select(held_out), chances[held_out], generator)
         if not tensors.all_finite(chain(self._average.parameters(), self._average.buffers())):
             raise LearnerDiverged(
                 "The diffusion model diverged: a weight became NaN or infinite.",
@@ -268,13 +281,13 @@ class DiffusionModel:
         tensors.load_adam("optimizer", self._optimizer, arrays)
 
     def _train_correction(
-        self, given: Trajectories, steps: int, generator: torch.Generator
+        self, given: Trajectories, chances: Tensor, steps: int, generator: torch.Generator
     ) -> None:
         """Take gradient steps on the mean squared error, and average the weights."""
         averages: list[Tensor] = list(self._average.parameters())
         weights: list[Tensor] = list(self._denoiser.parameters())
         for _ in range(steps if len(given.z) else 0):
-            noised = self._add_noise(given, self._options.batch_size, generator)
+            noised = self._add_noise(given, chances, self._options.batch_size, generator)
             predicted = self._correct(self._denoiser, noised)
             loss = torch.nn.functional.mse_loss(predicted, noised.left)
             self._optimizer.zero_grad()
@@ -287,7 +300,9 @@ class DiffusionModel:
     def _correct(network: Denoiser, noised: NoisedTrajectories) -> Tensor:
         return network.correct(noised.x, noised.angle, noised.condition, noised.mean)
 
-    def _estimate_trust(self, held_out: Trajectories, generator: torch.Generator) -> None:
+    def _estimate_trust(
+        self, held_out: Trajectories, chances: Tensor, generator: torch.Generator
+    ) -> None:
         """Set the trust in the correction by least squares on held-out trajectories.
 
         trust = <left, correction> / <correction, correction>, within 0 and 1.
@@ -295,7 +310,7 @@ class DiffusionModel:
         trust = torch.zeros((), device=self._device)
         if len(held_out.z):
             with torch.no_grad():
-                noised = self._add_noise(held_out, TRUST_SAMPLES, generator)
+                noised = self._add_noise(held_out, chances, TRUST_SAMPLES, generator)
                 correction = self._correct(self._average, noised)
                 size = (correction**2).sum().clamp_min(torch.finfo(correction.dtype).tiny)
                 trust = ((noised.left * correction).sum() / size).clamp(0.0, 1.0)
@@ -303,10 +318,10 @@ class DiffusionModel:
             network.trust.copy_(trust)
 
     def _add_noise(
-        self, given: Trajectories, count: int, generator: torch.Generator
+        self, given: Trajectories, chances: Tensor, count: int, generator: torch.Generator
     ) -> NoisedTrajectories:
         """Draw, shift and diffuse trajectories; compute the velocity that the mean leaves."""
-        rows = torch.randint(len(given.z), (count,), generator=generator, device=self._device)
+        rows = torch.multinomial(chances, count, replacement=True, generator=generator)
         drawn, most = given.select(rows), self._options.jitter
         size = (count, 1)
         by = torch.randint(-most, most + 1, size, generator=generator, device=self._device)

@@ -34,8 +34,10 @@ class ResidualBlock(nn.Module):
     """Convolution over three positions, scaled and shifted by the features (Perez et al. 2018).
 
     Scale and shift also depend on the mean over all positions, by which each position sees the
-    whole trajectory. The convolution is a matrix product over shifted copies, which on a CPU takes
-    less time than torch's convolutions with so few channels.
+    whole trajectory. The scale is bounded: otherwise the product of two hidden values would grow
+    without limit where no training data lie, and samples with it. The convolution is a matrix
+    product over shifted copies, which on a CPU takes less time than torch's convolutions with so
+    few channels.
 
     Args:
         width: number of channels.
@@ -56,7 +58,7 @@ class ResidualBlock(nn.Module):
         seen = [padded[:, :positions], hidden, padded[:, 2 * reach :]]
         context = torch.cat([features, hidden.mean(dim=1)], dim=1)
         scale, shift = self.modulation(context)[:, None].chunk(2, dim=2)
-        local = self.convolution(torch.cat(seen, dim=2)) * (1.0 + scale) + shift
+        local = self.convolution(torch.cat(seen, dim=2)) * (1.0 + torch.tanh(scale)) + shift
         change: Tensor = self.projection(functional.silu(local))
         return hidden + change
 

@@ -51,6 +51,9 @@ class Examples(msgspec.Struct, frozen=True, eq=False):
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 
 
+Steps = Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
+
+
 Id = Annotated[int, msgspec.Meta(ge=1)]
 
 
@@ -111,7 +114,7 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     target_rate: Annotated[
         float,
         msgspec.Meta(gt=0.0, lt=1.0, description="target failure rate of the guidance"),
-    ] = 0.3
+    ] = 0.25
     guidance: Annotated[
         float, msgspec.Meta(ge=-0.9, le=10.0, description="initial weight of the condition")
     ] = 0.15
@@ -120,17 +123,17 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         msgspec.Meta(description="weight at robustness 0; none: that of the last round"),
     ] = None
     first_steps: Annotated[
-        int,
+        Steps | None,
         msgspec.Meta(
-            ge=0, le=1_000_000, description="gradient steps of the first training; 0: no network"
+            description="gradient steps of the first training; 0: no network; none: the schedule's"
         ),
-    ] = 300
+    ] = None
     steps: Annotated[
-        int,
+        Steps | None,
         msgspec.Meta(
-            ge=0, le=1_000_000, description="gradient steps of each later training; 0: no network"
+            description="gradient steps of each later training; 0: no network; none: the schedule's"
         ),
-    ] = 100
+    ] = None
     jitter: Annotated[
         int,
         msgspec.Meta(
@@ -325,6 +328,9 @@ def _padded(z: Floats, horizon: int) -> Floats:
 PAPER_SIZE = 500
 """Episodes from the prior, and again below the threshold."""
 
+PAPER_STEPS = 1000
+"""Gradient steps of each training: with two trainings in all, each must go further."""
+
 
 FIRST_SHARE = 0.08
 
@@ -343,11 +349,15 @@ class DifsPlan(msgspec.Struct, frozen=True):
         initial: number of episodes from the prior.
         round_size: number of episodes between two trainings after that.
         final: number of the first episode of the last part, at robustness 0.
+        first_steps: number of gradient steps of the first training.
+        steps: number of gradient steps of each later training.
     """
 
     initial: int
     round_size: int
     final: int
+    first_steps: int
+    steps: int
 
 
 class Schedule(Protocol):
@@ -369,7 +379,8 @@ class ManyRounds:
         """Return 8 % from the prior, at least four for each of the elite; rounds of 4 %."""
         fewest = min(DRAWS_PER_ELITE * settings.elite, episodes // 2)
         round_size = max(SMALLEST_ROUND, round(ROUND_SHARE * episodes))
-        return DifsPlan(max(round(FIRST_SHARE * episodes), fewest), round_size, episodes)
+        initial = max(round(FIRST_SHARE * episodes), fewest)
+        return DifsPlan(initial, round_size, episodes, first_steps=300, steps=100)
 
     def select(
         self, trials: TrialMemory, kinds: Rows, _threshold_m: float, settings: DifsSettings
@@ -384,7 +395,8 @@ class PaperSchedule:
     def plan(self, episodes: int, _settings: DifsSettings) -> DifsPlan:
         """Return the division of the paper; two halves for a budget below 1000."""
         half = min(PAPER_SIZE, (episodes + 1) // 2)
-        return DifsPlan(half, PAPER_SIZE, min(2 * PAPER_SIZE, episodes))
+        final = min(2 * PAPER_SIZE, episodes)
+        return DifsPlan(half, PAPER_SIZE, final, PAPER_STEPS, PAPER_STEPS)
 
     def select(
         self, trials: TrialMemory, _kinds: Rows, threshold_m: float, _settings: DifsSettings
@@ -399,9 +411,11 @@ SCHEDULES: dict[str, Schedule] = {"many_rounds": ManyRounds(), "paper": PaperSch
 def make_plan(episodes: int, settings: DifsSettings) -> DifsPlan:
     """Return the plan of the schedule, with the settings that override it."""
     plan = SCHEDULES[settings.schedule].plan(episodes, settings)
-    initial, final = plan.initial, plan.final
+    changes: dict[str, int] = {}
     if settings.initial_share is not None:
-        initial = max(1, round(settings.initial_share * episodes))
+        changes["initial"] = max(1, round(settings.initial_share * episodes))
     if settings.final_share is not None:
-        final = episodes - round(settings.final_share * episodes)
-    return DifsPlan(initial, settings.round_size or plan.round_size, final)
+        changes["final"] = episodes - round(settings.final_share * episodes)
+    given = {name: getattr(settings, name) for name in ("round_size", "first_steps", "steps")}
+    changes |= {name: value for name, value in given.items() if value is not None}
+    return msgspec.structs.replace(plan, **changes)
