@@ -194,11 +194,11 @@ class DiffusionFailureSampling:
         return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
 
     def _sample_failures(self, n: int, draw: int) -> tuple[TrajectorySource, ...]:
-        """Return samples at robustness 0, of the components with failures if there are any."""
+        """Return samples at robustness 0, of the components that have not been given up."""
         given = self._settings.final_guidance
         guidance = self._facts.guidance if given is None else given
-        failed = self._assign_kinds()[self._trials.robustness <= 0.0]
-        mixture = self._model.mixture.restrict(np.unique(failed))
+        kept = self._trials.find_kept_kinds(self._settings.elite, self._assign_kinds())
+        mixture = self._model.mixture.restrict(kept)
         return self._sample(np.zeros(n, np.float32), guidance, draw, mixture)
 
     def _sample(

@@ -273,6 +273,10 @@ class TrialMemory:
         kept = self._list_kinds(count, kinds)
         return all(len(self._failures(rows)) >= count / len(kept) for rows in kept)
 
+    def find_kept_kinds(self, count: int, kinds: Rows) -> Rows:
+        """Return the kinds that have a part in an elite of `count`; none without trajectories."""
+        return np.array([kinds[rows[0]] for rows in self._list_kinds(count, kinds)], np.intp)
+
     def find_unseen(self) -> NDArray[np.bool_]:
         """Return which steps lie behind an episode's end, shape (n, horizon).
 
@@ -328,7 +332,7 @@ def _padded(z: Floats, horizon: int) -> Floats:
 PAPER_SIZE = 500
 """Episodes from the prior, and again below the threshold."""
 
-PAPER_STEPS = 1000
+PAPER_STEPS = 400
 """Gradient steps of each training: with two trainings in all, each must go further."""
 
 
