@@ -120,6 +120,19 @@ def test_the_network_also_learns_from_near_failures_and_failures_have_the_condit
     assert made.condition.tolist() == pytest.approx([0.0, 0.0, 2.0 / 3.0])
 
 
+@pytest.mark.parametrize(("schedule", "trained"), [("many_rounds", False), ("paper", True)])
+def test_the_network_waits_for_an_elite_of_failures_unless_the_schedule_is_the_papers(
+    episode, schedule, trained
+):
+    learner = difs(episodes=40, elite=4, schedule=schedule)
+    learner.propose(20)
+    learner.observe([episode(np.full((5, 2), i), 1.0 + i) for i in range(10)])
+    assert learner._model.trained == trained
+    learner.propose(20)
+    learner.observe([episode(np.full((5, 2), i), 0.0) for i in range(10)])
+    assert learner._model.trained
+
+
 def test_no_gradient_step_leaves_the_mixture_alone(episode):
     learner = trained(episode, first_steps=0, steps=0)
     assert float(learner._model._average.trust) == 0.0

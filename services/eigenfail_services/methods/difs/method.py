@@ -162,9 +162,16 @@ class DiffusionFailureSampling:
             self._train()
 
     def _train(self) -> None:
-        first = self._facts.draws == 0
-        steps = self._plan.first_steps if first else self._plan.steps
-        self._model.train(self._make_examples(), steps, self._next_draw())
+        """Fit the mixture, and take gradient steps unless the network is to wait.
+
+        Before the mixture has the modes, the network would move all samples to that mode which
+        happens to be nearest to failures.
+        """
+        plan = self._plan
+        settled = self._trials.has_elites(self._settings.elite, self._assign_kinds())
+        steps = plan.steps if self._model.trained else plan.first_steps
+        taken = steps if settled or not plan.waits else 0
+        self._model.train(self._make_examples(), taken, self._next_draw())
 
     def _lower_threshold(self, fresh: TrialMemory) -> None:
         """Lower the threshold to the quantile of the newest round."""

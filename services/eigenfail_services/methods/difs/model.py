@@ -202,6 +202,11 @@ class DiffusionModel:
         self._average = deepcopy(self._denoiser).requires_grad_(requires_grad=False)
         self._optimizer = _optimizer(self._denoiser, options)
 
+    @property
+    def trained(self) -> bool:
+        """Whether the network has taken gradient steps."""
+        return bool(self._optimizer.state)
+
     @tensors.wrap_memory_errors()
     def train(self, examples: Examples, steps: int, draw: int) -> None:
         """Take gradient steps.

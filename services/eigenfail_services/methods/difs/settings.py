@@ -125,7 +125,8 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     first_steps: Annotated[
         Steps | None,
         msgspec.Meta(
-            description="gradient steps of the first training; 0: no network; none: the schedule's"
+            description="gradient steps of the network's first training; 0: no network; "
+            "none: the schedule's"
         ),
     ] = None
     steps: Annotated[
@@ -353,8 +354,9 @@ class DifsPlan(msgspec.Struct, frozen=True):
         initial: number of episodes from the prior.
         round_size: number of episodes between two trainings after that.
         final: number of the first episode of the last part, at robustness 0.
-        first_steps: number of gradient steps of the first training.
+        first_steps: number of gradient steps of the network's first training.
         steps: number of gradient steps of each later training.
+        waits: whether the network waits until the elites of all modes are failures.
     """
 
     initial: int
@@ -362,6 +364,7 @@ class DifsPlan(msgspec.Struct, frozen=True):
     final: int
     first_steps: int
     steps: int
+    waits: bool
 
 
 class Schedule(Protocol):
@@ -384,7 +387,7 @@ class ManyRounds:
         fewest = min(DRAWS_PER_ELITE * settings.elite, episodes // 2)
         round_size = max(SMALLEST_ROUND, round(ROUND_SHARE * episodes))
         initial = max(round(FIRST_SHARE * episodes), fewest)
-        return DifsPlan(initial, round_size, episodes, first_steps=300, steps=100)
+        return DifsPlan(initial, round_size, episodes, first_steps=300, steps=100, waits=True)
 
     def select(
         self, trials: TrialMemory, kinds: Rows, _threshold_m: float, settings: DifsSettings
@@ -400,7 +403,7 @@ class PaperSchedule:
         """Return the division of the paper; two halves for a budget below 1000."""
         half = min(PAPER_SIZE, (episodes + 1) // 2)
         final = min(2 * PAPER_SIZE, episodes)
-        return DifsPlan(half, PAPER_SIZE, final, PAPER_STEPS, PAPER_STEPS)
+        return DifsPlan(half, PAPER_SIZE, final, PAPER_STEPS, PAPER_STEPS, waits=False)
 
     def select(
         self, trials: TrialMemory, _kinds: Rows, threshold_m: float, _settings: DifsSettings
