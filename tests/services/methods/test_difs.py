@@ -133,6 +133,14 @@ def test_the_network_waits_for_an_elite_of_failures_unless_the_schedule_is_the_p
     assert learner._model.trained
 
 
+def test_a_threshold_far_beyond_failures_asks_for_samples_at_robustness_zero(episode):
+    learner = difs(initial_share=0.1)
+    learner.propose(10)
+    learner.observe([episode(np.full((5, 2), i), -9.0) for i in range(10)])
+    assert len(learner.propose(5).sources) == 5
+    assert learner._draw_conditions(5).tolist() == [0.0] * 5
+
+
 def test_no_gradient_step_leaves_the_mixture_alone(episode):
     learner = trained(episode, first_steps=0, steps=0)
     assert float(learner._model._average.trust) == 0.0

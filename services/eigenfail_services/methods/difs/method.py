@@ -196,16 +196,16 @@ class DiffusionFailureSampling:
 
     def _draw_conditions(self, count: int) -> Floats:
         """Return robustness ÷ scale of samples: uniform up to the threshold, a share of them 0."""
-        threshold = (self._facts.threshold_m or 0.0) / self._facts.scale_m
+        threshold = max(self._facts.threshold_m or 0.0, 0.0) / self._facts.scale_m
         random = np.random.default_rng([self._seed, self._next_draw()])
         return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
 
     def _sample_failures(self, n: int, draw: int) -> tuple[TrajectorySource, ...]:
-        """Return samples at robustness 0, of the components that have not been given up."""
+        """Return samples at robustness 0, of the components with failures if there are any."""
         given = self._settings.final_guidance
         guidance = self._facts.guidance if given is None else given
-        kept = self._trials.find_kept_kinds(self._settings.elite, self._assign_kinds())
-        mixture = self._model.mixture.restrict(kept)
+        failed = self._assign_kinds()[self._trials.robustness <= 0.0]
+        mixture = self._model.mixture.restrict(np.unique(failed))
         return self._sample(np.zeros(n, np.float32), guidance, draw, mixture)
 
     def _sample(

@@ -274,10 +274,6 @@ class TrialMemory:
         kept = self._list_kinds(count, kinds)
         return all(len(self._failures(rows)) >= count / len(kept) for rows in kept)
 
-    def find_kept_kinds(self, count: int, kinds: Rows) -> Rows:
-        """Return the kinds that have a part in an elite of `count`; none without trajectories."""
-        return np.array([kinds[rows[0]] for rows in self._list_kinds(count, kinds)], np.intp)
-
     def find_unseen(self) -> NDArray[np.bool_]:
         """Return which steps lie behind an episode's end, shape (n, horizon).
 
