@@ -5,6 +5,7 @@ from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
+import difs_network
 import eigenfailures
 import intervals
 import openturns_beside
@@ -103,6 +104,7 @@ TRIALS = (
     Trial(("analysis.planted.",), planted),
     Trial(("analysis.one_cloud.",), clouds),
     Trial(("two_corners.",), corners),
+    Trial(("difs.network.",), difs_network.find),
     *(
         Trial((f"search.{place}.{name}.",), partial(compare, place, name))
         for place, name in product(PLACES, SEARCHES)

@@ -8,6 +8,7 @@ from eigenfail.errors import LearnerDiverged, ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor
 from eigenfail.values import Experience, LearnerContext, PriorSource, TrajectorySource
+from eigenfail_services.methods import archive
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 
 CORRIDOR = Corridor()
@@ -83,7 +84,7 @@ def test_a_weight_that_becomes_nan_ends_the_learner_with_a_remedy(episode):
     learner = difs()
     learner.propose(10)
     with torch.no_grad():
-        learner._model._average.correction[0].weight[0] = float("nan")
+        learner._model._average.first.weight[0] = float("nan")
     with pytest.raises(LearnerDiverged, match=r"diverged.*Lower learning_rate"):
         learner.observe([episode(np.zeros((5, 2)), 1.0)])
 
@@ -98,6 +99,52 @@ def test_samples_that_are_not_finite_never_leave_the_learner(episode):
 def test_a_state_of_another_horizon_is_refused():
     with pytest.raises(ProtocolError, match="should have shape"):
         difs(horizon=5).restore(difs(horizon=6).state())
+
+
+def test_a_state_with_the_weights_of_another_network_is_refused():
+    learner = difs()
+    facts, arrays = archive.read("difs", learner.state(), learner._Facts)
+    renamed = {name.replace(".first.", ".correction.0."): a for name, a in arrays.items()}
+    with pytest.raises(ProtocolError, match=r"'denoiser\.first\.weight' should have shape"):
+        learner.restore(archive.write("difs", facts, renamed))
+
+
+def test_the_network_also_learns_from_near_failures_and_failures_have_the_condition_zero(episode):
+    learner = difs(episodes=40, elite=2, replay=0.5)
+    learner.propose(40)
+    robustness = [-3.0, -1.0, 2.0, 4.0, 6.0, 8.0]
+    learner.observe([episode(np.full((5, 2), i), r) for i, r in enumerate(robustness)])
+    made = learner._make_examples()
+    assert made.z[:, 0, 0].tolist() == [0.0, 1.0, 2.0]
+    assert made.elite.tolist() == [True, True, False]
+    assert made.condition.tolist() == pytest.approx([0.0, 0.0, 2.0 / 3.0])
+
+
+@pytest.mark.parametrize(("schedule", "trained"), [("many_rounds", False), ("paper", True)])
+def test_the_network_waits_for_an_elite_of_failures_unless_the_schedule_is_the_papers(
+    episode, schedule, trained
+):
+    learner = difs(episodes=40, elite=4, schedule=schedule)
+    learner.propose(20)
+    learner.observe([episode(np.full((5, 2), i), 1.0 + i) for i in range(10)])
+    assert learner._model.trained == trained
+    learner.propose(20)
+    learner.observe([episode(np.full((5, 2), i), 0.0) for i in range(10)])
+    assert learner._model.trained
+
+
+def test_a_threshold_far_beyond_failures_asks_for_samples_at_robustness_zero(episode):
+    learner = difs(initial_share=0.1)
+    learner.propose(10)
+    learner.observe([episode(np.full((5, 2), i), -9.0) for i in range(10)])
+    assert len(learner.propose(5).sources) == 5
+    assert learner._draw_conditions(5).tolist() == [0.0] * 5
+
+
+def test_no_gradient_step_leaves_the_mixture_alone(episode):
+    learner = trained(episode, first_steps=0, steps=0)
+    assert float(learner._model._average.trust) == 0.0
+    assert noise(learner.exploit(400)).mean() > 0.5
 
 
 def test_proposals_do_not_depend_on_what_else_draws_from_torch(episode):

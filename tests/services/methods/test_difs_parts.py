@@ -9,6 +9,7 @@ import torch
 from eigenfail.values import Measures, Outcome
 from eigenfail_services.methods.difs import model as diffusion
 from eigenfail_services.methods.difs.model import DiffusionModel, shift_in_time
+from eigenfail_services.methods.difs.network import Denoiser
 from eigenfail_services.methods.difs.settings import DiffusionOptions, Examples, TrialMemory
 
 HORIZON = 6
@@ -48,13 +49,14 @@ def test_the_untrained_model_samples_the_prior():
     assert np.abs(np.cov(flat.T) - np.eye(2 * HORIZON)).max() < 0.09
 
 
-def examples(z, condition=None, unseen=None):
+def examples(z, condition=None, unseen=None, elite=None):
     count = len(z)
     return Examples(
         z=np.asarray(z, np.float32),
         unseen=np.zeros(z.shape[:2], bool) if unseen is None else unseen,
         condition=np.zeros(count, np.float32) if condition is None else condition,
         held_out=np.arange(count) % 5 == 0,
+        elite=np.ones(count, bool) if elite is None else elite,
         modes=4,
     )
 
@@ -112,6 +114,51 @@ def test_accidents_of_few_trajectories_are_not_trusted():
     learner = model(horizon=horizon, width=64)
     learner.train(examples(random.standard_normal((20, horizon, 2))), steps=300, draw=1)
     assert float(learner._average.trust) < 0.3
+
+
+def test_a_push_at_any_time_is_learnt_by_weights_shared_over_time():
+    horizon, random = 24, np.random.default_rng(0)
+
+    def pushes(count):
+        z = random.standard_normal((count, horizon, 2))
+        for one, begin in zip(z, random.integers(0, horizon - 6, count), strict=True):
+            one[begin : begin + 6, 0] += 2.5
+        return z
+
+    learner = model(horizon=horizon)
+    learner.train(examples(pushes(200)), steps=600, draw=1)
+    samples = learner.sample(np.zeros(500, np.float32), guidance=0.0, draw=2)
+    assert float(learner._average.trust) > 0.7
+    assert strongest_push(samples).mean() > 0.8 * strongest_push(pushes(500)).mean()
+    assert strongest_push(random.standard_normal((500, horizon, 2))).mean() < 1.5
+
+
+def strongest_push(z):
+    """Largest mean of six successive steps, shape (n,)."""
+    sums = np.cumsum(z[..., 0], axis=1)
+    return ((sums[:, 6:] - sums[:, :-6]) / 6.0).max(axis=1)
+
+
+def test_the_mixture_is_fitted_to_the_elite_and_the_network_to_all():
+    z = np.random.default_rng(0).standard_normal((40, HORIZON, 2)) + 1.0
+    z[20:] += 1.0
+    learner, elite = model(), np.arange(40) < 20
+    learner.train(examples(z, elite=elite), steps=5, draw=1)
+    means = learner.mixture.means.reshape(HORIZON, 2)
+    np.testing.assert_allclose(means, z[:20].mean(axis=0), atol=1e-6)
+
+
+@pytest.mark.parametrize("horizon", [1, 2, 33, 34, 100])
+def test_every_horizon_has_its_network_and_its_far_steps_depend_on_each_other(horizon):
+    network = Denoiser(horizon, width=8)
+    torch.nn.init.ones_(network.last.weight)
+    x = torch.zeros(3, 2 * horizon)
+    moved = x.clone()
+    moved[:, 0] = 5.0
+    angle, condition = torch.full((3,), 0.7), torch.zeros(3)
+    before, after = (network.correct(each, angle, condition, x) for each in (x, moved))
+    assert before.shape == x.shape
+    assert not torch.allclose(before[:, -1], after[:, -1])
 
 
 def test_a_trajectory_is_shifted_in_time_and_what_moves_in_is_unseen():
@@ -187,8 +234,17 @@ def test_measures_without_failures_keep_their_robustness(episode):
     assert trials.robustness.tolist() == [7.5]
 
 
+def test_the_replay_is_the_least_robust_share(episode):
+    trials = TrialMemory(HORIZON, memory=100)
+    trials.add([episode(np.ones((6, 2)), r) for r in (3.0, 1.0, 2.0, 4.0, -1.0)])
+    assert trials.select_replay(0.25).tolist() == [4, 1]
+    assert trials.select_replay(0.0).tolist() == []
+
+
 def test_a_kind_is_as_far_behind_as_its_best(episode):
     trials = TrialMemory(HORIZON, memory=100)
     trials.add([episode(np.ones((6, 2)), r) for r in (3.0, 1.0, 2.5, 4.0)])
     assert trials.find_offsets(np.array([0, 0, 2, 2])).tolist() == [0.0, 0.0, 1.5, 1.5]
     assert trials.find_offsets(np.zeros(4, np.intp)).tolist() == [0.0] * 4
+    trials.add([episode(np.ones((6, 2)), -2.0)])
+    assert trials.find_offsets(np.array([0, 0, 2, 2, 1])).tolist() == [1.0, 1.0, 2.5, 2.5, 0.0]

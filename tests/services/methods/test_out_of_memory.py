@@ -34,8 +34,8 @@ def noise(proposal) -> np.ndarray:
 
 @pytest.fixture
 def round_of(episode):
-    """What came of a round: each episode of another robustness."""
-    return lambda n: [episode(np.full((HORIZON, 2), 0.1 * i), 2.0 + i) for i in range(n)]
+    """What came of a round: failures, each with other noise, from which the network learns."""
+    return lambda n: [episode(np.full((HORIZON, 2), 0.1 * i), 0.0) for i in range(n)]
 
 
 @pytest.mark.fault(

@@ -162,9 +162,16 @@ class DiffusionFailureSampling:
             self._train()
 
     def _train(self) -> None:
-        first = self._facts.draws == 0
-        steps = self._settings.first_steps if first else self._settings.steps
-        self._model.train(self._make_examples(), steps, self._next_draw())
+        """Fit the mixture, and take gradient steps unless the network is to wait.
+
+        Before the mixture has the modes, the network would move all samples to that mode which
+        happens to be nearest to failures.
+        """
+        plan = self._plan
+        settled = self._trials.has_elites(self._settings.elite, self._assign_kinds())
+        steps = plan.steps if self._model.trained else plan.first_steps
+        taken = steps if settled or not plan.waits else 0
+        self._model.train(self._make_examples(), taken, self._next_draw())
 
     def _lower_threshold(self, fresh: TrialMemory) -> None:
         """Lower the threshold to the quantile of the newest round."""
@@ -189,7 +196,7 @@ class DiffusionFailureSampling:
 
     def _draw_conditions(self, count: int) -> Floats:
         """Return robustness ÷ scale of samples: uniform up to the threshold, a share of them 0."""
-        threshold = (self._facts.threshold_m or 0.0) / self._facts.scale_m
+        threshold = max(self._facts.threshold_m or 0.0, 0.0) / self._facts.scale_m
         random = np.random.default_rng([self._seed, self._next_draw()])
         return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
 
@@ -208,15 +215,22 @@ class DiffusionFailureSampling:
         return tuple(TrajectorySource(z) for z in samples)
 
     def _make_examples(self) -> Examples:
+        """Return the elite, and for the network the least robust of all besides.
+
+        Failures have the condition 0, however far they lie beyond the border: that is what
+        samples at robustness 0 are to be like.
+        """
         trials, facts, kinds = self._trials, self._facts, self._assign_kinds()
-        rows = self._schedule.select(trials, kinds, facts.threshold_m or 0.0, self._settings)
-        robustness = trials.robustness - trials.find_offsets(kinds)
+        elite = self._schedule.select(trials, kinds, facts.threshold_m or 0.0, self._settings)
+        rows = np.union1d(elite, trials.select_replay(self._settings.replay))
+        distances = np.maximum(trials.robustness, 0.0) - trials.find_offsets(kinds)
         known = len(self._model.mixture.shares)
         return Examples(
             z=trials.z[rows],
             unseen=trials.find_unseen()[rows],
-            condition=robustness[rows] / np.float32(facts.scale_m),
+            condition=distances[rows] / np.float32(facts.scale_m),
             held_out=rows % HELD_OUT_EVERY == 0,
+            elite=np.isin(rows, elite),
             modes=known if trials.has_elites(self._settings.elite, kinds) else MOST_MODES,
         )
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
 from eigenfail.errors import InvalidValue, LearnerDiverged
 from eigenfail.values import Floats
@@ -21,6 +21,7 @@ from eigenfail_services.methods.difs.modes import (
     make_prior_mixture,
     prepare_elite,
 )
+from eigenfail_services.methods.difs.network import Denoiser
 from eigenfail_services.methods.difs.settings import DiffusionOptions, Examples
 
 
@@ -57,12 +58,14 @@ class NoisedTrajectories(NamedTuple):
         x: x_t, shape (n, size).
         angle: t, shape (n,).
         condition: robustness ÷ scale, shape (n,).
+        mean: mean of the component, shape (n, size).
         left: velocity minus that of the mixture, shape (n, size).
     """
 
     x: Tensor
     angle: Tensor
     condition: Tensor
+    mean: Tensor
     left: Tensor
 
 
@@ -78,57 +81,6 @@ def shift_in_time(z: Tensor, unseen: Tensor, by: Tensor) -> tuple[Tensor, Tensor
     inside = source.clamp(0, unseen.shape[1] - 1)
     moved = torch.gather(z, 1, inside[..., None].expand_as(z))
     return moved, torch.gather(unseen, 1, inside) | (source != inside)
-
-
-FEATURES = 5
-"""Four features of the diffusion time, and the condition."""
-
-
-def _compute_time_features(angle: Tensor) -> Tensor:
-    """Return features of the diffusion time, shape (n, 4)."""
-    turns = [torch.sin(angle), torch.cos(angle), torch.sin(2 * angle), torch.cos(4 * angle)]
-    return torch.stack(turns, dim=1)
-
-
-class Denoiser(nn.Module):
-    """v(x_t, t, r) = -sin(t) · m + trust · correction(x_t, t, r), zero before training.
-
-    For a standard normal v is zero, so that the untrained network samples the prior exactly; for a
-    normal with mean m, v = -sin(t) · m exactly. The first term is that mean, of the component of
-    the mixture for which a sample is drawn. The second term learns what the mixture does not
-    explain: widths, and their dependence on robustness. `trust` is the extent to which it holds for
-    held-out trajectories: from a few dozen with hundreds of numbers it would learn coincidences.
-
-    Args:
-        size: number of values of a trajectory.
-        width: width of the hidden layers.
-    """
-
-    trust: Tensor
-
-    def __init__(self, size: int, width: int) -> None:
-        super().__init__()
-        self.register_buffer("trust", torch.zeros(()))
-        self.correction = nn.Sequential(
-            nn.Linear(size + FEATURES, width),
-            nn.SiLU(),
-            nn.Linear(width, width),
-            nn.SiLU(),
-            nn.Linear(width, size),
-        )
-        for parameter in self.correction[-1].parameters():
-            nn.init.zeros_(parameter)
-
-    def forward(self, x: Tensor, angle: Tensor, condition: Tensor, mean: Tensor) -> Tensor:
-        """Return v, x and mean of shape (n, size), for angle and condition of shape (n,)."""
-        corrected = self.correct(x, angle, condition)
-        return self.trust * corrected - torch.sin(angle)[:, None] * mean
-
-    def correct(self, x: Tensor, angle: Tensor, condition: Tensor) -> Tensor:
-        """Return the correction, shape (n, size)."""
-        seen = torch.cat([x, _compute_time_features(angle), condition[:, None]], dim=1)
-        correction: Tensor = self.correction(seen)
-        return correction
 
 
 Velocity = Callable[[Tensor, Tensor], Tensor]
@@ -218,6 +170,18 @@ TRUST_SAMPLES = 1024
 """Number of noised trajectories from which the trust in the correction is estimated."""
 
 
+def weigh_elite(elite: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the chance of each trajectory in training, the elite together as much as the others.
+
+    The others show how noise depends on robustness; by their number, they would displace the
+    likely failures of the elite.
+    """
+    count, most = len(elite), np.count_nonzero(elite)
+    if most == count:
+        return np.full(count, 1.0 / count)
+    return np.where(elite, 0.5 / most, 0.5 / (count - most))
+
+
 class DiffusionModel:
     """Learns p(x | r) from examples, and samples from it.
 
@@ -233,10 +197,15 @@ class DiffusionModel:
         self._options = options
         self._device = _device(options.device)
         with tensors.isolate_randomness(options.seed, 0):
-            self._denoiser = Denoiser(options.horizon * 2, options.width).to(self._device)
+            self._denoiser = Denoiser(options.horizon, options.width).to(self._device)
         self.mixture = make_prior_mixture(options.horizon * 2)
         self._average = deepcopy(self._denoiser).requires_grad_(requires_grad=False)
         self._optimizer = _optimizer(self._denoiser, options)
+
+    @property
+    def trained(self) -> bool:
+        """Whether the network has taken gradient steps."""
+        return bool(self._optimizer.state)
 
     @tensors.wrap_memory_errors()
     def train(self, examples: Examples, steps: int, draw: int) -> None:
@@ -247,12 +216,13 @@ class DiffusionModel:
         """
         generator = self._make_generator(self._make_random(draw))
         held_out = torch.from_numpy(examples.held_out).to(self._device)
-        self.mixture = fit_mixture(
-            prepare_elite(examples.z, examples.unseen, self._options.jitter), examples.modes
-        )
+        z, unseen = examples.z[examples.elite], examples.unseen[examples.elite]
+        elite = prepare_elite(z, unseen, self._options.jitter)
+        self.mixture = fit_mixture(elite, examples.modes)
         given = self._make_tensors(examples)
-        self._train_correction(given.select(~held_out), steps, generator)
-        self._estimate_trust(given.select(held_out), generator)
+        chances = self._make_tensor(weigh_elite(examples.elite))
+        self._train_correction(given.select(~held_out), chances[~held_out], steps, generator)
+        self._estimate_trust(given.select(held_out), chances[held_out], generator)
         if not tensors.all_finite(chain(self._average.parameters(), self._average.buffers())):
             raise LearnerDiverged(
                 "The diffusion model diverged: a weight became NaN or infinite.",
@@ -316,14 +286,14 @@ class DiffusionModel:
         tensors.load_adam("optimizer", self._optimizer, arrays)
 
     def _train_correction(
-        self, given: Trajectories, steps: int, generator: torch.Generator
+        self, given: Trajectories, chances: Tensor, steps: int, generator: torch.Generator
     ) -> None:
         """Take gradient steps on the mean squared error, and average the weights."""
         averages: list[Tensor] = list(self._average.parameters())
         weights: list[Tensor] = list(self._denoiser.parameters())
         for _ in range(steps if len(given.z) else 0):
-            noised = self._add_noise(given, self._options.batch_size, generator)
-            predicted = self._denoiser.correct(noised.x, noised.angle, noised.condition)
+            noised = self._add_noise(given, chances, self._options.batch_size, generator)
+            predicted = self._correct(self._denoiser, noised)
             loss = torch.nn.functional.mse_loss(predicted, noised.left)
             self._optimizer.zero_grad()
             torch.autograd.backward(loss)
@@ -331,7 +301,13 @@ class DiffusionModel:
             with torch.no_grad():
                 torch._foreach_lerp_(averages, weights, 1.0 - self._options.ema)
 
-    def _estimate_trust(self, held_out: Trajectories, generator: torch.Generator) -> None:
+    @staticmethod
+    def _correct(network: Denoiser, noised: NoisedTrajectories) -> Tensor:
+        return network.correct(noised.x, noised.angle, noised.condition, noised.mean)
+
+    def _estimate_trust(
+        self, held_out: Trajectories, chances: Tensor, generator: torch.Generator
+    ) -> None:
         """Set the trust in the correction by least squares on held-out trajectories.
 
         trust = <left, correction> / <correction, correction>, within 0 and 1.
@@ -339,18 +315,18 @@ class DiffusionModel:
         trust = torch.zeros((), device=self._device)
         if len(held_out.z):
             with torch.no_grad():
-                noised = self._add_noise(held_out, TRUST_SAMPLES, generator)
-                correction = self._average.correct(noised.x, noised.angle, noised.condition)
+                noised = self._add_noise(held_out, chances, TRUST_SAMPLES, generator)
+                correction = self._correct(self._average, noised)
                 size = (correction**2).sum().clamp_min(torch.finfo(correction.dtype).tiny)
                 trust = ((noised.left * correction).sum() / size).clamp(0.0, 1.0)
         for network in (self._denoiser, self._average):
             network.trust.copy_(trust)
 
     def _add_noise(
-        self, given: Trajectories, count: int, generator: torch.Generator
+        self, given: Trajectories, chances: Tensor, count: int, generator: torch.Generator
     ) -> NoisedTrajectories:
         """Draw, shift and diffuse trajectories; compute the velocity that the mean leaves."""
-        rows = torch.randint(len(given.z), (count,), generator=generator, device=self._device)
+        rows = torch.multinomial(chances, count, replacement=True, generator=generator)
         drawn, most = given.select(rows), self._options.jitter
         size = (count, 1)
         by = torch.randint(-most, most + 1, size, generator=generator, device=self._device)
@@ -359,7 +335,7 @@ class DiffusionModel:
         eps = self._randn(x0.shape, generator)
         angle = torch.rand(count, generator=generator, device=self._device) * (pi / 2)
         left = compute_velocity(x0, eps, angle) + torch.sin(angle)[:, None] * drawn.mean
-        return NoisedTrajectories(diffuse(x0, eps, angle), angle, drawn.condition, left)
+        return NoisedTrajectories(diffuse(x0, eps, angle), angle, drawn.condition, drawn.mean, left)
 
     def _make_tensors(self, examples: Examples) -> Trajectories:
         unseen = torch.from_numpy(examples.unseen).to(self._device)

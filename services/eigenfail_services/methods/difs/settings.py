@@ -36,6 +36,7 @@ class Examples(msgspec.Struct, frozen=True, eq=False):
         unseen: whether no noise was injected in a step, shape (n, horizon).
         condition: robustness ÷ scale, shape (n,).
         held_out: whether a trajectory only validates the network, shape (n,).
+        elite: whether the mixture is fitted to a trajectory, shape (n,).
         modes: largest number of components of the mixture.
     """
 
@@ -43,10 +44,14 @@ class Examples(msgspec.Struct, frozen=True, eq=False):
     unseen: NDArray[np.bool_]
     condition: Floats
     held_out: NDArray[np.bool_]
+    elite: NDArray[np.bool_]
     modes: int
 
 
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+
+
+Steps = Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
 
 
 Id = Annotated[int, msgspec.Meta(ge=1)]
@@ -59,9 +64,9 @@ STEPS_PER_JITTER = 30
 class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `difs`.
 
-    `many_rounds` draws little from the prior and then trains after every few episodes, on the
-    least robust trajectories of all. `paper` draws 500 from the prior, trains, draws 500 below the
-    threshold, trains, and samples the rest at robustness 0.
+    `many_rounds` draws little from the prior and then trains after every few episodes. `paper`
+    draws 500 from the prior, trains, draws 500 below the threshold, trains, and samples the rest at
+    robustness 0.
     """
 
     schedule: Annotated[
@@ -91,8 +96,17 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = 0.3
     elite: Annotated[
         int,
-        msgspec.Meta(ge=1, le=100_000, description="trajectories that many_rounds trains on"),
+        msgspec.Meta(
+            ge=1, le=100_000, description="trajectories to which many_rounds fits the mixture"
+        ),
     ] = 20
+    replay: Annotated[
+        Share,
+        msgspec.Meta(
+            description="share of all trajectories, the least robust, that train the network "
+            "besides the elite"
+        ),
+    ] = 0.25
     likely_share: Annotated[
         float,
         msgspec.Meta(gt=0.0, le=1.0, description="share of the elite in the newest failures"),
@@ -109,11 +123,18 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         msgspec.Meta(description="weight at robustness 0; none: that of the last round"),
     ] = None
     first_steps: Annotated[
-        int, msgspec.Meta(ge=1, le=1_000_000, description="gradient steps of the first training")
-    ] = 300
+        Steps | None,
+        msgspec.Meta(
+            description="gradient steps of the network's first training; 0: no network; "
+            "none: the schedule's"
+        ),
+    ] = None
     steps: Annotated[
-        int, msgspec.Meta(ge=1, le=1_000_000, description="gradient steps of each later training")
-    ] = 100
+        Steps | None,
+        msgspec.Meta(
+            description="gradient steps of each later training; 0: no network; none: the schedule's"
+        ),
+    ] = None
     jitter: Annotated[
         int,
         msgspec.Meta(
@@ -121,17 +142,17 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         ),
     ] = 3
     width: Annotated[
-        int, msgspec.Meta(ge=1, le=4096, description="width of the denoiser's hidden layers")
-    ] = 64
+        int, msgspec.Meta(ge=1, le=4096, description="channels of the denoiser's hidden layers")
+    ] = 24
     learning_rate: Annotated[
         float, msgspec.Meta(gt=0.0, le=1.0, description="learning rate of AdamW")
-    ] = 3e-4
+    ] = 2e-3
     weight_decay: Annotated[
         float, msgspec.Meta(ge=0.0, le=1.0, description="weight decay of AdamW")
     ] = 1e-5
     batch_size: Annotated[
         int, msgspec.Meta(ge=1, le=100_000, description="trajectories in a gradient step")
-    ] = 64
+    ] = 32
     ema: Annotated[
         float, msgspec.Meta(ge=0.0, lt=1.0, description="decay of the averaged weights")
     ] = 0.995
@@ -227,15 +248,25 @@ class TrialMemory:
         each = ceil(count / len(kept))
         return np.concatenate([self._best(rows, each, likely_share) for rows in kept])
 
+    def select_replay(self, share: float) -> Rows:
+        """Return the least robust share of the trajectories.
+
+        The network learns from more than the elite how noise depends on robustness.
+        """
+        order = np.argsort(self.robustness, kind="stable")
+        return order[: ceil(share * len(self))]
+
     def find_offsets(self, kinds: Rows) -> Floats:
         """Return the distance from the best of all to the best of each's kind, shape (n,). [m]
 
+        All failures have the distance 0: the condition says that an episode fails, not how badly.
         With this subtracted, the lowest robustness of all denotes the best of each kind. Otherwise
         samples would be requested that a kind has never reached, and the model would leave it.
         """
+        distances = np.maximum(self.robustness, 0.0)
         best = np.full(kinds.max(initial=0) + 1, np.inf, np.float32)
-        np.minimum.at(best, kinds, self.robustness)
-        late: Floats = best[kinds] - self.robustness.min()
+        np.minimum.at(best, kinds, distances)
+        late: Floats = best[kinds] - distances.min()
         return late
 
     def has_elites(self, count: int, kinds: Rows) -> bool:
@@ -298,6 +329,9 @@ def _padded(z: Floats, horizon: int) -> Floats:
 PAPER_SIZE = 500
 """Episodes from the prior, and again below the threshold."""
 
+PAPER_STEPS = 400
+"""Gradient steps of each training: with two trainings in all, each must go further."""
+
 
 FIRST_SHARE = 0.08
 
@@ -316,11 +350,17 @@ class DifsPlan(msgspec.Struct, frozen=True):
         initial: number of episodes from the prior.
         round_size: number of episodes between two trainings after that.
         final: number of the first episode of the last part, at robustness 0.
+        first_steps: number of gradient steps of the network's first training.
+        steps: number of gradient steps of each later training.
+        waits: whether the network waits until the elites of all modes are failures.
     """
 
     initial: int
     round_size: int
     final: int
+    first_steps: int
+    steps: int
+    waits: bool
 
 
 class Schedule(Protocol):
@@ -332,7 +372,7 @@ class Schedule(Protocol):
     def select(
         self, trials: TrialMemory, kinds: Rows, threshold_m: float, settings: DifsSettings
     ) -> Rows:
-        """Return the trajectories of the next training; `kinds` are their components."""
+        """Return the trajectories of the next mixture; `kinds` are their components."""
 
 
 class ManyRounds:
@@ -342,7 +382,8 @@ class ManyRounds:
         """Return 8 % from the prior, at least four for each of the elite; rounds of 4 %."""
         fewest = min(DRAWS_PER_ELITE * settings.elite, episodes // 2)
         round_size = max(SMALLEST_ROUND, round(ROUND_SHARE * episodes))
-        return DifsPlan(max(round(FIRST_SHARE * episodes), fewest), round_size, episodes)
+        initial = max(round(FIRST_SHARE * episodes), fewest)
+        return DifsPlan(initial, round_size, episodes, first_steps=300, steps=100, waits=True)
 
     def select(
         self, trials: TrialMemory, kinds: Rows, _threshold_m: float, settings: DifsSettings
@@ -357,7 +398,8 @@ class PaperSchedule:
     def plan(self, episodes: int, _settings: DifsSettings) -> DifsPlan:
         """Return the division of the paper; two halves for a budget below 1000."""
         half = min(PAPER_SIZE, (episodes + 1) // 2)
-        return DifsPlan(half, PAPER_SIZE, min(2 * PAPER_SIZE, episodes))
+        final = min(2 * PAPER_SIZE, episodes)
+        return DifsPlan(half, PAPER_SIZE, final, PAPER_STEPS, PAPER_STEPS, waits=False)
 
     def select(
         self, trials: TrialMemory, _kinds: Rows, threshold_m: float, _settings: DifsSettings
@@ -372,9 +414,11 @@ SCHEDULES: dict[str, Schedule] = {"many_rounds": ManyRounds(), "paper": PaperSch
 def make_plan(episodes: int, settings: DifsSettings) -> DifsPlan:
     """Return the plan of the schedule, with the settings that override it."""
     plan = SCHEDULES[settings.schedule].plan(episodes, settings)
-    initial, final = plan.initial, plan.final
+    changes: dict[str, int] = {}
     if settings.initial_share is not None:
-        initial = max(1, round(settings.initial_share * episodes))
+        changes["initial"] = max(1, round(settings.initial_share * episodes))
     if settings.final_share is not None:
-        final = episodes - round(settings.final_share * episodes)
-    return DifsPlan(initial, settings.round_size or plan.round_size, final)
+        changes["final"] = episodes - round(settings.final_share * episodes)
+    given = {name: getattr(settings, name) for name in ("round_size", "first_steps", "steps")}
+    changes |= {name: value for name, value in given.items() if value is not None}
+    return msgspec.structs.replace(plan, **changes)
