@@ -11,8 +11,10 @@ from recovery import recovery_figures
 from sac import sac_figures
 from scale import scale_figures
 from service import service_figures
-from start_up import cli_help, worker_ready
+from start_up import cli_help, run_cold, service_ready, worker_ready
 from waiting import learner_share
+
+from eigenfail.hosting.service import Launcher
 
 
 def main() -> None:
@@ -21,6 +23,8 @@ def main() -> None:
     figures = {
         "cli_help_s": cli_help(),
         "worker_ready_s": worker_ready(),
+        "run_cold_s": run_cold(),
+        **{f"ready_{one}_s": service_ready(one) for one in (Launcher.RAY, Launcher.LOCAL)},
         **analysis_figures(),
         **page_figures(),
         **planner_figures(),

@@ -2,16 +2,26 @@
 
 import subprocess
 import time
+from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 
 import zmq
 from figures import ROOT, Figure
 
+from eigenfail.hosting.service import Launcher, Plan, local_service
 from eigenfail.wire.messages import Goodbye, Hello, encode, read_worker_message
 from eigenfail_services.campaigns.ray_process import RayCluster, RayWorkers
 
 COMMAND = "make bench"
 RUNS = 5
+
+TEN_EPISODES = """
+name = "ten"
+method = "monte_carlo"
+episodes = 10
+scenario = "cut_in"
+"""
 
 
 def cli_help() -> Figure:
@@ -22,6 +32,31 @@ def cli_help() -> Figure:
         subprocess.run([ROOT / ".venv/bin/eigenfail", "--help"], capture_output=True, check=True)
         times.append(time.perf_counter() - before)
     return seconds(times, "<= 0.5")
+
+
+def run_cold() -> Figure:
+    """Wall time of `eigenfail run` with ten episodes, where no service runs."""
+    times = []
+    for _ in range(RUNS):
+        with TemporaryDirectory() as folder:
+            file = Path(folder, "ten.toml")
+            file.write_text(TEN_EPISODES)
+            command = (ROOT / ".venv/bin/eigenfail", "run", file, "--data", Path(folder, "data"))
+            before = time.perf_counter()
+            subprocess.run(command, capture_output=True, check=True)
+            times.append(time.perf_counter() - before)
+    return seconds(times, "<= 4")
+
+
+def service_ready(launcher: Launcher) -> Figure:
+    """From the start of a service with two workers until it answers and says that it serves."""
+    times = []
+    for _ in range(RUNS):
+        with TemporaryDirectory() as folder:
+            before = time.perf_counter()
+            with local_service(Plan(Path(folder, "data"), port=0, workers=2, launcher=launcher)):
+                times.append(time.perf_counter() - before)
+    return seconds(times, "<= 5")
 
 
 def worker_ready() -> Figure:
