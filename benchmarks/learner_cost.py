@@ -42,12 +42,14 @@ class Case(NamedTuple):
 
     Attributes:
         skipped: the rounds of other kinds, before those that are measured.
+        parallel: episodes that the campaign wants to run at a time; None where it does not say.
     """
 
     method: str
     settings: dict[str, Any]
     episodes: int
     skipped: int = 1
+    parallel: int | None = None
 
 
 CASES = {
@@ -55,6 +57,8 @@ CASES = {
     "many": Case("monte_carlo", {"round_size": 2_000}, 1_000_000),
     "ast": Case("ast", {"converged_share": None}, 1_000, skipped=8),
     "difs": Case("difs", {}, 1_000),
+    "monte_carlo_parallel": Case("monte_carlo", {}, 1_000_000, parallel=1_000),
+    "ast_parallel": Case("ast", {"converged_share": None}, 1_000, skipped=8, parallel=100),
 }
 
 
@@ -71,7 +75,8 @@ def rounds(case: Case, store: Store) -> Iterator[Took]:
     """One after the other, as hub and learner go through them."""
     spec = CampaignSpec(name="learner", method="monte_carlo", episodes=case.episodes)
     campaign = store.campaigns.create(spec).id
-    context = LearnerContext(1, case.episodes, HORIZON, np.zeros((0, HORIZON, 2), np.float32))
+    nothing = np.zeros((0, HORIZON, 2), np.float32)
+    context = LearnerContext(1, case.episodes, HORIZON, nothing, parallel=case.parallel)
     learner = create_rounds(Start(case.method, case.settings, context, 1, None))
     opened, made_up = make_proposal(learner).rounds, MadeUp()
     while True:

@@ -21,8 +21,14 @@ LATEST = ROOT / "benchmarks" / "latest.json"
 PAGE = ROOT / "docs" / "scale.md"
 MARKS = ("<!-- workers -->", "<!-- /workers -->")
 
-MEASURED = {"monte_carlo": CREWS[:3], "many": (1_000,), "ast": CREWS[:2], "difs": CREWS[:2]}
-SETTLED = {"monte_carlo": 100, "many": 2_000, "ast": 80, "difs": 120}
+MEASURED = {
+    **{"monte_carlo": CREWS[:3], "many": (1_000,), "ast": CREWS[:2], "difs": CREWS[:2]},
+    **{"monte_carlo_parallel": (1_000,), "ast_parallel": (100,)},
+}
+SETTLED = {
+    **{"monte_carlo": 100, "many": 2_000, "ast": 80, "difs": 120},
+    **{"monte_carlo_parallel": 2_000, "ast_parallel": 260},
+}
 """Episodes after which rounds are as they stay."""
 
 WARM_S, SPAN_S = 4.0, 12.0
@@ -58,7 +64,10 @@ def measured(name: str, workers: int, figures: Mapping[str, Figure]) -> Figure:
     span = max(span, LEAST_ROUNDS * method.round_size)
     with playing() as stage:
         services = stage.services()
-        told = {"method": case.method, "settings": case.settings, "episodes": case.episodes}
+        told = {
+            **{"method": case.method, "settings": case.settings, "episodes": case.episodes},
+            "parallel": case.parallel,
+        }
         campaign = stage.create(**told, simulator="highway", planner="rulebook")
         with crowd(services.hub, workers, EPISODE_S):
             stage.wait_for(campaign, first + span + 1)

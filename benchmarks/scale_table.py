@@ -7,6 +7,8 @@ from figures import Figure
 from scale_model import Prediction, predict
 from scale_parts import GROUP, Costs, Crew, Method
 
+from eigenfail.values.learning import count_rounds_ahead
+
 EPISODE_S = 1.0
 """What a made-up worker sleeps over an episode."""
 
@@ -19,8 +21,14 @@ NAMES = {
     "many": "`monte_carlo`, `round_size` 2000",
     "ast": "`ast`",
     "difs": "`difs`",
+    "monte_carlo_parallel": "`monte_carlo`, `parallel` 1000",
+    "ast_parallel": "`ast`, `parallel` 100",
 }
-LOOKAHEAD = {"monte_carlo": 3, "many": 3, "ast": 1, "difs": 0}
+LOOKAHEAD = {
+    **{"monte_carlo": 3, "many": 3, "ast": 1, "difs": 0},
+    "monte_carlo_parallel": count_rounds_ahead(1_000, 100, 3),
+    "ast_parallel": count_rounds_ahead(100, 10, 1),
+}
 PLAYED = 40
 """Rounds in the simulation, or more: each worker has several episodes in them."""
 
