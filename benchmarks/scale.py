@@ -22,12 +22,20 @@ PAGE = ROOT / "docs" / "scale.md"
 MARKS = ("<!-- workers -->", "<!-- /workers -->")
 
 MEASURED = {
-    **{"monte_carlo": CREWS[:3], "many": (1_000,), "ast": CREWS[:2], "difs": CREWS[:2]},
-    **{"monte_carlo_parallel": (1_000,), "ast_parallel": (100,)},
+    "monte_carlo": CREWS[:3],
+    "many": (1_000,),
+    "ast": CREWS[:2],
+    "difs": CREWS[:2],
+    "monte_carlo_parallel": (1_000,),
+    "ast_parallel": (100,),
 }
 SETTLED = {
-    **{"monte_carlo": 100, "many": 2_000, "ast": 80, "difs": 120},
-    **{"monte_carlo_parallel": 2_000, "ast_parallel": 260},
+    "monte_carlo": 100,
+    "many": 2_000,
+    "ast": 80,
+    "difs": 120,
+    "monte_carlo_parallel": 2_000,
+    "ast_parallel": 260,
 }
 """Episodes after which rounds are as they stay."""
 
@@ -65,7 +73,9 @@ def measured(name: str, workers: int, figures: Mapping[str, Figure]) -> Figure:
     with playing() as stage:
         services = stage.services()
         told = {
-            **{"method": case.method, "settings": case.settings, "episodes": case.episodes},
+            "method": case.method,
+            "settings": case.settings,
+            "episodes": case.episodes,
             "parallel": case.parallel,
         }
         campaign = stage.create(**told, simulator="highway", planner="rulebook")

@@ -25,7 +25,10 @@ NAMES = {
     "ast_parallel": "`ast`, `parallel` 100",
 }
 LOOKAHEAD = {
-    **{"monte_carlo": 3, "many": 3, "ast": 1, "difs": 0},
+    "monte_carlo": 3,
+    "many": 3,
+    "ast": 1,
+    "difs": 0,
     "monte_carlo_parallel": count_rounds_ahead(1_000, 100, 3),
     "ast_parallel": count_rounds_ahead(100, 10, 1),
 }
