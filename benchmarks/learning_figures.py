@@ -84,13 +84,13 @@ def likelier(runs: Sequence[Found], others: Sequence[Found]) -> Figure:
 
 def rate_gained(runs: Sequence[Found], others: Sequence[Found]) -> Figure:
     """The others' failure rate less that of the runs, over all seeds, with Newcombe's interval."""
-    crashed, episodes = zip(*map(counted, (runs, others)), strict=True)
-    found = difference(crashed[0], episodes[0], crashed[1], episodes[1])
-    told = " less ".join(f"{k} of {n}" for k, n in map(counted, (others, runs)))
+    rates = [rate(*counted(side)) for side in (runs, others)]
+    found = difference(*rates)
+    told = " less ".join(f"{one.k} of {one.n}" for one in reversed(rates))
     return Figure(
         value=found.value,
         unit="share",
-        n=sum(episodes),
+        n=sum(one.n for one in rates),
         interval=(found.interval.low, found.interval.high),
         note=f"{told}; Newcombe's 95 % interval",
         command=COMMAND,
