@@ -64,6 +64,11 @@ class MethodDescription(msgspec.Struct, frozen=True):
         size = getattr(settings, ROUND_SIZE, None)
         return None if size is None else RoundSizes(size, size, ROUND_SIZE)
 
+    def count_rounds_ahead(self, parallel: int | None, round_size: int) -> int:
+        """Return how many rounds are open besides the oldest one, without rules on results."""
+        wanted = parallel if self.traits.tolerates_delay else None
+        return count_rounds_ahead(wanted, round_size, self.lookahead)
+
 
 def describe_method(name: str) -> MethodDescription:
     """Return the description of a method.
@@ -103,7 +108,8 @@ def count_open_episodes(spec: CampaignSpec) -> int | None:
         return None
     if sizes is None or description.traits.has_members:
         return None
-    return sizes.later * (1 + count_rounds_ahead(spec.parallel, sizes.later, description.lookahead))
+    opened = sizes.later * (1 + description.count_rounds_ahead(spec.parallel, sizes.later))
+    return min(opened, spec.episodes)
 
 
 def traits_of(name: str) -> MethodTraits:

@@ -17,6 +17,7 @@ import structlog
 from eigenfail import logs
 from eigenfail.command_line import Parser, checked_stdout
 from eigenfail.errors import EigenfailError, StoreUnavailable
+from eigenfail.hosting.service import Launcher
 from eigenfail.processes import die_with_parent, end_now
 from eigenfail.values.access import redact
 from eigenfail_services import bounds, observability
@@ -111,7 +112,8 @@ def serve(arguments: argparse.Namespace) -> None:
             endings.callback(observability.serve(arguments.metrics, hub.metrics.registry))
         gc.freeze()  # all that is loaded by now stays: looking through it would hold up the hub
         hub.start()
-        reached = arguments.advertise or hub.address
+        is_local = arguments.launcher == Launcher.LOCAL
+        reached = hub.address if is_local else arguments.advertise or hub.address
         launcher.start(reached, keys.create_own(OWN_WORKERS) if keys else None, stopping.is_set)
         if not stopping.is_set():
             sys.stdout.write(json.dumps({"ready": True, "hub": hub.address}) + "\n")
@@ -124,12 +126,12 @@ def serve(arguments: argparse.Namespace) -> None:
 def supervise(supervisor: Supervisor, staffing: WorkerScaling, hub: Hub, stopping: Event) -> None:
     """Run turns until a signal stops the process or the hub has ended."""
     while not stopping.wait(TURN_S):
-        try:
-            supervisor.turn()
-            staffing.turn()
-        except StoreUnavailable as error:
-            log.warning("store unavailable", problem=str(error))
-            time.sleep(RETRY_S)
+        for turn in (supervisor.turn, staffing.turn):  # each of them whatever the other meets
+            try:
+                turn()
+            except StoreUnavailable as error:
+                log.warning("store unavailable", problem=str(error))
+                time.sleep(RETRY_S)
         if not hub.is_alive():
             raise EigenfailError("The hub's thread has died.", "Its log says why; start again.")
 

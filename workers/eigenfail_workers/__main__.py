@@ -14,7 +14,7 @@ from eigenfail.errors import EigenfailError
 from eigenfail.files import read_private
 from eigenfail.processes import PARENT_VARIABLE, die_with_parent
 from eigenfail.values.access import redact
-from eigenfail.wire.keys import WorkerKey, read_worker_key
+from eigenfail.wire.keys import WORKER_KEY_VARIABLE, WorkerKey, read_worker_key
 from eigenfail_workers.limits import (
     CPU_OPTION,
     MEMORY_OPTION,
@@ -24,7 +24,6 @@ from eigenfail_workers.limits import (
 )
 from eigenfail_workers.worker.parent import Parent
 
-KEY_VARIABLE = "EIGENFAIL_WORKER_KEY_FILE"
 KEY_FIELD = "--key-file"
 
 
@@ -65,7 +64,9 @@ def serve() -> None:
     parser.add_argument("--name", default=f"{platform.node()}-{os.getpid()}")
     parser.add_argument(EPISODE_OPTION, help="wall time of an episode [s]")
     parser.add_argument(
-        "--key-file", default=os.environ.get(KEY_VARIABLE), help="key for a hub that requires keys"
+        "--key-file",
+        default=os.environ.get(WORKER_KEY_VARIABLE),
+        help="key for a hub that requires keys",
     )
     parser.add_argument(MEMORY_OPTION, help="memory of simulator and planner [MiB]")
     parser.add_argument(CPU_OPTION, help="processor time of both for an episode [s]")

@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
+from math import ceil
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +25,8 @@ from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
 from eigenfail.hosting.service import load_database_tool
 from eigenfail.methods import count_open_episodes, describe_method
 from eigenfail.presentation.terminal import start_grid
-from eigenfail.values import CampaignState
+from eigenfail.values import CampaignSpec, CampaignState
+from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
 from eigenfail.values.operations import Presence, Verification
 
 PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")
@@ -128,7 +130,8 @@ def list_unrunnable_campaigns(client: Client) -> Iterator[Finding]:
 def list_narrow_campaigns(client: Client) -> Iterator[Finding]:
     """Return the running campaigns, if all of their open episodes together are too few.
 
-    Workers are idle then, however many there are.
+    Workers are idle then, however many there are. Nothing is said where that is not known of one
+    of them, as of an ensemble.
     """
     try:
         workers = len(client.present_workers())
@@ -139,15 +142,25 @@ def list_narrow_campaigns(client: Client) -> Iterator[Finding]:
     opened = [count for _, count in known if count is not None]
     if len(opened) < len(known) or sum(opened) >= workers:
         return
+    each = ceil(workers / len(known))
     for campaign, count in known:
-        waits = not describe_method(campaign.spec.method).lookahead
         yield Finding(
             f"campaign {campaign.id}",
             f"runs at most {count} episodes at a time, and {workers} workers are connected",
-            remedy="run several seeds side by side: eigenfail run --seeds N"
-            if waits
-            else f"to use all of them, launch it with parallel = {workers}",
+            remedy=_advise_parallel(campaign.spec, each),
         )
+
+
+def _advise_parallel(spec: CampaignSpec, workers: int) -> str:
+    """Return how a campaign could use a number of workers."""
+    if not describe_method(spec.method).traits.tolerates_delay:
+        return "run several seeds side by side: eigenfail run --seeds N"
+    if spec.episodes <= IN_FLIGHT * workers:
+        return "it has too few episodes for all of them"
+    smallest = ceil(IN_FLIGHT * workers / MOST_OPEN_ROUNDS)
+    return (
+        f"to use all of them, launch it with parallel = {workers} and round_size {smallest} or more"
+    )
 
 
 def _describe_versions(workers: Sequence[Presence]) -> str:

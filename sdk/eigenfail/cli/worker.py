@@ -31,6 +31,7 @@ from eigenfail.presentation.figures import UNKNOWN, format_local_time
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.values import Campaign, CampaignState
 from eigenfail.values.operations import ACTIVE_S, DAY_S, Presence, WorkerShare
+from eigenfail.wire.keys import WORKER_KEY_VARIABLE
 
 PACKAGE = "eigenfail"
 COUNTS = ("campaigns", "episodes", "failures", "errored")
@@ -181,7 +182,7 @@ Name = Annotated[str | None, typer.Option(help="Name in lists and logs.")]
 KeyFile = Annotated[
     Path | None,
     typer.Option(
-        envvar="EIGENFAIL_WORKER_KEY_FILE",
+        envvar=WORKER_KEY_VARIABLE,
         help="File of the worker's key, as 'worker key create' writes it.",
     ),
 ]

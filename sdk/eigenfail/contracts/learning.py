@@ -119,6 +119,8 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
         is_evidence: whether its episodes are evidence, which pruning keeps.
         pairable: whether episodes of equal seed and settings have the same noise, independent of
             earlier results.
+        tolerates_delay: whether it keeps as many rounds open as `parallel` of its context takes:
+            proposals then do not wait for the results of the last rounds.
         has_members: whether its settings name the `method` and `settings` of several learners.
         needs_course: whether it continues episodes from one of their steps, which functions do not
             have, and for which the scenario must be the same in each episode.
@@ -134,6 +136,7 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
     finds_new: bool = True
     is_evidence: bool = False
     pairable: bool = False
+    tolerates_delay: bool = False
     has_members: bool = False
     needs_course: bool = False
     injects: Injection = Injection.NOTHING

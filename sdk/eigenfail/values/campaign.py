@@ -142,9 +142,10 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         stop: stop rules, which may end the campaign before its budget is spent.
         price_usd_per_hour: price of one instance.
         instances: how many instances the campaign occupies while it runs.
-        parallel: episodes that are to run at a time; a method that learns from each round does not
-            wait for the last one then. It is part of what the campaign is, so that the episodes are
-            the same for any number of workers. None: a few rounds, whatever their size.
+        parallel: number of workers to keep busy: as many episodes are open as they need, so that a
+            method that learns does not wait for its last rounds. Never fewer than without it: it is
+            no limit. It is part of what the campaign is, so that the episodes are the same for any
+            number of workers. None: what the method keeps open by itself.
         scene_every: besides all collisions, keep the scene of every n-th episode.
         priority: how large its share of the workers is beside other campaigns, and how soon it has
             its turn; it may be changed later, and changes no episode.
@@ -194,10 +195,10 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     parallel: Annotated[
         Annotated[int, msgspec.Meta(ge=1, le=MOST_PARALLEL)] | None,
         SpecField(
-            help="Number of episodes to run at a time, which is that of the workers to keep busy; "
-            "none: two to four rounds.",
+            help="Number of workers to keep busy: at least as many episodes are open as they need. "
+            "None: what the method keeps open by itself.",
             section=Section.CAMPAIGN,
-            label="in parallel",
+            label="workers to keep busy",
         ),
     ] = None
     price_usd_per_hour: Annotated[

@@ -93,8 +93,11 @@ IN_FLIGHT = 1.75
 are on their way, and those whose round waits for its slowest episode. With 2, `ast` wastes more on
 old policies; with 1.5, workers wait where episodes differ in length."""
 
-MOST_POLICIES = 64
-"""Policy versions that a worker keeps for a campaign, and rounds that may be open at a time."""
+MOST_OPEN_ROUNDS = 64
+
+MOST_POLICIES = 2 * MOST_OPEN_ROUNDS
+"""Policy versions that a worker keeps for a campaign: more than can be open, as an episode that is
+run anew may bring a version again that the worker had dropped."""
 
 
 def count_rounds_ahead(parallel: int | None, round_size: int, least: int) -> int:

@@ -17,6 +17,9 @@ KEY_BYTES = 32
 HANDSHAKE_MS = 10_000
 """How long each side waits for the other during the handshake. [ms]"""
 
+WORKER_KEY_VARIABLE = "EIGENFAIL_WORKER_KEY_FILE"
+"""Variable that names the file of a worker's key."""
+
 MARK = "efw_"
 HUB_MARK = "efh_"
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")

@@ -24,9 +24,10 @@ class Notice(msgspec.Struct, frozen=True):
     message: str
 
 
-def describe_missing_workers(episodes: int) -> str:
-    """Return what to tell where episodes wait and no worker may be started."""
-    return f"{episodes} episodes wait, and no worker may be started: --max-workers is 0."
+NONE_MAY_START = (
+    "Episodes wait, and no worker may be started: the largest number of workers is 0. Restart the "
+    "services with --workers or --max-workers, or start a worker by hand."
+)
 
 
 def never() -> bool:

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable
 
+from eigenfail.errors import InvalidValue
 from eigenfail.hosting.service import Launcher, Span, refuse_scaling, span_of
 from eigenfail_services.campaigns.launcher import NoLauncher, WorkerLauncher
 from eigenfail_services.campaigns.process_launcher import ProcessLauncher
@@ -22,8 +23,11 @@ def make_process_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
     """Return a launcher whose workers are processes of this machine.
 
     Raises:
-        InvalidValue: the numbers of workers do not go together.
+        InvalidValue: the numbers of workers do not go together, or a cluster is named.
     """
+    if arguments.ray_address is not None:
+        problem = "names a running Ray, and --launcher local uses none."
+        raise InvalidValue("--ray-address", problem, "Omit it, or take --launcher ray.")
     return ProcessLauncher(_read_span(arguments))
 
 
@@ -62,7 +66,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--idle-s", type=float, help="time after which idle workers are stopped [s]; 60"
     )
-    parser.add_argument("--launcher", type=Launcher, choices=tuple(Launcher), default=Launcher.RAY)
+    parser.add_argument(
+        "--launcher",
+        choices=[one.value for one in Launcher],
+        default=Launcher.RAY.value,
+        help="what starts workers",
+    )
     parser.add_argument("--ray-address", default=None, help="of a running cluster")
 
 
@@ -72,4 +81,4 @@ def create_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
     Raises:
         InvalidValue: the numbers of workers do not go together.
     """
-    return LAUNCHERS[arguments.launcher](arguments)
+    return LAUNCHERS[Launcher(arguments.launcher)](arguments)

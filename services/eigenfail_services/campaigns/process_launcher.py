@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 
@@ -14,14 +13,16 @@ import structlog
 from eigenfail.errors import ClusterUnavailable, Unauthorized
 from eigenfail.hosting.service import Span
 from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group
-from eigenfail.wire.keys import WorkerKey
+from eigenfail.wire.keys import WORKER_KEY_VARIABLE, WorkerKey
+from eigenfail_services.campaigns.analysis_jobs import DATABASE_VARIABLE
 from eigenfail_services.campaigns.launcher import (
+    NONE_MAY_START,
     Notice,
     WorkerNames,
     WorkerPool,
-    describe_missing_workers,
     never,
 )
+from eigenfail_services.hub.transport import KEYS_VARIABLE
 
 MODULE = "eigenfail_workers"
 
@@ -32,13 +33,21 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
 long."""
 
 MOST_REFUSALS = 5
-"""Exits with status 2 after which a worker gives up: a key or an address is wrong. The first one
-proves nothing, since a connection that is cut during its handshake looks like a refusal."""
+"""Exits with status 2 in a row after which a worker gives up: a key or an address is wrong. The
+first one proves nothing, since a connection that is cut during its handshake looks like a refusal.
+"""
 
 GOODBYE_S = 3.0
 """Time for workers to end by themselves, once the hub has sent them home. [s]"""
 
+ABSENT_S = 10.0
+"""Time after which a worker that is not wanted and not connected is ended. [s]"""
+
 LOOK_EVERY_S = 0.02
+
+WITHHELD = frozenset({WORKER_KEY_VARIABLE, DATABASE_VARIABLE, KEYS_VARIABLE})
+"""Variables of the services that their workers do not need, or would misunderstand: a worker's key
+is that of another hub."""
 
 log = structlog.get_logger()
 
@@ -52,7 +61,7 @@ class WorkerProcess:
         key: what it shows there, if the hub asks for a key.
 
     Attributes:
-        process: the present process, or the last one; None before the first.
+        process: the present process; None before the first one and between two of them.
         has_given_up: whether its processes ended for a reason that lasts.
     """
 
@@ -65,6 +74,7 @@ class WorkerProcess:
         self._refusals = 0
         self._began_s = self._due_s = 0.0
         self._pause_s = FIRST_PAUSE_S
+        self._absent_since_s: float | None = None
 
     @property
     def is_running(self) -> bool:
@@ -72,7 +82,7 @@ class WorkerProcess:
         return self.process is not None and exit_status(self.process) is None
 
     def start(self, now_s: float) -> None:
-        """Start a process, as the leader of a group that dies with this process.
+        """Start a process, as the leader of a group, that dies with this process.
 
         Raises:
             OSError: the system has no room for it.
@@ -80,11 +90,12 @@ class WorkerProcess:
         command = [sys.executable, "-m", MODULE, "--connect", self._hub, "--name", self.name]
         if self._key is not None:
             command += ["--key-file", "/dev/stdin"]
+        environment = {n: v for n, v in os.environ.items() if n not in WITHHELD}
         self.process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
             stdout=sys.stderr.fileno(),
-            env=ONE_THREAD | os.environ | as_parent(),
+            env=ONE_THREAD | environment | as_parent(),
             process_group=0,
         )
         self._began_s = now_s
@@ -92,39 +103,59 @@ class WorkerProcess:
             with suppress(OSError), self.process.stdin as stream:
                 stream.write(self._key.text().encode() if self._key else b"")
 
-    def restart(self, now_s: float) -> Notice | None:
+    def keep_running(self, now_s: float) -> Notice | None:
         """Start another process once the last one has ended and its pause is over.
 
         Returns:
-            Why it gives up, if it does.
+            What to tell: that it gives up, or that there is no room for a process.
         """
-        if self.has_given_up or self.process is None or self.is_running:
+        if self.has_given_up or self.is_running:
             return None
-        if not self._due_s:
-            return self._schedule(now_s, exit_status(self.process))
-        if now_s >= self._due_s:
-            self._due_s = 0.0
+        if self.process is not None:
+            status = exit_status(self.process)
             self.end()
-            try:
-                self.start(now_s)
-            except OSError as error:
-                log.warning("worker not started", worker=self.name, problem=str(error))
+            return self._schedule(now_s, status)
+        if now_s < self._due_s:
+            return None
+        try:
+            self.start(now_s)
+        except OSError as error:
+            self._due_s = now_s + LONGEST_PAUSE_S
+            problem = f"Worker {self.name} cannot be started: {error.strerror}."
+            return Notice(ASKED, f"{problem} It is tried again every {LONGEST_PAUSE_S:.0f} s.")
         return None
+
+    def leave(self, now_s: float, *, is_present: bool) -> None:
+        """Ask a process to end that is not wanted, unless the hub will send it home.
+
+        The hub knows only workers that are connected.
+        """
+        if is_present or self._absent_since_s is None:
+            self._absent_since_s = None if is_present else now_s
+        elif now_s - self._absent_since_s >= ABSENT_S:
+            self.terminate()
+
+    def terminate(self) -> None:
+        """Send SIGTERM to its process: it hands over what it has, and ends."""
+        if self.process is not None and self.is_running:
+            self.process.send_signal(signal.SIGTERM)
 
     def end(self) -> None:
         """Kill its process, and what that started."""
         if self.process is not None:
             kill_group(self.process)
+            self.process = None
 
     def _schedule(self, now_s: float, status: int | None) -> Notice | None:
-        if status == Unauthorized.exit_code:
-            self._refusals += 1
+        if now_s - self._began_s >= LONGEST_PAUSE_S:
+            self._pause_s, self._refusals = FIRST_PAUSE_S, 0
+        self._refusals = self._refusals + 1 if status == Unauthorized.exit_code else 0
         if self._refusals == MOST_REFUSALS:
             self.has_given_up = True
-            why = "The log of the services has its reason."
-            return Notice(REFUSED, f"Worker {self.name} gave up after {MOST_REFUSALS} tries. {why}")
-        if now_s - self._began_s >= LONGEST_PAUSE_S:
-            self._pause_s = FIRST_PAUSE_S
+            remedy = "The log of the services says why; correct it and restart the services."
+            return Notice(
+                REFUSED, f"Worker {self.name} gave up after {MOST_REFUSALS} tries. {remedy}"
+            )
         self._due_s = now_s + self._pause_s
         log.warning("worker ended", worker=self.name, status=status, again_in_s=self._pause_s)
         self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)
@@ -146,8 +177,7 @@ class ProcessLauncher:
         self._workers: dict[str, WorkerProcess] = {}
         self._hub = ""
         self._key: WorkerKey | None = None
-        self._notices: deque[Notice] = deque()
-        self._has_told_of_none = False
+        self._told: set[str] = set()
 
     def start(
         self, hub: str, key: WorkerKey | None = None, given_up: Callable[[], bool] = never
@@ -160,8 +190,10 @@ class ProcessLauncher:
         self._hub, self._key = hub, key
         if given_up():
             return
+        self._add_new()
         try:
-            self._add_new()
+            for one in self._workers.values():
+                one.start(self._clock())
         except OSError as error:
             raise ClusterUnavailable(
                 f"A worker cannot be started: {error.strerror}.",
@@ -173,48 +205,36 @@ class ProcessLauncher:
         """Start, restart and let go of workers by the work that there is."""
         now_s, demand = self._clock(), table.measure_demand()
         self._wanted.look(now_s, demand)
-        table.drain_workers(self._workers.keys() - set(self._wanted.names))
-        self._drop_unwanted()
-        with suppress(OSError):  # no room now: tried again at the next turn
-            self._add_new()
-        self._notices += (
-            notice for one in self._workers.values() if (notice := one.restart(now_s))
-        )
-        if self._span.most == 0 and demand.work.episodes and not self._has_told_of_none:
-            self._has_told_of_none = True
-            self._notices.append(Notice(ASKED, describe_missing_workers(demand.work.episodes)))
-        notices = (*self._notices,)
-        self._notices.clear()
-        return notices
+        unwanted = self._workers.keys() - set(self._wanted.names)
+        table.drain_workers(unwanted)
+        for name in unwanted:
+            if self._workers[name].is_running:
+                self._workers[name].leave(now_s, is_present=name in demand.present)
+            else:
+                self._workers.pop(name).end()
+        self._add_new()
+        wanted = [self._workers[name] for name in self._wanted.names]
+        notices = [notice for one in wanted if (notice := one.keep_running(now_s))]
+        if self._span.most == 0 and demand.work.episodes:
+            notices.append(Notice(ASKED, NONE_MAY_START))
+        fresh = [one for one in notices if one.message not in self._told]
+        self._told.update(one.message for one in fresh)
+        return fresh
 
     def stop(self) -> None:
         """Wait a moment for the workers that the hub has sent home, then end the others."""
         _wait_for(self._workers.values(), GOODBYE_S)
         for one in self._workers.values():
-            if one.process is not None and one.is_running:
-                one.process.send_signal(signal.SIGTERM)
+            one.terminate()
         _wait_for(self._workers.values(), GOODBYE_S)
         for one in self._workers.values():
             one.end()
         self._workers.clear()
 
     def _add_new(self) -> None:
-        """Start the workers that are wanted and not there.
-
-        Raises:
-            OSError: the system has no room for one; the others are tried again.
-        """
         for name in self._wanted.names:
             if name not in self._workers:
-                worker = WorkerProcess(name, self._hub, self._key)
-                worker.start(self._clock())
-                self._workers[name] = worker
-
-    def _drop_unwanted(self) -> None:
-        """Forget unwanted workers that have left; the others work until they are sent home."""
-        for name in self._workers.keys() - set(self._wanted.names):
-            if not self._workers[name].is_running:
-                self._workers.pop(name).end()
+                self._workers[name] = WorkerProcess(name, self._hub, self._key)
 
 
 def _wait_for(workers: Iterable[WorkerProcess], limit_s: float) -> None:

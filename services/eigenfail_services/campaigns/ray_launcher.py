@@ -12,10 +12,10 @@ from eigenfail.errors import ClusterUnavailable
 from eigenfail.hosting.service import Span
 from eigenfail.wire.keys import WorkerKey
 from eigenfail_services.campaigns.launcher import (
+    NONE_MAY_START,
     Notice,
     WorkerNames,
     WorkerPool,
-    describe_missing_workers,
     never,
 )
 from eigenfail_services.campaigns.ray_link import (
@@ -210,7 +210,7 @@ class RayLauncher:
         self._roll.look(self._clock(), demand)
         if self._span.most == 0 and demand.work.episodes and not self._said_none:
             self._said_none = True
-            self._say(ASKED, describe_missing_workers(demand.work.episodes))
+            self._say(ASKED, NONE_MAY_START)
         if self._standing is not None:
             placed = {*self._standing.placed, *self._standing.unplaced}
             table.drain_workers(placed.difference(self._roll.names))
@@ -233,5 +233,5 @@ def first_link(begin: StartRay) -> RayLink:
         raise ClusterUnavailable(
             f"The process of Ray's driver cannot be started: {error.strerror}.",
             "Free memory, or raise the limits of processes and open files (`ulimit -u -n`); or "
-            "start with `--launcher none` and workers by `eigenfail worker --connect`.",
+            "start workers without Ray: `--launcher local`.",
         ) from error

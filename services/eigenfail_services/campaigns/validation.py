@@ -12,7 +12,7 @@ from eigenfail.errors import InvalidValue, NotFound, UnknownName
 from eigenfail.methods import RESULT_RULES
 from eigenfail.settings import convert
 from eigenfail.values import CampaignSpec
-from eigenfail.values.learning import IN_FLIGHT, MOST_POLICIES, count_rounds_ahead
+from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
 from eigenfail.values.variation import KINDS
 from eigenfail.worlds import CampaignWorld, list_simulators, world_of
 from eigenfail_services.campaigns.resolution import (
@@ -83,21 +83,22 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
 def _check_parallel(campaign: ResolvedCampaign, parallel: int) -> None:
     """Raises InvalidValue where a method waits for each round, or would have too many open."""
     searching = campaign.searching
-    if not searching.description.lookahead:
+    if not searching.traits.tolerates_delay:
         raise InvalidValue(
             "parallel",
-            f"{searching.name} learns from each round before it proposes the next one, so that no "
-            "more episodes run at a time than a round has.",
+            f"{searching.name} decides itself how many episodes are open at a time: it needs the "
+            "results of a round before it proposes the next one.",
             "Leave it out; to keep more workers busy, run several seeds side by side.",
         )
     pace = find_pace(campaign)
-    if pace is not None and pace.ahead >= MOST_POLICIES:
-        least = ceil(IN_FLIGHT * parallel / MOST_POLICIES)
+    if pace is not None and pace.ahead >= MOST_OPEN_ROUNDS:
+        opened = ceil(IN_FLIGHT * parallel)
         raise InvalidValue(
             "parallel",
-            f"{parallel} episodes at a time are more than {MOST_POLICIES} open rounds of "
-            f"{pace.later} hold.",
-            f"Set {pace.setting} to {least} or more.",
+            f"To keep {parallel} workers busy, {opened} episodes are open at a time, and "
+            f"{MOST_OPEN_ROUNDS} rounds of {pace.later} hold no more than "
+            f"{MOST_OPEN_ROUNDS * pace.later}.",
+            f"Set {pace.setting} to {ceil(opened / MOST_OPEN_ROUNDS)} or more.",
         )
 
 
@@ -341,7 +342,6 @@ def find_pace(campaign: ResolvedCampaign) -> RoundPace | None:
     sizes = searching.description.find_round_sizes(searching.settings, episodes)
     if sizes is None:
         return None
-    least = searching.description.lookahead
-    wanted = count_rounds_ahead(campaign.spec.parallel, sizes.later, least)
+    wanted = searching.description.count_rounds_ahead(campaign.spec.parallel, sizes.later)
     ahead = limit_lookahead(wanted, campaign.spec.stop)
     return RoundPace(sizes.first, sizes.later, ahead, f"{searching.field}.{sizes.setting}")

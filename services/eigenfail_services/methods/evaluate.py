@@ -85,6 +85,7 @@ class Evaluate:
         sums: WeightedFailures = WeightedFailures()
 
     traits = MethodTraits(
+        tolerates_delay=True,
         independent=True,
         learns=False,
         finds_new=False,

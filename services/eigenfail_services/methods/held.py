@@ -48,7 +48,12 @@ class HeldNoise:
         rounds: int
 
     traits = MethodTraits(
-        independent=True, learns=False, pairable=True, chart_mark=9, references={}
+        tolerates_delay=True,
+        independent=True,
+        learns=False,
+        pairable=True,
+        chart_mark=9,
+        references={},
     )
     lookahead = 3
 

@@ -29,6 +29,7 @@ class MonteCarlo:
         """State without fields."""
 
     traits = MethodTraits(
+        tolerates_delay=True,
         draws_from_prior=True,
         independent=True,
         learns=False,

@@ -72,6 +72,7 @@ class Replay:
         proposed: Annotated[int, msgspec.Meta(ge=0)]
 
     traits = MethodTraits(
+        tolerates_delay=True,
         learns=False,
         finds_new=False,
         is_evidence=True,

@@ -445,7 +445,7 @@ def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
         (
             {"method": "ast"},
             21,
-            [("runs at most 20 episodes at a time, and 21 workers are connected", "parallel = 21")],
+            [("runs at most 20 episodes at a time, and 21 workers are connected", "or more")],
         ),
         ({"method": "ast", "parallel": 30}, 60, []),
         (

@@ -138,8 +138,7 @@ class PolicyNoise:
 
 
 def store_policy(policies: MutableMapping[int, Policy], policy: Policy) -> None:
-    """Add a copy of a policy version, and drop the oldest versions."""
-    policies.pop(policy.version, None)
+    """Add a copy of a policy version, and drop the lowest versions."""
     policies[policy.version] = copy_policy(policy)
     while len(policies) > MOST_POLICIES:
-        del policies[next(iter(policies))]
+        del policies[min(policies)]

@@ -174,7 +174,9 @@ class AdaptiveStressTesting:
 
     Settings = AstSettings
 
-    traits = MethodTraits(chart_mark=1, references={"warm_start": Reference.OWN_LEARNER})
+    traits = MethodTraits(
+        tolerates_delay=True, chart_mark=1, references={"warm_start": Reference.OWN_LEARNER}
+    )
     lookahead = 1
 
     def __init__(self, context: LearnerContext, settings: AstSettings) -> None:

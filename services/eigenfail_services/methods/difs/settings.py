@@ -125,15 +125,13 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     first_steps: Annotated[
         Steps | None,
         msgspec.Meta(
-            description="gradient steps of the network's first training; 0: no network; "
-            "none: the schedule's"
+            description="gradient steps of the network's first training; none: the schedule's; "
+            "0, also for `steps`: the mixture alone"
         ),
     ] = None
     steps: Annotated[
         Steps | None,
-        msgspec.Meta(
-            description="gradient steps of each later training; 0: no network; none: the schedule's"
-        ),
+        msgspec.Meta(description="gradient steps of each later training; none: the schedule's"),
     ] = None
     jitter: Annotated[
         int,

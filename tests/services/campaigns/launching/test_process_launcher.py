@@ -129,7 +129,7 @@ def test_a_killed_worker_is_started_again_after_ever_longer_pauses(stand_in, lau
         killed_s = clock.now_s
         while not children():
             clock.now_s += 0.5
-            assert launcher.poll(table) == ()
+            assert not launcher.poll(table)
         pauses.append(clock.now_s - killed_s)
     assert pauses == [1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0]
 
@@ -150,9 +150,58 @@ def test_a_worker_that_is_refused_again_and_again_gives_up_and_is_told_of(
     assert [one.kind for one in notices] == ["workers.refused"]
     assert f"gave up after {MOST_REFUSALS} tries" in notices[0].message
     clock.now_s += 1000.0
-    assert launcher.poll(table) == ()
+    assert not launcher.poll(table)
     (lives,) = list_lives(stand_in).values()
     assert len(lives) == MOST_REFUSALS
+
+
+def test_refusals_count_only_in_a_row_and_once(stand_in, launchers, monkeypatch) -> None:
+    monkeypatch.setenv("STAND_IN_STATUS", "2")
+    clock, table = Clock(), Table()
+    launcher = launchers(Span(1, 1), clock)
+    launcher.start(HUB)
+
+    def count_lives() -> int:
+        return sum(map(len, list_lives(stand_in).values()))
+
+    for life in range(1, 2 * MOST_REFUSALS):
+        wait_for(lambda n=life: count_lives() == n and not children())
+        monkeypatch.setenv("STAND_IN_STATUS", "2" if (life + 1) % MOST_REFUSALS else "1")
+        for _ in range(100):
+            clock.now_s += 0.5
+            assert not launcher.poll(table)
+            if children() or count_lives() > life:
+                break
+
+
+def test_an_unwanted_worker_that_never_connects_is_ended(stand_in, launchers) -> None:
+    clock, table = Clock(), Table()
+    launcher = launchers(Span(0, 1, 5.0), clock)
+    launcher.start(HUB)
+    table.demand = WorkerDemand(Work(10, 10.0))
+    for _ in range(12):
+        clock.now_s += 0.25
+        launcher.poll(table)
+    wait_for(lambda: len(list_lives(stand_in)) == 1)
+    table.demand = WorkerDemand()
+    for _ in range(80):
+        clock.now_s += 0.25
+        launcher.poll(table)
+    wait_for(lambda: not children())
+
+
+def test_the_environment_of_workers_names_no_other_key_and_no_database(
+    stand_in, launchers, monkeypatch
+) -> None:
+    given = ("EIGENFAIL_WORKER_KEY_FILE", "EIGENFAIL_DATABASE", "EIGENFAIL_HUB_KEYS")
+    for name in given:
+        monkeypatch.setenv(name, "/elsewhere")
+    launcher = launchers(Span(1, 1))
+    launcher.start(HUB)
+    wait_for(lambda: list_lives(stand_in))
+    (process,) = children()
+    assert process.environ().keys().isdisjoint(given)
+    assert "STAND_IN_FOLDER" in process.environ()
 
 
 def test_workers_come_with_the_work_and_leave_when_the_hub_has_sent_them_home(
@@ -186,11 +235,11 @@ def test_workers_come_with_the_work_and_leave_when_the_hub_has_sent_them_home(
 def test_work_for_which_no_worker_may_be_started_is_told_once(launchers) -> None:
     launcher, table = launchers(Span(0, 0)), Table()
     launcher.start(HUB)
-    assert launcher.poll(table) == ()
+    assert not launcher.poll(table)
     table.demand = WorkerDemand(Work(7, 1.0))
     (notice,) = launcher.poll(table)
-    assert notice.message == "7 episodes wait, and no worker may be started: --max-workers is 0."
-    assert launcher.poll(table) == ()
+    assert notice.message.startswith("Episodes wait, and no worker may be started")
+    assert not launcher.poll(table)
 
 
 def test_no_room_for_a_process_is_an_error_at_the_start_and_waited_for_later(
@@ -200,10 +249,15 @@ def test_no_room_for_a_process_is_an_error_at_the_start_and_waited_for_later(
         raise OSError(11, os.strerror(11))
 
     monkeypatch.setattr(process_launcher.subprocess, "Popen", refuse)
-    launcher = launchers(Span(1, 1))
+    clock, table = Clock(), Table()
+    launcher = launchers(Span(1, 1), clock)
     with pytest.raises(ClusterUnavailable, match=r"A worker cannot be started.*--workers"):
         launcher.start(HUB)
-    assert launcher.poll(Table()) == ()
+    (notice,) = launcher.poll(table)
+    assert notice.kind == "workers.asked"
+    assert "cannot be started: Resource temporarily unavailable" in notice.message
+    clock.now_s += 60.0
+    assert not launcher.poll(table)  # it is told once
 
 
 def test_whoever_gives_up_before_the_start_leaves_no_process(stand_in, launchers) -> None:

@@ -172,5 +172,5 @@ def test_work_that_no_worker_may_be_asked_for_is_said_once(lives, now_s) -> None
     assert launcher.poll(table) == ()
     table.found = WorkerDemand(Work(7, 1.0))
     (notice,) = launcher.poll(table)
-    assert notice.message.startswith("7 episodes wait, and no worker may be started")
+    assert notice.message.startswith("Episodes wait, and no worker may be started")
     assert launcher.poll(table) == ()
