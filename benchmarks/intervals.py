@@ -265,9 +265,12 @@ def list_faults(verdicts: Mapping[Place, Verdict]) -> list[str]:
 
 
 def main() -> None:
-    named = [at for at, plan in enumerate(PLANS) if plan.method.__name__ in sys.argv[1:]]
+    names = [plan.method.__name__ for plan in PLANS]
+    if unknown := set(sys.argv[1:]).difference(names):
+        sys.exit(f"No method is named {', '.join(unknown)}; there are {', '.join(set(names))}.")
+    chosen = [at for at, name in enumerate(names) if name in (sys.argv[1:] or names)]
     with open_crew() as crew:
-        verdicts = dict(judge_all(named or range(len(PLANS)), crew, FIRST_SEED))
+        verdicts = dict(judge_all(chosen, crew, FIRST_SEED))
     for name, figure in summarize(verdicts):
         print(f"{name} {figure.value:.2f}: {figure.note}")
     if faults := list_faults(verdicts):
