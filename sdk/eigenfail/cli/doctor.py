@@ -140,7 +140,7 @@ def list_narrow_campaigns(client: Client) -> Iterator[Finding]:
         return
     known = [(each, count_open_episodes(each.spec)) for each in running]
     opened = [count for _, count in known if count is not None]
-    if len(opened) < len(known) or sum(opened) >= workers:
+    if not known or len(opened) < len(known) or sum(opened) >= workers:
         return
     each = ceil(workers / len(known))
     for campaign, count in known:

@@ -468,3 +468,9 @@ def test_the_doctor_says_when_campaigns_are_too_narrow_for_the_workers(changes, 
     assert [one.found for one in findings] == [found for found, _ in told]
     assert all(one.remedy.endswith(end) for one, (_, end) in zip(findings, told, strict=True))
     assert not any(one.wrong for one in findings)
+
+
+def test_the_doctor_says_nothing_of_campaigns_where_none_runs():
+    campaigns = SimpleNamespace(list=lambda _state: iter(()))
+    client = SimpleNamespace(present_workers=lambda: (None,), campaigns=campaigns)
+    assert list(list_narrow_campaigns(client)) == []
