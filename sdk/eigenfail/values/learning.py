@@ -88,10 +88,11 @@ class Experience(msgspec.Struct, frozen=True, eq=False):
     robustness_m: Floats
 
 
-IN_FLIGHT = 1.75
+IN_FLIGHT = 1.5
 """Episodes that are proposed and not yet observed, for each that is to run at a time: those that
-are on their way, and those whose round waits for its slowest episode. With 2, `ast` wastes more on
-old policies; with 1.5, workers wait where episodes differ in length."""
+are on their way, and those whose round waits for its slowest episode. With more, `ast` runs
+more episodes of old policies: with 1.75 it found 0.878 times the failures that it finds in two
+rounds of ten, of its first 1000 episodes on `cut_in` with 100 at a time."""
 
 MOST_OPEN_ROUNDS = 64
 

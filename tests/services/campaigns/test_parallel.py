@@ -96,9 +96,9 @@ def test_methods_that_decide_themselves_refuse_it(method) -> None:
 
 
 def test_too_many_rounds_are_refused_with_a_size_that_is_enough() -> None:
-    with pytest.raises(InvalidValue, match=r"1750 episodes are open .* 64 rounds of 10 .*to 28"):
+    with pytest.raises(InvalidValue, match=r"1500 episodes are open .* 64 rounds of 10 .*to 24"):
         check_spec(make_spec(method="ast", parallel=1000))
-    enough = make_spec(method="ast", parallel=1000, settings={"round_size": 28})
+    enough = make_spec(method="ast", parallel=1000, settings={"round_size": 24})
     assert find_pace(check_spec(enough)).ahead < MOST_OPEN_ROUNDS
 
 
