@@ -447,7 +447,7 @@ def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
             21,
             [("runs at most 20 episodes at a time, and 21 workers are connected", "or more")],
         ),
-        ({"method": "ast", "parallel": 30}, 60, []),
+        ({"method": "ast", "parallel": 30}, 50, []),
         (
             {"method": "cem", "settings": {"batch": 10}},
             11,
