@@ -58,7 +58,7 @@ CASES = {
     "ast": Case("ast", {"converged_share": None}, 1_000, skipped=8),
     "difs": Case("difs", {}, 1_000),
     "monte_carlo_parallel": Case("monte_carlo", {}, 1_000_000, parallel=1_000),
-    "ast_parallel": Case("ast", {"converged_share": None}, 1_000, skipped=8, parallel=100),
+    "ast_parallel": Case("ast", {"converged_share": None}, 2_000, skipped=8, parallel=100),
 }
 
 

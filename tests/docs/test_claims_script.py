@@ -87,3 +87,15 @@ def test_intervals_of_means_and_medians_hold_the_truth_in_nineteen_of_twenty_cas
     assert inside / 400.0 == pytest.approx([0.95, 0.95], abs=0.03)
     assert mean([], "m").value is None
     assert mean([2.0], "m").interval is None
+
+
+def test_counts_of_points_follow_from_the_points_that_are_kept(root):
+    """They are derived from other claims, and those may be found anew one by one."""
+    import msgspec
+    from figures import Figure
+    from peers import count_points
+
+    data = (root / "docs" / "claims.json").read_bytes()
+    claims = msgspec.json.decode(data, type=dict[str, Figure])
+    for name, derived in dict(count_points(claims)).items():
+        assert claims[name].value == derived.value, f"Run `make claims` for {name}."
