@@ -30,10 +30,12 @@ def test_every_measured_crew_is_in_the_table(page, benchmark):
 
 def test_how_far_a_method_looks_ahead_is_what_the_method_says(benchmark):
     table, cases = benchmark("scale_table"), benchmark("learner_cost").CASES
-    plugins = import_module("eigenfail.plugins")
+    methods = import_module("eigenfail.methods")
     for name, case in cases.items():
-        method = plugins.load(plugins.METHODS, case.method)
-        assert method.lookahead == table.LOOKAHEAD[name], name
+        method = methods.describe_method(case.method)
+        sizes = method.find_round_sizes(method.read_settings(case.settings, ""), case.episodes)
+        ahead = method.count_rounds_ahead(case.parallel, sizes.later)
+        assert ahead == table.LOOKAHEAD[name], name
 
 
 def test_the_model_and_the_hub_have_the_same_bounds(benchmark):
