@@ -29,7 +29,7 @@ ROWS = (
     Row("on the disk [bytes per episode]", ("bytes_per_episode",)),
     Row("100 rows, nine tenths deep: by index, by robustness, under a filter [ms]",
         ("page_by_index_ms", "page_by_robustness_ms", "page_filtered_ms")),
-    Row("the 100 worst failures [ms]", ("failures_by_severity_ms",)),
+    Row("the 100 severest failures of the largest campaign, again [ms]", ("failures_by_severity_ms",)),
     Row("summary of the largest campaign: for the first time, again [ms]",
         ("summary_first_ms", "summary_ms")),
     Row("its course, its safety measures, each again [ms]", ("course_ms", "safety_ms")),

@@ -116,9 +116,10 @@ episodes have eight times as many steps: expect the same pattern, not the same n
 Warner et al., *Importance Sampling and PCA for Finding Failures in Commercial Autonomous Vehicles*.
 
 `ast_paper` and `difs_paper` have the paper's settings, `ast` and `difs` our defaults. Brackets hold
-95 % intervals of independent draws, rounded outwards; the paper gives none. `monte_carlo` draws
-from p(x), an evaluation from one trained searcher: its interval is a statement about that searcher
-alone. In the sweep and in training an episode depends on those before it: such rates have no
+95 % intervals of independent draws, rounded outwards: two-sided ones, but exact one-sided bounds
+where none or all failed (≤ is the upper one); the paper gives none. `monte_carlo` draws from p(x),
+an evaluation from one trained searcher: its interval is a statement about that searcher alone. In
+the sweep and in training an episode depends on those before it: such rates have no
 interval, and the difference between two rows may be that of two seeds. Every campaign has the seed
 {seed}; evaluations have a seed that is 1000 higher.
 """
