@@ -12,6 +12,7 @@ from starlette.testclient import TestClient
 from eigenfail.addresses import TRUST_VARIABLE
 from eigenfail.errors import InvalidValue
 from eigenfail.values.access import KeyRequest, Scope
+from eigenfail.wire.keys import WORKER_KEY_VARIABLE
 from eigenfail_api.__main__ import read_settings
 from eigenfail_api.app import create_app
 from eigenfail_services import __main__ as program
@@ -19,7 +20,6 @@ from eigenfail_services.access import make_key
 from eigenfail_services.export_jobs import MAX_EXPORTS, find_export_folder
 from eigenfail_services.hub import transport
 from eigenfail_services.store import open_store
-from eigenfail_workers import __main__ as workers
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 BIN = Path(sys.executable).parent
@@ -144,7 +144,7 @@ def test_the_hub_asks_for_keys_that_are_made_before_it_starts(services, monkeypa
     assert str(program.parse(hub["command"][1:]).hub_keys) == folder
     assert all(f"hub-keys:{folder}" in service["volumes"][0] for service in (hub, keys))
     assert keys["command"][:-1] == ["eigenfail", "worker", "key", "create", "compose"]
-    assert keys["command"][-1] == f"--file={worker['environment'][workers.KEY_VARIABLE]}"
+    assert keys["command"][-1] == f"--file={worker['environment'][WORKER_KEY_VARIABLE]}"
     assert hub["depends_on"]["keys"] == {"condition": "service_completed_successfully"}
 
 

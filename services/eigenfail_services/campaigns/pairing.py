@@ -131,6 +131,7 @@ def _sum_pairs(totals: Sequence[PairTotals]) -> PairTotals:
 THINGS = {
     "method": "method",
     "settings": "method",
+    "parallel": "method",
     "scenario": "scenario",
     "scenario_parameters": "scenario",
     "planner": "planner",

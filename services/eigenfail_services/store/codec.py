@@ -52,11 +52,16 @@ def to_json(value: AnalysisSettings | Estimate | tuple[RunPart, ...]) -> str:
 
 
 def spec_text(spec: CampaignSpec) -> str:
-    """Return the canonical JSON text of a spec without its priority, which has a column."""
+    """Return the canonical JSON text of a spec without its priority, which has a column.
+
+    `parallel` is left out where it is not given: earlier releases had no such field, and their
+    texts, keys and digests stay as they are.
+    """
+    absent = {"priority"} if spec.parallel is not None else {"priority", "parallel"}
     fields = {
         name: msgspec.Raw(msgspec.json.encode(getattr(spec, name), order="deterministic"))
         for name in spec.__struct_fields__
-        if name != "priority"
+        if name not in absent
     }
     return msgspec.json.encode(fields).decode()
 

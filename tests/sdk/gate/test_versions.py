@@ -28,6 +28,7 @@ OTHER = {
     "simulator": "point_mass",
     "disturbance": DisturbanceModel(scale=2.0),
     "stop": StopRules(failures=1),
+    "parallel": 7,
     "price_usd_per_hour": 9.0,
     "instances": 7,
     "scene_every": 3,

@@ -45,6 +45,7 @@ def test_a_specs_text_is_that_of_earlier_releases_at_whatever_priority() -> None
     fields["scenario_parameters"] = {"q": 1.0, "c": {"low": 1, "high": 2}}
     asked = CampaignSpec(name="x", method="ast", episodes=4, **fields)
     assert {spec_text(replace(asked, priority=each)) for each in Priority} == {TOLD}
+    assert '"parallel":100,' in spec_text(replace(asked, parallel=100))
 
 
 ANYTHING = st.recursive(

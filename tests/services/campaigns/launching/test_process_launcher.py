@@ -96,7 +96,8 @@ def children() -> list[psutil.Process]:
 
 def list_lives(folder: Path) -> dict[str, list[str]]:
     """How each worker was started, by its name, once the whole line is written."""
-    notes = {path.name: path.read_text() for path in folder.iterdir() if path.suffix != ".py"}
+    files = [path for path in folder.iterdir() if path.is_file() and path.suffix != ".py"]
+    notes = {path.name: path.read_text() for path in files}
     return {n: text.splitlines() for n, text in notes.items() if text.endswith("\n")}
 
 
