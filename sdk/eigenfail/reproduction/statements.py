@@ -120,8 +120,8 @@ def _judge_monte_carlo(summaries: Summaries) -> PaperStatement:
         holds,
         f"Monte Carlo: {_describe(monte_carlo)}; {figures}",
         "Judged by the evaluations. Probably because `difs_paper` trains twice, on 500 draws from "
-        "p(x) and on 500 conditioned ones, with hardly a failure among them; `difs` trains every few "
-        "episodes. This was not tested separately.",
+        "p(x) and on 500 conditioned ones, with hardly a failure among them; `difs` trains every "
+        "few episodes. This was not tested separately.",
     )
 
 
