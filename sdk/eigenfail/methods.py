@@ -17,9 +17,6 @@ ROUND_SIZE = "round_size"
 
 UNDECLARED = MethodTraits()
 
-RESULT_RULES = ("failures", "half_width", "cv")
-"""Stop rules that are judged after each round, on its results."""
-
 
 class MethodDescription(msgspec.Struct, frozen=True):
     """A method as its class describes it.
@@ -97,7 +94,7 @@ def count_open_episodes(spec: CampaignSpec) -> int | None:
     None where that is not known: its method is not installed here or has members, or stop rules on
     results keep fewer rounds open.
     """
-    if not spec.stop.given().keys().isdisjoint(RESULT_RULES):
+    if spec.stop.judges_results:
         return None
     try:
         description = describe_method(spec.method)

@@ -90,7 +90,7 @@ def test_intervals_of_means_and_medians_hold_the_truth_in_nineteen_of_twenty_cas
 
 
 def test_counts_of_points_follow_from_the_points_that_are_kept(root):
-    """They are derived from other claims, and those may be found anew one by one."""
+    """The counts are derived from other claims, each of which may be measured again alone."""
     import msgspec
     from figures import Figure
     from peers import count_points

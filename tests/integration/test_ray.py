@@ -13,10 +13,10 @@ import deadlines
 import psutil
 import pytest
 import reader
+from killed_worker import check_gone, check_replacement, find_digest, list_descendants
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import Launcher, Span
-from eigenfail.values import CampaignState
 from eigenfail_services.hub.keys import KeyFolder
 
 pytestmark = pytest.mark.service
@@ -40,12 +40,6 @@ def doors(service) -> set[str]:
     return {each.laddr.ip for each in sockets if each.status == psutil.CONN_LISTEN}
 
 
-def digest(client: Client, campaign: int) -> str:
-    ended = client.campaigns.wait(campaign, timeout_s=deadlines.CAMPAIGN_S)
-    assert (ended.state, ended.counts.open) == (CampaignState.DONE, 0)
-    return client.campaigns.digest(campaign)
-
-
 @pytest.mark.fault(
     "SIGKILL of a Ray worker",
     group="processes",
@@ -55,27 +49,11 @@ def digest(client: Client, campaign: int) -> str:
 def test_a_killed_ray_worker_is_replaced_and_changes_nothing(fresh_service, tmp_path) -> None:
     """On a hub that asks for keys, which they get from the service without anybody's doing."""
     KeyFolder(tmp_path / "data" / "hub-keys").create("by-hand", tmp_path / "by-hand.key")
-    with fresh_service(Launcher.RAY, workers=2) as service, Client(service.address.url) as client:
-        undisturbed = digest(client, client.campaigns.create(**FIELDS).id)
-
-        campaign = client.campaigns.create(**FIELDS)
-        while client.campaigns.get(campaign.id).counts.completed < 30:
-            time.sleep(0.02)
-        assert "named=own" in service.parts[1].log.read_text()
-        before = actors(service)
-        assert len(before) == 2
+    with fresh_service(Launcher.RAY, workers=2) as service:
+        check_replacement(service, FIELDS, actors)
         assert doors(service) <= {"127.0.0.1", "::ffff:127.0.0.1", "::1"}
-        before[0].kill()
-        assert digest(client, campaign.id) == undisturbed
-
-        deadline = time.monotonic() + deadlines.PROCESS_S
-        while len({process.pid for process in actors(service)}) < 2:
-            assert time.monotonic() < deadline, "Ray did not start the worker again"
-            time.sleep(0.1)
-        everything = psutil.Process(service.parts[1].process.pid).children(recursive=True)
-    gone, alive = psutil.wait_procs(everything, timeout=deadlines.PROCESS_S)
-    assert not [p for p in alive if p.status() != psutil.STATUS_ZOMBIE]
-    assert gone
+        everything = list_descendants(service)
+    check_gone(everything)
 
 
 @pytest.fixture
@@ -154,7 +132,7 @@ def test_workers_come_with_the_work_outlive_ray_and_go_with_it(
     span = Span(0, 2, idle_s=1.0)
     with fresh_service(Launcher.RAY, span=span) as service, Client(service.address.url) as client:
         assert client.present_workers() == ()
-        undisturbed = digest(client, client.campaigns.create(**SHORT).id)
+        undisturbed = find_digest(client, client.campaigns.create(**SHORT).id)
         campaign = client.campaigns.create(**SHORT)
         wait_for_more(client, campaign.id)
         raylet = next(p for p in driver(service).children() if p.name() == "raylet")
@@ -164,7 +142,7 @@ def test_workers_come_with_the_work_outlive_ray_and_go_with_it(
         wait_until(lambda: "Ray is back" in client.staffing().said, "another Ray is started")
         wait_for_more(client, campaign.id)
         driver(service).kill()
-        assert digest(client, campaign.id) == undisturbed
+        assert find_digest(client, campaign.id) == undisturbed
         wait_until(lambda: client.present_workers() == (), "who has nothing to do goes")
         wait_until(lambda: actors(service) == [], "and so does its process")
         log = service.parts[1].log.read_text()

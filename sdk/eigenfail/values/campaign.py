@@ -18,6 +18,10 @@ MAX_USD = 1e9
 MAX_WALL_S = 1e8
 
 
+RESULT_RULES = ("failures", "half_width", "cv")
+"""Stop rules on results."""
+
+
 class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The first rule that holds ends the campaign; None is no rule.
 
@@ -48,6 +52,11 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     def judges_failures(self) -> bool:
         """Whether the number of failures, or the rate that is known by it, may end the campaign."""
         return self.failures is not None or self.half_width is not None
+
+    @property
+    def judges_results(self) -> bool:
+        """Whether a rule on results may end the campaign; they are judged after each round."""
+        return not self.given().keys().isdisjoint(RESULT_RULES)
 
     def given(self) -> dict[str, float]:
         """The rules that there are, by name."""

@@ -97,8 +97,8 @@ rounds of ten, of its first 1000 episodes on `cut_in` with 100 at a time."""
 MOST_OPEN_ROUNDS = 64
 
 MOST_POLICIES = 2 * MOST_OPEN_ROUNDS
-"""Policy versions that a worker keeps for a campaign: more than can be open, as an episode that is
-run anew may bring a version again that the worker had dropped."""
+"""Policy versions that a worker keeps for a campaign: twice as many as can be open, so that an old
+version, which an episode needs when it runs again, does not push out one that is in use."""
 
 
 def count_rounds_ahead(parallel: int | None, round_size: int, least: int) -> int:

@@ -10,7 +10,6 @@ import msgspec
 
 from eigenfail.contracts import EpisodeEngine, Estimator, Learner, Trained
 from eigenfail.errors import LearnerFailed, ProtocolError
-from eigenfail.methods import RESULT_RULES
 from eigenfail.values import (
     EpisodeResult,
     EpisodeTask,
@@ -57,8 +56,7 @@ def limit_lookahead(lookahead: int, rules: StopRules) -> int:
 
     With rules on results no more than `MOST_AHEAD`, or they would take effect late.
     """
-    unjudged = rules.given().keys().isdisjoint(RESULT_RULES)
-    return lookahead if unjudged else min(lookahead, MOST_AHEAD)
+    return min(lookahead, MOST_AHEAD) if rules.judges_results else lookahead
 
 
 def judge_results(rules: StopRules, tally: Tally, estimate: Estimate | None) -> str:

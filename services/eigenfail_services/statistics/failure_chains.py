@@ -126,10 +126,10 @@ def redraw_sums(z: Array, _size: float, rng: np.random.Generator) -> Array:
 
 
 def redraw_detail(z: Array, size: float, rng: np.random.Generator) -> Array:
-    """Return noise of which 10 to 50 steps were redrawn but for the mean and trend of each axis.
+    """Return noise of which 10 to 50 steps were redrawn, except the mean and trend of each axis.
 
-    The counterpart of `redraw_sums`: what a filter passes stays, and the rest, which is independent
-    of it under p(z), is drawn anew. Noise of one step or two has no detail, and is redrawn.
+    The counterpart of `redraw_sums`: what a filter passes stays, and the rest is redrawn, which is
+    independent of it under p(z). Noise of one step or two has no detail: a window is redrawn.
     """
     if len(z) < FEWEST_DETAILED:
         return redraw_window(z, size, rng)

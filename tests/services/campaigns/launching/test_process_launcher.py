@@ -258,7 +258,7 @@ def test_no_room_for_a_process_is_an_error_at_the_start_and_waited_for_later(
     assert notice.kind == "workers.asked"
     assert "cannot be started: Resource temporarily unavailable" in notice.message
     clock.now_s += 60.0
-    assert not launcher.poll(table)  # it is told once
+    assert not launcher.poll(table)  # the notice is given once
 
 
 def test_whoever_gives_up_before_the_start_leaves_no_process(stand_in, launchers) -> None:
