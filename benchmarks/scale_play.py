@@ -25,7 +25,7 @@ class Play:
         self._idle, self._waiting = crew.workers, deque[int]()
         self._missing: dict[int, int] = {}
         self._proposed = self._learnt = 0
-        self._is_learning, self._has_proposed = False, True
+        self._is_learning, self._proposals = False, 1
         self._is_hub_busy, self._hub_worked_s = False, 0.0
         self._inbox, self._group, self._due_s = deque[int](), list[int](), 0.0
 
@@ -54,7 +54,7 @@ class Play:
         is_due = bool(self._group) and self._now_s >= self._due_s
         if is_due or len(self._group) >= GROUP:
             self._work(self._costs.commit_s, self._committed)
-        elif self._has_proposed:
+        elif self._proposals:
             self._work(self._method.checkpoint_s, self._kept)
         elif self._inbox:
             count = min(len(self._inbox), TURN)
@@ -66,8 +66,9 @@ class Play:
         self._after(seconds * self._slow, done, what)
 
     def _kept(self, _number: int) -> None:
-        """What was proposed is handed out."""
-        self._is_hub_busy = self._has_proposed = False
+        """What was proposed is handed out; every proposal has a checkpoint of its own."""
+        self._is_hub_busy = False
+        self._proposals -= 1
         while len(self._missing) <= self._method.lookahead:
             self._missing[self._proposed] = self._method.round_size
             self._waiting.extend([self._proposed] * self._method.round_size)
@@ -109,7 +110,8 @@ class Play:
             self._after(self._method.round_s, self._through, oldest)
 
     def _through(self, number: int) -> None:
-        self._is_learning, self._has_proposed = False, True
+        self._is_learning = False
+        self._proposals += 1
         self._learnt += 1
         del self._missing[number]
         self._learn()
