@@ -67,8 +67,8 @@ class SubsetMethod(WaveLearner[SubsetSimulation]):
     traits = MethodTraits(
         learns=False, mode_probability=ModeProbability.LEVELS, chart_mark=4, references={}
     )
-    # States of earlier releases, whose first run was a pilot run, ask for other episodes.
-    kind = "subset over the levels of its first run"
+    # States of earlier releases, whose draws were independent, ask for other episodes.
+    kind = "subset of evenly spread draws"
 
     def __init__(self, context: LearnerContext, settings: SubsetMethodSettings) -> None:
         settings.check_budget(context.episodes)

@@ -6,9 +6,16 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 from msgspec import structs
+from scipy.special import ndtri
+from scipy.stats import kstest
 
 from eigenfail.errors import InvalidValue
-from eigenfail_services.statistics.conditional_sampler import ConditionalSampler, find_starts
+from eigenfail_services.statistics.conditional_sampler import (
+    ConditionalSampler,
+    draw_latin_normal,
+    draw_sobol_normal,
+    find_starts,
+)
 from eigenfail_services.statistics.intervals import find_quantile
 from eigenfail_services.statistics.subset_estimate import (
     SubsetEnd,
@@ -188,6 +195,32 @@ def test_levels_fall_or_there_is_none(values, before, threshold):
     assert _find_next_threshold(np.array(values), before, 0.2) == threshold
     if threshold == 1.0:
         assert _find_next_threshold(np.array(values * 2 + [2.0] * 10), 2.0, 0.2) == threshold
+
+
+@pytest.mark.parametrize("draw", [draw_sobol_normal, draw_latin_normal])
+def test_draws_are_standard_normal_and_spread_evenly(draw):
+    draws, size = 64, 12
+    sets = [draw(np.random.default_rng(seed), draws, size) for seed in range(50)]
+    shares = ndtri(np.arange(1, draws) / draws)
+    for values in sets:
+        # One draw in each of as many intervals of the same probability, for every value.
+        assert (np.diff(np.searchsorted(np.sort(values, axis=0)[:, 0], shares)) == 1).all()
+        assert np.allclose(values.mean(axis=0), 0.0, atol=0.05)
+    # A draw by itself has the distribution of an independent one, at any place of its set.
+    for place in (0, 17, draws - 1):
+        assert kstest(np.ravel([values[place] for values in sets]), "norm").pvalue > 0.001
+    assert draw(np.random.default_rng(3), 5, 2).shape == (5, 2)
+    assert draw(np.random.default_rng(3), 1, 2).shape == (1, 2)
+
+
+def test_spread_draws_lower_the_variation_of_a_share():
+    def spread_of_share(draw):
+        rng = np.random.default_rng(11)
+        return np.std([(draw(rng, 200, 40).sum(axis=1) > 3.0).mean() for _ in range(200)])
+
+    independent = spread_of_share(lambda rng, *shape: rng.standard_normal(shape))
+    assert spread_of_share(draw_latin_normal) < 0.8 * independent
+    assert spread_of_share(draw_sobol_normal) < 0.8 * independent
 
 
 def test_the_variation_of_independent_draws_is_the_binomial_one():
