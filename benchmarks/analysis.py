@@ -20,7 +20,7 @@ import numpy as np
 from figures import Figure, show
 from sqlalchemy import create_engine, insert
 
-from eigenfail.processes import ONE_THREAD
+from eigenfail.processes import NUMERIC_ENVIRONMENT
 from eigenfail.values import AnalysisSettings, CampaignSpec, Outcome
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.store import open_store
@@ -65,7 +65,9 @@ def measured(path: Path, count: int, bootstrap: int, runs: int = 1) -> list[Take
 def in_a_process_of_its_own(path: Path, bootstrap: int) -> Taken:
     """An analysis of what is in a store, as a supervisor would have it done."""
     command = [sys.executable, __file__, str(path), str(bootstrap)]
-    done = subprocess.run(command, capture_output=True, check=True, env=os.environ | ONE_THREAD)
+    done = subprocess.run(
+        command, capture_output=True, check=True, env=os.environ | NUMERIC_ENVIRONMENT
+    )
     return msgspec.json.decode(done.stdout, type=Taken)
 
 

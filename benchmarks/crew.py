@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from eigenfail import plugins
 from eigenfail.errors import EpisodeError
-from eigenfail.processes import ONE_THREAD, die_with_parent
+from eigenfail.processes import NUMERIC_ENVIRONMENT, die_with_parent
 from eigenfail.values import (
     CampaignSpec,
     EpisodeResult,
@@ -67,7 +67,7 @@ class Crew:
 @contextmanager
 def crew() -> Iterator[Crew]:
     """A crew for as long as the block lasts."""
-    os.environ.update(ONE_THREAD)
+    os.environ.update(NUMERIC_ENVIRONMENT)
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), die_with_parent) as pool:
         yield Crew(pool)
 

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from figures import ROOT, Figure
 
-from eigenfail.processes import ONE_THREAD
+from eigenfail.processes import NUMERIC_ENVIRONMENT
 
 COMMAND = "make bench"
 HORIZON, SAMPLES, PAIRS = 100, 50, 5
@@ -46,7 +46,7 @@ def duration(model: Any, draw: int) -> float:
 def difs_sampling_figures() -> dict[str, Figure]:
     """The middle of the pairs, measured in a process of its own."""
     command = [sys.executable, str(ROOT / "benchmarks" / "difs_sampling.py")]
-    environment = os.environ | ONE_THREAD
+    environment = os.environ | NUMERIC_ENVIRONMENT
     done = subprocess.run(command, env=environment, capture_output=True, check=True)
     ratios: list[float] = json.loads(done.stdout)
     figure = Figure(

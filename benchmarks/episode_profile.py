@@ -17,7 +17,7 @@ from typing import Any
 
 from figures import ROOT
 
-from eigenfail.processes import ONE_THREAD
+from eigenfail.processes import NUMERIC_ENVIRONMENT
 
 EPISODES = 200
 RUNS = 3
@@ -133,7 +133,7 @@ def calmest(episodes: int, how: str) -> dict[str, Any]:
 def apart(episodes: int, how: str) -> dict[str, Any]:
     """`measure`, where nothing else was loaded or timed before."""
     command = [sys.executable, str(ROOT / "benchmarks" / "episode_profile.py"), str(episodes), how]
-    environment = os.environ | ONE_THREAD
+    environment = os.environ | NUMERIC_ENVIRONMENT
     done = subprocess.run(command, env=environment, capture_output=True, check=True)
     found: dict[str, Any] = json.loads(done.stdout)
     return found

@@ -12,7 +12,7 @@ from statistics import median
 import numpy as np
 from figures import ROOT, Figure
 
-from eigenfail.processes import ONE_THREAD
+from eigenfail.processes import NUMERIC_ENVIRONMENT
 
 COMMAND = "make bench"
 EPISODES = 60
@@ -98,7 +98,7 @@ RUNS = 3
 def planner_figures() -> dict[str, Figure]:
     """The middle of three runs."""
     command = [sys.executable, str(ROOT / "benchmarks" / "planner.py")]
-    environment = os.environ | ONE_THREAD
+    environment = os.environ | NUMERIC_ENVIRONMENT
     runs = [
         json.loads(subprocess.run(command, env=environment, capture_output=True, check=True).stdout)
         for _ in range(RUNS)

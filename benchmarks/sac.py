@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from figures import ROOT, Figure
 
-from eigenfail.processes import ONE_THREAD
+from eigenfail.processes import NUMERIC_ENVIRONMENT
 
 COMMAND = "make bench"
 BATCH_SIZES = (16, 64, 256)
@@ -77,7 +77,7 @@ def rate(made: Any) -> float:
 def sac_figures() -> dict[str, Figure]:
     """The middle of the pairs at the paper's batch size, with those of the others in words."""
     command = [sys.executable, str(ROOT / "benchmarks" / "sac.py")]
-    environment = os.environ | ONE_THREAD
+    environment = os.environ | NUMERIC_ENVIRONMENT
     done = subprocess.run(command, env=environment, capture_output=True, check=True)
     found = {int(size): ratios for size, ratios in json.loads(done.stdout).items()}
     told = ", ".join(f"{median(ratios):.3g} at {size}" for size, ratios in found.items())

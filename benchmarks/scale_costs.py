@@ -15,7 +15,7 @@ from figures import ROOT, Figure
 from learner_cost import CASES
 from msgspec.structs import replace
 
-from eigenfail.processes import ONE_THREAD
+from eigenfail.processes import NUMERIC_ENVIRONMENT
 from eigenfail.values import CampaignSpec
 from eigenfail.values.records import Delivery
 from eigenfail.wire.messages import Ack, Lease, Results, encode
@@ -76,7 +76,7 @@ def sizes() -> dict[str, Figure]:
 def rounds_of(name: str) -> dict[str, Figure]:
     """What the learner takes for a round, and the hub for its checkpoint."""
     command = [sys.executable, str(ROOT / "benchmarks" / "learner_cost.py"), name]
-    environment = os.environ | ONE_THREAD
+    environment = os.environ | NUMERIC_ENVIRONMENT
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     told = json.loads(done.stdout)
     note = f"rounds of {told['round_size']:g} episodes"

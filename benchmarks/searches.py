@@ -5,6 +5,7 @@ Their episodes are those of the service's campaigns: rounds, seeds and learners 
 
 from collections.abc import Sequence
 from functools import cache
+from hashlib import sha256
 from math import nan
 from typing import Any, NamedTuple
 
@@ -62,6 +63,7 @@ class Found(NamedTuple):
     log_p_per_step: float
     trained_episodes: int | None
     state: bytes
+    digest: str
 
 
 def search(spec: CampaignSpec, earlier: Found | None = None, noise: Sequence[Floats] = ()) -> Found:
@@ -93,6 +95,7 @@ def run(spec: CampaignSpec, given: LearnerContext, episodes: EpisodeEngine) -> F
         log_p_per_step=sum(one.noise.log_probability for one in results) / len(z),
         trained_episodes=getattr(learner, "trained_episodes", None),
         state=learner.state(),
+        digest=sha256("".join(result.digest() for result in results).encode()).hexdigest(),
     )
 
 

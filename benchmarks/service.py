@@ -15,7 +15,7 @@ from figures import ROOT, Figure
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
-from eigenfail.processes import ONE_THREAD
+from eigenfail.processes import NUMERIC_ENVIRONMENT
 
 EPISODES = 500
 PAIRS = 3
@@ -25,7 +25,7 @@ COMMAND = "make bench"
 def bare(seed: int) -> dict[str, float]:
     """One run of the bare loop."""
     command = [sys.executable, str(ROOT / "benchmarks" / "bare.py"), str(EPISODES), str(seed)]
-    environment = os.environ | ONE_THREAD
+    environment = os.environ | NUMERIC_ENVIRONMENT
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     measured: dict[str, float] = json.loads(done.stdout)
     return measured

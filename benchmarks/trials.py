@@ -10,6 +10,7 @@ import eigenfailures
 import intervals
 import openturns_beside
 import parallel
+import processors
 import reproduction
 import splitting
 import transfer
@@ -123,6 +124,7 @@ TRIALS = (
         openturns_beside.find_figures,
         openturns_beside.list_missing(),
     ),
+    Trial(("cross_processor_equal",), processors.find_figures),
     Trial(("fuzz.",), fuzzed),
     Trial(("faults.kinds",), kinds),
     Trial(

@@ -21,7 +21,7 @@ from volume_places import Place, postgres, sqlite
 from volume_stages import BEGUN, LARGEST, RATE, STOP, Taken
 from volume_store import Filled, fill, sizes_of
 
-from eigenfail.processes import ONE_THREAD
+from eigenfail.processes import NUMERIC_ENVIRONMENT
 from eigenfail_services.upkeep.maintenance import find_vacuum_program
 
 TOTAL = 1_000_000
@@ -50,7 +50,7 @@ def started(name: str, place: Place, address: str = "") -> "subprocess.Popen[byt
     """The process that does it."""
     script = Path(__file__).with_name("volume_stages.py")
     command = [sys.executable, str(script), name, address or place.address, str(place.folder)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, env=os.environ | ONE_THREAD)
+    return subprocess.Popen(command, stdout=subprocess.PIPE, env=os.environ | NUMERIC_ENVIRONMENT)
 
 
 def while_writing(name: str, place: Place) -> tuple[Taken, Taken, float]:

@@ -1,6 +1,7 @@
 """Processes that start processes, and leave none behind."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -8,6 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from ctypes import CDLL
+from pathlib import Path
 from selectors import EVENT_READ, DefaultSelector
 from subprocess import Popen, TimeoutExpired
 from threading import Thread
@@ -36,6 +38,38 @@ LOOK_EVERY_S = 0.005
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a process that shares its machine with others of its kind."""
+
+
+COMMON_KERNELS = {
+    "OPENBLAS_CORETYPE": "Haswell",
+    "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+    "MKL_CBWR": "COMPATIBLE",
+    "ONEDNN_MAX_CPU_ISA": "AVX2",
+    "ATEN_CPU_CAPABILITY": "avx2",
+}
+"""Environment in which OpenBLAS, numpy, MKL, oneDNN and torch compute alike on all processors of
+`COMMON_PROCESSOR`. Left to themselves each takes the kernels of the processor's type, whose sums
+differ in their last bits."""
+
+
+COMMON_PROCESSOR = "x86-64 with AVX2 and FMA"
+
+
+def find_processor(facts: Path = Path("/proc/cpuinfo")) -> str:
+    """Return what decides how libraries sum on this processor; empty if unknown.
+
+    It is `COMMON_PROCESSOR`, or the name of the model if the processor is not one of these.
+    """
+    with suppress(OSError):
+        told = dict(re.findall(r"^([^:\n]+?)\s*:\s*(.*)$", facts.read_text(), re.MULTILINE))
+        is_common = {"avx2", "fma"} <= set(told.get("flags", "").split())
+        return COMMON_PROCESSOR if is_common else told.get("model name", "")
+    return ""
+
+
+NUMERIC_ENVIRONMENT = ONE_THREAD | (COMMON_KERNELS if find_processor() == COMMON_PROCESSOR else {})
+"""Environment of a process whose numbers are to be those of any other machine: learners, analyses,
+and workers' inner processes. Libraries read it when they are loaded."""
 
 
 def as_parent() -> dict[str, str]:
@@ -162,7 +196,7 @@ def run_question(module: str, question: bytes, patience_s: float) -> bytes:
         [sys.executable, "-m", module],
         stdin=read,
         stdout=subprocess.PIPE,
-        env=os.environ | ONE_THREAD | as_parent(),
+        env=os.environ | NUMERIC_ENVIRONMENT | as_parent(),
         process_group=0,
     )
     os.close(read)

@@ -1,13 +1,11 @@
 """With what episodes are run: where it differs, so may the last bit of a result."""
 
 import platform
-import re
 import sys
-from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distributions, version
-from pathlib import Path
 
+from eigenfail.processes import find_processor
 from eigenfail.values.campaign import Campaign, RunPart
 from eigenfail.values.operations import Versions
 
@@ -16,7 +14,6 @@ LEARNERS = ("scikit-learn", "stable-baselines3", "torch")
 GROUP = "eigenfail."
 NOTHING = "none"
 PACKAGE = "eigenfail"
-PROCESSORS = Path("/proc/cpuinfo")
 
 
 @cache
@@ -25,7 +22,7 @@ def versions() -> dict[str, str]:
     found = {
         "python": platform.python_version(),
         "machine": f"{platform.machine()} {sys.platform} {platform.libc_ver()[1]}".strip(),
-        "processor": processor(),
+        "processor": find_processor(),
     }
     return found | {
         name: of for name in sorted({*NUMERICS, *with_plugins()}) if (of := read_version(name))
@@ -36,14 +33,6 @@ def versions() -> dict[str, str]:
 def learner_versions() -> dict[str, str]:
     """By name: what a learner runs with, where what it proposes may depend on it."""
     return versions() | {name: of for name in LEARNERS if (of := read_version(name))}
-
-
-def processor() -> str:
-    """Return the type of the processor, which decides how libraries sum; empty if unknown."""
-    with suppress(OSError):
-        found = re.search(r"^model name\s*:\s*(.+)$", PROCESSORS.read_text(), re.MULTILINE)
-        return found[1] if found else ""
-    return ""
 
 
 def read_version(package: str) -> str:

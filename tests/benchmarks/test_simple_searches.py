@@ -20,7 +20,7 @@ def found(noise):
 
     crashes = tuple(Crash(np.array(z, np.float32), -1.0, -1.0, 0.0) for z in noise)
     spec = CampaignSpec(name="n", method="held", episodes=len(noise))
-    return Found(spec, (True,) * len(noise), crashes, (0.0,) * len(noise), 1.0, -1.0, None, b"")
+    return Found(spec, (True,) * len(noise), crashes, (0.0,) * len(noise), 1.0, -1.0, None, b"", "")
 
 
 def test_the_distance_is_the_mean_over_pairs_on_the_steps_that_both_have():

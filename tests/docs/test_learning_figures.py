@@ -24,6 +24,7 @@ def campaign(crashed, crashes=()):
         log_p_per_step=-2.0,
         trained_episodes=None,
         state=b"",
+        digest="",
     )
 
 

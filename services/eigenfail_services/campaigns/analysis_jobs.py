@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from eigenfail.contracts import ModeProbability
 from eigenfail.errors import InputError, InvalidValue, NotFound, describe_error, read_text
 from eigenfail.methods import traits_of
-from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group
+from eigenfail.processes import NUMERIC_ENVIRONMENT, as_parent, exit_status, kill_group
 from eigenfail.values import (
     FINAL_STATES,
     AnalysedCampaign,
@@ -190,7 +190,9 @@ class AnalysisJobs:
     def __init__(self, store: Store, database: str, bounds: SettingBounds = NO_BOUNDS) -> None:
         self._store = store
         self._bounds = bounds
-        self._environment = os.environ | ONE_THREAD | as_parent() | {DATABASE_VARIABLE: database}
+        self._environment = (
+            os.environ | NUMERIC_ENVIRONMENT | as_parent() | {DATABASE_VARIABLE: database}
+        )
         self._running: list[RunningAnalysis] = []
 
     def __len__(self) -> int:

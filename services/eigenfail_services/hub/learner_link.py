@@ -16,7 +16,13 @@ import structlog
 import zmq
 
 from eigenfail.errors import ProtocolError
-from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group, status_within
+from eigenfail.processes import (
+    NUMERIC_ENVIRONMENT,
+    as_parent,
+    exit_status,
+    kill_group,
+    status_within,
+)
 from eigenfail.values import Estimate, Policy, TrajectorySource
 from eigenfail.wire.messages import (
     Diverged,
@@ -174,7 +180,7 @@ class LearnerLink:
             return
         self._start_at_s = None
         command = [sys.executable, "-m", "eigenfail_services.hub.learner_process", self._address]
-        environment = os.environ | ONE_THREAD | as_parent() | self._environment
+        environment = os.environ | NUMERIC_ENVIRONMENT | as_parent() | self._environment
         try:
             self._process = subprocess.Popen(command, env=environment, process_group=0)
         except OSError as error:  # no room for one more process, which may pass

@@ -8,6 +8,7 @@ from typing import Any
 import structlog
 
 from eigenfail.errors import ProtocolError
+from eigenfail.processes import COMMON_PROCESSOR
 from eigenfail.values import EpisodeTask, PolicySource
 from eigenfail.versions import versions
 from eigenfail.wire.messages import (
@@ -166,7 +167,7 @@ class WorkerSessions:
 
     def _refuse(self, worker: bytes, reason: str, **facts: str) -> None:
         # A refused worker asks again and again: the log has one line for many refusals.
-        self._refusals.add("another release", why=reason, **facts)
+        self._refusals.add("another release or processor", why=reason, **facts)
         self._send(worker, Refusal(reason))
 
     def _handle_heartbeat(self, worker: bytes, message: Heartbeat) -> None:
@@ -310,16 +311,29 @@ def explain_refusal(protocol: int, worker_versions: Mapping[str, str]) -> str:
     """Return why a worker of this protocol and these versions is refused; empty if it is not.
 
     It has to speak the same protocol and to be of the same release except for the last number of
-    its version, which counts corrections that do not change the results of episodes.
+    its version, which counts corrections that do not change the results of episodes. Its processor
+    has to compute as the hub's does, bit for bit.
     """
     ours, theirs = versions().get(PACKAGE, ""), worker_versions.get(PACKAGE, "")
     is_same_release = not theirs or theirs.split(".")[:2] == ours.split(".")[:2]
     if protocol == PROTOCOL and is_same_release:
-        return ""
+        return _explain_processor(worker_versions.get("processor", ""))
     of_release = f" (eigenfail {theirs})" if theirs else ""
     return (
         f"The worker speaks protocol {protocol}{of_release}, the hub speaks {PROTOCOL} "
         f"(eigenfail {ours}): install the same eigenfail on both."
+    )
+
+
+def _explain_processor(theirs: str) -> str:
+    """Return why a worker with this processor is refused; empty if it is not, or is unknown."""
+    ours = versions()["processor"]
+    if theirs in {"", ours} or not ours:
+        return ""
+    return (
+        f'The worker\'s processor is "{theirs}", the hub\'s "{ours}": their results differ in the '
+        "last bits, so that a campaign would run other episodes on each. Run services and workers "
+        f"on processors of one kind, best on {COMMON_PROCESSOR}: all of those compute alike."
     )
 
 

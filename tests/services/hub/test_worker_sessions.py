@@ -146,6 +146,21 @@ def test_another_release_is_refused_with_both_versions(room: Room, protocol, the
     assert [(line["event"], line["why"]) for line in log] == [("worker refused", refusal.reason)]
 
 
+@pytest.mark.fault(
+    "worker whose processor computes differently",
+    group="messages",
+    outcome="It is refused, and both logs name both processors: the last bits of its results would"
+    " differ, and with them the episodes of a search.",
+)
+def test_a_processor_that_computes_differently_is_refused_and_named(room: Room) -> None:
+    ours = versions()["processor"]
+    room.join(b"a", versions={"eigenfail": OURS, "processor": "Chip 3"})
+    room.join(b"b", versions={"eigenfail": OURS, "processor": ours})
+    (_, refusal), (_, welcome) = room.sent
+    assert f'"Chip 3", the hub\'s "{ours}"' in refusal.reason
+    assert isinstance(welcome, Welcome)
+
+
 @pytest.mark.fault("worker with another protocol version")
 def test_a_hello_with_words_of_a_later_protocol_is_refused_with_both_versions(room: Room) -> None:
     later = {"type": "Hello", "protocol": PROTOCOL + 1, "worker": 7, "mood": ["good"]}

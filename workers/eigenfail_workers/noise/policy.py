@@ -1,11 +1,13 @@
 """The adversary's policy in numpy: a squashed Gaussian of the observed state.
 
-One product for each state, never a batch of them: the last bits of a BLAS product depend on the
-size of the batch, and an episode must not depend on its neighbours.
+An episode must not depend on the worker that runs it, nor on its neighbours there. The last bits of
+a BLAS product depend on the type of the processor and the size of the batch, those of numpy's exp
+and tanh in float32 on the type of the processor. So a layer is a sum of products for one state, and
+exp and tanh are those of the C library, in float64.
 """
 
 from collections.abc import MutableMapping
-from math import isfinite
+from math import exp, isfinite, tanh
 
 import msgspec
 import numpy as np
@@ -50,17 +52,20 @@ def act(policy: Policy, state: Floats, eps: Floats) -> Floats:
     for layer in policy.hidden:
         hidden = np.maximum(_affine(layer, hidden), np.float32(0.0))
     log_std = np.clip(_affine(policy.log_std, hidden), LOG_STD_MIN, LOG_STD_MAX)
-    squashed = np.tanh(_affine(policy.mean, hidden) + np.exp(log_std) * eps)
-    z: Floats = np.float32(policy.amplitude) * squashed
+    means = _affine(policy.mean, hidden)
+    axes = zip(means.tolist(), log_std.tolist(), eps.tolist(), strict=True)
+    squashed = np.array([tanh(mean + exp(width) * drawn) for mean, width, drawn in axes])
+    z: Floats = np.float32(policy.amplitude) * squashed.astype(np.float32)
     return z
 
 
 def _affine(layer: Layer, x: Floats) -> Floats:
-    return layer.weight @ x + layer.bias
+    sums: Floats = (layer.weight * x).sum(axis=1)
+    return sums + layer.bias
 
 
 def copy_policy(policy: Policy) -> Policy:
-    """Return a copy in one memory layout, as the last bits of a product depend on the layout."""
+    """Return a copy in one memory layout, as the last bits of a sum depend on the layout."""
     return msgspec.structs.replace(
         policy,
         hidden=tuple(map(_copy_layer, policy.hidden)),

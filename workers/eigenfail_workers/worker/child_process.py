@@ -18,7 +18,13 @@ from msgspec.structs import replace
 
 from eigenfail.bridges import EPISODE_VARIABLE
 from eigenfail.errors import ProtocolError, ServiceError
-from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group, status_within
+from eigenfail.processes import (
+    NUMERIC_ENVIRONMENT,
+    as_parent,
+    exit_status,
+    kill_group,
+    status_within,
+)
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.wire.messages import (
     MAX_MESSAGE_BYTES,
@@ -379,7 +385,10 @@ def _start_child(limits: Limits) -> "subprocess.Popen[bytes]":
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            env=os.environ | ONE_THREAD | as_parent() | {EPISODE_VARIABLE: str(limits.episode_s)},
+            env=os.environ
+            | NUMERIC_ENVIRONMENT
+            | as_parent()
+            | {EPISODE_VARIABLE: str(limits.episode_s)},
             start_new_session=True,
         )
     except OSError as error:

@@ -56,7 +56,9 @@ class Network:
         """Return the input of each layer, and last the output, shape (…, batch, outputs)."""
         course = [x]
         for weight, bias in self.layers[:-1]:
-            course.append(np.maximum(course[-1] @ weight.swapaxes(-1, -2) + bias, 0.0))
+            hidden = course[-1] @ weight.swapaxes(-1, -2)
+            hidden += bias
+            course.append(np.maximum(hidden, 0.0, out=hidden))
         weight, bias = self.layers[-1]
         course.append(course[-1] @ weight.swapaxes(-1, -2) + bias)
         return course
@@ -117,7 +119,9 @@ class Network:
         """Return the gradients in the sums of the layers, last layer first."""
         slopes = [slope]
         for (weight, _), inputs in zip(self.layers[:0:-1], course[-2:0:-1], strict=True):
-            slopes.append((slopes[-1] @ weight) * (inputs > 0.0))
+            below = slopes[-1] @ weight
+            below *= inputs > 0.0
+            slopes.append(below)
         return slopes
 
     def _adam(self, learning_rate: float) -> None:
@@ -258,7 +262,7 @@ class FastTrainer:
         coefficient = np.float32(exp(self.entropy[0]))
         choice = self._choose(batch.states, eps)
         self._step_entropy(float(np.mean(choice.log_probability)))
-        self._step_critics(batch, self._choose(batch.next_states, next_eps), coefficient)
+        self._step_critics(batch, self._find_wanted(batch, next_eps, coefficient))
         self._step_actor(batch.states, choice, coefficient)
         self.targets.follow(self.critics, self._options.tau)
 
@@ -332,11 +336,20 @@ class FastTrainer:
         change = self._options.learning_rate / (1.0 - BETA1**steps) * mean / size
         self.entropy[:] = logarithm - change, mean, square, steps
 
-    def _step_critics(self, batch: Decisions, then: DrawnActions, coefficient: np.float32) -> None:
+    def _find_wanted(self, batch: Decisions, eps: Floats, coefficient: np.float32) -> Floats:
+        """Return what the critics are to say of the actions of a batch, shape (batch,)."""
+        if batch.ends.all():
+            # Nothing comes later, as in all episodes of at most `n_step` decisions.
+            return batch.rewards
+        then = self._choose(batch.next_states, eps)
         seen = np.concatenate([batch.next_states, then.actions], axis=1)
         later = self.targets.forward(seen)[-1][..., 0].min(axis=0)
         later -= coefficient * then.log_probability
-        wanted = batch.rewards + (1.0 - batch.ends) * np.float32(self._options.gamma) * later
+        discount = (1.0 - batch.ends) * np.float32(self._options.gamma)
+        wanted: Floats = batch.rewards + discount * later
+        return wanted
+
+    def _step_critics(self, batch: Decisions, wanted: Floats) -> None:
         course = self.critics.forward(np.concatenate([batch.states, batch.actions], axis=1))
         slope = (course[-1] - wanted[:, None]) / np.float32(len(wanted))
         self.critics.descend(course, slope, self._options.learning_rate)
