@@ -153,9 +153,9 @@ def beside_cem(crew: Crew, seed: int, of_difs: Sequence[Found]) -> Figures:
     yield "cut_in.difs_over_cem.logp_per_step", likelier(of_difs, of_cem)
 
 
-def merge(method: str, crew: Crew, seed: int) -> Figures:
+def merge(method: str, crew: Crew, seed: int, **settings: Any) -> Figures:
     """How many failures a method finds where the truck merges; the sum over the seeds."""
-    runs = learnt(crew, seed, method, "merge_in")
+    runs = learnt(crew, seed, method, "merge_in", **settings)
     found = [sum(one.crashed) for one in runs]
     yield (
         f"merge_in.{method}.failures",

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from math import inf
 
 import msgspec
-from scale_parts import TURN, Costs, Crew, Method
+from scale_parts import GROUP, TURN, Costs, Crew, Method
 from scale_play import Play
 
 SATURATED = 0.95
@@ -37,7 +37,10 @@ class Prediction(msgspec.Struct, frozen=True):
 def limits(method: Method, crew: Crew, costs: Costs) -> dict[str, float]:
     """What each part could do if it never waited for another. [episodes/s]"""
     free = max(1e-9, 1.0 - crew.workers * costs.heartbeat_s)
-    hub_s = costs.result_s + costs.commit_s / TURN + method.checkpoint_s / method.round_size
+    largest_group = GROUP - 1 + TURN  # A turn's results are added to a group that is not full yet.
+    hub_s = (
+        costs.result_s + costs.commit_s / largest_group + method.checkpoint_s / method.round_size
+    )
     turn_s = crew.episode_s + costs.result_s + costs.commit_s + method.round_s
     return {
         "workers": divided(crew.workers, crew.episode_s),
@@ -63,16 +66,19 @@ def predict(
 ) -> Prediction:
     """Play so many rounds, and more than half of them for the figures.
 
+    A rate from rounds that are not endless may lie above a bound; it is then the bound.
+
     Args:
         draw: an episode's time [s]; by default all take `crew.episode_s`.
     """
     play = Play(method, crew, costs, draw or (lambda: crew.episode_s))
     play.run(rounds)
     bounds = limits(method, crew, costs)
-    rate = min(play.rate, bounds["network"], bounds["disk"])
+    rate = min(play.rate, *bounds.values())
+    hub_share = play.hub_share + crew.workers * costs.heartbeat_s
     use = {
         "workers": rate / bounds["workers"],
-        "hub": min(1.0, play.hub_share + crew.workers * costs.heartbeat_s),
+        "hub": min(1.0, max(hub_share, rate / bounds["hub"])),
         "learner": rate / bounds["learner"],
         "network": rate / bounds["network"],
         "disk": rate / bounds["disk"],

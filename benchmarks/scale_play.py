@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from heapq import heappop, heappush
+from statistics import linear_regression
 
 from scale_parts import GROUP, GROUP_S, TURN, Costs, Crew, Method
 
@@ -11,7 +12,10 @@ class Play:
     """One course of events.
 
     Attributes:
-        rate: episodes per second, without those of the first third of the rounds.
+        rate: episodes per second, without those of the first third of the rounds: the slope of
+            the line through the times at which rounds were learnt from (least squares). Where all
+            workers end at the same time, rounds end in bursts, and rounds ÷ time would depend on
+            how many of the bursts lie within it.
         hub_share: how much of that time the hub's thread worked.
     """
 
@@ -25,6 +29,7 @@ class Play:
         self._idle, self._waiting = crew.workers, deque[int]()
         self._missing: dict[int, int] = {}
         self._proposed = self._learnt = 0
+        self._learnt_s = list[float]()
         self._is_learning, self._proposals = False, 1
         self._is_hub_busy, self._hub_worked_s = False, 0.0
         self._inbox, self._group, self._due_s = deque[int](), list[int](), 0.0
@@ -40,7 +45,9 @@ class Play:
             self._now_s, _, happen, what = heappop(self._events)
             happen(what)
         took_s = self._now_s - mark[0]
-        self.rate = (rounds - skipped - 1) * self._method.round_size / took_s
+        times_s = self._learnt_s[skipped:]
+        rounds_per_s = linear_regression(times_s, range(len(times_s))).slope
+        self.rate = rounds_per_s * self._method.round_size
         self.hub_share = min(1.0, (self._hub_worked_s - mark[1]) / took_s)
 
     def _after(self, seconds: float, happen: Callable[[int], None], what: int = 0) -> None:
@@ -113,6 +120,7 @@ class Play:
         self._is_learning = False
         self._proposals += 1
         self._learnt += 1
+        self._learnt_s.append(self._now_s)
         del self._missing[number]
         self._learn()
         self._serve()

@@ -32,8 +32,8 @@ LOOKAHEAD = {
     "monte_carlo_parallel": count_rounds_ahead(1_000, 100, 3),
     "ast_parallel": count_rounds_ahead(100, 10, 1),
 }
-PLAYED = 40
-"""Rounds in the simulation, or more: each worker has several episodes in them."""
+PLAYED = 100
+"""Rounds in the simulation, or more: each worker has ten episodes in them."""
 
 NETWORK_BYTES_PER_S = 1e9 / 8
 DISK_BYTES_PER_S = 200e6
@@ -82,7 +82,7 @@ def predicted(
 ) -> Prediction:
     """What the model says."""
     method = method_of(name, figures)
-    played = PLAYED + ceil(4 * workers / method.round_size)
+    played = PLAYED + ceil(10 * workers / method.round_size)
     return predict(method, Crew(workers, episode_s), costs_of(figures), played)
 
 

@@ -49,12 +49,12 @@ SEARCHES: dict[str, tuple[str, dict[str, Any]]] = {
     "cma_one_run": ("cma", ONE_RUN),
     "cma_many": ("cma", MANY_FAILURES),
     "cma_wide": ("cma", WIDE),
-    "ast": ("ast", {}),
-    "ast_wide": ("ast", {"amplitude": 4.0}),
+    "ast": ("ast", {"patience": None}),
+    "ast_wide": ("ast", {"patience": None, "amplitude": 4.0}),
     "cem": ("cem", {}),
     "difs": ("difs", {}),
 }
-"""Methods and settings by the name in figures."""
+"""Methods and settings by the name in figures; `ast` is one search, without restarts."""
 
 
 class KnownRegions(NamedTuple):

@@ -86,7 +86,7 @@ TRIALS = (
     ),
     Trial(("merge_in.rulebook.mc2000.",), partial(calm, "merge_in")),
     Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
-    Trial(("merge_in.ast.",), partial(merge, "ast")),
+    Trial(("merge_in.ast.",), partial(merge, "ast", patience=None)),
     Trial(("merge_in.difs.",), partial(merge, "difs")),
     Trial(("paper.", "cut_in.eigenfailures."), reproduction.find),
     Trial(("eigenfailures.",), eigenfailures.reproduce),
