@@ -2,6 +2,7 @@
 
 from analysis import analysis_figures
 from bridge import bridge_figures
+from by_hand import failure_figures, ledger_figures
 from difs_sampling import difs_sampling_figures
 from figures import ROOT, show, write
 from hub import hub_figures
@@ -30,6 +31,8 @@ def main() -> None:
         **planner_figures(),
         **sac_figures(),
         **difs_sampling_figures(),
+        **failure_figures(),
+        **ledger_figures(),
         "learner_share": learner_share(),
         **service_figures(),
         **bridge_figures(),
