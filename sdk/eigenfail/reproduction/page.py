@@ -122,8 +122,9 @@ where none or all failed (≤ is the upper one); the paper gives none. `monte_ca
 an evaluation from one trained searcher: its interval is a statement about that searcher alone. In
 the sweep and in training an episode depends on those before it: such rates have no
 interval, and the difference between two rows may be that of two seeds. Every campaign has the seed
-{seed}; evaluations have a seed that is 1000 higher. n counts episodes, of components failures; log p
-and severity are means over the failures among them, and a cost is the price of all ÷ failures.
+{seed}; evaluations have a seed that is 1000 higher. n counts episodes, of components failures;
+log p and severity are means over the failures among them, and a cost is the price of all ÷
+failures.
 """
 
 
