@@ -99,11 +99,12 @@ def judge_pairs(before: RunOutcomes, now: RunOutcomes) -> dict[int, GateVerdict]
 def judge_rate(before: Campaign, now: Campaign, comparison: Comparison) -> GateVerdict:
     """What became of the failures of a campaign whose noise depends on what its planner does.
 
-    New where the baseline found none, however few there are now, or where the failure rate rose by
-    more than chance: where Newcombe's 95 % interval of the difference lies above 0; where both
-    campaigns estimate the failure probability, where the two 95 % intervals do not meet (a lower
+    New where the baseline found none, however few there are now, or where the share of failures
+    rose so far that Newcombe's 95 % interval of the difference lies above 0: beyond chance, if both
+    drew from p(x), and beyond a threshold of the gate, if a search chose the episodes. Where both
+    campaigns estimate the failure probability, new if the two 95 % intervals do not meet (a lower
     bound of the probability has none and decides nothing). Fixed, if it fell so far; safe, if there
-    is no failure now, and by chance there may have been none before.
+    is no failure now, and it did not fall so far.
     """
     if has_new_errors(before.counts, now.counts):
         return GateVerdict.CANNOT_RUN
@@ -139,10 +140,9 @@ CHANGES = {1: GateVerdict.NEW, 0: GateVerdict.STILL_FAILING, -1: GateVerdict.FIX
 
 
 def find_change(before: Estimate | None, now: Estimate | None, comparison: Comparison) -> int:
-    """1 where failures became likelier beyond chance, -1 where less likely, 0 otherwise."""
-    if before and now and before.interval and now.interval:
-        low = now.interval.low - before.interval.high
-        high = now.interval.high - before.interval.low
+    """1 where the failures rose by more than the gate's rule allows, -1 where they fell, else 0."""
+    if ends := _subtract_estimates(before, now):
+        low, high = ends
     elif comparison.difference:
         low, high = comparison.difference.interval.low, comparison.difference.interval.high
     else:
@@ -150,12 +150,38 @@ def find_change(before: Estimate | None, now: Estimate | None, comparison: Compa
     return (low > 0.0) - (high < 0.0)
 
 
-RATE_WORDS = {
+def _subtract_estimates(
+    before: Estimate | None, now: Estimate | None
+) -> tuple[float, float] | None:
+    """The least and the largest rise within both intervals; None where a side has no interval."""
+    if before and now and before.interval and now.interval:
+        low = now.interval.low - before.interval.high
+        return low, now.interval.high - before.interval.low
+    return None
+
+
+COUNT_WORDS = {
+    GateVerdict.SAFE: "none on either side",
+    GateVerdict.CANNOT_RUN: "and some episodes errored, which the baseline completed",
+}
+
+CHANCE_WORDS = COUNT_WORDS | {
     GateVerdict.NEW: "more than chance explains",
     GateVerdict.STILL_FAILING: "consistent with chance",
     GateVerdict.FIXED: "fewer than chance explains",
-    GateVerdict.SAFE: "none on either side",
-    GateVerdict.CANNOT_RUN: "and some episodes errored, which the baseline completed",
+}
+
+THRESHOLD_WORDS = COUNT_WORDS | {
+    GateVerdict.NEW: "a rise beyond the gate's threshold",
+    GateVerdict.STILL_FAILING: "a difference within the gate's threshold",
+    GateVerdict.FIXED: "a fall beyond the gate's threshold",
+}
+"""Of a search, whose interval is a threshold: its episodes are no random sample."""
+
+ESTIMATE_WORDS = COUNT_WORDS | {
+    GateVerdict.NEW: "the 95 % interval of the failure probability lies above the baseline's",
+    GateVerdict.STILL_FAILING: "the 95 % intervals of the failure probability overlap",
+    GateVerdict.FIXED: "the 95 % interval of the failure probability lies below the baseline's",
 }
 
 
@@ -187,9 +213,23 @@ def describe_rates(
     if verdict is GateVerdict.NEW and not was.failures:
         return f"{shares}: the baseline had no failures, so every failure is new."
     if verdict is GateVerdict.SAFE and was.failures:
-        interval = _describe_interval(comparison)
-        return f"{shares}: none now, though no fewer than chance explains{interval}."
-    return f"{shares}: {RATE_WORDS[verdict]}{_describe_interval(comparison)}."
+        few = "no fewer than chance explains" if _is_sampled(comparison) else WITHIN_THRESHOLD
+        return f"{shares}: none now, though {few}{_describe_interval(comparison)}."
+    words = CHANCE_WORDS if _is_sampled(comparison) else THRESHOLD_WORDS
+    if _subtract_estimates(before.estimate, now.estimate):
+        words = ESTIMATE_WORDS
+    return f"{shares}: {words[verdict]}{_describe_interval(comparison)}."
+
+
+WITHIN_THRESHOLD = "the fall is within the gate's threshold"
+
+
+def _is_sampled(comparison: Comparison) -> bool:
+    """Whether both rates are of random samples; not without episodes on both sides."""
+    if comparison.difference is None:
+        return False
+    rates = (comparison.a.failure_rate, comparison.b.failure_rate)
+    return all(rate is not None and rate.sampled for rate in rates)
 
 
 def _describe_interval(comparison: Comparison) -> str:
@@ -198,7 +238,6 @@ def _describe_interval(comparison: Comparison) -> str:
     if found is None:
         return ""
     difference = f"difference {format_signed(100.0 * found.value)} %"
-    rates = (comparison.a.failure_rate, comparison.b.failure_rate)
-    if not all(rate is not None and rate.sampled for rate in rates):
+    if not _is_sampled(comparison):
         return f" ({difference}, without an interval: the method chose the episodes)"
     return f" ({difference} {format_signed_interval(found.interval, 100.0)})"

@@ -112,7 +112,8 @@ OPENING = """# The paper's experiments, reproduced
 
 `eigenfail reproduce --scale {scale}` runs the paper's experiments with our planner `rulebook`, our
 scenario `cut_in` and our simulator. The paper's planner and simulator are not public, and its
-episodes have eight times as many steps: expect the same pattern, not the same numbers. The paper is
+episodes have eight times as many steps, so that no number is expected to be the same; of
+{statements} comparisons with statements of the paper (at the end) {holding} hold here. The paper is
 Warner et al., *Importance Sampling and PCA for Finding Failures in Commercial Autonomous Vehicles*.
 
 `ast_paper` and `difs_paper` have the paper's settings, `ast` and `difs` our defaults. Brackets hold
@@ -121,13 +122,20 @@ where none or all failed (≤ is the upper one); the paper gives none. `monte_ca
 an evaluation from one trained searcher: its interval is a statement about that searcher alone. In
 the sweep and in training an episode depends on those before it: such rates have no
 interval, and the difference between two rows may be that of two seeds. Every campaign has the seed
-{seed}; evaluations have a seed that is 1000 higher.
+{seed}; evaluations have a seed that is 1000 higher. n counts episodes, of components failures;
+log p and severity are means over the failures among them, and a cost is the price of all ÷
+failures.
 """
 
 
 def format_page(found: PaperReproduction) -> str:
     """Return the page in Markdown."""
-    opening = OPENING.format(scale=found.scale, seed=found.seed)
+    opening = OPENING.format(
+        scale=found.scale,
+        seed=found.seed,
+        statements=len(found.statements),
+        holding=sum(each.holds is True for each in found.statements),
+    )
     return "\n".join((opening, *_format_tables(found), *_format_statements(found)))
 
 
@@ -139,13 +147,16 @@ def _format_tables(found: PaperReproduction) -> Iterator[str]:
 
 
 def _format_grid(table: PaperTable) -> Iterator[str]:
-    """Format our numbers, with a column for the paper's where it gives them."""
+    """Format our numbers behind their n, with a column for the paper's where it gives them."""
     columns = [*zip(*(row.numbers for row in table.rows), strict=True)]
     beside = [any(number.paper is not None for number in column) for column in columns]
-    yield f"| |{''.join(_format_headings(table, beside))}"
-    yield f"|---|{'--:|' * (len(beside) + sum(beside))}"
+    # Counts have their n in each cell.
+    tells_n = all(column.unit != REPLAYED for column in table.columns)
+    yield f"| |{tells_n * ' n |'}{''.join(_format_headings(table, beside))}"
+    yield f"|---|{'--:|' * (tells_n + len(beside) + sum(beside))}"
     for row in table.rows:
-        yield f"| {row.name} |{''.join(_format_cells(table, row, beside))}"
+        n = f"{max(number.n for number in row.numbers):,}"
+        yield f"| {row.name} |{tells_n * f' {n} |'}{''.join(_format_cells(table, row, beside))}"
 
 
 def _format_headings(table: PaperTable, beside: Sequence[bool]) -> Iterator[str]:

@@ -235,7 +235,7 @@ def _judge_modes(name: str, result: AnalysisResult) -> PaperStatement:
         f"There are {MODES} distinct failure modes.",
         result.distinct and len(result.modes) == MODES,
         f"{name}: {result.verdict}",
-        "The failures that brute force found under p(x) have no groups beyond those of noise, "
+        "The 214 failures known under p(x) by brute force have no groups beyond those of noise, "
         "either; that does not show that there is one mode.",
     )
 

@@ -6,7 +6,13 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from eigenfail.gate.reruns import JudgedBy, RerunSide, judge_rerun
-from eigenfail.gate.verdicts import GateVerdict, RunOutcomes, judge_outcome, judge_pairs
+from eigenfail.gate.verdicts import (
+    GateVerdict,
+    RunOutcomes,
+    describe_rates,
+    judge_outcome,
+    judge_pairs,
+)
 from eigenfail.intervals import wilson
 from eigenfail.values import Comparison as Found
 from eigenfail.values import Cost, Estimate, Interval, Outcome, PairTotals, Rate, Side
@@ -163,7 +169,7 @@ def test_by_rate_a_swap_of_failures_is_chance(compared):
     assert compared([SAFE] * 3, [SAFE, SAFE, FAILED], by=JudgedBy.RATE).verdict == "cannot be run"
 
 
-def test_a_search_is_new_beyond_chance_alone(compared):
+def test_a_search_is_new_beyond_the_threshold_alone(compared):
     # Newcombe's interval of 5/50 to 10/50 holds 0, that of 5/50 to 20/50 does not.
     def search(failures, is_now):
         found = [[HIT] * count + [SAFE] * (50 - count) for count in (failures, is_now)]
@@ -176,7 +182,14 @@ def test_a_search_is_new_beyond_chance_alone(compared):
     assert search(0, 0).verdict == "safe"
     # The interval of 1/50 to 0/50 holds 0.
     assert search(1, 0).verdict == "safe"
-    assert "1 of 50 did: none now, though no fewer than chance" in search(1, 0).words
+    # A search chose its episodes: the interval is a threshold of the gate, and chance not judged.
+    words = {search(*counts).words for counts in ((1, 0), (5, 10), (5, 20), (20, 5))}
+    assert all("gate's threshold (difference" in each for each in words)
+    assert not any("chance" in each for each in words)
+    assert "1 of 50 did: none now, though the fall is within the gate's threshold" in (
+        search(1, 0).words
+    )
+    assert "5 of 50 did: a rise beyond the gate's threshold" in search(5, 20).words
     assert search(0, 1).verdict == "new"
     assert "had no failures" in search(0, 1).words
     # The interval decides, but the episodes of a search are no sample that it could be told of.
@@ -199,12 +212,17 @@ def test_estimates_are_compared_rather_than_the_rates_of_what_was_searched(compa
 
     def judged(before, now):
         searched = ([HIT] * 5 + [SAFE] * 5, [HIT] * 5 + [SAFE] * 5)
-        return compared(*searched, is_paired=False, estimates=(before, now)).verdict
+        found = compared(*searched, is_paired=False, estimates=(before, now))
+        return found.verdict, found.words.partition("did: ")[2].partition(" (")[0]
 
-    assert judged(estimate(1e-4, 3e-4), estimate(2e-4, 9e-4)) == "still failing"
-    assert judged(estimate(1e-4, 3e-4), estimate(4e-4, 9e-4)) == "new"
-    assert judged(estimate(4e-4, 9e-4), estimate(1e-4, 3e-4)) == "fixed"
-    assert judged(None, estimate(4e-4, 9e-4)) == "still failing"
+    its = "the 95 % interval of the failure probability lies"
+    overlap = "the 95 % intervals of the failure probability overlap"
+    assert judged(estimate(1e-4, 3e-4), estimate(2e-4, 9e-4)) == ("still failing", overlap)
+    above, below = f"{its} above the baseline's", f"{its} below the baseline's"
+    assert judged(estimate(1e-4, 3e-4), estimate(4e-4, 9e-4)) == ("new", above)
+    assert judged(estimate(4e-4, 9e-4), estimate(1e-4, 3e-4)) == ("fixed", below)
+    within = "a difference within the gate's threshold"
+    assert judged(None, estimate(4e-4, 9e-4)) == ("still failing", within)
 
 
 def test_lower_bounds_of_the_probability_decide_nothing(compared):
@@ -223,3 +241,15 @@ def test_lower_bounds_of_the_probability_decide_nothing(compared):
 def test_a_rerun_whose_every_episode_errored_closes_the_gate(compared, before):
     found = compared(before, [FAILED] * 20, is_paired=False)
     assert found.verdict == "cannot be run"
+
+
+def test_of_random_samples_that_are_no_pairs_chance_is_judged(campaign):
+    def words(verdict, was, is_now):
+        found = comparison(
+            *([HIT] * count + [SAFE] * (50 - count) for count in (was, is_now)), is_paired=True
+        )
+        told = [campaign(n, 50, count) for n, count in ((1, was), (2, is_now))]
+        return describe_rates(verdict, *told, found)
+
+    assert "5 of 50 did: more than chance explains (" in words(GateVerdict.NEW, 5, 20)
+    assert "1 of 50 did: none now, though no fewer than chance" in words(GateVerdict.SAFE, 1, 0)

@@ -52,13 +52,14 @@ def test_the_page_marks_each_number_and_sets_the_papers_beside_it(found):
     text = format_page(found)
     assert "--scale full" in text
     assert "the seed\n5;" in text
-    assert "| | failure rate [%] | paper | log p [nat] |" in text
+    assert "| | n | failure rate [%] | paper | log p [nat] |" in text
+    assert "of\n1 comparisons with statements of the paper (at the end) 0 hold" in text
     assert (
-        "| ast evaluation | 94.7 % [91.0, 97.0]<!-- claim "
+        "| ast evaluation | 300 | 94.7 % [91.0, 97.0]<!-- claim "
         "paper.evaluation.ast_evaluation.failure_rate --> | 94.6 | −212<!-- claim "
         "paper.evaluation.ast_evaluation.log_p --> |" in text
     )
-    assert "| monte_carlo rulebook | 0 %<!-- claim " in text
+    assert "| monte_carlo rulebook | 2,000 | 0 %<!-- claim " in text
     assert text.count("| – |") == 1
     assert "| AST fails more. | cannot be decided | nobody knows |" in text
     assert "By step." in text
