@@ -27,7 +27,7 @@ from eigenfail.values.records import Failures
 
 TYPES: dict[str, dict[str, str]] = {
     "as it is": {},
-    "Haswell": {"OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "X86_V4"},
+    "Haswell": {"OPENBLAS_CORETYPE": "Haswell", "MKL_CBWR": "AVX2"},
     "Zen": {"OPENBLAS_CORETYPE": "Zen", "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL"},
     "Skylake-X": {"OPENBLAS_CORETYPE": "SkylakeX", "NPY_DISABLE_CPU_FEATURES": "AVX512_ICL"},
     "Cooper Lake": {"OPENBLAS_CORETYPE": "Cooperlake", "MKL_CBWR": "AUTO"},
@@ -45,7 +45,7 @@ SMALL: dict[str, tuple[int, dict[str, Any]]] = {
     "cem": (80, {}),
     "chains": (60, {"campaign": EARLIER, "chains": 4}),
     "cma": (60, {}),
-    "difs": (80, {"round_size": 20, "first_steps": 60, "steps": 20, "device": "cpu"}),
+    "difs": (280, {"device": "cpu"}),
     "ensemble": (80, {"members": 2}),
     "evaluate": (20, {"campaign": EARLIER}),
     "held": (20, {}),
