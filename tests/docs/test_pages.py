@@ -318,7 +318,7 @@ def check(block):
 OWN = {
     "docs/quickstart.md": (
         r"[1-9]\d* of \d+ eigenfailures reproduced a failure",
-        r"\d+ distinct modes",
+        r"(\d+|No) distinct modes",
         r"Digest|digest",
     ),
     "docs/own_planner.md": (r"1/\d+ +collision", r"my_planner"),

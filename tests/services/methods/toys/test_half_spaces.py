@@ -97,19 +97,25 @@ def test_ast_fails_most_of_the_time_once_it_has_trained(probability, search):
     assert cosine(mean_noise(results[-40:]), problem.direction) >= 0.7
 
 
-@pytest.mark.parametrize("seed", [3030, 3031, 3032])
-def test_ast_finds_the_likeliest_way_to_fail(seed, search):
+def test_ast_finds_the_likeliest_way_to_fail(search):
     """The paper's reward leaves the last step free: failing is decided on the step before it."""
     direction = np.zeros((2, 2))
     direction[0] = 0.8, -0.6
     problem = HalfSpace(1e-4, direction)
-    _, results = search(problem, "ast", 240, seed, **SMALL_AST | LIKELIHOOD_COUNTS)
-    untrained, trained = results[:30], results[-60:]
-    assert failure_rate(trained) >= 0.9
-    found = mean_noise(trained)[0]
-    assert cosine(found, direction[0]) >= 0.9
-    assert np.linalg.norm(found) <= 1.4 * problem.beta
-    assert half_square(trained) <= 0.75 * half_square(untrained)
+    rates, cosines, lengths, gains = [], [], [], []
+    for seed in range(3030, 3035):
+        _, results = search(problem, "ast", 240, seed, **SMALL_AST | LIKELIHOOD_COUNTS)
+        untrained, trained = results[:30], results[-60:]
+        found = mean_noise(trained)[0]
+        rates.append(failure_rate(trained))
+        cosines.append(cosine(found, direction[0]))
+        lengths.append(np.linalg.norm(found) / problem.beta)
+        gains.append(half_square(trained) / half_square(untrained))
+    assert min(rates) >= 0.9
+    assert min(cosines) >= 0.9
+    # Of a single seed both vary by a fifth.
+    assert np.median(lengths) <= 1.3
+    assert np.median(gains) <= 0.7
 
 
 def mean_noise(results):
