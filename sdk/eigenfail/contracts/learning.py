@@ -16,7 +16,8 @@ class Learner(Protocol):
     Attributes:
         lookahead: number of rounds that may be open besides the oldest one; with 0, each round is
             proposed after all earlier ones were observed; with 1, a policy is trained on rounds up
-            to k-1 while round k runs.
+            to k-1 while round k runs. It may change with each proposal and observation: 0 while the
+            next round waits for the results of open ones.
     """
 
     lookahead: int

@@ -1,27 +1,43 @@
 """Episodes in parallel: how many are open, for which methods, and that they stay the same."""
 
+from collections import deque
+from collections.abc import Callable
+from heapq import heappop, heappush
 from math import ceil
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import describe_method
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import STATE, CampaignSpec, Layer, LearnerContext, Policy, StopRules
+from eigenfail.values import (
+    STATE,
+    CampaignSpec,
+    EpisodeResult,
+    EpisodeTask,
+    Layer,
+    LearnerContext,
+    Policy,
+    StopRules,
+)
 from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS, count_rounds_ahead
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.campaigns.validation import check_spec, find_pace
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
 from eigenfail_services.methods.ensemble import Ensemble
 from eigenfail_services.methods.monte_carlo import MonteCarlo
+from eigenfail_services.methods.subset import SubsetMethod
+from eigenfail_services.statistics.batches import choose_group_size, divide_chains
 from eigenfail_workers.noise.policy import store_policy
 
 STEPS = 5
+CORRIDOR = Corridor(steps=STEPS, wall=0.6)
 SPEC = CampaignSpec(
     name="wide", method="monte_carlo", episodes=1000, planner="idm", simulator="point_mass"
 )
@@ -38,9 +54,45 @@ def make_rounds(kind, parallel, budget=200, rules=None, **settings) -> Rounds:
     return Rounds(learner, 3, budget, rules or StopRules())
 
 
-def run(rounds: Rounds) -> list[tuple[int, bool, bytes]]:
-    results = run_in_process(rounds, ToyEngine(Corridor(steps=STEPS)))
-    return [(one.index, one.is_failure, one.noise.z.tobytes()) for one in results]
+Episode = tuple[int, bool, bytes]
+
+
+def describe(result) -> Episode:
+    return result.index, result.is_failure, result.noise.z.tobytes()
+
+
+def run(rounds: Rounds) -> list[Episode]:
+    return [describe(one) for one in run_in_process(rounds, ToyEngine(CORRIDOR))]
+
+
+class Play(NamedTuple):
+    """A campaign that was run: its episodes in index order, and the workers' idle time."""
+
+    episodes: list[Episode]
+    busy: float
+
+
+def play(rounds: Rounds, workers: int, seconds: Callable[[], float] = lambda: 1.0) -> Play:
+    """Run a campaign on workers that each take so long for an episode."""
+    engine, waiting, seen = ToyEngine(CORRIDOR), deque[EpisodeTask](), -1
+    running: list[tuple[float, int, EpisodeTask]] = []
+    found: dict[int, EpisodeResult] = {}
+    now = worked = 0.0
+    while opened := rounds.open():
+        for each in opened:
+            if each.number > seen:
+                waiting.extend(each.tasks)
+                seen = each.number
+        while any(task.index not in found for task in opened[0].tasks):
+            while waiting and len(running) < workers:
+                took = seconds()
+                task = waiting.popleft()
+                worked += took
+                heappush(running, (now + took, task.index, task))
+            now, index, task = heappop(running)
+            (found[index],) = engine.run([task])
+        rounds.complete([found[task.index] for task in opened[0].tasks])
+    return Play([describe(found[index]) for index in sorted(found)], worked / (workers * now))
 
 
 @given(st.integers(1, 100_000), st.integers(1, 10_000), st.integers(0, 4))
@@ -78,14 +130,100 @@ def test_policies_learn_from_older_rounds_and_keep_the_workers_busy(method, sett
     assert run(make_rounds(method, 16, **settings)) != run(make_rounds(method, None, **settings))
 
 
+@given(st.integers(1, 10_000), st.none() | st.integers(1, 10_000))
+def test_groups_hold_every_chain_once_and_are_even(chains, parallel) -> None:
+    groups = divide_chains(chains, parallel)
+    assert np.concatenate(groups).tolist() == list(range(chains))
+    sizes = [len(group) for group in groups]
+    assert max(sizes) - min(sizes) <= 1
+    if parallel is None:
+        assert len(groups) == 1
+    else:
+        assert max(sizes) <= choose_group_size(parallel)
+        assert min(sizes) >= 1
+        assert len(groups) >= min(chains, 2)
+
+
+LEVELS = {"budget": 3000, "runs": 3}
+
+
+@given(st.integers(1, 40), st.integers(0, 1000))
+@settings(max_examples=10, deadline=None)
+def test_subset_has_the_same_episodes_for_any_workers(workers, seed) -> None:
+    random = np.random.default_rng(seed)
+    drawn = play(make_rounds(SubsetMethod, 20, **LEVELS), workers, random.exponential)
+    assert drawn.episodes == run(make_rounds(SubsetMethod, 20, **LEVELS))
+
+
+def test_chains_of_a_level_do_not_wait_for_each_other() -> None:
+    narrow = play(make_rounds(SubsetMethod, None, **LEVELS), 20)
+    wide = play(make_rounds(SubsetMethod, 20, **LEVELS), 20)
+    assert wide.episodes != narrow.episodes
+    assert narrow.busy < 0.85
+    assert wide.busy > 0.93
+
+
+def test_as_many_episodes_are_open_as_parallel_takes_until_a_level_ends() -> None:
+    rounds, opened = make_rounds(SubsetMethod, 10, budget=3000), []
+    engine = ToyEngine(CORRIDOR)
+    while now := rounds.open():
+        opened.append(sum(len(one.tasks) for one in now))
+        rounds.complete(list(engine.run(now[0].tasks)))
+    assert max(opened) == IN_FLIGHT * 10
+    assert np.mean(np.array(opened) >= 10) > 0.9
+
+
+@pytest.mark.parametrize("parallel", [None, 1, 20])
+@pytest.mark.parametrize("before", [1, 40, 60, 65, 100])
+def test_subset_goes_on_from_a_checkpoint_with_rounds_open(parallel, before) -> None:
+    whole = run(make_rounds(SubsetMethod, parallel, **LEVELS))
+    first, seen = make_rounds(SubsetMethod, parallel, **LEVELS), []
+    engine = ToyEngine(CORRIDOR)
+    for _ in range(before):
+        if opened := first.open():
+            results = list(engine.run(opened[0].tasks))
+            seen += map(describe, results)
+            first.complete(results)
+    opened = first.open()
+    other = make_rounds(SubsetMethod, parallel, **LEVELS)
+    other.restore(first.checkpoint())
+    assert [one.tasks[0].index for one in other.open()] == [one.tasks[0].index for one in opened]
+    assert seen + run(other) == whole
+
+
+def test_without_a_number_subset_has_the_episodes_of_earlier_releases() -> None:
+    rounds, sizes = make_rounds(SubsetMethod, None, **LEVELS, round_size=57), []
+    engine = ToyEngine(CORRIDOR)
+    while opened := rounds.open():
+        sizes.append(len(opened[0].tasks))
+        rounds.complete(list(engine.run(opened[0].tasks)))
+    estimate = rounds.estimate()
+    first_levels = [57, 57, 57, 47, *[22] * 9, *[23] * 9]
+    assert sizes == [
+        *(*first_levels, *[57] * 16, 25),
+        *(57, 11) * 10,
+        *(57, 32),
+        *(57, 46) * 5,
+        *(47, 47),
+    ]
+    assert estimate.probability == pytest.approx(0.001131645222840204, rel=1e-9)
+    assert estimate.cv == pytest.approx(0.2695826469767655, rel=1e-9)
+
+
+def test_members_of_an_ensemble_wait_for_their_own_levels_only() -> None:
+    given = {"method": "subset", "members": 2, "settings": {"runs": 1}}
+    drawn = play(make_rounds(Ensemble, 10, 3000, **given), 7, np.random.default_rng(1).exponential)
+    assert drawn.episodes == run(make_rounds(Ensemble, 10, 3000, **given))
+    assert drawn.episodes != run(make_rounds(Ensemble, None, 3000, **given))
+    assert len(drawn.episodes) > 1200
+
+
 def test_a_rule_on_results_keeps_two_rounds_open() -> None:
     rounds = make_rounds(MonteCarlo, 100, rules=StopRules(failures=5), round_size=10)
     assert len(rounds.open()) == 2
 
 
-@pytest.mark.parametrize(
-    "method", ["cem", "cma", "difs", "subset", "mixture", "chains", "splitting"]
-)
+@pytest.mark.parametrize("method", ["cem", "cma", "difs", "mixture", "chains", "splitting"])
 def test_methods_that_decide_themselves_refuse_it(method) -> None:
     assert not describe_method(method).traits.tolerates_delay
     settings = {"campaign": 1} if method == "chains" else {}

@@ -1,5 +1,6 @@
 """Subset simulation against probabilities in closed form."""
 
+from collections import deque
 from math import exp, log, prod, sqrt
 from statistics import NormalDist
 
@@ -8,6 +9,7 @@ import pytest
 from msgspec import structs
 
 from eigenfail.errors import InvalidValue
+from eigenfail_services.statistics.batches import answer_requests
 from eigenfail_services.statistics.conditional_sampler import ConditionalSampler, find_starts
 from eigenfail_services.statistics.intervals import find_quantile
 from eigenfail_services.statistics.subset_estimate import (
@@ -47,10 +49,10 @@ def rounded(robustness, grain):
 
 def played(dialogue, robustness):
     """What a dialogue over noise and robustness comes to."""
-    z = next(dialogue)
+    waiting = deque(next(dialogue))
     while True:
         try:
-            z = dialogue.send(robustness(z))
+            waiting.extend(dialogue.send(robustness(waiting.popleft())))
         except StopIteration as end:
             return end.value
 
@@ -240,10 +242,7 @@ def test_wide_noise_estimates_a_rare_probability_without_bias():
     p, found = 1e-5, []
     for seed in range(200):
         wide = WideNoise(400, 2, np.random.default_rng(seed))
-        running = wide.run()
-        z = next(running)
-        with pytest.raises(StopIteration):
-            running.send(half_space(p)(z))
+        answer_requests(wide.run(), half_space(p))
         found.append(wide.estimate)
     mean = np.mean([one.probability for one in found])
     assert mean == pytest.approx(p, rel=0.1)
