@@ -106,7 +106,7 @@ def count_open_episodes(spec: CampaignSpec) -> int | None:
     if sizes is None or description.traits.has_members:
         return None
     opened = sizes.later * (1 + description.count_rounds_ahead(spec.parallel, sizes.later))
-    return min(opened, spec.episodes)
+    return min(opened, sizes.width or opened, spec.episodes)
 
 
 def traits_of(name: str) -> MethodTraits:

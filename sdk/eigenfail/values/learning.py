@@ -158,11 +158,14 @@ class RoundSizes(msgspec.Struct, frozen=True):
         first: episodes of the first one.
         later: episodes of the largest one after that.
         setting: name of the setting that makes them smaller.
+        width: episodes that can be open at a time for most of a campaign, however many rounds are:
+            for chains, which wait for their own moves, their number; None where nothing limits it.
     """
 
     first: int
     later: int
     setting: str = "round_size"
+    width: int | None = None
 
 
 class Round(msgspec.Struct, frozen=True, eq=False):

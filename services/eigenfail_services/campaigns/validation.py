@@ -91,7 +91,17 @@ def _check_parallel(campaign: ResolvedCampaign, parallel: int) -> None:
             "Leave it out; to keep more workers busy, run several seeds side by side.",
         )
     pace = find_pace(campaign)
-    if pace is not None and pace.ahead >= MOST_OPEN_ROUNDS:
+    if pace is None:
+        return
+    if pace.width is not None and parallel > pace.width:
+        raise InvalidValue(
+            "parallel",
+            f"{searching.name} has no more than {pace.width} chains here, each of which moves an "
+            f"episode at a time: {parallel} workers would wait for them.",
+            f"Set it to {pace.width} or less; to keep more workers busy, run several seeds side by "
+            "side.",
+        )
+    if pace.ahead >= MOST_OPEN_ROUNDS:
         opened = ceil(IN_FLIGHT * parallel)
         raise InvalidValue(
             "parallel",
@@ -285,12 +295,14 @@ class RoundPace(msgspec.Struct, frozen=True):
         later: episodes of the largest round after that.
         ahead: rounds that are open besides the oldest one.
         setting: what makes rounds smaller.
+        width: episodes that can be open at a time for most of a campaign; None: any number.
     """
 
     first: int
     later: int
     ahead: int
     setting: str
+    width: int | None = None
 
 
 def describe_stop_rules(campaign: ResolvedCampaign) -> Iterator[str]:
@@ -344,4 +356,6 @@ def find_pace(campaign: ResolvedCampaign) -> RoundPace | None:
         return None
     wanted = searching.description.count_rounds_ahead(campaign.spec.parallel, sizes.later)
     ahead = limit_lookahead(wanted, campaign.spec.stop)
-    return RoundPace(sizes.first, sizes.later, ahead, f"{searching.field}.{sizes.setting}")
+    setting = f"{searching.field}.{sizes.setting}"
+    width = None if sizes.width is None else members * sizes.width
+    return RoundPace(sizes.first, sizes.later, ahead, setting, width)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eigenfail.contracts import MethodTraits, ModeProbability
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Estimate, LearnerContext
+from eigenfail.values import Estimate, LearnerContext, RoundSizes
 from eigenfail_services.methods.batch_learner import BatchLearner, SimulationDriver
 from eigenfail_services.statistics.conditional_sampler import Chains
 from eigenfail_services.statistics.pooled_estimate import (
@@ -79,6 +79,12 @@ class SubsetMethod(BatchLearner[SubsetSimulation]):
         settings.check_budget(context.episodes)
         self._settings = settings
         super().__init__(context, settings.round_size)
+
+    @staticmethod
+    def round_sizes(settings: SubsetMethodSettings, episodes: int) -> RoundSizes:
+        """Return the largest size of the rounds, and the number of chains of the first run."""
+        size = settings.round_size
+        return RoundSizes(size, size, width=settings.count_chains(episodes))
 
     def _make_simulation(self) -> SubsetSimulation:
         return start_simulation(self._context, self._settings)

@@ -100,6 +100,10 @@ class SubsetSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         most = budget - self.count_reserved(PLANNED_LEVELS)
         return max(self.choose_draws(min(part, most), PLANNED_LEVELS), FEWEST_SAMPLES)
 
+    def count_chains(self, budget: int) -> int:
+        """Return the chains on each level of the first run, for a budget of all runs."""
+        return ceil(self.level_share * self.choose_first_draws(budget))
+
     def choose_draws(self, trajectories: float, levels: int) -> int:
         """Return the first draws of a run, for its trajectories and number of levels."""
         affordable = int(trajectories / self._count_trajectories_per_draw(levels))

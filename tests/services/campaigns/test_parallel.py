@@ -9,7 +9,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
@@ -27,9 +27,11 @@ from eigenfail.values import (
     StopRules,
 )
 from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS, count_rounds_ahead
-from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.campaigns.rounds import Rounds, read_checkpoint, run_in_process
 from eigenfail_services.campaigns.validation import check_spec, find_pace
+from eigenfail_services.methods import archive
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
+from eigenfail_services.methods.chains import ChainSettings, FailureChains, read_state
 from eigenfail_services.methods.ensemble import Ensemble
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.subset import SubsetMethod
@@ -47,9 +49,11 @@ def make_spec(**changes) -> CampaignSpec:
     return msgspec.structs.replace(SPEC, **changes)
 
 
+FAILING = np.random.default_rng(1).normal((3.0, 0.0), 0.3, (12, STEPS, 2)).astype(np.float32)
+
+
 def make_rounds(kind, parallel, budget=200, rules=None, **settings) -> Rounds:
-    nothing = np.zeros((0, STEPS, 2), np.float32)
-    context = LearnerContext(3, budget, STEPS, nothing, parallel=parallel)
+    context = LearnerContext(3, budget, STEPS, FAILING, parallel=parallel)
     learner = kind(context, read_settings(kind.Settings, settings, "settings"))
     return Rounds(learner, 3, budget, rules or StopRules())
 
@@ -147,20 +151,45 @@ def test_groups_hold_every_chain_once_and_are_even(chains, parallel) -> None:
 LEVELS = {"budget": 3000, "runs": 3}
 
 
-@given(st.integers(1, 40), st.integers(0, 1000))
-@settings(max_examples=10, deadline=None)
-def test_subset_has_the_same_episodes_for_any_workers(workers, seed) -> None:
-    random = np.random.default_rng(seed)
-    drawn = play(make_rounds(SubsetMethod, 20, **LEVELS), workers, random.exponential)
-    assert drawn.episodes == run(make_rounds(SubsetMethod, 20, **LEVELS))
+MOVED = {"campaign": 1, "chains": 30}
+MOVING = [(SubsetMethod, 20, LEVELS), (FailureChains, 20, {"budget": 600, **MOVED})]
+moving = pytest.mark.parametrize(("method", "parallel", "given"), MOVING)
 
 
-def test_chains_of_a_level_do_not_wait_for_each_other() -> None:
-    narrow = play(make_rounds(SubsetMethod, None, **LEVELS), 20)
-    wide = play(make_rounds(SubsetMethod, 20, **LEVELS), 20)
+@moving
+@pytest.mark.parametrize("workers", [1, 7, 40])
+def test_chains_have_the_same_episodes_for_any_workers(method, parallel, given, workers) -> None:
+    random = np.random.default_rng(workers)
+    drawn = play(make_rounds(method, parallel, **given), workers, random.exponential)
+    assert drawn.episodes == run(make_rounds(method, parallel, **given))
+
+
+@moving
+def test_chains_do_not_wait_for_each_other(method, parallel, given) -> None:
+    narrow = play(make_rounds(method, None, **given), 20)
+    wide = play(make_rounds(method, parallel, **given), 20)
     assert wide.episodes != narrow.episodes
     assert narrow.busy < 0.85
     assert wide.busy > 0.93
+
+
+@moving
+@pytest.mark.parametrize("before", [0, 1, 2, 40, 60, 65, 100])
+def test_chains_go_on_from_a_checkpoint_with_rounds_open(method, parallel, given, before) -> None:
+    whole = run(make_rounds(method, parallel, **given))
+    first, seen = make_rounds(method, parallel, **given), []
+    engine = ToyEngine(CORRIDOR)
+    for _ in range(before):
+        if opened := first.open():
+            results = list(engine.run(opened[0].tasks))
+            seen += map(describe, results)
+            first.complete(results)
+    opened = first.open()
+    other = make_rounds(method, parallel, **given)
+    other.restore(first.checkpoint())
+    assert [one.number for one in other.open()] == [one.number for one in opened]
+    assert other.checkpoint() == first.checkpoint()
+    assert seen + run(other) == whole
 
 
 def test_as_many_episodes_are_open_as_parallel_takes_until_a_level_ends() -> None:
@@ -171,24 +200,6 @@ def test_as_many_episodes_are_open_as_parallel_takes_until_a_level_ends() -> Non
         rounds.complete(list(engine.run(now[0].tasks)))
     assert max(opened) == IN_FLIGHT * 10
     assert np.mean(np.array(opened) >= 10) > 0.9
-
-
-@pytest.mark.parametrize("parallel", [None, 1, 20])
-@pytest.mark.parametrize("before", [1, 40, 60, 65, 100])
-def test_subset_goes_on_from_a_checkpoint_with_rounds_open(parallel, before) -> None:
-    whole = run(make_rounds(SubsetMethod, parallel, **LEVELS))
-    first, seen = make_rounds(SubsetMethod, parallel, **LEVELS), []
-    engine = ToyEngine(CORRIDOR)
-    for _ in range(before):
-        if opened := first.open():
-            results = list(engine.run(opened[0].tasks))
-            seen += map(describe, results)
-            first.complete(results)
-    opened = first.open()
-    other = make_rounds(SubsetMethod, parallel, **LEVELS)
-    other.restore(first.checkpoint())
-    assert [one.tasks[0].index for one in other.open()] == [one.tasks[0].index for one in opened]
-    assert seen + run(other) == whole
 
 
 def test_without_a_number_subset_has_the_episodes_of_earlier_releases() -> None:
@@ -210,6 +221,49 @@ def test_without_a_number_subset_has_the_episodes_of_earlier_releases() -> None:
     assert estimate.cv == pytest.approx(0.2695826469767655, rel=1e-9)
 
 
+def test_chains_of_earlier_releases_go_on_with_the_move_that_was_open() -> None:
+    """Their states do not count it."""
+    whole = run(make_rounds(FailureChains, None, **MOVED))
+    first, engine = make_rounds(FailureChains, None, **MOVED), ToyEngine(CORRIDOR)
+    for _ in range(3):
+        first.complete(list(engine.run(first.open()[0].tasks)))
+    first.open()
+    checkpoint = msgspec.msgpack.decode(first.checkpoint())
+    facts, arrays = archive.read("chains", checkpoint["learner"], dict)
+    assert facts.pop("opened") == 1
+    assert facts.pop("ahead") == 0
+    checkpoint["learner"] = archive.write("chains", facts, arrays)
+    other = make_rounds(FailureChains, None, **MOVED)
+    other.restore(msgspec.msgpack.encode(checkpoint))
+    assert run(other) == whole[90:]
+
+
+def test_samples_begin_at_the_same_episode_in_groups() -> None:
+    rounds = make_rounds(FailureChains, 20, 600, **MOVED)
+    settings = ChainSettings(**MOVED)
+    done, engine = 0, ToyEngine(CORRIDOR)
+    while opened := rounds.open():
+        done += len(opened[0].tasks)
+        rounds.complete(list(engine.run(opened[0].tasks)))
+        facts, _ = read_state(read_checkpoint(rounds.checkpoint()).learner)
+        assert facts.tried == max(done - settings.first_sample(600), 0)
+    _, trace = read_state(read_checkpoint(rounds.checkpoint()).learner)
+    assert trace.shape[:2] == ((600 - settings.first_sample(600)) // 30, 30)
+
+
+@pytest.mark.parametrize(
+    ("method", "given", "width"),
+    [("chains", {"campaign": 1, "chains": 30}, 30), ("subset", {}, 219), ("ensemble", {}, 220)],
+)
+def test_more_workers_than_there_are_chains_are_refused(method, given, width) -> None:
+    if method == "ensemble":
+        given = {"method": "subset", "members": 4}
+    spec = make_spec(method=method, settings=given, episodes=20_000, parallel=width)
+    assert find_pace(check_spec(spec)).width == width
+    with pytest.raises(InvalidValue, match=rf"no more than {width} chains .* Set it to {width} or"):
+        check_spec(msgspec.structs.replace(spec, parallel=width + 1))
+
+
 def test_members_of_an_ensemble_wait_for_their_own_levels_only() -> None:
     given = {"method": "subset", "members": 2, "settings": {"runs": 1}}
     drawn = play(make_rounds(Ensemble, 10, 3000, **given), 7, np.random.default_rng(1).exponential)
@@ -223,12 +277,12 @@ def test_a_rule_on_results_keeps_two_rounds_open() -> None:
     assert len(rounds.open()) == 2
 
 
-@pytest.mark.parametrize("method", ["cem", "cma", "difs", "mixture", "chains", "splitting"])
+@pytest.mark.parametrize("method", ["cem", "cma", "difs", "mixture", "splitting"])
 def test_methods_that_decide_themselves_refuse_it(method) -> None:
     assert not describe_method(method).traits.tolerates_delay
-    settings = {"campaign": 1} if method == "chains" else {}
-    given = make_spec(method=method, settings=settings, parallel=100, scenario="cut_in",
-                      simulator="highway", episodes=20_000)  # fmt: skip
+    given = make_spec(
+        method=method, parallel=100, scenario="cut_in", simulator="highway", episodes=20_000
+    )
     with pytest.raises(InvalidValue, match=r"parallel: .* decides itself .* several seeds"):
         check_spec(given)
 
