@@ -113,6 +113,20 @@ def count_rounds_ahead(parallel: int | None, round_size: int, least: int) -> int
     return max(least, wanted)
 
 
+OPEN_GROUPS = 6
+"""Groups of chains whose moves are open at a time, where chains are to keep workers busy. Simulated
+with `subset` and 20,000 episodes of 1 s, at P = 1e-4, 0.96 of 100 workers were busy with 3 or 4
+groups, and 0.98 with 6 or 10."""
+
+FEWEST_TOGETHER = 5
+"""Chains of a group, for however few workers: each round costs the service some milliseconds."""
+
+
+def choose_group_size(parallel: int) -> int:
+    """Return how many chains move together at most, for so many trajectories at a time."""
+    return max(ceil(IN_FLIGHT * parallel / OPEN_GROUPS), FEWEST_TOGETHER)
+
+
 class LearnerContext(msgspec.Struct, frozen=True, eq=False):
     """What a learner is born with.
 

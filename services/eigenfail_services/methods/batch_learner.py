@@ -14,9 +14,9 @@ import msgspec
 import numpy as np
 
 from eigenfail.values import EpisodeResult, LearnerContext, Proposal, TrajectorySource
-from eigenfail.values.learning import count_rounds_ahead
+from eigenfail.values.learning import choose_group_size, count_rounds_ahead
 from eigenfail_services.methods import archive, robustness_m
-from eigenfail_services.statistics.batches import Array, Requester, Requests, choose_group_size
+from eigenfail_services.statistics.batches import Array, Requester, Requests
 
 
 class BatchSimulation(Protocol):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values.learning import IN_FLIGHT
+from eigenfail.values.learning import choose_group_size
 
 Array = NDArray[np.float64]
 
@@ -72,20 +72,6 @@ def run_in_waves(parts: Sequence[Requests]) -> Requests:
         ends = np.cumsum([len(batch) for _, batch in wave])[:-1]
         answers = zip(wave, np.split(robustness, ends), strict=True)
         wave = [(one, batch) for (one, _), part in answers for batch in one.answer(part)]
-
-
-OPEN_GROUPS = 6
-"""Groups of chains whose moves are open at a time, where chains are to keep workers busy. Simulated
-with `subset` and 20,000 episodes of 1 s, at P = 1e-4, 0.96 of 100 workers were busy with 3 or 4
-groups, and 0.98 with 6 or 10."""
-
-FEWEST_TOGETHER = 5
-"""Chains of a group, for however few workers: each round costs the service some milliseconds."""
-
-
-def choose_group_size(parallel: int) -> int:
-    """Return how many chains move together at most, for so many trajectories at a time."""
-    return max(ceil(IN_FLIGHT * parallel / OPEN_GROUPS), FEWEST_TOGETHER)
 
 
 def divide_chains(chains: int, parallel: int | None) -> list[NDArray[np.intp]]:

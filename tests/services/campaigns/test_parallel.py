@@ -26,7 +26,12 @@ from eigenfail.values import (
     Policy,
     StopRules,
 )
-from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS, count_rounds_ahead
+from eigenfail.values.learning import (
+    IN_FLIGHT,
+    MOST_OPEN_ROUNDS,
+    choose_group_size,
+    count_rounds_ahead,
+)
 from eigenfail_services.campaigns.rounds import Rounds, read_checkpoint, run_in_process
 from eigenfail_services.campaigns.validation import check_spec, find_pace
 from eigenfail_services.methods import archive
@@ -35,7 +40,7 @@ from eigenfail_services.methods.chains import ChainSettings, FailureChains, read
 from eigenfail_services.methods.ensemble import Ensemble
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.subset import SubsetMethod
-from eigenfail_services.statistics.batches import choose_group_size, divide_chains
+from eigenfail_services.statistics.batches import divide_chains
 from eigenfail_workers.noise.policy import store_policy
 
 STEPS = 5
