@@ -14,6 +14,7 @@ from eigenfail.values import Campaign, CampaignSpec, RoundSizes
 from eigenfail.values.learning import (
     IN_FLIGHT,
     MOST_OPEN_ROUNDS,
+    OPEN_GROUPS,
     choose_group_size,
     count_rounds_ahead,
 )
@@ -117,8 +118,7 @@ def _count_open(description: MethodDescription, sizes: RoundSizes, parallel: int
         return sizes.later * (1 + description.count_rounds_ahead(parallel, sizes.later))
     if parallel is None:
         return sizes.width
-    group = choose_group_size(parallel)
-    return min(group * (1 + count_rounds_ahead(parallel, group, 1)), sizes.width)
+    return min(OPEN_GROUPS * choose_group_size(parallel), sizes.width)
 
 
 def _find_sizes(description: MethodDescription, spec: CampaignSpec) -> RoundSizes | None:

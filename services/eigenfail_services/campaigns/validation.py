@@ -93,14 +93,8 @@ def _check_parallel(campaign: ResolvedCampaign, parallel: int) -> None:
     pace = find_pace(campaign)
     if pace is None:
         return
-    if pace.width is not None and parallel > pace.width:
-        raise InvalidValue(
-            "parallel",
-            f"{searching.name} has no more than {pace.width} chains here, each of which moves an "
-            f"episode at a time: {parallel} workers would wait for them.",
-            f"Set it to {pace.width} or less; to keep more workers busy, run several seeds side by "
-            "side.",
-        )
+    if pace.width is not None:
+        _check_chains(campaign, pace.width, parallel)
     if pace.ahead >= MOST_OPEN_ROUNDS:
         opened = ceil(IN_FLIGHT * parallel)
         raise InvalidValue(
@@ -109,6 +103,26 @@ def _check_parallel(campaign: ResolvedCampaign, parallel: int) -> None:
             f"{MOST_OPEN_ROUNDS} rounds of {pace.later} hold no more than "
             f"{MOST_OPEN_ROUNDS * pace.later}.",
             f"Set {pace.setting} to {ceil(opened / MOST_OPEN_ROUNDS)} or more.",
+        )
+
+
+def _check_chains(campaign: ResolvedCampaign, chains: int, parallel: int) -> None:
+    """Raises InvalidValue where chains are too few, or would be kept waiting by a stop rule."""
+    name = campaign.searching.name
+    if parallel > chains:
+        raise InvalidValue(
+            "parallel",
+            f"{name} has no more than {chains} chains here, each of which moves an episode at a "
+            f"time: {parallel} workers would wait for them.",
+            f"Set it to {chains} or less; to keep more workers busy, run several seeds side by "
+            "side.",
+        )
+    if campaign.spec.stop.judges_results:
+        raise InvalidValue(
+            "parallel",
+            f"with a stop rule on results two groups of the chains of {name} would be open at a "
+            "time, and without parallel all of them are.",
+            "Leave out one of the two.",
         )
 
 

@@ -14,7 +14,12 @@ import msgspec
 import numpy as np
 
 from eigenfail.values import EpisodeResult, LearnerContext, Proposal, TrajectorySource
-from eigenfail.values.learning import choose_group_size, count_rounds_ahead
+from eigenfail.values.learning import (
+    MOST_OPEN_ROUNDS,
+    OPEN_GROUPS,
+    choose_group_size,
+    count_rounds_ahead,
+)
 from eigenfail_services.methods import archive, robustness_m
 from eigenfail_services.statistics.batches import Array, Requester, Requests
 
@@ -123,8 +128,9 @@ class BatchLearner(ABC, Generic[S]):
         self._ahead = 0
         if context.parallel:
             self._round_size = min(self._round_size, choose_group_size(context.parallel))
-            # One at least: a round is observed when its last episode has ended.
-            self._ahead = count_rounds_ahead(context.parallel, self._round_size, 1)
+            # More where `round_size` makes rounds smaller than groups.
+            wanted = count_rounds_ahead(context.parallel, self._round_size, OPEN_GROUPS - 1)
+            self._ahead = min(wanted, MOST_OPEN_ROUNDS - 1)
         self._drive(SimulationDriver(self._make_simulation()))
 
     @abstractmethod

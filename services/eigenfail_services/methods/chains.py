@@ -20,7 +20,7 @@ from eigenfail.values import (
     RoundSizes,
     TrajectorySource,
 )
-from eigenfail.values.learning import count_rounds_ahead
+from eigenfail.values.learning import OPEN_GROUPS
 from eigenfail_services.methods import archive
 from eigenfail_services.statistics.chain_projections import find_directions
 from eigenfail_services.statistics.failure_chains import ChainSampler, MoveKind, MoveMix
@@ -184,8 +184,7 @@ class FailureChains:
         )
         z = choose_starts(context.trajectories, settings.chains, context.seed)
         self._sampler = ChainSampler(z, count_steps(z), mix, context.seed, context.parallel)
-        groups = self._sampler.groups
-        self._ahead = min(count_rounds_ahead(context.parallel, len(groups[0]), 1), len(groups) - 1)
+        self._ahead = min(OPEN_GROUPS, len(self._sampler.groups)) - 1
         self._severity = np.full(settings.chains, nan)
         self._started = self._tried = self._accepted = 0
         self._trace: list[NDArray[np.float32]] = []

@@ -461,8 +461,8 @@ def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
         ),
         (
             {"method": "subset", "episodes": 20_000, "parallel": 40},
-            61,
-            [("runs at most 60 episodes at a time, and 61 workers are connected", "= 61")],
+            121,
+            [("runs at most 120 episodes at a time, and 121 workers are connected", "= 121")],
         ),
         (
             {"method": "chains", "settings": {"campaign": 1, "chains": 30}},

@@ -29,6 +29,7 @@ from eigenfail.values import (
 from eigenfail.values.learning import (
     IN_FLIGHT,
     MOST_OPEN_ROUNDS,
+    OPEN_GROUPS,
     choose_group_size,
     count_rounds_ahead,
 )
@@ -203,7 +204,7 @@ def test_as_many_episodes_are_open_as_parallel_takes_until_a_level_ends() -> Non
     while now := rounds.open():
         opened.append(sum(len(one.tasks) for one in now))
         rounds.complete(list(engine.run(now[0].tasks)))
-    assert max(opened) == IN_FLIGHT * 10
+    assert max(opened) == OPEN_GROUPS * choose_group_size(10)
     assert np.mean(np.array(opened) >= 10) > 0.9
 
 
@@ -267,6 +268,13 @@ def test_more_workers_than_there_are_chains_are_refused(method, given, width) ->
     assert find_pace(check_spec(spec)).width == width
     with pytest.raises(InvalidValue, match=rf"no more than {width} chains .* Set it to {width} or"):
         check_spec(msgspec.structs.replace(spec, parallel=width + 1))
+
+
+def test_a_stop_rule_that_would_hold_up_chains_is_refused() -> None:
+    spec = make_spec(method="subset", episodes=20_000, parallel=100, stop=StopRules(failures=9))
+    with pytest.raises(InvalidValue, match=r"two groups of the chains .* one of the two"):
+        check_spec(spec)
+    check_spec(msgspec.structs.replace(spec, stop=StopRules(wall_s=9.0)))
 
 
 def test_members_of_an_ensemble_wait_for_their_own_levels_only() -> None:

@@ -20,6 +20,7 @@ from eigenfail_services.statistics.subset_estimate import (
 from eigenfail_services.statistics.subset_simulation import (
     FEWEST_SAMPLES,
     SubsetSettings,
+    SubsetSimulation,
     WideNoise,
     _find_next_threshold,
     simulate_subsets,
@@ -60,6 +61,14 @@ def played(dialogue, robustness):
 def simulated(robustness, budget, seed, steps=STEPS, settings=SETTINGS):
     """The result of the run over fixed levels."""
     _, run = simulate_subsets(robustness, steps, budget, settings, seed).runs
+    return run.result
+
+
+def simulated_in_groups(robustness, budget, seed, parallel):
+    """The same of chains in groups, for so many trajectories at a time."""
+    simulation = SubsetSimulation(STEPS, budget, SETTINGS, (seed,), parallel)
+    answer_requests(simulation.run(), robustness)
+    _, run = simulation.runs
     return run.result
 
 
@@ -206,8 +215,9 @@ def test_an_estimate_is_as_sure_as_the_failures_have_first_draws():
     assert estimate_cv(4.0, 10**9, 3) == pytest.approx(0.5)
 
 
-def test_the_estimate_is_unbiased_and_its_variation_is_the_one_that_is_said():
-    found = [simulated(half_space(1e-4), BUDGET, seed) for seed in range(200)]
+@pytest.mark.parametrize("parallel", [None, 1, 40])
+def test_the_estimate_is_unbiased_and_its_variation_is_the_one_that_is_said(parallel):
+    found = [simulated_in_groups(half_space(1e-4), BUDGET, n, parallel) for n in range(200)]
     ratios = np.array([one.probability for one in found]) / 1e-4
     assert ratios.mean() == pytest.approx(1.0, abs=4.0 * ratios.std() / sqrt(200))
     said = sqrt(np.mean([(one.cv * ratio) ** 2 for one, ratio in zip(found, ratios, strict=True)]))
@@ -228,6 +238,17 @@ def test_samples_of_a_level_are_distributed_as_the_noise_below_it():
     across = z @ np.array([0.5, -0.5, 0.5, -0.5])
     assert across.mean() == pytest.approx(0.0, abs=0.1)
     assert across.std() == pytest.approx(1.0, abs=0.06)
+
+
+def test_groups_begin_as_one_and_share_their_step():
+    """The first draws are the same; so is the step, but for the order of the moves."""
+    whole, parts = (SubsetSimulation(STEPS, BUDGET, SETTINGS, (3,), n) for n in (None, 20))
+    for simulation in (whole, parts):
+        answer_requests(simulation.run(), half_space(1e-4))
+    assert whole.first.levels[0] == parts.first.levels[0]
+    shares = [[level.acceptance for level in one.first.levels[1:]] for one in (whole, parts)]
+    assert shares[0] != shares[1]
+    assert shares[0] == pytest.approx(shares[1], abs=0.1)
 
 
 @pytest.mark.parametrize(
