@@ -87,7 +87,7 @@ def find_estimates(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
             note=f"{note}, with parallel = {PARALLEL} ÷ without: median",
         ),
     )
-    for name, place in (("subset_parallel_covered", 1), ("subset_waves_covered", 0)):
+    for name, place in (("subset_parallel_covered", 1), ("subset_parallel_covered_in_waves", 0)):
         told = sum(pair[place].told for pair in judged)
         held = sum(pair[place].told * pair[place].held for pair in judged)
         yield name, Figure(value=held / told, unit="share", n=SEEDS, command=COMMAND, note=note)

@@ -76,7 +76,7 @@ TRIALS = (
     Trial(("cut_in.ast_", "cut_in.heuristic."), likely_ast),
     Trial(("ast_parallel_",), parallel.find_figures),
     Trial(("subset_busy_",), subset_parallel.find_busy),
-    Trial(("subset_parallel_", "subset_waves_"), subset_parallel.find_estimates),
+    Trial(("subset_parallel_",), subset_parallel.find_estimates),
     Trial(("ast.transfer",), transfer.over_a_distribution),
     Trial(("ast.one_scenario.",), transfer.from_one_scenario),
     Trial(("cut_in.difs", "cut_in.cem_held_back."), difs),
